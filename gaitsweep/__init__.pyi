@@ -19,12 +19,14 @@ from gaitsweep.api.result import Result as Result
 from gaitsweep.api.result import run as run
 from gaitsweep.api.stationary import StationaryPoints as StationaryPoints
 from gaitsweep.api.stationary import stationary as stationary
+from gaitsweep.api.trajectories import perturb as perturb
 from gaitsweep.api.trajectories import simulate as simulate
 from gaitsweep.api.trajectories import sweep as sweep
 from gaitsweep.contract import HybridModel as HybridModel
 from gaitsweep.contract import Quantity as Quantity
 from gaitsweep.contract import Status as Status
 from gaitsweep.contract import SteppedModel as SteppedModel
+from gaitsweep.dynamics.body.body_model import BodyModel as BodyModel
 from gaitsweep.dynamics.declarations import energy as energy
 from gaitsweep.dynamics.declarations import event as event
 from gaitsweep.dynamics.declarations import instants as instants
@@ -39,6 +41,8 @@ from gaitsweep.dynamics.declared_model import DeclaredModel as DeclaredModel
 from gaitsweep.dynamics.footfalls import footfalls as footfalls
 from gaitsweep.dynamics.map_model import MapModel as MapModel
 from gaitsweep.dynamics.mjx.mjcf_model import MjcfModel as MjcfModel
+from gaitsweep.dynamics.noise import normal as normal
+from gaitsweep.dynamics.noise import uniform as uniform
 from gaitsweep.errors import ArgumentError as ArgumentError
 from gaitsweep.errors import UserError as UserError
 from gaitsweep.extension import Extension as Extension
@@ -48,6 +52,7 @@ from gaitsweep.job import load_job as load_job
 from gaitsweep.kinds import Continuation as Continuation
 from gaitsweep.kinds import FixedTime as FixedTime
 from gaitsweep.kinds import Folds as Folds
+from gaitsweep.kinds import Perturb as Perturb
 from gaitsweep.kinds import Ramp as Ramp
 from gaitsweep.kinds import ReturnMap as ReturnMap
 from gaitsweep.kinds import Settle as Settle

@@ -117,9 +117,24 @@ class Status(ResultCode):
         Verdict.sound,
     )
 
+    chaotic = (
+        13,
+        "The crossings do not repeat: their largest Lyapunov exponent is positive beyond its error.",
+        Verdict.sound,
+    )
+    quasi_periodic = (
+        14,
+        "The crossings return without repeating, and neighbours neither separate nor approach.",
+        Verdict.sound,
+    )
+
     SOUND = _OfVerdict(Verdict.sound)
     UNDECIDED = _OfVerdict(Verdict.undecided)
     FAILED = _OfVerdict(Verdict.failed)
+
+
+# Statuses of rows on attractors without a period, whose crossings a table lists as a sample of the attractor.
+RECURRENT = StatusNames({"chaotic", "quasi_periodic"})
 
 
 class Outcome(enum.StrEnum):
@@ -291,6 +306,11 @@ class Model(Jumps):
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
         _refuse_old_names(cls, RENAMED)
+
+    @property
+    def original(self) -> Model:
+        """The model that its author wrote; a model that adds to another one returns that one."""
+        return self
 
     @property
     def precisions(self) -> tuple[str, ...]:

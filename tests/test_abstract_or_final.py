@@ -11,7 +11,7 @@ from tests.support import ROOT
 # Bases that users derive from: their optional members have defaults.
 BASES_OF_USERS = {
     *("Model", "HybridModel", "SteppedModel", "Chart"),
-    *("Declared", "DeclaredModel", "MjcfModel", "RunKind"),
+    *("Declared", "DeclaredModel", "OfMjcf", "RunKind"),
 }
 # Variants of a paper's model, which replace what differs.
 VARIED_IN_PAPERS = {"Multilegged", "MultileggedChart", "WaistBody", "PlanarBody"}

@@ -77,8 +77,8 @@ def fields_of(
     elif sizes:
         size = next(iter(sizes))
         raise ArgumentError(f"{size} shapes the model: give it to {type(model).__name__}, not here.")
-    spec, diagnostics = read_model_spec(name, structure, None, [])
-    if spec is None:
+    spec, diagnostics = read_model_spec(name, structure, None, [], run)
+    if spec is None or diagnostics:
         raise ArgumentError("\n".join(map(str, diagnostics)))
     vary: dict[str, Any] = {}
     constants: dict[str, dict[str, Any]] = {"params": {}, "start": {}}

@@ -222,7 +222,7 @@ def atlas(
 
 def _depends_on_other_files(job: Job) -> bool:
     """Whether a job's model or figures depend on files besides the job, its config and its directory."""
-    shipped = type(job.design.model).__module__.startswith("gaitsweep.")
+    shipped = type(job.design.model.original).__module__.startswith("gaitsweep.")
     return not shipped or any(getattr(figure, "with_table", None) is not None for figure in job.figures)
 
 

@@ -233,29 +233,27 @@ def faults_of_quantity(quantity: Quantity, start: bool) -> Iterator[str]:
         yield f"whose {name} has the scale {quantity.scale:g}, which must be above 0."
 
 
+@dataclasses.dataclass(eq=False)
 class Event:
-    """A declared event; see `event`.
+    """A declared event, equal only to itself; see `event`.
 
-    `jump` is the decorator of what the event does to the state, `rest` that of how a body comes to rest at
-    it.
+    `jump` is the decorator of `effect`, which changes the state, `rest` that of `resting`, by which a body
+    comes to rest.
     """
 
-    def __init__(
-        self,
-        function: Callable[..., jax.Array],
-        name: str,
-        section: bool | Literal["first"],
-        during: Callable[..., Any] | None,
-        rising: bool,
-        count: int | str | None = None,
-        when: Callable[..., Any] | None = None,
-        signs: tuple[float, ...] = (1.0,),
-    ) -> None:
-        self.function, self.name, self.section = function, name, section
-        self.during, self.rising, self.count, self.counted = during, rising, count, Counted(count)
-        self.when, self.signs = when, signs
-        self.effect: Callable[..., Any] | None = None
-        self.resting: Callable[..., Any] | None = None
+    function: Callable[..., jax.Array]
+    name: str
+    section: bool | Literal["first"]
+    during: Callable[..., Any] | None
+    rising: bool
+    count: int | str | None = None
+    when: Callable[..., Any] | None = None
+    signs: tuple[float, ...] = (1.0,)
+    effect: Callable[..., Any] | None = None
+    resting: Callable[..., Any] | None = None
+
+    def __post_init__(self) -> None:
+        self.counted = Counted(self.count)
 
     def singles(self, model: Model) -> tuple[SingleEvent, ...]:
         """The events that it declares for a model, one for each component and direction."""
@@ -299,7 +297,7 @@ class SingleEvent:
 
     @property
     def name(self) -> str:
-        """The declared name, with the number of the component, from 1, in place of {} or at the end."""
+        """The declared name; with `count`, the component's number, from 1, stands for {} or at its end."""
         name = self.declared.name
         if self.place is None:
             return name
@@ -358,11 +356,11 @@ class SingleEvent:
 
 def _quantity(unit: str, meaning: str, *others: Any, **more: Any) -> Quantity:
     """A quantity that has no name yet; TypeError where the order of the first two was mistaken."""
-    for what, text in (("unit", unit), ("meaning", meaning)):
+    for field, text in (("unit", unit), ("meaning", meaning)):
         if not isinstance(text, str):
             example = 'parameter("m/s2", "gravitational acceleration", 9.81)'
             order = f"write the unit, the meaning, then a number, as in {example}"
-            raise TypeError(f"The {what} of a declaration is {text!r}, but must be text: {order}.")
+            raise TypeError(f"The {field} of a declaration is {text!r}, but must be text: {order}.")
     return Quantity("", unit, meaning, *others, **more)
 
 
@@ -378,6 +376,7 @@ def parameter(
     circular: bool = False,
     symbol: str = "",
     source: str = "",
+    whole: bool = False,
 ) -> Any:
     """Declare a parameter, which the model's functions read as `params.NAME`.
 
@@ -387,9 +386,9 @@ def parameter(
             give it.
         count: how many there are (`NAME_1`, `NAME_2`, ... in a job, an array (count,) in `params`): a number,
             or the name of a field of the model's structure. None: one scalar.
-        low, high, open_ends, circular, symbol, source: as of `Quantity`. A name that ends with an underscore
-            has by default the symbol without it: `e_` is e and `lambda_` is lambda in figures, since `e` is
-            Euler's number in formulas and `lambda` a word of Python.
+        low, high, open_ends, circular, symbol, source, whole: as of `Quantity`. A name that ends with an
+            underscore has by default the symbol without it: `e_` is e and `lambda_` is lambda in figures,
+            since `e` is Euler's number in formulas and `lambda` a word of Python.
 
     Example:
         >>> import gaitsweep as gs
@@ -402,10 +401,10 @@ def parameter(
         ...
         ...     def period(self, p):
         ...         return 1.0
-        >>> [each.name for each in Relaxation().parameters]
+        >>> [quantity.name for quantity in Relaxation().parameters]
         ['k_1', 'k_2']
     """
-    quantity = _quantity(unit, meaning, default, low, high, open_ends, circular, symbol, source)
+    quantity = _quantity(unit, meaning, default, low, high, open_ends, circular, symbol, source, whole=whole)
     return Parameter(count, quantity)
 
 
@@ -448,10 +447,12 @@ def variable(
         ...
         ...     def period(self, p):
         ...         return 6.28
-        >>> [each.name for each in Rotor().initial_conditions]
+        >>> [quantity.name for quantity in Rotor().initial_conditions]
         ['phase_0']
-        >>> [each.name for each in Rotor().observables], [each.name for each in Rotor().signals]
-        (['phase'], ['phase', 'turned'])
+        >>> [quantity.name for quantity in Rotor().observables]
+        ['phase']
+        >>> [quantity.name for quantity in Rotor().signals]
+        ['phase', 'turned']
     """
     quantity = _quantity(unit, meaning, None, low, high, open_ends, circular, symbol, "", scale)
     start_value = start if start is None or isinstance(start, (int, float, str)) else tuple(start)

@@ -115,7 +115,7 @@ class Declared(Model):
         cls._refuse_contradictions()
         if (feet := cls._feet()) is not None and cls.gaits is Declared.gaits:
             cls.gaits = feet.gaits
-        cls.Params = _record(cls, "Params", cls._named(Parameter))
+        cls.Params = _record(cls, "Params", [*cls._named(Parameter), *cls._other_parameters()])
         more = cls._added_fields()
         cls.State = _record(cls, "State", [*cls._named(Variable), *cls._named(Mode), *more])
 
@@ -140,6 +140,11 @@ class Declared(Model):
         return inherited
 
     @classmethod
+    def _other_parameters(cls) -> list[str]:
+        """Fields of the parameters that are not declared."""
+        return []
+
+    @classmethod
     @abc.abstractmethod
     def _other_fields(cls) -> list[str]:
         """Fields of a state that are not declared."""
@@ -159,8 +164,11 @@ class Declared(Model):
 
     @classmethod
     def _refuse_contradictions(cls) -> None:
-        base = next(base for base in cls.__mro__ if getattr(base, "declarations", None) == {})
+        # the base that this package gives; its own declarations are no names of the user's
+        base = next(base for base in cls.__mro__[1:] if base.__module__.startswith("gaitsweep.dynamics."))
         for name in cls.declarations:
+            if getattr(base, "declarations", {}).get(name) is cls.declarations[name]:
+                continue
             if name in ("replace", *cls._added_fields()) or hasattr(base, name):
                 raise TypeError(f"{cls.__name__} declares {name}, a name that every model has: rename it.")
         if (events := cls.declared_events()) and not any(event.section for event in events):
@@ -273,13 +281,28 @@ class Declared(Model):
         feet = self._feet()
         return feet.limbs if feet is not None else ()
 
+    def section_variables(self) -> list[tuple[str, Variable]]:
+        """The variables that are coordinates of the section, by name; clocks are none."""
+        variables, feet = self._named(Variable), self._feet()
+        clocks = {name for name, variable in variables.items() if isinstance(variable, Time)}
+        clocks |= set() if feet is None else {feet.clock}
+        return [(name, variable) for name, variable in variables.items() if name not in clocks]
+
+    def begun_on_section(self, params: Any, state: Any) -> Any:
+        """A state on the section, just behind its crossing, with its events armed."""
+        return state
+
     def params(self, values: Values, /) -> Any:
+        return self.Params(**self._gathered(values))
+
+    def _gathered(self, values: Values) -> dict[str, Any]:
+        """The declared fields of the parameters."""
         fields = {}
         for name, parameter in self._named(Parameter).items():
             fields[name] = parameter.gathered(
                 [jnp.asarray(values[q.name]) for q in parameter.quantities(self, name)]
             )
-        return self.Params(**fields)
+        return fields
 
     def observe(self, params: Any, state: Any, /) -> dict[str, Real[Array, ""]]:
         read, feet = self._read("observed", params, state), self._feet()
@@ -431,6 +454,14 @@ class DeclaredModel(Declared, HybridModel):
             shape = (len(events),)
             fields[ARMING] = Arming(jnp.zeros(shape, bool), jnp.zeros(shape), jnp.zeros(shape, jnp.int32))
         return self._begun(params, self.complete(params, self.State(**fields)))
+
+    def section_variables(self) -> list[tuple[str, Variable]]:
+        variables = self._named(Variable)
+        chosen = [(name, variables[name]) for name in self.section_coordinates]
+        return chosen or super().section_variables()
+
+    def begun_on_section(self, params: Any, state: Any) -> Any:
+        return self._begun(params, state, crossed=True)
 
     def _begun(self, params: Any, state: Any, *, crossed: bool = False) -> Any:
         """The state with its events armed by where it lies and moves.
@@ -686,16 +717,23 @@ class SectionCoordinates(Chart):
 
     @property
     def coordinates(self) -> tuple[Quantity, ...]:
-        return tuple(q for name, variable in self._variables() for q in variable.quantities(self.model, name))
+        return tuple(
+            q
+            for name, variable in self.model.section_variables()
+            for q in variable.quantities(self.model, name)
+        )
 
     def to_coordinates(self, params: Any, state: Any, /) -> Float[Array, " coordinates"]:
         return jnp.concatenate(
-            [jnp.ravel(variable.read(getattr(state, name))) for name, variable in self._variables()]
+            [
+                jnp.ravel(variable.read(getattr(state, name)))
+                for name, variable in self.model.section_variables()
+            ]
         )
 
     def from_coordinates(self, params: Any, at: Float[Array, " coordinates"], modes: Any, /) -> Any:
         fields, first = {}, 0
-        for name, variable in self._variables():
+        for name, variable in self.model.section_variables():
             last = first + variable.size(self.model)
             value = at[first:last].reshape(variable.shape(self.model))
             if variable.quantity.circular:
@@ -705,7 +743,7 @@ class SectionCoordinates(Chart):
             fields[name] = value
             first = last
         state = self.model.complete(params, modes.replace(**fields))
-        return self.model._begun(params, state, crossed=True) if self._has_events else state
+        return self.model.begun_on_section(params, state)
 
     @property
     def conserved(self) -> tuple[Quantity, ...]:
@@ -724,15 +762,3 @@ class SectionCoordinates(Chart):
     def _energies(self) -> list[tuple[str, Reading]]:
         readings = self.model._named(Reading)
         return [(name, reading) for name, reading in readings.items() if reading.is_conserved]
-
-    def _variables(self) -> list[tuple[str, Variable]]:
-        variables, feet = self.model._named(Variable), self.model._feet()
-        clocks = {name for name, v in variables.items() if isinstance(v, Time)}
-        clocks |= set() if feet is None else {feet.clock}
-        moving = [name for name in variables if name not in clocks]
-        chosen = self.model.section_coordinates if self._has_events else ()
-        return [(name, variables[name]) for name in chosen or moving]
-
-    @property
-    def _has_events(self) -> bool:
-        return isinstance(self.model, DeclaredModel)

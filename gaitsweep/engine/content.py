@@ -17,7 +17,7 @@ from typing import Any, ParamSpec, TypeVar
 
 import jax
 
-from gaitsweep.contract import Model
+from gaitsweep.contract import Model, SteppedModel
 from gaitsweep.engine.content_reader import ContentReader, is_users
 from gaitsweep.own_modules import modules_beside
 
@@ -60,6 +60,7 @@ def content_of(model: Model) -> str:
     if memo is not None and (known := memo.get((type(model), model))) is not None:
         return known
     reader, key = _read(model), _key(model)
+    reader.read(model.data_digest)
     for file in sorted(_FILES.get(key, ())):
         reader.read((str(file), (file.stat().st_mtime_ns, file.stat().st_size) if file.is_file() else None))
     content = reader.digest.hexdigest()
@@ -109,9 +110,12 @@ def lasting_content(model: Model, *others: Any) -> str | None:
 
 def _lasting(model: Model) -> str:
     module = sys.modules.get(type(model).__module__)
-    if module is None or model.host_parameters or model.data_digest:
+    # a model of steps with data files runs a simulator, of which no digest holds the code
+    simulated = isinstance(model, SteppedModel) and bool(model.data_digest)
+    if module is None or model.host_parameters or simulated:
         return ""
     reader = _read(model)
+    reader.read(model.data_digest)
     if is_users(module.__name__):
         sources = modules_beside(module)
         reader.lasting &= bool(sources)

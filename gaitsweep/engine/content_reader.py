@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import abc
 import functools
 import hashlib
 import opcode
@@ -150,7 +151,11 @@ class ContentReader:
         self._add("class", f"{kind.__module__}.{kind.__qualname__}".encode())
         for base in kind.__mro__:
             self._know(base.__module__)
-            if not is_users(base.__module__) and not base.__module__.startswith("gaitsweep.models."):
+            # a class made by calling type() has the module of its metaclass, and no source of its own
+            called = base.__module__ == "abc" and base is not abc.ABC
+            self.lasting &= not called
+            users = called or is_users(base.__module__) or base.__module__.startswith("gaitsweep.models.")
+            if not users:
                 continue
             for name, value in list(vars(base).items()):
                 if name not in _FORMAL:

@@ -18,7 +18,8 @@ from gaitsweep.expression import CONSTANTS, ExpressionError
 from gaitsweep.job.model_spec import ModelSpec
 from gaitsweep.kinds import RUN_KINDS, RunKind
 from gaitsweep.kinds.run_kind import Movement, table_columns
-from gaitsweep.models.conformity import NAMED, faults_of_rows, idle_starts, sets_starts
+from gaitsweep.models.conformity import idle_starts, sets_starts
+from gaitsweep.models.value_faults import NAMED, faults_of_rows
 from gaitsweep.plot.figure_style import FigureStyle
 from gaitsweep.plot.kind import FIGURES, FigureKind
 from gaitsweep.plot.planned_table import PlannedTable
@@ -130,10 +131,11 @@ def remarks_on_rows(design: Design, name: str) -> list[str]:
         name: the name of the model in the job.
     """
     model = design.model
-    if model.host_parameters or type(model).__module__.startswith("gaitsweep."):
+    if model.host_parameters or type(model.original).__module__.startswith("gaitsweep."):
         return []
     idle = [
-        f"{start} has no effect: {sets_starts(model)} of {name} sets it." for start in _idle_starts(design)
+        f"{start} has no effect: {sets_starts(model.original)} of {name} sets it."
+        for start in _idle_starts(design)
     ]
     rows = _some_rows(design)
     try:
@@ -152,7 +154,7 @@ def remarks_on_rows(design: Design, name: str) -> list[str]:
 
 def _idle_starts(design: Design) -> list[str]:
     """The starts without effect that a job varies, or sets to another value than their default."""
-    idle, quantities = idle_starts(design.model), design.model.initial_conditions
+    idle, quantities = idle_starts(design.model.original), design.model.initial_conditions
     used = design.closure(quantity.name for quantity in quantities if quantity.name not in idle)
     return [
         quantity.name

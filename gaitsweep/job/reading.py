@@ -57,7 +57,8 @@ def read_job(
     raw, diagnostics = config.raw, list(config.diagnostics)
     spec = None
     if "model" in raw:
-        spec, wrong = read_model_spec(raw["model"], raw.get("structure"), raw.get("params"), [folder])
+        of_model = (raw["model"], raw.get("structure"), raw.get("params"))
+        spec, wrong = read_model_spec(*of_model, [folder], raw.get("run"))
         diagnostics.extend(wrong)
     fields = {key: value for key, value in raw.items() if key not in _READ_HERE}
     settings = {} if spec is None else _read_values(raw, spec, fields, diagnostics)

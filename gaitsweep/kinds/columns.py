@@ -10,11 +10,11 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Bool, Float, Int, Real, Shaped
 
-from gaitsweep.contract import HybridModel, Model, Quantity, Status, names_gait
+from gaitsweep.contract import RECURRENT, HybridModel, Model, Quantity, Status, names_gait
 from gaitsweep.engine.recorders.recorder import unpacked
 from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.run_columns import COLUMNS
-from gaitsweep.table.reading import categorical, outcomes
+from gaitsweep.table.frames import categorical, outcomes
 
 AT_REST = "rest"  # what stands for the gait of a stationary point
 UNKNOWN_GAIT = "unknown"  # gait of a row whose label is not the index of a gait; the label follows
@@ -138,8 +138,13 @@ def observed_at_end(
 
 
 def observed_on_orbits(model: Model, block: RowOutcome) -> list[Column]:
-    """The observables at crossings 2 to p of the orbits that the rows of a block are on, as `psi_1_end_2`."""
+    """The observables at crossings 2 to p of the orbits that the rows of a block are on, as `psi_1_end_2`.
+
+    Rows without a period (`RECURRENT`) have as many crossings as the recorder keeps, the latest first.
+    """
     k, longest = len(model.observables), int(block.numbers["period"].max(initial=1))
+    if k and RECURRENT.among(block.status).any():
+        longest = 1 + block.numbers["orbit"].shape[1] // k
     return [
         Column(f"{q.name}_end_{c + 2}", lambda records, at=c * k + i: records["orbit"][:, at], q, False)
         for c in range(longest - 1)
@@ -248,7 +253,7 @@ def quantities_of(model: Model, columns: Sequence[Column] = ()) -> dict[str, dic
         **{c.name: Quantity(c.name, *COLUMNS[c.name]) for c in columns if c.name in COLUMNS},
         **{c.name: c.quantity for c in columns if c.quantity is not None},
     }
-    if (fall := (type(model).failed.__doc__ or "").strip().partition("\n")[0]) and "status" in named:
+    if (fall := (type(model.original).failed.__doc__ or "").strip().partition("\n")[0]) and "status" in named:
         meaning = f"{named['status'].meaning}; fell: {fall[0].lower()}{fall[1:].removesuffix('.')}"
         named["status"] = dataclasses.replace(named["status"], meaning=meaning)
     return {

@@ -48,4 +48,6 @@ Window = Annotated[
     "beginning and end of the time that is shown, in s; by default all",
 ]
 
-TEXT_COLUMNS = frozenset({"status", "gait", "outcome", "special", "end", "slowest", "stalled_by"})
+TEXT_COLUMNS = frozenset(
+    {"status", "gait", "outcome", "special", "end", "slowest", "stalled_by", "recovery", "gait_before"}
+)

@@ -16,9 +16,11 @@ from gaitsweep.plot.figure_style import current
 HATCH = "/////"
 
 # Of outcomes that no model names; gaits have those of their extensions.
-COLOURS = MappingProxyType({"none": "#BBBBBB", Outcome.NOT_SETTLED: "#E4E4E4", Outcome.FAILED: "#3B3B3B"})
+COLOURS = MappingProxyType(
+    {"none": "#BBBBBB", Outcome.NOT_SETTLED: "#E4E4E4", Outcome.FAILED: "#3B3B3B", "fell": "#3B3B3B"}
+)
 MARKERS = MappingProxyType({"none": "x"})
-HATCHES = MappingProxyType({"none": "xxx", Outcome.NOT_SETTLED: HATCH, Outcome.FAILED: HATCH})
+HATCHES = MappingProxyType({"none": "xxx", Outcome.NOT_SETTLED: HATCH, Outcome.FAILED: HATCH, "fell": "...."})
 # Okabe and Ito's colours, distinct for colour-blind readers.
 SPARE_COLOURS = ("#E69F00", "#0072B2", "#009E73", "#CC79A7", "#D55E00", "#56B4E9", "#F0E442", "#000000")
 SPARE_MARKERS = ("o", "^", "s", "D", "v", "P", "X", "*")

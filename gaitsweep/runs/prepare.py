@@ -86,7 +86,7 @@ class RunContext:
     @property
     def program(self) -> Mapping[str, str]:
         """Digests of the traced functions of a user's model, by name; empty for gaitsweep's own."""
-        return traced_program(self.model).digests
+        return traced_program(self.model.original).digests
 
     @property
     def engine(self) -> str:
@@ -134,7 +134,7 @@ def prepare(job: Job) -> RunContext:
     )
     digest = steps.digest if numerics.dt is None else None
     job_hash = job.hash(device=devices[0].platform, engine=engine, lanes=lanes, steps=digest)
-    for own in (type(rows.model), type(job.run)):  # a user's own: edited, it is another job
+    for own in (type(rows.model.original), type(job.run)):  # a user's own: edited, it is another job
         job_hash = _with_source(job_hash, own)
     if digest := rows.model.data_digest:
         job_hash = hashlib.sha256((job_hash + digest).encode()).hexdigest()

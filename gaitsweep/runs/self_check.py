@@ -18,7 +18,7 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Bool, Float, Int
 
-from gaitsweep.contract import Model, Quantity, Status
+from gaitsweep.contract import RECURRENT, Model, Quantity, Status
 from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.kernel.columns import over_rows
 from gaitsweep.engine.numerics import STEP_FACTOR, tolerance_scale
@@ -206,19 +206,22 @@ class _Comparison:
         ends, finer_ends = (end_values_of(spec.recorder, outcome) for outcome in (once, finer))
         sound = Status.SOUND.among(once.status)
         other_status = once.status != finer.status
-        other_gait = ~other_status & (once.labels["gait"] != finer.labels["gait"])
+        other_gait = ~other_status & _others(spec.recorder, once, finer)
         own = fixed_step_scheme(spec.numerics.method, model) is not None
         other_count = ~other_status & at_times & (not own) & (once.cycles != finer.cycles)
         # an orbit of several cycles may have been read at another of its points
         same = sound & ~other_status & ~other_gait & (once.numbers["period"] <= 1)
+        # nor do rows without a period end at one point
+        same &= ~RECURRENT.among(once.status)
         change = changes(model, ends, finer_ends)
         size = sizes(model.observables, self.with_starts(rows, ends))
         check.record_changes(model.observables, change[same], size)
         off = np.zeros_like(change, bool)
         if not own or not at_times:
             tolerance = np.full(change.shape[1], TOLERANCE)
-            if isinstance(spec.recorder, SettleRecorder):
-                tolerance[:] = spec.recorder.tolerance
+            settle = getattr(spec.recorder, "settle", spec.recorder)
+            if isinstance(settle, SettleRecorder):
+                tolerance[:] = settle.tolerance
             bound = TOLERANCES * tolerance * size
             counts = counted(model, ends[same], finer_ends[same])
             off = same[:, None] & (change > np.where(counts, 0.0, bound))
@@ -229,9 +232,11 @@ class _Comparison:
             flips, spread = np.zeros(differs.size, bool), np.zeros((differs.size, change.shape[1]))
             for moved in self.repeated(spec.recorder, [(differing, 1.0, MOVED), (differing, 1.0, -MOVED)]):
                 flips |= moved.status != once.status[differs]
-                flips |= moved.labels["gait"] != once.labels["gait"][differs]
+                flips |= _others(spec.recorder, moved, once.take(differs))
                 flips |= at_times & (moved.cycles != once.cycles[differs])
                 spread = np.fmax(spread, changes(model, end_values_of(spec.recorder, moved), ends[differs]))
+            # whether a chaotic row falls after many cycles is decided by the smallest of its errors
+            flips |= (once.status[differs] == Status.chaotic) | (finer.status[differs] == Status.chaotic)
             wrong = np.any(off[differs] & (change[differs] > spread / MOVED * LOCAL_ERROR), axis=1)
             discrete = (other_status | other_gait | other_count)[differs]
             sensitive = np.where(discrete, flips | (other_count[differs] & ~wrong), ~wrong)
@@ -401,6 +406,15 @@ def _other_records(model: Model, rerun: RerunRows, stored: pd.DataFrame) -> RowM
     off = np.abs(wrap_difference(now - before, angles)) > ROUNDING * sizes(described, now)
     differs = np.zeros(rerun.rows.size, bool)
     differs[both["place"].to_numpy(int)[off.any(axis=1)]] = True
+    return differs
+
+
+def _others(recorder: Recorder, once: RowOutcome, again: RowOutcome) -> Bool[np.ndarray, " rows"]:
+    """Mask of rows (n,) of two results that differ in their gait, or in a number that counts as it does."""
+    differs = once.labels["gait"] != again.labels["gait"]
+    for number in recorder.numbers:
+        if number.compared:
+            differs = differs | (once.numbers[number.name] != again.numbers[number.name])
     return differs
 
 

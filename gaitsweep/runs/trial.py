@@ -25,7 +25,8 @@ from gaitsweep.errors import UserError
 from gaitsweep.job import Job
 from gaitsweep.kinds import Settle, Trace
 from gaitsweep.kinds.columns import UNKNOWN_GAIT
-from gaitsweep.models.conformity import idle_starts, sample, sets_starts, written
+from gaitsweep.models.conformity import idle_starts, sets_starts
+from gaitsweep.models.value_faults import sample, written
 from gaitsweep.runs.execute import table_in_memory
 from gaitsweep.runs.sentences import MISLABELLED, remarks
 
@@ -52,7 +53,7 @@ def trial(kind: type[Model]) -> Trial:
     """Run some rows of a model for a few cycles, with starts and parameters over their ranges.
 
     Args:
-        kind: the class, in which `conformity.faults` finds none; its structure takes its defaults.
+        kind: the class, in which `value_faults.faults` finds none; its structure takes its defaults.
     """
     model = kind()
     costly = model.host_parameters or not isinstance(model, HybridModel)

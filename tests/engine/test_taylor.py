@@ -292,7 +292,9 @@ def test_switches_of_an_extreme_are_located(method: str, error: float) -> None:
 def test_one_rate_of_a_field_is_the_rate_of_each_of_its_numbers() -> None:
     """The contract allows a scalar rate of an array: here y' = 1 for both numbers, and x' = cos(y)."""
     start = Point(jnp.array([0.1, 0.2]), jnp.array([0.3, -0.4]))
-    terms = solution(lambda _, s: {"x": jnp.where(s.x > 0.0, jnp.cos(s.y), s.y), "y": 1.0}, (), start, 12)
+    terms = solution(
+        lambda _, s: {"x": jnp.where(s.x > 0.0, jnp.cos(s.y), s.y), "y": jnp.ones(())}, (), start, 12
+    )
     moved = sum(term * 0.1**k for k, term in enumerate(terms["x"]))
     # the term of order 13 is below 0.1^13 / 13!
     expected = start.x + jnp.sin(start.y + 0.1) - jnp.sin(start.y)

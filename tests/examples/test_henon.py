@@ -13,4 +13,4 @@ def test_the_flip_of_the_fixed_point() -> None:
     a = 3.0 * 0.7**2 / 4.0
     fixed = (-0.7 + np.sqrt(0.7**2 + 4.0 * a)) / (2.0 * a)
     multipliers = gs.return_map(Henon(), a=a).multipliers([fixed, 0.3 * fixed])
-    np.testing.assert_allclose(multipliers.real, [-1.0, 0.3], atol=1e-12)
+    np.testing.assert_allclose(np.real(multipliers), [-1.0, 0.3], atol=1e-12)

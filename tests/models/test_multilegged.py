@@ -14,7 +14,8 @@ from reference import multilegged_scipy
 from reference.multilegged_page import Parameters
 
 from gaitsweep.contract import Params, State, Status
-from gaitsweep.engine.advance import Halt, advance, start
+from gaitsweep.engine.advance import advance
+from gaitsweep.engine.carry import Halt, start
 from gaitsweep.engine.numerics import Numerics, step_of
 from gaitsweep.engine.poincare.poincare_return import LATEST, crossing_of
 from gaitsweep.engine.recorders.crossings import CrossingRecorder

@@ -10,7 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from gaitsweep.engine.advance import advance, start
+from gaitsweep.engine.advance import advance
+from gaitsweep.engine.carry import start
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.trace import TraceRecorder
 from gaitsweep.papers.aoi2011.waist_quadruped import WaistQuadruped

@@ -17,10 +17,11 @@ import pandas as pd
 from jaxtyping import Bool, Float, Int
 
 from gaitsweep.analysis.basins.line_corners import box_dimension, cut_at_corners
+from gaitsweep.analysis.basins.sampled_sets import sampled_sets
 from gaitsweep.analysis.basins.single_linkage import cells, components, linking_distance, spanning_tree
 from gaitsweep.analysis.basins.state_space import Space, StateArray, extent, state_columns
 from gaitsweep.analysis.records import AnalysisError, require
-from gaitsweep.contract import Status
+from gaitsweep.contract import RECURRENT, Status
 
 CYCLES_OF_A_GRAIN = 10.0  # cycles in which a row settled to the tolerance of `run` may still move by a grain
 _GRAIN = 0.01  # rad; for tables without a tolerance
@@ -35,13 +36,15 @@ class Attractors:
     `column`: the attractor of each row, a category; NaN where the row did not settle or was inferred. Rows at
     rest (at a fixed point of the flow) are in no attractor with rows that settled on their section. Rows on
     orbits of p crossings are in one attractor if their crossings are linked in turn, from whichever crossing
-    on; in tables of older versions, which have one crossing of each, they all are `period p`.
+    on; in tables of older versions, which have one crossing of each, they all are `period p`. Chaotic and
+    quasi-periodic rows are in one attractor if their crossings are samples of one set (`sampled_sets`).
     `summary`: one record an attractor: attractor (its name), rows, share (of the settled rows), the columns
     of a state in its middle (of an orbit: at a crossing), extent (the distance between its ends, in the
     columns' unit, over whole turns; NaN for orbits), dimension and kind (point, line, surface, or space from
-    3 dimensions on; `rest` at rest; `period p`). `link`: the largest link within an attractor that is no
-    orbit, inf where there is one attractor. `grain`: the distance below which states are equal. `states`:
-    states of each attractor by its name, (m, d), one for each cell, in units of the scales.
+    3 dimensions on; `rest` at rest; `period p`; `chaotic`; `quasi_periodic`). `link`: the largest link within
+    an attractor of settled states, inf where there is one attractor. `grain`: the distance below which states
+    are equal. `states`: states of each attractor by its name, (m, d), one for each cell, in units of the
+    scales.
     """
 
     column: pd.Series
@@ -100,6 +103,10 @@ def attractors(
     periods = _periods(table)
     for period in np.unique(periods[periods > 1]).tolist():
         groups += _orbit_groups(space, table, columns, period, grain, link)
+    for status in sorted(RECURRENT):
+        for rows, states in sampled_sets(space, table, columns, status):
+            record: dict[str, object] = {**table.iloc[rows[0]][columns], "kind": status}
+            groups.append(_Group(rows, states, record))
     names = [
         f"A{number}" if len(group.states) else str(group.record["kind"])
         for number, group in enumerate(groups, 1)

@@ -2,6 +2,7 @@ from gaitsweep.dynamics.tree.articulated_tree import Geometry as Geometry
 from gaitsweep.dynamics.tree.articulated_tree import Tree as Tree
 from gaitsweep.dynamics.tree.articulated_tree import rescaled as rescaled
 from gaitsweep.dynamics.tree.dynamics import PointForce as PointForce
+from gaitsweep.dynamics.tree.dynamics import WorldForce as WorldForce
 from gaitsweep.dynamics.tree.dynamics import YieldingForce as YieldingForce
 from gaitsweep.dynamics.tree.dynamics import forward_dynamics as forward_dynamics
 from gaitsweep.dynamics.tree.from_mjcf import tree_of as tree_of
@@ -9,6 +10,8 @@ from gaitsweep.dynamics.tree.kinematics import integrate as integrate
 from gaitsweep.dynamics.tree.kinematics import movements as movements
 from gaitsweep.dynamics.tree.kinematics import places as places
 from gaitsweep.dynamics.tree.kinematics import rates as rates
+from gaitsweep.dynamics.tree.kinematics import tilt_and_heading as tilt_and_heading
+from gaitsweep.dynamics.tree.kinematics import tilted as tilted
 from gaitsweep.dynamics.tree.kinematics import velocity as velocity
 from gaitsweep.dynamics.tree.kinematics import velocity_at as velocity_at
 from gaitsweep.dynamics.tree.spatial import Array as Array

@@ -49,6 +49,23 @@ class PointForce:
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
+class WorldForce:
+    """A force on a body at a point in the world.
+
+    `link` is the link's number; `at` (3,) m is the point and `force` (3,) N, both in the world's axes.
+    """
+
+    link: int = dataclasses.field(metadata={"static": True})
+    at: Float[Array, " 3"]
+    force: Float[Array, " 3"]
+
+    def on(self, place: Place) -> ForceVector:
+        """The spatial force about the link's point, in the link's axes."""
+        return _force_at(place, self.at, self.force)
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
 class YieldingForce:
     """A force that decreases with the acceleration of its point: `force` - `yields` times the acceleration.
 
@@ -65,14 +82,13 @@ class YieldingForce:
 
     def on(self, place: Place) -> ForceVector:
         """The spatial force at zero acceleration, about the link's point, in the link's axes."""
-        force = place.frame.T @ self.force
-        return ForceVector(cross(self._lever(place), force), force)
+        return _force_at(place, self.at, self.force)
 
     def inertia(self, place: Place) -> Inertia:
         """`yields` as a spatial inertia about the link's point: a point mass that differs by axis."""
         frame = place.frame.T
         M = turned(frame, EYE * self.yields[:, None])
-        rx = skew(self._lever(place))
+        rx = skew(_lever(place, self.at))
         H = rx @ M
         return Inertia(symmetric(H @ rx.T), H, M)
 
@@ -85,13 +101,21 @@ class YieldingForce:
             gravity: acceleration (3,) m/s2, which the algorithm subtracts from accelerations.
         """
         # given as an acceleration of the link's point, as `inertia` expects
-        return MotionVector(ZERO, cross(w, cross(w, self._lever(place))) + place.frame.T @ gravity)
-
-    def _lever(self, place: Place) -> Array:
-        return place.frame.T @ (self.at - place.base) - place.reach
+        return MotionVector(ZERO, cross(w, cross(w, _lever(place, self.at))) + place.frame.T @ gravity)
 
 
-External: TypeAlias = Sequence[PointForce | YieldingForce]
+External: TypeAlias = Sequence[PointForce | WorldForce | YieldingForce]
+
+
+def _lever(place: Place, at: Array) -> Array:
+    """A point in the world, from the link's point and in the link's axes."""
+    return place.frame.T @ (at - place.base) - place.reach
+
+
+def _force_at(place: Place, at: Array, force: Array) -> ForceVector:
+    """The spatial force about the link's point of a force at a point, both in the world's axes."""
+    turned_force = place.frame.T @ force
+    return ForceVector(cross(_lever(place, at), turned_force), turned_force)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -174,7 +198,12 @@ def forward_dynamics(
 def passive_forces(
     tree: Tree, geometry: Geometry, q: Float[Array, " nq"], v: Float[Array, " nv"]
 ) -> Float[Array, " nv"]:
-    """Generalised forces (nv,), N m and N, of the joints' dampers and springs at q (nq,) and v (nv,)."""
+    """Generalised forces (nv,), N m and N, of the joints' dampers and springs.
+
+    Args:
+        tree, geometry: the links.
+        q, v: positions (nq,) and velocities (nv,).
+    """
     springs = []
     for i, link in enumerate(tree.links):
         stretch = q[tree.q_of[i]] - geometry.rest[i]
@@ -183,7 +212,13 @@ def passive_forces(
 
 
 def rigid_body(geometry: Geometry, i: int, place: Place) -> tuple[Inertia, Float[Array, " 3"]]:
-    """A link's inertia about its point, and mass times centre of mass from there (3,), in its axes."""
+    """The inertia of link i about its point, and its mass times its centre of mass from there (3,).
+
+    Args:
+        geometry: the numbers of the links.
+        i: the number of the link.
+        place: its place, in whose axes the results are.
+    """
     mass, c = geometry.mass[i], geometry.com[i] - geometry.anchor[i]
     # computed in the body's frame, where it is constant, and then rotated
     inertia = geometry.inertia[i] + mass * ((c @ c) * EYE - c[:, None] * c[None, :])

@@ -122,7 +122,13 @@ class Map(abc.ABC):
 
     @abc.abstractmethod
     def follow(self, values: Values, at: Coordinates, modes: State) -> Image:
-        """The image of one point, in JAX."""
+        """The image of one point, in JAX.
+
+        Args:
+            values: parameters by name, one scalar each.
+            at: the coordinates (size,) of the point.
+            modes: a state with its discrete modes.
+        """
 
     @abc.abstractmethod
     def conserved_values(self, values: Values, at: Coordinates) -> Float[Array, " conserved"]:
@@ -168,11 +174,17 @@ class Map(abc.ABC):
         return np.nan_to_num(np.max(share, axis=-1), nan=np.inf)
 
     def images(self, points: Points, values: Values) -> MapEvaluation:
-        """The images of many points."""
+        """The images of n points; `values` are parameters by name, numbers or (n,)."""
         return self._evaluated(points, values, None, derivatives=False)
 
     def linearised(self, points: Points, values: Values, over: str | None = None) -> MapEvaluation:
-        """The images with their derivatives by the coordinates and by the parameter `over`."""
+        """The images of n points with their derivatives.
+
+        Args:
+            points: the points.
+            values: parameters by name, numbers or (n,).
+            over: a parameter by which the images are differentiated as well; None: by coordinates alone.
+        """
         return self._evaluated(points, values, over, derivatives=True)
 
     @abc.abstractmethod

@@ -12,12 +12,11 @@ from functools import cached_property
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
-from gaitsweep.contract import Chart, HybridModel, Params, Quantity, State
+from gaitsweep.contract import Chart, HybridModel, Params, State
 from gaitsweep.engine.content import cached_by_content
-from gaitsweep.engine.leaves import float_leaves, is_float, with_float_leaves
+from gaitsweep.engine.leaves import AllVariables
 from gaitsweep.engine.numerics import Numerics, ResolvedNumerics
 from gaitsweep.engine.poincare.event_record import EventRecord, recorded_return
 from gaitsweep.engine.poincare.maps import BATCH_SIZES, Coordinates, Events, Points, Values
@@ -27,37 +26,6 @@ from gaitsweep.engine.solver import fixed_step_scheme
 
 # The fraction of the step of a refined map.
 REFINED = 0.5
-
-
-@dataclasses.dataclass(frozen=True)
-class AllVariables(Chart):
-    """All float variables of a state as coordinates, for models without a chart; `names` are their names."""
-
-    names: tuple[str, ...]
-
-    @classmethod
-    def of(cls, state: State) -> AllVariables:
-        """The chart of states like this one."""
-        names: list[str] = []
-        for path, leaf in jax.tree_util.tree_leaves_with_path(state):
-            if is_float(leaf):
-                field = jax.tree_util.keystr(path, simple=True, separator="_")
-                names += ["_".join([field, *(str(i + 1) for i in at)]) for at in np.ndindex(*np.shape(leaf))]
-        return cls(tuple(names))
-
-    @property
-    def coordinates(self) -> tuple[Quantity, ...]:
-        return tuple(Quantity(name, "", f"{name} of the state") for name in self.names)
-
-    def to_coordinates(self, params: Params, state: State) -> Coordinates:
-        return jnp.concatenate([jnp.ravel(leaf).astype(jnp.float64) for leaf in float_leaves(state)])
-
-    def from_coordinates(self, params: Params, at: Coordinates, modes: State) -> State:
-        leaves = float_leaves(modes)
-        cuts = np.cumsum([leaf.size for leaf in leaves])[:-1]
-        pieces = jnp.split(at, cuts.tolist())
-        shaped = [p.reshape(x.shape).astype(x.dtype) for p, x in zip(pieces, leaves, strict=True)]
-        return with_float_leaves(modes, shaped)
 
 
 @dataclasses.dataclass(frozen=True)

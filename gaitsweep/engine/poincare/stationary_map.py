@@ -123,7 +123,7 @@ class StationaryMap(ModelMap):
         return FlowVariables(model, fields, places, tuple(chosen))
 
     def rates(self, values: Values, at: Coordinates, modes: State) -> Coordinates:
-        """The rates (n,) of the coordinates at one point, in JAX."""
+        """The rates (n,) of the coordinates at one point, in JAX; arguments as of `follow`."""
         params = self.params(values)
         return self.flow.rates(params, self.flow.from_coordinates(params, at, modes))
 

@@ -65,6 +65,12 @@ def bounds(model: Model, tolerance: float | tuple[float, ...], latest: Crossings
     It is `SETTLE_WINDOW` times its tolerance times its scale: 1 rad for angles, `Quantity.scale` if defined,
     else the range of its values over the row, from their `span`. That scale is at least `LEAST_SHARE` of the
     magnitude at the `latest` crossings (w, n), and `LEAST_SCALE`.
+
+    Args:
+        model: the model.
+        tolerance: one for all observables, or one for each.
+        latest: the observables at the latest crossings (w, n).
+        span: the least and largest values of the observables without a scale, from `widened`.
     """
     own = per_observable(tolerance)
     own = own * len(model.observables) if len(own) == 1 else own

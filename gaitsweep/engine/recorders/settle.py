@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from gaitsweep.contract import HybridModel, Model, Params, Status
-from gaitsweep.engine.advance import Carry, Halt
+from gaitsweep.engine.carry import Carry, Halt, select
 from gaitsweep.engine.rarity import unlikely
 from gaitsweep.engine.recorders.bounds import (
     SETTLE_WINDOW,
@@ -24,6 +24,7 @@ from gaitsweep.engine.recorders.bounds import (
     slowest,
     widened,
 )
+from gaitsweep.engine.recorders.exponents import Exponents, exponent_numbers, may_turn, separated
 from gaitsweep.engine.recorders.recorder import (
     SPARE_CYCLES,
     Beginning,
@@ -71,7 +72,7 @@ LEAST_RATE = 1.0e-12
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Memory:
-    """Memory of a row.
+    """The memory of a row.
 
     `window` (w, n + 2) the last `SETTLE_WINDOW` crossings, or `max_period` if that is more: their
     observables, their time (s) and their distance from the crossing before them, in units of the bound;
@@ -90,6 +91,7 @@ class Memory:
     orbit: Int[Array, " 2"]
     fastest: Float[Array, " rates"]
     rest: Float[Array, " 3"]
+    exponents: Exponents | tuple[()]
 
     @property
     def results(self) -> dict[str, Array]:
@@ -107,15 +109,21 @@ class SettleRecorder(Recorder):
     about to leave (`LEAVING`) has to do so for as many more crossings. Settled with period p: see `_period`;
     the orbit is found again for `HOLD` of the longest periods. Crossings that accumulate do not settle. At
     rest: all rates of the flow vanish (`REST`). `tolerance` is one for all observables, or one for each.
-    `max_time` (s) is by default four nominal periods for each of `max_cycles`.
+    `max_time` (s) is by default four nominal periods for each of `max_cycles`. With `exponents`, a number of
+    Lyapunov exponents, rows may end as chaotic or quasi-periodic (`Exponents.status`).
     """
 
-    numbers = (*Recorder.numbers, RowNumber("orbit", np.float64, np.nan, crossings=SETTLE_WINDOW - 1))
     model: Model
     max_cycles: int = 150
     tolerance: float | tuple[float, ...] = TOLERANCE
     max_time: float | None = None
     max_period: int = MAX_PERIOD
+    exponents: int = 0
+
+    @property
+    def numbers(self) -> tuple[RowNumber, ...]:  # pyright: ignore[reportIncompatibleVariableOverride]
+        orbit = RowNumber("orbit", np.float64, np.nan, crossings=SETTLE_WINDOW - 1)
+        return (*Recorder.numbers, orbit, *exponent_numbers(self.exponents))
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -134,16 +142,17 @@ class SettleRecorder(Recorder):
         record, sample, keep = self.unsampled(params, carry)
         last, dtype = record.last, record.last.dtype
         length = max(SETTLE_WINDOW, self.max_period)
-        seen = jnp.broadcast_to(last, (length, *last.shape))
+        observed = jnp.broadcast_to(last, (length, *last.shape))
         none = jnp.zeros((), jnp.int32)
         memory = Memory(
-            window=jnp.concatenate([seen, jnp.zeros((length, 2), dtype)], axis=1),
+            window=jnp.concatenate([observed, jnp.zeros((length, 2), dtype)], axis=1),
             moves=jnp.zeros((2, self.max_period), dtype),
             span=first_span(self.model, last),
             calm=none,
             orbit=jnp.stack([none, none]),
             fastest=jnp.zeros_like(self._rates(params, carry)[0]),
             rest=jnp.asarray([0.0, 0.0, -1.0], dtype),
+            exponents=Exponents.begun(self.exponents, last, length) if self.exponents else (),
         )
         return dataclasses.replace(record, memory=memory), sample, keep
 
@@ -157,6 +166,7 @@ class SettleRecorder(Recorder):
         span = widened(memory.span, self.model, now)
         moved = jnp.abs(change(self.model, now[None, :] - before))
         latest = jnp.concatenate([now[None, :], before[:SETTLE_WINDOW]])
+        bare_moves = moved
         # one division for each observable
         moved = moved * (1.0 / bounds(self.model, self.tolerance, latest, span))[None, :]
         still = (cycles >= SETTLE_WINDOW) & jnp.all(moved[:SETTLE_WINDOW] < 1.0)
@@ -175,11 +185,24 @@ class SettleRecorder(Recorder):
         # crossings at one instant are not cycles
         settled = (period > 0) & (carry.chain < SETTLE_WINDOW)
         given_up = cycles >= self.max_cycles
-        ended = jnp.where(settled, Status.settled, jnp.where(given_up, Status.cycle_limit, Status.running))
+        unsettled, late = jnp.asarray(Status.cycle_limit), jnp.asarray(Status.time_limit)
+        exponents, named = memory.exponents, {}
+        if isinstance(exponents, Exponents):
+            scales = bounds(self.model, 1.0 / SETTLE_WINDOW, latest, span)
+            away = jnp.abs(change(self.model, now[None, :] - exponents.begin)) / scales[None, :]
+            logs, spread = separated(self.model, params, carry)
+            step = jnp.max(bare_moves[0] / scales)
+            later = exponents.after(logs, carry.t - times[0], step, jnp.max(away, axis=1), cycles, now)
+            exponents = select(crossed, later, exponents)
+            unsettled = exponents.status(jnp.where(crossed, cycles, record.cycles), may_turn(self.model))
+            late = jnp.where(unsettled == Status.cycle_limit, late, unsettled)
+            carry = dataclasses.replace(carry, tangents=select(crossed, spread.tangents, carry.tangents))
+            named = exponents.numbers(period, carry.t - times)
+        ended = jnp.where(settled, Status.settled, jnp.where(given_up, unsettled, Status.running))
 
         fastest, rest, rests = self._rest(params, carry, memory)
         rests = rests & free & ~crossed
-        timed = jnp.where(carry.halt == Halt.TIME, Status.time_limit, Status.running)
+        timed = jnp.where(carry.halt == Halt.TIME, late, Status.running)
         status = jnp.where(crossed, ended, jnp.where(rests, Status.at_rest, timed))
         after = jnp.where(tested, jnp.stack([jnp.zeros_like(moves), moves]), memory.moves.at[0].set(moves))
         first = jnp.concatenate([now, jnp.stack([carry.t.astype(now.dtype), distances[0]])])
@@ -197,9 +220,12 @@ class SettleRecorder(Recorder):
                 orbit=jnp.where(crossed, orbit, memory.orbit).astype(jnp.int32),
                 fastest=fastest,
                 rest=rest.astype(now.dtype),
+                exponents=exponents,
             ),
             numbers={
                 **record.numbers,
+                # rows that fail have none
+                **{name: jnp.where(status == Status.running, jnp.nan, x) for name, x in named.items()},
                 "period": jnp.where(crossed & settled, period, 0).astype(jnp.int32),
                 "slowest": jnp.where(
                     crossed & given_up & ~settled, slowest(moved[:SETTLE_WINDOW]), -1

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from gaitsweep.contract import Model, Params, Status
-from gaitsweep.engine.advance import Carry, Halt
+from gaitsweep.engine.carry import Carry, Halt
 from gaitsweep.engine.recorders.bounds import (
     SETTLE_WINDOW,
     TOLERANCE,

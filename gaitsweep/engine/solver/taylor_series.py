@@ -56,7 +56,17 @@ def solution(
 def along(
     function: Callable[[State], Value], state: State, series: dict[str, list[Value]], order: int
 ) -> list[Value]:
-    """The Taylor coefficients of a function of the state along a solution, from order 0 to `order`."""
+    """The Taylor coefficients of a function of the state along a solution.
+
+    Args:
+        function: the function of one state.
+        state: the state about which the solution is expanded.
+        series: the coefficients of the solution by field, from `solution`.
+        order: the highest order.
+
+    Raises:
+        NoRecurrenceError: the function has an operation without a recurrence.
+    """
     with jax.disable_jit():
         closed = jax.make_jaxpr(function)(state)
     values, tree = jax.tree.flatten(state)
@@ -122,8 +132,8 @@ class _Operation:
         else:
             raise NoRecurrenceError(f"JAX's operation {self.name}")
         for series, term in zip(self.results, terms, strict=True):
+            # where an array is constant and a number moves, the term of their sum is a number
             if k > 0 and term is not None:
-                # where an array is constant and a number moves, the term of their sum is a number
                 term = jnp.broadcast_to(term, jnp.shape(series[0]))
             series.append(term)
         return [series[k] for series in self.results]

@@ -109,7 +109,8 @@ def basin(
             inferred = float(np.mean(status.to_numpy(str) == "inferred")) if len(status) else 0.0
             if current().marks is False:
                 inferred = 0.0
-            heading = ("share of starts above each panel" if headings else "share of starts") * shares
+            counted = "share of pushes" if "recovery" in table.columns else "share of starts"
+            heading = (f"{counted} above each panel" if headings else counted) * shares
             ends = [name for name in map(str, table) if name.endswith("_end") and name not in COLUMNS]
             if hue == "gait" and ends and {"none"} == {*names} - {*_HATCHED}:
                 heading = f"no gait has a name; {ends[0]} as hue tells them apart"

@@ -26,10 +26,10 @@ from gaitsweep.runs.executor import compute_blocks
 from gaitsweep.runs.prepare import RunContext, prepare
 from gaitsweep.runs.refinement import some_rows
 from gaitsweep.table import TableError
-from gaitsweep.table.directory import PartWriter
 from gaitsweep.table.files import reason
 from gaitsweep.table.locks import BLOCK_LOCKS, BlockLocks, this_process
 from gaitsweep.table.manifest import Layout
+from gaitsweep.table.part_writer import PartWriter
 
 MOST_DEATHS = 3  # of workers that began a block, after which it is given up
 _POLL = 0.2  # s between two checks whether the task is still wanted

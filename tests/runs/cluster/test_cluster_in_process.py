@@ -26,9 +26,9 @@ from gaitsweep.runs.cluster.workers import Workers
 from gaitsweep.runs.execute import run_job
 from gaitsweep.runs.prepare import RunError
 from gaitsweep.table import Snapshot, TableError, WriteError
-from gaitsweep.table.directory import PartWriter
 from gaitsweep.table.locks import Lock
 from gaitsweep.table.manifest import Layout
+from gaitsweep.table.part_writer import PartWriter
 
 distributed = pytest.importorskip("distributed")
 

@@ -10,13 +10,12 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from gaitsweep.contract import Chart, Quantity
 from gaitsweep.dynamics import wrapped
-from gaitsweep.dynamics.tree import quaternion_product
+from gaitsweep.dynamics.tree import tilt_and_heading, tilted
 from gaitsweep.papers.aoi2011.waist_quadruped.sizes import LIMBS
 
 # If foot 3 is farther than this (m) from the ground, its limb has landed by its phase, not by a touchdown.
@@ -63,7 +62,7 @@ class LandingChart(Chart):
 
     def to_coordinates(self, params: Any, state: Any) -> Float[Array, " coordinates"]:
         s = state
-        up, turn = _tilt_and_heading(s.q[3:7])
+        up, turn = tilt_and_heading(s.q[3:7])
         deltas = wrapped(jnp.stack([s.phi[0] - s.phi[2], s.phi[0] - s.phi[1], s.phi[2] - s.phi[3]]))
         anchors = (s.anchor - s.q[None, :2]) @ turn
         return jnp.concatenate(
@@ -80,10 +79,7 @@ class LandingChart(Chart):
         phi = jnp.stack([phi_1, phi_1 - phases[1], phases[3], phases[3] - phases[2]])
         # multiples of 2 pi are those of the limb's segment
         phi = modes.phi + wrapped(phi - modes.phi + jnp.pi) - jnp.pi
-        upright = jnp.sqrt(1.0 - up @ up)
-        quaternion = jnp.stack([1.0 + upright, up[1], -up[0], 0.0 * upright])
-        quaternion = quaternion / jnp.sqrt(2.0 * (1.0 + upright))
-        q = jnp.concatenate([jnp.zeros(3), quaternion, joints])
+        q = jnp.concatenate([jnp.zeros(3), tilted(up), joints])
         v = jnp.concatenate([linear, spin, rates])
         foot_3 = params.mechanics.feet(q, v)[0][2]
         return dataclasses.replace(
@@ -101,14 +97,3 @@ class LandingChart(Chart):
     def covers(self, params: Any, state: Any) -> Bool[Array, ""]:
         height = params.mechanics.feet(state.q, state.v)[0][2, 2]
         return state.contact[2] & (jnp.abs(height) < CLOSE) & ~state.held & ~state.growing
-
-
-def _tilt_and_heading(quaternion: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Vertical components (2,) of the body's x and y axes, and its yaw when upright, as a rotation."""
-    w, x, y, z = quaternion / jnp.sqrt(quaternion @ quaternion)
-    up = jnp.stack([2.0 * (x * z - w * y), 2.0 * (y * z + w * x)])
-    upright = w * w - x * x - y * y + z * z
-    back = jnp.stack([1.0 + upright, -up[1], up[0], 0.0 * upright]) / jnp.sqrt(2.0 * (1.0 + upright))
-    c, _, _, s = quaternion_product(jnp.stack([w, x, y, z]), back)
-    cosine, sine = c * c - s * s, 2.0 * c * s
-    return up, jnp.array([[cosine, -sine], [sine, cosine]])

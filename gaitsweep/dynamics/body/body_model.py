@@ -1,0 +1,188 @@
+"""A hybrid model of a body in an MJCF: its contacts and joint limits are located events of the kernels."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from gaitsweep.contract import Chart, Quantity, Rates, Recommended
+from gaitsweep.dynamics.declarations import mode, variable
+from gaitsweep.dynamics.declared_model import DeclaredModel, Values
+from gaitsweep.dynamics.mjcf.source import OfMjcf, compiled_content, content_key
+from gaitsweep.near_miss import suggestion
+
+if TYPE_CHECKING:
+    from gaitsweep.dynamics.body.mechanics import LocatedBody
+
+BODY = "body"  # the field of the parameters that has those of the MJCF
+
+
+@dataclasses.dataclass(frozen=True)
+class BodyModel(OfMjcf, DeclaredModel):
+    """A body of an MJCF with oscillators, in the kernels, with located contacts and joint limits.
+
+    1. A model gives `body_file`, `control` and `period`, and `rates` where it declares variables.
+    2. It may give declarations, `keyframe`, `formulas`, and the optional members of a `DeclaredModel`.
+    3. The engine alone calls the members that are built from the body and the declarations.
+
+    Numbers of the MJCF are parameters: `BODY_mass`, `BODY_size`, `JOINT_damping`, `ACTUATOR_kp`,
+    `GEOM_friction`, `gravity`, ... (`gaitsweep models NAME` lists them), which functions read as
+    `params.body["BODY_mass"]`. `state.q` and `state.v` are MuJoCo's qpos and qvel.
+
+    Contacts are of spheres, ends of capsules and corners of boxes with planes of the world. The ground pushes
+    with N = K depth + D rate while both this and the depth are positive (Kelvin and Voigt). Friction against
+    the slip v is mu N v / sqrt(v2 + (mu N / G)2): Coulomb's for fast slips, a damper G for slow ones. By
+    default K is the stiffness that MuJoCo's contact has at rest under the body's weight, D has its damping
+    ratio, and G is D. Limits of joints are springs and dampers of the same kind.
+    """
+
+    # formulas of parameters by others, which replace the MJCF's numbers: {"thigh_mass": "2*thigh_size**3"}
+    formulas: ClassVar[Mapping[str, str | float]] = {}
+
+    q = variable("1", "qpos of MuJoCo", count="nq", observed=False, signal=False)
+    v = variable("1", "qvel of MuJoCo", count="nv", observed=False, signal=False)
+    pushing = mode(False, "whether a stop pushes", count="stops")
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        # functions written for an `MjcfModel` read `state.body.q`
+        cls.State.body = property(lambda state: state)  # pyright: ignore[reportAttributeAccessIssue]
+
+    @property
+    def recommended(self) -> Recommended:
+        """Steps by tolerances: stiff contacts take short steps, and flights long ones."""
+        return Recommended("tsit5")
+
+    @classmethod
+    def _other_parameters(cls) -> list[str]:
+        return [BODY]
+
+    @property
+    def body(self) -> LocatedBody:
+        """The mechanics of the MJCF."""
+        return _body(*content_key(type(self)))
+
+    @property
+    def nq(self) -> int:
+        """Number of positions."""
+        return self.body.nq
+
+    @property
+    def nv(self) -> int:
+        """Number of velocities."""
+        return self.body.nv
+
+    @property
+    def stops(self) -> int:
+        """Number of points that may touch the ground, and of limits of joints."""
+        return len(self.body.stop_names)
+
+    # what functions of a model may ask for
+
+    def position(self, state: Any, joint: str) -> Float[Array, ""]:
+        """The position of a hinge (rad) or slide (m), by the joint's name."""
+        return state.q[self.body.address(joint)[0]]
+
+    def rate(self, state: Any, joint: str) -> Float[Array, ""]:
+        """The velocity of a hinge (rad/s) or slide (m/s), by the joint's name."""
+        return state.v[self.body.address(joint)[1]]
+
+    def touches(self, state: Any, geom: str) -> Bool[Array, ""]:
+        """Whether the ground pushes on a geom, by its name."""
+        return jnp.any(jnp.stack([state.pushing[k] for k in self.body.stops_of(geom)]))
+
+    def depth(self, params: Any, state: Any, geom: str) -> Float[Array, ""]:
+        """The depth (m) of a geom's lowest point below the ground; negative above it."""
+        stops = self.body.stretches(params.body, state.q, state.v)
+        return jnp.max(jnp.stack([jnp.asarray(stops[k].stretch) for k in self.body.stops_of(geom)]))
+
+    def load(self, params: Any, state: Any, geom: str) -> Float[Array, ""]:
+        """The force (N) of the ground on a geom, along the ground's normal."""
+        stops = self.body.stretches(params.body, state.q, state.v)
+        forces = [jnp.where(state.pushing[k], stops[k].force, 0.0) for k in self.body.stops_of(geom)]
+        return jnp.sum(jnp.stack(forces))
+
+    # what the contract asks for
+
+    def positions(self, state: Any) -> Float[Array, " nq"]:
+        return state.q
+
+    @property
+    def parameters(self) -> tuple[Quantity, ...]:
+        names = [quantity.name for quantity in self.body.parameters]
+        for name in self.formulas:
+            if name not in names:
+                raise ValueError(f"formulas has {name}, no parameter of the body{suggestion(name, names)}")
+        own = (
+            dataclasses.replace(quantity, default=self.formulas.get(quantity.name, quantity.default))
+            for quantity in self.body.parameters
+        )
+        return (*super().parameters, *own)
+
+    def params(self, values: Values, /) -> Any:
+        of_body = {quantity.name: jnp.asarray(values[quantity.name]) for quantity in self.body.parameters}
+        return self.Params(**self._gathered(values), body=of_body)
+
+    def _started(self, start: Values) -> dict[str, Any]:
+        q, v = self.started_at(start)
+        return {**super()._started(start), "q": q, "v": v}
+
+    def init(self, params: Any, start: Values, /) -> Any:
+        state = super().init(params, start)
+        # a part that begins in the ground is pushed from the start
+        return state.replace(pushing=self.body.heights(params.body, state.q, state.v) > 0.0)
+
+    def flow(self, params: Any, state: Any, /) -> Rates:
+        from gaitsweep.dynamics.tree import rates
+
+        control = self.checked_control(params, state)
+        return {
+            **self.rates(params, state),
+            "q": jnp.asarray(rates(self.body.tree, state.q, state.v)),
+            "v": self.body.accelerations(params.body, state.q, state.v, control, state.pushing),
+        }
+
+    def guards(self, params: Any, state: Any, /) -> Float[Array, " guards"]:
+        from gaitsweep.dynamics.body.mechanics import RELEASE
+
+        height = self.body.heights(params.body, state.q, state.v)
+        of_stops = jnp.where(state.pushing, -height - RELEASE, height)
+        return jnp.concatenate([super().guards(params, state), of_stops])
+
+    @property
+    def guard_names(self) -> tuple[str, ...]:
+        return (*super().guard_names, *self.body.stop_names)
+
+    def occurred(self, params: Any, state: Any, fired: Bool[Array, " guards"], /) -> Bool[Array, " guards"]:
+        declared = len(super().guard_names)
+        happened = super().occurred(params, state, fired[:declared])
+        return jnp.concatenate([happened, fired[declared:]])
+
+    def jump(self, params: Any, state: Any, fired: Bool[Array, " events"], /) -> Any:
+        declared = len(super().guard_names)
+        state = state.replace(pushing=state.pushing ^ fired[declared:])
+        return super().jump(params, state, fired[:declared])
+
+    def chart(self) -> Chart:
+        from gaitsweep.dynamics.body.section_chart import BodyChart
+
+        return BodyChart(self)
+
+    def mjcf(self, values: Mapping[str, float]) -> str:
+        from gaitsweep.dynamics.body.edited import edited_mjcf
+
+        return edited_mjcf(super().mjcf(values), self.body, values)
+
+
+@functools.lru_cache(maxsize=32)
+def _body(source: str, written: int | None) -> LocatedBody:
+    from gaitsweep.dynamics.body.mechanics import LocatedBody
+
+    with jax.ensure_compile_time_eval(), jax.enable_x64(True):
+        return LocatedBody(compiled_content(source, written))

@@ -1,0 +1,252 @@
+"""What of an MJCF a located body has: contacts with planes, joint limits, actuators; refusals of the rest."""
+
+# MuJoCo's compiled modules come without types.
+# pyright: reportAttributeAccessIssue=false
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import mujoco
+import numpy as np
+from jaxtyping import Float
+
+_GEOM, _OFF = mujoco.mjtGeom, mujoco.mjtDisableBit
+_TOUCHING = (_GEOM.mjGEOM_SPHERE, _GEOM.mjGEOM_CAPSULE, _GEOM.mjGEOM_BOX)
+_REMEDY = "set its contype and conaffinity to 0, or derive the model from MjcfModel, which MJX steps"
+# Fields of MjModel that a located body does not have: the field, its owner, the name in MJCF.
+_ACTING = (
+    ("geom_adhesion", "geom", "adhesion"),
+    ("geom_surfacevel", "geom", "surfacevel"),
+    ("geom_fluid", "geom", "fluidshape ellipsoid"),
+    ("geom_margin", "geom", "margin"),
+    ("geom_gap", "geom", "gap"),
+    ("jnt_margin", "joint", "margin"),
+    ("jnt_actfrclimited", "joint", "actuatorfrcrange"),
+    ("jnt_springyield", "joint", "springyield"),
+    ("actuator_delay", "actuator", "a delay"),
+    ("actuator_plugin", "actuator", "a plugin"),
+)
+
+
+@dataclasses.dataclass(frozen=True)
+class Softness:
+    """The spring K (N/m or N m/rad) and the damper D (N s/m or N m s/rad) of a stop."""
+
+    K: float
+    D: float
+
+
+@dataclasses.dataclass(frozen=True)
+class Touch:
+    """A geom that may touch a plane.
+
+    `points` (k, 3) m are the centres of its spheres, or its corners, in the body's frame; `radius` is theirs;
+    `normal` (3,) and `origin` (3,) are the plane's, in the world; `friction` is None without friction.
+    """
+
+    geom: int
+    body: int
+    points: Float[np.ndarray, "points 3"]
+    radius: float
+    normal: Float[np.ndarray, " 3"]
+    origin: Float[np.ndarray, " 3"]
+    softness: Softness
+    friction: float | None
+
+
+def touches(m: Any) -> list[Touch]:
+    """The geoms of moving bodies that may touch a plane of the world.
+
+    Raises:
+        ValueError: shapes may touch that have no located contact; the message names them.
+    """
+    data = mujoco.MjData(m)
+    mujoco.mj_kinematics(m, data)
+    weight = float(m.body_mass.sum() * np.linalg.norm(m.opt.gravity)) or math.inf
+    result = []
+    for one, other in _pairs(m):
+        # the plane first
+        plane, geom = sorted((one, other), key=lambda i: m.geom_type[i] != _GEOM.mjGEOM_PLANE)
+        shape = _GEOM(m.geom_type[geom])
+        if m.geom_type[plane] != _GEOM.mjGEOM_PLANE or m.body_weldid[m.geom_bodyid[plane]] != 0:
+            raise ValueError(
+                f"{named(m, 'geom', one)} and '{_name(m, 'geom', other)}' may touch, but contacts are "
+                f"located between a body and a plane of the world only: {_REMEDY}. Geoms with contype 1 and "
+                "conaffinity 0 do not touch each other."
+            )
+        if shape not in _TOUCHING:
+            raise ValueError(
+                f"{named(m, 'geom', geom)} is a {shape.name.partition('_')[2].lower()} and may touch "
+                f"'{_name(m, 'geom', plane)}', but contacts are located of a sphere, capsule or box: "
+                f"{_REMEDY}."
+            )
+        friction, solref, solimp, condim = _mixed(m, plane, geom)
+        if condim not in (1, 3):
+            raise ValueError(
+                f"{named(m, 'geom', geom)} has condim {condim}, torsional or rolling friction, which located "
+                "contacts do not have. Allowed: 1, 3."
+            )
+        body = int(m.geom_bodyid[geom])
+        softness = _softness(m, solref, solimp, float(m.body_invweight0[body, 0]), weight)
+        points, radius = _points(m, geom)
+        normal = _cleaned(data.geom_xmat[plane].reshape(3, 3)[:, 2])
+        origin = np.array(data.geom_xpos[plane])
+        result.append(
+            Touch(geom, body, points, radius, normal, origin, softness, friction if condim == 3 else None)
+        )
+    return result
+
+
+def limits(m: Any) -> dict[int, Softness]:
+    """The limited hinges and slides, and the springs and dampers of their limits."""
+    if m.opt.disableflags & (_OFF.mjDSBL_LIMIT | _OFF.mjDSBL_CONSTRAINT):
+        return {}
+    return {
+        int(j): _softness(m, m.jnt_solref[j], m.jnt_solimp[j], float(m.dof_invweight0[m.jnt_dofadr[j]]))
+        for j in np.flatnonzero(m.jnt_limited)
+    }
+
+
+def refusals(m: Any) -> Iterator[str]:
+    """A sentence for each feature that a located body lacks, besides those that a tree lacks."""
+    for field, kind, what in _ACTING:
+        values = np.asarray(getattr(m, field, ()), float)
+        missing = -1.0 if what == "a plugin" else 0.0
+        rows = values.reshape(len(values), -1) if values.size else np.zeros((0, 1))
+        for i in np.flatnonzero((rows != missing).any(axis=1)):
+            yield f"{named(m, kind, int(i))} has {what}, which a located body does not have."
+    if m.npair:
+        yield "The MJCF has a contact pair, which a located body does not have: set the geoms' numbers."
+    if m.opt.disableflags & _OFF.mjDSBL_ACTUATION or m.opt.disableactuator:
+        yield "The MJCF disables actuators, which a located body does not support: remove the actuators."
+    if m.opt.enableflags & mujoco.mjtEnableBit.mjENBL_OVERRIDE:
+        yield "The flag override is enabled, which a located body does not have: set solref of the geoms."
+    joint = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
+    turning = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
+    bias = (int(mujoco.mjtBias.mjBIAS_NONE), int(mujoco.mjtBias.mjBIAS_AFFINE))
+    for k in range(m.nu):
+        name = named(m, "actuator", k)
+        if m.actuator_trntype[k] not in joint or m.jnt_type[m.actuator_trnid[k, 0]] not in turning:
+            yield f"{name} does not act on a hinge or slide, but a located body has no other transmission."
+        elif m.actuator_dyntype[k] != mujoco.mjtDyn.mjDYN_NONE:
+            yield f"{name} has activation dynamics (dyntype), which a located body does not have."
+        elif m.actuator_gaintype[k] != mujoco.mjtGain.mjGAIN_FIXED or m.actuator_biastype[k] not in bias:
+            yield f"{name} is no motor, position, velocity or general actuator of fixed gain and affine bias."
+
+
+def named(m: Any, kind: str, number: int) -> str:
+    """The kind of an element and its name."""
+    return f"{kind.capitalize()} '{_name(m, kind, number)}'"
+
+
+def _name(m: Any, kind: str, number: int) -> str:
+    return getattr(m, kind)(number).name or f"{kind} {number}"
+
+
+def _pairs(m: Any) -> Iterator[tuple[int, int]]:
+    """The pairs of geoms that may touch, by MuJoCo's filters."""
+    if m.opt.disableflags & (_OFF.mjDSBL_CONTACT | _OFF.mjDSBL_CONSTRAINT):
+        return
+    weld = m.body_weldid[m.geom_bodyid]
+    # the weld of the body that carries the weld of each geom
+    carrier = m.body_weldid[m.body_parentid[weld]]
+    excluded = {int(signature) for signature in m.exclude_signature}
+    for one, other in itertools.combinations(range(m.ngeom), 2):
+        types = (
+            m.geom_contype[one] & m.geom_conaffinity[other] | m.geom_contype[other] & m.geom_conaffinity[one]
+        )
+        bodies = sorted((int(m.geom_bodyid[one]), int(m.geom_bodyid[other])))
+        apart = weld[one] != weld[other]
+        family = any(weld[a] and weld[a] == carrier[b] for a, b in ((one, other), (other, one)))
+        filtered = family and not m.opt.disableflags & _OFF.mjDSBL_FILTERPARENT
+        if types and apart and not filtered and (bodies[0] << 16) + bodies[1] not in excluded:
+            yield one, other
+
+
+def _mixed(m: Any, one: int, other: int) -> tuple[float, np.ndarray, np.ndarray, int]:
+    """Sliding friction, solref, solimp and condim of a contact, mixed as by MuJoCo."""
+    first, second = sorted((one, other), key=lambda i: -m.geom_priority[i])
+    if m.geom_priority[first] > m.geom_priority[second]:
+        return (
+            m.geom_friction[first, 0],
+            m.geom_solref[first],
+            m.geom_solimp[first],
+            int(m.geom_condim[first]),
+        )
+    friction = max(m.geom_friction[one, 0], m.geom_friction[other, 0])
+    condim = int(max(m.geom_condim[one], m.geom_condim[other]))
+    mix = m.geom_solmix[[one, other]]
+    share = mix[0] / mix.sum() if mix.sum() > 0.0 else 0.5
+    refs = m.geom_solref[[one, other]]
+    solref = share * refs[0] + (1.0 - share) * refs[1] if (refs[:, 0] > 0.0).all() else refs.min(axis=0)
+    solimp = share * m.geom_solimp[one] + (1.0 - share) * m.geom_solimp[other]
+    return float(friction), solref, solimp, condim
+
+
+def _softness(
+    m: Any, solref: Float[np.ndarray, " 2"], solimp: Float[np.ndarray, " 5"], w: float, load: float = math.inf
+) -> Softness:
+    """The spring with the stretch at rest that MuJoCo's constraint has, and a damper of its damping ratio.
+
+    At rest the constraint's force is F = aref / R with aref = k d r and R = (1 - d) w / d for the stretch r,
+    the impedance d(r), between dmin and dmax, and the inverse inertia w (MuJoCo's documentation, Computation,
+    "Constraint model", and Modeling, "Solver parameters"). The spring is F / r at F = `load` (N); for large
+    loads d is dmax.
+    """
+    low, high = np.clip(solimp[:2], mujoco.mjMINIMP, mujoco.mjMAXIMP).tolist()
+    if solref[0] > 0.0:
+        safe = not m.opt.disableflags & _OFF.mjDSBL_REFSAFE
+        time = max(float(solref[0]), 2.0 * m.opt.timestep) if safe else float(solref[0])
+        ratio = float(solref[1])
+        k = 1.0 / (high * time * ratio) ** 2
+    else:
+        ratio = -float(solref[1]) / (2.0 * math.sqrt(-float(solref[0])))
+        k = -float(solref[0]) / high**2
+
+    def spring(r: float) -> float:
+        x = r / solimp[2] if solimp[2] > mujoco.mjMINVAL else 0.5
+        d = low + (high - low) * _rise(x, solimp[3], solimp[4])
+        return k * d * d / ((1.0 - d) * w)
+
+    shallow, deep = 0.0, math.inf
+    if math.isfinite(load):  # the force rises with the stretch: halve the interval that has it
+        shallow, deep = 0.0, load / spring(0.0)
+        for _ in range(60):
+            middle = 0.5 * (shallow + deep)
+            shallow, deep = (shallow, middle) if middle * spring(middle) > load else (middle, deep)
+    K = spring(deep)
+    return Softness(K, 2.0 * ratio * math.sqrt(K / w))
+
+
+def _rise(x: float, middle: float, power: float) -> float:
+    """MuJoCo's curve of the impedance, from 0 at x = 0 to 1 from x = 1 on."""
+    if x >= 1.0:
+        return 1.0
+    if power == 1.0:
+        return x
+    if x <= middle:
+        return x**power / middle ** (power - 1.0)
+    return 1.0 - (1.0 - x) ** power / (1.0 - middle) ** (power - 1.0)
+
+
+def _points(m: Any, geom: int) -> tuple[np.ndarray, float]:
+    """Centres of a geom's spheres or its corners, (k, 3) m in the body's frame, and the radius, m."""
+    matrix = np.zeros(9)
+    mujoco.mju_quat2Mat(matrix, m.geom_quat[geom])
+    turn, at, size = _cleaned(matrix.reshape(3, 3)), np.array(m.geom_pos[geom]), m.geom_size[geom]
+    if m.geom_type[geom] == _GEOM.mjGEOM_SPHERE:
+        return at[None], float(size[0])
+    if m.geom_type[geom] == _GEOM.mjGEOM_CAPSULE:
+        return _cleaned(at + np.outer([1.0, -1.0], turn[:, 2]) * size[1]), float(size[0])
+    signs = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
+    return _cleaned(at + (signs * size) @ turn.T), 0.0
+
+
+def _cleaned(values: np.ndarray) -> np.ndarray:
+    """The values with zeros in place of rounding errors, so that constants keep their zeros."""
+    return np.where(np.abs(values) < 1e-15, 0.0, values)

@@ -1,0 +1,1 @@
+"""MJCF files of models: source, keyframe, starts by joint names, drawing."""

@@ -1,0 +1,309 @@
+"""Bodies of an MJCF with located contacts: against MuJoCo C, by convergence, and by their parameters."""
+
+# MuJoCo's compiled modules come without types.
+# pyright: reportAttributeAccessIssue=false
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import mujoco
+import numpy as np
+import pytest
+
+import gaitsweep as gs
+
+LEG = """
+<body name="thigh_{side}"><joint name="hip_{side}" axis="0 -1 0" range="-60 60"/>
+  <geom name="thigh_{side}" type="capsule" fromto="0 0 0 0 0 -.42" size=".04" mass="2" contype="0"/>
+  <body name="shin_{side}" pos="0 0 -.42"><joint name="knee_{side}" axis="0 1 0" range="-2 100"/>
+    <geom name="shin_{side}" type="capsule" fromto="0 0 0 0 0 -.41" size=".03" mass="1" contype="0"/>
+    <geom name="foot_{side}" type="sphere" pos="0 0 -.41" size=".04" mass=".2"/>
+  </body>
+</body>"""
+BIPED = f"""
+<mujoco model="biped"><option timestep="0.001" integrator="RK4"/>
+  <default><geom contype="1" conaffinity="0" friction="0.9"/><joint damping="0.5"/>
+    <position kp="150" kv="3"/></default>
+  <worldbody>
+    <geom name="floor" type="plane" size="20 1 .1" conaffinity="1"/>
+    <body name="trunk" pos="0 0 .87">
+      <joint name="x" type="slide" axis="1 0 0" damping="0"/>
+      <joint name="z" type="slide" axis="0 0 1" damping="0"/>
+      <joint name="pitch" type="hinge" axis="0 1 0" damping="0"/>
+      <geom name="trunk" type="capsule" fromto="0 0 0 0 0 .35" size=".06" mass="8"/>
+      {LEG.format(side="l")} {LEG.format(side="r")}
+    </body>
+  </worldbody>
+  <actuator>
+    <position name="hip_l" joint="hip_l"/><position name="knee_l" joint="knee_l"/>
+    <velocity name="hip_r" joint="hip_r" kv="4"/><motor name="knee_r" joint="knee_r" gear="5"/>
+  </actuator>
+</mujoco>"""
+# a leg on a rail: three degrees of freedom, one foot
+HOPPER = """
+<mujoco><option timestep="0.0005"/><worldbody>
+  <geom name="floor" type="plane" size="9 9 .1" conaffinity="1"/>
+  <body name="trunk" pos="0 0 .5"><joint name="z" type="slide" axis="0 0 1"/>
+    <joint name="x" type="slide" axis="1 0 0"/>
+    <geom name="trunk" type="box" size=".1 .1 .05" mass="2" contype="0" conaffinity="0"/>
+    <body name="leg"><joint name="leg" axis="0 1 0" damping=".2"/>
+      <geom name="leg" type="capsule" fromto="0 0 0 0 0 -.45" size=".02" mass=".3" contype="0"/>
+      <geom name="foot" type="sphere" pos="0 0 -.45" size=".05" mass=".1" conaffinity="0"/>
+    </body></body>
+  </worldbody>
+  <actuator><position name="leg" joint="leg" kp="40" kv="1"/></actuator>
+</mujoco>"""
+FLYING = {"hip_l_0": 0.3, "hip_l_rate_0": 2.0, "knee_l_0": 0.6, "hip_r_0": -0.3, "knee_r_0": 0.5,
+          "knee_r_rate_0": 1.0, "pitch_rate_0": 1.5, "x_rate_0": 1.0}  # fmt: skip
+# a foot that hits the ground at 1.3 m/s, slips, and rises
+HOP = {"z_0": 0.08, "z_rate_0": -0.3, "x_rate_0": 0.4, "leg_0": 0.2, "swing": 0.5}
+EXACT = {"method": "tsit5", "rtol": 1e-12, "atol": 1e-13}
+
+
+class Swinging(gs.BodyModel):
+    """A body whose actuators all follow one oscillator."""
+
+    body_file = HOPPER
+    omega = gs.parameter("rad/s", "frequency", 9.0)
+    swing = gs.parameter("rad", "amplitude", 0.4)
+    phi = gs.variable("rad", "phase", 0.0, circular=True)
+
+    def control(self, p: Any, s: Any) -> Any:
+        return p.swing * jnp.sin(s.phi + jnp.arange(self.body.nu))
+
+    def rates(self, p: Any, s: Any) -> Any:
+        return {"phi": p.omega}
+
+    @gs.event("the oscillator begins a turn", section=True)
+    def turn(self, p: Any, s: Any) -> Any:
+        return s.phi - 2.0 * jnp.pi
+
+    @turn.jump
+    def wrap(self, p: Any, s: Any) -> Any:
+        return s.replace(phi=s.phi - 2.0 * jnp.pi)
+
+    @gs.observable("m", "height of the trunk", scale=0.1)
+    def height(self, p: Any, s: Any) -> Any:
+        return self.position(s, "z")
+
+    @gs.signal("N", "force of the ground")
+    def force(self, p: Any, s: Any) -> Any:
+        return self.load(p, s, "foot")
+
+    def period(self, p: Any) -> Any:
+        return 2.0 * jnp.pi / p.omega
+
+
+def of(xml: str, **members: Any) -> Any:
+    """A model of this body, with a pass-through of the force where it has no foot."""
+    return type("Body", (Swinging,), {"body_file": xml, "force": None, **members})()
+
+
+def begun(model: Any, **values: float) -> tuple[Any, Any]:
+    """Parameters and state at the defaults, but for these values."""
+    settings = {q.name: jnp.asarray(values.get(q.name, q.default), float) for q in model.parameters}
+    starts = {q.name: jnp.asarray(values.get(q.name, q.default), float) for q in model.initial_conditions}
+    params = model.params(settings)
+    return params, model.init(params, starts)
+
+
+def in_c(xml: str, start: dict[str, float]) -> tuple[mujoco.MjModel, mujoco.MjData]:
+    """MuJoCo's model and data at a start."""
+    model = mujoco.MjModel.from_xml_string(xml)
+    data = mujoco.MjData(model)
+    for name, value in start.items():
+        if name.endswith("_rate_0"):
+            data.joint(name.removesuffix("_rate_0")).qvel[0] = value
+        else:
+            data.joint(name.removesuffix("_0")).qpos[0] = value
+    return model, data
+
+
+@cache
+def flow_of(model: Any) -> Any:
+    params, state = begun(model)
+
+    def rates(q: Any, v: Any, phi: Any) -> Any:
+        rate = model.flow(params, state.replace(q=q, v=v, phi=phi))
+        return rate["q"], rate["v"]
+
+    return jax.jit(rates).lower(state.q, state.v, state.phi).compile({"xla_backend_optimization_level": "0"})
+
+
+@pytest.mark.slow
+def test_free_motion_is_mujocos_at_the_same_steps() -> None:
+    """Joints with servos and motors in flight, by Runge and Kutta's steps: only the rounding differs."""
+    xml = BIPED.replace('pos="0 0 .87"', 'pos="0 0 5"').replace('range="-2 100"', 'range="-60 100"')
+    model = of(xml)
+    flow = flow_of(model)
+    _, state = begun(model, **FLYING)
+    m, data = in_c(xml, FLYING)
+    data.ctrl[:] = 0.4 * np.sin(np.arange(4))
+    h, q, v, phi = 1e-3, state.q, state.v, jnp.zeros(())
+    for _ in range(200):
+        k1 = flow(q, v, phi)
+        k2 = flow(q + 0.5 * h * k1[0], v + 0.5 * h * k1[1], phi)
+        k3 = flow(q + 0.5 * h * k2[0], v + 0.5 * h * k2[1], phi)
+        k4 = flow(q + h * k3[0], v + h * k3[1], phi)
+        q, v = (
+            x + h / 6 * (a + 2 * b + 2 * c + d) for x, a, b, c, d in zip((q, v), k1, k2, k3, k4, strict=True)
+        )
+        mujoco.mj_step(m, data)
+    assert np.abs(data.qpos[3:]).max() > 0.3
+    np.testing.assert_allclose(q, data.qpos, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(v, data.qvel, rtol=0, atol=1e-11)
+
+
+@pytest.mark.slow
+def test_the_kernels_motion_is_mujocos_in_flight() -> None:
+    """MuJoCo's steps of 0.1 ms have errors of some 1e-12."""
+    start = {"z_0": 3.0, "leg_0": 0.4, "leg_rate_0": -2.0, "x_rate_0": 1.0}
+    trace = gs.simulate(Swinging(), **start, swing=0.0, duration=0.3, every=0.3, numerics=EXACT)
+    xml = HOPPER.replace('timestep="0.0005"', 'timestep="0.0001" integrator="RK4"')
+    m, data = in_c(xml, start)
+    for _ in range(3000):
+        mujoco.mj_step(m, data)
+    np.testing.assert_allclose(trace[["q_0", "q_1", "q_2"]].to_numpy()[-1], data.qpos, rtol=0, atol=1e-10)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("friction", [1, 3])
+def test_a_body_at_rest_is_as_deep_as_in_mujoco(friction: int) -> None:
+    """At rest MuJoCo's contact is a spring; elliptic cones have it in the normal direction alone."""
+    xml = f"""<mujoco><option timestep="0.0005" cone="elliptic"/><worldbody>
+      <geom type="plane" size="5 5 .1" condim="{friction}"/>
+      <body pos="0 0 .1"><joint name="z" type="slide" axis="0 0 1"/>
+        <geom name="ball" type="sphere" size=".1" mass="2" condim="{friction}"/></body>
+    </worldbody></mujoco>"""
+    m, data = in_c(xml, {})
+    for _ in range(6000):
+        mujoco.mj_step(m, data)
+    model = of(xml, control=lambda self, p, s: jnp.zeros(0))
+    trace = gs.simulate(model, duration=3.0, every=3.0)
+    np.testing.assert_allclose(trace["q_0"].iloc[-1], data.qpos[0], rtol=1e-4)
+    params, state = begun(model, z_0=float(trace["q_0"].iloc[-1]))
+    assert state.pushing.all()
+    np.testing.assert_allclose(model.load(params, state, "ball"), 2.0 * 9.81, rtol=1e-6)
+
+
+@pytest.mark.slow
+def test_errors_fall_with_the_fourth_power_of_the_step_through_contacts() -> None:
+    """The foot lands, slips, sticks and leaves; a contact found at the end of a step alone has order 1."""
+
+    def end(numerics: dict[str, Any]) -> np.ndarray:
+        trace = gs.simulate(Swinging(), **HOP, duration=0.35, every=0.35, numerics=numerics)
+        return trace[["q_0", "q_1", "q_2"]].to_numpy()[-1]
+
+    force = gs.simulate(Swinging(), **HOP, duration=0.35, every=0.005, numerics=EXACT)["force"].to_numpy()
+    assert (np.diff((force > 0.0).astype(int)) != 0).sum() >= 2  # it lands and leaves
+    true = end(EXACT)
+    steps = np.array([2e-4, 1e-4, 5e-5])
+    errors = [np.abs(end({"method": "rk4", "dt": dt}) - true).max() for dt in steps]
+    slope = np.polyfit(np.log(steps), np.log(errors), 1)[0]
+    assert abs(slope - 4.0) < 0.4, (slope, errors)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("parameter", "value", "old", "new"),
+    [
+        ("trunk_mass", 3.0, 'mass="2"', 'mass="3"'),
+        ("leg_damping", 0.7, 'damping=".2"', 'damping=".7"'),
+        ("leg_kp", 60.0, 'kp="40"', 'kp="60"'),
+        ("foot_friction", 0.3, 'size=".05" mass=".1"', 'size=".05" mass=".1" friction=".3" priority="1"'),
+        ("gravity", 5.0, 'timestep="0.0005"', 'timestep="0.0005" gravity="0 0 -5"'),
+    ],
+)
+def test_an_axis_equals_the_edited_file(parameter: str, value: float, old: str, new: str) -> None:
+    """Rows of a sweep against the reloaded file; the ground's stiffness, which follows masses, is given."""
+    assert old in HOPPER
+    ground = {"foot_contact_stiffness": 2e4, "foot_contact_damping": 200.0, "foot_grip": 200.0}
+    options = {**HOP, **ground, "duration": 0.3, "every": 0.3, "numerics": EXACT}
+    varied = gs.simulate(Swinging(), **options, **{parameter: value})
+    edited = gs.simulate(of(HOPPER.replace(old, new)), **options)
+    columns = ["q_0", "q_1", "q_2"]
+    np.testing.assert_allclose(varied[columns].iloc[-1], edited[columns].iloc[-1], rtol=0, atol=1e-10)
+    plain = gs.simulate(Swinging(), **options)
+    assert np.abs(plain[columns].iloc[-1] - edited[columns].iloc[-1]).max() > 1e-4
+
+
+@pytest.mark.slow
+def test_a_size_equals_the_edited_lengths() -> None:
+    """The body's lengths, its inertia and the place of what it carries, by one factor."""
+    xml = BIPED.replace('fromto="0 0 0 0 0 -.42" size=".04"', 'fromto="0 0 0 0 0 -.63" size=".06"')
+    edited = of(xml.replace('pos="0 0 -.42"', 'pos="0 0 -.63"'))
+    plain = of(BIPED)
+    sizes = {"thigh_l_size": 1.5, "thigh_r_size": 1.5}
+    rng = np.random.default_rng(0)
+    q, v = rng.normal(size=7), rng.normal(size=7)
+    results = []
+    for model, values in ((edited, {}), (plain, sizes)):
+        params, _ = begun(model, **values)
+        geometry = model.body.geometry(params.body)
+        results.append([geometry.mass, geometry.com, geometry.inertia, geometry.position])
+        stops = model.body.stretches(params.body, q, v)
+        results[-1].append(np.array([float(stop.stretch) for stop in stops]))
+    for one, other in zip(*results, strict=True):
+        np.testing.assert_allclose(one, other, rtol=0, atol=1e-12)
+
+
+@pytest.mark.slow
+def test_the_return_map_has_a_derivative() -> None:
+    """Against central differences through landings; the slide along the ground is no coordinate."""
+    hop = gs.return_map(Swinging(), numerics={"method": "tsit5", "rtol": 1e-12, "atol": 1e-14})
+    assert list(hop.coordinates) == ["z", "leg", "z_rate", "x_rate", "leg_rate", "phi"]
+    x = hop.settled({"z_0": 0.02}, 2).at[0]
+    # a foot in the ground is some 0.3 mm deep, so larger steps would see the map's curvature
+    n, h = x.size, 1e-6
+    ends = np.asarray(hop(x + h * np.concatenate([np.eye(n), -np.eye(n)])))
+    central = ((ends[:n] - ends[n:]) / (2.0 * h)).T
+    jacobian = np.asarray(hop.jacobian(x)).reshape(n, n)
+    size = np.abs(central[:, :-1]).max()
+    # the phase is 0 on the section: a start before it would cross it at once
+    np.testing.assert_allclose(jacobian[:, :-1], central[:, :-1], rtol=0, atol=1e-6 * size)
+
+
+def test_formulas_replace_numbers_of_the_file() -> None:
+    model = of(BIPED, formulas={"thigh_l_mass": "2*thigh_l_size**3", "thigh_r_mass": "thigh_l_mass"})
+    defaults = {q.name: q.default for q in model.parameters}
+    assert defaults["thigh_r_mass"] == "thigh_l_mass"
+    with pytest.raises(ValueError, match="thig_mass, no parameter of the body; did you mean"):
+        _ = of(BIPED, formulas={"thig_mass": 1.0}).parameters
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "sentence"),
+    [
+        (
+            'type="sphere" pos="0 0 -.45" size=".05"',
+            'type="cylinder" pos="0 0 -.45" size=".05 .1"',
+            "foot' is a cylinder",
+        ),
+        ('contype="0"/>\n      <geom name="foot"', '/>\n      <geom name="foot"', None),
+        (
+            "<actuator>",
+            '<actuator><intvelocity name="m" joint="leg" kp="1" actrange="0 1"/>',
+            "Actuator 'm' has activation",
+        ),
+        ('damping=".2"', 'frictionloss=".2"', "Joint 'leg' has frictionloss"),
+        ('mass=".1" conaffinity="0"', 'mass=".1" conaffinity="0" margin=".01"', "Geom 'foot' has margin"),
+        ('mass=".1" conaffinity="0"', 'mass=".1" conaffinity="0" condim="6"', "Geom 'foot' has condim 6"),
+        (
+            "</worldbody>",
+            '<body name="other" pos="3 0 1"><freejoint/><geom name="o" size=".1"/></body></worldbody>',
+            "'leg' and 'o' may touch",
+        ),
+    ],
+)
+def test_what_is_not_covered_is_refused(old: str, new: str, sentence: str | None) -> None:
+    assert old in HOPPER
+    model = of(HOPPER.replace(old, new))
+    if sentence is None:
+        assert model.stops == 3
+        return
+    with pytest.raises(ValueError, match=sentence):
+        _ = model.parameters
