@@ -51,6 +51,7 @@ ROOT = Path(__file__).resolve().parents[1]
 _COMMENT = re.compile(r"^<!-- numbers(?:, (\d+) s)?: (.*?)^-->$", re.MULTILINE | re.DOTALL)
 _SOURCED = re.compile(r"^<!-- numbers (given|recorded), ([^:\n]*): (.*?)-->$", re.MULTILINE | re.DOTALL)
 _HEADING = re.compile(r"^#+ .*$", re.MULTILINE)
+_GENERATED = re.compile(r"^<!-- described: (\w+) -->$.*?^<!-- end: \1 -->$", re.MULTILINE | re.DOTALL)
 _NUMBER = r"-?(?:\d+(?:\.\d+)?|\.\d+)(?:e[-+]?\d+)?"
 _GROUPED = r"-?\d{1,3}(?:[ \n]\d{3})+(?![\d.])"
 _BRACES = re.compile(rf"\{{(<?) ?({_GROUPED}|{_NUMBER})(?: \+- ({_NUMBER}))?( %)?\}}")
@@ -153,7 +154,7 @@ def unsourced(text: str) -> Iterator[tuple[int, str]]:
     known = {stated.digits for check in checks(text) for line in check.lines for stated in line.stated}
     known |= {digits for _, digits in sourced(text)}
     prose = text
-    for pattern in (_SOURCED, _COMMENT, _UNMEASURED):
+    for pattern in (_SOURCED, _COMMENT, _GENERATED, _UNMEASURED):
         prose = pattern.sub(lambda match: re.sub(r"[^\n]", " ", match[0]), prose)
     for found in _WRITTEN.finditer(prose):
         digits = " ".join(found[0].split())

@@ -28,7 +28,7 @@ from benchmarks.sweep_rate import Rate, sweep_rate
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.sweep.xla import local_devices
 from gaitsweep.papers.aoi2011.waist_quadruped import WaistQuadruped
-from gaitsweep.papers.aoi2011.waist_quadruped.mechanics import mjcf
+from gaitsweep.papers.aoi2011.waist_quadruped.sizes import mjcf
 
 STEP = 2e-4  # s
 LOCATED = 3e-4  # s, the longest step where events are located

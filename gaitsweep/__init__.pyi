@@ -19,6 +19,7 @@ from gaitsweep.api.result import Result as Result
 from gaitsweep.api.result import run as run
 from gaitsweep.api.stationary import StationaryPoints as StationaryPoints
 from gaitsweep.api.stationary import stationary as stationary
+from gaitsweep.api.trajectories import perturb as perturb
 from gaitsweep.api.trajectories import simulate as simulate
 from gaitsweep.api.trajectories import sweep as sweep
 from gaitsweep.contract import HybridModel as HybridModel
@@ -28,15 +29,20 @@ from gaitsweep.contract import SteppedModel as SteppedModel
 from gaitsweep.dynamics.body.body_model import BodyModel as BodyModel
 from gaitsweep.dynamics.declarations import energy as energy
 from gaitsweep.dynamics.declarations import event as event
+from gaitsweep.dynamics.declarations import instants as instants
 from gaitsweep.dynamics.declarations import mode as mode
 from gaitsweep.dynamics.declarations import observable as observable
 from gaitsweep.dynamics.declarations import parameter as parameter
 from gaitsweep.dynamics.declarations import signal as signal
 from gaitsweep.dynamics.declarations import symmetry as symmetry
+from gaitsweep.dynamics.declarations import time as time
 from gaitsweep.dynamics.declarations import variable as variable
 from gaitsweep.dynamics.declared_model import DeclaredModel as DeclaredModel
 from gaitsweep.dynamics.footfalls import footfalls as footfalls
+from gaitsweep.dynamics.map_model import MapModel as MapModel
 from gaitsweep.dynamics.mjx.mjcf_model import MjcfModel as MjcfModel
+from gaitsweep.dynamics.noise import normal as normal
+from gaitsweep.dynamics.noise import uniform as uniform
 from gaitsweep.errors import ArgumentError as ArgumentError
 from gaitsweep.errors import UserError as UserError
 from gaitsweep.extension import Extension as Extension
@@ -46,6 +52,7 @@ from gaitsweep.job import load_job as load_job
 from gaitsweep.kinds import Continuation as Continuation
 from gaitsweep.kinds import FixedTime as FixedTime
 from gaitsweep.kinds import Folds as Folds
+from gaitsweep.kinds import Perturb as Perturb
 from gaitsweep.kinds import Ramp as Ramp
 from gaitsweep.kinds import ReturnMap as ReturnMap
 from gaitsweep.kinds import Settle as Settle
@@ -53,7 +60,7 @@ from gaitsweep.kinds import Staircase as Staircase
 from gaitsweep.kinds import Trace as Trace
 from gaitsweep.models.conformity import fault as fault
 from gaitsweep.runs.prepare import RunError as RunError
-from gaitsweep.runs.self_check import SelfCheckError as SelfCheckError
+from gaitsweep.runs.self_check_result import SelfCheckError as SelfCheckError
 from gaitsweep.skeleton import Limb as Limb
 from gaitsweep.skeleton import LimbLook as LimbLook
 from gaitsweep.skeleton import Skeleton as Skeleton

@@ -16,7 +16,10 @@ T = TypeVar("T", "float", "np.ndarray", "jax.Array", "pd.Series")
 
 
 def wrapped_difference(difference: T) -> T:
-    """Differences of angles by the shorter way, rad, in [-pi, pi).
+    """Differences of angles, wrapped to [-pi, pi).
+
+    Args:
+        difference: a number or an array of any shape, rad.
 
     Example:
         >>> import numpy as np, gaitsweep as gs

@@ -19,9 +19,9 @@ _DIGEST = 32  # bytes before the content of a file
 
 
 def cache_folder(name: str) -> Path | None:
-    """The folder of this name in the cache, made if it is not there; None where it cannot be used.
+    """The folder of this name in the cache, created at its first use; None if it cannot be used.
 
-    Warns where another user owns it or may write to it.
+    Warns if another user owns it or may write to it.
     """
     base = os.environ.get("GAITSWEEP_CACHE")
     try:
@@ -46,7 +46,7 @@ def _warn_once(sentence: str) -> None:
 
 
 def store_cached(file: Path, content: bytes) -> None:
-    """Write a file of the cache with its digest, at once; a file that cannot be written is left out."""
+    """Write a file of the cache with its digest, atomically; do nothing if it cannot be written."""
     with contextlib.suppress(OSError):
         # closed below, before it is renamed
         draft = tempfile.NamedTemporaryFile(dir=file.parent, suffix=".tmp", delete=False)  # noqa: SIM115
@@ -71,14 +71,14 @@ def load_cached(file: Path) -> bytes | None:
 
 def _unsafe(folder: Path) -> str | None:
     """Return why code from a folder may be another user's, or None."""
-    about, user = folder.stat(), os.geteuid()
-    if about.st_uid not in (user, 0):
+    status, user = folder.stat(), os.geteuid()
+    if status.st_uid not in (user, 0):
         return (
-            f"it belongs to user {about.st_uid}, but this process runs as user {user}; set "
+            f"it belongs to user {status.st_uid}, but this process runs as user {user}; set "
             "GAITSWEEP_CACHE to your own"
         )
-    others = stat.S_IWOTH if _is_own_group(about.st_gid, user) else stat.S_IWOTH | stat.S_IWGRP
-    if about.st_mode & others and not about.st_mode & stat.S_ISVTX:
+    others = stat.S_IWOTH if _is_own_group(status.st_gid, user) else stat.S_IWOTH | stat.S_IWGRP
+    if status.st_mode & others and not status.st_mode & stat.S_ISVTX:
         return f"other users can write to it; prevent that by chmod go-w {folder}"
     return None
 

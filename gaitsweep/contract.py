@@ -117,9 +117,24 @@ class Status(ResultCode):
         Verdict.sound,
     )
 
+    chaotic = (
+        13,
+        "The crossings do not repeat: their largest Lyapunov exponent is positive beyond its error.",
+        Verdict.sound,
+    )
+    quasi_periodic = (
+        14,
+        "The crossings return without repeating, and neighbours neither separate nor approach.",
+        Verdict.sound,
+    )
+
     SOUND = _OfVerdict(Verdict.sound)
     UNDECIDED = _OfVerdict(Verdict.undecided)
     FAILED = _OfVerdict(Verdict.failed)
+
+
+# Statuses of rows on attractors without a period, whose crossings a table lists as a sample of the attractor.
+RECURRENT = StatusNames({"chaotic", "quasi_periodic"})
 
 
 class Outcome(enum.StrEnum):
@@ -293,6 +308,11 @@ class Model(Jumps):
         _refuse_old_names(cls, RENAMED)
 
     @property
+    def original(self) -> Model:
+        """The model that its author wrote; a model that adds to another one returns that one."""
+        return self
+
+    @property
     def precisions(self) -> tuple[str, ...]:
         """The supported precisions: float64, float32, mixed (see `FixedStepDynamics.step`)."""
         return ("float64",)
@@ -445,6 +465,9 @@ class Model(Jumps):
 class FixedStepDynamics(Jumps):
     """A time-stepping scheme of fixed step length, whose events are detected at the end of a step."""
 
+    # whether every step ends on the section: the step is the return map, has its derivative and no error
+    is_return_map: ClassVar[bool] = False
+
     @abc.abstractmethod
     def step(self, params: Params, state: State, dt: Float[Array, ""], /) -> State:
         """The state one step of `dt` (s) later; modes are left to `jump`.
@@ -492,7 +515,7 @@ class HybridModel(Model):
 
     1. A model gives what `Model` asks for, `flow` and `guards`.
     2. It may give the optional members of `Model`, and those of this class: `linear`, `recommended`,
-       `fast_modes`, `locates_events` and `fixed_step_scheme` for the method, `simultaneous`, `longest_chain`
+       `fast_modes`, `locates_events` and `fixed_step_scheme` for the method, `simultaneous`, `longest_chain`,
        `guard_names` and `occurred` for the events, `energies` for the check of the flow.
     3. The engine alone calls the functions.
     """

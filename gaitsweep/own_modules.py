@@ -81,8 +81,8 @@ def _folder_of(module: ModuleType) -> Path | None:
 
 def stamp_of(file: Path) -> Stamp:
     """The modification time (ns) and the size of a file."""
-    about = file.stat()
-    return about.st_mtime_ns, about.st_size
+    status = file.stat()
+    return status.st_mtime_ns, status.st_size
 
 
 @contextlib.contextmanager

@@ -19,11 +19,13 @@ class RowNumber:
     """A number of a row's result, by whose declaration it reaches the table.
 
     Args:
-        name: its name. dtype: type of its stored values; along a trajectory it is an int32, or a float of
-        the run's precision. absent: its value in rows that have not ended or were not simulated, and where
-        a trajectory begins. quantity: unit and meaning of its column; None if the run kind declares the
-        column itself. crossings: if not 0, it has the values of all observables at so many crossings, one
-        crossing after the other, and is not among the numbers that a recorder sets.
+        name: its name.
+        dtype: type of its stored values; along a trajectory an int32, or a float of the run's precision.
+        absent: its value in rows that have not ended or were not simulated, and at the start of a trajectory.
+        quantity: unit and meaning of its column; None if the run kind declares the column itself.
+        crossings: if not 0, the number of crossings at which it holds the values of all observables, one
+            crossing after the other; a recorder does not set such a number.
+        compared: whether the self-check compares it, as it does the gait.
     """
 
     name: str
@@ -31,6 +33,7 @@ class RowNumber:
     absent: float = 0
     quantity: Quantity | None = None
     crossings: int = 0
+    compared: bool = False
 
     def shape(self, observables: int) -> tuple[int, ...]:
         """Its shape in one row."""
@@ -83,7 +86,14 @@ class RowOutcome:
     def empty(
         cls, row: Int[np.ndarray, " rows"], numbers: Sequence[RowNumber], observables: int, width: int = 0
     ) -> RowOutcome:
-        """Rows without results, of recorders with `numbers` and with `width` numbers in a record."""
+        """Rows without results.
+
+        Args:
+            row: the numbers (n,) of the rows in their table.
+            numbers: those that the recorder declares.
+            observables: the number of the model's observables.
+            width: how many numbers a record has.
+        """
         arrays = {
             number.name: np.full((row.size, *number.shape(observables)), number.absent, number.dtype)
             for number in (*ENGINE_NUMBERS, *numbers)

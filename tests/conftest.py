@@ -22,10 +22,6 @@ keep_compiled_programs()
 
 import jax  # noqa: E402
 
-from gaitsweep.engine import stored_programs  # noqa: E402
-
-# tests replace parts of the engine, and the programs of one would be given to another
-stored_programs.cache_folder = lambda _: None
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_num_cpu_devices", 2)  # so that sweeps over several devices are tested anywhere
 jax.config.update("jax_numpy_rank_promotion", "raise")
@@ -48,6 +44,10 @@ def pytest_configure(config: pytest.Config) -> None:
         from tests.support.shapes import check_shapes
 
         check_shapes()
+    from gaitsweep.engine import stored_programs  # after the hook that checks shapes
+
+    # tests replace parts of the engine, and the programs of one would be given to another
+    stored_programs.cache_folder = lambda _: None
 
 
 @pytest.hookimpl(tryfirst=True)

@@ -1,7 +1,9 @@
-"""References written from the package itself while the site is built.
+"""References written from the package itself.
 
-A comment `<!-- described: NAME -->` in a page is replaced by what the function NAME of `DESCRIBED` writes, as
-Markdown, before the page is read.
+While the site is built, a comment `<!-- described: NAME -->` in a page is replaced by what the function NAME
+of `DESCRIBED` writes, as Markdown, with all up to `<!-- end: NAME -->` if that follows. The command
+`python docs/extensions/described_package.py` writes the same between the two comments, without pictures, for
+readers of the pages on a forge.
 """
 
 from __future__ import annotations
@@ -10,6 +12,7 @@ import dataclasses
 import math
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import gallery
@@ -20,7 +23,10 @@ from sphinx.errors import ExtensionError
 
 Described = Mapping[str, Any]  # a JSON schema
 
-MARK = re.compile(r"^<!-- described: (?P<name>[a-z_]+) -->$", re.MULTILINE)
+MARK = re.compile(
+    r"^<!-- described: (?P<name>[a-z_]+) -->$(?:(?P<stored>.*?)^<!-- end: (?P=name) -->$)?",
+    re.MULTILINE | re.DOTALL,
+)
 
 _FIELD_COLUMNS = ("field", "meaning", "value", "default")
 _SECTIONS = {
@@ -385,6 +391,23 @@ def _replace(app: Sphinx, page: str, source: list[str]) -> None:
     source[0] = MARK.sub(written, source[0])
 
 
+def on_a_forge(name: str) -> str:
+    """What a function of `DESCRIBED` writes, for a forge: with anchors of HTML, and without pictures."""
+    text = re.sub(r"^!\[.*\n", "", "\n".join(DESCRIBED[name]()), flags=re.MULTILINE)
+    text = re.sub(r"^\(([a-z-]+)\)=$", r'<a id="\1"></a>\n', text, flags=re.MULTILINE)
+    text = re.sub(r"\n{3,}", "\n\n", text)
+    return f"<!-- described: {name} -->\n\n{text}\n<!-- end: {name} -->"
+
+
+def written_pages() -> Iterator[tuple[Path, str]]:
+    """The pages with references that are stored, and their texts by today's package."""
+    for page in sorted(Path(__file__).parents[1].glob("*.md")):
+        text = page.read_text(encoding="utf-8")
+        now = MARK.sub(lambda mark: on_a_forge(mark["name"]) if mark["stored"] else mark[0], text)
+        if any(mark["stored"] for mark in MARK.finditer(text)):
+            yield page, now
+
+
 def _always_read(app: Sphinx, env: Any, added: set[str], changed: set[str], removed: set[str]) -> set[str]:
     """Pages that are written from the package are read in each build, since the package may have changed."""
     return {page for page in env.found_docs if MARK.search(env.doc2path(page).read_text(encoding="utf-8"))}
@@ -395,3 +418,8 @@ def setup(app: Sphinx) -> dict[str, Any]:
     app.connect("source-read", _replace)
     app.connect("env-get-outdated", _always_read)
     return {"version": "1", "parallel_read_safe": True, "parallel_write_safe": True}
+
+
+if __name__ == "__main__":
+    for written_page, page_text in written_pages():
+        written_page.write_text(page_text, encoding="utf-8")

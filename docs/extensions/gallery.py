@@ -39,6 +39,8 @@ ENTRIES: dict[str, tuple[str, tuple[str, ...]]] = {
     "basin_measures": ("multilegged_basin_measures", SLICES),
     "gait_map": ("multilegged_reduced_amplitudes", ()),
     "shock": ("multilegged_basin_measures", SLICES),
+    "recovery": ("gaitsweep/examples/compass_walker_pushes.yaml", ()),
+    "phase_response": ("gaitsweep/examples/compass_walker_pushes.yaml", ()),
     "branches": (
         "waist_quadruped_branches",
         ("vary.f.linspace=[2.0, 3.2, 9]", "vary.delta_13.linspace=[2.65, 3.15, 24]"),

@@ -11,7 +11,7 @@ from jaxtyping import Bool, Int
 from gaitsweep import near_miss
 from gaitsweep.contract import Outcome, Status
 from gaitsweep.errors import UserError
-from gaitsweep.table.reading import outcomes
+from gaitsweep.table.frames import outcomes
 
 BEFORE_A_FALL = 10  # crossings before a failure that belong to the fall, not to a gait
 

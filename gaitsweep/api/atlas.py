@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
+from jaxtyping import Bool
 
 from gaitsweep.api.keywords import AnyModel
 from gaitsweep.api.result import Result, run, run_in_memory
@@ -124,10 +125,12 @@ class Atlas:
         return self.result.plot
 
     @property
-    def _of_branches(self) -> np.ndarray:
+    def _of_branches(self) -> Bool[np.ndarray, " records"]:
+        """Mask of the records of branches."""
         return (self._table["part"].astype(str) == "branch").to_numpy(bool)
 
-    def _where(self, mask: np.ndarray) -> pd.DataFrame:
+    def _where(self, mask: Bool[np.ndarray, " records"]) -> pd.DataFrame:
+        """The records of a mask, numbered anew."""
         return self._table.iloc[np.flatnonzero(mask)].reset_index(drop=True)
 
 

@@ -57,3 +57,5 @@ class FiguresOfTable:
     gait_transitions = _method(plot.gait_transitions)
     basin_measures = _method(plot.basin_measures)
     shock = _method(plot.shock)
+    recovery = _method(plot.recovery)
+    phase_response = _method(plot.phase_response)

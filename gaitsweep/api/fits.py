@@ -229,6 +229,7 @@ class _Fit(Generic[FitT]):
         client: Client | None,
         in_memory: bool = False,
     ) -> FitT:
+        """Run a job that was read."""
         on_progress = progress_lines("sets") if on_progress is None else on_progress
         cluster = None if client is None else cluster_of(client, collect=in_memory)
         return self.run(

@@ -27,25 +27,14 @@ RESERVED = ("out", "engine", "numerics", "params", "start", "verify", "client", 
 _GROUPS = ("zip", "sample")
 
 
-def job_of(
-    model: AnyModel,
-    values: Mapping[str, Any],
-    *,
-    run: BaseModel | Mapping[str, Any],
-    params: Mapping[str, Any] | None = None,
-    start: Mapping[str, Any] | None = None,
-    any_start: bool = False,
-    **fields: Any,
-) -> Job:
-    """Return the job that runs a model with these keywords; see `fields_of`.
+def job_of(model: AnyModel, values: Mapping[str, Any], **fields: Any) -> Job:
+    """Return the job that runs a model with these keywords; the arguments are those of `fields_of`.
 
     Raises:
         ArgumentError: a name that the model does not have, or an array of several dimensions.
         JobError: all other errors of the job.
     """
-    return Job.model_validate(
-        fields_of(model, values, run=run, params=params, start=start, any_start=any_start, **fields)
-    )
+    return Job.model_validate(fields_of(model, values, **fields))
 
 
 def fields_of(
@@ -88,8 +77,8 @@ def fields_of(
     elif sizes:
         size = next(iter(sizes))
         raise ArgumentError(f"{size} shapes the model: give it to {type(model).__name__}, not here.")
-    spec, diagnostics = read_model_spec(name, structure, None, [])
-    if spec is None:
+    spec, diagnostics = read_model_spec(name, structure, None, [], run)
+    if spec is None or diagnostics:
         raise ArgumentError("\n".join(map(str, diagnostics)))
     vary: dict[str, Any] = {}
     constants: dict[str, dict[str, Any]] = {"params": {}, "start": {}}
@@ -176,6 +165,7 @@ def _named(model: AnyModel) -> tuple[str, list[str], dict[str, Any] | None]:
 
 
 def _structure_of(name: str) -> list[str]:
+    """Return the names of the structure of a model; refuses one that is not found or no dataclass."""
     try:
         model_class = models.find(name)
     except models.ModelError as error:
@@ -188,6 +178,7 @@ def _structure_of(name: str) -> list[str]:
 
 
 def _check_name(name: str, spec: ModelSpec) -> None:
+    """Refuse a name that is neither a parameter nor a start value of a model."""
     if name in spec.quantities:
         return
     if name in RESERVED:
@@ -205,6 +196,7 @@ def _allowed(quantity: Quantity) -> float:
 
 
 def _is_axis(name: str, value: Any) -> bool:
+    """Return whether a value is an axis and not a constant; refuses arrays of several dimensions."""
     if isinstance(value, Mapping | list | tuple | range):
         return True
     dimensions = np.ndim(value)

@@ -159,6 +159,7 @@ class Result:
         return f"<p>{lines}</p>{self.table.head(_SHOWN_ROWS).to_html()}"
 
     def _summary(self) -> list[str]:
+        """Lines with the counts of rows, statuses and gaits, and the self-check."""
         known = self.manifest
         counts = {"rows": {"": known["rows"]}, "status": known.get("counts"), "gait": known.get("gaits")}
         lines = [
@@ -229,10 +230,10 @@ def refuse_of_session(model: str) -> None:
 
 def cluster_of(client: Client, collect: bool = False) -> Cluster:
     """Return the workers of a `distributed.Client`; with `collect` no directory is shared with them."""
-    from gaitsweep.runs.cluster.connection import GivenClient
+    from gaitsweep.runs.cluster.connection import UserClient
     from gaitsweep.runs.cluster.dispatch import Cluster
 
-    return Cluster(GivenClient(client), collect=collect, on_message=warn)
+    return Cluster(UserClient(client), collect=collect, on_message=warn)
 
 
 def run_in_memory(job: Job, client: Client | None = None) -> Result:
@@ -256,6 +257,7 @@ def warn(sentence: str, level: int = 1) -> None:
 
 
 def _remarked(result: Result) -> Result:
+    """Issue the remarks on a result as warnings, and return it."""
     for remark in remarks(result.manifest):
         warn(remark, 4)
     return result

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,7 +18,7 @@ from gaitsweep.design.design import row_params
 from gaitsweep.engine.content import held_contents
 from gaitsweep.errors import ArgumentError
 from gaitsweep.job import Job
-from gaitsweep.kinds import Settle, Trace
+from gaitsweep.kinds import Perturb, Settle, Trace
 
 if TYPE_CHECKING:
     from distributed import Client  # pyright: ignore[reportMissingImports]
@@ -79,6 +79,64 @@ def sweep(
 
 
 @held_contents()
+@held_contents()
+def perturb(
+    model: AnyModel,
+    push: Sequence[str] = (),
+    *,
+    run: Mapping[str, Any] | None = None,
+    **keywords: Any,
+) -> Result:
+    """Settle a model over a grid, push each row once, and settle it again.
+
+    Args:
+        model: an instance, a class, a registered name, or "package.module:attribute".
+        push: variables of the flow that are pushed, by amounts `push_NAME` and at a `push_phase`.
+        run: other fields of the run kind `Perturb`: `force`, `step`, `at`, `within`, `max_cycles`, ...
+        keywords: as for `sweep`: amounts, phases, parameters and start values by name, `out`, `numerics`, ...
+
+    Raises:
+        ArgumentError: a name that the model does not have; `out` for a class of this session.
+        JobError, TableError, RunError: as for `sweep`.
+
+    Example:
+        A rimless wheel that is slowed down just after an impact recovers if it passes the vertical, where
+        its energy has to be positive. It falls back from a rate below 2 sin((0.3 - slope) / 2):
+
+        >>> import numpy as np, jax.numpy as jnp, gaitsweep as gs
+        >>> class Wheel(gs.DeclaredModel):
+        ...     slope = gs.parameter("rad", "slope of the ground, downwards", 0.08)
+        ...     angle = gs.variable("rad", "angle of the spoke on the ground from the vertical")
+        ...     rate = gs.variable("1", "rate of the angle, in sqrt(g / l)", 0.5)
+        ...
+        ...     def complete(self, p, s):
+        ...         return s.replace(angle=p.slope - 0.3)
+        ...
+        ...     def flow(self, p, s):
+        ...         return {"angle": s.rate, "rate": jnp.sin(s.angle)}
+        ...
+        ...     @gs.event("spoke lands", section=True)
+        ...     def landing(self, p, s):
+        ...         return s.angle - p.slope - 0.3
+        ...
+        ...     @landing.jump
+        ...     def impact(self, p, s):
+        ...         return s.replace(angle=p.slope - 0.3, rate=jnp.cos(0.6) * s.rate)
+        ...
+        ...     def failed(self, p, s):
+        ...         return s.rate < 0.0
+        ...
+        ...     def period(self, p):
+        ...         return 2.0
+        >>> gait = 2.0 / np.tan(0.6) * np.sqrt(np.sin(0.3) * np.sin(0.08))
+        >>> least = 2.0 * np.sin((0.3 - 0.08) / 2.0) - gait
+        >>> pushes = [least - 0.001, least + 0.001, 0.5]
+        >>> gs.perturb(Wheel(), ["rate"], push_rate=pushes).table["recovery"].tolist()
+        ['fell', 'recovered', 'recovered']
+    """
+    return sweep(model, run=Perturb(push=list(push), **(run or {})), **keywords)
+
+
 def simulate(
     model: AnyModel,
     *,

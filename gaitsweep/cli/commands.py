@@ -5,10 +5,8 @@ Each imports its dependencies when it runs, so that `--help` and `--version` do 
 
 from __future__ import annotations
 
-import contextlib
 import json
 import sys
-from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -16,16 +14,10 @@ import typer
 
 from gaitsweep.cli import analyse, models, stored_output
 from gaitsweep.cli.examples import examples
-from gaitsweep.cli.options import (
-    ClusterAsForRun,
-    Directory,
-    Open,
-    Out,
-    Settings,
-    Trust,
-    print_links,
-    print_message,
-)
+from gaitsweep.cli.fits import search, sensitivity
+from gaitsweep.cli.options import Directory, DryRun, Open, Out, Settings, Trust, print_links, print_message
+from gaitsweep.cli.reproduce import reproduce
+from gaitsweep.cli.running import print_outcome, running
 from gaitsweep.cli.views import animate, explore
 from gaitsweep.errors import UserError
 from gaitsweep.shipped import config_file
@@ -34,10 +26,6 @@ from gaitsweep.version import version
 
 if TYPE_CHECKING:
     from gaitsweep.job import Job
-    from gaitsweep.runs.cluster.dispatch import Cluster
-    from gaitsweep.runs.progress import Progress
-
-STOPPED = 130  # by Ctrl-C
 
 app = typer.Typer(
     help="Parameter sweeps of legged locomotion: from a job file to tables and figures.",
@@ -56,12 +44,10 @@ JobFile = Annotated[
         help="Job file, or builtin:NAME of a shipped job (see `gaitsweep examples`).",
     ),
 ]
-DryRun = Annotated[
-    bool, typer.Option("--dry-run", help="Print the resources that the job would need, without running it.")
-]
 
 
 def _print_version(requested: bool) -> None:
+    """Print the version and exit, if asked to."""
     if requested:
         print(f"gaitsweep {version()}")
         raise typer.Exit
@@ -73,7 +59,7 @@ def _options(
         bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version.")
     ] = False,
 ) -> None:
-    pass
+    """Take the options that come before a command."""
 
 
 @app.command()
@@ -128,7 +114,7 @@ def run(
     stored = None if dry_run else stored_output.load_output(command)
     if stored is not None:
         print(stored[1], end="", file=sys.stderr)
-        _print_outcome(stored[0], open_it)
+        print_outcome(stored[0], open_it)
         return
     from gaitsweep.cli import show
     from gaitsweep.job import load_job
@@ -155,7 +141,7 @@ def run(
         messages.append(sentence)
         print_message(sentence)
 
-    with _running(
+    with running(
         job.name, out, cluster=cluster, collect=collect, limit=block_limit, on_message=on_message
     ) as (on_progress, workers):
         if rows is not None:
@@ -168,7 +154,7 @@ def run(
             )
     snapshot = Snapshot.of(path)
     outcome = show.outcome(snapshot)
-    _print_outcome(outcome, open_it)
+    print_outcome(outcome, open_it)
     if not snapshot.complete:  # a share of the rows, whose table other processes complete
         return
     # repairs are not reported again, and other tables or the user's modules may change
@@ -177,13 +163,6 @@ def run(
         sources = [job_file, *([] if job.config is None else [config_file(job.config, job_file.parent)])]
         errors = "".join(f"{sentence}\n" for sentence in messages)
         stored_output.store_output(command, sources, path, outcome, errors)
-
-
-def _print_outcome(outcome: str, open_them: bool) -> None:
-    """Print the outcome of a run, and links to the figures that it names; open these if asked to."""
-    print(outcome)
-    named = (line.partition("Figure: ") for line in outcome.splitlines())
-    print_links([file for before, sign, file in named if sign and not before], open_them)
 
 
 @app.command()
@@ -233,63 +212,18 @@ def atlas(
     if settings:
         raise typer.BadParameter("--set is for a job: --more takes the job of the result directory as it is.")
     job, out = wider_job(load(target).attrs, trust), out or target.with_name(f"{target.name}_more")
-    with _running(job.name, out, cluster=None) as (on_progress, _):
+    with running(job.name, out, cluster=None) as (on_progress, _):
         path = run_job(job, out, on_progress=on_progress, on_message=print_message)
     wider = Snapshot.of(path)
-    _print_outcome(show.outcome(wider), open_it)
+    print_outcome(show.outcome(wider), open_it)
     if wider.manifest.get("findings") == Snapshot.of(target).manifest.get("findings"):
         print(f"Nothing was found that {target} does not have.")
 
 
-@contextlib.contextmanager
-def _running(
-    name: str,
-    out: Path | None,
-    unit: str = "rows",
-    *,
-    cluster: str | None,
-    collect: bool = False,
-    limit: float | None = None,
-    on_message: Callable[[str], None] = print_message,
-) -> Iterator[tuple[Progress, Cluster | None]]:
-    """The progress callback and the workers of a run; a run that was stopped ends with a sentence."""
-    from gaitsweep.cli.progress import stoppable_progress
-
-    try:
-        with stoppable_progress(unit) as on_progress, contextlib.ExitStack() as stack:
-            workers = None
-            if cluster is not None:
-                from gaitsweep.runs.cluster.connection import connection_to
-                from gaitsweep.runs.cluster.dispatch import Cluster
-
-                connection = connection_to(cluster)
-                workers = stack.enter_context(
-                    Cluster(connection, collect=collect, limit=limit, on_message=on_message)
-                )
-            yield on_progress, workers
-    except KeyboardInterrupt as error:
-        print_message(_stopped(name, out))
-        raise typer.Exit(getattr(error, "exit_code", STOPPED)) from None  # SIGTERM brings its own
-
-
 def _depends_on_other_files(job: Job) -> bool:
     """Whether a job's model or figures depend on files besides the job, its config and its directory."""
-    shipped = type(job.design.model).__module__.startswith("gaitsweep.")
+    shipped = type(job.design.model.original).__module__.startswith("gaitsweep.")
     return not shipped or any(getattr(figure, "with_table", None) is not None for figure in job.figures)
-
-
-def _stopped(name: str, out: Path | None) -> str:
-    """The sentence at the end of a run that was stopped."""
-    from gaitsweep.runs.execute import RESULTS
-    from gaitsweep.table import Snapshot, TableError
-
-    path = out or RESULTS / name
-    try:
-        snapshot = Snapshot.of(path)
-    except TableError:
-        return "Stopped before anything was written. Run the same command to start again."
-    safe = f"{snapshot.rows_safe} of {snapshot.manifest['rows']} rows are safe in {path}"
-    return f"Stopped: {safe}. Run the same command to continue."
 
 
 @app.command()
@@ -312,6 +246,10 @@ def plot(
     no_marks: Annotated[
         bool, typer.Option("--no-marks", help="Omit the remark on an incomplete or doubtful table.")
     ] = False,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", metavar="FOLDER", help="Folder of the files (DIR/figures)."),
+    ] = None,
     open_it: Open = False,
 ) -> None:
     """Draw the figures of a table again, without simulation."""
@@ -333,9 +271,11 @@ def plot(
         if "search" in job:
             from gaitsweep.fitting.search import draw_again
 
+            if out is not None:
+                raise typer.BadParameter("is not for the figures of a search.", param_hint="--out")
             paths = draw_again(directory)
         else:
-            paths = draw_figures(directory, style=style)
+            paths = draw_figures(directory, style=style, folder=out)
     except FigureError as error:
         for path in error.drawn:
             print(path)
@@ -453,135 +393,9 @@ def cite(
         print_message(sentence)
 
 
-@app.command()
-def reproduce(
-    paper: Annotated[
-        str, typer.Argument(metavar="PAPER", help="Name of a paper, or file of a table of claims.")
-    ],
-    quick: Annotated[
-        bool,
-        typer.Option(
-            "--quick",
-            help="Use fewer rows, wider tolerances and no self-check: minutes instead of up to an hour.",
-        ),
-    ] = False,
-    claims: Annotated[
-        str | None,
-        typer.Option(
-            "--claims", metavar="ID,ID,...", help="Check only these claims, and run only their jobs."
-        ),
-    ] = None,
-    out: Annotated[
-        Path | None,
-        typer.Option("--out", metavar="DIR", help="Output directory; by default results/reproduce_PAPER."),
-    ] = None,
-    strict: Annotated[
-        bool, typer.Option("--strict", help="Exit with code 3 if a claim is not reproduced.")
-    ] = False,
-    open_it: Open = False,
-) -> None:
-    """Run a paper's jobs, and compare its claims with them.
-
-    Only jobs without results run.
-    """
-    from gaitsweep.claims.paper import read_paper
-    from gaitsweep.claims.verdicts import ClaimVerdict
-
-    table_of_claims = read_paper(paper)
-    if claims is not None:
-        table_of_claims = table_of_claims.only(claim.strip() for claim in claims.split(","))
-    from gaitsweep.claims.reproduce import reproduce as run_and_judge
-    from gaitsweep.cli.progress import stoppable_progress
-    from gaitsweep.errors import EXIT_FAILURE
-    from gaitsweep.runs.self_check import SelfCheckError
-
-    with stoppable_progress() as on_progress:
-        judged = run_and_judge(
-            table_of_claims, out, quick=quick, on_progress=on_progress, on_message=print_message
-        )
-    counts, total = judged.counts, len(judged.table)
-    others = [v for v in ClaimVerdict if v is not ClaimVerdict.reproduced and counts[v.value]]
-    texts = [f"{counts[ClaimVerdict.reproduced.value]} of {total} claim{'s' * (total != 1)} reproduced"]
-    print(", ".join([*texts, *(f"{counts[verdict.value]} {verdict.words}" for verdict in others)]) + ".")
-    if len(judged.by_constants) > 1:
-        sets = ", ".join(f"{number} with {constants}" for constants, number in judged.by_constants.items())
-        print(f"Claims reproduced by simulation: {sets}.")
-    for missed in (ClaimVerdict.not_reproduced, ClaimVerdict.open_constants):
-        for claim in judged.table.loc[judged.table["verdict"] == missed.value].to_dict(orient="records"):
-            unit = "" if claim["unit"] in ("", "1") else f" {claim['unit']}"
-            ours = f"{claim['ours']}{unit}; paper: {claim['paper']}" if claim["ours"] else claim["why"]
-            why = f"; {claim['why']}" if claim["ours"] and claim["why"] else ""
-            print(f"{claim['id']} ({missed.words}): {ours}{why}")
-    print(f"Page: {judged.page}")
-    print_links([judged.page], open_it)
-    if judged.failed:
-        raise typer.Exit(EXIT_FAILURE)
-    if strict and counts[ClaimVerdict.not_reproduced.value]:
-        raise typer.Exit(SelfCheckError.exit_code)
-
-
-@app.command()
-def search(
-    job_file: Annotated[
-        Path,
-        typer.Argument(
-            metavar="JOB.yaml", parser=shipped_or_own, help="Job file with `search:` in place of `vary:`."
-        ),
-    ],
-    out: Out = None,
-    settings: Settings = None,
-    cluster: ClusterAsForRun = None,
-    dry_run: DryRun = False,
-    open_it: Open = False,
-) -> None:
-    """Search constants of a model that meet targets.
-
-    A search that was stopped continues; the ranges of the constants are reported.
-    """
-    from gaitsweep.cli import show_fits
-    from gaitsweep.fitting.search_job import load_search
-
-    job = load_search(job_file, list(settings or ()))
-    if dry_run:
-        from gaitsweep.fitting.estimate import estimate_search
-
-        print(show_fits.search_estimate(estimate_search(job)))
-        return
-    from gaitsweep.fitting.search import run_search
-
-    with _running(job.name, out, "sets", cluster=cluster) as (on_progress, workers):
-        result = run_search(job, out, on_progress=on_progress, on_message=print_message, cluster=workers)
-    _print_outcome(show_fits.search_outcome(result), open_it)
-
-
-@app.command()
-def sensitivity(
-    job_file: Annotated[
-        Path,
-        typer.Argument(
-            metavar="JOB.yaml",
-            parser=shipped_or_own,
-            help="Job file with `sensitivity:` in place of `vary:`.",
-        ),
-    ],
-    out: Out = None,
-    settings: Settings = None,
-    cluster: ClusterAsForRun = None,
-    open_it: Open = False,
-) -> None:
-    """Measure how much results depend on each constant.
-
-    Write a table, the indices and their figure.
-    """
-    from gaitsweep.cli import show_fits
-    from gaitsweep.fitting.sensitivity_job import load_sensitivity
-
-    job = load_sensitivity(job_file, list(settings or ()))
-    from gaitsweep.fitting.sensitivity import run_sensitivity
-
-    with _running(job.name, out, "sets", cluster=cluster) as (on_progress, workers):
-        result = run_sensitivity(job, out, on_progress=on_progress, on_message=print_message, cluster=workers)
-    _print_outcome(show_fits.sensitivity_outcome(result), open_it)
+app.command()(reproduce)
+app.command()(search)
+app.command()(sensitivity)
 
 
 @app.command(name="schema")

@@ -19,7 +19,8 @@ from typing import Any
 import typer
 
 from gaitsweep.cache_folder import cache_folder
-from gaitsweep.cli.commands import STOPPED, app
+from gaitsweep.cli.commands import app
+from gaitsweep.cli.running import STOPPED
 from gaitsweep.errors import EXIT_FAILURE, UserError, refuse_windows
 from gaitsweep.lazy_packages import lazy_packages
 

@@ -134,7 +134,7 @@ def check_model(
     from gaitsweep import models as registry
     from gaitsweep.cli import show
     from gaitsweep.dynamics.mjx.mjcf_model import MjcfModel
-    from gaitsweep.models.conformity import faults
+    from gaitsweep.models.value_faults import faults
 
     if steps is not None and not against_c:
         raise ArgumentError(f"STEPS is {steps}, but is allowed only with --against-c.")
@@ -176,14 +176,14 @@ def _step_against_c(name: str, model: MjcfModel, steps: int) -> None:
     for caution in cautions(model.mjx_body.mj_model):
         print_message(f"Warning: {caution}")
     comparison = compare(model, steps)
-    for parting in comparison.partings:
-        print_message(str(parting))
-    agree = comparison.starts - len(comparison.partings)
+    for divergence in comparison.divergences:
+        print_message(str(divergence))
+    agree = comparison.starts - len(comparison.divergences)
     print(
         f"{name}: {agree} of {comparison.starts} motions of {steps} steps agree with MuJoCo C within 1e-5; "
         f"the largest difference before a divergence is {comparison.largest:.1e}"
     )
-    if comparison.wrong:
+    if comparison.caused:
         raise typer.Exit(EXIT_REFUSED)
 
 

@@ -18,6 +18,9 @@ Settings = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="KEY=VALUE", help="Override a field of the job; may be repeated."),
 ]
+DryRun = Annotated[
+    bool, typer.Option("--dry-run", help="Print the resources that the job would need, without running it.")
+]
 ClusterAsForRun = Annotated[
     str | None,
     typer.Option("--cluster", metavar="WHERE", help="Dask workers that compute the rows, as for `run`."),

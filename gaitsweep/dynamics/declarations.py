@@ -127,6 +127,11 @@ class Variable(CountedQuantity):
 
 
 @dataclasses.dataclass(frozen=True)
+class Time(Variable):
+    """The declared time; see `time`."""
+
+
+@dataclasses.dataclass(frozen=True)
 class Mode(Counted):
     """A declared discrete mode; see `mode`."""
 
@@ -228,29 +233,27 @@ def faults_of_quantity(quantity: Quantity, start: bool) -> Iterator[str]:
         yield f"whose {name} has the scale {quantity.scale:g}, which must be above 0."
 
 
+@dataclasses.dataclass(eq=False)
 class Event:
-    """A declared event; see `event`.
+    """A declared event, equal only to itself; see `event`.
 
-    `jump` is the decorator of what the event does to the state, `rest` that of how a body comes to rest at
-    it.
+    `jump` is the decorator of `effect`, which changes the state, `rest` that of `resting`, by which a body
+    comes to rest.
     """
 
-    def __init__(
-        self,
-        function: Callable[..., jax.Array],
-        name: str,
-        section: bool | Literal["first"],
-        during: Callable[..., Any] | None,
-        rising: bool,
-        count: int | str | None = None,
-        when: Callable[..., Any] | None = None,
-        signs: tuple[float, ...] = (1.0,),
-    ) -> None:
-        self.function, self.name, self.section = function, name, section
-        self.during, self.rising, self.count, self.counted = during, rising, count, Counted(count)
-        self.when, self.signs = when, signs
-        self.effect: Callable[..., Any] | None = None
-        self.resting: Callable[..., Any] | None = None
+    function: Callable[..., jax.Array]
+    name: str
+    section: bool | Literal["first"]
+    during: Callable[..., Any] | None
+    rising: bool
+    count: int | str | None = None
+    when: Callable[..., Any] | None = None
+    signs: tuple[float, ...] = (1.0,)
+    effect: Callable[..., Any] | None = None
+    resting: Callable[..., Any] | None = None
+
+    def __post_init__(self) -> None:
+        self.counted = Counted(self.count)
 
     def singles(self, model: Model) -> tuple[SingleEvent, ...]:
         """The events that it declares for a model, one for each component and direction."""
@@ -294,7 +297,7 @@ class SingleEvent:
 
     @property
     def name(self) -> str:
-        """The declared name, with the number of the component, from 1, in place of {} or at the end."""
+        """The declared name; with `count`, the component's number, from 1, stands for {} or at its end."""
         name = self.declared.name
         if self.place is None:
             return name
@@ -353,11 +356,11 @@ class SingleEvent:
 
 def _quantity(unit: str, meaning: str, *others: Any, **more: Any) -> Quantity:
     """A quantity that has no name yet; TypeError where the order of the first two was mistaken."""
-    for what, text in (("unit", unit), ("meaning", meaning)):
+    for field, text in (("unit", unit), ("meaning", meaning)):
         if not isinstance(text, str):
             example = 'parameter("m/s2", "gravitational acceleration", 9.81)'
             order = f"write the unit, the meaning, then a number, as in {example}"
-            raise TypeError(f"The {what} of a declaration is {text!r}, but must be text: {order}.")
+            raise TypeError(f"The {field} of a declaration is {text!r}, but must be text: {order}.")
     return Quantity("", unit, meaning, *others, **more)
 
 
@@ -373,6 +376,7 @@ def parameter(
     circular: bool = False,
     symbol: str = "",
     source: str = "",
+    whole: bool = False,
 ) -> Any:
     """Declare a parameter, which the model's functions read as `params.NAME`.
 
@@ -382,9 +386,9 @@ def parameter(
             give it.
         count: how many there are (`NAME_1`, `NAME_2`, ... in a job, an array (count,) in `params`): a number,
             or the name of a field of the model's structure. None: one scalar.
-        low, high, open_ends, circular, symbol, source: as of `Quantity`. A name that ends with an underscore
-            has by default the symbol without it: `e_` is e and `lambda_` is lambda in figures, since `e` is
-            Euler's number in formulas and `lambda` a word of Python.
+        low, high, open_ends, circular, symbol, source, whole: as of `Quantity`. A name that ends with an
+            underscore has by default the symbol without it: `e_` is e and `lambda_` is lambda in figures,
+            since `e` is Euler's number in formulas and `lambda` a word of Python.
 
     Example:
         >>> import gaitsweep as gs
@@ -397,10 +401,10 @@ def parameter(
         ...
         ...     def period(self, p):
         ...         return 1.0
-        >>> [each.name for each in Relaxation().parameters]
+        >>> [quantity.name for quantity in Relaxation().parameters]
         ['k_1', 'k_2']
     """
-    quantity = _quantity(unit, meaning, default, low, high, open_ends, circular, symbol, source)
+    quantity = _quantity(unit, meaning, default, low, high, open_ends, circular, symbol, source, whole=whole)
     return Parameter(count, quantity)
 
 
@@ -443,14 +447,43 @@ def variable(
         ...
         ...     def period(self, p):
         ...         return 6.28
-        >>> [each.name for each in Rotor().initial_conditions]
+        >>> [quantity.name for quantity in Rotor().initial_conditions]
         ['phase_0']
-        >>> [each.name for each in Rotor().observables], [each.name for each in Rotor().signals]
-        (['phase'], ['phase', 'turned'])
+        >>> [quantity.name for quantity in Rotor().observables]
+        ['phase']
+        >>> [quantity.name for quantity in Rotor().signals]
+        ['phase', 'turned']
     """
     quantity = _quantity(unit, meaning, None, low, high, open_ends, circular, symbol, "", scale)
     start_value = start if start is None or isinstance(start, (int, float, str)) else tuple(start)
     return Variable(count, quantity, start_value, start is not None if observed is None else observed, signal)
+
+
+def time() -> Any:
+    """Declare the time since the start, in s, for flows and jumps that depend on it: `t = gs.time()`.
+
+    Its rate is 1, so `flow` returns `"t": 1.0`. It is neither recorded (tables have the time anyway) nor a
+    coordinate of the section, so the section of a driven model has to be `instants` of its drive. A section
+    that is crossed at any phase of the drive needs "t" in `section_coordinates`.
+
+    Example:
+        >>> import jax.numpy as jnp, numpy as np, gaitsweep as gs
+        >>> class Driven(gs.DeclaredModel):
+        ...     rate = gs.parameter("rad/s", "angular frequency of the drive", 2.0)
+        ...     t = gs.time()
+        ...     x = gs.variable("m", "displacement", 0.0)
+        ...     strobe = gs.instants("strobe", every=lambda p: 2.0 * jnp.pi / p.rate, section=True)
+        ...
+        ...     def flow(self, p, s):
+        ...         return {"t": 1.0, "x": jnp.cos(p.rate * s.t) - s.x}
+        ...
+        ...     def period(self, p):
+        ...         return 2.0 * jnp.pi / p.rate
+        >>> gs.return_map(Driven()).fixed_points([0.1]).points.at.round(6).item()  # 1 / (1 + rate^2)
+        0.2
+    """
+    quantity = _quantity("s", "time since the start")
+    return Time(None, quantity, None, False, False)
 
 
 def mode(start: bool | int | Sequence[bool | int], meaning: str, *, count: int | str | None = None) -> Any:
@@ -581,3 +614,64 @@ def event(
         )
     signs = _SIGNS[direction]
     return lambda function: Event(function, name, section, during, rising, count, when, signs)
+
+
+def instants(
+    name: str,
+    *,
+    every: Callable[[Any], Real[Array, ""] | float] | None = None,
+    after: float = 0.0,
+    at: Sequence[float] = (),
+    section: bool = False,
+    during: Callable[..., Any] | None = None,
+) -> Any:
+    """Declare scheduled instants as an event, which may have a `jump`; the model declares `t = gs.time()`.
+
+    Args:
+        name: a few words, as of `event`.
+        every: a function of the parameters, the interval (s) between instants.
+        after: the time (s) of the beginning of the first interval, at whose end is the first instant.
+        at: times (s) of single instants, instead of `every`; the jump is (params, state, i) -> state with the
+            number of the instant, from 0.
+        section: whether they close a cycle.
+        during: as of `event`.
+
+    Raises:
+        TypeError: not exactly one of `every` and `at` is given.
+
+    Example:
+        A rotor that is kicked once a second; its section is the standard map:
+
+        >>> import jax.numpy as jnp, gaitsweep as gs
+        >>> class Rotor(gs.DeclaredModel):
+        ...     strength = gs.parameter("rad/s", "strength of a kick", 0.5)
+        ...     t = gs.time()
+        ...     angle = gs.variable("rad", "angle", 1.0)
+        ...     rate = gs.variable("rad/s", "rate", 0.3)
+        ...     kick = gs.instants("kick", every=lambda p: 1.0, section=True)
+        ...
+        ...     def flow(self, p, s):
+        ...         return {"t": 1.0, "angle": s.rate}
+        ...
+        ...     @kick.jump
+        ...     def kicked(self, p, s):
+        ...         return s.replace(rate=s.rate + p.strength * jnp.sin(s.angle))
+        ...
+        ...     def period(self, p):
+        ...         return 1.0
+        >>> gs.return_map(Rotor())([1.0, 0.3]).round(6).tolist()
+        [1.3, 0.781779]
+    """
+    if (every is None) == (not at):
+        raise TypeError(f"The instants {name!r} need either every= or at=.")
+    if every is None:
+        times = np.asarray(at, float)
+        return Event(lambda model, p, s: s.t - times, name, section, during, True, len(times))
+
+    def phase(model: Model, params: Any, state: Any) -> Float[Array, ""]:
+        return jnp.sin(2.0 * jnp.pi * (state.t - after) / every(params))
+
+    def has_begun(params: Any, state: Any) -> Bool[Array, ""]:
+        return state.t > after + 0.5 * every(params)
+
+    return Event(phase, name, section, during, True, when=has_begun)

@@ -28,6 +28,7 @@ from gaitsweep.dynamics.declarations import (
     Reading,
     SingleEvent,
     Symmetry,
+    Time,
     Variable,
     faults_of_quantity,
 )
@@ -280,6 +281,17 @@ class Declared(Model):
         feet = self._feet()
         return feet.limbs if feet is not None else ()
 
+    def section_variables(self) -> list[tuple[str, Variable]]:
+        """The variables that are coordinates of the section, by name; clocks are none."""
+        variables, feet = self._named(Variable), self._feet()
+        clocks = {name for name, variable in variables.items() if isinstance(variable, Time)}
+        clocks |= set() if feet is None else {feet.clock}
+        return [(name, variable) for name, variable in variables.items() if name not in clocks]
+
+    def begun_on_section(self, params: Any, state: Any) -> Any:
+        """A state on the section, just behind its crossing, with its events armed."""
+        return state
+
     def params(self, values: Values, /) -> Any:
         return self.Params(**self._gathered(values))
 
@@ -312,7 +324,9 @@ class Declared(Model):
 
     def beyond_at_start(self, params: Any, state: Any, /) -> dict[str, Bool[Array, ""]]:
         return {
-            event.name: event.within(state) & self._is_beyond(event, params, state)
+            event.name: event.within(state)
+            & event.holds(params, state)
+            & self._is_beyond(event, params, state)
             for event in self.single_events()
             if event.declared.rising and event.jumps
         }
@@ -442,13 +456,11 @@ class DeclaredModel(Declared, HybridModel):
         return self._begun(params, self.complete(params, self.State(**fields)))
 
     def section_variables(self) -> list[tuple[str, Variable]]:
-        """The variables that are coordinates of the section, by name."""
-        variables, feet = self._named(Variable), self._feet()
-        moving = [name for name in variables if feet is None or name != feet.clock]
-        return [(name, variables[name]) for name in self.section_coordinates or moving]
+        variables = self._named(Variable)
+        chosen = [(name, variables[name]) for name in self.section_coordinates]
+        return chosen or super().section_variables()
 
     def begun_on_section(self, params: Any, state: Any) -> Any:
-        """A state on the section, just behind its crossing, with its events armed."""
         return self._begun(params, state, crossed=True)
 
     def _begun(self, params: Any, state: Any, *, crossed: bool = False) -> Any:
@@ -629,7 +641,7 @@ class DeclaredModel(Declared, HybridModel):
         return {name: image(declared) for name, declared in self._named(Symmetry).items()}
 
     def chart(self) -> Chart | None:
-        return _SectionCoordinates(self)
+        return SectionCoordinates(self)
 
 
 class _Surfaces:
@@ -694,10 +706,14 @@ def _stacked(modes: list[Arming]) -> Arming:
 
 
 @dataclasses.dataclass(frozen=True)
-class _SectionCoordinates(Chart):
-    """The chart of `section_coordinates`, the variables themselves; of all variables where there are none."""
+class SectionCoordinates(Chart):
+    """The chart of `section_coordinates`, the variables themselves; of all variables where there are none.
 
-    model: DeclaredModel
+    Args:
+        model: a `DeclaredModel`, or a map without events (`map_model`).
+    """
+
+    model: Any
 
     @property
     def coordinates(self) -> tuple[Quantity, ...]:

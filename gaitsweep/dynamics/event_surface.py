@@ -89,7 +89,9 @@ class EventSurface:
     def late(self, rate: Float[Array, ""], unit: Float[Array, ""]) -> Float[Array, ""]:
         """The time (s) since the crossing; 0 where a jump, not the flow, has brought the state above.
 
-        `rate` is that of the height, `unit` the nominal period (s).
+        Args:
+            rate: the time derivative of the height.
+            unit: the nominal period (s).
         """
         passed = jnp.where(rate > 0.0, self.height, 0.0) / jnp.where(rate > 0.0, rate, 1.0)
         return jnp.where(passed <= _LATEST * unit, passed, 0.0)
@@ -97,9 +99,12 @@ class EventSurface:
     def band(
         self, late: Float[Array, ""], unit: Float[Array, ""], *rates: Float[Array, ""]
     ) -> Float[Array, ""]:
-        """The largest height of a state on the surface after a jump that was `late` (s).
+        """The largest height of a state that counts as on the surface after a jump.
 
-        `rates` are those of the height before and after the jump.
+        Args:
+            late: the time (s) by which the jump was late.
+            unit: the nominal period (s).
+            rates: the time derivatives of the height before and after the jump.
         """
         change = sum(jnp.abs(rate) for rate in rates)
         return self.rounding + _BAND * jnp.maximum(late, _LATE * unit) * change
@@ -108,7 +113,12 @@ class EventSurface:
         """The mode of an event that begins to be possible at this state.
 
         On the surface, a state that the flow takes through it has just crossed it, except where the jump of
-        the event would turn it back (`turned`): an impact happens at once.
+        the event would turn it back: an impact happens at once.
+
+        Args:
+            band: the largest height of a state that counts as on the surface.
+            rate: the time derivative of the height.
+            turned: whether the jump of the event would turn the state back.
         """
         below = self.height < -self.rounding
         on = ~below & (self.height <= band)

@@ -40,7 +40,12 @@ Legs = Mapping[str, Any]
 
 
 def gait_index(touchdowns: Legs, duty: Any) -> Int[Array, ""]:
-    """The index in `GAITS` of the gait with these touchdowns (shares of a stride) and mean duty factor."""
+    """The index of a gait in `GAITS`, in JAX.
+
+    Args:
+        touchdowns: of each leg by its name, as shares of a stride.
+        duty: the mean duty factor.
+    """
     names = GAITS[len(touchdowns)]
     index = jnp.asarray(len(names) - 1, jnp.int32)
     rules = {2: _of_two, 4: _of_four, 6: _of_six}[len(touchdowns)](touchdowns, duty)
@@ -245,7 +250,14 @@ class Footfalls:
     def after(
         self, model: Model, params: Any, steps: Steps, before: Any, after: Any, reset: Float[Array, ""]
     ) -> Steps:
-        """The steps after a change of the state, by which the clock has been set forward by `reset` (s)."""
+        """The steps after a change of the state.
+
+        Args:
+            model, params: the model and its parameters.
+            steps: the steps before.
+            before, after: the states before and after the change.
+            reset: the time (s) by which the change has set the clock forward.
+        """
         was, down = self.down(model, params, before), self.down(model, params, after)
         now = getattr(after, self.clock)
         landed, changed = steps.landed + reset, steps.changed + reset

@@ -12,7 +12,13 @@ def lagged_reset(phi: Float[Array, " ..."], tau: Float[Array, " ..."]) -> Float[
     """The jump of the lag variable y (rad/s) that finally moves the phase phi (rad) to 2 pi.
 
     The lag tau y' = -y + u responds to the impulse u = (2 pi - phi) delta(t) by a jump of y; phi is
-    continuous. Source: Ambe et al. 2021, eq. (5), (6).
+    continuous.
+
+    Args:
+        phi: the phase at touchdown, rad.
+        tau: the time constant of the lag, s.
+
+    Source: Ambe et al. 2021, eq. (5), (6).
     """
     return (TWO_PI - phi) / tau
 

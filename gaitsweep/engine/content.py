@@ -1,4 +1,4 @@
-"""Digests of the code and data of models, and caches of programs that are keyed on them.
+"""Caches of programs that are keyed on the content of models: their code and data.
 
 Two models of one class are equal if their structures are. Between two calls, though, a user may have changed
 a global, an attribute or a method of the class, or a value in a closure, and a program compiled before would
@@ -7,55 +7,25 @@ give the numbers of before.
 
 from __future__ import annotations
 
-import abc
 import contextlib
 import functools
-import hashlib
-import opcode
-import pickle
 import sys
-import sysconfig
-import types
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from contextvars import ContextVar
-from enum import Enum
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
-from weakref import WeakKeyDictionary
 
 import jax
-import numpy as np
 
 from gaitsweep.contract import Model, SteppedModel
+from gaitsweep.engine.content_reader import ContentReader, is_users
 from gaitsweep.own_modules import modules_beside
 
 P = ParamSpec("P")
 T = TypeVar("T")
 
-_PLAIN = (type(None), bool, int, float, complex, str, bytes, type(...))
-# entries of a class that decide no number, or repeat others
-_FORMAL = {
-    *("__module__", "__qualname__", "__doc__", "__dict__", "__weakref__", "__annotations__"),
-    *("__parameters__", "__dataclass_fields__", "__dataclass_params__", "__match_args__", "__orig_bases__"),
-    *("__slots__", "__abstractmethods__", "_abc_impl", "__firstlineno__", "__static_attributes__"),
-    *("__annotate_func__", "__annotations_cache__", "__annotate__", "__classdictcell__"),
-}
-# packages whose versions, or whose meaning, are the same wherever a digest for other processes is compared
-_KNOWN = {
-    *("gaitsweep", "jax", "jaxlib", "jaxtyping", "numpy", "builtins", "math", "cmath", "operator"),
-    *("abc", "collections", "dataclasses", "enum", "functools", "itertools", "types", "typing"),
-}
-# names in code that may read what no digest holds
-_UNKNOWN = {
-    *("__dict__", "__import__", "compile", "eval", "exec", "fromfile", "fromregex", "genfromtxt", "getattr"),
-    *("globals", "hash", "id", "import_module", "input", "load", "loadtxt", "locals", "memmap"),
-    *("open", "vars"),
-    *("random", "devices", "default_backend", "device_count", "local_devices", "callback", "pure_callback"),
-}
-_IMPORTS = opcode.opmap["IMPORT_NAME"]
-_CODES: WeakKeyDictionary[types.CodeType, tuple[bytes, tuple[str, ...], bool]] = WeakKeyDictionary()
 _FILES: dict[tuple[str, str, int], set[Path]] = {}
-_HELD: ContextVar[dict[tuple[Any, ...], Any] | None] = ContextVar("held", default=None)
+_MEMO: ContextVar[dict[tuple[Any, ...], Any] | None] = ContextVar("memo", default=None)
 _LATEST: dict[tuple[str, str, int], str] = {}  # by module, name and structure
 
 
@@ -86,8 +56,8 @@ def content_of(model: Model) -> str:
 
     Code of installed packages and of gaitsweep counts by name only. Another process has another digest.
     """
-    held = _HELD.get()
-    if held is not None and (known := held.get((type(model), model))) is not None:
+    memo = _MEMO.get()
+    if memo is not None and (known := memo.get((type(model), model))) is not None:
         return known
     reader, key = _read(model), _key(model)
     reader.read(model.data_digest)
@@ -98,30 +68,30 @@ def content_of(model: Model) -> str:
     if _LATEST.get(key, content) != content:
         jax.clear_caches()
     _LATEST[key] = content
-    if held is not None:
-        held[type(model), model] = content
+    if memo is not None:
+        memo[type(model), model] = content
     return content
 
 
 @contextlib.contextmanager
 def held_contents() -> Iterator[None]:
     """A context in which models do not change, so that the content of each is read once."""
-    outer = _HELD.get()
-    token = _HELD.set({} if outer is None else outer)
+    outer = _MEMO.get()
+    token = _MEMO.set({} if outer is None else outer)
     try:
         yield
     finally:
-        _HELD.reset(token)
+        _MEMO.reset(token)
 
 
-def held_result(key: tuple[Any, ...], work_out: Callable[[], T]) -> T:
-    """The result of `work_out`, computed once for each key while models do not change."""
-    held = _HELD.get()
-    if held is None:
-        return work_out()
-    if key not in held:
-        held[key] = work_out()
-    return held[key]
+def held_result(key: tuple[Any, ...], compute: Callable[[], T]) -> T:
+    """The result of `compute`, called once for each key inside `held_contents`, and always outside."""
+    memo = _MEMO.get()
+    if memo is None:
+        return compute()
+    if key not in memo:
+        memo[key] = compute()
+    return memo[key]
 
 
 def lasting_content(model: Model, *others: Any) -> str | None:
@@ -132,10 +102,8 @@ def lasting_content(model: Model, *others: Any) -> str | None:
     """
     if _FILES.get(_key(model)):
         return None
-    held = {} if (held := _HELD.get()) is None else held
-    if (content := held.get((type(model), model, "lasting"))) is None:
-        content = held[type(model), model, "lasting"] = _lasting(model)
-    reader = _Reader(model, type(model))
+    content = held_result((type(model), model, "lasting"), lambda: _lasting(model))
+    reader = ContentReader(model, type(model))
     reader.read((content, others))
     return reader.digest.hexdigest() if content and reader.lasting else None
 
@@ -159,8 +127,8 @@ def _lasting(model: Model) -> str:
     return reader.digest.hexdigest() if reader.lasting else ""
 
 
-def _read(model: Model) -> _Reader:
-    reader = _Reader()
+def _read(model: Model) -> ContentReader:
+    reader = ContentReader()
     reader.read(type(model))
     reader.attributes(model)
     return reader
@@ -169,219 +137,9 @@ def _read(model: Model) -> _Reader:
 def depends_on(model: Model, files: Iterable[Path]) -> None:
     """Let the content of a model include files that its functions read as they are traced."""
     _FILES.setdefault(_key(model), set()).update(files)
-    if (held := _HELD.get()) is not None:
-        held.pop((type(model), model), None)
+    if (memo := _MEMO.get()) is not None:
+        memo.pop((type(model), model), None)
 
 
 def _key(model: Model) -> tuple[str, str, int]:
     return type(model).__module__, type(model).__qualname__, hash(model)
-
-
-class _Reader:
-    """Adds values to a digest, with what they refer to; `known` are added by their places alone."""
-
-    def __init__(self, *known: Any) -> None:
-        self.digest = hashlib.sha256()
-        self.lasting = True  # whether the digest holds in other processes
-        self._seen: dict[int, int] = {id(value): place for place, value in enumerate(known)}
-        self._alive: list[Any] = []  # an object that is gone would leave its id to another
-
-    def read(self, value: Any) -> None:
-        """Add a value; one that was added before is named by its place."""
-        kind = type(value)
-        if kind in _PLAIN:
-            self._add(kind.__name__, repr(value).encode())
-            return
-        if (place := self._seen.get(id(value))) is not None:
-            self._add("again", str(place).encode())
-            return
-        self._seen[id(value)] = len(self._seen)
-        self._alive.append(value)
-        if isinstance(value, types.FunctionType):
-            self._function(value)
-        elif isinstance(value, type):
-            self._class(value)
-        elif isinstance(value, types.ModuleType):
-            self._know(value.__name__)
-            self._add("module", value.__name__.encode())
-        elif isinstance(value, Enum):
-            self._add("enum", f"{kind.__module__}.{value}".encode())
-        elif isinstance(value, np.ndarray | np.generic | jax.Array):
-            self._array(value)
-        elif isinstance(value, tuple | list):
-            self._all(kind.__name__, value)
-        elif isinstance(value, set | frozenset):
-            self._all(kind.__name__, sorted(value, key=repr))
-        elif isinstance(value, Mapping):
-            self._all(kind.__name__, (part for item in list(value.items()) for part in item))
-        else:
-            self._object(value)
-
-    def attributes(self, value: Any) -> None:
-        """Add the attributes of an object, without its cached properties."""
-        names = {**dict.fromkeys(_slots(type(value))), **getattr(value, "__dict__", {})}
-        for name in names:
-            of_class = getattr(type(value), name, None)
-            if not isinstance(of_class, functools.cached_property) and hasattr(value, name):
-                self._add("attribute", name.encode())
-                self.read(getattr(value, name))
-
-    def _know(self, module: str | None) -> None:
-        """Note whether other processes know what a module defines, by its name or its content."""
-        top = str(module).partition(".")[0]
-        self.lasting &= top in _KNOWN or (top in sys.modules and is_users(str(module)))
-
-    def _add(self, what: str, data: bytes) -> None:
-        self.digest.update(f"{what} {len(data)}:".encode() + data)
-
-    def _all(self, what: str, values: Iterable[Any]) -> None:
-        items = list(values)
-        self._add(what, str(len(items)).encode())
-        for item in items:
-            self.read(item)
-
-    def _function(self, function: types.FunctionType) -> None:
-        digest, names, names_are_known = _code(function.__code__)
-        self._add("function", digest)
-        self.read(function.__defaults__)
-        self.read(function.__kwdefaults__)
-        for cell in function.__closure__ or ():
-            try:
-                self.read(cell.cell_contents)
-            except ValueError:  # not filled yet
-                self._add("empty", b"")
-        of_module = function.__globals__
-        self._know(of_module.get("__name__"))
-        if not is_users(str(of_module.get("__name__"))):
-            return
-        self.lasting &= names_are_known
-        self.read(vars(function))
-        for name in names:
-            if name in of_module:
-                self._add("global", name.encode())
-                self._global(of_module[name], names)
-
-    def _global(self, value: Any, names: tuple[str, ...]) -> None:
-        """Add a global; of a module its members with one of the code's `names`."""
-        if not isinstance(value, types.ModuleType) or id(value) in self._seen:
-            self.read(value)
-            return
-        users = is_users(value.__name__)
-        self._know(value.__name__)
-        self._add("module", value.__name__.encode())
-        for name in names:
-            part = vars(value).get(name)
-            if part is not None and (users or isinstance(part, (*_PLAIN, np.ndarray, np.generic))):
-                self._add("of module", name.encode())
-                self._global(part, names)
-
-    def _class(self, kind: type) -> None:
-        self._add("class", f"{kind.__module__}.{kind.__qualname__}".encode())
-        for base in kind.__mro__:
-            self._know(base.__module__)
-            # a class made by calling type() has the module of its metaclass, and no source of its own
-            called = base.__module__ == "abc" and base is not abc.ABC
-            self.lasting &= not called
-            users = called or is_users(base.__module__) or base.__module__.startswith("gaitsweep.models.")
-            if not users:
-                continue
-            for name, value in list(vars(base).items()):
-                if name not in _FORMAL:
-                    self._add("member", name.encode())
-                    self.read(value)
-
-    def _array(self, value: Any) -> None:
-        try:
-            array = np.asarray(value)
-            data = pickle.dumps(array) if array.dtype.hasobject else array.tobytes()
-        except Exception:  # a tracer, or keys of random numbers
-            self.lasting = False
-            self._add("object", str(id(value)).encode())
-            return
-        self._add(f"{array.dtype} {array.shape}", data)
-
-    def _object(self, value: Any) -> None:
-        kind = type(value)
-        self._know(
-            kind.__module__ if kind.__module__ != "builtins" else getattr(value, "__module__", "builtins")
-        )
-        self._add("object", f"{kind.__module__}.{kind.__qualname__}".encode())
-        parts = [name for name in _PARTS.get(kind, ("__wrapped__",)) if hasattr(value, name)]
-        for name in parts:
-            self.read(getattr(value, name))
-        if hasattr(value, "__dict__") or any(True for _ in _slots(kind)):
-            self.read(kind)
-            self.attributes(value)
-        elif not parts:
-            try:
-                data = pickle.dumps(value)
-            except Exception:  # what cannot be stored is known by itself only
-                self.lasting = False
-                data = str(id(value)).encode()
-            self._add("data", data)
-
-
-# what objects of Python refer to; others, such as jitted functions, have `__wrapped__`
-_PARTS: dict[type, tuple[str, ...]] = {
-    types.MethodType: ("__func__", "__self__"),
-    classmethod: ("__func__",),
-    staticmethod: ("__func__",),
-    property: ("fget",),
-    functools.partial: ("func", "args", "keywords"),
-    functools.cached_property: ("func",),
-}
-
-
-def _slots(kind: type) -> Iterator[str]:
-    for base in kind.__mro__:
-        slots = vars(base).get("__slots__", ())
-        for name in (slots,) if isinstance(slots, str) else slots:
-            if name not in ("__dict__", "__weakref__"):
-                yield name
-
-
-def _code(code: types.CodeType) -> tuple[bytes, tuple[str, ...], bool]:
-    """The digest of a code object, the names that it and its inner code read, and whether these are known."""
-    entry = _CODES.get(code)
-    if entry is None:
-        names, digest = dict.fromkeys(code.co_names), hashlib.sha256()
-        known = _UNKNOWN.isdisjoint(code.co_names) and _IMPORTS not in code.co_code[::2]
-        shape = code.co_argcount, code.co_posonlyargcount, code.co_kwonlyargcount, code.co_flags
-        digest.update(repr((shape, code.co_names, code.co_varnames, code.co_freevars)).encode())
-        digest.update(code.co_code + getattr(code, "co_exceptiontable", b""))
-        for constant in code.co_consts:
-            if isinstance(constant, types.CodeType):
-                inner, more, inner_known = _code(constant)
-                known &= inner_known
-                digest.update(inner)
-                names |= dict.fromkeys(more)
-            else:
-                text = sorted(map(repr, constant)) if isinstance(constant, frozenset) else repr(constant)
-                digest.update(f"{type(constant).__name__} {text}".encode())
-        entry = _CODES[code] = digest.digest(), tuple(names), known
-    return entry
-
-
-@functools.lru_cache(maxsize=4096)
-def _in_packages(file: str) -> bool:
-    folders = Path(file).resolve().parents
-    return Path(sysconfig.get_paths()["stdlib"]).resolve() in folders or any(map(_holds_packages, folders))
-
-
-@functools.lru_cache(maxsize=4096)
-def _holds_packages(folder: Path) -> bool:
-    """Whether packages are installed in a folder, also by `pip install --target`."""
-    return folder.name in ("site-packages", "dist-packages") or any(folder.glob("*.dist-info"))
-
-
-def is_users(module: str) -> bool:
-    """Whether a module may change while Python runs: it is neither gaitsweep's nor an installed package's."""
-    if module == "gaitsweep" or module.startswith("gaitsweep."):
-        return False
-    loaded = sys.modules.get(module)
-    if loaded is None or module == "__main__":
-        return module not in ("None", "builtins")
-    file = getattr(loaded, "__file__", None)
-    if not isinstance(file, str):
-        return module.partition(".")[0] not in sys.stdlib_module_names
-    return not _in_packages(file)

@@ -8,22 +8,15 @@ the step is tried then. For a guard that is concave, the tangent is an upper bou
 A guard may also be faster than the flow (the teeth of a wheel), so that a step which is accurate for the flow
 passes several of its zeros. So methods with step control evaluate the guards inside the step too, and reject
 it if a guard is above zero there, or far from the cubic through its values and slopes at both ends.
-
-A flow may switch at an instant: `jnp.where(clock > 1.0, ...)`. Comparisons, signs and rounded values of
-moving variables are found in its program, and a step across which one of them changes is shortened. The
-differences that decide a comparison, a maximum or a minimum are evaluated inside the step as well, as guards
-are, so that a pulse that begins and ends there is met.
 """
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
-from typing import NamedTuple
+from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
-from jax.extend.core import ClosedJaxpr, Jaxpr, JaxprEqn, Literal, jaxpr_as_fun
 from jaxtyping import Array, Float
 
 from gaitsweep.contract import HybridModel, Params, Rates, State
@@ -41,32 +34,6 @@ TOP_WITHIN = 2.0
 PROBES = (0.29, 0.63)
 # Largest distance of a guard from its cubic, as a share of its largest value in the step.
 RESOLVED = 0.1
-# Arguments below which exp is too small for step control (2e-9), and beyond which tanh and similar functions
-# are constant (within 2e-7).
-NEGLIGIBLE, SATURATION = -20.0, 8.0
-# Operations whose results are constant between switches of a flow, and those whose arguments decide a switch
-# by the sign of their difference.
-_CAST = "convert_element_type"
-_LEVELS = {"lt", "le", "gt", "ge", "sign", "floor", "ceil", "round", _CAST}
-_SURFACES = {**dict.fromkeys(("lt", "le", "gt", "ge", "max", "min", "abs"), 0.0), "exp": NEGLIGIBLE}
-_SATURATED = {"tanh", "logistic", "erf"}
-_EXTREMES = {"reduce_max", "reduce_min"}
-_SWITCHES = {*_LEVELS, *_SURFACES, *_SATURATED, *_EXTREMES, "rem"}
-# Operations that are smooth in all their arguments, or in the arguments with these numbers.
-_SHAPES = (
-    "broadcast_in_dim",
-    "reshape",
-    "squeeze",
-    "slice",
-    "concatenate",
-    "unstack",
-    "stack",
-    "transpose",
-    "copy",
-    "rev",
-)
-_SMOOTH = {*_SHAPES, "add", "sub", "mul", "neg", "square", "sin", "cos", "exp", "reduce_sum", "dot_general"}
-_SMOOTH_IN = {"div": {0}, "select_n": {1, 2}, "gather": {0}, "dynamic_slice": {0}}
 
 
 def guard_slopes(model: HybridModel, params: Params, state: State, rates: Rates) -> Guards:
@@ -102,7 +69,14 @@ def may_hide(near: Guards, slopes: Guards, end: Guards, h: Number) -> Flag:
 
 
 def between(state: State, rates: Rates, end: State, end_rates: Rates, h: Number, share: float) -> State:
-    """The state at a share of a step, on the cubic through its ends."""
+    """The state at a share of a step, on the cubic through its ends.
+
+    Args:
+        state, rates: the state at the step's beginning, and the flow's rates there.
+        end, end_rates: the same at its end.
+        h: its length (s).
+        share: the share, 0 to 1.
+    """
     inside = {
         name: _cubic(getattr(state, name), rate, getattr(end, name), end_rates[name], h, share)
         for name, rate in rates.items()
@@ -131,162 +105,6 @@ def unresolved(
         deviation = jnp.abs(probe - _cubic(near, slopes, end, end_slopes, h, share))
         apart = apart | (probe >= 0.0) | (deviation > RESOLVED * size)
     return jnp.any(apart & (near < 0.0) & (end < 0.0))
-
-
-class Switching(NamedTuple):
-    """Possible switches of a flow at one state: `levels` are constant between switches, `surfaces` smooth.
-
-    A level (n,) is the truth of a comparison, a sign or a rounded number, which differs by 1 or more after a
-    switch; a surface (m,) a difference whose sign decides a comparison, a maximum or a minimum.
-    """
-
-    levels: Float[Array, " levels"]
-    surfaces: Float[Array, " surfaces"]
-
-
-def switching(flow: Callable[[Params, State], Rates], params: Params, state: State) -> Switching:
-    """Possible switches of a flow as its variables move, from its program without loops and branches."""
-    with jax.disable_jit():  # the program of a jitted function is then inlined
-        closed, rates = jax.make_jaxpr(flow, return_shape=True)(params, state)
-    program, inputs = closed.jaxpr, jax.tree.leaves((params, state))
-    equations = [e for e, _ in _moving(program, state, rates) if e.primitive.name in _SWITCHES]
-    variables = list(
-        dict.fromkeys(v for e in equations for v in (*e.invars, e.outvars[0]) if not isinstance(v, Literal))
-    )
-    names = program.debug_info and program.debug_info._replace(result_paths=None)
-    part = ClosedJaxpr(program.replace(outvars=variables, debug_info=names), closed.consts)
-    values = dict(zip(variables, jaxpr_as_fun(part)(*inputs), strict=True))
-    levels, surfaces = [jnp.zeros((0,))], [jnp.zeros((0,))]
-    for equation in equations:
-        operation, result = equation.primitive.name, values[equation.outvars[0]]
-        args = [v.val if isinstance(v, Literal) else values[v] for v in equation.invars]
-        if not all(jnp.issubdtype(jnp.result_type(argument), jnp.floating) for argument in args):
-            continue
-        if operation == "rem":
-            levels.append(jnp.ravel(jnp.floor(args[0] / jnp.where(args[1] == 0.0, 1.0, args[1]))))
-        elif operation in _SATURATED:  # the saturated ends differ by 1, each of them from the middle by 0.5
-            levels.append(jnp.ravel(jnp.where(jnp.abs(args[0]) > SATURATION, 0.5 * jnp.sign(args[0]), 0.0)))
-        elif operation in _LEVELS and (operation != _CAST or not jnp.issubdtype(result.dtype, jnp.inexact)):
-            levels.append(jnp.ravel(result).astype(float))
-        if operation in _EXTREMES:
-            surfaces.append(jnp.ravel(_ahead(operation, args[0], equation.params["axes"])))
-        if operation in _SURFACES:
-            surfaces.append(jnp.ravel(args[0] - (args[1] if len(args) > 1 else _SURFACES[operation])))
-    return Switching(jnp.concatenate(levels), jnp.concatenate(surfaces))
-
-
-def _ahead(operation: str, values: Float[Array, " ..."], axes: Sequence[int]) -> Float[Array, " ..."]:
-    """By how much each element is beyond all others over some axes; above zero for the extreme one."""
-    flat = jnp.moveaxis(values if operation == "reduce_max" else -values, axes, range(len(axes)))
-    flat = flat.reshape(-1, *flat.shape[len(axes) :])
-    others = [jnp.concatenate([flat[:i], flat[i + 1 :]]) for i in range(len(flat))]
-    if len(flat) < 2:
-        return jnp.zeros((0,))
-    return jnp.stack([one - jnp.max(rest, axis=0) for one, rest in zip(flat, others, strict=True)])
-
-
-def may_bend(
-    function: Callable[[Params, State], Float[Array, " values"]], params: Params, state: State, rates: Rates
-) -> bool:
-    """Whether a function may jump or bend as `rates` move the state: not all its operations are smooth."""
-    with jax.disable_jit():
-        program = jax.make_jaxpr(function)(params, state).jaxpr
-    return any(
-        equation.primitive.name not in _SMOOTH
-        and not places <= _SMOOTH_IN.get(equation.primitive.name, set())
-        for equation, places in _moving(program, state, rates)
-    )
-
-
-def may_switch(model: HybridModel, params: Params, state: State) -> bool:
-    """Whether the flow may switch, or a guard may jump or bend, as the flow moves the state.
-
-    A part of a guard without derivative (`stop_gradient`), such as a margin for rounding, does not count.
-    """
-    rates, found = jax.eval_shape(lambda: (model.flow(params, state), switching(model.flow, params, state)))
-    if found.levels.size + found.surfaces.size:
-        return True
-    with jax.disable_jit():
-        program = jax.make_jaxpr(model.guards)(params, state).jaxpr
-    needed, counted = {v for v in program.outvars if not isinstance(v, Literal)}, set()
-    for equation in reversed(program.eqns):
-        if needed.intersection(equation.outvars) and equation.primitive.name != "stop_gradient":
-            needed.update(v for v in equation.invars if not isinstance(v, Literal))
-            counted.update(equation.outvars)
-    return any(
-        counted.intersection(equation.outvars) and not _is_smooth(equation, places)
-        for equation, places in _moving(program, state, rates)
-    )
-
-
-def moving_operations(model: HybridModel, params: Params, state: State) -> set[str]:
-    """JAX's names of the operations in the flow that move as it moves the state."""
-    with jax.disable_jit():
-        closed, rates = jax.make_jaxpr(model.flow, return_shape=True)(params, state)
-    return {equation.primitive.name for equation, _ in _moving(closed.jaxpr, state, rates)}
-
-
-def _is_smooth(equation: JaxprEqn, places: set[int]) -> bool:
-    """Whether an operation is smooth in its arguments at these places."""
-    name = equation.primitive.name
-    if name == _CAST:
-        return jnp.issubdtype(equation.params["new_dtype"], jnp.floating)
-    if name == "integer_pow":
-        return equation.params["y"] > 0
-    return name in _SMOOTH or places <= _SMOOTH_IN.get(name, set())
-
-
-def _moving(program: Jaxpr, state: State, rates: Mapping[str, object]) -> list[tuple[JaxprEqn, set[int]]]:
-    """The equations of a program of `(params, state)` that move with the state, and which arguments do."""
-    # a state that is registered without names of its fields counts as moving as a whole
-    fields = [getattr(path[0], "name", None) for path, _ in jax.tree_util.tree_leaves_with_path(state)]
-    moves = zip(program.invars[len(program.invars) - len(fields) :], fields, strict=True)
-    moving = {v for v, name in moves if name is None or name in rates}
-    equations = []
-    for equation in program.eqns:
-        places = {i for i, v in enumerate(equation.invars) if not isinstance(v, Literal) and v in moving}
-        if places:
-            moving.update(equation.outvars)
-            equations.append((equation, places))
-    return equations
-
-
-def switches_within(
-    flow: Callable[[Params, State], Rates],
-    params: Params,
-    ends: tuple[State, State],
-    rates: tuple[Rates, Rates],
-    h: Number,
-    within: Callable[[float], State],
-) -> tuple[Flag, Flag]:
-    """Detect switches of a flow within a step.
-
-    Args:
-        flow, params: the flow and its parameters.
-        ends, rates: the states at the step's beginning and end, and the flow's rates there.
-        h: its length (s).
-        within: the state at a share of the step.
-
-    Returns:
-        Whether the flow has switched between the ends, and whether it may have switched there and back.
-    """
-    before, after = (switching(flow, params, state) for state in ends)
-    if not before.levels.size + before.surfaces.size:
-        return jnp.asarray(False), jnp.asarray(False)
-    shows = jnp.any(jnp.abs(after.levels - before.levels) >= 1.0)
-
-    def surfaces(state: State) -> Float[Array, " surfaces"]:
-        return switching(flow, params, state).surfaces
-
-    # below zero at both ends, as a guard that may fire in between
-    side = jnp.where(before.surfaces < 0.0, 1.0, -1.0)
-    near, end = side * before.surfaces, side * after.surfaces
-    slopes, end_slopes = (
-        side * slopes_along(surfaces, *state_and_rates) for state_and_rates in zip(ends, rates, strict=True)
-    )
-    inside = [side * surfaces(within(share)) for share in PROBES]
-    hides = may_hide(near, slopes, end, h) | unresolved(near, slopes, end, end_slopes, inside, h)
-    return shows, hides
 
 
 def _cubic(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterable
 from typing import Any
 
@@ -9,6 +10,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
+
+from gaitsweep.contract import Chart, Params, Quantity, State
 
 
 def is_float(array: Any) -> bool:
@@ -39,3 +42,34 @@ def vector(tree: Any) -> Float[Array, " values"]:
     """All leaves as one float64 vector (n,)."""
     leaves = [jnp.ravel(jnp.asarray(leaf)).astype(jnp.float64) for leaf in jax.tree.leaves(tree)]
     return jnp.concatenate([jnp.zeros(0), *leaves])
+
+
+@dataclasses.dataclass(frozen=True)
+class AllVariables(Chart):
+    """All float variables of a state as coordinates, for models without a chart; `names` are their names."""
+
+    names: tuple[str, ...]
+
+    @classmethod
+    def of(cls, state: State) -> AllVariables:
+        """The chart of states like this one."""
+        names: list[str] = []
+        for path, leaf in jax.tree_util.tree_leaves_with_path(state):
+            if is_float(leaf):
+                field = jax.tree_util.keystr(path, simple=True, separator="_")
+                names += ["_".join([field, *(str(i + 1) for i in at)]) for at in np.ndindex(*np.shape(leaf))]
+        return cls(tuple(names))
+
+    @property
+    def coordinates(self) -> tuple[Quantity, ...]:
+        return tuple(Quantity(name, "", f"{name} of the state") for name in self.names)
+
+    def to_coordinates(self, params: Params, state: State) -> Float[Array, " coordinates"]:
+        return jnp.concatenate([jnp.ravel(leaf).astype(jnp.float64) for leaf in float_leaves(state)])
+
+    def from_coordinates(self, params: Params, at: Float[Array, " coordinates"], modes: State) -> State:
+        leaves = float_leaves(modes)
+        cuts = np.cumsum([leaf.size for leaf in leaves])[:-1]
+        pieces = jnp.split(at, cuts.tolist())
+        shaped = [p.reshape(x.shape).astype(x.dtype) for p, x in zip(pieces, leaves, strict=True)]
+        return with_float_leaves(modes, shaped)

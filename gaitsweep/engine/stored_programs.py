@@ -1,4 +1,4 @@
-"""What tracing a model gives, stored in the cache folder, so that a known model is not traced again.
+"""Results of tracing a model, stored in the cache folder, so that a known model is not traced again.
 
 The name of an entry is a digest of all that decides it: the content of the model with the sources of its
 modules, gaitsweep's own sources, the versions that trace and compile, and the settings of JAX. Programs are
@@ -27,25 +27,25 @@ from gaitsweep.engine.content import lasting_content
 _WITHOUT_EFFECT = ("cache", "devices", "platforms", "log", "traceback")
 
 
-def stored(what: str, model: Model, others: tuple[Any, ...] | None, work_out: Callable[[], Any]) -> Any:
-    """Return what `work_out` returns for a model, as JSON gives it back; read where a process has stored it.
+def stored(name: str, model: Model, others: tuple[Any, ...] | None, compute: Callable[[], Any]) -> Any:
+    """The result of `compute` for a model, as JSON gives it back, read from the cache if it is there.
 
     Args:
-        what: the name of what is worked out.
-        model: the model, by whose content it is found again.
-        others: what else decides the result; None where it has no digest, so that nothing is stored.
-        work_out: traces the model; not called where its result is stored.
+        name: the name of the result.
+        model: the model, whose content is part of the key of the cache.
+        others: other objects that decide the result; None if they have no digest: then nothing is stored.
+        compute: traces the model; called only if the cache lacks the result.
     """
-    deciding = model, what, *(others or ())
+    deciding = model, name, *(others or ())
     content = None if others is None else lasting_content(*deciding)
     folder = None if content is None else cache_folder("programs")
     key = repr((content, _SOURCES, _VERSIONS, _settings()))
     digest = hashlib.sha256(key.encode()).hexdigest()[:32]
-    file = None if folder is None else folder / f"{what}_{digest}"
+    file = None if folder is None else folder / f"{name}_{digest}"
     text = None if file is None else load_cached(file)
     if text is None:
-        text = json.dumps(work_out()).encode()
-        # a file that was read for it is known only afterwards
+        text = json.dumps(compute()).encode()
+        # files that tracing reads are known only afterwards, and change the content
         if file is not None and lasting_content(*deciding) == content:
             store_cached(file, text)
     return json.loads(text)
@@ -57,8 +57,8 @@ def _stamps(folder: str) -> Iterator[tuple[str, int, int]]:
         if entry.is_dir() and entry.name != "__pycache__":
             yield from _stamps(entry.path)
         elif entry.name.endswith(".py"):
-            about = entry.stat()
-            yield entry.path, about.st_mtime_ns, about.st_size
+            status = entry.stat()
+            yield entry.path, status.st_mtime_ns, status.st_size
 
 
 # gaitsweep's sources as they are imported, not as they may be edited later

@@ -49,8 +49,9 @@ class SpringMassWalker(DeclaredModel):
     def _stored(self, p, s):
         """The energy in the springs."""
         rear, front = (p.l0 - jnp.hypot(x, s.z) for x in (s.x, s.x - s.reach))
-        held = jnp.where(s.support >= SINGLE, rear**2, 0.0) + jnp.where(s.support == DOUBLE, front**2, 0.0)
-        return 0.5 * p.k * held
+        squares = jnp.where(s.support >= SINGLE, rear**2, 0.0)
+        squares = squares + jnp.where(s.support == DOUBLE, front**2, 0.0)
+        return 0.5 * p.k * squares
 
     def flow(self, p, s):
         push_x, push_z = 0.0, -p.g

@@ -7,13 +7,15 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Self
 
 import numpy as np
+from jaxtyping import Float, Shaped
 from pydantic import Field, model_validator
 
 from gaitsweep.schema.numbers import Flag, Real, wrong_value
 from gaitsweep.schema.strict_model import StrictModel
 
 # Constants and choices of structure of n sets, (n,) by name.
-Sets = Mapping[str, np.ndarray]
+Sets = Mapping[str, Shaped[np.ndarray, " sets"]]
+Shares = Float[np.ndarray, " sets"]  # of the range of a constant, from 0 to 1
 
 
 class FreeParameter(StrictModel, title="Free"):  # its name in the JSON schema of jobs
@@ -47,7 +49,7 @@ class FreeParameter(StrictModel, title="Free"):  # its name in the JSON schema o
         return self
 
     @property
-    def _listed(self) -> np.ndarray:
+    def _listed(self) -> Shaped[np.ndarray, " choices"]:
         """Choices as an array of numbers, or of objects."""
         assert self.choices is not None
         if all(isinstance(choice, int | float) and not isinstance(choice, bool) for choice in self.choices):
@@ -75,7 +77,7 @@ class FreeParameter(StrictModel, title="Free"):  # its name in the JSON schema o
             return "which is not a whole number."
         return None
 
-    def at(self, share: np.ndarray) -> np.ndarray:
+    def at(self, share: Shares) -> Shaped[np.ndarray, " sets"]:
         """Return its values at shares (n,) of its range, from 0 to 1; choices are equal parts of the range.
 
         Numbers are float64, choices of a structure are objects.
@@ -101,13 +103,13 @@ class FreeParameter(StrictModel, title="Free"):  # its name in the JSON schema o
         by_text = {str(choice): choice for choice in self.choices}
         return [value if value in self.choices else by_text.get(str(value), value) for value in values]
 
-    def column(self, values: Sequence[Any]) -> np.ndarray:
+    def column(self, values: Sequence[Any]) -> Shaped[np.ndarray, " sets"]:
         """Convert values (n,) of a table to those that `at` returns."""
         if self.choices is None:
             return np.asarray(values, float)
         return self._listed[[self.choices.index(value) for value in self.written(values)]]
 
-    def share(self, values: Sequence[Any] | np.ndarray) -> np.ndarray:
+    def share(self, values: Sequence[Any] | Shaped[np.ndarray, " sets"]) -> Shares:
         """Return the shares (n,) of its range at these values: the inverse of `at`."""
         if self.choices is not None:
             return np.array([(self.choices.index(value) + 0.5) / len(self.choices) for value in values])
@@ -122,6 +124,8 @@ class FreeParameter(StrictModel, title="Free"):  # its name in the JSON schema o
         return (numbers - self.low) / (self.high - self.low)
 
 
-def sets_at(free: Mapping[str, FreeParameter], shares: np.ndarray) -> dict[str, np.ndarray]:
+def sets_at(
+    free: Mapping[str, FreeParameter], shares: Float[np.ndarray, "sets constants"]
+) -> dict[str, Shaped[np.ndarray, " sets"]]:
     """Return the constants (n,) by name at points (n, constants) of the unit cube."""
     return {name: parameter.at(shares[:, i]) for i, (name, parameter) in enumerate(free.items())}

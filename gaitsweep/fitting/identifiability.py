@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from jaxtyping import Float
 
 from gaitsweep.fitting.free_parameters import FreeParameter
 from gaitsweep.fitting.search_job import Search
@@ -37,7 +38,7 @@ class Constant:
     low: Any
     high: Any
     spread: float
-    profile: np.ndarray
+    profile: Float[np.ndarray, " parts"]
     sets: int = 0
 
     @property

@@ -1,4 +1,4 @@
-"""Methods of sensitivity analyses: the sets of parameters of each, and its indices of outputs."""
+"""Indices of a sensitivity analysis: how much each output depends on each parameter, by its method."""
 
 from __future__ import annotations
 
@@ -10,95 +10,12 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from jaxtyping import Float
 
 from gaitsweep.angle_difference import wrapped_difference
-from gaitsweep.fitting.free_parameters import FreeParameter, sets_at
+from gaitsweep.fitting.sensitivity_design import LEVELS, SensitivityDesign, unit_cube
 
-METHODS = ("one_at_a_time", "morris", "sobol")
-LEVELS = 4  # of each range, on which Morris's trajectories run
-
-
-@dataclasses.dataclass(frozen=True)
-class SensitivityDesign:
-    """Sets of parameters.
-
-    `sets` (n,) by name; `shares` (n, parameters) of their ranges, from 0 to 1, for morris and sobol;
-    `places`, for one_at_a_time, the rows of each parameter's low end, middle and high end. Row 0 of
-    one_at_a_time is the job itself.
-    """
-
-    method: str
-    sets: dict[str, np.ndarray]
-    shares: np.ndarray | None = None
-    places: dict[str, tuple[int, int, int]] | None = None
-
-    @property
-    def n_rows(self) -> int:
-        """The number of sets."""
-        return next(iter(self.sets.values())).size
-
-    @property
-    def names(self) -> list[str]:
-        """The parameters."""
-        return list(self.sets)
-
-
-def design_of(
-    method: str, n: int | None, seed: int, ranges: Mapping[str, FreeParameter], base: Mapping[str, float]
-) -> SensitivityDesign:
-    """Return the sets of a method.
-
-    Args:
-        method: one of METHODS.
-        n: trajectories (morris), or base points (sobol).
-        seed: seed of all random numbers.
-        ranges: range of each parameter.
-        base: the job's own values.
-    """
-    if method == "one_at_a_time":
-        return _one_at_a_time(ranges, base)
-    assert n is not None
-    shares = _trajectories(len(ranges), n, seed) if method == "morris" else _saltelli(len(ranges), n, seed)
-    return SensitivityDesign(method, sets_at(ranges, shares), shares=shares)
-
-
-def unit_cube(dimension: int) -> dict[str, object]:
-    """Return SALib's description of ranges from 0 to 1."""
-    names = [f"x{i}" for i in range(dimension)]
-    return {"num_vars": dimension, "names": names, "bounds": [[0.0, 1.0]] * dimension}
-
-
-def _trajectories(dimension: int, n: int, seed: int) -> np.ndarray:
-    """Draw Morris's trajectories: n (dimension + 1) points, each a step of one parameter from the last."""
-    from SALib.sample import morris
-
-    return morris.sample(unit_cube(dimension), n, num_levels=LEVELS, seed=seed)
-
-
-def _saltelli(dimension: int, n: int, seed: int) -> np.ndarray:
-    """Draw Saltelli's points, n (dimension + 2): for each base point A, A with each coordinate of B, B."""
-    from SALib.sample import sobol
-
-    return sobol.sample(unit_cube(dimension), n, calc_second_order=False, seed=seed)
-
-
-def _one_at_a_time(ranges: Mapping[str, FreeParameter], base: Mapping[str, float]) -> SensitivityDesign:
-    """The job itself, then the ends and the middle of each range that differ from the job's value."""
-    rows = [dict(base)]
-    places = {}
-    for name, parameter in ranges.items():
-        numbers = []
-        for value in parameter.at(np.array([0.0, 0.5, 1.0])).tolist():
-            if np.isclose(value, base[name], rtol=1e-12, atol=0.0):
-                numbers.append(0)  # the job itself
-            else:
-                numbers.append(len(rows))
-                rows.append({**base, name: value})
-        places[name] = (numbers[0], numbers[1], numbers[2])
-    sets = {name: np.array([row[name] for row in rows]) for name in ranges}
-    return SensitivityDesign("one_at_a_time", sets, places=places)
-
-
+PerSet = Float[np.ndarray, " sets"]  # a number for each set
 LEVEL = 0.95  # of confidence
 _RESAMPLES = 200  # of the bootstrap
 _FEWEST_TRAJECTORIES = 4
@@ -121,7 +38,7 @@ INDICES = {
 class Output:
     """An output of each set (n,), NaN where it has no value; its unit, and whether it is an angle (rad)."""
 
-    values: np.ndarray
+    values: PerSet
     unit: str = "1"
     circular: bool = False
 
@@ -134,6 +51,9 @@ class _Index:
     confidence: float
     rows: int
     note: str = ""
+
+
+IndicesByParameter = dict[str, dict[str, _Index]]
 
 
 def indices(design: SensitivityDesign, outputs: Mapping[str, Output], seed: int) -> pd.DataFrame:
@@ -187,7 +107,7 @@ def _importance(by_index: Mapping[str, _Index]) -> float:
     return max(finite) if changes else finite[0]
 
 
-def unwrapped(output: Output) -> np.ndarray:
+def unwrapped(output: Output) -> PerSet:
     """Return the values of an output, angles in the turn around their circular mean."""
     if not output.circular or not np.isfinite(output.values).any():
         return output.values
@@ -207,13 +127,13 @@ def _remark(output: Output) -> str:
     return "angles all around the circle, cut opposite to their mean"
 
 
-def _missing(method: str, names: Sequence[str], why: str, rows: int) -> dict[str, dict[str, _Index]]:
+def _missing(method: str, names: Sequence[str], why: str, rows: int) -> IndicesByParameter:
     """The indices of parameters by a method that gives none of them a value, and the reason."""
     without_value = _Index(np.nan, np.nan, rows, why)
     return {name: dict.fromkeys(INDICES[method], without_value) for name in names}
 
 
-def _changes(design: SensitivityDesign, output: Output) -> dict[str, dict[str, _Index]]:
+def _changes(design: SensitivityDesign, output: Output) -> IndicesByParameter:
     """Compute the changes from the job's value to the ends and the middle of each range, and elasticities."""
     assert design.places is not None
     y = output.values
@@ -251,7 +171,7 @@ def _elasticity(x: float, y: float, dx: float, dy: float, circular: bool) -> _In
     return _Index(np.nan, np.nan, 3, why)
 
 
-def _elementary_effects(design: SensitivityDesign, y: np.ndarray, seed: int) -> dict[str, dict[str, _Index]]:
+def _elementary_effects(design: SensitivityDesign, y: PerSet, seed: int) -> IndicesByParameter:
     """Compute Morris's measures from whole trajectories; effects are changes over the whole range."""
     assert design.shares is not None
     names, k = design.names, len(design.names)
@@ -267,7 +187,7 @@ def _elementary_effects(design: SensitivityDesign, y: np.ndarray, seed: int) -> 
     return _by_salib(morris, "morris", names, arguments, seed, rows, note, num_levels=LEVELS)
 
 
-def _variance_shares(design: SensitivityDesign, y: np.ndarray, seed: int) -> dict[str, dict[str, _Index]]:
+def _variance_shares(design: SensitivityDesign, y: PerSet, seed: int) -> IndicesByParameter:
     """Compute Sobol's first-order and total indices of a design in which all rows have a value."""
     names = design.names
     if _constant(y):
@@ -277,7 +197,7 @@ def _variance_shares(design: SensitivityDesign, y: np.ndarray, seed: int) -> dic
     return _by_salib(sobol, "sobol", names, (y,), seed, y.size, "", calc_second_order=False)
 
 
-def _given_data(design: SensitivityDesign, y: np.ndarray, seed: int) -> dict[str, dict[str, _Index]]:
+def _given_data(design: SensitivityDesign, y: PerSet, seed: int) -> IndicesByParameter:
     """Compute first-order indices from the rows with a value.
 
     Only the base points A and B are used, since they are drawn independently of each other; the points
@@ -305,17 +225,17 @@ def _by_salib(
     package: Any,
     method: str,
     names: Sequence[str],
-    arguments: Sequence[np.ndarray],
+    arguments: Sequence[Float[np.ndarray, "sets ..."]],
     seed: int,
     rows: int,
     note: str,
     **options: Any,
-) -> dict[str, dict[str, _Index]]:
+) -> IndicesByParameter:
     """Compute the indices of each parameter by a package of SALib, with their intervals if it gives them."""
     options |= {"num_resamples": _RESAMPLES, "conf_level": LEVEL, "seed": seed}
     with _seeded(seed):
         analysis = package.analyze(unit_cube(len(names)), *arguments, **options)
-    by_parameter: dict[str, dict[str, _Index]] = {name: {} for name in names}
+    by_parameter: IndicesByParameter = {name: {} for name in names}
     for index in INDICES[method]:
         if index in analysis:
             confidence = analysis.get(f"{index}_conf", np.full(len(names), np.nan))
@@ -324,7 +244,7 @@ def _by_salib(
     return by_parameter
 
 
-def _constant(y: np.ndarray) -> bool:
+def _constant(y: PerSet) -> bool:
     """Return whether values differ by no more than rounding."""
     return bool(np.ptp(y) <= 1e-12 * np.max(np.abs(y)))
 

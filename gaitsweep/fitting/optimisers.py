@@ -14,8 +14,11 @@ from collections import deque
 from typing import Any, Protocol
 
 import numpy as np
+from jaxtyping import Float
 from scipy.stats import qmc
 
+Point = Float[np.ndarray, " constants"]  # of the unit cube
+PointArray = Float[np.ndarray, "points constants"]
 METHODS = ("sobol", "cma", "nsga3")
 # Packages of the extra `search`.
 _NEEDS = {"cma": "cma", "nsga3": "pymoo"}
@@ -32,11 +35,11 @@ _DRAWN = 256
 class Optimiser(Protocol):
     """Ask-and-tell interface of an optimiser."""
 
-    def ask(self, n: int) -> np.ndarray:
+    def ask(self, n: int) -> PointArray:
         """Return the next points (n, constants) of the unit cube."""
         ...
 
-    def tell(self, scores: np.ndarray, misses: np.ndarray) -> None:
+    def tell(self, scores: Float[np.ndarray, " points"], misses: Float[np.ndarray, "points targets"]) -> None:
         """Report the scores of the points of the first `ask` that has none yet.
 
         Args:
@@ -59,7 +62,7 @@ def optimiser(
     start: int,
     together: int,
     seed: int,
-    known_points: np.ndarray | None = None,
+    known_points: PointArray | None = None,
     width: float | None = None,
 ) -> Optimiser:
     """Create the optimiser of a search.
@@ -86,26 +89,26 @@ def optimiser(
 class Sobol:
     """Points that fill the cube evenly, whatever their scores, after known points (m, dimension)."""
 
-    def __init__(self, dimension: int, seed: int, known: np.ndarray | None = None) -> None:
+    def __init__(self, dimension: int, seed: int, known: PointArray | None = None) -> None:
         self.dimension = dimension
         self._points = qmc.Sobol(dimension, rng=np.random.default_rng(seed))
-        self._drawn: list[np.ndarray] = [] if known is None else [known]
+        self._drawn: list[PointArray] = [] if known is None else [known]
 
-    def ask(self, n: int) -> np.ndarray:
+    def ask(self, n: int) -> PointArray:
         while sum(map(len, self._drawn)) < n:
             self._drawn.append(self._points.random(_DRAWN))
         points = np.concatenate(self._drawn)
         self._drawn = [points[n:]]
         return points[:n]
 
-    def tell(self, scores: np.ndarray, misses: np.ndarray) -> None:
+    def tell(self, scores: Float[np.ndarray, " points"], misses: Float[np.ndarray, "points targets"]) -> None:
         pass
 
 
 class _Strategy:
     """One evolution strategy (CMA-ES), with its pending points and its random numbers."""
 
-    def __init__(self, middle: np.ndarray, width: float, size: int, seed: int) -> None:
+    def __init__(self, middle: Point, width: float, size: int, seed: int) -> None:
         import cma
 
         rng = np.random.default_rng(seed)
@@ -126,7 +129,7 @@ class _Strategy:
         self._asked: list[Any] = []
         self._scores: dict[int, float] = {}
 
-    def ask(self) -> np.ndarray:
+    def ask(self) -> PointArray:
         self._asked, self._scores = self._strategy.ask(), {}
         return np.clip(np.array(self._asked)[:, : self._dimension], 0.0, 1.0)
 
@@ -160,18 +163,18 @@ class Restarts:
         # whole batches, so that a strategy's generation is one batch where it has as many points
         self._sobol, self._start = sobol, -(-start // together) * together
         # scores, numbers and points of the Sobol start, the best first (a heap)
-        self._begun: list[tuple[float, int, np.ndarray]] = []
+        self._begun: list[tuple[float, int, Point]] = []
         self._scored = 0
-        self._waiting: deque[tuple[int, int, np.ndarray]] = deque()  # strategy, place, point
+        self._waiting: deque[tuple[int, int, Point]] = deque()  # strategy, place, point
         self._strategies: dict[int, _Strategy] = {}
-        self._asked: deque[list[tuple[int, int, np.ndarray]]] = deque()
+        self._asked: deque[list[tuple[int, int, Point]]] = deque()
         self._number = 0
         self._width = width
         self._doublings = 0
         self._spent = {"small": 0, "large": 0}
 
-    def ask(self, n: int) -> np.ndarray:
-        asked: list[tuple[int, int, np.ndarray]] = []
+    def ask(self, n: int) -> PointArray:
+        asked: list[tuple[int, int, Point]] = []
         while len(asked) < n:
             if self._start > 0:
                 point = self._sobol.ask(1)[0]
@@ -184,7 +187,7 @@ class Restarts:
         self._asked.append(asked)
         return np.array([point for _, _, point in asked])
 
-    def tell(self, scores: np.ndarray, misses: np.ndarray) -> None:
+    def tell(self, scores: Float[np.ndarray, " points"], misses: Float[np.ndarray, "points targets"]) -> None:
         for (number, place, point), score in zip(self._asked.popleft(), scores, strict=True):
             if number < 0:
                 heapq.heappush(self._begun, (float(score), self._scored, point))
@@ -228,7 +231,7 @@ class Front:
         self._algorithm: Any = None
         self._asked: deque[Any] = deque()
 
-    def ask(self, n: int) -> np.ndarray:
+    def ask(self, n: int) -> PointArray:
         from pymoo.core.population import Population
 
         begins = self._algorithm is None
@@ -243,7 +246,7 @@ class Front:
         self._asked.append(offspring[:n])
         return np.clip(self._asked[-1].get("X"), 0.0, 1.0)
 
-    def tell(self, scores: np.ndarray, misses: np.ndarray) -> None:
+    def tell(self, scores: Float[np.ndarray, " points"], misses: Float[np.ndarray, "points targets"]) -> None:
         from pymoo.core.evaluator import Evaluator
         from pymoo.problems.static import StaticProblem
 
@@ -262,7 +265,7 @@ class Front:
         return algorithm
 
 
-def _directions(targets: int, most: int) -> np.ndarray:
+def _directions(targets: int, most: int) -> Float[np.ndarray, "directions targets"]:
     """Return reference directions (n, targets) of a front, at most `most` if possible."""
     from pymoo.util.ref_dirs import get_reference_directions
 

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from jaxtyping import Bool, Int, Shaped
 
 from gaitsweep.contract import Model
 from gaitsweep.design.design import inside
@@ -32,7 +33,8 @@ from gaitsweep.runs.prepare import RunContext, prepare
 _BLOCK = 1024
 
 Condition = tuple[tuple[str, float], ...]
-Values = dict[str, np.ndarray]
+Values = dict[str, Shaped[np.ndarray, " ..."]]
+Reasons = Shaped[np.ndarray, " sets"]  # why a set is refused, or ""
 # Progress callback of the rows of a batch, or None.
 OnProgress = Callable[[SweepProgress], None] | None
 
@@ -176,7 +178,7 @@ class Population:
         self,
         sets: Sets,
         first: Collection[str],
-        goes_on: Callable[[MeasuredByName], np.ndarray],
+        goes_on: Callable[[MeasuredByName], Bool[np.ndarray, " sets"]],
         on_progress: OnProgress = None,
     ) -> MeasuredByName:
         """Measure each set in two stages: `first` of all sets, the other measures of some of them.
@@ -200,7 +202,7 @@ class Population:
                 measured[name].why[goes_on_to_second] = why
         return {name: measured[name] for name in self.measures}
 
-    def _by_structure(self, sets: Sets, n: int) -> list[tuple[dict[str, Any], np.ndarray]]:
+    def _by_structure(self, sets: Sets, n: int) -> list[tuple[dict[str, Any], Int[np.ndarray, " some"]]]:
         """Return the choices of structure that occur, and the places (m,) of the sets with each."""
         if not self._structure:
             return [({}, np.arange(n))]
@@ -210,7 +212,7 @@ class Population:
 
     def _rows(
         self, context: RunContext, constants: Values, n: int, on_progress: OnProgress, share: float
-    ) -> tuple[Values, np.ndarray]:
+    ) -> tuple[Values, Reasons]:
         """Run rows: columns (m, conditions) of the sets that are not refused, and the reasons (n,) or "".
 
         For a run with many records a row the columns are those of all records, whose `row` counts the rows of
@@ -370,7 +372,7 @@ def _group_by_names(conditions: Sequence[Condition]) -> dict[tuple[str, ...], li
 
 def _values(
     context: RunContext, constants: Values, conditions: Sequence[Condition], n: int
-) -> tuple[Values, Values, np.ndarray]:
+) -> tuple[Values, Values, Reasons]:
     """Return parameters and starts of the rows of n sets, set by set, and the reason of a refusal, or ""."""
     per_set, model = len(conditions), context.model
     params = {q.name: np.empty(n * per_set) for q in model.parameters}
@@ -402,7 +404,7 @@ def _lanes(context: RunContext, n_rows: int) -> int:
     return min(context.job.engine.lanes or default, max(8, n_rows))
 
 
-def _array(column: Any) -> np.ndarray:
+def _array(column: Any) -> Shaped[np.ndarray, " records"]:
     """Convert a column of a table to an array, names as text."""
     if isinstance(column.dtype, pd.CategoricalDtype):
         names = np.array([*map(str, column.cat.categories), ""])
@@ -410,7 +412,7 @@ def _array(column: Any) -> np.ndarray:
     return column.to_numpy() if column.dtype.kind in "fiub" else column.astype(str).to_numpy()
 
 
-def _note(refused: np.ndarray, wrong: np.ndarray, per_set: int, why: str) -> None:
+def _note(refused: Reasons, wrong: Bool[np.ndarray, " rows"], per_set: int, why: str) -> None:
     """Set the reason of sets that are refused since a row (n * per_set,) is wrong."""
     for number in np.flatnonzero(wrong.reshape(-1, per_set).any(axis=1)):
         refused[number] = refused[number] or why

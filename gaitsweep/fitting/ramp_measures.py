@@ -8,30 +8,23 @@ from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
+from jaxtyping import Shaped
 from pydantic import Field, WithJsonSchema
 
 from gaitsweep.contract import Model, Status
-from gaitsweep.fitting.measure import (
-    FieldError,
-    Gaits,
-    Measure,
-    Measured,
-    column,
-    error_of_column,
-    error_of_gaits,
-    unit_of,
-    unit_of_parameter,
-)
+from gaitsweep.fitting.measure import Measure, Measured, column, unit_of, unit_of_parameter
+from gaitsweep.fitting.measure_fields import FieldError, Gaits, error_of_column, error_of_gaits
 from gaitsweep.kinds import Ramp, RunKind
 from gaitsweep.schema.numbers import Count, CountOrZero, Text
 
+Column = Shaped[np.ndarray, " crossings"]
 _SUFFIX = "_n"
 
 
 class Crossings(NamedTuple):
     """The crossings of one row of a ramp, in their order: columns (k,), and the row's status."""
 
-    columns: Mapping[str, np.ndarray]
+    columns: Mapping[str, Column]
     status: str
 
 
@@ -57,7 +50,7 @@ class RampMeasure(Measure):
     def name_error(self, columns: Sequence[str], model: Model) -> FieldError:
         """Return as `field_error` does, for the names of gaits and columns."""
 
-    def _in_pass(self, row: Crossings, number: int | None) -> dict[str, np.ndarray]:
+    def _in_pass(self, row: Crossings, number: int | None) -> dict[str, Column]:
         """Return the crossings at which the parameter moves, of one pass or of all."""
         columns = row.columns
         with np.errstate(invalid="ignore"):  # a row without crossings has a record without numbers
@@ -180,7 +173,7 @@ class GaitSequence(RampMeasure):
         return error_of_gaits("gaits", itertools.chain(*self.gaits), model)
 
 
-def crossings_of(table: Mapping[str, np.ndarray], n_rows: int) -> list[Crossings]:
+def crossings_of(table: Mapping[str, Column], n_rows: int) -> list[Crossings]:
     """Split a ramp's table, whose records are in the order of its rows 0..n_rows-1, by rows."""
     ends = np.searchsorted(table["row"], np.arange(n_rows + 1))
     return [
@@ -189,7 +182,7 @@ def crossings_of(table: Mapping[str, np.ndarray], n_rows: int) -> list[Crossings
     ]
 
 
-def _bouts(codes: np.ndarray, least: int) -> list[tuple[Any, int, int]]:
+def _bouts(codes: Column, least: int) -> list[tuple[Any, int, int]]:
     """Find runs of `least` equal codes (k,) or more: each code, and the places of its first and last."""
     ends = [0, *(1 + np.flatnonzero(codes[1:] != codes[:-1])).tolist(), codes.size]
     return [(codes[a], a, b - 1) for a, b in itertools.pairwise(ends) if b - a >= least]

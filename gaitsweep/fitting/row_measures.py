@@ -7,25 +7,28 @@ from collections.abc import Mapping, Sequence
 from typing import ClassVar, Literal
 
 import numpy as np
+from jaxtyping import Bool, Float, Shaped
 from pydantic import Field
 
 from gaitsweep.contract import Model, Status
 from gaitsweep.fitting.measure import (
-    AMONG,
-    FieldError,
-    Gaits,
     Measured,
-    Ranges,
     RowMeasure,
     SetRows,
     column,
+    unit_of,
+    unit_of_parameter,
+    within,
+)
+from gaitsweep.fitting.measure_fields import (
+    AMONG,
+    FieldError,
+    Gaits,
+    Ranges,
     error_of_column,
     error_of_gaits,
     error_of_list,
     error_of_ranges,
-    unit_of,
-    unit_of_parameter,
-    within,
 )
 from gaitsweep.schema.numbers import Text
 
@@ -230,7 +233,11 @@ class Failures(RowMeasure):
         return None
 
 
-def _mean(values: np.ndarray, counts: np.ndarray, circular: bool = False) -> np.ndarray:
+def _mean(
+    values: Float[np.ndarray, "sets conditions"],
+    counts: Bool[np.ndarray, "sets conditions"],
+    circular: bool = False,
+) -> Float[np.ndarray, " sets"]:
     """Average the values (n, conditions) that count, on the circle or not; NaN without any."""
     number = counts.sum(axis=1)
     per_row = np.where(number > 0, 1.0 / np.maximum(number, 1), np.nan)
@@ -239,7 +246,12 @@ def _mean(values: np.ndarray, counts: np.ndarray, circular: bool = False) -> np.
     return per_row * np.where(counts, values, 0.0).sum(axis=1)
 
 
-def _why_none(name: str, status: np.ndarray, unsound: np.ndarray, finite: np.ndarray) -> np.ndarray:
+def _why_none(
+    name: str,
+    status: Shaped[np.ndarray, "sets conditions"],
+    unsound: Bool[np.ndarray, "sets conditions"],
+    finite: Bool[np.ndarray, " sets"],
+) -> Shaped[np.ndarray, " sets"]:
     """Return why sets (n,) have no value of a column: a row is not sound, or a number is missing; else ""."""
     first = status[np.arange(len(status)), unsound.argmax(axis=1)]
     return np.where(unsound.any(axis=1), first, np.where(finite, "", f"{name} is missing"))
@@ -251,6 +263,6 @@ def _no_row(among: Mapping[str, tuple[float, float]] | None) -> str:
     return f"no row has {' and '.join(ranges)}"
 
 
-def _always(values: np.ndarray) -> Measured:
+def _always(values: Float[np.ndarray, " sets"]) -> Measured:
     """Return values of sets that all have one."""
     return Measured(values, np.full(values.size, ""))

@@ -8,34 +8,34 @@ from __future__ import annotations
 
 import dataclasses
 import io
-import threading
 import time
 import warnings
 from collections import deque
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor, wait
 from functools import partial
 from pathlib import Path
-from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
+from jaxtyping import Bool, Shaped
 from matplotlib.figure import Figure
 
 from gaitsweep import near_miss
 from gaitsweep.contract import Model
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.errors import ArgumentError
+from gaitsweep.fitting.concurrent_batches import ConcurrentBatches
 from gaitsweep.fitting.fit_directory import ClusterRows, describe, open_directory
 from gaitsweep.fitting.free_parameters import Sets, sets_at
 from gaitsweep.fitting.identifiability import Identifiability, identifiability
 from gaitsweep.fitting.measure import Measured, MeasuredByName
 from gaitsweep.fitting.optimisers import Optimiser, optimiser
 from gaitsweep.fitting.population import Population
+from gaitsweep.fitting.robustness import ROBUST, share_kept
 from gaitsweep.fitting.search_figures import FIGURES, draw_search, search_figure
 from gaitsweep.fitting.search_job import SearchJob, read_search_field
-from gaitsweep.fitting.targets import MISS, ROBUST, scores, share_kept
+from gaitsweep.fitting.targets import MISS, scores
 from gaitsweep.job import JobError
 from gaitsweep.kinds.columns import quantities_of
 from gaitsweep.runs import provenance
@@ -53,10 +53,6 @@ if TYPE_CHECKING:
 FINALISTS = "finalists.parquet"
 # Packages whose versions decide which sets are chosen.
 _DECIDING = ("numpy", "scipy", "cma", "pymoo")
-# Seconds between two polls of the running batches.
-_POLL = 0.1
-# The measures of a batch by name; None of a batch that is on disk.
-_Batch = MeasuredByName | None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -161,53 +157,6 @@ def draw_again(path: Path) -> list[Path]:
     return draw_search(path, search, table, identifiability(table, search))
 
 
-class _Batches:
-    """Batches of sets that are measured side by side, each in a thread, and end in the order of their begin.
-
-    A batch lasts as long as its slowest row. Near its end most lanes of a GPU would be idle, so other batches
-    run meanwhile.
-
-    Args:
-        threads: batches that run at a time; others wait.
-        on_progress: progress callback, called about ten times a second during `oldest` with the progress of
-            each running batch; an exception that it raises is raised by `oldest`.
-    """
-
-    def __init__(self, threads: int, on_progress: Callable[[list[SweepProgress]], None]) -> None:
-        self._threads, self._on_progress = ThreadPoolExecutor(threads), on_progress
-        self._under_way: deque[tuple[Future[_Batch], list[SweepProgress]]] = deque()
-        self._stopped = threading.Event()
-
-    def __enter__(self) -> _Batches:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._stopped.set()
-        self._threads.shutdown(cancel_futures=True)
-
-    def begin(self, measure: Callable[[Callable[[SweepProgress], None]], _Batch]) -> None:
-        """Measure a batch in a thread; `measure` receives a progress callback."""
-        latest: list[SweepProgress] = []
-
-        def on_progress(now: SweepProgress) -> None:
-            if self._stopped.is_set():  # nobody reads its result
-                raise InterruptedError
-            latest[:] = [now]
-
-        self._under_way.append((self._threads.submit(measure, on_progress), latest))
-
-    def oldest(self) -> _Batch:
-        """Wait for the batch that began first, and return its result."""
-        future, _ = self._under_way[0]
-        while not future.done():
-            wait([future], timeout=_POLL)
-            self._on_progress([latest[0] for _, latest in self._under_way if latest])
-        self._under_way.popleft()
-        return future.result()
-
-
 class _Search:
     """Batches of a search, on disk and to come."""
 
@@ -244,10 +193,10 @@ class _Search:
                 self.stored = load(self.directory.path)
         self.before = self.directory.rows_done
         self.began = time.perf_counter()
-        chosen: deque[tuple[int, dict[str, np.ndarray]]] = deque()
+        chosen: deque[tuple[int, Sets]] = deque()
         # a cluster takes one batch at a time
         threads = 1 if self.population.run_elsewhere is not None else self.side_by_side
-        with _Batches(threads, self._report) as self.batches:
+        with ConcurrentBatches(threads, self._report) as self.batches:
             for number in self.directory.layout.blocks:
                 if len(chosen) == self.side_by_side:
                     yield from self._end(*chosen.popleft())
@@ -266,7 +215,7 @@ class _Search:
             measured = self.population.measure(sets, on_progress)
         return measured | _robustness(self.job, self.population, self.model, sets, measured, on_progress)
 
-    def _goes_on(self, first: MeasuredByName) -> np.ndarray:
+    def _goes_on(self, first: MeasuredByName) -> Bool[np.ndarray, " sets"]:
         """Return which sets (n,) are measured further: those whose first targets have near enough values."""
         within = self.job.options.first_within
         most = np.inf if within is None else within
@@ -349,7 +298,7 @@ def _robustness(
     if robust is None:
         return {}
 
-    def keep(results: MeasuredByName) -> np.ndarray:
+    def keep(results: MeasuredByName) -> Bool[np.ndarray, " sets"]:
         near = [np.abs(job.targets[name].misses(results[name], model)) <= 1.0 for name in robust.targets]
         return np.all(near, axis=0)
 
@@ -435,6 +384,6 @@ def _quantities(job: SearchJob, model: Model) -> dict[str, dict[str, Any]]:
     return quantities
 
 
-def _plain(column: np.ndarray) -> Any:
+def _plain(column: Shaped[np.ndarray, " sets"]) -> Any:
     """Convert a column for a table: choices of structure that are words become text."""
     return column if column.dtype.kind in "fi" else np.array([str(value) for value in column], object)

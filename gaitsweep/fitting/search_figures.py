@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -89,7 +90,7 @@ def _convergence(table: pd.DataFrame) -> Figure:
     return figure
 
 
-def _score_axis(axes: Axes, scores: np.ndarray) -> None:
+def _score_axis(axes: Axes, scores: Float[np.ndarray, " scores"]) -> None:
     """Set a logarithmic axis of scores, with a linear part if some are 0, as misses of ranges are."""
     finite = scores[np.isfinite(scores)]
     if finite.size and finite.min() > 0.0:

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
+from jaxtyping import Float
 from pydantic import Field
 
 from gaitsweep import near_miss
@@ -21,16 +22,8 @@ from gaitsweep.fitting.fit_fields import by_name, read_file, read_free, read_mea
 from gaitsweep.fitting.fit_job import FitJob, read_fit_job
 from gaitsweep.fitting.free_parameters import FreeParameter
 from gaitsweep.fitting.optimisers import METHODS, missing_package
-from gaitsweep.fitting.targets import (
-    MISS,
-    ROBUST,
-    Robust,
-    Target,
-    TargetValue,
-    check_robust,
-    own_constants,
-    robust_target,
-)
+from gaitsweep.fitting.robustness import ROBUST, Robust, check_robust, own_constants, robust_target
+from gaitsweep.fitting.targets import MISS, Target, TargetValue
 from gaitsweep.runs.prepare import RunContext
 from gaitsweep.schema.diagnostics import Diagnostic, JobError, quoted, read_model, refuse
 from gaitsweep.schema.numbers import Count, CountOrZero, Positive, Seed, Text, word
@@ -144,7 +137,7 @@ class SearchJob(Search):
         """Sets of the Sobol sequence with which `cma` begins."""
         return self.options.budget // 10 if self.options.start is None else self.options.start
 
-    def known_points(self) -> np.ndarray:
+    def known_points(self) -> Float[np.ndarray, "sets constants"]:
         """Return the points (m, constants) of the unit cube of the sets that are measured first."""
         shares = [
             [float(parameter.share([values[name]])[0]) for name, parameter in self.free.items()]

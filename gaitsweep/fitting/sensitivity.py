@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
+from jaxtyping import Int
 from matplotlib.figure import Figure
 
 from gaitsweep.angle_difference import wrapped_difference
@@ -180,7 +181,7 @@ def _blocks(
             yield number, records.iloc[begin : begin + last - first].reset_index(drop=True)
 
 
-def _records(rows: np.ndarray, sets: Sets, measured: MeasuredByName) -> pd.DataFrame:
+def _records(rows: Int[np.ndarray, " sets"], sets: Sets, measured: MeasuredByName) -> pd.DataFrame:
     """Return the records of the sets `rows` (n,): their status, and why outputs have no value."""
     why = [
         "; ".join(

@@ -19,9 +19,9 @@ from gaitsweep.errors import ArgumentError
 from gaitsweep.fitting.fit_fields import by_name, read_file, read_free, read_measure, read_settings
 from gaitsweep.fitting.fit_job import FitJob, check_constants, check_measures, read_fit_job
 from gaitsweep.fitting.free_parameters import FreeParameter
-from gaitsweep.fitting.indices import METHODS, SensitivityDesign, design_of
 from gaitsweep.fitting.measure import Measure
 from gaitsweep.fitting.population import Population
+from gaitsweep.fitting.sensitivity_design import METHODS, SensitivityDesign, design_of
 from gaitsweep.job import Job
 from gaitsweep.schema.diagnostics import Diagnostic, JobError, quoted, refuse
 from gaitsweep.schema.numbers import Count, Seed, word

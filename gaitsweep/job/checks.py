@@ -8,6 +8,7 @@ import math
 from collections.abc import Mapping
 
 import numpy as np
+from jaxtyping import Int
 
 from gaitsweep import near_miss
 from gaitsweep.contract import Quantity
@@ -17,9 +18,11 @@ from gaitsweep.expression import CONSTANTS, ExpressionError
 from gaitsweep.job.model_spec import ModelSpec
 from gaitsweep.kinds import RUN_KINDS, RunKind
 from gaitsweep.kinds.run_kind import Movement, table_columns
-from gaitsweep.models.conformity import NAMED, faults_of_rows, idle_starts, sets_starts
+from gaitsweep.models.conformity import idle_starts, sets_starts
+from gaitsweep.models.value_faults import NAMED, faults_of_rows
 from gaitsweep.plot.figure_style import FigureStyle
-from gaitsweep.plot.kind import FigureKind, PlannedTable
+from gaitsweep.plot.kind import FIGURES, FigureKind
+from gaitsweep.plot.planned_table import PlannedTable
 from gaitsweep.plot.style_names import StyleNames
 from gaitsweep.schema.diagnostics import Diagnostic, JobError, Path, unknown_name
 from gaitsweep.schema.strict_model import kind_of
@@ -33,9 +36,9 @@ _MOST_TURNS = 20  # of a path, at each of which formulas are checked; of a longe
 def check_names(design: Design, spec: ModelSpec) -> list[Diagnostic]:
     """Diagnostics about formulas that use unknown names or depend on themselves."""
     diagnostics: list[Diagnostic] = []
-    own = [*spec.parameters, *spec.sizes]
+    of_parameters = [*spec.parameters, *spec.sizes]
     for name in [*design.settings, *design.names]:
-        allowed = own if name in spec.parameters else [*own, *spec.starts]
+        allowed = of_parameters if name in spec.parameters else [*of_parameters, *spec.starts]
         for used in sorted(design.uses(name)):
             if used in allowed:
                 continue
@@ -81,6 +84,7 @@ def place(design: Design, spec: ModelSpec, name: str) -> Path:
 
 
 def _check_quantity(design: Design, spec: ModelSpec, name: str, quantity: Quantity) -> Diagnostic | None:
+    """The diagnostic of the first row whose value of a quantity is not allowed, or None."""
     path = place(design, spec, name)
     if not design.checkable(name):
         return None  # Design.values checks these, block by block
@@ -127,10 +131,11 @@ def remarks_on_rows(design: Design, name: str) -> list[str]:
         name: the name of the model in the job.
     """
     model = design.model
-    if model.host_parameters or type(model).__module__.startswith("gaitsweep."):
+    if model.host_parameters or type(model.original).__module__.startswith("gaitsweep."):
         return []
     idle = [
-        f"{start} has no effect: {sets_starts(model)} of {name} sets it." for start in _idle_starts(design)
+        f"{start} has no effect: {sets_starts(model.original)} of {name} sets it."
+        for start in _idle_starts(design)
     ]
     rows = _some_rows(design)
     try:
@@ -149,7 +154,7 @@ def remarks_on_rows(design: Design, name: str) -> list[str]:
 
 def _idle_starts(design: Design) -> list[str]:
     """The starts without effect that a job varies, or sets to another value than their default."""
-    idle, quantities = idle_starts(design.model), design.model.initial_conditions
+    idle, quantities = idle_starts(design.model.original), design.model.initial_conditions
     used = design.closure(quantity.name for quantity in quantities if quantity.name not in idle)
     return [
         quantity.name
@@ -160,7 +165,7 @@ def _idle_starts(design: Design) -> list[str]:
     ]
 
 
-def _some_rows(design: Design) -> np.ndarray:
+def _some_rows(design: Design) -> Int[np.ndarray, " rows"]:
     """`_TRIED` rows: the corners of the first axes, then random ones; rows of a small job may repeat."""
     if design.n_rows <= _TRIED:
         return np.arange(_TRIED) % design.n_rows  # as many, so that the same program evaluates them
@@ -174,6 +179,7 @@ def _some_rows(design: Design) -> np.ndarray:
 
 
 def _check_path(design: Design, spec: ModelSpec, run: RunKind, movement: Movement) -> list[Diagnostic]:
+    """Diagnostics of values that a moving parameter, or one that follows it, must not have."""
     moving, path = movement.parameter, movement.values
     quantity = spec.parameters[moving]
     diagnostics = []
@@ -224,27 +230,32 @@ def check_figures(
     stems: dict[str, int] = {}
     for index, figure in figures.items():
         path = ("figures", index)
-        if not figure.suits(run):
-            others = [kind_of(part) for part in RUN_KINDS.values() if figure.kind_name in part.figures]
-            suited = " or ".join(dict.fromkeys([*figure.runs, *others]))
-            text = f"is {figure.kind_name}, which needs a run of kind {suited}"
-            wrong.append(Diagnostic((*path, "kind"), f"{text}, not {run.kind_name}."))
+        if not figure.suits(type(run)):
+            wrong.append(_unsuited(figure, path, run))
             continue
-        before = len(wrong)
-        for field, column in figure.columns().items():
-            if column not in columns:
-                wrong.append(unknown_name((*path, field), column, "a column of this job's table", columns))
-        for place, name in figure.observed().items():
-            if name not in observables:
-                kind = f"an observable of {model.name}"
-                wrong.append(unknown_name((*path, *place), name, kind, observables))
-        if len(wrong) == before:
-            wrong += [Diagnostic((*path, *place), text) for place, text in figure.refusals(table)]
+        unknown = [
+            unknown_name((*path, field), column, "a column of this job's table", columns)
+            for field, column in figure.columns().items()
+            if column not in columns
+        ]
+        unknown += [
+            unknown_name((*path, *place), name, f"an observable of {model.name}", observables)
+            for place, name in figure.observed().items()
+            if name not in observables
+        ]
+        wrong += unknown or [Diagnostic((*path, *place), text) for place, text in figure.refusals(table)]
         if figure.stem in stems:
             text = f"is {figure.stem}, like that of figures[{stems[figure.stem]}]"
-            own = f"{figure.stem}_{index + 1}"
-            wrong.append(
-                Diagnostic((*path, "name"), f"{text}: give it a name of its own, such as name: {own}.")
-            )
+            text += f": give it a name of its own, such as name: {figure.stem}_{index + 1}."
+            wrong.append(Diagnostic((*path, "name"), text))
         stems.setdefault(figure.stem, index)
     return wrong
+
+
+def _unsuited(figure: FigureKind, path: Path, run: RunKind) -> Diagnostic:
+    """The diagnostic of a figure that cannot show the table of a run of this kind."""
+    others = [kind_of(part) for part in RUN_KINDS.values() if figure.kind_name in part.figures]
+    suited = " or ".join(dict.fromkeys([*figure.runs, *others]))
+    text = f"is {figure.kind_name}, which needs a run of kind {suited}, not {run.kind_name}."
+    allowed = ", ".join(name for name, kind in FIGURES.items() if kind.suits(type(run)))
+    return Diagnostic((*path, "kind"), f"{text} Figures of {run.kind_name}: {allowed}.")

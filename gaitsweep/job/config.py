@@ -26,7 +26,7 @@ class Config:
         self.raw = raw
         self.diagnostics: list[Diagnostic] = []
         self._document: Document | None = None
-        self._own: set[diagnostics.Path] = set()
+        self._from_config: set[diagnostics.Path] = set()
         named = raw.get("config")
         if named is None:
             return
@@ -49,7 +49,7 @@ class Config:
 
     def locate(self, diagnostic: Diagnostic) -> Diagnostic:
         """The diagnostic with the config's file and line if the field comes from the config."""
-        if self._document is None or diagnostic.file or diagnostic.path[:2] not in self._own:
+        if self._document is None or diagnostic.file or diagnostic.path[:2] not in self._from_config:
             return diagnostic
         return self._document.locate(diagnostic)
 
@@ -59,6 +59,7 @@ class Config:
             raise JobError([self.locate(diagnostic) for diagnostic in diagnostics])
 
     def _merge(self, data: Mapping[str, Any]) -> None:
+        """Add the fields of the config that the job leaves out."""
         assert self._document is not None
         for key in data:
             if key not in _FIELDS:
@@ -67,26 +68,26 @@ class Config:
         merged = dict(self.raw)
         if "model" in data and self.raw.get("model") is None:
             merged["model"] = data["model"]
-            self._own.add(("model",))
+            self._from_config.add(("model",))
         for section in ("structure", "params"):
-            theirs = data.get(section)
-            if theirs is not None and not isinstance(theirs, Mapping):
-                text = f"is {quoted(theirs)}, but must be a mapping of names to numbers (name: number)."
+            of_config = data.get(section)
+            if of_config is not None and not isinstance(of_config, Mapping):
+                text = f"is {quoted(of_config)}, but must be a mapping of names to numbers (name: number)."
                 self.diagnostics.append(self._document.locate(Diagnostic((section,), text)))
                 continue
-            own = self.raw.get(section)
-            if theirs and (own is None or isinstance(own, Mapping)):
-                merged[section] = self._without_overridden(theirs, section) | dict(own or {})
-                self._own |= {(section, str(key)) for key in theirs if key not in (own or {})}
+            of_job = self.raw.get(section)
+            if of_config and (of_job is None or isinstance(of_job, Mapping)):
+                merged[section] = self._without_overridden(of_config, section) | dict(of_job or {})
+                self._from_config |= {(section, str(key)) for key in of_config if key not in (of_job or {})}
         self.raw = merged
 
-    def _without_overridden(self, theirs: Mapping[str, Any], section: str) -> dict[str, Any]:
+    def _without_overridden(self, of_config: Mapping[str, Any], section: str) -> dict[str, Any]:
         """The config's values without those that the job varies, moves, or sets in the other section."""
         overridden = _moving(self.raw)
         other = self.raw.get("structure" if section == "params" else "params")
         if isinstance(other, Mapping):
             overridden |= {str(key) for key in other}
-        return {str(key): value for key, value in theirs.items() if key not in overridden}
+        return {str(key): value for key, value in of_config.items() if key not in overridden}
 
 
 def _moving(raw: Mapping[str, Any]) -> set[str]:

@@ -9,10 +9,13 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path as FilePath
 from typing import Any
 
+from pydantic import BaseModel
+
 from gaitsweep import models, near_miss
 from gaitsweep.contract import Model, Quantity
 from gaitsweep.engine.sweep.xla import refuse_missing_platform
 from gaitsweep.expression import RESERVED
+from gaitsweep.kinds import RUN_KINDS
 from gaitsweep.models.conformity import fault
 from gaitsweep.schema.diagnostics import Diagnostic, Path, quoted
 from gaitsweep.schema.numbers import (
@@ -57,7 +60,7 @@ class ModelSpec:
         """
         later = {
             field.name: field.default
-            for field in dataclasses.fields(self.model)  # type: ignore[arg-type]
+            for field in dataclasses.fields(self.model.original)  # type: ignore[arg-type]
             if field.metadata.get("later")
         }
         return {
@@ -83,9 +86,14 @@ class ModelSpec:
 
 
 def read_model_spec(
-    name: Any, structure: Any, params: Any, folders: Sequence[FilePath]
+    name: Any, structure: Any, params: Any, folders: Sequence[FilePath], run: Any = None
 ) -> tuple[ModelSpec | None, list[Diagnostic]]:
     """The model that a job names, with the structure that `structure` and `params` set.
+
+    Args:
+        name, structure, params: these fields of the job as written.
+        folders: folders with the user's modules.
+        run: the run as written, or a run kind; it may add parameters to the model.
 
     Returns:
         The spec, or None if there are errors; and the diagnostics.
@@ -118,7 +126,22 @@ def read_model_spec(
             diagnostics.append(Diagnostic(("structure", key), text))
     if diagnostics:
         return None, diagnostics
-    return _instance(str(name), model_class, shape)
+    spec, diagnostics = _instance(str(name), model_class, shape)
+    return (None, diagnostics) if spec is None else _of_run(spec, run)
+
+
+def _of_run(spec: ModelSpec, run: Any) -> tuple[ModelSpec, list[Diagnostic]]:
+    """The model with the parameters that a run adds, and diagnostics."""
+    written = run.model_dump() if isinstance(run, BaseModel) else run
+    name = written.get("kind") if isinstance(written, Mapping) else None
+    kind = RUN_KINDS.get(name) if isinstance(name, str) else None
+    if kind is None:
+        return spec, []
+    model, diagnostics = kind.model_of(spec.model, written)
+    if model is spec.model:
+        return spec, diagnostics
+    parameters = {quantity.name: quantity for quantity in model.parameters}
+    return dataclasses.replace(spec, model=model, parameters=parameters), diagnostics
 
 
 def _items(mapping: Any) -> list[tuple[str, Any]]:

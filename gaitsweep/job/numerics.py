@@ -20,10 +20,12 @@ METHOD_NAMES = ("auto", "tsit5", "taylor", "rk4", "propagator6", "propagator", "
 
 
 def _step(value: Any) -> float | str:
+    """Read the length of a step, s, or `auto`."""
     return "auto" if value == "auto" else read_real(value, low=0.0, open_ends=True)
 
 
 def _block(value: Any) -> int | str:
+    """Read a number of rows, or `auto`."""
     return "auto" if value == "auto" else read_whole(value, low=1, high=10**9)
 
 

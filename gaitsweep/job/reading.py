@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -54,30 +55,15 @@ def read_job(
         raise JobError([Diagnostic((others[0],), text)])
     config = Config({str(key): _plain(value) for key, value in data.items() if value is not None}, folder)
     raw, diagnostics = config.raw, list(config.diagnostics)
-    fields = {key: value for key, value in raw.items() if key not in _READ_HERE}
     spec = None
     if "model" in raw:
-        spec, wrong = read_model_spec(raw["model"], raw.get("structure"), raw.get("params"), [folder])
+        of_model = (raw["model"], raw.get("structure"), raw.get("params"))
+        spec, wrong = read_model_spec(*of_model, [folder], raw.get("run"))
         diagnostics.extend(wrong)
-    settings: dict[str, float | str] = {}
-    if spec is not None:
-        fields["structure"] = spec.resolved_structure
-        for field in ("params", "start"):
-            fields[field], wrong = read_settings(raw.get(field), field, spec)
-            settings |= fields[field]
-            diagnostics.extend(wrong)
+    fields = {key: value for key, value in raw.items() if key not in _READ_HERE}
+    settings = {} if spec is None else _read_values(raw, spec, fields, diagnostics)
     moved = _moved(raw, spec)
-
-    def refusal(name: str) -> str | None:
-        if spec is None:
-            return None
-        if name in settings:
-            field = "params" if name in spec.parameters else "start"
-            return f"varies, but {field}.{name} fixes it: remove one of the two."
-        if name == moved:
-            return "varies, but run.parameter moves it: remove one of the two."
-        return spec.unknown(name, "vary")
-
+    refusal = functools.partial(_refusal_to_vary, spec, settings, moved)
     vary = read_vary(raw.get("vary"), spec.quantities if spec else {}, refusal)
     fields["vary"] = vary.plain
     diagnostics.extend(vary.diagnostics)
@@ -110,6 +96,31 @@ def read_job(
     return job, design, numerics
 
 
+def _read_values(
+    raw: Mapping[str, Any], spec: ModelSpec, fields: dict[str, Any], diagnostics: list[Diagnostic]
+) -> dict[str, float | str]:
+    """The settings under `params` and `start` together; `fields` gets both sections and the structure."""
+    fields["structure"] = spec.resolved_structure
+    for section in ("params", "start"):
+        fields[section], wrong = read_settings(raw.get(section), section, spec)
+        diagnostics.extend(wrong)
+    return {**fields["params"], **fields["start"]}
+
+
+def _refusal_to_vary(
+    spec: ModelSpec | None, settings: Mapping[str, float | str], moved: str | None, name: str
+) -> str | None:
+    """The reason why a name cannot vary in this job, or None."""
+    if spec is None:
+        return None
+    if name in settings:
+        section = "params" if name in spec.parameters else "start"
+        return f"varies, but {section}.{name} fixes it: remove one of the two."
+    if name == moved:
+        return "varies, but run.parameter moves it: remove one of the two."
+    return spec.unknown(name, "vary")
+
+
 def _unknown_movements(run: RunKind, spec: ModelSpec) -> list[Diagnostic]:
     """Diagnostics about parameters that a run moves and the model does not have."""
     return [
@@ -131,17 +142,17 @@ def _beside(
 
 
 def _without(
-    ready: Mapping[str, Any], wrong: Sequence[Diagnostic], handler: Callable[[Any], Any]
+    fields: Mapping[str, Any], wrong: Sequence[Diagnostic], handler: Callable[[Any], Any]
 ) -> tuple[Any, list[int]]:
     """The job without the fields that pydantic refused, and the places of its figures.
 
     The job is None where it must have such a field.
     """
-    refused, figures = {diagnostic.path[:2] for diagnostic in wrong}, ready.get("figures")
+    refused, figures = {diagnostic.path[:2] for diagnostic in wrong}, fields.get("figures")
     places = range(len(figures)) if isinstance(figures, list | tuple) else ()
     places = [place for place in places if ("figures", place) not in refused]
     names = {path[0] for path in refused if path[1:] == () or path[0] != "figures"}
-    rest = {"name": "job", **{name: value for name, value in ready.items() if name not in names}}
+    rest = {"name": "job", **{name: value for name, value in fields.items() if name not in names}}
     if figures is not None:
         rest["figures"] = [figures[place] for place in places]
     try:
@@ -259,8 +270,8 @@ def _check_columns(design: Design, run: RunKind) -> list[Diagnostic]:
     columns = table_columns(design, run)
     repeated = dict.fromkeys(name for name in columns if columns.count(name) > 1)
     if isinstance(run, FollowsFixedPoints):  # whose branches have some observables by their own names
-        own = {column.name for column in run.all_columns(design.model)} - run.beside_observables
-        repeated |= dict.fromkeys(q.name for q in design.model.observables if q.name in own)
+        disturbed = {column.name for column in run.all_columns(design.model)} - run.beside_observables
+        repeated |= dict.fromkeys(q.name for q in design.model.observables if q.name in disturbed)
     places = {name: (path, "varies") for group in design.groups for name, path in group.paths.items()}
     if run.moved is not None:
         places[run.moved] = ("run", "parameter"), "is"

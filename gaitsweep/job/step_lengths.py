@@ -11,6 +11,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Bool, Float, Int
 
 from gaitsweep.contract import HybridModel, Model
 from gaitsweep.design.design import Design
@@ -25,7 +26,7 @@ from gaitsweep.engine.numerics import (
     recommended_step,
     unknown_step,
 )
-from gaitsweep.engine.solver import METHODS, refusal
+from gaitsweep.engine.solver import METHODS, fixed_step_scheme, refusal
 from gaitsweep.engine.stored_programs import stored
 from gaitsweep.engine.sweep.xla import see_all_cores
 from gaitsweep.expression import functions_of, resolve
@@ -33,6 +34,8 @@ from gaitsweep.job.numerics import NumericsSpec
 from gaitsweep.kinds import RunKind
 from gaitsweep.schema.diagnostics import Diagnostic, JobError
 
+Rows = Int[np.ndarray, " rows"]  # numbers of rows
+PerRow = Float[np.ndarray, " rows"]  # a number for each row
 # Largest number of sets of parameters whose steps are checked before a job runs. Of more sets, so many evenly
 # spaced ones are checked then, and the step of each row when its block begins.
 MOST_SETS = 1_000_000
@@ -62,6 +65,10 @@ def check_numerics(model: Model, numerics: NumericsSpec, resolved: ResolvedNumer
     if unfit is not None:
         diagnostics.append(Diagnostic(("numerics", "method"), unfit))
         return diagnostics
+    steps = fixed_step_scheme(resolved.method, model)
+    if resolved.dt is not None and steps is not None and steps.is_return_map:
+        text = f"is set, but {model.name} is a map, which has no steps in time: remove it."
+        diagnostics.append(Diagnostic(("numerics", "dt"), text))
     for name in ("rtol", "atol"):
         if getattr(numerics, name) is not None and not resolved.adaptive:
             text = f"is set, but {resolved.method} has no step control by tolerances: remove it."
@@ -78,10 +85,10 @@ class RowSteps:
     were evaluated.
     """
 
-    rows: np.ndarray
+    rows: Rows
     rows_per_set: float
-    dt: np.ndarray
-    longest: np.ndarray
+    dt: PerRow
+    longest: PerRow
     sampled: bool
 
     @property
@@ -142,7 +149,7 @@ def check_steps(design: Design, run: RunKind, numerics: ResolvedNumerics) -> lis
     return [Diagnostic(("numerics", "dt"), text)]
 
 
-def too_long_steps(design: Design, run: RunKind, numerics: ResolvedNumerics) -> np.ndarray:
+def too_long_steps(design: Design, run: RunKind, numerics: ResolvedNumerics) -> Bool[np.ndarray, " rows"]:
     """Mask of the rows (n_rows,) whose step is known to be too long for their parameters."""
     if numerics.dt is None:
         return np.zeros(design.n_rows, bool)
@@ -150,7 +157,7 @@ def too_long_steps(design: Design, run: RunKind, numerics: ResolvedNumerics) -> 
     return dt > longest * _ROUNDING
 
 
-def refuse_long_steps(design: Design, run: RunKind, numerics: ResolvedNumerics, rows: np.ndarray) -> None:
+def refuse_long_steps(design: Design, run: RunKind, numerics: ResolvedNumerics, rows: Rows) -> None:
     """Raise JobError if the step of a row, of `rows` (n,), is too long for its parameters."""
     dt, longest = _steps(design, run, numerics, rows)
     wrong = np.flatnonzero(dt > longest * _ROUNDING)
@@ -172,9 +179,7 @@ def _rounded_down(value: float) -> float:
     return math.floor(value / digits) * digits
 
 
-def _steps(
-    design: Design, run: RunKind, numerics: ResolvedNumerics, rows: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def _steps(design: Design, run: RunKind, numerics: ResolvedNumerics, rows: Rows) -> tuple[PerRow, PerRow]:
     """The steps of rows (n,), and their longest accurate steps."""
     if rows.size > _CHUNK:
         chunks = [rows[first : first + _CHUNK] for first in range(0, rows.size, _CHUNK)]
@@ -224,6 +229,7 @@ def _parameters_of_steps(model: Model, numerics: ResolvedNumerics) -> list[str]:
 
 @cached_by_content(maxsize=16)
 def _deciding_names(model: Model, numerics: ResolvedNumerics) -> list[str]:
+    """The parameters on which the length of steps depends, from the traced program of a model's functions."""
     names = [quantity.name for quantity in model.parameters]
 
     def one(values: dict[str, jax.Array]) -> list[jax.Array]:
@@ -238,7 +244,7 @@ def _deciding_names(model: Model, numerics: ResolvedNumerics) -> list[str]:
     return stored("deciding", model, (numerics,), deciding)
 
 
-def _from_spectrum(design: Design, numerics: ResolvedNumerics, steps: RowSteps) -> np.ndarray:
+def _from_spectrum(design: Design, numerics: ResolvedNumerics, steps: RowSteps) -> PerRow:
     """Longest steps of rows whose model gives none.
 
     They come from the flow's matrix where it is linear, and are a share of the nominal period elsewhere.

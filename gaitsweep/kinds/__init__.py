@@ -16,6 +16,7 @@ from gaitsweep.kinds.atlas import Atlas
 from gaitsweep.kinds.continuation import Continuation
 from gaitsweep.kinds.fixed_time import FixedTime
 from gaitsweep.kinds.folds import Folds
+from gaitsweep.kinds.perturb import Perturb
 from gaitsweep.kinds.ramp import Ramp
 from gaitsweep.kinds.return_map import ReturnMap
 from gaitsweep.kinds.run_kind import RunKind
@@ -27,7 +28,7 @@ from gaitsweep.schema.strict_model import Registry
 __all__ = ["RUN_KINDS", "RunKind", "parameter_written", "register", "unregister"]
 
 RUN_KINDS: Registry[RunKind] = Registry(
-    "run", [Settle, FixedTime, Trace, Ramp, ReturnMap, Staircase, Continuation, Folds, Atlas]
+    "run", [Settle, FixedTime, Trace, Ramp, ReturnMap, Staircase, Continuation, Folds, Atlas, Perturb]
 )
 register = RUN_KINDS.register
 unregister = RUN_KINDS.unregister

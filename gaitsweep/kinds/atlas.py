@@ -3,28 +3,28 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 import pandas as pd
-from jaxtyping import Int
+from jaxtyping import Float, Int
 from pydantic import Field
 
 from gaitsweep import near_miss
-from gaitsweep.analysis.atlas.atlas import Atlas as BranchAtlas
+from gaitsweep.analysis.atlas.atlas import BranchAtlas
 from gaitsweep.analysis.atlas.event_orders import time_column
 from gaitsweep.analysis.atlas.periodic_orbits import OrbitSearch, SearchOptions, rows_of
 from gaitsweep.contract import HybridModel, Model, Quantity
 from gaitsweep.design import Design
 from gaitsweep.engine.poincare.maps import Points, Values
-from gaitsweep.engine.poincare.model_map import ModelMap
 from gaitsweep.engine.poincare.poincare_return import ReturnStatus
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.kinds.columns import Column, observed_at_crossings
 from gaitsweep.kinds.fixed_points import (
     LISTED,
     FollowsFixedPoints,
+    MappedRows,
     beginning_within,
     bifurcations_found,
     rising,
@@ -40,6 +40,7 @@ STEPS_OF_SEARCH, BRANCHES, POINTS = 8.0, 6.0, 60.0
 DERIVATIVES_A_POINT = 10.0
 # Starts of the self-check.
 CHECKED = 16
+Rows = Int[np.ndarray, " rows"]
 Range = Annotated[list[Real], Field(min_length=2, max_length=2)]
 
 
@@ -110,43 +111,49 @@ class Atlas(FollowsFixedPoints):
 
     def findings(self, table: pd.DataFrame) -> list[str]:
         branch = (table["part"] == "branch").to_numpy(bool)
-        gaits = table.iloc[np.flatnonzero(branch & (table["found"] >= 0).to_numpy(bool))]
-        of = "at rest" if self.stationary else "of period {}"
-        counts = [
-            f"{len(own)} {of.format(period)}, {np.count_nonzero(own['stable'])} of them stable"
-            for period, own in gaits.groupby("period")
+        on_branches = table.iloc[np.flatnonzero(branch)]
+        of_rows = table.drop_duplicates("row")
+        sentences = [
+            self._gaits_found(on_branches, of_rows),
+            bifurcations_found(on_branches, self.parameter),
         ]
-        of_row = table.drop_duplicates("row")
-        text = (
-            f"At {self.parameter} = {self.place:g}{f', in {len(of_row)} rows' if len(of_row) > 1 else ''}: "
-        )
-        text += "; ".join(counts) or "no gait"
-        missing = np.sum(of_row["missing"].to_numpy(float))
-        text += f"; an estimate of {missing:.0f} more were not found." if missing >= 0.5 else "."
-        sentences = [text, bifurcations_found(table.iloc[np.flatnonzero(branch)], self.parameter)]
-        if left_out := np.sum(of_row["left_out"].to_numpy(int)):
-            what = "1 branch was" if left_out == 1 else f"{left_out} branches were"
-            sentences.append(f"{what} not followed: run.branches is {self.branches}.")
-        stopped = table.iloc[np.flatnonzero(branch & (table["end"].astype(str) == "most").to_numpy(bool))]
-        if len(stopped):
+        if left_out := np.sum(of_rows["left_out"].to_numpy(int)):
+            were_not = "1 branch was" if left_out == 1 else f"{left_out} branches were"
+            sentences.append(f"{were_not} not followed: run.branches is {self.branches}.")
+        if stopped := np.count_nonzero(on_branches["end"].astype(str) == "most"):
             sentences.append(
-                f"Branches ended at {len(stopped)} places after run.most, {self.most} points: raise it, or "
+                f"Branches ended at {stopped} places after run.most, {self.most} points: raise it, or "
                 "run.longest."
             )
-        for second in self.second:
-            curves = table.iloc[np.flatnonzero(~branch & (table["part"] != "").to_numpy(bool))]
-            orders = curves.iloc[np.flatnonzero((curves["part"] == "order_change").to_numpy(bool))]
-            counts = [part.groupby(["row", "number"]).ngroups for part in (curves, orders)]
-            found = f"{counts[0] - counts[1]} curves of bifurcations"
-            found += f" and {counts[1]} of the order of events" if counts[1] else ""
-            unnamed = np.isin(curves["special"].astype(str).to_numpy(str), ["", "nan", "kink"])
-            points = curves.iloc[np.flatnonzero(~unnamed)]
-            places = zip(points["special"], points[self.parameter], points[second], strict=True)
-            named = [f"{str(kind).replace('_', ' ')} at ({x:.5g}, {y:.5g})" for kind, x, y in places]
-            more = f" and {len(named) - LISTED} more" if len(named) > LISTED else ""
-            listed = f": {'; '.join(named[:LISTED])}{more}" if named else ""
-            sentences.append(f"Over {self.parameter} and {second}: {found}{listed}.")
-        return sentences
+        curves = table.iloc[np.flatnonzero(~branch & (table["part"] != "").to_numpy(bool))]
+        return [*sentences, *(self._curves_found(curves, second) for second in self.second)]
+
+    def _gaits_found(self, on_branches: pd.DataFrame, of_rows: pd.DataFrame) -> str:
+        """The sentence with the numbers of gaits by period, and an estimate of those that were not found."""
+        gaits = on_branches.iloc[np.flatnonzero((on_branches["found"] >= 0).to_numpy(bool))]
+        kind = "at rest" if self.stationary else "of period {}"
+        counts = [
+            f"{len(of_period)} {kind.format(period)}, {np.count_nonzero(of_period['stable'])} of them stable"
+            for period, of_period in gaits.groupby("period")
+        ]
+        rows = f", in {len(of_rows)} rows" if len(of_rows) > 1 else ""
+        text = f"At {self.parameter} = {self.place:g}{rows}: {'; '.join(counts) or 'no gait'}"
+        missing = np.sum(of_rows["missing"].to_numpy(float))
+        return f"{text}; an estimate of {missing:.0f} more were not found." if missing >= 0.5 else f"{text}."
+
+    def _curves_found(self, curves: pd.DataFrame, second: str) -> str:
+        """The sentence with the numbers of curves over a second parameter, and the points marked on them."""
+        orders = curves.iloc[np.flatnonzero((curves["part"] == "order_change").to_numpy(bool))]
+        both, of_order = (part.groupby(["row", "number"]).ngroups for part in (curves, orders))
+        text = f"{both - of_order} curves of bifurcations"
+        text += f" and {of_order} of the order of events" if of_order else ""
+        unnamed = np.isin(curves["special"].astype(str).to_numpy(str), ["", "nan", "kink"])
+        points = curves.iloc[np.flatnonzero(~unnamed)]
+        places = zip(points["special"], points[self.parameter], points[second], strict=True)
+        named = [f"{str(kind).replace('_', ' ')} at ({x:.5g}, {y:.5g})" for kind, x, y in places]
+        more = f" and {len(named) - LISTED} more" if len(named) > LISTED else ""
+        listed = f": {'; '.join(named[:LISTED])}{more}" if named else ""
+        return f"Over {self.parameter} and {second}: {text}{listed}."
 
     def wider(self) -> Atlas:
         """The run with twice the starts, patience and branches, and one bifurcation deeper."""
@@ -207,129 +214,126 @@ class Atlas(FollowsFixedPoints):
             records=BRANCHES * POINTS,
         )
 
-    def near_fixed_points(
-        self,
-        mapping: ModelMap,
-        values: dict[str, Any],
-        starts: Values,
-        numbers: Int[np.ndarray, " sampled"],
-    ) -> Points:
-        values[self.parameter] = np.full(len(numbers), self.place)
-        of = np.repeat(np.arange(len(numbers)), CHECKED)
-        drawn = self._drawn(mapping, starts, values, of, numbers, 0, CHECKED)
-        search = OrbitSearch(mapping, values, self._levels(mapping, values, starts), SearchOptions())
-        search.add(drawn, of)
-        first = [search.of_row(row)[:1] for row in range(len(numbers))]
+    def near_fixed_points(self, mapped: MappedRows) -> tuple[Points, Values]:
+        mapped = self._at_place(mapped)
+        count = len(mapped.numbers)
+        row_of_start = np.repeat(np.arange(count), CHECKED)
+        drawn = self._drawn(mapped, row_of_start, 0, CHECKED)
+        search = OrbitSearch(mapped.mapping, mapped.values, self._levels(mapped), SearchOptions())
+        search.add(drawn, row_of_start)
+        first = [search.of_row(row)[:1] for row in range(count)]
         points = [
             orbits[0].points[[0]] if orbits else drawn[[row * CHECKED]] for row, orbits in enumerate(first)
         ]
-        return Points.joined(points)
+        return Points.joined(points), mapped.values
 
-    def _levels(self, mapping: ModelMap, values: Mapping[str, Any], starts: Values) -> dict[str, Any]:
+    def _at_place(self, mapped: MappedRows) -> MappedRows:
+        """The rows at the value of the parameter at which gaits are searched."""
+        return mapped.with_values(**{self.parameter: np.full(len(mapped.numbers), self.place)})
+
+    def _levels(self, mapped: MappedRows) -> dict[str, Any]:
         """The value (n,) of each conserved quantity that is held: that of the row's own start."""
         if not self.fix:
             return {}
-        points, _ = mapping.settled(starts, values, 0)
-        conserved = mapping.images(points, values).conserved_values
-        names = [quantity.name for quantity in mapping.conserved]
+        conserved = mapped.mapping.images(mapped.settled(0), mapped.values).conserved_values
+        names = [quantity.name for quantity in mapped.mapping.conserved]
         return {name: conserved[:, names.index(name)] for name in self.fix}
 
     def _drawn(
-        self,
-        mapping: ModelMap,
-        starts: Mapping[str, Any],
-        values: Mapping[str, Any],
-        of: Int[np.ndarray, " starts"],
-        numbers: Int[np.ndarray, " rows"],
-        begun: int,
-        count: int,
-        cycles: int = 0,
+        self, mapped: MappedRows, row_of_start: Rows, begun: int, count: int, cycles: int = 0
     ) -> Points:
-        """Random starts of the rows `of` (n,), `count` of each, which depend on the row and `begun` alone.
+        """Random starts (n,), `count` of each row, which depend on the row and `begun` alone.
 
         With `cycles`, where the starts are after so many cycles; NaN if they did not come so far.
         """
-        low, high = np.array(list(self.ranges.values())).T
-        drawn = {
-            row: np.random.default_rng([self.seed, int(numbers[row]), begun]).uniform(
-                low, high, (count, len(low))
-            )
-            for row in np.unique(of).tolist()
-        }
-        at = np.concatenate([drawn[row] for row in dict.fromkeys(of.tolist())])
-        columns = dict(zip(self.ranges, at.T, strict=True))
-        of_starts = {name: np.asarray(column)[of] for name, column in starts.items()}
+        mapping, values = mapped.mapping, rows_of(mapped.values, row_of_start)
+        columns = self._drawn_columns(mapped, row_of_start, begun, count)
         names = [quantity.name for quantity in mapping.model.initial_conditions]
-        given = {name: column for name, column in columns.items() if name in names}
-        start_values, of_points = {**of_starts, **given}, rows_of(values, of)
-        if cycles and len(given) == len(columns):
-            points, status = mapping.settled(start_values, of_points, cycles)
+        drawn_starts = {name: column for name, column in columns.items() if name in names}
+        starts = {name: np.asarray(column)[row_of_start] for name, column in mapped.starts.items()}
+        starts |= drawn_starts
+        if cycles and len(drawn_starts) == len(columns):
+            points, status = mapping.settled(starts, values, cycles)
             return Points(
                 np.where((status == ReturnStatus.crossed)[:, None], points.at, np.nan), points.modes
             )
-        points, _ = mapping.settled(start_values, of_points, 0)
-        outside = np.flatnonzero(~mapping.covers(points, of_points))
+        points, _ = mapping.settled(starts, values, 0)
+        outside = np.flatnonzero(~mapping.covers(points, values))
         if outside.size:
-            points = points.merged(outside, mapping.settled(start_values, of_points, 1)[0][outside])
+            points = points.merged(outside, mapping.settled(starts, values, 1)[0][outside])
         moved = points.at.copy()
         for place, quantity in enumerate(mapping.coordinates):
-            if quantity.name in columns and quantity.name not in given:
+            if quantity.name in columns and quantity.name not in drawn_starts:
                 moved[:, place] = columns[quantity.name]
         if cycles:
-            images = mapping.iterated(cycles).images(Points(moved, points.modes), of_points)
+            images = mapping.iterated(cycles).images(Points(moved, points.modes), values)
             moved, points = np.where(images.sound[:, None], images.points.at, np.nan), images.points
         return Points(moved, points.modes)
+
+    def _drawn_columns(
+        self, mapped: MappedRows, row_of_start: Rows, begun: int, count: int
+    ) -> dict[str, Float[np.ndarray, " starts"]]:
+        """Random numbers (n,) in each of `ranges`, `count` for each row."""
+        low, high = np.array(list(self.ranges.values())).T
+        drawn = [
+            np.random.default_rng([self.seed, int(mapped.numbers[row]), begun]).uniform(
+                low, high, (count, len(low))
+            )
+            for row in dict.fromkeys(row_of_start.tolist())
+        ]
+        return dict(zip(self.ranges, np.concatenate(drawn).T, strict=True))
 
     def block_table(
         self, rows: Design, spec: SweepSpec, first: int, last: int, on_progress: BlockProgress
     ) -> pd.DataFrame:
         """The atlas of rows first..last-1; `on_progress` is called before each of its steps."""
-        numbers = np.arange(first, last)
-        mapping, values, search, atlas = self._followed(rows, spec, numbers, on_progress)
+        mapped, search, atlas = self._followed(rows, spec, np.arange(first, last), on_progress)
+        table = self._joined_parts(mapped, search, atlas)
+        for name in self.second:
+            of_branch = mapped.values[name][table["row"].to_numpy(int)]
+            table[name] = np.where(table["part"] == "branch", of_branch, table.get(name, np.nan))
+        observed = {f"{quantity.name}_n" for quantity in rows.model.observables}
+        named = [c.name for c in self.columns(rows.model) if c.name not in observed]
+        table = table.reindex(columns=list(dict.fromkeys([*table, *named])))
+        has_point = table["special"].notna().to_numpy()
+        table = self.records(rows, mapped.without(self.parameter), table, has_point, has_point)
+        whole = ("number", "period", "depth", "begins", "point", "unstable", "found", "corrections")
+        integers = {name: table[name].astype(float).fillna(-1).astype(np.int64) for name in whole}
+        left_out = np.array([atlas.left_out(row) for row in range(last - first)], np.int64)
+        integers["left_out"] = left_out[table["row"].to_numpy(int) - first]
+        stable = table["stable"].astype("boolean").fillna(False).astype(bool)
+        texts = {
+            name: pd.Categorical(table[name].astype(object).fillna(""))
+            for name in ("part", "symmetry", "events", "change")
+        }
+        return table.assign(stable=stable, **texts, **integers)
+
+    def _joined_parts(self, mapped: MappedRows, search: OrbitSearch, atlas: BranchAtlas) -> pd.DataFrame:
+        """The points of branches, those of curves over the second parameter, and rows without a gait."""
         branches = atlas.table(search, self.place)
         parts = [branches.assign(part="branch").rename(columns={"branch": "number"})]
         for second, within in self.second.items():
             curves = atlas.follow_curves(second, within, atlas.steps)
             if len(curves):
                 parts.append(curves.rename(columns={"curve": "number", "kind": "part"}))
-        without = sorted(set(range(len(numbers))) - {branch.row for branch in atlas.branches})
+        without = sorted(set(range(len(mapped.numbers))) - {branch.row for branch in atlas.branches})
         parts.append(pd.DataFrame([self._without_gait(row, search) for row in without]))
         table = pd.concat([part for part in parts if len(part)], ignore_index=True)
-        table = table.sort_values("row", kind="stable", ignore_index=True)
-        for name in self.second:
-            own = values[name][table["row"].to_numpy(int)]
-            table[name] = np.where(table["part"] == "branch", own, table.get(name, np.nan))
-        observed = {f"{quantity.name}_n" for quantity in rows.model.observables}
-        named = [c.name for c in self.columns(rows.model) if c.name not in observed]
-        table = table.reindex(columns=list(dict.fromkeys([*table, *named])))
-        has_point = table["special"].notna().to_numpy()
-        of_values = {name: column for name, column in values.items() if name != self.parameter}
-        table = self.records(rows, first, mapping, of_values, table, has_point, has_point)
-        whole = ("number", "period", "depth", "begins", "point", "unstable", "found", "corrections")
-        numbers_of = {name: table[name].astype(float).fillna(-1).astype(np.int64) for name in whole}
-        left_out = np.array([atlas.left_out(row) for row in range(len(numbers))], np.int64)
-        numbers_of["left_out"] = left_out[table["row"].to_numpy(int) - first]
-        stable = table["stable"].astype("boolean").fillna(False).astype(bool)
-        texts = {
-            name: pd.Categorical(table[name].astype(object).fillna(""))
-            for name in ("part", "symmetry", "events", "change")
-        }
-        return table.assign(stable=stable, **texts, **numbers_of)
+        return table.sort_values("row", kind="stable", ignore_index=True)
 
     def _followed(
-        self, rows: Design, spec: SweepSpec, numbers: Int[np.ndarray, " rows"], on_progress: BlockProgress
-    ) -> tuple[ModelMap, dict[str, Any], OrbitSearch, BranchAtlas]:
-        """The return map of some rows, its parameters, the search of their gaits, and their branches."""
-        mapping, values, starts = self.return_map(rows, spec, numbers)
-        values[self.parameter] = np.full(len(numbers), self.place)
-        search = self._searched(mapping, values, starts, numbers, on_progress)
+        self, rows: Design, spec: SweepSpec, numbers: Rows, on_progress: BlockProgress
+    ) -> tuple[MappedRows, OrbitSearch, BranchAtlas]:
+        """Some rows at the place of the search, the search of their gaits, and their branches."""
+        mapped = self._at_place(self.mapped_rows(rows, spec, numbers))
+        search = self._searched(mapped, on_progress)
 
         def on_step(points: Any, shares: Any) -> None:
             on_progress(f"{np.sum(points)} points of {len(points)} branches", float(np.mean(shares)))
 
         atlas = BranchAtlas(
-            mapping,
-            values,
+            mapped.mapping,
+            mapped.values,
             parameter=self.parameter,
             within=self.path,
             fix=self.fix,
@@ -337,49 +341,42 @@ class Atlas(FollowsFixedPoints):
             most_branches=self.branches,
         )
         atlas.follow(search, self.place, self.depth)
-        return mapping, values, search, atlas
+        return mapped, search, atlas
 
     def followed_again(
         self, rows: Design, spec: SweepSpec, numbers: Int[np.ndarray, " sampled"], on_progress: BlockProgress
-    ) -> tuple[ModelMap, dict[str, Any], pd.DataFrame]:
-        mapping, values, search, atlas = self._followed(rows, spec, numbers, on_progress)
+    ) -> tuple[MappedRows, pd.DataFrame]:
+        mapped, search, atlas = self._followed(rows, spec, numbers, on_progress)
         table = atlas.table(search, self.place).rename(columns={"branch": "number"})
         points = [record["at"] for branch in atlas.branches for record in branch.records]
-        del values[self.parameter]
-        return mapping, values, table.assign(at=pd.Series(points, table.index, dtype=object))
+        return mapped.without(self.parameter), table.assign(at=pd.Series(points, table.index, dtype=object))
 
-    def _searched(
-        self,
-        mapping: ModelMap,
-        values: dict[str, Any],
-        starts: Mapping[str, Any],
-        numbers: Int[np.ndarray, " rows"],
-        on_progress: BlockProgress,
-    ) -> OrbitSearch:
+    def _searched(self, mapped: MappedRows, on_progress: BlockProgress) -> OrbitSearch:
         """The search of the rows' gaits, from drawn starts and from where those of the first round settle."""
 
         def on_round(count: int, orbits: int) -> None:
             on_progress(f"{orbits} gaits from {count} starts of a row", 0.5 * count / self.budget)
 
-        def draw(of: Int[np.ndarray, " starts"], begun: int) -> Points:
-            count = np.sum(of == of[0])
-            return self._drawn(mapping, starts, values, of, numbers, begun, int(count))
+        def draw(row_of_start: Rows, begun: int) -> Points:
+            count = int(np.sum(row_of_start == row_of_start[0]))
+            return self._drawn(mapped, row_of_start, begun, count)
 
         periods = 1 if self.stationary else self.periods  # a point at rest has no other
         options = SearchOptions(periods, self.budget, self.batch, self.patience, on_round)
-        search = OrbitSearch(mapping, values, self._levels(mapping, values, starts), options)
-        of = np.repeat(np.arange(len(numbers)), self.batch)
-        ends = self._drawn(mapping, starts, values, of, numbers, 0, self.batch, max(self.settle, 1))
+        search = OrbitSearch(mapped.mapping, mapped.values, self._levels(mapped), options)
+        row_of_start = np.repeat(np.arange(len(mapped.numbers)), self.batch)
+        ends = self._drawn(mapped, row_of_start, 0, self.batch, max(self.settle, 1))
         sound = np.asarray(np.isfinite(ends.at).all(axis=1))
         settled = np.flatnonzero(sound)
         if settled.size:
-            search.add(ends[settled], of[settled], drawn=False)
-        search.run(draw, range(len(numbers)))
+            search.add(ends[settled], row_of_start[settled], drawn=False)
+        search.run(draw, range(len(mapped.numbers)))
         if not self.fix:  # else the drawn starts lead to gaits with other values of what is conserved
-            search.mark_reached(ends, of, sound)
+            search.mark_reached(ends, row_of_start, sound)
         return search
 
     def _without_gait(self, row: int, search: OrbitSearch) -> dict[str, Any]:
+        """The record of a row in which the search found no gait."""
         return {
             "row": row,
             "part": "branch",

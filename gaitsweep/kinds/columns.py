@@ -10,11 +10,11 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Bool, Float, Int, Real, Shaped
 
-from gaitsweep.contract import HybridModel, Model, Quantity, Status, names_gait
+from gaitsweep.contract import RECURRENT, HybridModel, Model, Quantity, Status, names_gait
 from gaitsweep.engine.recorders.recorder import unpacked
 from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.run_columns import COLUMNS
-from gaitsweep.table.reading import categorical, outcomes
+from gaitsweep.table.frames import categorical, outcomes
 
 AT_REST = "rest"  # what stands for the gait of a stationary point
 UNKNOWN_GAIT = "unknown"  # gait of a row whose label is not the index of a gait; the label follows
@@ -112,6 +112,14 @@ def observed_at_crossings(model: Model) -> list[Column]:
     return [Column(f"{q.name}_n", None, q, False) for q in model.observables]
 
 
+def rests_at_crossings(
+    model: Model, records: pd.DataFrame, rests: Bool[np.ndarray, " records"]
+) -> pd.DataFrame:
+    """The records of `RunKind.rests`, for rows with records of crossings at fixed points."""
+    observed = {q.name: records[f"{q.name}_n"] for q in model.observables}
+    return pd.DataFrame({"rests": rests, "crossing": records["crossing"], "period": 1, **observed})
+
+
 def observed_at_end(
     model: Model,
     values: Callable[[RowOutcome], Float[np.ndarray, "rows observables"]] = lambda rows: rows.last,
@@ -130,8 +138,13 @@ def observed_at_end(
 
 
 def observed_on_orbits(model: Model, block: RowOutcome) -> list[Column]:
-    """The observables at crossings 2 to p of the orbits that the rows of a block are on, as `psi_1_end_2`."""
+    """The observables at crossings 2 to p of the orbits that the rows of a block are on, as `psi_1_end_2`.
+
+    Rows without a period (`RECURRENT`) have as many crossings as the recorder keeps, the latest first.
+    """
     k, longest = len(model.observables), int(block.numbers["period"].max(initial=1))
+    if k and RECURRENT.among(block.status).any():
+        longest = 1 + block.numbers["orbit"].shape[1] // k
     return [
         Column(f"{q.name}_end_{c + 2}", lambda records, at=c * k + i: records["orbit"][:, at], q, False)
         for c in range(longest - 1)
@@ -161,17 +174,20 @@ def row_number(quantity: Quantity) -> Column:
 
 
 def _status(records: Records) -> pd.Categorical:
+    """The status of each record's row."""
     # statuses are numbered from 0, running
     return categorical(records.of_row(records.block.status) - 1, STATUSES)
 
 
 def _crossing(records: Records) -> Real[np.ndarray, " records"]:
+    """The number of each record's crossing."""
     # a row that kept no crossing has the number of those that it made
     cycles = records.of_row(records.block.cycles)
     return np.where(records.recorded, records["crossing"], cycles).astype(np.int64)
 
 
 def _gait(records: Records) -> pd.Categorical:
+    """The gait of each record."""
     return gaits(records.model, records.label("gait", -1))
 
 
@@ -225,7 +241,7 @@ def gaits(model: Model, codes: Int[np.ndarray, " rows"]) -> pd.Categorical:
 
 
 def quantities_of(model: Model, columns: Sequence[Column] = ()) -> dict[str, dict[str, Any]]:
-    """Return unit, meaning and symbol of the table's columns, for readers and for figures.
+    """Unit, meaning, symbol and circularity of the table's columns, by name.
 
     The meaning of `status` has the first line of the docstring of the model's `failed`.
     """
@@ -237,7 +253,7 @@ def quantities_of(model: Model, columns: Sequence[Column] = ()) -> dict[str, dic
         **{c.name: Quantity(c.name, *COLUMNS[c.name]) for c in columns if c.name in COLUMNS},
         **{c.name: c.quantity for c in columns if c.quantity is not None},
     }
-    if (fall := (type(model).failed.__doc__ or "").strip().partition("\n")[0]) and "status" in named:
+    if (fall := (type(model.original).failed.__doc__ or "").strip().partition("\n")[0]) and "status" in named:
         meaning = f"{named['status'].meaning}; fell: {fall[0].lower()}{fall[1:].removesuffix('.')}"
         named["status"] = dataclasses.replace(named["status"], meaning=meaning)
     return {

@@ -3,22 +3,23 @@
 from __future__ import annotations
 
 import math
-from typing import Any, ClassVar, Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 import pandas as pd
 from jaxtyping import Float, Int
 from pydantic import Field
 
-from gaitsweep.analysis.continuation.continuation import LONGER, STRAIGHT, continuation
+from gaitsweep.analysis.continuation.branch_follower import LONGER, STRAIGHT
+from gaitsweep.analysis.continuation.continuation import continuation
 from gaitsweep.contract import Model
 from gaitsweep.design import Design
-from gaitsweep.engine.poincare.model_map import ModelMap
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.kinds.columns import Column, observed_at_crossings
 from gaitsweep.kinds.fixed_points import (
     BeginsWhereRowsSettle,
     FollowsFixedPoints,
+    MappedRows,
     bifurcations_found,
     unknowns,
 )
@@ -106,9 +107,9 @@ class Continuation(BeginsWhereRowsSettle):
         self, rows: Design, spec: SweepSpec, first: int, last: int, on_progress: BlockProgress
     ) -> pd.DataFrame:
         """The branches of rows first..last-1; `on_progress` is called before each of their steps."""
-        mapping, values, table = self.followed(rows, spec, np.arange(first, last), on_progress)
+        mapped, table = self.followed(rows, spec, np.arange(first, last), on_progress)
         has_point = table["stable"].notna().to_numpy()
-        table = self.records(rows, first, mapping, values, table, has_point, has_point)
+        table = self.records(rows, mapped, table, has_point, has_point)
         # missing numbers would be read as such, and those of other blocks are flags
         return table if has_point.any() else table.assign(stable=pd.Series([None] * len(table), dtype=object))
 
@@ -121,7 +122,7 @@ class Continuation(BeginsWhereRowsSettle):
 
     def followed_again(
         self, rows: Design, spec: SweepSpec, numbers: Int[np.ndarray, " sampled"], on_progress: BlockProgress
-    ) -> tuple[ModelMap, dict[str, Any], pd.DataFrame]:
+    ) -> tuple[MappedRows, pd.DataFrame]:
         return self.followed(rows, spec, numbers, on_progress, with_points=True)
 
     def followed(
@@ -131,13 +132,13 @@ class Continuation(BeginsWhereRowsSettle):
         numbers: Int[np.ndarray, " sampled"],
         on_progress: BlockProgress,
         with_points: bool = False,
-    ) -> tuple[ModelMap, dict[str, Any], pd.DataFrame]:
+    ) -> tuple[MappedRows, pd.DataFrame]:
         """The branches of the rows `numbers` (n,), as `analysis.continuation` gives them.
 
         Returns:
-            The return map, the parameters (n,) that do not move, and the table, whose `row` counts from 0.
+            The rows, without the parameter that moves, and the table, whose `row` counts from 0.
         """
-        mapping, values, starts = self.return_map(rows, spec, numbers)
+        mapped = self.mapped_rows(rows, spec, numbers)
         begin, end = self.path
 
         def on_step(points: Int[np.ndarray, " branches"], shares: Float[np.ndarray, " branches"]) -> None:
@@ -147,12 +148,12 @@ class Continuation(BeginsWhereRowsSettle):
             on_progress(text, max(1.0 - float(np.sum(1.0 - shares)) / len(numbers), 0.0))
 
         on_progress(f"settling for {self.settle} cycles")
-        points, _ = mapping.settled(starts, values, self.settle)
-        del values[self.parameter]
+        points = mapped.settled(self.settle)
+        mapped = mapped.without(self.parameter)
         table = continuation(
-            mapping,
+            mapped.mapping,
             points,
-            values,
+            mapped.values,
             parameter=self.parameter,
             within=self.path,
             begin=begin,
@@ -163,4 +164,4 @@ class Continuation(BeginsWhereRowsSettle):
             with_points=with_points,
             crossing=self.crossing,
         )
-        return mapping, values, table
+        return mapped, table

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import abc
+import dataclasses
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from types import MappingProxyType
@@ -15,7 +16,7 @@ from jaxtyping import Bool, Float, Int
 from pydantic import Field
 
 from gaitsweep import near_miss
-from gaitsweep.analysis.continuation.continuation import ArclengthSteps
+from gaitsweep.analysis.continuation.branch_follower import ArclengthSteps
 from gaitsweep.analysis.continuation.flows import OF_FLOW, OF_MAP
 from gaitsweep.analysis.continuation.newton import newton
 from gaitsweep.analysis.continuation.stable_ranges import MARKS
@@ -38,6 +39,36 @@ from gaitsweep.schema.numbers import Count, CountOrZero, Positive, Text
 
 # Values of a kind of bifurcation that a sentence lists.
 LISTED = 6
+
+
+@dataclasses.dataclass(frozen=True)
+class MappedRows:
+    """Some rows of a job with their return map.
+
+    Attributes:
+        mapping: the map.
+        values: its parameters, (n,) by name.
+        starts: the start values, (n,) by name.
+        numbers: the rows of the job, (n,).
+    """
+
+    mapping: ModelMap
+    values: dict[str, Any]
+    starts: Values
+    numbers: Int[np.ndarray, " rows"]
+
+    def settled(self, cycles: int) -> Points:
+        """The points (n,) of the rows after so many cycles."""
+        return self.mapping.settled(self.starts, self.values, cycles)[0]
+
+    def with_values(self, **values: Any) -> MappedRows:
+        """The rows with these values (n,) of parameters in place of their own."""
+        return dataclasses.replace(self, values={**self.values, **values})
+
+    def without(self, *names: str) -> MappedRows:
+        """The rows without the values of these parameters."""
+        rest = {name: column for name, column in self.values.items() if name not in names}
+        return dataclasses.replace(self, values=rest)
 
 
 class FollowsFixedPoints(RunKind):
@@ -89,12 +120,12 @@ class FollowsFixedPoints(RunKind):
     @abc.abstractmethod
     def followed_again(
         self, rows: Design, spec: SweepSpec, numbers: Int[np.ndarray, " sampled"], on_progress: BlockProgress
-    ) -> tuple[ModelMap, dict[str, Any], pd.DataFrame] | None:
+    ) -> tuple[MappedRows, pd.DataFrame] | None:
         """The branches of the rows `numbers` (n,) with their points, for the explorer; None: it shows none.
 
         Returns:
-            The return map, the parameters (n,) that do not move, and a record for each point: `row`, counted
-            from 0, the columns `point_names`, the parameter, and its `BranchPoints` as `at`.
+            The rows, without the values of the parameters that move; and a record for each point: `row`,
+            counted from 0, the columns `point_names`, the parameter, and its `BranchPoints` as `at`.
         """
 
     def check(self, rows: Design, method: str) -> list[Diagnostic]:
@@ -152,43 +183,38 @@ class FollowsFixedPoints(RunKind):
     def starting_points(
         self, rows: Design, spec: SweepSpec, sample: Int[np.ndarray, " sampled"], *shares: float
     ) -> list[StartingPoints]:
-        mapping, values, starts = self.return_map(rows, spec, sample)
+        mapped = self.mapped_rows(rows, spec, sample)
+        whole = mapped.mapping
+        assert isinstance(whole, BatchedReturnMap)
+        refined = [whole.refined(share) or whole for share in shares]
 
-        assert isinstance(mapping, BatchedReturnMap)
-
-        def fixed_points(of_map: ModelMap) -> StartingPoints:
-            points = self.near_fixed_points(of_map, values, starts, sample)
-            fixed = newton(of_map, points, values, fix=self.fix)
+        def fixed_points(of_rows: MappedRows) -> StartingPoints:
+            points, values = self.near_fixed_points(of_rows)
+            fixed = newton(of_rows.mapping, points, values, fix=self.fix)
             observed = [fixed.images.observed[q.name] for q in rows.model.observables]
             return StartingPoints(fixed.converged, np.stack(observed, axis=1))
 
-        return [fixed_points(mapping.refined(share)) for share in shares]
+        return [fixed_points(dataclasses.replace(mapped, mapping=mapping)) for mapping in refined]
 
     @abc.abstractmethod
-    def near_fixed_points(
-        self,
-        mapping: ModelMap,
-        values: dict[str, Any],
-        starts: Values,
-        numbers: Int[np.ndarray, " sampled"],
-    ) -> Points:
-        """A point near the first fixed point of each of the rows `numbers` (n,)."""
+    def near_fixed_points(self, mapped: MappedRows) -> tuple[Points, Values]:
+        """A point (n,) near the first fixed point of each row, and the parameters (n,) there."""
 
     def compile_time(self, rows: Design, spec: SweepSpec) -> float:
         """A multiple of the time in which one of the programs is compiled."""
         began = time.perf_counter()
-        mapping, values, starts = self.return_map(rows, spec, np.zeros(1, np.int64))
-        mapping.settled(starts, values, 1)
+        self.mapped_rows(rows, spec, np.zeros(1, np.int64)).settled(1)
         return self.programs * (time.perf_counter() - began)
 
-    def return_map(
-        self, rows: Design, spec: SweepSpec, numbers: Int[np.ndarray, " sampled"]
-    ) -> tuple[ModelMap, dict[str, Any], Values]:
-        """The map of rows (n,), their parameters at the start, and their starts."""
+    def mapped_rows(self, rows: Design, spec: SweepSpec, numbers: Int[np.ndarray, " sampled"]) -> MappedRows:
+        """The rows `numbers` (n,) with their return map and their parameters at the start."""
         settings, values, starts = self._parameters(rows, numbers)
+        mapping: ModelMap
         if self.stationary:
-            return StationaryMap(rows.model, settings, tuple(self.without)), values, starts
-        return BatchedReturnMap(rows.model, settings, spec.numerics, spec.engine), values, starts
+            mapping = StationaryMap(rows.model, settings, tuple(self.without))
+        else:
+            mapping = BatchedReturnMap(rows.model, settings, spec.numerics, spec.engine)
+        return MappedRows(mapping, values, starts, numbers)
 
     def _parameters(
         self, rows: Design, numbers: Int[np.ndarray, " sampled"]
@@ -218,9 +244,7 @@ class FollowsFixedPoints(RunKind):
     def records(
         self,
         rows: Design,
-        first: int,
-        mapping: ModelMap,
-        values: Values,
+        mapped: MappedRows,
         table: pd.DataFrame,
         has_point: Bool[np.ndarray, " records"],
         sound: Bool[np.ndarray, " records"],
@@ -230,15 +254,13 @@ class FollowsFixedPoints(RunKind):
 
         Args:
             rows: the job's rows.
-            first: the first row of the block.
-            mapping: the return map.
-            values: parameters of the block's rows (n,), by name.
+            mapped: the rows of the block.
             table: the branches; its `row` counts from 0.
             has_point: mask of the records that have a point.
             sound: mask of the records of rows with the status `complete`.
             renamed: new names of columns, besides those of observables.
         """
-        model, row = rows.model, table["row"].to_numpy(np.int64)
+        model, row, values = rows.model, table["row"].to_numpy(np.int64), mapped.values
         # observables have their names, or those of their columns where another column has the same name
         names = {q.name: f"{q.name}_n" for q in model.observables}
         own = {name: column if column in table else name for name, column in names.items()}
@@ -248,15 +270,15 @@ class FollowsFixedPoints(RunKind):
             at = {name: column[row[has_point]] for name, column in values.items() if name not in moving}
             at |= {name: table.loc[has_point, name].to_numpy(float) for name in moving}
             observed = {q.name: table.loc[has_point, own[q.name]].to_numpy(float) for q in model.observables}
-            codes[has_point] = _gait_numbers(mapping, at, observed, int(has_point.sum()))
+            codes[has_point] = _gait_numbers(mapped.mapping, at, observed, int(has_point.sum()))
         status = np.where(sound, Status.complete.name, Status.no_fixed_point.name)
         plain = {name: names[name] for name, column in own.items() if column == name}
         table = table.rename(columns={**renamed, **plain})
         table = table.assign(
-            row=row + first,
+            row=mapped.numbers[row],
             gait=pd.Categorical([AT_REST] * len(table)) if self.stationary else gaits(model, codes),
             status=pd.Categorical(status, categories=STATUSES),
-            **rows.at(row + first, rows.names),
+            **rows.at(mapped.numbers[row], rows.names),
         )
         table = table.reindex(columns=table_columns(rows, self))
         texts = {name: table[name].astype(object).fillna("") for name in ("special", "end")}
@@ -266,14 +288,8 @@ class FollowsFixedPoints(RunKind):
 class BeginsWhereRowsSettle(FollowsFixedPoints):
     """A run kind whose branches begin at the fixed points near where rows settle."""
 
-    def near_fixed_points(
-        self,
-        mapping: ModelMap,
-        values: dict[str, Any],
-        starts: Values,
-        numbers: Int[np.ndarray, " sampled"],
-    ) -> Points:
-        return mapping.settled(starts, values, self.settle)[0]
+    def near_fixed_points(self, mapped: MappedRows) -> tuple[Points, Values]:
+        return mapped.settled(self.settle), mapped.values
 
 
 def rising(field: Path, bounds: Sequence[float]) -> Iterator[Diagnostic]:

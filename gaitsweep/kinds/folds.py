@@ -108,18 +108,18 @@ class Folds(BeginsWhereRowsSettle):
         self, rows: Design, spec: SweepSpec, first: int, last: int, on_progress: BlockProgress
     ) -> pd.DataFrame:
         """The curves of rows first..last-1; `on_progress` is called before each of their steps."""
-        mapping, values, starts = self.return_map(rows, spec, np.arange(first, last))
-        points, _ = mapping.settled(starts, values, self.settle)
+        mapped = self.mapped_rows(rows, spec, np.arange(first, last))
+        points = mapped.settled(self.settle)
         curves = []
         for row in range(last - first):
-            row_values = {name: column[[row]] for name, column in values.items()}
+            row_values = {name: column[[row]] for name, column in mapped.values.items()}
 
             def on_step(points: Sequence[int], shares: Sequence[float], row: int = row) -> None:
                 what = f"{points[0]} points of its curve" if points[0] else "searching its fold"
                 on_progress(f"row {first + row}: {what}", (row + shares[0]) / (last - first))
 
             curve = fold_curves(
-                mapping,
+                mapped.mapping,
                 points[np.array([row])],
                 {name: column for name, column in row_values.items() if name not in self.parameters},
                 parameters=self.parameters,
@@ -133,7 +133,7 @@ class Folds(BeginsWhereRowsSettle):
         has_fold = table["special"].notna().to_numpy() if "special" in table else np.zeros(len(table), bool)
         failed = table["end"].isin([outcome.name for outcome in NewtonOutcome]).to_numpy(bool)
         renamed = {name: f"{name}_fold" for name in self.parameters}
-        table = self.records(rows, first, mapping, values, table, has_fold, ~failed, renamed)
+        table = self.records(rows, mapped, table, has_fold, ~failed, renamed)
         # without a fold, the parameters are those at which the row begins
         table.loc[~has_fold, list(renamed.values())] = np.nan
         whole = ("unstable", "side", "corrections")

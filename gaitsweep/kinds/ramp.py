@@ -6,13 +6,24 @@ from typing import ClassVar, Literal
 
 import jax.numpy as jnp
 import numpy as np
+import pandas as pd
+from jaxtyping import Float
 from pydantic import Field
 
 from gaitsweep.contract import Model
 from gaitsweep.design import Design
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.ramp import RampSchedule
-from gaitsweep.kinds.columns import CROSSING, GAIT, STALLED_BY, STATUS, Column, Records, observed_at_crossings
+from gaitsweep.kinds.columns import (
+    CROSSING,
+    GAIT,
+    STALLED_BY,
+    STATUS,
+    Column,
+    Records,
+    observed_at_crossings,
+    rests_at_crossings,
+)
 from gaitsweep.kinds.run_kind import Cost, RunKind
 from gaitsweep.schema.numbers import Flag, NotNegative, Positive, Real, Text
 
@@ -46,6 +57,9 @@ class Ramp(RunKind):
         observed = [*observed_at_crossings(model), *([GAIT] if self.gaits else [])]
         return [CROSSING, *moving, Column("t", repeats=False), STATUS, STALLED_BY, *observed]
 
+    def rests(self, model: Model, records: pd.DataFrame) -> pd.DataFrame:
+        return rests_at_crossings(model, records, records["crossing"].notna().to_numpy(bool))
+
     def cost(self, rows: Design, cycle: float, period: float) -> Cost:
         crossings = self.schedule().duration / period
         return Cost(crossings * cycle, crossings * cycle, max(crossings, 1.0))
@@ -54,7 +68,7 @@ class Ramp(RunKind):
 def moving_columns(parameter: str, schedule: RampSchedule, repeats: bool) -> list[Column]:
     """The pass and the value of a parameter that moves, at the time `t` of each record."""
 
-    def value(records: Records) -> np.ndarray:
+    def value(records: Records) -> Float[np.ndarray, " records"]:
         t = records["t"]
         return np.where(np.isnan(t), np.nan, np.asarray(schedule.at(jnp.asarray(np.nan_to_num(t)))))
 

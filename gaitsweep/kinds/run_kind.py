@@ -80,10 +80,11 @@ class RunKind(StrictModel, abc.ABC):
     1. A kind gives a field `kind: Literal["its_name"]`, `recorder`, `columns` and `cost`. A kind that moves a
        parameter has the fields `parameter` and `path`; one that moves several has `parameters` and their
        ranges `within`.
-    2. It may give the optional members: the class variables, `check`, `columns_of_block`; `schedule` where a
-       parameter moves while a row runs; `refined` where only some rows are simulated; `block_table` with
-       `compile_time` where the sweep engine does not make its records, `starting_points` where these begin at
-       fixed points, and `findings` where a table has more to say than the statuses of its rows.
+    2. It may give the optional members: the class variables, `check`, `columns_of_block`; `model_of` where
+       its rows have parameters beside those of the model; `schedule` where a parameter moves while a row
+       runs; `refined` where only some rows are simulated; `block_table` with `compile_time` where the sweep
+       engine does not make its records, `starting_points` where these begin at fixed points, and `findings`
+       where a table has more to say than the statuses of its rows.
     3. The runner alone calls its functions.
 
     In Python it is created without `kind`, as in `Settle(max_cycles=150)`; NumPy arrays and numbers are
@@ -120,6 +121,16 @@ class RunKind(StrictModel, abc.ABC):
     def moves(cls) -> bool:
         """Whether a run of this kind may move a parameter."""
         return "parameter" in cls.model_fields
+
+    @classmethod
+    def model_of(cls, model: Model, written: Mapping[str, Any]) -> tuple[Model, list[Diagnostic]]:
+        """The model of the rows of such a run, and diagnostics; by default that of the job.
+
+        Args:
+            model: the job's model.
+            written: the fields of the run as written, which are not checked yet.
+        """
+        return model, []
 
     @property
     def kind_name(self) -> str:
@@ -223,6 +234,15 @@ class RunKind(StrictModel, abc.ABC):
         Empty: the rows begin at their starts.
         """
         return []
+
+    def rests(self, model: Model, records: pd.DataFrame) -> pd.DataFrame | None:
+        """Where rows rest, from all records of some rows; None: rows of this kind do not rest.
+
+        Returns:
+            A record for each of `records`: whether the row `rests` there, the number of the `crossing`, the
+            `period` of its orbit in crossings, and the observables by their names.
+        """
+        return None
 
     @property
     def columns_of_findings(self) -> tuple[str, ...]:

@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, Literal
 
+import numpy as np
+import pandas as pd
 from pydantic import Field, PlainValidator, WithJsonSchema
 
 from gaitsweep import near_miss
-from gaitsweep.contract import Model
+from gaitsweep.contract import Model, Status
 from gaitsweep.design import Design
-from gaitsweep.engine.recorders.settle import FIRST_TEST, HOLD, MAX_PERIOD, SettleRecorder, tolerances
+from gaitsweep.engine.recorders.bounds import TOLERANCE, tolerances
+from gaitsweep.engine.recorders.settle import FIRST_TEST, HOLD, MAX_PERIOD, SettleRecorder
+from gaitsweep.engine.solver import derivative_refusal
 from gaitsweep.engine.sweep.boundary_cells import Grid
+from gaitsweep.engine.tangents import coordinate_count
 from gaitsweep.kinds.columns import (
     GAIT,
     OUTCOME,
@@ -28,6 +34,7 @@ from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.schema.diagnostics import Diagnostic
 from gaitsweep.schema.numbers import (
     Count,
+    CountOrZero,
     InvalidValue,
     Positive,
     PositiveOrEach,
@@ -46,6 +53,7 @@ LIKELY_SHARE = 0.4
 
 
 def _power_of_two(value: Any) -> int:
+    """Read a power of two from 2 to `MOST_COARSE`."""
     whole = read_whole(value, low=2, high=MOST_COARSE)
     if whole & (whole - 1):
         below = 1 << (whole.bit_length() - 1)
@@ -54,31 +62,26 @@ def _power_of_two(value: Any) -> int:
 
 
 def _period(value: Any) -> int:
+    """Read a number of crossings from 1 to `MOST_PERIOD`."""
     return read_whole(value, low=1, high=MOST_PERIOD)
 
 
-def tolerance_field(noun: str) -> Any:
+def tolerance_field(noun: str, default: float = TOLERANCE) -> Any:
     """The field with the tolerance on settled rows or stairs."""
     return Field(
-        default=1e-3,
+        default=default,
         description=f"largest change per cycle of a settled {noun}: of angles in rad, of other observables "
         "as a fraction of their scale; one number for all, or numbers by observable (1e-3 for the others)",
     )
 
 
-class Settle(RunKind):
-    """Follow each row until its state at the section stops changing or repeats; one record per row."""
+class SettlesRows(RunKind):
+    """The base of run kinds that follow rows until they settle."""
 
     compared: ClassVar = "settled"
     one_a_row: ClassVar[bool] = True
-    # without refinement every row runs, whatever the other two fields are; results are older than max_period
-    idle_without: ClassVar = {"refine": ("refine", "over", "coarse"), "max_period": ("max_period",)}
 
-    kind: Literal["settle"] = Field(
-        init=False,
-        description="settle: simulate until the state at the section stops changing, or repeats every 2 to "
-        "`max_period` crossings",
-    )
+    kind: Any = Field(init=False)  # first among the fields
     max_cycles: Count = Field(default=150, description="cycles after which a row is given up")
     tolerance: PositiveOrEach = tolerance_field("row")
     max_time: Positive | None = Field(
@@ -90,6 +93,57 @@ class Settle(RunKind):
         default=None,
         description=f"crossings of the longest orbits that settle, at most {MOST_PERIOD}; by default "
         f"{MAX_PERIOD}. They settle after {SETTLING_PERIODS} times as many crossings at the earliest",
+    )
+
+    def settling(self, model: Model) -> SettleRecorder:
+        """The recorder that settles a row."""
+        longest = self.max_period or MAX_PERIOD
+        return SettleRecorder(
+            model, self.max_cycles, tolerances(model, self.tolerance), self.max_time, longest
+        )
+
+    def columns_of_block(self, model: Model, block: RowOutcome) -> list[Column]:
+        return observed_on_orbits(model, block)
+
+    def check_settling(self, model: Model) -> list[Diagnostic]:
+        """Diagnostics about the fields with which rows settle."""
+        wrong = check_tolerance(self.tolerance, model)
+        if self.max_period and self.max_cycles < (needed := SETTLING_PERIODS * self.max_period):
+            text = (
+                f"is {self.max_period}, but orbits settle after {SETTLING_PERIODS} times as many crossings: "
+                f"give a run.max_cycles of {needed} or more; it is {self.max_cycles}."
+            )
+            wrong.append(Diagnostic(("run", "max_period"), text))
+        return wrong
+
+    def likely_cycles(self, period: float) -> tuple[float, float]:
+        """The likely and the largest number of cycles until a row settles."""
+        cycles = float(self.max_cycles)
+        if self.max_time is not None:
+            cycles = min(cycles, self.max_time / period)
+        return LIKELY_SHARE * cycles, cycles
+
+
+class Settle(SettlesRows):
+    """Follow each row until its state at the section stops changing or repeats; one record per row."""
+
+    # without refinement every row runs, whatever the other two fields are; results are older than max_period
+    idle_without: ClassVar = {
+        "refine": ("refine", "over", "coarse"),
+        "max_period": ("max_period",),
+        "exponents": ("exponents",),
+    }
+
+    kind: Literal["settle"] = Field(
+        init=False,
+        description="settle: simulate until the state at the section stops changing, or repeats every 2 to "
+        "`max_period` crossings",
+    )
+    exponents: CountOrZero = Field(
+        default=0,
+        description="Lyapunov exponents to compute, the largest first: columns lyapunov_1, ... (1/s) with "
+        "standard errors; rows that do not settle may then end as chaotic or quasi_periodic, where "
+        "`max_cycles` is 64 or more",
     )
     refine: Annotated[Literal["boundary"], word("boundary")] | None = Field(
         default=None,
@@ -110,10 +164,7 @@ class Settle(RunKind):
     )
 
     def recorder(self, model: Model) -> SettleRecorder:
-        longest = self.max_period or MAX_PERIOD
-        return SettleRecorder(
-            model, self.max_cycles, tolerances(model, self.tolerance), self.max_time, longest
-        )
+        return dataclasses.replace(self.settling(model), exponents=self.exponents)
 
     def columns(self, model: Model) -> list[Column]:
         return [
@@ -129,18 +180,39 @@ class Settle(RunKind):
             *label_fields(model),
         ]
 
-    def columns_of_block(self, model: Model, block: RowOutcome) -> list[Column]:
-        return observed_on_orbits(model, block)
-
     def check(self, rows: Design, method: str) -> list[Diagnostic]:
-        wrong = [*check_tolerance(self.tolerance, rows.model), *self._check_refinement(rows)]
-        if self.max_period and self.max_cycles < (needed := SETTLING_PERIODS * self.max_period):
-            text = (
-                f"is {self.max_period}, but orbits settle after {SETTLING_PERIODS} times as many crossings: "
-                f"give a run.max_cycles of {needed} or more; it is {self.max_cycles}."
-            )
-            wrong.append(Diagnostic(("run", "max_period"), text))
-        return wrong
+        return [
+            *self.check_settling(rows.model),
+            *self._check_refinement(rows),
+            *self._check_exponents(rows.model, method),
+        ]
+
+    def _check_exponents(self, model: Model, method: str) -> list[Diagnostic]:
+        """Diagnostics about exponents of a map without a derivative, or more of them than it has."""
+        if not self.exponents:
+            return []
+        try:
+            refusal = derivative_refusal(method, model)
+        except ValueError:  # which the check of the method reports
+            return []
+        if refusal is not None:
+            text = f"is {method}, with which a return map has no derivative: {refusal}"
+            return [Diagnostic(("numerics", "method"), text)]
+        if self.exponents > (count := coordinate_count(model)):
+            text = f"is {self.exponents}, but the section of {model.name} has {count} coordinates."
+            return [Diagnostic(("run", "exponents"), text)]
+        return []
+
+    def rests(self, model: Model, records: pd.DataFrame) -> pd.DataFrame:
+        period = records["attractor_period"].to_numpy()
+        return pd.DataFrame(
+            {
+                "rests": (records["status"].astype(str) == Status.settled.name) & (period > 0),
+                "crossing": records["cycles"],
+                "period": np.maximum(period, 1),
+                **{q.name: records[f"{q.name}_end"] for q in model.observables},
+            }
+        )
 
     def refined(self, rows: Design) -> Grid | None:
         if self.refine is None:
@@ -178,10 +250,8 @@ class Settle(RunKind):
         return wrong
 
     def cost(self, rows: Design, cycle: float, period: float) -> Cost:
-        cycles = float(self.max_cycles)
-        if self.max_time is not None:
-            cycles = min(cycles, self.max_time / period)
-        return Cost(LIKELY_SHARE * cycles * cycle, cycles * cycle)
+        likely, most = self.likely_cycles(period)
+        return Cost(likely * cycle, most * cycle)
 
 
 def check_tolerance(tolerance: float | Mapping[str, float], model: Model) -> list[Diagnostic]:

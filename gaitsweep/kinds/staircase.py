@@ -7,11 +7,13 @@ from typing import Literal
 
 import jax.numpy as jnp
 import numpy as np
+import pandas as pd
+from jaxtyping import Float
 from pydantic import Field
 
 from gaitsweep.contract import Model
 from gaitsweep.design import Design
-from gaitsweep.engine.recorders.settle import tolerances
+from gaitsweep.engine.recorders.bounds import tolerances
 from gaitsweep.engine.recorders.staircase import StepRecorder
 from gaitsweep.engine.recorders.stairs import StepSchedule
 from gaitsweep.kinds.columns import (
@@ -24,6 +26,7 @@ from gaitsweep.kinds.columns import (
     Records,
     label_fields,
     observed_at_crossings,
+    rests_at_crossings,
 )
 from gaitsweep.kinds.run_kind import Cost, RunKind
 from gaitsweep.kinds.settle import check_tolerance, tolerance_field
@@ -64,10 +67,10 @@ class Staircase(RunKind):
     def columns(self, model: Model) -> list[Column]:
         schedule = self.schedule()
 
-        def stair(records: Records) -> np.ndarray:
+        def stair(records: Records) -> Float[np.ndarray, " records"]:
             return np.where(records.recorded, records["stair"], 0.0).astype(np.float64)
 
-        def value(records: Records) -> np.ndarray:
+        def value(records: Records) -> Float[np.ndarray, " records"]:
             values = np.asarray(schedule.value(jnp.asarray(stair(records))))
             return np.where(records.recorded, values, np.nan)
 
@@ -100,6 +103,9 @@ class Staircase(RunKind):
             text = f"is {self.step:g}, which gives {stairs:.6g} stairs; at most {MOST_STAIRS} are allowed."
             return [Diagnostic(("run", "step"), text)]
         return []
+
+    def rests(self, model: Model, records: pd.DataFrame) -> pd.DataFrame:
+        return rests_at_crossings(model, records, records["settled"].to_numpy(bool))
 
     def cost(self, rows: Design, cycle: float, period: float) -> Cost:
         schedule = self.schedule()

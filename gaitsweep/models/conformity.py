@@ -1,49 +1,35 @@
-"""Tests of a model against the contract.
+"""Tests of a model against the contract, by its quantities and the shapes of its functions' results.
 
-`fault` looks at a model's quantities and traces its functions, before any job of a user's model runs.
-`faults` also evaluates them, at the defaults and over the ranges of parameters and starts, `faults_of_rows`
-at the rows of a job.
+`fault` runs before any job of a user's model; `value_faults` also evaluates the functions.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import inspect
 import math
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from typing import Any, ClassVar, get_origin
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
 
 from gaitsweep import near_miss
 from gaitsweep.contract import FixedStepDynamics, HybridModel, Model, Quantity
 from gaitsweep.dynamics.declarations import Mode, Variable, faults_of_quantity
 from gaitsweep.dynamics.declared_model import ARMING, STEPS, Declared, DeclaredModel
+from gaitsweep.dynamics.map_model import MapModel
 from gaitsweep.engine.content import cached_by_content, held_result
 from gaitsweep.engine.dependence import dependences
-from gaitsweep.engine.kernel.columns import over_rows
 from gaitsweep.engine.kernel.program import Program
 from gaitsweep.engine.kernel.trace import Tracer, UnsupportedError
 from gaitsweep.engine.stored_programs import stored
-from gaitsweep.expression import ExpressionError, resolve
 from gaitsweep.mathtext import can_be_set
 from gaitsweep.models.traced_program import unrepeatable
 
 _NUMBER = jax.ShapeDtypeStruct((), float)
-# Points over the ranges of parameters and starts at which functions are evaluated; repeated jumps at one
-# instant after which a guard that fires each time is taken to fire without end.
-_SAMPLE, _JUMPS = 64, 16
-_WIDE = 100.0  # times the reach about a default: bounds that are further apart only clip it
 _UNSET = "which Matplotlib cannot set: write TeX that it knows, and \\$ for a dollar."
-NAMED = 8  # values that a sentence about a point names
-
-
-Columns = Mapping[str, Float[np.ndarray, " rows"]]
-Where = Callable[[int], str]  # words that say at which of some points something is
 
 
 class _Fault(Exception):
@@ -85,17 +71,17 @@ def _fault(model: Model) -> str | None:
         return "which has no parameter: declare at least one, such as a frequency or a mass."
     if not model.observables:
         return "which has no observable: declare at least one, to be recorded at each crossing."
-    return next(_of_quantities(model), None) or stored("fault", model, (), lambda: _traced(model))
+    return next(quantity_faults(model), None) or stored("fault", model, (), lambda: traced_fault(model))
 
 
-def _traced(model: Model) -> str | None:
-    """The first violation by a model's functions."""
+def traced_fault(model: Model) -> str | None:
+    """The first violation by a model's functions, as the end of a sentence, or None."""
     if model.host_parameters:
         return None
     try:
         _look(model)
-    except _Fault as found:
-        return f"but its function {found}"
+    except _Fault as fault_of_function:
+        return f"but its function {fault_of_function}"
     return None
 
 
@@ -197,6 +183,8 @@ def _events(model: Model, params: Any, state: Any) -> jax.ShapeDtypeStruct:
         name, result = "guards", _given("guards", model.guards, params, state)
     else:
         assert isinstance(model, FixedStepDynamics)
+        if isinstance(model, MapModel):
+            _image(state, _given("image", model.image, params, state))
         after = _given("step", model.step, params, state, _NUMBER)
         _alike("step", state, after)
         name, result = "events", _given("events", model.events, params, state, after)
@@ -228,6 +216,17 @@ def _given(name: str, function: Callable[..., Any], *args: Any) -> Any:
         if isinstance(error, jax.errors.ConcretizationTypeError | jax.errors.TracerArrayConversionError):
             advice = " Use jnp.where instead of if, and jnp instead of math and numpy."
         raise _Fault(f"{name} raises {type(error).__name__}: {reason.rstrip('.')}.{advice}") from error
+
+
+def _image(state: Any, image: Any) -> None:
+    """Refuse an image that is no mapping from fields of a state, or a mapping from others."""
+    if not isinstance(image, Mapping):
+        raise _returns("image", _type_of(image), "a mapping from variables to their values in the image")
+    fields = list(vars(state))
+    for name in image:
+        if name not in fields:
+            near = near_miss.suggestion(str(name), fields)
+            raise _Fault(f"image returns a value of {name}, which is not a field of its state{near}")
 
 
 def _rates(state: Any, rates: Any) -> None:
@@ -283,18 +282,18 @@ def idle_starts(model: Model) -> tuple[str, ...]:
 
 def _idle_starts(model: Model) -> list[str]:
     quantities = (model.parameters, model.initial_conditions)
-    given = tuple({quantity.name: _NUMBER for quantity in some} for some in quantities)
+    shapes = tuple({quantity.name: _NUMBER for quantity in group} for group in quantities)
 
     def begun(values: Any, start: Any) -> Any:
         return model.init(model.params(values), start)
 
     tracer = Tracer(Program())
-    inputs = tracer.inputs(given, 0, steady=False)
-    starts = jax.tree.unflatten(jax.tree.structure(given), inputs)[1]
+    inputs = tracer.inputs(shapes, 0, steady=False)
+    starts = jax.tree.unflatten(jax.tree.structure(shapes), inputs)[1]
     try:
-        state = tracer.read(jax.make_jaxpr(begun)(*given), inputs)
+        state = tracer.read(jax.make_jaxpr(begun)(*shapes), inputs)
     except UnsupportedError:
-        read = frozenset[str]().union(*dependences(begun, *given))
+        read = frozenset[str]().union(*dependences(begun, *shapes))
         return [name for name in starts if name not in read]
     needed = set(tracer.program.needed(node for leaf in state for node in leaf.ravel().tolist()))
     return [name for name, node in starts.items() if int(node) not in needed]
@@ -352,55 +351,8 @@ def _named(name: str, returned: Any, kind: str, required: Iterable[str]) -> None
         _scalar(f"{name}, {wanted_name},", returned[wanted_name])
 
 
-def faults(kind: type[Model]) -> list[str]:
-    """All faults of a model: of the shapes of its functions, and of their values at its defaults.
-
-    Args:
-        kind: the class; its structure has its defaults.
-
-    Returns:
-        Ends of sentences, as in `fault`; empty for a sound model.
-    """
-    if (unread := _unread_structure(kind)) is not None:
-        return [unread]
-    missing = [field.name for field in dataclasses.fields(kind) if _required(field)]  # pyright: ignore
-    if missing:
-        return [f"which has no default for {', '.join(missing)}, which the test needs."]
-    try:
-        model = kind()
-        wrong = list(_of_quantities(model))
-    except Exception as error:  # a user's class may raise anything
-        return [f"which raises {type(error).__name__} when it is created: {str(error).rstrip('.')}."]
-    if (first_fault := fault(model)) is not None:
-        return list(dict.fromkeys([*wrong, _traced(model) or first_fault])) if wrong else [first_fault]
-    try:
-        return list(_by_value(model))
-    except ExpressionError as error:
-        return [f"which has a default without a value: {error}"]
-
-
-def _unread_structure(kind: type[Model]) -> str | None:
-    """Fields annotated as structure in a class that is not a dataclass, which so have no effect."""
-    for base in kind.__mro__:
-        if not issubclass(base, Model) or base.__module__.startswith("gaitsweep.contract"):
-            continue
-        own = vars(base).get("__dataclass_fields__", {})
-        for name, hint in inspect.get_annotations(base).items():
-            constant = get_origin(hint) is ClassVar or str(hint).startswith(("ClassVar", "typing.ClassVar"))
-            if name not in own and not constant:
-                return (
-                    f"whose class {base.__name__} annotates {name} but is not a dataclass, so no job can set "
-                    "it: write @dataclasses.dataclass(frozen=True) before the class."
-                )
-    return None
-
-
-def _required(field: dataclasses.Field) -> bool:
-    return field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
-
-
-def _of_quantities(model: Model) -> Iterator[str]:
-    """Faults of names, units, symbols, bounds, defaults and scales."""
+def quantity_faults(model: Model) -> Iterator[str]:
+    """Faults of names, units, symbols, bounds, defaults and scales, as ends of sentences."""
     starts = {quantity.name for quantity in model.initial_conditions}
     settable = [*model.parameters, *model.initial_conditions]
     recorded = {
@@ -443,291 +395,3 @@ def _of_quantity(quantity: Quantity, start: bool) -> Iterator[str]:
         if getattr(quantity, field) and not can_be_set(text):
             yield f"whose {quantity.name} has the {field} {getattr(quantity, field)!r}, {_UNSET}"
     yield from faults_of_quantity(quantity, start)
-
-
-@dataclasses.dataclass(frozen=True)
-class _Begun:
-    """Evaluate a model's functions at starts; arrays (n, ...), those of states by their path.
-
-    `rates` and `guards` are those of a model with a flow, `stepped` is the state of one without after 1e-6 s.
-    `still` is the state after a jump, and `closes` whether a cycle ends, where no event has fired.
-    """
-
-    state: dict[str, Any]
-    observed: Any
-    signals: Any
-    gait: Any
-    period: Any
-    fallen: Any
-    rates: Any
-    guards: Any
-    stepped: Any
-    still: dict[str, Any]
-    closes: Any
-    beyond: dict[str, Any]
-
-    @property
-    def own_state(self) -> dict[str, Any]:
-        """The state less what arms its events, which is NaN where a guard is."""
-        return {name: value for name, value in self.state.items() if not name.startswith(ARMING)}
-
-
-def _by_path(tree: Any) -> dict[str, Any]:
-    return {
-        jax.tree_util.keystr(path).lstrip("."): leaf
-        for path, leaf in jax.tree_util.tree_leaves_with_path(tree)
-    }
-
-
-@cached_by_content(maxsize=16)
-def _begun(model: Model) -> Callable[[Any, Any], _Begun]:
-    """`(values, starts) -> _Begun` of points."""
-
-    def of_one(values: Any, start: Any) -> dict[str, Any]:
-        params = model.params(values)
-        state = model.init(params, start)
-        observed = model.observe(params, state)
-        rates = guards = stepped = None
-        if isinstance(model, HybridModel):
-            rates, guards = model.flow(params, state), model.guards(params, state)
-            quiet = jnp.zeros(guards.shape, bool)
-        else:
-            assert isinstance(model, FixedStepDynamics)
-            after = model.step(params, state, jnp.asarray(1e-6))
-            stepped, quiet = _by_path(after), jnp.zeros(model.events(params, state, after).shape, bool)
-        begun = _Begun(
-            state=_by_path(state),
-            observed=observed,
-            signals=model.signal(params, state),
-            gait=jnp.asarray(model.label(params, observed)["gait"], int),
-            period=jnp.asarray(model.period(params), float),
-            fallen=jnp.asarray(model.failed(params, state)),
-            rates=rates,
-            guards=guards,
-            stepped=stepped,
-            still=_by_path(model.jump(params, state, quiet)),
-            closes=jnp.asarray(model.section(params, state, quiet)),
-            beyond=model.beyond_at_start(params, state),
-        )
-        return vars(begun)
-
-    of_rows = over_rows(of_one, "start", model)
-    return lambda values, starts: _Begun(**of_rows(values, starts))
-
-
-@cached_by_content(maxsize=16)
-def _states(model: Model) -> Callable[[Any, Any], tuple[Any, Any]]:
-    """`(values, starts) -> (params, state)` of points."""
-
-    def of_one(values: Any, start: Any) -> tuple[Any, Any]:
-        params = model.params(values)
-        return params, model.init(params, start)
-
-    return over_rows(of_one)
-
-
-def _by_value(model: Model) -> Iterator[str]:
-    """Faults at the defaults, then faults over the ranges of parameters and starts."""
-    # a simulator has thousands of operations, and each set of its parameters is a body
-    costly = model.host_parameters or not isinstance(model, HybridModel)
-    values, starts = sample(model, _SAMPLE // 8 if costly else _SAMPLE)
-    points = dict(model.on_host(values)), dict(starts)
-    begun, known = _begun(model)(*points), {**values, **starts}
-    default = _Begun(**jax.tree.map(lambda leaf: leaf[:1], vars(begun)))
-    if bool(default.fallen[0]):
-        yield "but its function failed returns True for its default start."
-    if default.guards is not None:
-        yield from _not_finite("guards", default.guards, lambda row: written(known, row))
-    yield from _sound(default, lambda row: written(known, row))
-    yield from _in_order(model, begun, points, lambda row: written(known, row))
-
-
-def faults_of_rows(model: Model, values: Columns, starts: Columns, where: Where) -> list[str]:
-    """Find faults as `faults` does, at parameters and starts (n,) of a job's rows.
-
-    Args:
-        model, values, starts: the rows; a model without `host_parameters`.
-        where: function from the place of a row among these to words such as " at the start of row 3".
-
-    Returns:
-        Ends of sentences, as in `fault`.
-    """
-    points = dict(model.on_host(values)), dict(starts)
-    at_starts = _begun(model)(*points)
-    sentences = [*_sound(at_starts, where), *_in_order(model, at_starts, points, where)]
-    if np.all(at_starts.fallen):
-        sentences.append(f"but its function failed returns True{where(0)} and at all other starts tried.")
-    has_guards = True if at_starts.guards is None else ~np.any(np.isnan(at_starts.guards), axis=1)
-    for name, beyond in at_starts.beyond.items():
-        if (row := _first_row(beyond & has_guards)) is not None:
-            sentences.append(
-                f"which begins on or beyond the surface of its event {name!r}{where(row)}: "
-                "the event occurs only after its function has been below zero."
-            )
-    return sentences
-
-
-def _sound(at_starts: _Begun, where: Where) -> Iterator[str]:
-    """Faults of starts: numbers that are not finite, and changes although no event has fired."""
-    numbers = {
-        "init": at_starts.own_state,
-        "observe": at_starts.observed,
-        "signal": at_starts.signals,
-        "flow": at_starts.rates,
-        "step": at_starts.stepped,
-    }
-    for name, values in numbers.items():
-        yield from _not_finite(name, values, where)
-    for field, old in at_starts.state.items():
-        new = at_starts.still[field]
-        row = _first_row((np.asarray(old) != new) & ~(np.isnan(old) & np.isnan(new)))
-        if row is not None:
-            text = f"but its function jump changes {field} although no event has fired{where(row)}"
-            yield f"{text}: use jnp.where(fired[i], ...)."
-    if (row := _first_row(at_starts.closes)) is not None:
-        yield f"but its function section closes a cycle although no event has fired{where(row)}."
-
-
-def _in_order(model: Model, at_starts: _Begun, points: tuple[Any, Any], where: Where) -> Iterator[str]:
-    """Faults of periods, labels and events at any start."""
-    period, gait = at_starts.period, at_starts.gait
-    if (row := _first_row(~((period > 0.0) & (period < math.inf)))) is not None:
-        result = f"{period[row]:g}{where(row)}"
-        yield f"but its function {_returns('period', result, 'seconds above 0')}"
-    finite = np.all([np.isfinite(values) for values in at_starts.observed.values()], axis=0)
-    if (row := _first_row(finite & ~((gait >= 0) & (gait < len(model.gaits))))) is not None:
-        index = f"the index of a gait, 0 to {len(model.gaits) - 1}"
-        yield f"but its function {_returns('label', f'gait {gait[row]}{where(row)}', index)}"
-    if not isinstance(model, HybridModel):
-        return
-    guards = at_starts.guards
-    assert guards is not None
-    leaves = [np.reshape(leaf, (len(guards), -1)) for leaf in jax.tree.leaves(at_starts.own_state)]
-    sound = np.all(np.concatenate([np.isfinite(np.asarray(leaf, float)) for leaf in leaves], axis=1), axis=1)
-    if (row := _first_row(sound & np.any(np.isnan(guards), axis=1))) is not None:
-        name = _guard(model, int(np.argmax(np.isnan(guards[row]))))
-        yield f"but its function guards returns NaN for {name}{where(row)}, so this event never occurs."
-    if model.simultaneous == "independent":
-        dependent = _dependent(model, *_states(model)(*points))
-        for i, j in np.argwhere(np.any(dependent, axis=0)).tolist():
-            at = where(int(np.argmax(dependent[:, i, j])))
-            events = f"the events {_guard(model, i)} and {_guard(model, j)}"
-            differ = f"{events} lead to different states in two jumps and in one{at}"
-            yield f'whose simultaneous is "independent", but {differ}: remove it.'
-    # an armed event cannot fire twice without leaving its surface
-    armed = isinstance(model, Declared) and all(event.rising for event in model.declared_events())
-    if armed or not np.any(guards >= 0.0):
-        return
-    fires = _without_end(model, *_states(model)(*points))
-    for guard in np.flatnonzero(np.any(fires, axis=0)).tolist():
-        at = where(int(np.argmax(fires[:, guard])))
-        yield f"whose event {_guard(model, guard)} is not ended by its jump and so occurs without end{at}."
-
-
-def _guard(model: HybridModel, guard: int) -> str:
-    return repr(model.guard_names[guard]) if model.guard_names else f"guard {guard + 1}"
-
-
-def _dependent(model: HybridModel, params: Any, state: Any) -> Bool[np.ndarray, "starts guards guards"]:
-    """Whether two guards, the first before the second, need their turns (starts, guards, guards)."""
-    count = model.guards(*jax.tree.map(lambda leaf: leaf[0], (params, state))).size
-    one = jnp.eye(count, dtype=bool)
-
-    def of_pair(params: Any, state: Any, i: Int[Array, ""], j: Int[Array, ""]) -> Bool[Array, ""]:
-        at_once = model.jump(params, state, one[i] | one[j])
-        in_turn = model.jump(params, model.jump(params, state, one[i]), one[j])
-        off = [
-            ~jnp.isclose(a, b, rtol=1e-9, atol=1e-12, equal_nan=True)
-            for a, b in zip(jax.tree.leaves(at_once), jax.tree.leaves(in_turn), strict=True)
-        ]
-        return (i < j) & jnp.any(jnp.concatenate([jnp.ravel(difference) for difference in off]))
-
-    pairs = jnp.repeat(jnp.arange(count), count), jnp.tile(jnp.arange(count), count)
-    over_pairs = jax.vmap(of_pair, (None, None, 0, 0))
-    dependent = jax.jit(jax.vmap(lambda p, s: over_pairs(p, s, *pairs)))(params, state)
-    return np.asarray(dependent).reshape(-1, count, count)
-
-
-def _without_end(model: HybridModel, params: Any, state: Any) -> Bool[np.ndarray, "starts guards"]:
-    """Whether each guard fires at each of `_JUMPS` jumps that follow each other at once (starts, guards)."""
-
-    def of_one(params: Any, state: Any) -> Bool[Array, " guards"]:
-        def jump(_: int, carry: Any) -> Any:
-            state, fires = carry
-            fired = model.guards(params, state) >= 0.0
-            return model.jump(params, state, fired), fires & fired
-
-        always = jnp.ones(model.guards(params, state).shape, bool)
-        return jax.lax.fori_loop(0, _JUMPS, jump, (state, always))[1]
-
-    return np.asarray(jax.jit(jax.vmap(of_one))(params, state))
-
-
-def sample(model: Model, n: int) -> tuple[Columns, Columns]:
-    """Parameters and starts (n,) by name: the defaults, then random points over their ranges.
-
-    A range is that between a quantity's bounds. Where these are far apart or missing, a parameter goes from
-    half to twice its default, and a start by three times its default (by 3 where that is 0) to both sides.
-
-    Raises:
-        ExpressionError: a default has no value.
-    """
-    random = np.random.default_rng(0)
-    sizes: dict[str, Any] = {
-        field.name: float(size)
-        for field in dataclasses.fields(model)  # pyright: ignore[reportArgumentType]
-        if isinstance(size := getattr(model, field.name), int | float)
-    }
-
-    def drawn(quantities: Sequence[Quantity], numbers_before: Mapping[str, Any], start: bool) -> Columns:
-        formulas = {q.name: q.default for q in quantities if isinstance(q.default, str)}
-        numbers = {q.name: _spread(random, n, q, start) for q in quantities if q.name not in formulas}
-        resolved = resolve(formulas, {**numbers_before, **numbers})
-        return {q.name: np.broadcast_to(np.asarray(resolved[q.name], float), (n,)) for q in quantities}
-
-    parameters = drawn(model.parameters, sizes, False)
-    return parameters, drawn(model.initial_conditions, {**sizes, **parameters}, True)
-
-
-def _spread(
-    random: np.random.Generator, n: int, quantity: Quantity, start: bool
-) -> Float[np.ndarray, " rows"]:
-    """The default of a quantity, then n - 1 random values in its range."""
-    default = _middle(quantity)
-    if math.isnan(default) or quantity.whole:  # a start that the model itself decides, or a mode
-        return np.full(n, default)
-    reach = 3.0 * (abs(default) or 1.0)
-    low, high = (default - reach, default + reach) if start else sorted((0.5 * default, 2.0 * default))
-    if quantity.high - quantity.low < _WIDE * reach:
-        low, high = quantity.low, quantity.high
-    within = random.uniform(max(low, quantity.low), min(high, quantity.high), n - 1)
-    return np.append(default, within)
-
-
-def written(values: Columns, row: int) -> str:
-    """The values of a row that differ from the first: " at w = 2, x_0 = 2.4"; the first has the defaults."""
-    differ = [f"{name} = {column[row]:.6g}" for name, column in values.items() if column[row] != column[0]]
-    if not differ:
-        return " at the model's defaults"
-    return " at " + ", ".join(differ[:NAMED]) + (", ..." if len(differ) > NAMED else "")
-
-
-def _middle(quantity: Quantity) -> float:
-    """The default of a quantity that is a number; near 1 in its bounds where it has none."""
-    assert not isinstance(quantity.default, str)
-    return float(np.clip(1.0, quantity.low, quantity.high) if quantity.default is None else quantity.default)
-
-
-def _not_finite(name: str, tree: Any, where: Where) -> Iterator[str]:
-    for path, leaf in jax.tree.leaves_with_path(tree):
-        numbers = np.asarray(leaf, float)
-        if (row := _first_row(~np.isfinite(numbers))) is not None:
-            field = jax.tree_util.keystr(path).strip(".[]'")
-            for_field = f" for {field}" if field else ""
-            yield f"but its function {name} returns {numbers[row]}{for_field}{where(row)}."
-
-
-def _first_row(flags: Bool[np.ndarray, "rows ..."]) -> int | None:
-    """The first row of flags (n, ...) of which one is set; None if none is."""
-    rows = np.flatnonzero(np.any(np.reshape(flags, (len(flags), -1)), axis=1))
-    return int(rows[0]) if rows.size else None

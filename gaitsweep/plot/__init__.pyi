@@ -1,6 +1,17 @@
 from typing import Any
 
 from gaitsweep.plot import theme as theme
+from gaitsweep.plot.arguments import TEXT_COLUMNS as TEXT_COLUMNS
+from gaitsweep.plot.arguments import AlongAxis as AlongAxis
+from gaitsweep.plot.arguments import Column as Column
+from gaitsweep.plot.arguments import GaitColumn as GaitColumn
+from gaitsweep.plot.arguments import Horizontal as Horizontal
+from gaitsweep.plot.arguments import Hue as Hue
+from gaitsweep.plot.arguments import Observable as Observable
+from gaitsweep.plot.arguments import Observed as Observed
+from gaitsweep.plot.arguments import Panels as Panels
+from gaitsweep.plot.arguments import Title as Title
+from gaitsweep.plot.arguments import Window as Window
 from gaitsweep.plot.basins.cells import CellGrid as CellGrid
 from gaitsweep.plot.basins.cells import cell_edges as cell_edges
 from gaitsweep.plot.basins.cells import cell_grid as cell_grid
@@ -23,20 +34,7 @@ from gaitsweep.plot.figure_style import StyleError as StyleError
 from gaitsweep.plot.figure_style import style as style
 from gaitsweep.plot.footprint_diagrams import contact_intervals as contact_intervals
 from gaitsweep.plot.kind import FIGURES as FIGURES
-from gaitsweep.plot.kind import TEXT_COLUMNS as TEXT_COLUMNS
-from gaitsweep.plot.kind import AlongAxis as AlongAxis
-from gaitsweep.plot.kind import Column as Column
 from gaitsweep.plot.kind import FigureKind as FigureKind
-from gaitsweep.plot.kind import GaitColumn as GaitColumn
-from gaitsweep.plot.kind import Horizontal as Horizontal
-from gaitsweep.plot.kind import Hue as Hue
-from gaitsweep.plot.kind import Observable as Observable
-from gaitsweep.plot.kind import Observed as Observed
-from gaitsweep.plot.kind import Panels as Panels
-from gaitsweep.plot.kind import PlannedTable as PlannedTable
-from gaitsweep.plot.kind import Refusal as Refusal
-from gaitsweep.plot.kind import Title as Title
-from gaitsweep.plot.kind import Window as Window
 from gaitsweep.plot.kind import check_window as check_window
 from gaitsweep.plot.kind import draw as draw
 from gaitsweep.plot.kind import figure_kind as figure_kind
@@ -45,6 +43,8 @@ from gaitsweep.plot.kind import unregister as unregister
 from gaitsweep.plot.kinds import *  # noqa: F403 - of `FIGURES` where Python runs
 from gaitsweep.plot.limbs import limb_colours as limb_colours
 from gaitsweep.plot.limbs import name_limbs as name_limbs
+from gaitsweep.plot.planned_table import PlannedTable as PlannedTable
+from gaitsweep.plot.planned_table import Refusal as Refusal
 from gaitsweep.schema.numbers import Count as Count
 from gaitsweep.schema.numbers import CountOrZero as CountOrZero
 from gaitsweep.schema.numbers import Flag as Flag

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 import pandas as pd
+from jaxtyping import Float
 
 from gaitsweep import near_miss
 from gaitsweep.analysis.circular import branch_cut
@@ -63,7 +64,7 @@ def require_columns(table: pd.DataFrame, *names: str | None) -> None:
             column(table, name)
 
 
-def origin_of(table: pd.DataFrame, name: str, values: np.ndarray) -> float | None:
+def origin_of(table: pd.DataFrame, name: str, values: Float[np.ndarray, " values"]) -> float | None:
     """The angle (rad) at which an axis cuts the circle of a column's `values`; None if they are no angles."""
     return branch_cut(values) if is_angle(table, name) else None
 

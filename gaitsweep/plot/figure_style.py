@@ -39,6 +39,7 @@ class StyleError(UserError, ValueError):
 
 
 def _read_width(value: Any) -> str | float:
+    """Read a width: column, page or mm."""
     if value in MILLIMETRES:
         return value
     try:
@@ -49,6 +50,7 @@ def _read_width(value: Any) -> str | float:
 
 
 def _read_colour(value: Any) -> str:
+    """Read a colour as its hexadecimal text."""
     if isinstance(value, str) and _HEX.fullmatch(value):
         return value
     from matplotlib.colors import is_color_like, to_hex  # only for colours that are given by name
@@ -60,6 +62,7 @@ def _read_colour(value: Any) -> str:
 
 
 def _read_letters(value: Any) -> bool | list[str]:
+    """Read whether panels have letters, or their letters."""
     if isinstance(value, list) and value:
         return [read_text(letter) for letter in value]
     try:

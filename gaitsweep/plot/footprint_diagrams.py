@@ -16,9 +16,11 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MultipleLocator
 
 from gaitsweep.plot import theme
+from gaitsweep.plot.arguments import Panels, Title, Window
 from gaitsweep.plot.columns import PlotError, column, row_names, rows_where, written
-from gaitsweep.plot.kind import Panels, PlannedTable, Refusal, Title, Window, check_window, figure_kind
+from gaitsweep.plot.kind import check_window, figure_kind
 from gaitsweep.plot.limbs import limb_colours, limbs_of, model_of, name_limbs
+from gaitsweep.plot.planned_table import PlannedTable, Refusal
 from gaitsweep.schema.numbers import Flag, Text
 from gaitsweep.skeleton import LimbLook
 
@@ -32,6 +34,7 @@ _MOST_PANELS = 24
 
 
 def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
+    """Refuse a model without contacts, and a window that is not one."""
     if "contact_1" not in table.columns:
         yield figure.needs(table, "the signals contact_1, contact_2, ...")
     yield from check_window(figure)
@@ -202,7 +205,9 @@ def _hops(
     return gaps[(gaps <= _HOP * gaps.max()) & (stops[:-1] >= low) & (starts[1:] <= high)]
 
 
-def _period(stances: Sequence[tuple[np.ndarray, np.ndarray]], beginning: float) -> float | None:
+def _period(
+    stances: Sequence[tuple[Float[np.ndarray, " stances"], Float[np.ndarray, " stances"]]], beginning: float
+) -> float | None:
     """The mean time between touchdowns of a leg without stumbles; None if there is no such leg."""
     of_legs = [np.diff(starts[starts > beginning]) for starts, _ in stances]
     gaps = np.concatenate(of_legs)
@@ -218,11 +223,13 @@ def _period(stances: Sequence[tuple[np.ndarray, np.ndarray]], beginning: float) 
     return float(gaps[usual].mean())
 
 
-def _guides(axes: Axes, middles: Sequence[np.ndarray], period: float, free: int | None) -> set[str]:
+def _guides(
+    axes: Axes, middles: Sequence[Float[np.ndarray, " swings"]], period: float, free: int | None
+) -> set[str]:
     """Join each swing to the next leg's nearest one; returns the directions of the waves that occur.
 
     The swings of the link `free` (from 1; None if the model leaves no link free) are joined whatever their
-    lag; `middles` (n,) s are those of the swings of each leg.
+    lag; `middles` (s) are those of the swings of each leg.
     """
     ways = set()
     for row, (swings, next_swings) in enumerate(itertools.pairwise(middles)):

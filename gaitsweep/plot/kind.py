@@ -5,113 +5,39 @@
 
 from __future__ import annotations
 
-import dataclasses
 import functools
 import inspect
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from types import UnionType
 from typing import (
     TYPE_CHECKING,
-    Annotated,
     Any,
     ClassVar,
     Literal,
     ParamSpec,
-    Union,
     cast,
-    get_args,
-    get_origin,
 )
 
 import pandas as pd
-from pydantic import BeforeValidator, Field, create_model
+from pydantic import Field, create_model
 
 from gaitsweep import near_miss
-from gaitsweep.contract import Model
-from gaitsweep.design import Design
 from gaitsweep.kinds.run_kind import RunKind
 from gaitsweep.mathtext import can_be_set
+from gaitsweep.plot.arguments import TEXT_COLUMNS, Name
 from gaitsweep.plot.columns import PlotError
 from gaitsweep.plot.figure_style import STYLE_FIELDS, FigureStyle, current, given_axes, read_style, styled
+from gaitsweep.plot.function_fields import fields_of, parts_of
+from gaitsweep.plot.planned_table import PlannedTable, Refusal
 from gaitsweep.plot.provenance_marks import letter_panels, mark, remarks
 from gaitsweep.plot.style_names import StyleNames
 from gaitsweep.schema.diagnostics import Diagnostic, Path, quoted
-from gaitsweep.schema.numbers import Positive, Real, Stem, Text, checked, read_text
 from gaitsweep.schema.strict_model import Registry, kind_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-# Types of arguments that name a column of the table, a numeric column along an axis, or an observable.
-Column = Annotated[Text, "column_fields"]
-AlongAxis = Annotated[Text, "column_fields", "axis_fields"]
-Observable = Annotated[Text, "observable_fields"]
-
-# Arguments that several figures have.
-Horizontal = Annotated[AlongAxis, "column along the horizontal axis"]
-Vertical = Annotated[AlongAxis, "column along the vertical axis"]
-Observed = Annotated[Observable, "observable of the model"]
-GaitColumn = Annotated[Column, "column of the gait"]
-Hue = Annotated[Column, "column that colours the points"]
-Panels = Annotated[Column | None, "column whose values have a panel each"]
-Name = Annotated[
-    Stem | None, Field(description="name of the figure's file without ending; by default its kind")
-]
-Title = Annotated[
-    str | None,
-    BeforeValidator(checked(lambda text: "" if text in ("", "none") else text and read_text(text))),
-    'text above the figure; "" or none: no text there',
-]
-Bandwidth = Annotated[
-    Positive | None,
-    "half-width of the smoothing window, in the unit of y; by default 0.05 rad for an angle, and a twentieth "
-    "of the range of other values",
-]
-
-# A table, or its name, which is all that a job can write.
-if TYPE_CHECKING:
-    TableOrName = Text | pd.DataFrame
-else:
-    TableOrName = Text
-
-Window = Annotated[
-    Sequence[Real] | None,
-    Field(min_length=2, max_length=2),
-    "beginning and end of the time that is shown, in s; by default all",
-]
-
-TEXT_COLUMNS = frozenset({"status", "gait", "outcome", "special", "end", "slowest", "stalled_by"})
-
 Coloured = Literal["gaits", "periods", "none"]
-Refusal = tuple[Path, str]  # where in the figure, and the end of the sentence
-
-
-@dataclasses.dataclass(frozen=True)
-class PlannedTable:
-    """The rows, the run and the columns of a table whose job has not run yet."""
-
-    rows: Design
-    run: RunKind
-    columns: Sequence[str]
-
-    @property
-    def model(self) -> Model:
-        return self.rows.model
-
-    @property
-    def varied(self) -> tuple[str, ...]:
-        return self.rows.names
-
-    def missing(self, names: Sequence[str]) -> str | None:
-        """The first of the names that is not a column."""
-        return next((name for name in names if name not in self.columns), None)
-
-    def unit(self, column: str) -> str:
-        """A column's unit, or an empty text."""
-        quantities = {c.name: c.quantity for c in self.run.all_columns(self.model) if c.quantity is not None}
-        quantities |= {q.name: q for q in (*self.model.parameters, *self.model.initial_conditions)}
-        return quantities[column].unit if column in quantities else ""
 
 
 class FigureKind(FigureStyle):
@@ -156,9 +82,10 @@ class FigureKind(FigureStyle):
         """The name of its file without ending."""
         return getattr(self, "name", None) or self.kind_name
 
-    def suits(self, run: RunKind) -> bool:
-        """Whether it can be drawn from a run's table."""
-        return run.kind_name in self.runs or self.kind_name in run.figures
+    @classmethod
+    def suits(cls, run: type[RunKind]) -> bool:
+        """Whether it can be drawn from the table of a run of this kind."""
+        return kind_of(run) in cls.runs or kind_of(cls) in run.figures
 
     def columns(self) -> dict[str, str]:
         """The columns that it names, by field."""
@@ -321,7 +248,7 @@ def figure_kind(
         name, about = draw.__name__, (inspect.getdoc(draw) or "").partition("\n\n")[0]
         fields: dict[str, Any] = {
             "kind": (Literal[name], Field(description=f"{name}: {about}")),
-            **_fields(draw),
+            **fields_of(draw),
             "name": (Name, Field(None)),
         }
         title = name.title().replace("_", "")
@@ -329,7 +256,7 @@ def figure_kind(
         kind.draw, kind.runs, kind.worked_out = staticmethod(draw), runs, worked_out
         kind.coloured = coloured
         for role in ("column_fields", "axis_fields", "observable_fields"):
-            setattr(kind, role, tuple(n for n, (type_, _) in fields.items() if role in _parts([type_])))
+            setattr(kind, role, tuple(n for n, (type_, _) in fields.items() if role in parts_of([type_])))
         if check is not None:
             kind.check = check  # pyright: ignore[reportAttributeAccessIssue]
         return register(kind).draw
@@ -358,42 +285,3 @@ def draw(kind: str, table: pd.DataFrame, **spec: Any) -> Figure:
 
 def _unpickled(kind: str, fields: dict[str, Any]) -> FigureKind:
     return FIGURES[kind].model_construct(**fields)
-
-
-def _fields(draw: Callable[..., Figure]) -> dict[str, Any]:
-    """The described arguments of a function as fields of a job."""
-    fields = {}
-    _, *arguments = inspect.signature(draw).parameters.items()  # without the table, whose type is pandas'
-    for name, argument in arguments:
-        annotation = argument.annotation
-        if isinstance(annotation, str):
-            annotation = eval(annotation, draw.__globals__)
-        description = getattr(annotation, "__metadata__", (None,))[-1]
-        if isinstance(description, str):
-            # pydantic's mark of a required field is `...`; mappings are not shared between figures
-            default: Any = ... if argument.default is argument.empty else argument.default
-            mapping = isinstance(default, Mapping)
-            value: dict[str, Any] = {"default_factory": dict} if mapping else {"default": default}
-            fields[name] = (_in_job(annotation), Field(**value, description=description))
-    return fields
-
-
-def _in_job(annotation: Any) -> Any:
-    """Type of a figure's argument in a job: lists and dicts, and no table."""
-    origin, (first, *rest) = get_origin(annotation), get_args(annotation) or (None,)
-    if origin is Annotated:
-        return Annotated[_in_job(first), *rest]
-    if origin in (Union, UnionType):
-        parts = (part for part in (first, *rest) if getattr(part, "__name__", "") != "DataFrame")
-        return Union[tuple(_in_job(part) for part in parts)]  # noqa: UP007 - of a tuple of types
-    if origin in (Sequence, Mapping):
-        plain = list if origin is Sequence else dict
-        return plain[*(_in_job(part) for part in (first, *rest))]  # pyright: ignore[reportInvalidTypeArguments]
-    return annotation
-
-
-def _parts(annotations: Sequence[Any]) -> Iterator[Any]:
-    """Annotations and all their parts."""
-    for annotation in annotations:
-        yield annotation
-        yield from _parts(get_args(annotation))

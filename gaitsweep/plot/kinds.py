@@ -6,6 +6,7 @@ from gaitsweep.extension import import_all
 from gaitsweep.plot.basins.basin import basin as basin
 from gaitsweep.plot.basins.basin_measures import basin_measures as basin_measures
 from gaitsweep.plot.basins.gait_map import gait_map as gait_map
+from gaitsweep.plot.basins.recovery import recovery as recovery
 from gaitsweep.plot.basins.shock import shock as shock
 from gaitsweep.plot.bifurcations.atlas import atlas as atlas
 from gaitsweep.plot.bifurcations.atlas import road_map as road_map
@@ -19,5 +20,6 @@ from gaitsweep.plot.bifurcations.orbit_family import orbit_family as orbit_famil
 from gaitsweep.plot.bifurcations.return_map import return_map as return_map
 from gaitsweep.plot.bifurcations.stable_ranges import stable_ranges as stable_ranges
 from gaitsweep.plot.footprint_diagrams import footprints as footprints
+from gaitsweep.plot.phase_shifts import phase_response as phase_response
 
 import_all("figures")

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -58,7 +59,7 @@ def _panel(axes: Axes, of_output: pd.DataFrame, indices: pd.DataFrame) -> dict[s
     words = _DRAWN[method]
     names = list(dict.fromkeys(of_output["parameter"]))
 
-    def column(field: str, index: str) -> np.ndarray:
+    def column(field: str, index: str) -> Float[np.ndarray, " parameters"]:
         """A field of an index for each parameter; NaN if it is missing."""
         records = of_output.loc[of_output["index"] == index].set_index("parameter")
         return np.asarray(records[field].reindex(names), float)

@@ -1,4 +1,7 @@
-"""The theme of figures: sizes, fonts, legends, colours and markers of gaits, axes of angles."""
+"""The theme of figures: sizes, fonts, panels and legends.
+
+The colours of gaits (`gait_looks`) and the axes of angles (`value_axes`) are part of it.
+"""
 
 from __future__ import annotations
 
@@ -6,42 +9,44 @@ import contextlib
 import re
 import textwrap
 import warnings
-from collections.abc import Iterable, Iterator, Sequence
-from types import MappingProxyType
+from collections.abc import Iterator, Sequence
 from typing import Any, TypeVar, cast
 
 import matplotlib as mpl
 import numpy as np
+from jaxtyping import Bool, Float
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.colors import to_hex, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.legend import Legend
 from matplotlib.legend_handler import HandlerTuple
-from matplotlib.ticker import FixedLocator, FuncFormatter, Locator, MultipleLocator
 from matplotlib.transforms import ScaledTranslation
 
-from gaitsweep.contract import Outcome
-from gaitsweep.extension import gait_styles
 from gaitsweep.plot.columns import PlotError
 from gaitsweep.plot.figure_style import MILLIMETRES, current, given_axes
+from gaitsweep.plot.gait_looks import COLOURS as COLOURS
+from gaitsweep.plot.gait_looks import CONTRAST as CONTRAST
+from gaitsweep.plot.gait_looks import HATCH as HATCH
+from gaitsweep.plot.gait_looks import SPARE_COLOURS as SPARE_COLOURS
+from gaitsweep.plot.gait_looks import SPARE_MARKERS as SPARE_MARKERS
+from gaitsweep.plot.gait_looks import colours as colours
+from gaitsweep.plot.gait_looks import contrast as contrast
+from gaitsweep.plot.gait_looks import hatched as hatched
+from gaitsweep.plot.gait_looks import hatches as hatches
+from gaitsweep.plot.gait_looks import ink_on as ink_on
+from gaitsweep.plot.gait_looks import line_on as line_on
+from gaitsweep.plot.gait_looks import markers as markers
+from gaitsweep.plot.gait_looks import mixed as mixed
+from gaitsweep.plot.gait_looks import named as named
+from gaitsweep.plot.gait_looks import ordered as ordered
+from gaitsweep.plot.value_axes import angle_axis as angle_axis
+from gaitsweep.plot.value_axes import angle_ticks as angle_ticks
+from gaitsweep.plot.value_axes import in_pi as in_pi
+from gaitsweep.plot.value_axes import value_axis as value_axis
 
 _INCH = 25.4  # mm
 COLUMN, PAGE = (MILLIMETRES[name] / _INCH for name in ("column", "page"))  # inches
-HATCH = "/////"
-
-# Of outcomes that no model names; gaits have those of their extensions.
-COLOURS = MappingProxyType({"none": "#BBBBBB", Outcome.NOT_SETTLED: "#E4E4E4", Outcome.FAILED: "#3B3B3B"})
-MARKERS = MappingProxyType({"none": "x"})
-HATCHES = MappingProxyType({"none": "xxx", Outcome.NOT_SETTLED: HATCH, Outcome.FAILED: HATCH})
-# Okabe and Ito's colours, distinct for colour-blind readers.
-SPARE_COLOURS = ("#E69F00", "#0072B2", "#009E73", "#CC79A7", "#D55E00", "#56B4E9", "#F0E442", "#000000")
-SPARE_MARKERS = ("o", "^", "s", "D", "v", "P", "X", "*")
-_SPARE_HATCHES = ("", "....", "\\\\\\\\", "----", "++++", "oo", "||||", "xxxx", "**")
-CONTRAST = 1.8  # of luminance, least, by which grey print tells two colours apart
-_DARK = 0.28  # luminance of a colour below which white is read better on it than black
-
 _POINTS = 8.0  # of text, unless the user's rcParams differ from Matplotlib's defaults
 _SIZES = {
     "axes.titlesize": 8.5,
@@ -73,13 +78,9 @@ _INK = (
     "axes3d.xaxis.panecolor", "axes3d.yaxis.panecolor", "axes3d.zaxis.panecolor",
 )  # fmt: skip
 _PAPER: dict[Any, Any] = {key: mpl.rcParamsDefault[key] for key in _INK}
-_STEPS = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.25, 0.5, 1.0)  # of ticks, in pi
-# The least span of values along an axis, below which rounding would look like a change.
-_LEAST_ANGLE, _LEAST_SHARE, _LEAST_VALUE = 0.01, 1e-3, 1e-9  # rad, of the largest magnitude, in any unit
 _LEAST_PANEL, _LEAST_SHARE_OF_NATURAL = 12.0, 0.6  # height in mm, or if less, share of the natural one
 _BELOW, _LINE = 0.4, 0.13  # inches: heights of a legend below panels, and of another line in it
 _HIGHEST, _HIGHER = 1000, 5  # mm, of a figure: the heights that are tried
-_SHORT = 4  # labels of three letters along an axis of a turn
 _LETTER = 0.53  # mean width of a letter, as a share of the size of its font
 _COLLAPSED = "constrained_layout not applied"  # a warning of Matplotlib
 _FORMULA = re.compile(r"\$[^$]*\$")
@@ -138,36 +139,6 @@ class _OnePanel:
 def _unchanged(defaults: dict[Any, Any]) -> dict[Any, Any]:
     """Those of some rcParams that the user has not changed."""
     return {key: value for key, value in defaults.items() if mpl.rcParams[key] == mpl.rcParamsDefault[key]}
-
-
-class _TurnLocator(FixedLocator):
-    """Ticks over a turn, at every half turn where an axis is short."""
-
-    def __init__(self, steps: int) -> None:
-        super().__init__(np.linspace(0.0, 2 * np.pi, steps + 1).tolist())
-
-    def __call__(self) -> Any:
-        ticks = super().__call__()
-        short = self.axis is not None and self.axis.get_tick_space() < _SHORT
-        return ticks[:: (len(ticks) - 1) // 2] if short else ticks
-
-
-class _PiLocator(Locator):
-    """Ticks at round multiples of pi, as many as an axis has room for, at most seven."""
-
-    def __call__(self) -> Any:
-        assert self.axis is not None
-        return self.tick_values(*self.axis.get_view_interval())
-
-    def step(self) -> float:
-        """The distance of two ticks, in pi."""
-        assert self.axis is not None
-        span = abs(float(np.ptp(self.axis.get_view_interval()))) / np.pi
-        most = max(2, min(6, self.axis.get_tick_space()))
-        return next((step for step in _STEPS if span / step <= most), _STEPS[-1])
-
-    def tick_values(self, vmin: float, vmax: float) -> Any:
-        return MultipleLocator(self.step() * np.pi).tick_values(vmin, vmax)
 
 
 @contextlib.contextmanager
@@ -246,14 +217,14 @@ def _check_height(figure: Figure, natural: float) -> None:
         raise PlotError(f"height is {asked:g} mm, but this figure needs at least {least:g} mm.")
 
 
-def _panel_heights(figure: Figure) -> np.ndarray:
+def _panel_heights(figure: Figure) -> Float[np.ndarray, " panels"]:
     """The heights of panels in inches, (n,), of which all are 0 if the layout gives one of them no room."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         figure.draw_without_rendering()
     panels = [axes for axes in figure.axes if axes.get_label() != "<colorbar>"]
     heights = np.array([axes.get_position().height for axes in panels]) * figure.get_figheight()
-    return heights * (not any(re.match(_COLLAPSED, str(each.message)) for each in caught))
+    return heights * (not any(re.match(_COLLAPSED, str(warning.message)) for warning in caught))
 
 
 def _break_lines(figure: Figure) -> None:
@@ -265,7 +236,7 @@ def _break_lines(figure: Figure) -> None:
         if not axes.get_visible() or hasattr(axes, "zaxis"):
             continue
         gaps = [other.x0 - panel.x1 for other in panels] + [panel.x0 - other.x1 for other in panels]
-        gap = min((each for each in gaps if each > 0.0), default=np.inf)
+        gap = min((gap for gap in gaps if gap > 0.0), default=np.inf)
         titles = (axes.title, *(vars(axes)[f"_{side}_title"] for side in ("left", "right")))
         for text in (axes.xaxis.label, axes.yaxis.label, *titles):
             box = text.get_window_extent(renderer)
@@ -325,7 +296,9 @@ def panels(figure: Figure, grid: tuple[int, int], count: int, **look: Any) -> li
     return list(cells[:count])
 
 
-def interrupted(parted: np.ndarray, *lines: np.ndarray) -> list[np.ndarray]:
+def interrupted(
+    parted: Bool[np.ndarray, " gaps"], *lines: Float[np.ndarray, " points"]
+) -> list[Float[np.ndarray, " interrupted"]]:
     """Lines (n,) with NaN between the neighbours that are `parted` (n - 1,), where nothing is to be drawn."""
     gaps = np.flatnonzero(parted) + 1
     return [np.insert(line, gaps, np.nan) for line in lines]
@@ -453,148 +426,9 @@ def _legend_in_cell(figure: Figure, look: dict[str, Any], renderer: Any) -> bool
     return False
 
 
-def named(name: str) -> str:
-    """The label of a gait in legends: its style's, else its name."""
-    return (current().labels or {}).get(name, name)
-
-
-def ordered(names: Iterable[str]) -> list[str]:
-    """Gaits in the order of the style; others follow in their own order."""
-    names = list(names)
-    first = [name for name in current().order or () if name in names]
-    return [*first, *(name for name in names if name not in first)]
-
-
-def colours(names: Iterable[str]) -> dict[str, str]:
-    """A colour for each name: that of the style or of the gait, else spare colours in order."""
-    names, own = list(names), {name: style[0] for name, style in gait_styles().items()} | dict(COLOURS)
-    own |= current().colours or {}
-    free = [colour for colour in SPARE_COLOURS if colour not in {own.get(name) for name in names}]
-    return _own_or_spare(names, own, free or SPARE_COLOURS)
-
-
-def markers(names: Iterable[str]) -> dict[str, str]:
-    """A marker for each name, as for `colours`."""
-    own = {name: style[1] for name, style in gait_styles().items()} | dict(MARKERS)
-    return _own_or_spare(list(names), own, SPARE_MARKERS)
-
-
-def _own_or_spare(names: list[str], own: dict[str, str], spare: Sequence[str]) -> dict[str, str]:
-    others = [name for name in names if name not in own]
-    return {name: own[name] if name in own else spare[others.index(name) % len(spare)] for name in names}
-
-
-def hatches(names: Iterable[str]) -> dict[str, str]:
-    """A hatch for each name, by which grey print tells areas apart: that of the gait, else a spare one.
-
-    Without `hatches` in the style, only what is no gait has one.
-    """
-    names = list(names)
-    colour = colours(names)
-    own = {name: style[2] for name, style in gait_styles().items() if len(style) > 2} | dict(HATCHES)
-    hatch_of = {name: own[name] for name in names if name in own}
-    for name in names:
-        confusable = {
-            hatch_of[other] for other in hatch_of if contrast(colour[name], colour[other]) < CONTRAST
-        }
-        free = (hatch for hatch in _SPARE_HATCHES if hatch not in confusable)
-        hatch_of.setdefault(name, next(free, _SPARE_HATCHES[-1]))
-    if current().hatches is False:
-        hatch_of |= {name: "" for name in names if name not in HATCHES}
-    return hatch_of
-
-
-def contrast(colour: str, other: str) -> float:
-    """The contrast of two colours in grey print: the ratio of their luminances (WCAG 2), at least 1."""
-    low, high = sorted(map(_luminance, (colour, other)))
-    return (high + 0.05) / (low + 0.05)
-
-
-def _luminance(colour: str) -> float:
-    part = np.array(to_rgb(colour))
-    linear = np.where(part <= 0.04045, part / 12.92, ((part + 0.055) / 1.055) ** 2.4)
-    return float(linear @ [0.2126, 0.7152, 0.0722])
-
-
-def mixed(colour: str, other: str) -> str:
-    """The mean of two colours."""
-    red, green, blue = 0.5 * (np.array(to_rgb(colour)) + np.array(to_rgb(other)))
-    return to_hex((float(red), float(green), float(blue)))
-
-
-def hatched(colour: str, hatch: str) -> dict[str, Any]:
-    """The look of an area in a colour with a hatch."""
-    return {"facecolor": colour, "hatch": hatch or None, "edgecolor": line_on(colour), "linewidth": 0.0}
-
-
-def ink_on(colour: str) -> str:
-    """Black or white, for a text over a colour."""
-    return "white" if _luminance(colour) < _DARK else "black"
-
-
-def line_on(colour: str) -> str:
-    """The colour of a hatch: lighter on dark colours, darker on light ones."""
-    return mixed(colour, ink_on(colour))
-
-
-def angle_axis(axes: Axes, which: str, steps: int = 4) -> None:
-    """Show an angle on axis x, y or z with ticks at multiples of pi, `steps` intervals per turn.
-
-    The axis extends from 0 to 2 pi, or only over the data if they take less than half of that.
-    """
-    if which in "xy" and not _half_a_turn(axes, which):
-        angle_ticks(axes, which)
-        return
-    getattr(axes, f"set_{which}lim")(0.0, 2 * np.pi)
-    axis = getattr(axes, f"{which}axis")
-    axis.set_major_locator(_TurnLocator(steps))
-    axis.set_major_formatter(FuncFormatter(lambda value, _: in_pi(value)))
-
-
-def value_axis(axes: Axes, *, angle: bool) -> None:
-    """Axis y of values over a parameter: ticks of angles in pi, and no span so small that rounding shows."""
-    if angle:
-        angle_ticks(axes, "y")
-    spans = [each.dataLim.intervaly for each in axes.get_shared_y_axes().get_siblings(axes)]
-    values = np.array([span for span in spans if np.isfinite(span).all()])
-    if not len(values) or axes.get_yscale() != "linear":
-        return
-    low, high = float(values.min()), float(values.max())
-    least = _LEAST_ANGLE if angle else max(_LEAST_SHARE * max(-low, high), _LEAST_VALUE)
-    if high - low < least:
-        axes.set_ylim(0.5 * (low + high - least), 0.5 * (low + high + least))
-
-
-def _half_a_turn(axes: Axes, which: str) -> bool:
-    """Whether the data of an axis and those that share it extend over half a turn, or there are no data."""
-    shared = getattr(axes, f"get_shared_{which}_axes")().get_siblings(axes)
-    spans = np.array([getattr(other.dataLim, f"interval{which}") for other in shared])
-    spans = spans[np.isfinite(spans).all(axis=1)]
-    return not len(spans) or float(np.ptp(spans)) >= np.pi
-
-
 def percent(share: float) -> str:
     """Format a fraction in whole per cent, for a legend."""
     return "<1" if 0.0 < share < 0.005 else f"{100 * share:.0f}"
-
-
-def angle_ticks(axes: Axes, which: str) -> None:
-    """Ticks at round multiples of pi on a part of the circle that axis x or y already shows."""
-    axis, locator = getattr(axes, f"{which}axis"), _PiLocator()
-    axis.set_major_locator(locator)
-    axis.set_major_formatter(FuncFormatter(lambda value, _: in_pi(value, fractions=locator.step() >= 0.25)))
-
-
-def in_pi(angle: float, *, fractions: bool = True) -> str:
-    """Format an angle (rad) as a multiple of pi: 3π/4, or 0.77π if it is not a simple fraction."""
-    turns = round(angle / np.pi, 4)
-    if turns == round(turns):
-        return {0: "0", 1: "π", -1: "−π"}.get(round(turns), f"{round(turns)}π").replace("-", "−")
-    if fractions and 4 * turns == round(4 * turns):
-        bottom = 2 if 2 * turns == round(2 * turns) else 4
-        top = round(turns * bottom)
-        return f"{'−' if top < 0 else ''}{'' if abs(top) == 1 else abs(top)}π/{bottom}"
-    return f"{turns:.4g}π".replace("-", "−")
 
 
 def message(axes: Axes, text: str) -> None:

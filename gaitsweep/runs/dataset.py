@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
+from jaxtyping import Int, Shaped
 
 from gaitsweep.errors import UserError
 from gaitsweep.kinds import RUN_KINDS
@@ -60,7 +61,7 @@ def dataset_of(table: pd.DataFrame) -> xarray.Dataset:
     place = row * records + record if several else row
     quantities = table.attrs.get("quantities", {})
 
-    def variable(name: str) -> tuple[tuple[str, ...], np.ndarray, dict[str, Any]]:
+    def variable(name: str) -> tuple[tuple[str, ...], Shaped[np.ndarray, " ..."], dict[str, Any]]:
         values, attributes = _numbers(table[name])
         quantity = quantities.get(name, {})
         for key, field in (("units", "unit"), ("long_name", "meaning")):
@@ -95,7 +96,7 @@ def _axes(manifest: Mapping[str, Any]) -> list[tuple[str, list[str], int]]:
     return [(names[0] if len(names) == 1 else next(points), names, length) for names, length in groups]
 
 
-def _numbers(column: Any) -> tuple[np.ndarray, dict[str, Any]]:
+def _numbers(column: Any) -> tuple[Shaped[np.ndarray, " records"], dict[str, Any]]:
     """Convert a column to numbers, with the attributes that name the meaning of integers."""
     if not isinstance(column.dtype, pd.CategoricalDtype):
         if not pd.api.types.is_numeric_dtype(column.dtype):
@@ -107,7 +108,12 @@ def _numbers(column: Any) -> tuple[np.ndarray, dict[str, Any]]:
     return codes, {"flag_values": flags, "flag_meanings": " ".join(meanings)}
 
 
-def _on_grid(values: np.ndarray, place: np.ndarray, shape: tuple[int, ...], flags: bool) -> np.ndarray:
+def _on_grid(
+    values: Shaped[np.ndarray, " records"],
+    place: Int[np.ndarray, " records"],
+    shape: tuple[int, ...],
+    flags: bool,
+) -> Shaped[np.ndarray, " ..."]:
     """Place values (n,) on the grid; NaN, or -1 for flags, elsewhere."""
     size = int(np.prod(shape))
     if not flags and values.size < size:
@@ -117,7 +123,7 @@ def _on_grid(values: np.ndarray, place: np.ndarray, shape: tuple[int, ...], flag
     return grid.reshape(shape)
 
 
-def _along(values: np.ndarray, axis: int) -> np.ndarray | None:
+def _along(values: Shaped[np.ndarray, " ..."], axis: int) -> Shaped[np.ndarray, " points"] | None:
     """Return values (n,) along one axis if they are equal along all others; NaN stands for no record."""
     by_point = np.moveaxis(values, axis, 0).reshape(values.shape[axis], -1)
     known = ~np.isnan(by_point)

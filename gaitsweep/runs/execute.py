@@ -7,13 +7,10 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import threading
 from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor, wait
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 import pandas as pd
 
 from gaitsweep.engine.content import held_contents
@@ -22,19 +19,13 @@ from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.job import Job
 from gaitsweep.job.checks import remarks_on_rows
 from gaitsweep.row_outcome import RowOutcome
+from gaitsweep.runs.concurrent_self_check import ConcurrentSelfCheck
 from gaitsweep.runs.executor import Executor, MissingBlocks, ThisProcess, compute_blocks
 from gaitsweep.runs.prepare import RunContext, naming_the_file, prepare
 from gaitsweep.runs.progress import Progress, so_far
 from gaitsweep.runs.provenance import continue_directory
 from gaitsweep.runs.refinement import Refinement
-from gaitsweep.runs.self_check import (
-    RerunRows,
-    SelfCheck,
-    SelfCheckError,
-    compare_stored,
-    rows_to_repeat,
-    self_check,
-)
+from gaitsweep.runs.self_check_result import SelfCheckError
 from gaitsweep.runs.sentences import advice, self_check_sentence
 from gaitsweep.runs.summary import describe, sum_up, summed_up, tallied_column
 from gaitsweep.table import MemoryTable, ResultDirectory, Table, TableError, load
@@ -102,7 +93,7 @@ def _run(
     spec = context.spec
     if context.note is not None:
         on_message(context.note)
-    with _SelfCheck(context, table) as check:
+    with ConcurrentSelfCheck(context, table) as check:
         for note in table.notes:
             on_message(note)
         continue_directory(context, table, on_message)
@@ -165,72 +156,8 @@ def table_in_memory(
 
 
 def _rows_leave_the_host_idle(context: RunContext) -> bool:
-    """Return whether the rows run on a GPU, where the rows of a self-check take no time from them."""
+    """Whether the rows run on a GPU, where the rows of a self-check take no time from them."""
     return context.spec.devices[0].platform != "cpu"
-
-
-class _SelfCheck:
-    """The self-check of a run: after its rows, or at the same time in a thread once `begin` was called.
-
-    Its exceptions are raised by `result`. Its rows have their own lanes; the table is read at the end.
-    """
-
-    def __init__(self, context: RunContext, table: Table) -> None:
-        self._context, self._table = context, table
-        self._asked = rows_to_repeat(context)
-        self._thread = ThreadPoolExecutor(1)
-        self._begun: Future[tuple[SelfCheck | None, RerunRows | None]] | None = None
-        self._abandoned = threading.Event()
-
-    def __enter__(self) -> _SelfCheck:
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self._abandoned.set()
-        self._thread.shutdown()
-
-    def begin(self) -> None:
-        """Begin the self-check now, in a thread."""
-
-        def stop_if_abandoned(_: SweepProgress) -> None:
-            if self._abandoned.is_set():  # the rows have been stopped, and nobody reads its result
-                raise InterruptedError
-
-        if self._known is None:
-            self._begun = self._thread.submit(self_check, self._context, self._asked, stop_if_abandoned)
-
-    def result(self, on_progress: Progress) -> dict[str, Any]:
-        """Return the result for a complete table: the stored one, or that of a new self-check."""
-        if self._known is not None:
-            return self._known
-        total = self._context.spec.n_rows
-
-        def on_sweep_progress(now: SweepProgress) -> None:
-            on_progress(total, total, 0.0, 1.0, f"self-check: {now.done} of {now.rows} rows")
-
-        if self._begun is None:
-            check, rerun = self_check(self._context, self._asked, on_sweep_progress)
-        else:
-            while not self._begun.done():
-                on_progress(total, total, 0.0, 1.0, "self-check")  # where Ctrl-C is obeyed
-                wait([self._begun], timeout=0.1)
-            check, rerun = self._begun.result()
-        if check is not None and rerun is not None:
-            compare_stored(self._context, check, rerun, self._stored, on_sweep_progress)
-        judged = {"rows": 0, "verdict": "off"} if check is None else check.judged()
-        self._table.update_manifest(self_check=judged)
-        return judged
-
-    def _stored(self, rows: np.ndarray) -> pd.DataFrame:
-        table = self._table.load(rows)
-        table.attrs.clear()  # pandas copies them with each column
-        return table
-
-    @property
-    def _known(self) -> dict[str, Any] | None:
-        """Result of an earlier self-check with the same number of rows, or None."""
-        before = self._table.manifest.get("self_check")
-        return before if isinstance(before, dict) and before.get("rows") == self._asked else None
 
 
 def _run_missing(
@@ -240,6 +167,7 @@ def _run_missing(
     on_progress: Progress,
     executor: Executor,
 ) -> None:
+    """Have an executor compute the missing blocks of a table, and sum the table up."""
     before, total = table.rows_done + table.rows_open, context.spec.n_rows
     describe(context, table)
     spent = table.manifest.get("timings", {})
@@ -268,7 +196,7 @@ def _run_missing(
             if (grid := context.job.run.refined(context.design)) is not None:
                 Refinement(context, grid, table, executor).run(on_progress, timings)
             else:
-                stored = _Open(table, spent_so_far)
+                stored = _OpenRowsOnDisk(table, spent_so_far)
                 executor.run_blocks(
                     MissingBlocks(context, table, missing, on_sweep_progress, timings, stored)
                 )
@@ -282,7 +210,7 @@ def _run_missing(
 
 
 @dataclasses.dataclass
-class _Open:
+class _OpenRowsOnDisk:
     """Store of finished rows of open blocks: the directory, with the time that they took."""
 
     directory: ResultDirectory

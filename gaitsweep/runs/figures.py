@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Int
 
 from gaitsweep import plot
 from gaitsweep.errors import EXIT_FAILURE, UserError
@@ -116,6 +117,7 @@ def draw_figures(
     names: set[str] | None = None,
     on_progress: Callable[[int], None] | None = None,
     style: FigureStyle | None = None,
+    folder: Path | None = None,
 ) -> list[Path]:
     """Draw the figures of a result directory from its table, without simulating.
 
@@ -127,6 +129,7 @@ def draw_figures(
         names: file names of the figures to draw; all by default.
         on_progress: called before each figure with its number.
         style: style of all figures, over that of the job and of the figures.
+        folder: folder of the files, made if it does not exist; by default `figures` of the directory.
 
     Returns:
         The files, in the job's order.
@@ -147,9 +150,11 @@ def draw_figures(
     kinds, colours = [spec["kind"] for spec in specs], (style and style.colours) or {}
     if colours and not any(plot.FIGURES[kind].colours_of(name) for kind in kinds for name in colours):
         raise StyleError(f"colours has no effect: no figure of {path} colours gaits ({', '.join(kinds)}).")
-    folder = Path(path) / FIGURES
-    with writing(f"{folder} cannot be made"):
-        own_folder(folder)
+    with writing(f"{folder or Path(path) / FIGURES} cannot be made"):
+        if folder is None:
+            own_folder(folder := Path(path) / FIGURES)
+        else:
+            folder.mkdir(parents=True, exist_ok=True)
     files, refused = [], []
     for number, spec in enumerate(specs):
         own_style = read_style(**{key: spec.pop(key) for key in STYLE_FIELDS if key in spec})
@@ -196,7 +201,7 @@ def _figures_of(snapshot: Snapshot) -> tuple[list[dict[str, Any]], FigureStyle]:
 class Thinned:
     """The rows (n,) that a figure shows, in rising order, and a remark on them."""
 
-    rows: np.ndarray
+    rows: Int[np.ndarray, " shown"]
     remark: str
 
 

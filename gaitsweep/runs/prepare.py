@@ -14,6 +14,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pandas as pd
+from jaxtyping import Float, Int
 
 from gaitsweep.contract import Model, Params
 from gaitsweep.design import Design
@@ -59,7 +60,7 @@ class RunContext:
     note: str | None
     job_hash: str
     steps: RowSteps
-    rows_in: Callable[[int, int], np.ndarray] | None = None
+    rows_in: Callable[[int, int], Int[np.ndarray, " rows"]] | None = None
 
     @property
     def model(self) -> Model:
@@ -85,7 +86,7 @@ class RunContext:
     @property
     def program(self) -> Mapping[str, str]:
         """Digests of the traced functions of a user's model, by name; empty for gaitsweep's own."""
-        return traced_program(self.model).digests
+        return traced_program(self.model.original).digests
 
     @property
     def engine(self) -> str:
@@ -133,7 +134,7 @@ def prepare(job: Job) -> RunContext:
     )
     digest = steps.digest if numerics.dt is None else None
     job_hash = job.hash(device=devices[0].platform, engine=engine, lanes=lanes, steps=digest)
-    for own in (type(rows.model), type(job.run)):  # a user's own: edited, it is another job
+    for own in (type(rows.model.original), type(job.run)):  # a user's own: edited, it is another job
         job_hash = _with_source(job_hash, own)
     if digest := rows.model.data_digest:
         job_hash = hashlib.sha256((job_hash + digest).encode()).hexdigest()
@@ -145,7 +146,7 @@ def row_values(
     run: RunKind,
     numerics: ResolvedNumerics,
     steps: RowSteps,
-    rows_in: Callable[[int, int], np.ndarray] | None = None,
+    rows_in: Callable[[int, int], Int[np.ndarray, " rows"]] | None = None,
 ) -> Callable[[int, int], tuple[Values, Values]]:
     """Function `(first, last) -> (parameters, starts)` of rows first..last-1 of a run.
 
@@ -173,7 +174,7 @@ def nominal_period(design: Design) -> float:
 
 
 @cached_by_content(maxsize=16)
-def _period(model: Model) -> Callable[..., np.ndarray]:
+def _period(model: Model) -> Callable[..., Float[np.ndarray, " rows"]]:
     """`values -> period` of rows."""
     return over_rows(lambda values: model.period(model.params(values)), "period", model)
 

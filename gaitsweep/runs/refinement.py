@@ -15,6 +15,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 import pandas as pd
+from jaxtyping import Int, Shaped
 
 from gaitsweep.contract import Status, names_gait
 from gaitsweep.engine.sweep.boundary_cells import ALONE, UNKNOWN, Grid, inferred, wanted
@@ -27,11 +28,13 @@ from gaitsweep.runs.progress import Progress, so_far
 from gaitsweep.table import ResultDirectory, load
 from gaitsweep.table.manifest import Layout
 
+Rows = Int[np.ndarray, " rows"]  # numbers of rows
+Labels = Int[np.ndarray, " rows"]  # the number of each row's gait
 FOLDER = "refinement"
 _MOST_SHARE = 0.99  # of the work, shown before the end: another round may follow
 
 
-def some_rows(context: RunContext, n_rows: int, rows_in: Callable[[int, int], np.ndarray]) -> RunContext:
+def some_rows(context: RunContext, n_rows: int, rows_in: Callable[[int, int], Rows]) -> RunContext:
     """Return the context of a run in which only `n_rows` rows are simulated, those of `rows_in`."""
     values = row_values(context.design, context.job.run, context.spec.numerics, context.steps, rows_in)
     spec = dataclasses.replace(context.spec, n_rows=n_rows, values=values)
@@ -94,7 +97,7 @@ class Refinement:
     def _round(
         self,
         number: int,
-        rows: np.ndarray,
+        rows: Rows,
         on_sweep_progress: Callable[[SweepProgress], None],
         timings: Timings,
     ) -> pd.DataFrame:
@@ -122,7 +125,7 @@ class Refinement:
         frame["row"] = rows[frame["row"].to_numpy()]
         return frame
 
-    def _write_parts(self, simulated: pd.DataFrame, labels: np.ndarray) -> None:
+    def _write_parts(self, simulated: pd.DataFrame, labels: Labels) -> None:
         """Write the missing parts from the simulated rows and the labels (n,) of all rows."""
         at = simulated["row"].to_numpy()
         for number in self.directory.missing_blocks():
@@ -134,11 +137,11 @@ class Refinement:
             frame = parts[0] if len(parts) == 1 else pd.concat(parts)
             self.directory.write_part(number, frame.sort_values("row", ignore_index=True))
 
-    def _inferred_frame(self, rows: np.ndarray, gaits: np.ndarray, like: pd.DataFrame) -> pd.DataFrame:
+    def _inferred_frame(self, rows: Rows, gaits: Labels, like: pd.DataFrame) -> pd.DataFrame:
         """Return records of rows (n,) that were not simulated: the gait of their neighbours, no numbers."""
         model, n = self.context.model, rows.size
 
-        def unread(name: str) -> np.ndarray:
+        def unread(name: str) -> Shaped[np.ndarray, " rows"]:
             kind = like[name].to_numpy().dtype
             return np.full(n, -1) if names_gait(name) else np.full(n, np.nan if kind.kind == "f" else 0, kind)
 
@@ -149,7 +152,7 @@ class Refinement:
         return self.context.table(dataclasses.replace(nothing, labels=labels))
 
 
-def _labels(frame: pd.DataFrame, gaits: Sequence[str]) -> np.ndarray:
+def _labels(frame: pd.DataFrame, gaits: Sequence[str]) -> Labels:
     """Return the label of each row (n,): its gait's number, or ALONE for a row without a fixed point."""
     gait = frame["gait"].cat.set_categories(list(gaits)).cat.codes.to_numpy()
     # the gait of an orbit of several cycles is that of one of its points: nothing to infer others from

@@ -16,9 +16,9 @@ from typing import Any
 import jax
 import numpy as np
 import pandas as pd
+from jaxtyping import Bool, Float, Int
 
-from gaitsweep.contract import Model, Quantity, Status
-from gaitsweep.design import Design
+from gaitsweep.contract import RECURRENT, Model, Quantity, Status
 from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.kernel.columns import over_rows
 from gaitsweep.engine.numerics import STEP_FACTOR, tolerance_scale
@@ -27,34 +27,32 @@ from gaitsweep.engine.poincare.return_map import REFINED
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.fixed_time import FixedTimeRecorder, end_values
 from gaitsweep.engine.recorders.recorder import Recorder
-from gaitsweep.engine.recorders.settle import LEAST_SCALE, SettleRecorder
+from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.engine.recorders.staircase import StepRecorder
 from gaitsweep.engine.recorders.trace import TraceRecorder
 from gaitsweep.engine.solver import fixed_step_scheme
 from gaitsweep.engine.sweep.sweep import sweep
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
-from gaitsweep.errors import UserError
 from gaitsweep.kinds.columns import gaits
 from gaitsweep.kinds.run_kind import RunKind, StartingPoints
 from gaitsweep.row_outcome import RowOutcome
+from gaitsweep.runs.observable_changes import changes, counted, sizes
 from gaitsweep.runs.prepare import RunContext, nominal_period
-from gaitsweep.runs.sentences import HALF_THE_STEP
-from gaitsweep.table.self_check_fields import DIFFERENCES, TOLERANCES
+from gaitsweep.runs.sampled_rows import CROSSINGS, FINER, LEAST_ROWS, sample_rows
+from gaitsweep.runs.self_check_result import SelfCheck
+from gaitsweep.runs.unstable_rests import unstable_rests
+from gaitsweep.table.self_check_fields import TOLERANCES
 
-# The sample's steps, as a share of the run's own: irrational, so that no step ends where one of these does.
-FINER = 1.0 / math.sqrt(7.0)
-# The sample's share of a run's work, and the fewest rows, where a job does not say how many.
-MOST_WORK, LEAST_ROWS = 0.1, 4
-# Crossings over which rows are compared that do not come to rest, and those of kinds that do not ask for it.
-CROSSINGS = 10
+Rows = Int[np.ndarray, " rows"]  # numbers of rows
+RowMask = Bool[np.ndarray, " rows"]
+PerRow = Float[np.ndarray, " rows"]  # a number for each row
+Observed = Float[np.ndarray, "rows observables"]
 # A run that records its crossings is compared as it is, if it has no more than these.
 MOST_CROSSINGS = 100
 # The distance by which starts are moved (in their unit, or as a share where they are larger than 1).
 MOVED = 1e-9
 # The tolerance of kinds that have none, as a share of an observable's size (rad for angles).
 TOLERANCE = 1e-3
-# The least size of an observable, as a share of its magnitude.
-LEAST_SIZE = 1e-2
 # Errors of a start that explain a difference, of its steps and of rounding: their effect is extrapolated from
 # that of MOVED.
 LOCAL_ERROR, ROUNDING_ERROR = 1e-6, 1e-12
@@ -62,153 +60,13 @@ LOCAL_ERROR, ROUNDING_ERROR = 1e-6, 1e-12
 ROUNDING = 1e-6
 
 
-class SelfCheckError(UserError):
-    """A self-check found a difference, and the run is strict."""
-
-    exit_code = 3
-
-
-@dataclasses.dataclass
-class SelfCheck:
-    """Result of a self-check of `rows` rows, of `of` rows of the job.
-
-    `stored_differs` counts rows that do not reproduce their stored records with the same steps.
-    `status_differs`, `gait_differs` and `count_differs` count rows that end with another status, gait, or
-    number of crossings or whole-numbered observable with finer steps. `moved` counts rows of which an
-    observable or the time of a crossing changes by more than is allowed. None of these count rows that are
-    `sensitive`.
-
-    `largest` is the largest change of each observable: of settled rows at their end, of others over their
-    first crossings. `worst` is the observable with the largest change relative to its size. `finer` describes
-    the finer steps. `verdict` is passed, warned or off.
-    """
-
-    rows: int
-    of: int
-    stored_differs: int = 0
-    status_differs: int = 0
-    gait_differs: int = 0
-    count_differs: int = 0
-    sensitive: int = 0
-    moved: int = 0
-    largest: dict[str, float] = dataclasses.field(default_factory=dict)
-    worst: dict[str, str] = dataclasses.field(default_factory=dict)
-    finer: str = HALF_THE_STEP
-    verdict: str = "passed"
-    _worst_share: float = -1.0
-
-    def record_changes(self, quantities: tuple[Quantity, ...], change: np.ndarray, size: np.ndarray) -> None:
-        """Update the largest changes from changes (n, quantities), where known; `size` has the same shape."""
-        size = np.broadcast_to(size, change.shape)
-        # an unchanged value has the share 0 even if its size is 0, as the interval of crossings at one
-        # instant
-        share = np.divide(change, size, out=np.where(change > 0.0, np.inf, 0.0), where=size > 0.0)
-        share[np.isnan(size)] = 0.0
-        for i, quantity in enumerate(quantities):
-            column = change[:, i]
-            known = np.isfinite(column)
-            if known.any():
-                most = float(column[known].max())
-                self.largest[quantity.name] = max(most, self.largest.get(quantity.name, 0.0))
-                if (largest := float(share[known, i].max())) > self._worst_share:
-                    self._worst_share = largest
-                    self.worst = {"name": quantity.name, "unit": quantity.unit}
-
-    def judged(self) -> dict[str, Any]:
-        """Return the fields for the manifest, with the verdict."""
-        fields = dataclasses.asdict(self)
-        del fields["_worst_share"]
-        return fields | {"verdict": "warned" if any(map(fields.get, DIFFERENCES)) else "passed"}
-
-
 @dataclasses.dataclass(frozen=True)
 class RerunRows:
     """Rows (n,) that were rerun with the same steps, with their recorder and their results."""
 
-    rows: np.ndarray
+    rows: Rows
     recorder: Recorder
     result: RowOutcome | StartingPoints
-
-
-def circular(model: Model) -> np.ndarray:
-    """Mask of the observables that are angles, (observables,)."""
-    return np.array([quantity.circular for quantity in model.observables])
-
-
-def changes(model: Model, once: np.ndarray, again: np.ndarray) -> np.ndarray:
-    """Return the distance of observables (..., observables), that of angles by the shorter way."""
-    return np.abs(wrap_difference(once - again, circular(model)))
-
-
-def sizes(quantities: tuple[Quantity, ...], values: np.ndarray) -> np.ndarray:
-    """Return the sizes (k,) by which quantities are compared, from their values (..., k).
-
-    They are 1 rad for angles, `Quantity.scale`, or the range of the values, at least `LEAST_SIZE` of their
-    magnitude.
-    """
-    known = np.where(np.isfinite(values), values, np.nan).reshape(-1, len(quantities))
-    size = np.full(len(quantities), LEAST_SCALE)
-    for i, quantity in enumerate(quantities):
-        column = known[:, i][~np.isnan(known[:, i])]
-        if quantity.circular or quantity.scale is not None:
-            size[i] = 1.0 if quantity.scale is None or quantity.circular else quantity.scale
-        elif column.size:
-            size[i] = max(np.ptp(column), LEAST_SIZE * np.abs(column).max(), LEAST_SCALE)
-    return size
-
-
-def counted(model: Model, *values: np.ndarray) -> np.ndarray:
-    """Mask of the observables (k,) that are counts: whole numbers in all known values (..., k)."""
-    whole = ~circular(model)
-    for observed in values:
-        known = np.where(np.isfinite(observed), observed, 0.0).reshape(-1, whole.size)
-        whole &= np.all(known == np.round(known), axis=0)
-    return whole
-
-
-def rows_to_repeat(context: RunContext) -> int:
-    """Return the rows of the sample: as the job says, else at most 32 and `MOST_WORK` of the run's work."""
-    job, design = context.job, context.design
-    if "verify" in job.model_fields_set or design.n_rows <= LEAST_ROWS:
-        return min(job.verify, design.n_rows)
-    if math.isnan(period := nominal_period(design)):
-        return min(job.verify, LEAST_ROWS)
-    cycles = job.run.cost(design, 1.0, period).likely  # of a row, as a number of cycles
-    if job.run.compared in ("settled", "ends"):
-        repeated = (1.0 + 1.0 / FINER) * cycles
-    else:
-        repeated = (2.0 + 1.0 / FINER) * min(cycles, CROSSINGS)
-    most = int(MOST_WORK * design.n_rows * cycles / max(repeated, 1e-300))
-    return min(job.verify, design.n_rows, max(LEAST_ROWS, most))
-
-
-def sample_rows(design: Design, count: int) -> np.ndarray:
-    """Select representative rows (n,): both ends of each axis, and points that fill the grid evenly.
-
-    Args:
-        design: the job's rows.
-        count: how many at most; all rows where there are no more.
-    """
-    if design.n_rows <= count:
-        return np.arange(design.n_rows, dtype=np.int64)
-    lengths = np.array([group.length for group in design.groups], dtype=np.int64)
-    strides = np.array([design.stride(place) for place in range(lengths.size)], dtype=np.int64)
-    # the additive recurrence of Roberts (2018): powers of the root of x^(d+1) = x + 1
-    root = 1.5
-    for _ in range(64):
-        root = (1.0 + root) ** (1.0 / (lengths.size + 1))
-    slopes = root ** -np.arange(1.0, lengths.size + 1.0)
-    ends = [(axis, end) for axis in range(lengths.size) for end in (0, lengths[axis] - 1)]
-    chosen: dict[int, None] = {}
-    for k in range(64 * count):
-        point = np.floor(np.mod(0.5 + k * slopes, 1.0) * lengths).astype(np.int64)
-        if k < len(ends):
-            axis, end = ends[k]
-            point[axis] = end
-        chosen.setdefault(int(np.sum(np.minimum(point, lengths - 1) * strides)))
-        if len(chosen) == count:
-            break
-    return np.array(sorted(chosen), dtype=np.int64)
 
 
 def self_check(
@@ -225,7 +83,9 @@ def self_check(
         The result, None if the self-check is off or nothing is integrated; and the rows rerun with the same
         steps, for `compare_stored`.
     """
-    if count == 0 or not context.job.run.integrates:
+    steps = fixed_step_scheme(context.spec.numerics.method, context.model)
+    exact = steps is not None and steps.is_return_map
+    if count == 0 or exact or not context.job.run.integrates:
         return None, None
     rows, compared = sample_rows(context.design, count), context.job.run.compared
     check = SelfCheck(rows=rows.size, of=context.design.n_rows)
@@ -249,7 +109,7 @@ def compare_stored(
     context: RunContext,
     check: SelfCheck,
     rerun: RerunRows,
-    stored: Callable[[np.ndarray], pd.DataFrame],
+    stored: Callable[[Rows], pd.DataFrame],
     on_progress: Callable[[SweepProgress], None] | None = None,
 ) -> None:
     """Count in `check` the rows whose stored records differ from those of the rerun.
@@ -278,14 +138,24 @@ def compare_stored(
             rerun = RerunRows(few, recorder, comparison.repeated(recorder, [(few, 1.0, 0.0)])[0])
         differs = _other_records(context.model, rerun, stored(rerun.rows))
     check.stored_differs = int(differs.sum())
+    records = stored(rerun.rows if run.one_a_row else rerun.rows[:LEAST_ROWS])
+    rests = run.rests(context.model, records)
+    if rests is not None:
+        rows = np.unique(records["row"].to_numpy(np.int64))
+        rests["row"] = records["row"]
+        if run.moved is not None:
+            rests[run.moved] = records[run.moved]
+        check.unstable = unstable_rests(
+            context.design, context.spec, rests, comparison.observed_at_starts(rows), run.moved
+        ).size
 
 
 @cached_by_content(maxsize=16)
-def _observed(model: Model, drive: Callable[..., Any] | None) -> Callable[..., np.ndarray]:
+def _observed(model: Model, drive: Callable[..., Any] | None) -> Callable[..., Observed]:
     """`(values, starts) -> observables (n, k)` of rows at their starts."""
 
     def observed(values: Any, start: Any) -> jax.Array:
-        params = model.params(values) if drive is None else drive(values, 0.0)
+        params = model.params(values) if drive is None else drive(values, jax.numpy.zeros(()))
         observables = model.observe(params, model.init(params, start))
         return jax.numpy.stack([observables[q.name] for q in model.observables])
 
@@ -299,7 +169,7 @@ class _Comparison:
     context: RunContext
     on_progress: Callable[[SweepProgress], None] | None
 
-    def repeated(self, recorder: Recorder, lanes: list[tuple[np.ndarray, float, float]]) -> list[RowOutcome]:
+    def repeated(self, recorder: Recorder, lanes: list[tuple[Rows, float, float]]) -> list[RowOutcome]:
         """Return the results of rerun rows for each item of `lanes`.
 
         An item has rows (n,), the share of their step, and by how much their starts are moved.
@@ -309,7 +179,7 @@ class _Comparison:
         shares = np.concatenate([np.full(lane[0].size, lane[1]) for lane in lanes])
         moves = np.concatenate([np.full(lane[0].size, lane[2]) for lane in lanes])
 
-        def values(first: int, last: int) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+        def values(first: int, last: int) -> tuple[dict[str, PerRow], dict[str, PerRow]]:
             part = slice(first, last)
             parameters, starts = design.values_in(rows[part])
             moved = {
@@ -328,7 +198,7 @@ class _Comparison:
         cuts = np.cumsum([lane[0].size for lane in lanes])[:-1]
         return [outcomes[0].take(part) for part in np.split(np.arange(rows.size), cuts)]
 
-    def compare_ends(self, rows: np.ndarray, check: SelfCheck) -> tuple[RerunRows, np.ndarray]:
+    def compare_ends(self, rows: Rows, check: SelfCheck) -> tuple[RerunRows, RowMask]:
         """Compare the ends of rows (n,); return the rerun, and a mask of those that settled in both runs."""
         spec, model = self.context.spec, self.context.model
         once, finer = self.repeated(spec.recorder, [(rows, 1.0, 0.0), (rows, FINER, 0.0)])
@@ -336,19 +206,22 @@ class _Comparison:
         ends, finer_ends = (end_values_of(spec.recorder, outcome) for outcome in (once, finer))
         sound = Status.SOUND.among(once.status)
         other_status = once.status != finer.status
-        other_gait = ~other_status & (once.labels["gait"] != finer.labels["gait"])
+        other_gait = ~other_status & _others(spec.recorder, once, finer)
         own = fixed_step_scheme(spec.numerics.method, model) is not None
         other_count = ~other_status & at_times & (not own) & (once.cycles != finer.cycles)
         # an orbit of several cycles may have been read at another of its points
         same = sound & ~other_status & ~other_gait & (once.numbers["period"] <= 1)
+        # nor do rows without a period end at one point
+        same &= ~RECURRENT.among(once.status)
         change = changes(model, ends, finer_ends)
         size = sizes(model.observables, self.with_starts(rows, ends))
         check.record_changes(model.observables, change[same], size)
         off = np.zeros_like(change, bool)
         if not own or not at_times:
             tolerance = np.full(change.shape[1], TOLERANCE)
-            if isinstance(spec.recorder, SettleRecorder):
-                tolerance[:] = spec.recorder.tolerance
+            settle = getattr(spec.recorder, "settle", spec.recorder)
+            if isinstance(settle, SettleRecorder):
+                tolerance[:] = settle.tolerance
             bound = TOLERANCES * tolerance * size
             counts = counted(model, ends[same], finer_ends[same])
             off = same[:, None] & (change > np.where(counts, 0.0, bound))
@@ -359,9 +232,11 @@ class _Comparison:
             flips, spread = np.zeros(differs.size, bool), np.zeros((differs.size, change.shape[1]))
             for moved in self.repeated(spec.recorder, [(differing, 1.0, MOVED), (differing, 1.0, -MOVED)]):
                 flips |= moved.status != once.status[differs]
-                flips |= moved.labels["gait"] != once.labels["gait"][differs]
+                flips |= _others(spec.recorder, moved, once.take(differs))
                 flips |= at_times & (moved.cycles != once.cycles[differs])
                 spread = np.fmax(spread, changes(model, end_values_of(spec.recorder, moved), ends[differs]))
+            # whether a chaotic row falls after many cycles is decided by the smallest of its errors
+            flips |= (once.status[differs] == Status.chaotic) | (finer.status[differs] == Status.chaotic)
             wrong = np.any(off[differs] & (change[differs] > spread / MOVED * LOCAL_ERROR), axis=1)
             discrete = (other_status | other_gait | other_count)[differs]
             sensitive = np.where(discrete, flips | (other_count[differs] & ~wrong), ~wrong)
@@ -373,7 +248,7 @@ class _Comparison:
         resting = at_times | sound | other_status | Status.FAILED.among(once.status)
         return RerunRows(rows, spec.recorder, once), np.broadcast_to(resting, rows.shape)
 
-    def compare_crossings(self, rows: np.ndarray, check: SelfCheck) -> RerunRows:
+    def compare_crossings(self, rows: Rows, check: SelfCheck) -> RerunRows:
         """Compare the first crossings of rows (n,) and their times; return the rerun."""
         model, recorder = self.context.model, self.beginning
         if not isinstance(recorder, CrossingRecorder):
@@ -418,7 +293,7 @@ class _Comparison:
         return RerunRows(rows, recorder, once)
 
     def compare_starting_points(
-        self, rows: np.ndarray, once: StartingPoints, finer: StartingPoints, check: SelfCheck
+        self, rows: Rows, once: StartingPoints, finer: StartingPoints, check: SelfCheck
     ) -> RerunRows:
         """Compare the fixed points at which the branches of rows (n,) begin; return the rerun."""
         model = self.context.model
@@ -430,7 +305,7 @@ class _Comparison:
         check.moved = int(np.sum(both & np.any(change > TOLERANCES * TOLERANCE * size, axis=1)))
         return RerunRows(rows, self.context.spec.recorder, once)
 
-    def other_ends(self, rerun: RerunRows, stored: pd.DataFrame) -> np.ndarray:
+    def other_ends(self, rerun: RerunRows, stored: pd.DataFrame) -> RowMask:
         """Return a mask of the rows (n,) that end differently in the rerun."""
         model, result = self.context.model, rerun.result
         assert isinstance(result, RowOutcome)
@@ -451,13 +326,15 @@ class _Comparison:
             off[places] &= changes(model, now, before)[places] > own
         return differs | off.any(axis=1)
 
-    def with_starts(self, rows: np.ndarray, ends: np.ndarray) -> np.ndarray:
+    def with_starts(self, rows: Rows, ends: Observed) -> Observed:
         """Return the observables (2 n, k) of rows at their starts and at their ends."""
+        return np.concatenate([self.observed_at_starts(rows), ends])
+
+    def observed_at_starts(self, rows: Rows) -> Observed:
+        """Return the observables (n, k) of rows at their starts."""
         model = self.context.model
         values, starts = self.context.design.values_in(rows)
-        return np.concatenate(
-            [_observed(model, self.context.spec.drive)(model.on_host(values), starts), ends]
-        )
+        return _observed(model, self.context.spec.drive)(model.on_host(values), starts)
 
     @property
     def beginning(self) -> Recorder:
@@ -488,8 +365,8 @@ class _Comparison:
 
 
 def _other_beginnings(
-    model: Model, run: RunKind, once: StartingPoints, rows: np.ndarray, stored: pd.DataFrame
-) -> np.ndarray:
+    model: Model, run: RunKind, once: StartingPoints, rows: Rows, stored: pd.DataFrame
+) -> RowMask:
     """Return a mask of the rows (n,) whose branches begin at another fixed point, or at none."""
     first = stored.drop_duplicates("row").set_index("row").reindex(rows)
     sound = (first["status"] == Status.complete.name).to_numpy(bool)
@@ -502,7 +379,7 @@ def _other_beginnings(
     return differs
 
 
-def _other_records(model: Model, rerun: RerunRows, stored: pd.DataFrame) -> np.ndarray:
+def _other_records(model: Model, rerun: RerunRows, stored: pd.DataFrame) -> RowMask:
     """Return a mask of the rows (n,) whose first records differ in the rerun."""
     recorder, result = rerun.recorder, rerun.result
     assert isinstance(result, RowOutcome)
@@ -532,19 +409,28 @@ def _other_records(model: Model, rerun: RerunRows, stored: pd.DataFrame) -> np.n
     return differs
 
 
-def end_values_of(recorder: Recorder, result: RowOutcome) -> np.ndarray:
+def _others(recorder: Recorder, once: RowOutcome, again: RowOutcome) -> Bool[np.ndarray, " rows"]:
+    """Mask of rows (n,) of two results that differ in their gait, or in a number that counts as it does."""
+    differs = once.labels["gait"] != again.labels["gait"]
+    for number in recorder.numbers:
+        if number.compared:
+            differs = differs | (once.numbers[number.name] != again.numbers[number.name])
+    return differs
+
+
+def end_values_of(recorder: Recorder, result: RowOutcome) -> Observed:
     """Return the observables (n, k) at the end of rows."""
     return end_values(result) if isinstance(recorder, FixedTimeRecorder) else result.last
 
 
-def _mean_interval(times: np.ndarray) -> np.ndarray:
+def _mean_interval(times: Float[np.ndarray, "rows crossings"]) -> PerRow:
     """The mean time (s) between the crossings (n, m) of each row; NaN where there are fewer than two."""
     first, last = np.nanmin(times, axis=1, initial=np.inf), np.nanmax(times, axis=1, initial=-np.inf)
     known = np.isfinite(times).sum(axis=1) - 1
     return np.where(known > 0, (last - first) / np.maximum(known, 1), np.nan)
 
 
-def _crossings(result: RowOutcome, n: int, after: int) -> np.ndarray:
+def _crossings(result: RowOutcome, n: int, after: int) -> Float[np.ndarray, "rows crossings columns"]:
     """Return times (s) and observables (n, crossings, 1 + k), NaN after the end of a row."""
     width = 1 + result.last.shape[1]
     crossings = np.full((n, CROSSINGS + 1, width), np.nan)

@@ -13,7 +13,7 @@ from jaxtyping import Bool
 from gaitsweep.contract import Status
 from gaitsweep.kinds.columns import UNKNOWN_GAIT
 from gaitsweep.runs.provenance import NOT_INSTALLED
-from gaitsweep.table.self_check_fields import DIFFERENCES, STORED_DIFFERS
+from gaitsweep.table.self_check_fields import DIFFERENCES, STORED_DIFFERS, UNSTABLE
 
 
 class SetStatus(enum.StrEnum):
@@ -81,9 +81,15 @@ def _largest(check: dict[str, Any]) -> str:
 
 def advice(check: dict[str, Any], dt: float | None) -> str:
     """Advise what to change where a self-check warned."""
-    if [name for name in DIFFERENCES if check.get(name)] == [STORED_DIFFERS]:
+    wrong = [name for name in DIFFERENCES if check.get(name)]
+    if wrong == [STORED_DIFFERS]:
         text = "Another model, data file, cache or version made this table"
         return f"{text}: run the job into a new directory."
+    if wrong == [UNSTABLE]:
+        return (
+            "Such rows begin on that gait, or with legs that are alike to the last digit and stay alike: "
+            "move the start of one leg a little, or compare with kind: continuation, which tells stability."
+        )
     if dt is not None:
         return f"The table depends on the step: make numerics.dt shorter than {dt:g} s, or leave it out."
     if "step" not in _finer(check):
@@ -170,8 +176,9 @@ def remarks(manifest: Mapping[str, Any]) -> list[str]:
         )
     for name, about in (manifest.get(STARTS_BEYOND) or {}).items():
         sentences.append(
-            f"{_rows(about)} began on or beyond the surface of the event {name!r}, which happens only "
-            "after its function has been below zero."
+            f"{_rows(about)} began where the function of the event {name!r} is zero or above. The event "
+            "happens when its function rises through zero: not at that start, and never if the function "
+            "does not fall below zero first. Start before the event if it should happen."
         )
     for name, about in (manifest.get(MISLABELLED) or {}).items():
         label = name.removeprefix(UNKNOWN_GAIT).strip(" ()")

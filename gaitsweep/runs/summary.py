@@ -57,7 +57,7 @@ def _model_folder(context: RunContext, path: Path | None) -> dict[str, str]:
     directory which is passed on does not reveal where its owner's files are.
     """
     own = path is not None and context.job.model not in models.names()
-    folder = folder_of_class(type(context.model)) if own else None
+    folder = folder_of_class(type(context.model.original)) if own else None
     if path is None or folder is None or len(Path(os.path.commonpath([folder, path.resolve()])).parts) < 3:
         return {}
     return {models.MODEL_FOLDER: os.path.relpath(folder, path.resolve())}
@@ -101,7 +101,7 @@ def _of_starts(context: RunContext) -> dict[str, Any]:
 @cached_by_content(maxsize=16)
 def _period_and_beyond(model: Model) -> Callable[..., tuple[jax.Array, dict[str, jax.Array]]]:
     """The function `(values, starts) -> (period, beyond)` of rows, by the names of events."""
-    has_surfaces = type(model).beyond_at_start is not Model.beyond_at_start
+    has_surfaces = type(model.original).beyond_at_start is not Model.beyond_at_start
 
     def one(values: Any, start: Any) -> tuple[jax.Array, dict[str, jax.Array]]:
         params = model.params(values)

@@ -13,6 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pandas as pd
+from jaxtyping import Float
 
 from gaitsweep import models
 from gaitsweep.angle_difference import wrapped_difference
@@ -24,7 +25,8 @@ from gaitsweep.errors import UserError
 from gaitsweep.job import Job
 from gaitsweep.kinds import Settle, Trace
 from gaitsweep.kinds.columns import UNKNOWN_GAIT
-from gaitsweep.models.conformity import idle_starts, sample, sets_starts, written
+from gaitsweep.models.conformity import idle_starts, sets_starts
+from gaitsweep.models.value_faults import sample, written
 from gaitsweep.runs.execute import table_in_memory
 from gaitsweep.runs.sentences import MISLABELLED, remarks
 
@@ -34,6 +36,7 @@ ROWS, CYCLES, SAMPLES = 32, 12, 40
 KEPT = 1e-9
 # Rates of the flow, in nominal periods, from which on steps are many; how many times that at the defaults.
 STIFF, STIFFER = 2000.0, 10.0
+Values = Mapping[str, Float[np.ndarray, " rows"]]
 _RATE, _POWER = "_rate_of_change", "_power"
 _TIMES, _COUNT = "times_of_events", "count_of_event"
 
@@ -50,7 +53,7 @@ def trial(kind: type[Model]) -> Trial:
     """Run some rows of a model for a few cycles, with starts and parameters over their ranges.
 
     Args:
-        kind: the class, in which `conformity.faults` finds none; its structure takes its defaults.
+        kind: the class, in which `value_faults.faults` finds none; its structure takes its defaults.
     """
     model = kind()
     costly = model.host_parameters or not isinstance(model, HybridModel)
@@ -128,7 +131,7 @@ def _counting(model: Model) -> type[Model]:
     return type(kind.__name__, (kind,), members)
 
 
-def _unmet(model: Model, table: pd.DataFrame, values: Mapping[str, np.ndarray]) -> list[str]:
+def _unmet(model: Model, table: pd.DataFrame, values: Values) -> list[str]:
     """Return a sentence about the events that happened in no row, or about a section that none crossed."""
     if not table["cycles"].to_numpy(float).any():
         return ["No row crossed the section: look at the sign of its function, and at the starts."]
@@ -148,7 +151,7 @@ def _unmet(model: Model, table: pd.DataFrame, values: Mapping[str, np.ndarray]) 
     return [f"These events happened in no row that was tried: {', '.join(dict.fromkeys(never))}; {advice}."]
 
 
-def _stiff(model: HybridModel, values: Mapping[str, np.ndarray]) -> list[str]:
+def _stiff(model: HybridModel, values: Values) -> list[str]:
     """Return sentences about defaults, and ends of a parameter's range, with which the flow is stiff.
 
     The range is that of the bounds, or of the values tried. Modes that are no flags have their values at the
@@ -180,7 +183,7 @@ def _stiff(model: HybridModel, values: Mapping[str, np.ndarray]) -> list[str]:
     return warnings_of_rates
 
 
-def _run(kind: type[Model], values: Mapping[str, np.ndarray], run: Settle | Trace) -> pd.DataFrame:
+def _run(kind: type[Model], values: Values, run: Settle | Trace) -> pd.DataFrame:
     """Run rows with these values in memory, without a self-check."""
     varied = {name: column.tolist() for name, column in values.items() if np.ptp(column) > 0.0}
     job = Job(name="trial", model=models.name_of(kind), vary={"zip": varied}, run=run, verify=0)
@@ -189,7 +192,7 @@ def _run(kind: type[Model], values: Mapping[str, np.ndarray], run: Settle | Trac
         return table_in_memory(job)
 
 
-def _energies(model: HybridModel, kind: type[Model], values: Mapping[str, np.ndarray]) -> list[str]:
+def _energies(model: HybridModel, kind: type[Model], values: Values) -> list[str]:
     """Return a sentence for each energy of a model: its rate of change along the flow, between events.
 
     The rate is that of the flow at states of a trajectory, not a difference of two states, so it includes

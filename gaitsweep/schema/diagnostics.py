@@ -143,7 +143,14 @@ def refuse(wrong: Sequence[Diagnostic]) -> None:
 def unknown_field(
     path: Path, section: str, allowed: Iterable[str], former: Mapping[str, str] | None = None
 ) -> Diagnostic:
-    """The diagnostic of a field that its section does not have; `former` maps older names to new ones."""
+    """The diagnostic of a field that its section does not have.
+
+    Args:
+        path: the field's path.
+        section: the name of its section in messages; empty for the job itself.
+        allowed: the fields that the section has.
+        former: new names by older ones.
+    """
     field = str(path[-1])
     of_section = f" of {section}" if section else ""
     if former and field in former:
@@ -152,7 +159,14 @@ def unknown_field(
 
 
 def unknown_name(path: Path, name: str, kind: str, allowed: Iterable[str]) -> Diagnostic:
-    """The diagnostic of a field whose value should be the name of `kind`, such as "a measure"."""
+    """The diagnostic of a field whose value is no name of its kind.
+
+    Args:
+        path: the field's path.
+        name: its value.
+        kind: the kind in words, such as "a measure".
+        allowed: the names of the kind.
+    """
     return Diagnostic(path, f"is {name}, which is not {kind}{near_miss.suggestion(name, allowed)}")
 
 
@@ -187,9 +201,14 @@ def from_pydantic(
 def read_model(
     model: type[ModelT], value: Any, path: Path, wrong: list[Diagnostic], words: str = ""
 ) -> ModelT | None:
-    """The value at `path` as a strict model, or None, with its diagnostics added to `wrong`.
+    """The value at a path as a strict model, or None.
 
-    `words` name it in a sentence, by default the last step of its path.
+    Args:
+        model: the class of the model.
+        value: the value.
+        path: its path in the job.
+        wrong: the list to which its diagnostics are added.
+        words: its name in a sentence, by default the last step of its path.
     """
     words = words or str(path[-1])
     try:
@@ -247,7 +266,15 @@ def wrong_kind(
     former: Mapping[str, str] | None = None,
     noun: str = "an allowed kind",
 ) -> Diagnostic | None:
-    """The diagnostic of a mapping whose `kind` is not one of `kinds`, or None."""
+    """The diagnostic of a mapping whose field `kind` is missing or unknown, or None.
+
+    Args:
+        path: the mapping's path.
+        value: the mapping, or another value, which is refused.
+        kinds: the known kinds.
+        former: new names by older ones.
+        noun: a kind in words, such as "a run kind".
+    """
     if not isinstance(value, Mapping):
         text = f"is {quoted(value)}, but must be a mapping with the field kind. {near_miss.allowing(kinds)}"
         return Diagnostic(path, text)

@@ -119,7 +119,7 @@ def read_fixed(value: Any) -> float | None:
 
 
 def bound(low: float, high: float, open_ends: bool) -> str:
-    """A bound in words: "above 0", "from 0 to 1", "between 0 and 1, ends excluded"."""
+    """Bounds in words: "above 0", "from 0 to 1", "between 0 and 1, ends excluded"."""
     if math.isinf(high):
         return f"{'above' if open_ends else 'at least'} {low:g}"
     if math.isinf(low):
@@ -128,7 +128,11 @@ def bound(low: float, high: float, open_ends: bool) -> str:
 
 
 def read_real(value: Any, low: float = -math.inf, high: float = math.inf, open_ends: bool = False) -> float:
-    """A float within its bound; raises InvalidValue."""
+    """A float within its bounds, NaN while the names in its expression are not known.
+
+    Raises:
+        InvalidValue: as `read_fixed`; or it is out of bounds.
+    """
     number = read_fixed(value)
     if number is None:
         return math.nan
@@ -138,7 +142,11 @@ def read_real(value: Any, low: float = -math.inf, high: float = math.inf, open_e
 
 
 def read_whole(value: Any, low: int, high: int) -> int:
-    """An int within its bound; raises InvalidValue."""
+    """An int from `low` to `high`, `low` while the names in its expression are not known.
+
+    Raises:
+        InvalidValue: as `read_fixed`; or it is no whole number, or out of bounds.
+    """
     number = read_fixed(value)
     if number is None:
         return low
@@ -150,7 +158,11 @@ def read_whole(value: Any, low: int, high: int) -> int:
 
 
 def read_positive_or_each(value: Any) -> float | dict[str, float]:
-    """A number above 0, or one for each of some names; raises InvalidValue."""
+    """A number above 0, or one for each of some names.
+
+    Raises:
+        InvalidValue: a number is not above 0, or a mapping has no names.
+    """
     if not isinstance(value, Mapping):
         return read_real(value, low=0.0, open_ends=True)
     if not value:
@@ -167,7 +179,11 @@ def read_positive_or_each(value: Any) -> float | dict[str, float]:
 
 
 def read_text(value: Any) -> str:
-    """Text, without the line feed at the end of a YAML block; raises InvalidValue for other values."""
+    """Text, without the line feed at the end of a YAML block.
+
+    Raises:
+        InvalidValue: it is no text, is empty or too long, or has a control character.
+    """
     if not isinstance(value, str):
         quotes = ": put it in quotes" if isinstance(value, (int, float)) else ""
         raise InvalidValue(f"is {quoted(value)}, but must be text{quotes}.")
@@ -181,7 +197,11 @@ def read_text(value: Any) -> str:
 
 
 def read_stem(value: Any) -> str:
-    """Text that can name a file, without spaces around it; raises InvalidValue."""
+    """Text that can name a file, without spaces around it.
+
+    Raises:
+        InvalidValue: it is no such text.
+    """
     text = read_text(value).strip()
     if not _STEM.fullmatch(text):
         raise InvalidValue(
@@ -192,14 +212,22 @@ def read_stem(value: Any) -> str:
 
 
 def read_flag(value: Any) -> bool:
-    """True or false; raises InvalidValue for other values, also for 1 and yes."""
+    """True or false.
+
+    Raises:
+        InvalidValue: it is another value, such as 1 or yes.
+    """
     if not isinstance(value, (bool, np.bool_)):
         raise InvalidValue(f"is {quoted(value)}, but must be true or false.")
     return bool(value)
 
 
 def read_word(value: Any, allowed: tuple[str, ...], former: Mapping[str, str] | None = None) -> str:
-    """One of the allowed words; raises InvalidValue with the near miss or the new name of an older word."""
+    """One of the allowed words; `former` has the new names of older words.
+
+    Raises:
+        InvalidValue: it is none, with the near miss, or with the new name of an older word.
+    """
     if former and isinstance(value, str) and value in former:
         raise InvalidValue(f"is {quoted(value)}, which is now called {former[value]}; write {former[value]}.")
     if not isinstance(value, str) or value not in allowed:

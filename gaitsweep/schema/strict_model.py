@@ -31,7 +31,9 @@ class _OwnMembers(type(BaseModel)):
             for name, field in cast(type[BaseModel], cls).model_fields.items()
             if field.init is not False
         ]
-        return inspect.Signature(sorted(parameters, key=lambda each: each.default is not each.empty))
+        return inspect.Signature(
+            sorted(parameters, key=lambda parameter: parameter.default is not parameter.empty)
+        )
 
     @__signature__.setter
     def __signature__(cls, signature: object) -> None:

@@ -1,7 +1,6 @@
 """Writing a result directory, new or continued, one part at a time.
 
-`ResultDirectory` is its one writer; beside it or before it, several processes may write parts, each by a
-`PartWriter`.
+`ResultDirectory` is its one writer; beside it or before it, other processes may write parts (`part_writer`).
 """
 
 from __future__ import annotations
@@ -11,9 +10,6 @@ import contextlib
 import errno
 import functools
 import json
-import os
-import secrets
-import socket
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -71,18 +67,15 @@ from gaitsweep.table.parts import (
 )
 from gaitsweep.table.reading import Rows, add_counts, load, load_parts
 
-# No two processes have the same, also not two of different machines.
-WRITER = f"{socket.gethostname()}-{os.getpid()}-{secrets.token_hex(4)}"
-
 
 class ResultDirectory:
     """A result directory open for writing; use it as a context manager, or call `close`.
 
-    `notes` are sentences for the user about damage that was found and repaired at opening.
+    `ResultDirectory.open` makes one. `notes` are sentences for the user about damage that was found and
+    repaired at opening.
     """
 
     def __init__(self, path: Path, lock: Lock, manifest: dict[str, Any]) -> None:
-        """Use `ResultDirectory.open`."""
         self.path = path
         self.manifest, self.layout = manifest, Layout.of(manifest)
         self.notes: list[str] = []
@@ -109,7 +102,7 @@ class ResultDirectory:
             WriteError: it cannot be created or written.
         """
         path = Path(path)
-        _claimed(path, layout)
+        _claimed(path, layout)  # before the directory is created or locked
         try:
             path.mkdir(parents=True, exist_ok=True)
             lock = Lock(path)
@@ -118,7 +111,7 @@ class ResultDirectory:
             kind = WriteError if full else TableError
             raise kind(f"The result directory {path} cannot be created: {reason(error)}.") from error
         try:
-            # Checked again, since another run may have created it between the first check and the lock.
+            # checked again, since another run may have created it between the first check and the lock
             claimed = _claimed(path, layout)
             manifest = claimed if isinstance(claimed, dict) else None
             directory = cls(path, lock, manifest or new_manifest(layout, job))
@@ -263,9 +256,8 @@ class ResultDirectory:
             return self.counts()
         for number in set(self._footers) - self._tallied:
             self._tallied.add(number)
-            with contextlib.suppress(
-                *unreadable()
-            ):  # the table's readers report a file that is damaged since
+            # the table's readers report a file that has been damaged meanwhile
+            with contextlib.suppress(*unreadable()):
                 file = self.path / TABLE / PARTS.name(number)
                 values = pq.ParquetFile(readable(read_file(file))).read([column]).column(0)
                 counts = values.value_counts().to_pylist()
@@ -453,55 +445,6 @@ class ResultDirectory:
 
     def __exit__(self, *error: object) -> None:
         self.close()
-
-
-class PartWriter:
-    """Writer of parts into a result directory whose manifest belongs to another process.
-
-    The bytes of a part do not depend on its writer, so one process may replace another's part.
-    """
-
-    def __init__(self, path: Path, layout: Layout) -> None:
-        """Open a directory for writing parts.
-
-        Args:
-            path: the result directory, which exists.
-            layout: that of its table.
-        """
-        self.path, self.layout = path, layout
-
-    def has(self, number: int) -> bool:
-        """Whether the part of a block exists and is valid."""
-        return not self.missing([number])
-
-    def missing(self, numbers: Sequence[int]) -> list[int]:
-        """The blocks, among some, whose part is missing or invalid."""
-        sound = examined_parts(self.path, self.layout, numbers)
-        return [number for number in numbers if number not in sound]
-
-    def encoded(
-        self, number: int, frame: pd.DataFrame, quantities: Mapping[str, Mapping[str, Any]] | None = None
-    ) -> bytes:
-        """The part with the records of a block.
-
-        Args:
-            number: the block.
-            frame: its records.
-            quantities: unit and meaning of the columns, by name, as in the manifest.
-
-        Raises:
-            ValueError: the frame does not belong to the block.
-        """
-        return checked_part(frame, number, self.layout, quantities)[0]
-
-    def write(self, number: int, data: bytes) -> None:
-        """Write a part that `encoded` has made; it is on disk when this returns.
-
-        Raises:
-            WriteError: the disk is full or the file cannot be written; no incomplete part is left.
-        """
-        with writing(f"Part {self.layout.words(number)} could not be written to {self.path}"):
-            write_file(self.path, f"{TABLE}/{PARTS.name(number)}", data, writer=WRITER)
 
 
 def _claimed(path: Path, layout: Layout) -> dict[str, Any] | DamagedManifest | None:

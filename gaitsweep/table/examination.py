@@ -43,14 +43,16 @@ class Examination:
     The iteration over `parts` sets `footers` of valid parts and `faults` of the others, by block; `strangers`
     are files without a block; the iteration over `open_rows` sets `open_faults`. `digests` are the recorded
     digests of files, and `undigested` those of valid files without a recorded one, by name.
+
+    Args:
+        path: the result directory.
+        layout: that of its table.
+
+    Raises:
+        TableError: the folder cannot be read.
     """
 
     def __init__(self, path: Path, layout: Layout) -> None:
-        """List the files.
-
-        Raises:
-            TableError: the folder cannot be read.
-        """
         self.path, self.folder = path, path / TABLE
         self.layout = layout
         self.footers: dict[int, Footer] = {}
@@ -167,7 +169,13 @@ def examined_part(data: bytes, digest: str | None, layout: Layout, number: int) 
 
 
 def examined_parts(path: Path, layout: Layout, numbers: Iterable[int]) -> dict[int, Footer]:
-    """Return the footers of the valid parts among some, which other processes may have written."""
+    """Return the footers of the valid parts among some, which other processes may have written.
+
+    Args:
+        path: the result directory.
+        layout: that of its table.
+        numbers: the blocks.
+    """
     files = {number: path / TABLE / PARTS.name(number) for number in numbers}
     files = {number: file for number, file in files.items() if file.exists()}
     # digests are read after names, since the line of a file is written before its name

@@ -36,20 +36,19 @@ class BusyDirectory(TableError):
 
 
 class Lock:
-    """A lock for writing to a directory, released by the operating system when the process ends."""
+    """A lock for writing to a directory, released by the operating system when the process ends.
+
+    Args:
+        folder: the directory.
+        shared: share the lock with other processes that only write parts.
+
+    Raises:
+        BusyDirectory: another run holds it.
+        TableError: the lock file is not a regular file.
+        OSError: the lock file cannot be created.
+    """
 
     def __init__(self, folder: Path, *, shared: bool = False) -> None:
-        """Take the lock of a folder.
-
-        Args:
-            folder: the directory.
-            shared: share the lock with other processes that only write parts.
-
-        Raises:
-            BusyDirectory: another run holds it.
-            TableError: the lock file is not a regular file.
-            OSError: the lock file cannot be created.
-        """
         self._erases_name = False
         self.file_system_has_locks = True
         path = folder / LOCK_NAME
@@ -101,15 +100,17 @@ class UnfinishedStarts(NamedTuple):
 
 
 class BlockLocks:
-    """The locks of the blocks of one directory; use it as a context manager, or call `close`."""
+    """The locks of the blocks of one directory; use it as a context manager, or call `close`.
+
+    Args:
+        folder: the directory.
+
+    Raises:
+        UnsupportedSystem: this system has no locks of an open file.
+        OSError: the file of locks cannot be created.
+    """
 
     def __init__(self, folder: Path) -> None:
-        """Open the file of locks.
-
-        Raises:
-            UnsupportedSystem: this system has no locks of an open file.
-            OSError: the file cannot be created.
-        """
         if not hasattr(fcntl, "F_OFD_SETLK"):
             raise UnsupportedSystem(
                 f"Processes that share the directory {folder} need open file description locks, which "

@@ -10,15 +10,20 @@ import pandas as pd
 import pyarrow as pa
 
 from gaitsweep.schema.former_names import renamed
+from gaitsweep.table.frames import frame_of
 from gaitsweep.table.manifest import Layout, json_value, new_manifest, sealed
 from gaitsweep.table.parts import Footer, checked_records
-from gaitsweep.table.reading import Rows, Selection, add_counts, frame_of
+from gaitsweep.table.reading import Rows, Selection, add_counts
 
 
 class MemoryTable:
     """A table in memory, with the methods of `ResultDirectory` that a run uses.
 
     Columns have the values and types that a result directory gives, since the same functions convert them.
+
+    Args:
+        job: the resolved job.
+        layout: that of the table.
     """
 
     path = None
@@ -26,7 +31,6 @@ class MemoryTable:
     rows_open = 0
 
     def __init__(self, job: Mapping[str, Any], layout: Layout) -> None:
-        """Create an empty table for a resolved job."""
         self.layout = layout
         self.manifest: dict[str, Any] = new_manifest(layout, job)
         self._parts: dict[int, tuple[pa.Table, Footer]] = {}

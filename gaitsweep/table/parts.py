@@ -102,7 +102,10 @@ def checked_records(
     layout: Layout,
     quantities: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> tuple[pa.Table, Footer]:
-    """Convert a block's records to Arrow, with the footer of their part; otherwise as `checked_part`."""
+    """Convert a block's records to Arrow, with the footer of their part.
+
+    Arguments and errors are those of `checked_part`.
+    """
     if number not in layout.blocks:
         raise ValueError(f"Block {number} does not exist: the blocks are 0 to {layout.blocks[-1]}.")
     start, stop = layout.rows_of(number)
@@ -242,7 +245,7 @@ def read_records(
 
 
 def open_bytes(rows: RowOutcome, job_hash: str) -> bytes:
-    """Encode rows as parquet with a checksum for each page."""
+    """Encode ended rows of open blocks as parquet with a checksum for each page."""
     arrays = {"row": rows.row, **rows.numbers, "kept": rows.kept, "samples": rows.samples}
     columns: dict[str, pa.Array] = {}
     widths: dict[str, int] = {}
@@ -270,6 +273,11 @@ def _lists(values: np.ndarray, ends: np.ndarray) -> pa.Array:
 
 def read_open(data: bytes, job_hash: str, n_rows: int) -> RowOutcome:
     """Read the rows of a file of open rows.
+
+    Args:
+        data: the file's bytes.
+        job_hash: the hash of the table's job.
+        n_rows: the number of rows of the table.
 
     Raises:
         DamagedPart: they cannot be decoded, or belong to another job or table.

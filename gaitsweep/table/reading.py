@@ -4,26 +4,23 @@ from __future__ import annotations
 
 import collections
 import dataclasses
-import functools
-import math
 import warnings
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 import pyarrow as pa
-import pyarrow.parquet as pq
 import yaml
 from numpy.typing import ArrayLike
 
-from gaitsweep import near_miss
 from gaitsweep.schema.former_names import renamed
 from gaitsweep.table.digests import digest_of
 from gaitsweep.table.examination import Examination
 from gaitsweep.table.files import TableError, read_file, reason
-from gaitsweep.table.manifest import FIGURES, JOB, TABLE, Layout, is_job, read_manifest
+from gaitsweep.table.frames import PartRecords, decoded_columns, joined_parts
+from gaitsweep.table.manifest import FIGURES, JOB, Layout, is_job, read_manifest
 from gaitsweep.table.parts import Footer
 
 Rows = slice | range | ArrayLike
@@ -99,7 +96,7 @@ class Snapshot:
 
     @property
     def without_digests(self) -> str:
-        """Sentence on files without digests, in which damage may go undetected."""
+        """A clause on files without digests, in which damage may go undetected."""
         n, consequence = len(self.files.undigested), "so some damage cannot be detected"
         again = "" if self.manifest["format"] == 1 else ". Run its job again to write the digests"
         have = "has" if n == 1 else "have"
@@ -136,10 +133,6 @@ def add_counts(footers: dict[int, Footer]) -> dict[str, int]:
     return dict(sorted(total.items(), key=lambda item: (-item[1], item[0])))
 
 
-# Columns of tables with one record a row from which `outcome` follows, where their parts are older than it.
-_SOURCES = ("cycles", "gait", "status")
-
-
 @dataclasses.dataclass(frozen=True)
 class Selection:
     """The records to read from a table: some or all columns of some or all rows."""
@@ -149,12 +142,16 @@ class Selection:
 
     @classmethod
     def of(cls, columns: Sequence[str] | None, rows: Rows | None, n_rows: int) -> Selection:
-        """The selection of `columns` and `rows` from a table of `n_rows` rows; see `load`.
+        """The selection of some columns and rows.
+
+        Args:
+            columns, rows: as for `load`.
+            n_rows: the number of rows of the table.
 
         Raises:
             TableError: the table does not have these rows, or they are not row numbers.
         """
-        names = None if columns is None else _decoded(columns)
+        names = None if columns is None else decoded_columns(columns)
         if rows is None:
             return cls(names)
         if isinstance(rows, slice):
@@ -186,7 +183,7 @@ class Selection:
         return table if selected.all() else table.filter(pa.array(selected))
 
 
-def _snapshot(path: Path, parts: _Parts | None = None, selection: Selection | None = None) -> Snapshot:
+def _snapshot(path: Path, parts: PartRecords | None = None, selection: Selection | None = None) -> Snapshot:
     """Read a directory, and the selected records of its valid parts into `parts` if it is given."""
     selection = selection or Selection()
     manifest = read_manifest(path)
@@ -288,18 +285,21 @@ def load(
 def load_with_snapshot(
     path: str | Path, columns: Sequence[str] | None = None, rows: Rows | None = None
 ) -> tuple[Snapshot, pd.DataFrame]:
-    """Read the table of a result directory as `load` does, with the snapshot of the directory."""
+    """Read the table of a result directory, with the snapshot of the directory.
+
+    Arguments and errors are those of `load`.
+    """
     path = Path(path)
     n_rows = read_manifest(path)["rows"]
     selection = Selection.of(columns, rows, n_rows)
-    parts = _Parts(n_rows if selection.rows is None else len(selection.rows))
+    parts = PartRecords(n_rows if selection.rows is None else len(selection.rows))
     snapshot = _snapshot(path, parts, selection)
     snapshot.require_sound()
     if not snapshot.files.footers:
         waiting = f"; {snapshot.rows_open} rows of incomplete blocks have ended" if snapshot.rows_open else ""
         raise TableError(f"{path} has no complete part yet: run its job further{waiting}.")
     _warn(snapshot)
-    frame = _frame(path, parts, columns)
+    frame = joined_parts(path, parts, columns)
     frame.attrs.update(
         job=snapshot.job,
         manifest=snapshot.manifest,
@@ -327,197 +327,22 @@ def load_parts(path: str | Path, columns: Sequence[str]) -> Iterator[pd.DataFram
     Raises:
         TableError: as `load`; a damaged file is found when its part is read.
     """
-    path, selection = Path(path), Selection(_decoded(columns))
+    path, selection = Path(path), Selection(decoded_columns(columns))
     examined = Examination(path, Layout.of(read_manifest(path)))
-    parts = _Parts(_TOGETHER)
+    parts = PartRecords(_TOGETHER)
     for number, table in examined.parts(True, selection.columns):
         if table is not None:
             parts.add(selection.records_of(table), examined.footers[number])
         if parts.length > _TOGETHER // 2:
-            yield _frame(path, parts, columns)
-            parts = _Parts(_TOGETHER)
+            yield joined_parts(path, parts, columns)
+            parts = PartRecords(_TOGETHER)
     if parts.length:
-        yield _frame(path, parts, columns)
+        yield joined_parts(path, parts, columns)
     _refuse_faults(examined)
 
 
-@dataclasses.dataclass
-class _Part:
-    """The records of a part: its columns, and the names of the categorical ones, which have their codes."""
-
-    length: int
-    columns: dict[str, np.ndarray | pa.ChunkedArray]
-    categories: dict[str, list[str]]
-
-
-class _Parts:
-    """Parts in order; numeric columns of all parts are read into one array, without copies.
-
-    Args:
-        n_rows: the number of rows of the table; with the first part, it gives the number of records.
-    """
-
-    def __init__(self, n_rows: int) -> None:
-        self._n_rows, self._room = n_rows, 0
-        self._whole: dict[str, np.ndarray] = {}
-        self.parts: list[_Part] = []
-        self.length = 0
-
-    def add(self, table: pa.Table, footer: Footer, a_row: float = 1.0) -> None:
-        """Add the records of a part, with about `a_row` records per row."""
-        self._room = self._room or math.ceil(a_row * self._n_rows)
-        columns: dict[str, np.ndarray | pa.ChunkedArray] = {}
-        for name, column in zip(table.column_names, table.columns, strict=True):
-            if name in footer.categories:
-                columns[name] = self._placed(name, _codes(column, footer.categories[name]))
-            elif pa.types.is_floating(column.type) or (
-                pa.types.is_integer(column.type) and not column.null_count
-            ):
-                columns[name] = self._placed(name, column.to_numpy())
-            else:  # text, flags, and whole numbers of which some are missing
-                columns[name] = column
-        self.parts.append(_Part(table.num_rows, columns, footer.categories))
-        self.length += table.num_rows
-
-    def _placed(self, name: str, values: np.ndarray) -> np.ndarray:
-        """The values in their place in the whole column, if they fit there."""
-        if name not in self._whole:
-            self._whole[name] = np.empty(self._room, values.dtype)
-        whole = self._whole[name]
-        place = whole[self.length : self.length + len(values)]
-        if whole.dtype != values.dtype or len(place) != len(values):
-            return np.array(values)
-        place[:] = values
-        return place
-
-    def whole(self, name: str) -> np.ndarray | None:
-        """The column of all parts, if all have their values there."""
-        whole = self._whole.get(name)
-        complete = all(getattr(part.columns.get(name), "base", None) is whole for part in self.parts)
-        return None if whole is None or not complete else whole[: self.length]
-
-
-def _decoded(columns: Sequence[str]) -> tuple[str, ...]:
-    """The columns of the parts that are needed for these columns of the table."""
-    return (*columns, *_SOURCES) if "outcome" in columns else tuple(columns)
-
-
-def frame_of(
-    parts: Iterable[tuple[pa.Table, Footer, float]], n_rows: int, columns: Sequence[str] | None
-) -> pd.DataFrame:
-    """The records of parts in memory, of `n_rows` rows; each has its footer and its records per row."""
-    together = _Parts(n_rows)
-    for records, footer, a_row in parts:
-        together.add(records, footer, a_row)
-    return _frame(Path(), together, columns)
-
-
-def _frame(path: Path, parts: _Parts, columns: Sequence[str] | None) -> pd.DataFrame:
-    """The records of all parts."""
-    names = list(dict.fromkeys(name for part in parts.parts for name in part.columns))
-    older = all(name in names for name in _SOURCES) and any("outcome" not in p.columns for p in parts.parts)
-    if older:
-        names = [name for name in names if name != "outcome"]
-        names.insert(names.index("gait") + 1, "outcome")
-    values: dict[str, Any] = {}
-    for name in names if columns is None else dict.fromkeys(columns):
-        if name not in names:
-            raise TableError(f"{name} is not a column of {path}{_near_column(path, name)}")
-        try:
-            if older and name == "outcome":
-                values[name] = outcomes(_joined("gait", parts), _joined("status", parts))
-            else:
-                values[name] = _joined(name, parts)
-        except pa.ArrowException as error:
-            raise TableError(
-                f"The parts of {path} do not fit together ({' '.join(str(error).split())}): "
-                "different versions wrote them. Run its job into another directory."
-            ) from error
-    return pd.DataFrame(values, index=pd.RangeIndex(parts.length), copy=False)
-
-
-def outcomes(gait: pd.Categorical, status: ArrayLike) -> pd.Categorical:
-    """The column `outcome`: the gait of each row (n,), or the reason why it has none."""
-    from gaitsweep.contract import Outcome, Status  # imports JAX
-
-    names = list(dict.fromkeys([*gait.categories, *map(str, Outcome)]))
-    codes = np.where(gait.codes < 0, names.index(Outcome.NO_GAIT), gait.codes.astype(np.int32))
-    codes[~Status.SOUND.among(status)] = names.index(Outcome.FAILED)
-    codes[Status.UNDECIDED.among(status)] = names.index(Outcome.NOT_SETTLED)
-    return categorical(codes, names)
-
-
-def categorical(codes: ArrayLike, names: Sequence[str]) -> pd.Categorical:
-    """The names of codes (n,); -1 has no name."""
-    return pd.Categorical.from_codes(codes, dtype=_categories(tuple(names)))
-
-
-# cached, since pandas takes longer to look for repeated names than a small column takes
-@functools.lru_cache(maxsize=256)
-def _categories(names: tuple[str, ...]) -> pd.CategoricalDtype:
-    return pd.CategoricalDtype(list(names))
-
-
-def _near_column(path: Path, name: str) -> str:
-    """The end of the message about an unknown column."""
-    file = next(iter(sorted((path / TABLE).glob("part-*.parquet"))))
-    return near_miss.suggestion(name, pq.read_schema(file).names)
-
-
-def _joined(name: str, parts: _Parts) -> Any:
-    """A column of all parts: categorical, an array, or a series."""
-    whole = parts.whole(name)
-    if not any(name in part.categories for part in parts.parts):
-        return _promoted(name, parts.parts) if whole is None else whole
-    categories = list(dict.fromkeys(text for part in parts.parts for text in part.categories.get(name, ())))
-    if whole is None or any(part.categories[name] != categories for part in parts.parts):
-        whole = np.concatenate([_recoded(name, part, categories) for part in parts.parts])
-    return categorical(whole, categories)
-
-
-def _recoded(name: str, part: _Part, categories: list[str]) -> np.ndarray:
-    """The codes (n,) of a part's column among the categories of all parts."""
-    column = part.columns.get(name)
-    if column is None:
-        return np.full(part.length, -1, _narrow(categories))
-    if isinstance(column, pa.ChunkedArray):
-        return _codes(column, categories)
-    codes = [*map(categories.index, part.categories[name]), -1]
-    return np.array(codes, _narrow(categories))[column]
-
-
-def _promoted(name: str, parts: list[_Part]) -> pd.Series:
-    """A column of text or flags, or one whose type differs between parts of different versions."""
-    pieces = [_in_arrow(part.columns.get(name, pa.nulls(part.length))) for part in parts]
-    kinds = [pa.schema([pa.field(name, piece.type)]) for piece in pieces]
-    common = pa.unify_schemas(kinds, promote_options="permissive").types[0]
-    chunks = [chunk.cast(common) for piece in pieces for chunk in piece.chunks]
-    return pa.chunked_array(chunks, common).to_pandas()
-
-
-def _in_arrow(piece: np.ndarray | pa.Array | pa.ChunkedArray) -> pa.ChunkedArray:
-    """A column of a part, which may be missing or lie in NumPy's memory, as an array of Arrow."""
-    return piece if isinstance(piece, pa.ChunkedArray) else pa.chunked_array([pa.array(piece)])
-
-
-def _narrow(categories: list[str]) -> np.dtype[Any]:
-    """The smallest integer type for codes of categories, as in pandas."""
-    return np.min_scalar_type(-max(len(categories), 1))
-
-
-def _codes(column: pa.ChunkedArray, categories: list[str]) -> np.ndarray:
-    """The index of each name among the categories, -1 for missing names."""
-    place = {name: number for number, name in enumerate(categories)}
-    codes = [np.zeros(0, _narrow(categories))]
-    for chunk in column.chunks:
-        encoded = chunk if pa.types.is_dictionary(chunk.type) else chunk.dictionary_encode()
-        names = encoded.dictionary.to_pylist()
-        code_of_name = np.array([*(place.get(name, -1) for name in names), -1], _narrow(categories))
-        codes.append(code_of_name[encoded.indices.fill_null(-1).to_numpy()])
-    return np.concatenate(codes)
-
-
 def _warn(snapshot: Snapshot) -> None:
+    """Warn of missing rows, an edited job, and files without digests."""
     if not snapshot.complete:
         rows = snapshot.manifest["rows"]
         waiting = f" ({snapshot.rows_open} of them have ended, in incomplete blocks)"
@@ -532,7 +357,4 @@ def _warn(snapshot: Snapshot) -> None:
             stacklevel=4,
         )
     if snapshot.files.undigested:
-        warnings.warn(
-            f"{snapshot.path}: {snapshot.without_digests}.",
-            stacklevel=4,
-        )
+        warnings.warn(f"{snapshot.path}: {snapshot.without_digests}.", stacklevel=4)

@@ -16,6 +16,7 @@ class Difference(NamedTuple):
 
 
 STORED_DIFFERS: Final = "stored_differs"
+UNSTABLE: Final = "unstable"
 DIFFERENCES: Final = {
     STORED_DIFFERS: Difference(
         "not reproduced", "did not reproduce their stored records with the same steps"
@@ -24,4 +25,7 @@ DIFFERENCES: Final = {
     "gait_differs": Difference("change gait", "ended with another gait"),
     "count_differs": Difference("change their count", "ended with another count"),
     "moved": Difference("depend on the step", f"moved by more than {TOLERANCES:g} tolerances"),
+    UNSTABLE: Difference(
+        "rest on unstable gaits", "rest on an unstable gait, which any small displacement leaves"
+    ),
 }

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import yaml
+from jaxtyping import Bool
 
 from gaitsweep.analysis.records import in_order
 from gaitsweep.plot import theme
@@ -221,8 +222,8 @@ def _gaits(snapshot: Snapshot) -> str:
     chosen = theme.colours(names)
     head = "".join(f'<th class="number">{html.escape(name)}</th>' for name in ("all", "", *statuses))
 
-    def line(look: str, name: str, rows: np.ndarray) -> str:
-        """The line of some rows (n,) of the table: their number, their share, and those of each status."""
+    def line(look: str, name: str, rows: Bool[np.ndarray, " rows"]) -> str:
+        """The line of some rows of the table: their number, their share, and those of each status."""
         counts = (np.count_nonzero(rows & (status == one)) for one in statuses)
         by_status = "".join(f'<td class="number">{count}</td>' for count in counts)
         return f"<tr{look}>{name}{_number(int(rows.sum()), len(table))}{by_status}</tr>"

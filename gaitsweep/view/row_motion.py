@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from jaxtyping import Float
 
 from gaitsweep.contract import Model
 from gaitsweep.design.design import row_params
@@ -32,7 +33,7 @@ _LAST_CYCLES = 4  # cycles at the end of a row that is simulated again, if its p
 
 @dataclasses.dataclass(frozen=True)
 class RowMotion:
-    """Signals (n,) of a row by name, at the times `t` (n,) s.
+    """Signals of a row by name, at the times `t`, s.
 
     `values` are the row's parameters by name; `period` s is its model's nominal cycle; `gait` is its gait, or
     how it ended, and `row` names it.
@@ -40,8 +41,8 @@ class RowMotion:
 
     model: Model
     values: Mapping[str, float]
-    t: np.ndarray
-    signals: Mapping[str, np.ndarray]
+    t: Float[np.ndarray, " times"]
+    signals: Mapping[str, Float[np.ndarray, " times"]]
     period: float
     gait: str
     row: str
@@ -55,8 +56,8 @@ class RowMotion:
         motion += f" (lift drawn {lift:.3g} times as high)" if lift != 1.0 else ""
         return f"{self.model.name}{f', {motion}' if motion else ''}; {self.row}"
 
-    def at(self, times: np.ndarray) -> dict[str, np.ndarray]:
-        """The signals at times (k,) s, interpolated linearly; angles and contacts from the nearest sample."""
+    def at(self, times: Float[np.ndarray, " frames"]) -> dict[str, Float[np.ndarray, " frames"]]:
+        """The signals at times (s), interpolated linearly; angles and contacts from the nearest sample."""
         edges = 0.5 * (self.t[1:] + self.t[:-1])
         nearest = np.searchsorted(edges, times)
         circular = {quantity.name for quantity in self.model.signals if quantity.circular}
@@ -67,8 +68,8 @@ class RowMotion:
             for name, signal in self.signals.items()
         }
 
-    def contact(self, limbs: int) -> np.ndarray:
-        """Ground contact of each limb, (n, limbs), 1 on the ground.
+    def contact(self, limbs: int) -> Float[np.ndarray, "times limbs"]:
+        """Ground contact of each limb, 1 on the ground.
 
         Raises:
             PlotError: the model has no such signal for a limb.
@@ -153,8 +154,8 @@ def _check_drawable(model: Model, values: Mapping[str, float], renderer: str) ->
 
 def _recorded(
     part: pd.DataFrame, directory: Path, names: list[str]
-) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Times (n,) s and signals (n,) of a row of a trace."""
+) -> tuple[Float[np.ndarray, " times"], dict[str, Float[np.ndarray, " times"]]]:
+    """Times (s) and signals of a row of a trace."""
     missing = [name for name in names if name not in part.columns]
     if missing:
         text = ", ".join(missing[:_NAMED]) + (", ..." if len(missing) > _NAMED else "")
@@ -167,8 +168,8 @@ def _recorded(
 
 def _simulated(
     job: Job, part: pd.DataFrame, row: int, start: float | None, seconds: float | None
-) -> tuple[np.ndarray, dict[str, np.ndarray], str]:
-    """Times (n,) s and signals (n,) of a row simulated again, and its gait, or its status if it has none.
+) -> tuple[Float[np.ndarray, " times"], dict[str, Float[np.ndarray, " times"]], str]:
+    """Times (s) and signals of a row simulated again, and its gait, or its status if it has none.
 
     A row that failed at its start has no times.
     """

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float, UInt8
 from matplotlib.axes import Axes
 
 from gaitsweep import near_miss
@@ -89,7 +90,9 @@ def write_movie(
         )
     times = start + np.arange(count) * (speed / fps)
 
-    def counted(frames: Iterator[np.ndarray]) -> Iterator[np.ndarray]:
+    def counted(
+        frames: Iterator[UInt8[np.ndarray, "height width 3"]],
+    ) -> Iterator[UInt8[np.ndarray, "height width 3"]]:
         for number, frame in enumerate(frames):
             yield frame
             if on_progress is not None:
@@ -202,7 +205,12 @@ def _pace(speed: float) -> str:
 
 @contextlib.contextmanager
 def _prepared(
-    motion: RowMotion, times: np.ndarray, pace: str, renderer: str, lift: float, on_message: OnMessage | None
+    motion: RowMotion,
+    times: Float[np.ndarray, " frames"],
+    pace: str,
+    renderer: str,
+    lift: float,
+    on_message: OnMessage | None,
 ) -> Iterator[tuple[Clip, Drawn]]:
     """A context with the clip at some times, and the function that draws the body."""
     signals = motion.at(times)

@@ -11,9 +11,9 @@ import pandas as pd
 import pytest
 
 import gaitsweep as gs
-from gaitsweep.analysis.atlas.atlas import Atlas
+from gaitsweep.analysis.atlas.atlas import BranchAtlas
 from gaitsweep.analysis.atlas.periodic_orbits import OrbitSearch, Rows, SearchOptions
-from gaitsweep.analysis.continuation.continuation import ArclengthSteps
+from gaitsweep.analysis.continuation.branch_follower import ArclengthSteps
 from gaitsweep.analysis.continuation.plain_map import PlainMap
 from gaitsweep.engine.poincare.maps import Coordinates, Map, Points, Values
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
@@ -65,9 +65,9 @@ def searched(
 def atlas_of(
     mapping: Map, search: OrbitSearch, values: dict[str, float], parameter: str, within: tuple[float, float],
     depth: int,
-) -> Atlas:  # fmt: skip
+) -> BranchAtlas:  # fmt: skip
     steps = ArclengthSteps(through=(values[parameter],))
-    atlas = Atlas(mapping, values, parameter=parameter, within=within, steps=steps)
+    atlas = BranchAtlas(mapping, values, parameter=parameter, within=within, steps=steps)
     atlas.follow(search, values[parameter], depth)
     return atlas
 

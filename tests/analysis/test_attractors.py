@@ -16,15 +16,13 @@ from scipy.spatial.distance import squareform
 
 import gaitsweep as gs
 from gaitsweep.analysis.basins.attractor_matching import follow_attractors
-from gaitsweep.analysis.basins.attractors import (
+from gaitsweep.analysis.basins.attractors import agreement, attractors, with_attractors
+from gaitsweep.analysis.basins.single_linkage import (
     MOST_CELLS,
-    agreement,
-    attractors,
     cells,
     components,
     linking_distance,
     spanning_tree,
-    with_attractors,
 )
 from gaitsweep.analysis.basins.state_space import Space
 from gaitsweep.analysis.records import AnalysisError
@@ -256,3 +254,48 @@ def test_attractors_of_a_simulated_table_are_its_gaits(landscape: pd.DataFrame) 
     assert agreement(landscape, followed.column) == 1.0
     assert len(followed.column.cat.categories) == 2
     assert np.abs(followed.fractions["fraction"] - 0.5).max() < 0.05
+
+
+def cloud_rows(
+    centre: tuple[float, float], rows: int, crossings: int, rng: np.random.Generator
+) -> np.ndarray:
+    """Crossings (rows, crossings, 2) of rows on a circle, at random places."""
+    angle = rng.uniform(0.0, TURN, (rows, crossings))
+    return np.stack([centre[0] + np.cos(angle), centre[1] + np.sin(angle)], axis=2)
+
+
+def unsettled(clouds: np.ndarray, status: str) -> pd.DataFrame:
+    columns = {
+        f"{name}_end{'' if k == 0 else f'_{k + 1}'}": clouds[:, k, i]
+        for k in range(clouds.shape[1])
+        for i, name in enumerate("xy")
+    }
+    return pd.DataFrame({"status": status, "attractor_period": 0, **columns})
+
+
+@pytest.mark.parametrize(("apart", "number"), [(0.0, 1), (1.0, 2)])
+def test_sets_without_a_period_are_told_apart_by_their_crossings(apart: float, number: int) -> None:
+    """Circles that coincide, or that meet in two points only."""
+    rng = np.random.default_rng(0)
+    clouds = np.concatenate([cloud_rows((0.0, 0.0), 60, 40, rng), cloud_rows((apart, 0.0), 40, 40, rng)])
+    table = unsettled(clouds, "quasi_periodic")
+    grouped = attractors(pd.concat([table, unsettled(clouds[:1], "chaotic")], ignore_index=True))
+    summary = grouped.summary
+    assert summary["kind"].tolist() == ["chaotic", *["quasi_periodic"] * number]
+    assert summary["rows"].tolist() == [1, *([60, 40] if number == 2 else [100])]
+    if number == 2:
+        names = grouped.column.astype(str).to_numpy()
+        assert len(set(names[:60])) == len(set(names[60:100])) == 1
+
+
+def test_sets_without_a_period_keep_their_names_along_a_parameter() -> None:
+    rng = np.random.default_rng(1)
+    tables = []
+    for a in (0.0, 0.1, 0.2):
+        first, second = cloud_rows((a, 0.0), 20, 40, rng), cloud_rows((4.0 + a, 0.0), 10, 40, rng)
+        tables += [unsettled(clouds, "chaotic").assign(a=a, of=k) for k, clouds in enumerate((first, second))]
+    table = pd.concat(tables, ignore_index=True)
+    followed = follow_attractors(table, "a")
+    names = followed.column.astype(str).groupby(table["of"]).unique()
+    assert [len(own) for own in names] == [1, 1]
+    assert np.nanmax(followed.summary["moved"].to_numpy(float)) < 0.3

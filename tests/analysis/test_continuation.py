@@ -11,7 +11,8 @@ import pytest
 from jax import Array
 from matplotlib.colors import to_hex
 
-from gaitsweep.analysis.continuation.continuation import ArclengthSteps, continuation
+from gaitsweep.analysis.continuation.branch_follower import ArclengthSteps
+from gaitsweep.analysis.continuation.continuation import continuation
 from gaitsweep.analysis.continuation.plain_map import PlainMap
 from gaitsweep.plot.bifurcations.continuation import continuation as draw
 

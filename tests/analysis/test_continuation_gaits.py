@@ -9,7 +9,8 @@ import pandas as pd
 import pytest
 
 import gaitsweep as gs
-from gaitsweep.analysis.continuation.continuation import ArclengthSteps, continuation
+from gaitsweep.analysis.continuation.branch_follower import ArclengthSteps
+from gaitsweep.analysis.continuation.continuation import continuation
 from gaitsweep.analysis.continuation.stable_ranges import range_of_gait, stable_ranges
 from gaitsweep.analysis.records import AnalysisError
 from gaitsweep.engine.numerics import Numerics

@@ -10,7 +10,8 @@ import pandas as pd
 import pytest
 
 import gaitsweep as gs
-from gaitsweep.analysis.continuation.continuation import ArclengthSteps, continuation
+from gaitsweep.analysis.continuation.branch_follower import ArclengthSteps
+from gaitsweep.analysis.continuation.continuation import continuation
 from gaitsweep.analysis.continuation.plain_map import PlainMap
 
 TURN = np.linalg.qr(np.random.default_rng(2).normal(size=(2, 2)))[0]

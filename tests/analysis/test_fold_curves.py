@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import gaitsweep as gs
-from gaitsweep.analysis.continuation.continuation import ArclengthSteps
+from gaitsweep.analysis.continuation.branch_follower import ArclengthSteps
 from gaitsweep.analysis.continuation.fold_curves import fold_curves
 from gaitsweep.analysis.continuation.plain_map import PlainMap
 from gaitsweep.engine.poincare.maps import Coordinates, Values

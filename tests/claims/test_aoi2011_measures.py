@@ -11,9 +11,13 @@ import pytest
 import gaitsweep as gs
 from gaitsweep.analysis.records import AnalysisError
 from gaitsweep.claims.measures import default_values, ratio_of_medians
-from gaitsweep.papers.aoi2011 import equation_measures as equations
-from gaitsweep.papers.aoi2011 import motion_measures as motion
-from gaitsweep.papers.aoi2011 import transition_measures as transitions
+from gaitsweep.papers.aoi2011 import (
+    equation_measures,
+    fixed_point_measures,
+    footfall_measures,
+    motion_measures,
+    transition_measures,
+)
 from tests.support.hysteresis_tables import CENTRE, FOLD, map_table, settle_table, staircase_table
 
 STAIR = 0.1
@@ -32,14 +36,16 @@ def maps() -> pd.DataFrame:
 
 def test_transitions_of_holds_are_the_folds(stairs: pd.DataFrame) -> None:
     """The lower branch is lost as the parameter rises to FOLD, the upper one as it falls to -FOLD."""
-    up = transitions.transition_at(stairs, observable="delta_13", parameter="f", direction="rising")
-    down = transitions.transition_at(stairs, observable="delta_13", parameter="f", direction="falling")
+    up = transition_measures.transition_at(stairs, observable="delta_13", parameter="f", direction="rising")
+    down = transition_measures.transition_at(
+        stairs, observable="delta_13", parameter="f", direction="falling"
+    )
     assert abs(up - FOLD) < STAIR
     assert abs(down + FOLD) < STAIR
-    (width,) = transitions.hysteresis_widths(stairs, observable="delta_13", parameter="f")
+    (width,) = transition_measures.hysteresis_widths(stairs, observable="delta_13", parameter="f")
     assert width == pytest.approx(up - down)
     with pytest.raises(AnalysisError, match="No row jumps"):
-        transitions.transition_at(
+        transition_measures.transition_at(
             stairs.query("f < 0"), observable="delta_13", parameter="f", direction="rising"
         )
 
@@ -51,50 +57,60 @@ def test_widths_by_group_and_change_of_transitions(stairs: pd.DataFrame) -> None
     both.attrs = stairs.attrs
     columns = ["row", "mass", *(name for name in both.columns if name not in ("row", "mass"))]
     both = both.loc[:, columns]
-    result = transitions.hysteresis_widths(both, observable="delta_13", parameter="f", by="mass")
+    result = transition_measures.hysteresis_widths(both, observable="delta_13", parameter="f", by="mass")
     assert result[0] == pytest.approx(result[1])
-    change = transitions.least_change_of_transition(both, observable="delta_13", parameter="f", by=["mass"])
+    change = transition_measures.least_change_of_transition(
+        both, observable="delta_13", parameter="f", by=["mass"]
+    )
     assert change == pytest.approx(0.3)
 
 
 def test_the_range_in_which_both_branches_exist(stairs: pd.DataFrame) -> None:
     both = stairs.assign(mass=1.0)
-    (width,) = transitions.ranges_of_both(both, observable="delta_13", parameter="f", apart=0.5, by="mass")
+    (width,) = transition_measures.ranges_of_both(
+        both, observable="delta_13", parameter="f", apart=0.5, by="mass"
+    )
     assert width == pytest.approx(2.0 * FOLD, abs=2.0 * STAIR)
-    (none,) = transitions.ranges_of_both(both, observable="delta_13", parameter="f", apart=3.0, by="mass")
+    (none,) = transition_measures.ranges_of_both(
+        both, observable="delta_13", parameter="f", apart=3.0, by="mass"
+    )
     assert none == 0.0
 
 
 def test_directions_in_which_the_upper_branch_is_lost(stairs: pd.DataFrame) -> None:
-    result = transitions.directions_of_loss(stairs, stairs, observable="delta_13", parameters=["f", "f"])
+    result = transition_measures.directions_of_loss(
+        stairs, stairs, observable="delta_13", parameters=["f", "f"]
+    )
     assert result == ["falling", "falling"]
 
 
 def test_gaits_are_lost_at_the_folds() -> None:
     table = settle_table(np.linspace(-0.6, 0.6, 121).tolist(), (-1.0, 1.0), over="other")
-    walk = transitions.gait_lost_at(table, parameter="f", gait="walk", direction="rising")
-    trot = transitions.gait_lost_at(table, parameter="f", gait="trot", direction="falling")
+    walk = transition_measures.gait_lost_at(table, parameter="f", gait="walk", direction="rising")
+    trot = transition_measures.gait_lost_at(table, parameter="f", gait="trot", direction="falling")
     assert (walk, trot) == pytest.approx((FOLD, -FOLD), abs=0.006)
     mirrored = table.assign(f=-table["f"])
-    width = transitions.gap_of_edges(mirrored, parameter="f", upper="trot", lower="walk")
+    width = transition_measures.gap_of_edges(mirrored, parameter="f", upper="trot", lower="walk")
     assert width == pytest.approx(2.0 * FOLD, abs=0.012)
     with pytest.raises(AnalysisError, match="trot is not lost as f is rising"):
-        transitions.gait_lost_at(table, parameter="f", gait="trot", direction="rising")
+        transition_measures.gait_lost_at(table, parameter="f", gait="trot", direction="rising")
 
 
 @pytest.mark.slow
 def test_fixed_points_of_return_maps(maps: pd.DataFrame) -> None:
     kinds = {
-        f: transitions.kinds_of_fixed_points(maps, observable="delta_13", parameter="f", at=f)
+        f: fixed_point_measures.kinds_of_fixed_points(maps, observable="delta_13", parameter="f", at=f)
         for f in (-0.6, 0.0, 0.6)
     }
     assert kinds == {-0.6: ["stable"], 0.0: ["stable", "unstable", "stable"], 0.6: ["stable"]}
-    assert transitions.share_with_unstable_between(maps, observable="delta_13", parameter="f") == 1.0
+    assert fixed_point_measures.share_with_unstable_between(maps, observable="delta_13", parameter="f") == 1.0
     high = {"observable": "delta_13", "parameter": "f", "between": [CENTRE, CENTRE + 1.0]}
-    assert transitions.stable_until(maps, **high, take="min") == 0.0
-    assert transitions.stable_until(maps, **high, take="max") == 0.6
+    assert fixed_point_measures.stable_until(maps, **high, take="min") == 0.0
+    assert fixed_point_measures.stable_until(maps, **high, take="max") == 0.6
     with pytest.raises(AnalysisError, match="No stable fixed point"):
-        transitions.stable_until(maps, observable="delta_13", parameter="f", between=[0.0, 1.0], take="max")
+        fixed_point_measures.stable_until(
+            maps, observable="delta_13", parameter="f", between=[0.0, 1.0], take="max"
+        )
 
 
 def test_gaits_of_a_branch_are_in_order() -> None:
@@ -105,7 +121,7 @@ def test_gaits_of_a_branch_are_in_order() -> None:
         "special": ["", "", "fold", "", "fold", "", ""], "end": ["", "", "", "", "", "", "range"],
         "gait": ["trot", "trot", "trot", "none", "walk", "walk", "walk"],
     })  # fmt: skip
-    assert transitions.gaits_of_branch(table, parameter="f") == ["trot", "walk"]
+    assert fixed_point_measures.gaits_of_branch(table, parameter="f") == ["trot", "walk"]
 
 
 def trace(lags: tuple[float, float, float, float], broken: float = 0.0) -> pd.DataFrame:
@@ -122,18 +138,18 @@ def trace(lags: tuple[float, float, float, float], broken: float = 0.0) -> pd.Da
 def test_lags_of_touchdowns(broken: float) -> None:
     """A break of 15 ms within the stance is not taken for a swing."""
     table = trace((0.0, np.pi, 2.0, 2.0 + np.pi), broken)
-    result = motion.touchdown_lags(table, row=0, pairs=[[1, 2], [1, 3], [3, 4]])
+    result = footfall_measures.touchdown_lags(table, row=0, pairs=[[1, 2], [1, 3], [3, 4]])
     np.testing.assert_allclose(result, [np.pi, 2.0, np.pi], atol=0.03)
-    assert motion.order_of_footfalls(table, row=0) == "1-3-2-4"
+    assert footfall_measures.order_of_footfalls(table, row=0) == "1-3-2-4"
     together = trace((0.0, np.pi, np.pi - 0.1, 2.0 * np.pi - 0.1), broken)
-    assert motion.order_of_footfalls(together, row=0) == "1+4-2+3"
+    assert footfall_measures.order_of_footfalls(together, row=0) == "1+4-2+3"
 
 
 def test_lags_are_on_the_requested_turn() -> None:
     """Foot 2 is 0.1 rad ahead of foot 1: -0.1 rad near 0, and 2 pi - 0.1 without."""
     table = trace((0.1, 0.0, 2.0, 3.0))
     for near, wanted in (([0.0], -0.1), (None, 2.0 * np.pi - 0.1)):
-        result = motion.touchdown_lags(table, row=0, pairs=[[1, 2]], near=near)
+        result = footfall_measures.touchdown_lags(table, row=0, pairs=[[1, 2]], near=near)
         np.testing.assert_allclose(result, [wanted], atol=0.03)
 
 
@@ -142,7 +158,7 @@ def test_no_lag_of_a_foot_that_lands_twice_a_cycle() -> None:
     t = table["t"].to_numpy()
     table["contact_3"] = (np.mod(t, 0.4) < 0.1) | ((np.mod(t, 0.4) > 0.16) & (np.mod(t, 0.4) < 0.32))
     with pytest.raises(AnalysisError, match="Foot 3 of row 0 does not touch down once a cycle"):
-        motion.touchdown_lags(table, row=0, pairs=[[1, 3]])
+        footfall_measures.touchdown_lags(table, row=0, pairs=[[1, 3]])
 
 
 @pytest.mark.slow
@@ -161,7 +177,7 @@ def test_slip_is_that_of_the_rows_own_body(tmp_path: Path) -> None:
     for row in (0, 1):
         part = table.loc[table["row"] == row]
         part.attrs = table.attrs
-        moved.append(motion.foot_slip(part, take="max"))
+        moved.append(footfall_measures.foot_slip(part, take="max"))
     squares = (np.array(moved) / (2.0 * np.sin(0.005))) ** 2
     assert squares[1] - squares[0] == pytest.approx(0.09**2 - 0.05**2, rel=1e-9)
 
@@ -177,39 +193,39 @@ def test_slip_continues_through_a_bounce(tmp_path: Path) -> None:
         down = (np.abs(t - 0.5) > 0.5 * break_).astype(float)
         table = pd.DataFrame({"row": 0, "t": t, **columns, **{f"contact_{i}": down for i in range(1, 5)}})
         table.attrs = ran.attrs
-        assert motion.foot_slip(table) == pytest.approx(wanted, rel=0.1)
+        assert footfall_measures.foot_slip(table) == pytest.approx(wanted, rel=0.1)
 
 
 def test_path_and_slip() -> None:
     """A straight path with a sway of one cycle has no sideways share; a circle has that of its sagitta."""
     t = np.arange(0.0, 4.0, 1e-2)
     straight = pd.DataFrame({"row": 0, "t": t, "q_0": 0.2 * t, "q_1": 0.01 * np.sin(2.0 * np.pi * t / 0.4)})
-    assert motion.sideways_share(straight) < 1e-3
+    assert motion_measures.sideways_share(straight) < 1e-3
     turned = straight.assign(q_0=np.sin(t), q_1=1.0 - np.cos(t))
-    assert motion.sideways_share(turned) > 0.1
+    assert motion_measures.sideways_share(turned) > 0.1
 
 
 def test_values_of_gaits(stairs: pd.DataFrame) -> None:
     ratio = ratio_of_medians(stairs, column="t", where="gait == 'walk'", to="gait == 'trot'")
     assert ratio > 0.0
-    spread = motion.spread_over(stairs, column="delta_13_n", over="f", where="gait == 'trot'")
+    spread = motion_measures.spread_over(stairs, column="delta_13_n", over="f", where="gait == 'trot'")
     assert 0.0 < spread < 0.3
-    away = motion.farthest_angle(stairs, column="delta_13_n", centre=CENTRE)
+    away = motion_measures.farthest_angle(stairs, column="delta_13_n", centre=CENTRE)
     assert away == pytest.approx(np.abs(stairs["delta_13_n"] - CENTRE).max())
     settled = settle_table((0.0,), (-1.0, 1.0), over="other")
-    assert motion.drift_from_start(settled, start="delta_13", end="delta_13_end") < 1e-6
-    moved = motion.difference_of_gaits(
+    assert motion_measures.drift_from_start(settled, start="delta_13", end="delta_13_end") < 1e-6
+    moved = motion_measures.difference_of_gaits(
         settled, stairs, observable="delta_13", where="abs(f) < 0.01", gaits=["walk", "trot"]
     )
     assert moved < 0.01
 
 
 def test_constants() -> None:
-    assert equations.degrees_of_freedom() == 15
+    assert equation_measures.degrees_of_freedom() == 15
     assert default_values(model="waist_quadruped", names=["body_mass", "link_length"]) == [1.0, 0.08]
-    np.testing.assert_allclose(equations.waist_constants(f=2.0), [1.0, 1.0], rtol=1e-12)
+    np.testing.assert_allclose(equation_measures.waist_constants(f=2.0), [1.0, 1.0], rtol=1e-12)
     np.testing.assert_allclose(
-        equations.nominal_gait(beta=0.75), [0.75, 15.70796, 0.0746667, 0.1866667], rtol=1e-5
+        equation_measures.nominal_gait(beta=0.75), [0.75, 15.70796, 0.0746667, 0.1866667], rtol=1e-5
     )
     with pytest.raises(AnalysisError, match="masse is not a parameter"):
         default_values(model="waist_quadruped", names=["masse"])
@@ -217,11 +233,11 @@ def test_constants() -> None:
 
 @pytest.mark.slow
 def test_equations() -> None:
-    assert equations.phase_rate_error() < 1e-12
-    assert equations.reset_error() < 1e-14
-    assert equations.torque_error(joints="waist") < 1e-10
-    assert equations.torque_error(joints="limbs") < 1e-9
-    assert equations.ground_force_error() < 1e-9
-    assert equations.angular_velocity_error() < 1e-7
+    assert equation_measures.phase_rate_error() < 1e-12
+    assert equation_measures.reset_error() < 1e-14
+    assert equation_measures.torque_error(joints="waist") < 1e-10
+    assert equation_measures.torque_error(joints="limbs") < 1e-9
+    assert equation_measures.ground_force_error() < 1e-9
+    assert equation_measures.angular_velocity_error() < 1e-7
     for of in ("kinetic_energy", "feet", "accelerations"):
-        assert equations.mechanics_error(of=of) < 1e-9
+        assert equation_measures.mechanics_error(of=of) < 1e-9

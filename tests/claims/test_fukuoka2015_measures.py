@@ -9,7 +9,13 @@ import pytest
 from gaitsweep.claims.measures import MeasureError, default_values
 from gaitsweep.claims.paper import read_paper
 from gaitsweep.claims.verdicts import ClaimVerdict, verdict
-from gaitsweep.papers.fukuoka2015 import measures as measures
+from gaitsweep.papers.fukuoka2015 import (
+    footfall_measures,
+    gait_measures,
+    loading_measures,
+    model_measures,
+    ramp_measures,
+)
 from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import CHART, LEGS
 from tests.support.gait_traces import ideal_phases
 
@@ -47,33 +53,35 @@ def ramp(order: list[str], *, row: int = 0) -> pd.DataFrame:
 
 @pytest.mark.parametrize("gait", CHART)
 def test_the_order_of_swings_is_the_charts(gait: str) -> None:
-    assert measures.swing_order(trace(gait), gait=gait) == measures.chart_order(gait=gait)
-    assert measures.footfall_order(trace(gait), gait=gait) == measures.chart_order(gait=gait)
+    assert footfall_measures.swing_order(trace(gait), gait=gait) == footfall_measures.chart_order(gait=gait)
+    assert footfall_measures.footfall_order(trace(gait), gait=gait) == footfall_measures.chart_order(
+        gait=gait
+    )
 
 
 def test_footfalls_and_flights_follow_from_loads() -> None:
     """RF and LH alone bear load, for 0.3 of a cycle each, half a cycle apart: two flights of 0.2."""
     table = trace("RT-gallop")
-    assert measures.flight_between(table, gait="RT-gallop", legs=["RF", "LH"]) == 0.0
+    assert footfall_measures.flight_between(table, gait="RT-gallop", legs=["RF", "LH"]) == 0.0
     into = table["t"] / 0.4 % 1.0
     table[["F_LF", "F_RH"]] = 0.0
     table["F_RF"], table["F_LH"] = (into < 0.3) * 30.0, ((into >= 0.5) & (into < 0.8)) * 30.0
-    result = measures.flight_between(table, gait="RT-gallop", legs=["RF", "LH"])
+    result = footfall_measures.flight_between(table, gait="RT-gallop", legs=["RF", "LH"])
     assert result == pytest.approx(0.4, abs=0.04)
-    assert measures.flight_between(table, gait="RT-gallop", legs=["LF", "RF"]) == 0.0
+    assert footfall_measures.flight_between(table, gait="RT-gallop", legs=["LF", "RF"]) == 0.0
     with pytest.raises(MeasureError, match="LF touches down"):
-        measures.footfall_order(table, gait="RT-gallop")
+        footfall_measures.footfall_order(table, gait="RT-gallop")
 
 
 def test_the_orders_of_the_paper() -> None:
-    assert measures.chart_order(gait="L-walk") == "LF-RH-RF-LH"
-    assert measures.chart_order(gait="R-canter") == "LF+RH-RF-LH"
-    assert measures.chart_order(gait="trot") == "LF+RH-LH+RF"
+    assert footfall_measures.chart_order(gait="L-walk") == "LF-RH-RF-LH"
+    assert footfall_measures.chart_order(gait="R-canter") == "LF+RH-RF-LH"
+    assert footfall_measures.chart_order(gait="trot") == "LF+RH-LH+RF"
 
 
 def test_a_gait_that_no_row_has_is_refused() -> None:
     with pytest.raises(MeasureError, match="gait == 'L-walk'"):
-        measures.swing_order(trace("trot"), gait="L-walk")
+        footfall_measures.swing_order(trace("trot"), gait="L-walk")
 
 
 @pytest.mark.slow
@@ -82,55 +90,59 @@ def test_the_sequence_of_gaits_in_each_pass() -> None:
     table = pd.concat([ramp(order), ramp(["D-walk", *order[1:]], row=1)], ignore_index=True)
     table.attrs = ramp(order).attrs
     families = ["walk", "trot", "canter", "gallop"]
-    assert measures.most_frequent_order(table) == families
-    assert measures.share_in_order(table, order=order, by="gait") == 0.5
-    assert measures.share_in_order(table, order=families[::-1], falling=True) == 1.0
-    assert measures.share_in_order(table, order=["trot", "walk"], falling=True, at="end") == 1.0
-    assert measures.share_up_and_down(table, up=order, down=order[::-1]) == 0.5
-    assert measures.share_up_and_down(table, up=order, down=order) == 0.0
-    assert measures.gallops_by_their_canter_or_trot(table) == 1.0
+    assert ramp_measures.most_frequent_order(table) == families
+    assert ramp_measures.share_in_order(table, order=order, by="gait") == 0.5
+    assert ramp_measures.share_in_order(table, order=families[::-1], falling=True) == 1.0
+    assert ramp_measures.share_in_order(table, order=["trot", "walk"], falling=True, at="end") == 1.0
+    assert ramp_measures.share_up_and_down(table, up=order, down=order[::-1]) == 0.5
+    assert ramp_measures.share_up_and_down(table, up=order, down=order) == 0.0
+    assert ramp_measures.gallops_by_their_canter_or_trot(table) == 1.0
     beginning = ["RT-gallop", "R-canter"]
-    assert measures.share_in_order(table, order=beginning, falling=True, by="gait", at="begin") == 1.0
+    assert ramp_measures.share_in_order(table, order=beginning, falling=True, by="gait", at="begin") == 1.0
 
 
 def test_a_row_of_left_leads_counts_as_its_mirror_image() -> None:
     left = ramp(["L-walk", "trot", "L-canter", "LT-gallop"])
-    assert measures.most_frequent_order(left, by="right") == ["L-walk", "trot", "R-canter", "RT-gallop"]
+    assert ramp_measures.most_frequent_order(left, by="right") == ["L-walk", "trot", "R-canter", "RT-gallop"]
     mixed = ramp(["trot", "L-canter", "RT-gallop"])
-    assert measures.most_frequent_order(mixed, by="right") == ["trot", "R-canter", "LT-gallop"]
+    assert ramp_measures.most_frequent_order(mixed, by="right") == ["trot", "R-canter", "LT-gallop"]
 
 
 def test_a_gallop_after_the_other_leads_canter_counts_against_it() -> None:
-    assert measures.gallops_by_their_canter_or_trot(ramp(["trot", "L-canter", "RT-gallop"])) == 0.0
-    assert measures.gallops_by_their_canter_or_trot(ramp(["trot", "RT-gallop"])) == 1.0
+    assert ramp_measures.gallops_by_their_canter_or_trot(ramp(["trot", "L-canter", "RT-gallop"])) == 0.0
+    assert ramp_measures.gallops_by_their_canter_or_trot(ramp(["trot", "RT-gallop"])) == 1.0
 
 
 def test_pitch_cycles_and_stance() -> None:
     both = pd.concat([trace("trot", nod=1), trace("trot", period=0.2, row=1)], ignore_index=True)
-    assert measures.pitch_cycles(both, where="row == 0") == 1.0
-    assert measures.pitch_cycles(both, where="row == 1") == 2.0
-    assert measures.stance_ratio(both, where="row == 0", to="row == 1") == pytest.approx(2.0, rel=0.05)
+    assert gait_measures.pitch_cycles(both, where="row == 0") == 1.0
+    assert gait_measures.pitch_cycles(both, where="row == 1") == 2.0
+    assert footfall_measures.stance_ratio(both, where="row == 0", to="row == 1") == pytest.approx(
+        2.0, rel=0.05
+    )
 
 
 def test_loads_of_pairs() -> None:
     table = trace("L-walk")
-    assert measures.pairs_measure(table, gait="L-walk", measure="load_stance") == pytest.approx(
+    assert loading_measures.pairs_measure(table, gait="L-walk", measure="load_stance") == pytest.approx(
         [10.0, 10.0], abs=0.5
     )
-    assert measures.pairs_measure(table, gait="L-walk", measure="delta") == pytest.approx(
+    assert loading_measures.pairs_measure(table, gait="L-walk", measure="delta") == pytest.approx(
         [0.2, 0.2], abs=0.02
     )
-    assert measures.loaded_longer(table, gait="L-walk") == pytest.approx([0.0, 0.0], abs=0.02)
-    tilt = measures.pairs_measure(table, gait="L-walk", measure="tilt_late")
-    assert measures.late_tilt(table, gait="L-walk") == pytest.approx([each / 0.02 for each in tilt], rel=0.01)
+    assert footfall_measures.loaded_longer(table, gait="L-walk") == pytest.approx([0.0, 0.0], abs=0.02)
+    tilt = loading_measures.pairs_measure(table, gait="L-walk", measure="tilt_late")
+    assert loading_measures.late_tilt(table, gait="L-walk") == pytest.approx(
+        [each / 0.02 for each in tilt], rel=0.01
+    )
 
 
 def test_values_of_the_model() -> None:
-    assert measures.total_mass() == pytest.approx(7.0)
-    assert measures.motors() == 8.0
-    assert measures.diagonal_links() == 0.0
-    assert measures.load_feedback(F=20.0, k2=0.08) == [0.0, 1.0]
-    assert measures.motor_targets() == [0.0] * 4
+    assert model_measures.total_mass() == pytest.approx(7.0)
+    assert model_measures.motors() == 8.0
+    assert model_measures.diagonal_links() == 0.0
+    assert model_measures.load_feedback(F=20.0, k2=0.08) == [0.0, 1.0]
+    assert model_measures.motor_targets() == [0.0] * 4
     with pytest.raises(MeasureError, match="torso_mass"):
         default_values(model="planar_quadruped", names=["torso_mas"])
 

@@ -19,14 +19,17 @@ DOCUMENTS = [
 
 _LINK = re.compile(r"!?\[[^\]]*\]\(([^)\s]+)\)")
 _HEADING = re.compile(r"^#+ +(.+)$", re.MULTILINE)
+_ANCHOR = re.compile(r'<a id="([^"]+)"></a>')
 _CODE = re.compile(r"```.*?```", re.DOTALL)
 
 
 def anchors(document: Path) -> set[str]:
-    """The anchors that a forge gives to the headings of a document."""
-    headings = _HEADING.findall(_CODE.sub("", document.read_text(encoding="utf-8")))
+    """The anchors that a forge gives to the headings of a document, and those that it writes itself."""
+    text = _CODE.sub("", document.read_text(encoding="utf-8"))
+    headings = _HEADING.findall(text)
     plain = [re.sub(r"\[([^\]]*)\]\([^)]*\)|`", r"\1", heading) for heading in headings]
-    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in plain}
+    of_headings = {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in plain}
+    return of_headings | set(_ANCHOR.findall(text))
 
 
 @pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)

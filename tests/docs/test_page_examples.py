@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import runpy
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +18,8 @@ FENCE = re.compile(r"^```\w*\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 
 def test_the_job_reference_shows_each_axis() -> None:
-    page = (ROOT / "docs" / "job_reference.md").read_text()
+    page = re.sub(r"<!-- described: (\w+) -->.*?<!-- end: \1 -->", "",
+                  (ROOT / "docs" / "job_reference.md").read_text(), flags=re.DOTALL)  # fmt: skip
     text = FENCE.sub("", page)
     assert [kind for kind in AXIS_KINDS if kind != "values" and f"{{{kind}: [" not in text] == []
     starts = dict.fromkeys(("psi_1", "psi_2", "psi_3"), 1.0)
@@ -28,6 +30,17 @@ def test_the_job_reference_shows_each_axis() -> None:
         job = gs.Job(name="x", model="multilegged", vary=vary, start=fixed, run=gs.Settle())
         kappa = job.design.values(0, job.design.n_rows)[0]["kappa"]
     np.testing.assert_allclose(np.unique(kappa), 10.0 ** np.array([1.0, 1.5, 2.0, 2.5, 3.0]))
+
+
+@pytest.mark.slow
+def test_references_in_pages_are_the_packages(monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("sphinx")
+    extensions = ROOT / "docs" / "extensions"
+    monkeypatch.syspath_prepend(extensions)
+    pages = dict(runpy.run_path(str(extensions / "described_package.py"))["written_pages"]())
+    assert len(pages) == 4
+    for page, text in pages.items():
+        assert page.read_text(encoding="utf-8") == text, "run python docs/extensions/described_package.py"
 
 
 @pytest.mark.slow

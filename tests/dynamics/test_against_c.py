@@ -159,8 +159,8 @@ def test_a_different_motion_is_reported(monkeypatch: Any, tmp_path: Path) -> Non
     """Boxes on boxes have other contacts in MJX; the result is cached."""
     result = compare(model_of(STANDING.format("box")), 100)
     assert result.starts == 9
-    assert result.wrong
-    first = result.wrong[0]
+    assert result.caused
+    first = result.caused[0]
     assert first.element == "Joint 'f'"
     assert "box 'floor' with box 'g'" in first.cause
     assert abs(first.ours - first.theirs) > against_c.TOLERANCE * max(1.0, abs(first.theirs))
@@ -180,7 +180,7 @@ def test_a_different_motion_is_reported(monkeypatch: Any, tmp_path: Path) -> Non
 @pytest.mark.slow
 def test_a_box_on_a_plane_moves_as_in_c() -> None:
     result = compare(model_of(STANDING.format("plane")), 300)
-    assert not result.partings
+    assert not result.divergences
     assert result.largest < 1e-6
 
 
@@ -194,7 +194,7 @@ def test_bodies_of_packages_move_as_in_c(package: str, file: str) -> None:
     if spec is None or spec.origin is None:
         pytest.skip(f"{package} is not installed")
     result = compare(model_of(str(Path(spec.origin).parent / file)), 64)
-    assert not result.partings
+    assert not result.divergences
     assert result.largest < 1e-6
 
 

@@ -20,7 +20,8 @@ from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.examples.compass_walker import CompassWalker
 from gaitsweep.examples.hopper import Hopper
 from gaitsweep.kinds import RUN_KINDS
-from gaitsweep.models.conformity import fault, faults
+from gaitsweep.models.conformity import fault
+from gaitsweep.models.value_faults import faults
 from gaitsweep.run_columns import COLUMNS
 from gaitsweep.skeleton import LimbLook
 from smooth_oscillators import VanDerPol

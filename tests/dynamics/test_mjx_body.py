@@ -18,9 +18,9 @@ import pytest
 
 from gaitsweep.dynamics.mjx.body import MjxBody, refusals
 from gaitsweep.dynamics.mjx.variants import Variants, rescale
-from gaitsweep.papers.aoi2011.waist_quadruped.in_mjx import mjx_body as body
-from gaitsweep.papers.aoi2011.waist_quadruped.in_mjx import variants
-from gaitsweep.papers.aoi2011.waist_quadruped.mechanics import mjcf
+from gaitsweep.papers.aoi2011.waist_quadruped.bodies import mjx_body as body
+from gaitsweep.papers.aoi2011.waist_quadruped.bodies import variants
+from gaitsweep.papers.aoi2011.waist_quadruped.sizes import mjcf
 from tests.support.random_trees import unit
 
 pytestmark = pytest.mark.slow  # MJX compiles for seconds

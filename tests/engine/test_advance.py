@@ -13,7 +13,8 @@ import pytest
 
 from firing_neuron import Neuron, firing_times
 from gaitsweep.contract import Model, Status
-from gaitsweep.engine.advance import Halt, advance, start
+from gaitsweep.engine.advance import advance
+from gaitsweep.engine.carry import Halt, start
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.poincare.poincare_return import crossing_of
 from gaitsweep.engine.recorders.crossings import CrossingRecorder

@@ -15,7 +15,7 @@ from gaitsweep.engine.kernel.columns import over_rows
 from gaitsweep.engine.kernel.lanes import kernel_of
 from gaitsweep.engine.numerics import STEP_FACTOR, Numerics
 from gaitsweep.engine.recorders.settle import SettleRecorder
-from gaitsweep.models.conformity import sample
+from gaitsweep.models.value_faults import sample
 from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
 from gaitsweep.papers.aoi2011.waist_quadruped.model import WaistQuadruped
 from gaitsweep.papers.fukuoka2015.planar_quadruped.model import PlanarQuadruped

@@ -15,7 +15,8 @@ import numpy as np
 import pytest
 
 import gaitsweep as gs
-from gaitsweep.engine.content import cached_by_content, content_of, is_users
+from gaitsweep.engine.content import cached_by_content, content_of
+from gaitsweep.engine.content_reader import is_users
 
 GAIN = 1.0
 TABLE = np.array([1.0, 2.0])

@@ -16,7 +16,7 @@ from gaitsweep.engine.numerics import longest_step
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
 from gaitsweep.papers.aoi2011.waist_quadruped import WaistQuadruped
-from gaitsweep.papers.aoi2011.waist_quadruped.semi_implicit import fastest_motion
+from gaitsweep.papers.aoi2011.waist_quadruped.fastest_motion import fastest_motion
 from tests.support.sweeping import scalars
 
 

@@ -22,8 +22,8 @@ from gaitsweep.dynamics.tree.kinematics import places
 from gaitsweep.papers.ambe2021.multilegged import model as multilegged
 from gaitsweep.papers.ambe2021.multilegged.mechanics import neighbour_force
 from gaitsweep.papers.aoi2011.waist_quadruped import mechanics
-from gaitsweep.papers.aoi2011.waist_quadruped.mechanics import WAIST
 from gaitsweep.papers.aoi2011.waist_quadruped.model import WaistQuadruped
+from gaitsweep.papers.aoi2011.waist_quadruped.posture import WAIST
 from tests.support.sweeping import scalars
 from tests.support.tree_mechanics import WorldForce
 

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from gaitsweep.engine.dependence import dependences
-from gaitsweep.engine.kernel import cuda
+from gaitsweep.engine.kernel import cuda, philox
 from gaitsweep.engine.kernel.operations import OPERATIONS
 from gaitsweep.engine.kernel.program import Kind, Program
 from gaitsweep.engine.kernel.source import C, c_function, statements
@@ -53,7 +53,7 @@ class Compiled:
         ]
         parameters = [f"const {kind} {name}" for kind, name in zip(self.types, given.values(), strict=True)]
         head = f"KERNEL void of({', '.join([*parameters, 'double* out'])})"
-        self.code = library(HOST_HEAD + c_function(head, lines), folder)
+        self.code = library(HOST_HEAD + philox.IN_C + c_function(head, lines), folder)
 
     def __call__(self, *values: Any) -> list[Any]:
         out = np.zeros(len(self.results))
@@ -77,7 +77,7 @@ def test_every_operation_in_c_is_that_of_numpy(kind: Kind, tmp_path: Path) -> No
     condition = program.input(2, "bool")
     args = {"select": (condition, a, b), **dict.fromkeys(("add", "sub", "mul", "div", "pow"), (a, b))}
     args |= dict.fromkeys(("lt", "le", "eq", "ne", "and", "or"), (a, b))
-    args |= dict.fromkeys(("fma", "fms", "fnma"), (a, b, a))
+    args |= dict.fromkeys(("fma", "fms", "fnma", "philox0", "philox1"), (a, b, a))
     nodes = {name: program.write(name, *args.get(name, (a,))) for name in sorted(names)}
     compiled = Compiled(program, [a, b, condition], list(nodes.values()), tmp_path)
     number = _NUMPY[C.types[kind]]

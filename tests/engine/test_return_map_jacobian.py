@@ -14,7 +14,8 @@ import yaml
 from gaitsweep.analysis.continuation.multipliers import multipliers
 from gaitsweep.analysis.continuation.newton import newton
 from gaitsweep.dynamics.tree.spatial import quaternion_product
-from gaitsweep.engine.advance import Halt, advance, start
+from gaitsweep.engine.advance import advance
+from gaitsweep.engine.carry import Halt, start
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.poincare.maps import Points
 from gaitsweep.engine.poincare.poincare_return import PoincareReturn, ReturnStatus, crossing_of

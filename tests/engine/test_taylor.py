@@ -14,7 +14,7 @@ import pytest
 import gaitsweep as gs
 from gaitsweep import DeclaredModel, event, observable, parameter, variable
 from gaitsweep.engine.solver.taylor import bends_back, first_zero
-from gaitsweep.engine.solver.taylor_series import along
+from gaitsweep.engine.solver.taylor_series import along, solution
 from gaitsweep.examples.compass_walker import CompassWalker
 
 ORDER = 6
@@ -46,6 +46,7 @@ FUNCTIONS = {
     "size": lambda x, y: jnp.abs(-x) + jnp.clip(y, -3.0, 3.0) + jnp.sign(x) * y,
     "moved": lambda x, y: jnp.stack([x, y, x * y])[::-1].reshape(3, 1)[1:].sum() + jnp.array([x, y])[1],
     "matrix": lambda x, y: jnp.array([[x, y], [1.0, x]]) @ jnp.array([y, 2.0 * x]) @ jnp.array([1.0, y]),
+    "of numbers and arrays": lambda x, y: jnp.where(x > 0.0, jnp.arange(2.0) - y, x * jnp.arange(2.0)).sum(),
     "indexed": lambda x, y: jnp.zeros(3).at[1].set(x * y)[jnp.array([1, 0])].sum(),
 }
 
@@ -286,6 +287,18 @@ def test_switches_of_an_extreme_are_located(method: str, error: float) -> None:
     speed = np.max(np.sin(t + 2.0 * np.arange(3.0)[:, None]), axis=0)
     place = np.concatenate([[0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]))]) * (t[1] - t[0])
     np.testing.assert_allclose(table["x"], np.interp(table["t"], t, place), rtol=0.0, atol=error)
+
+
+def test_one_rate_of_a_field_is_the_rate_of_each_of_its_numbers() -> None:
+    """The contract allows a scalar rate of an array: here y' = 1 for both numbers, and x' = cos(y)."""
+    start = Point(jnp.array([0.1, 0.2]), jnp.array([0.3, -0.4]))
+    terms = solution(
+        lambda _, s: {"x": jnp.where(s.x > 0.0, jnp.cos(s.y), s.y), "y": jnp.ones(())}, (), start, 12
+    )
+    moved = sum(term * 0.1**k for k, term in enumerate(terms["x"]))
+    # the term of order 13 is below 0.1^13 / 13!
+    expected = start.x + jnp.sin(start.y + 0.1) - jnp.sin(start.y)
+    np.testing.assert_allclose(moved, expected, rtol=0.0, atol=1e-15)
 
 
 def test_a_flow_without_recurrence_is_refused() -> None:

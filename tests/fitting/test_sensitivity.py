@@ -20,7 +20,7 @@ from gaitsweep.fitting.sensitivity import run_sensitivity
 from gaitsweep.fitting.sensitivity_job import load_sensitivity, read_sensitivity
 from gaitsweep.job import JobError
 from gaitsweep.runs.cluster import task
-from gaitsweep.runs.cluster.connection import GivenClient
+from gaitsweep.runs.cluster.connection import UserClient
 from gaitsweep.runs.cluster.dispatch import Cluster
 from tests.support.job_files import FOREIGN, written
 
@@ -144,10 +144,10 @@ def test_a_cluster_continues_a_stopped_batch(tmp_path: Path, monkeypatch: pytest
         distributed.Client(workers, set_as_default=False) as client,
     ):
         with pytest.raises(KeyboardInterrupt):
-            run_sensitivity(job, shared, on_progress=stop, cluster=Cluster(GivenClient(client)))
+            run_sensitivity(job, shared, on_progress=stop, cluster=Cluster(UserClient(client)))
         before = len(kept)
         assert before > 0
-        run_sensitivity(job, shared, cluster=Cluster(GivenClient(client)))
+        run_sensitivity(job, shared, cluster=Cluster(UserClient(client)))
     assert sorted(set(kept)) == list(range(len(set(kept))))
     assert len(kept) <= len(set(kept)) + 1  # a block that was under way may be computed again
     same_files(shared, tmp_path / "alone")

@@ -205,7 +205,7 @@ LINES: list[tuple[int, str, list[str]]] = [
         "run:",
         [
             "run is missing",
-            "settle, fixed_time, trace, ramp, return_map, staircase, continuation, folds or atlas",
+            "settle, fixed_time, trace, ramp, return_map, staircase, continuation, folds, atlas or perturb",
         ],
     ),
     (

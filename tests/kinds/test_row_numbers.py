@@ -18,7 +18,7 @@ import gaitsweep as gs
 from gaitsweep import kinds
 from gaitsweep.contract import Model, Params, Quantity
 from gaitsweep.design import Design
-from gaitsweep.engine.advance import Carry, Halt
+from gaitsweep.engine.carry import Carry, Halt
 from gaitsweep.engine.recorders.recorder import (
     Beginning,
     LaneRecord,

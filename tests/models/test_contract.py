@@ -28,7 +28,7 @@ from gaitsweep.contract import (
     SteppedModel,
 )
 from gaitsweep.kinds.columns import STATUSES
-from gaitsweep.models.conformity import faults
+from gaitsweep.models.value_faults import faults
 from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
 from gaitsweep.papers.ambe2021.multilegged.reduced import MultileggedReduced
 from tests.support.sweeping import scalars

@@ -14,12 +14,14 @@ from reference import multilegged_scipy
 from reference.multilegged_page import Parameters
 
 from gaitsweep.contract import Params, State, Status
-from gaitsweep.engine.advance import Halt, advance, start
+from gaitsweep.engine.advance import advance
+from gaitsweep.engine.carry import Halt, start
 from gaitsweep.engine.numerics import Numerics, step_of
 from gaitsweep.engine.poincare.poincare_return import LATEST, crossing_of
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.papers.ambe2021.multilegged.model import GAITS, Multilegged
+from gaitsweep.papers.ambe2021.multilegged.state import leg_lengths
 from tests.support.multilegged_crossings import FILE, reference, simulated, wrapped
 from tests.support.sweeping import run_rows, scalars
 
@@ -237,7 +239,7 @@ def test_the_start_is_the_section() -> None:
         assert abs(float(state.phi[0]) - (2 * np.pi - 0.9 * b)) < 1e-12
         np.testing.assert_allclose(np.asarray(state.y), [0.9 * b / 0.5, 0, 0, 0], atol=1e-12)
         # what the ground bears is the whole weight
-        length, _ = model._leg(params, state.phi, state.segment)
+        length, _ = leg_lengths(params, state.phi, state.segment)
         load = np.where(state.contact, 1e5 * (length - state.x), 0.0)
         assert abs(load.sum() - (2 * 0.9 + 2 * 1.0) * 9.8) < 1e-3
 

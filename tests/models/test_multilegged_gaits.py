@@ -12,15 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gaitsweep.papers.ambe2021.theory.chain import Chain
-from gaitsweep.papers.ambe2021.theory.gaits import (
-    GAITS,
-    LOCKED,
-    NONE,
-    SOURCE,
-    classify,
-    distances,
-    gait_of,
-)
+from gaitsweep.papers.ambe2021.theory.gaits import GAITS, LOCKED, NONE, SOURCE, classify, distances, gait_of
 from gaitsweep.papers.ambe2021.theory.solution_sets import Branch, branches
 from tests.support.multilegged_solutions import solution_set, solution_sets
 

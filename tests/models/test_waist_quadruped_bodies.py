@@ -26,7 +26,7 @@ from gaitsweep.engine.sweep.engines import EngineError, choose
 from gaitsweep.job import Job, JobError, load_job
 from gaitsweep.papers.aoi2011.waist_quadruped import WaistQuadruped
 from gaitsweep.papers.aoi2011.waist_quadruped.foot_path import STANCE
-from gaitsweep.papers.aoi2011.waist_quadruped.mechanics import mjcf
+from gaitsweep.papers.aoi2011.waist_quadruped.sizes import mjcf
 from tests.support.sweeping import complete, run_rows
 
 DT = 2e-4

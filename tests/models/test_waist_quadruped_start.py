@@ -10,12 +10,14 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from gaitsweep.engine.advance import advance, start
+from gaitsweep.engine.advance import advance
+from gaitsweep.engine.carry import start
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.trace import TraceRecorder
 from gaitsweep.papers.aoi2011.waist_quadruped import WaistQuadruped
+from gaitsweep.papers.aoi2011.waist_quadruped.bodies import WaistTreeBody
 from gaitsweep.papers.aoi2011.waist_quadruped.rhythm import phase_rates
-from gaitsweep.papers.aoi2011.waist_quadruped.semi_implicit import SemiImplicit, WaistTreeBody
+from gaitsweep.papers.aoi2011.waist_quadruped.semi_implicit import SemiImplicit
 from tests.support.sweeping import run_rows, scalars
 
 # How far delta_13 is from what is wanted (rad), the pull (rad/s), when it ends, and when to look (s).

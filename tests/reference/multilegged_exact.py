@@ -17,16 +17,7 @@ import numpy as np
 from scipy.linalg import expm
 from scipy.optimize import brentq
 
-from .multilegged_page import (
-    Array,
-    Parameters,
-    Record,
-    State,
-    jump,
-    leg_lengths,
-    section,
-    start,
-)
+from .multilegged_page import Array, Parameters, Record, State, jump, leg_lengths, section, start
 
 FINEST = 2.5e-4  # s, the shortest interval of samples
 LEVELS = 6  # lengths of these intervals, each twice the one before

@@ -7,15 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from .multilegged_page import (
-    Array,
-    Parameters,
-    Record,
-    State,
-    jump,
-    section,
-    start,
-)
+from .multilegged_page import Array, Parameters, Record, State, jump, section, start
 
 Event = tuple[str, int]
 Guard = Callable[[float, Array], float]

@@ -14,9 +14,9 @@ import gaitsweep as gs
 from gaitsweep.runs.prepare import RunError
 from gaitsweep.runs.row_range import blocks_of, run_rows
 from gaitsweep.table import Snapshot, TableError, examination
-from gaitsweep.table.directory import PartWriter
 from gaitsweep.table.locks import BlockLocks, Lock
 from gaitsweep.table.manifest import Layout
+from gaitsweep.table.part_writer import PartWriter
 
 OVERRIDES = ["vary.launch_1={linspace: [0.2, 3.0, 10]}", "verify=4"]  # 120 rows in blocks of 32
 

@@ -18,9 +18,12 @@ import pytest
 import gaitsweep as gs
 from gaitsweep.cli import main
 from gaitsweep.job import Job
-from gaitsweep.runs import execute
+from gaitsweep.kinds.run_kind import RunKind
+from gaitsweep.runs import concurrent_self_check, execute
 from gaitsweep.runs.execute import run_job
-from gaitsweep.runs.self_check import SelfCheck, counted, sample_rows
+from gaitsweep.runs.observable_changes import counted
+from gaitsweep.runs.sampled_rows import sample_rows
+from gaitsweep.runs.self_check_result import SelfCheck
 from gaitsweep.runs.sentences import advice, self_check_sentence
 from gaitsweep.table import directory
 
@@ -121,7 +124,7 @@ def test_its_failure_beside_the_rows_is_raised_and_the_table_is_complete(
     def fails(*_: Any) -> dict[str, Any]:
         raise RuntimeError("no check")
 
-    monkeypatch.setattr(execute, "self_check", fails)
+    monkeypatch.setattr(concurrent_self_check, "self_check", fails)
     with pytest.raises(RuntimeError, match="no check"):
         gs.run(job(vary={"x_0": [0.5, 0.8]}), tmp_path / "out")
     assert gs.load(tmp_path / "out").attrs["complete"]
@@ -143,7 +146,7 @@ def test_stopped_rows_stop_it(tmp_path: Path, beside: None, monkeypatch: pytest.
         assert called.wait(10.0)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(execute, "self_check", endless)
+    monkeypatch.setattr(concurrent_self_check, "self_check", endless)
     with pytest.raises(KeyboardInterrupt):
         run_job(job(vary={"x_0": [0.5, 0.8]}), tmp_path / "out", on_progress=stop)
 
@@ -357,3 +360,49 @@ def test_observables_without_a_size_do_not_hide_changes() -> None:
     assert hidden.worst["name"] == "x", "one row of unknown size hides no other"
     hidden.record_changes((gs.Quantity("t", "s", "time"),), np.array([[1e-3]]), np.zeros((1, 1)))
     assert hidden.worst["name"] == "t", "a change of what has no size is one beyond any size"
+
+
+class TwoOscillators(gs.DeclaredModel):
+    """Two phase oscillators, coupled: in phase they are stable if K > 0, in antiphase if K < 0."""
+
+    omega = gs.parameter("rad/s", "frequency", 2.0 * np.pi)
+    K = gs.parameter("rad/s", "coupling", 1.0)
+    first = gs.variable("rad", "phase of the first", 0.0, circular=True)
+    second = gs.variable("rad", "phase of the second", 0.0, circular=True)
+
+    def flow(self, p: Any, s: Any) -> dict[str, Any]:
+        pull = p.K * jnp.sin(s.second - s.first)
+        return {"first": p.omega + pull, "second": p.omega - pull}
+
+    @gs.event("turn", section=True)
+    def turn(self, p: Any, s: Any) -> Any:
+        return s.first - 2.0 * jnp.pi
+
+    @turn.jump
+    def back(self, p: Any, s: Any) -> Any:
+        return s.replace(first=s.first - 2.0 * jnp.pi)
+
+    def period(self, p: Any) -> Any:
+        return 2.0 * np.pi / p.omega
+
+
+SLOW = pytest.mark.slow
+UP, DOWN = [0.5, 0.1], [0.5, -0.5]
+
+
+@pytest.mark.parametrize(
+    ("run", "axes", "unstable"),
+    [
+        (gs.Settle(max_cycles=60), {"K": [-0.2, 0.2], "second_0": [0.0, np.pi]}, 2),
+        (gs.Staircase(parameter="K", path=DOWN, step=0.25, dwell=30.0), {}, 1),
+        pytest.param(gs.Staircase(parameter="K", path=UP, step=0.2, dwell=30.0), {}, 0, marks=SLOW),
+        pytest.param(gs.Ramp(parameter="K", path=DOWN, rate=0.05), {}, 1, marks=SLOW),
+        pytest.param(gs.Ramp(parameter="K", path=UP, rate=0.05), {}, 0, marks=SLOW),
+    ],
+)
+def test_rows_that_stay_on_an_unstable_gait_are_marked(run: RunKind, axes: Any, unstable: int) -> None:
+    """A displacement grows by exp(-2 K) in a cycle in phase, and by exp(2 K) in antiphase."""
+    wrong = pytest.warns(UserWarning, match="unstable gait") if unstable else contextlib.nullcontext()
+    with wrong:
+        result = gs.sweep(TwoOscillators, run=run, verify=4, **axes)
+    assert result.manifest["self_check"]["unstable"] == unstable

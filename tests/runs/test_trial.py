@@ -17,7 +17,8 @@ from gaitsweep.design.design import Design
 from gaitsweep.examples.compass_walker import CompassWalker
 from gaitsweep.examples.slip_runner import STANCE, SlipRunner
 from gaitsweep.job.checks import _some_rows, remarks_on_rows
-from gaitsweep.models.conformity import faults, idle_starts
+from gaitsweep.models.conformity import idle_starts
+from gaitsweep.models.value_faults import faults
 from gaitsweep.runs.trial import _with_rates, trial
 from tests.support.sweeping import scalars
 

@@ -11,7 +11,7 @@ from gaitsweep.contract import Quantity
 from gaitsweep.job import Job
 from gaitsweep.kinds.columns import STATUSES, quantities_of
 from gaitsweep.kinds.run_kind import table_columns
-from gaitsweep.table.reading import outcomes
+from gaitsweep.table.frames import outcomes
 
 RECORDS = 24  # of a row, where a run makes several
 

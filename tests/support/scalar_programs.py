@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import ctypes
 import dataclasses
+import functools
 import math
 import types
 from collections.abc import Callable, Sequence
@@ -15,6 +16,7 @@ import numpy as np
 from llvmlite import ir
 from scipy import special
 
+from gaitsweep.dynamics.noise import fraction
 from gaitsweep.engine.kernel import llvm_code
 from gaitsweep.engine.kernel.program import Kind, Program
 from gaitsweep.engine.kernel.source import PYTHON, statements
@@ -40,6 +42,7 @@ NAMES: dict[str, Any] = {
     "floor64": np.floor,
     "sqrt32": np.sqrt,
     "sqrt64": np.sqrt,
+    **{f"philox{half}": functools.partial(fraction, half=half) for half in (0, 1)},
     "_where": np.where,
     "_not": np.logical_not,
 }

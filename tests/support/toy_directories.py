@@ -8,8 +8,8 @@ import numpy as np
 import pandas as pd
 
 from gaitsweep.table import ResultDirectory
+from gaitsweep.table.frames import outcomes
 from gaitsweep.table.manifest import Layout
-from gaitsweep.table.reading import outcomes
 
 JOB = {"name": "toy", "model": "toy", "vary": {"a": [0.0, 1.0]}}
 

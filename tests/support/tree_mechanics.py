@@ -13,16 +13,7 @@ import numpy as np
 from gaitsweep.dynamics.tree.articulated_tree import WORLD, Geometry, Tree
 from gaitsweep.dynamics.tree.dynamics import _bodies, _carried, passive_forces, rigid_body
 from gaitsweep.dynamics.tree.kinematics import Place, movements, places, velocity
-from gaitsweep.dynamics.tree.spatial import (
-    EYE,
-    ZERO,
-    Array,
-    ForceVector,
-    MotionVector,
-    Scalar,
-    cross,
-    turned,
-)
+from gaitsweep.dynamics.tree.spatial import EYE, ZERO, Array, ForceVector, MotionVector, Scalar, cross, turned
 
 
 @jax.tree_util.register_dataclass

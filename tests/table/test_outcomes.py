@@ -10,7 +10,7 @@ import pytest
 
 from gaitsweep.analysis.records import outcome_labels
 from gaitsweep.table import load, load_parts
-from gaitsweep.table.reading import outcomes
+from gaitsweep.table.frames import outcomes
 from tests.support.toy_directories import block_frame, fill, open_toy
 
 

@@ -28,9 +28,10 @@ from gaitsweep.plot import theme
 from gaitsweep.runs.dataset import MissingPackageError
 from gaitsweep.view.explorer.encoding import RESOLUTION, motion_fields, packed
 from gaitsweep.view.explorer.explorer import write_explorer
+from gaitsweep.view.explorer.page_columns import columns_of, html_symbol
 from gaitsweep.view.explorer.plotly_source import fast_to_load
 from gaitsweep.view.explorer.replays import Motion, Pictures, Stretch, pictures_of
-from gaitsweep.view.explorer.start_map import CELLS, StartMap, columns_of, html_symbol, with_next
+from gaitsweep.view.explorer.start_map import CELLS, StartMap, with_next
 from gaitsweep.view.explorer.traced_cells import boundary, spread, subgrid
 from gaitsweep.view.movie.animation import Clip
 from gaitsweep.view.movie.side_view import heading, projected, turned

@@ -10,8 +10,8 @@ import numpy as np
 from gaitsweep.analysis.atlas.periodic_orbits import SAME
 from gaitsweep.analysis.continuation.arclength import BranchPoints, ContinuationProblem
 from gaitsweep.analysis.continuation.bifurcation_curves import CurvePoint, followed, step
+from gaitsweep.analysis.continuation.branch_follower import ArclengthSteps
 from gaitsweep.analysis.continuation.branch_points import CROSSINGS
-from gaitsweep.analysis.continuation.continuation import ArclengthSteps
 from gaitsweep.analysis.continuation.critical_points import CriticalEquations, CriticalPoint, equations_at
 from gaitsweep.analysis.continuation.lockstep import Computation, alone
 from gaitsweep.engine.poincare.maps import Points

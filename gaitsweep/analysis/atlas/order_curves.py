@@ -34,7 +34,7 @@ class OrderChange:
         values: the other parameters, (1,) each.
         fix: conserved quantities that are held, and their values (1,).
         point: a point of the gait.
-        here: the values of both parameters.
+        home: the values of both parameters there.
         events: the events on one side of the change.
         change: what changes there, as `change_of_order` says it.
     """
@@ -46,7 +46,7 @@ class OrderChange:
     values: Values
     fix: dict[str, Any]
     point: Points
-    here: tuple[float, float]
+    home: tuple[float, float]
     events: Events
     change: str
 
@@ -55,7 +55,7 @@ class OrderChange:
 
         The curve is a function of the second parameter; it ends where the change is no longer found.
         """
-        first = self._located(self.here[1], self.here[0], self.point)
+        first = self._located(self.home[1], self.home[0], self.point)
         if first is None:
             return []
         sides = [self._side(first, direction) for direction in (-1, 1)]
@@ -71,8 +71,8 @@ class OrderChange:
         """The records in one direction of the second parameter, and why they end."""
         low, high = self.within[1]
         border = high if direction > 0 else low
-        levels = np.arange(1, STEPS) * (high - low) / STEPS * direction + self.here[1]
-        levels = [*levels[(levels > low) & (levels < high)], border] if self.here[1] != border else []
+        levels = np.arange(1, STEPS) * (high - low) / STEPS * direction + self.home[1]
+        levels = [*levels[(levels > low) & (levels < high)], border] if self.home[1] != border else []
         records: list[dict[str, Any]] = []
         for level in levels:
             last, before = ([first, first, *records][k] for k in (-1, -2))
@@ -93,14 +93,15 @@ class OrderChange:
         while width <= WIDEST:
             half = width * (high - low)
             interval = max(low, guess - half), min(high, guess + half)
-            if interval[0] < interval[1] and (found := self._within(level, interval, near)) is not None:
-                return found
+            record = self._within(level, interval, near) if interval[0] < interval[1] else None
+            if record is not None:
+                return record
             width *= WIDER
         return None
 
     def _within(self, level: float, interval: tuple[float, float], near: Points) -> dict[str, Any] | None:
         """The change in an interval of the first parameter, by intervals of it that get smaller."""
-        ends, found = interval, None
+        ends, record = interval, None
         for _ in range(ROUNDS):
             at = np.linspace(*ends, VALUES)
             starts = Points.joined([near] * VALUES)
@@ -115,18 +116,18 @@ class OrderChange:
             place = int(changes[np.argmin(np.abs(changes - 0.5 * (VALUES - 2)))])
             ends = float(at[place]), float(at[place + 1])
             side = place if same[place] == 1.0 else place + 1
-            held = [quantity.name in self.fix for quantity in self.mapping.conserved]
-            gradients = fixed.images.conserved_jacobian[[side]][:, held]
+            constrained = [quantity.name in self.fix for quantity in self.mapping.conserved]
+            gradients = fixed.images.conserved_jacobian[[side]][:, constrained]
             factors = multipliers(fixed.images.jacobian[[side]], gradients)[0]
             near = fixed.points[[side]]
-            found = {
+            record = {
                 self.parameter: 0.5 * (ends[0] + ends[1]),
                 self.second: level,
                 **{name: float(column[side]) for name, column in fixed.images.observed.items()},
                 "unstable": int(np.sum(np.abs(factors) > 1.0)),
                 "at": near,
             }
-        return found
+        return record
 
     def _same(
         self, points: Points, values: Values, converged: Bool[np.ndarray, " values"]
@@ -135,10 +136,9 @@ class OrderChange:
 
         Other changes of the order, which this curve may cross, do not count.
         """
-        events, mine = self.mapping.events(points, values), set(self.change.split(", "))
-        return np.array(
-            [
-                float(not mine & set(change_of_order(self.events, own).split(", "))) if ok else np.nan
-                for ok, own in zip(converged, events, strict=True)
-            ]
-        )
+        parts = set(self.change.split(", "))
+        changes = [
+            change_of_order(self.events, events).split(", ") for events in self.mapping.events(points, values)
+        ]
+        same = np.array([float(parts.isdisjoint(change)) for change in changes])
+        return np.where(converged, same, np.nan)

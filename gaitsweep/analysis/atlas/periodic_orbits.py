@@ -118,8 +118,8 @@ class OrbitSearch:
         while active.size and starts < self.options.budget:
             count = min(self.options.batch, self.options.budget - starts)
             self.options.on_progress(starts, len(self.orbits))
-            of = np.repeat(active, count)
-            new = self.add(draw(of, starts), of)
+            row_of_start = np.repeat(active, count)
+            new = self.add(draw(row_of_start, starts), row_of_start)
             starts += count
             for row in active.tolist():
                 idle[row] = 0 if row in new else idle[row] + 1
@@ -134,7 +134,7 @@ class OrbitSearch:
         for period in range(1, self.options.periods + 1):
             mapping = self.mapping.iterated(period)
             # a search that does not come near an orbit soon is worth less than another start
-            found = newton(
+            search = newton(
                 mapping,
                 starts,
                 rows_of(self.values, rows),
@@ -142,12 +142,12 @@ class OrbitSearch:
                 most=STEPS,
                 halvings=HALVINGS,
             )
-            converged = np.flatnonzero(found.converged)
+            converged = np.flatnonzero(search.converged)
             # an orbit that many searches found is polished once
-            groups = [converged[k] for k in self._grouped(found.points[converged], rows[converged])]
+            groups = [converged[k] for k in self._grouped(search.points[converged], rows[converged])]
             unknown = []
             for group in groups:
-                known = self._known(found.points[group[:1]], int(rows[group[0]]))
+                known = self._known(search.points[group[:1]], int(rows[group[0]]))
                 if known is None:
                     unknown.append(group)
                 else:
@@ -155,7 +155,7 @@ class OrbitSearch:
             if unknown:
                 hits = [len(group) if drawn else 0 for group in unknown]
                 first = np.array([group[0] for group in unknown])
-                new |= self._insert(found.points[first], rows[first], period, hits)
+                new |= self._insert(search.points[first], rows[first], period, hits)
         return new
 
     def mark_reached(self, ends: Points, rows: Rows, sound: Bool[np.ndarray, " points"]) -> None:
@@ -167,12 +167,13 @@ class OrbitSearch:
             sound: whether each start came so far.
         """
         for place, orbit in enumerate(self.orbits):
-            of = np.flatnonzero(rows == orbit.row)
+            starts = np.flatnonzero(rows == orbit.row)
             values = rows_of(self.values, np.full(orbit.period, orbit.row))
-            images = [orbit.points, *self.mapping.mirrored(orbit.points, values).values()]
-            points = np.concatenate([image.at for image in images])
-            away = self.mapping.distance(points[None], ends.at[of][:, None])
-            share = float(np.mean((np.min(away, axis=1) < REACHED) & sound[of])) if of.size else np.nan
+            points = np.concatenate([image.at for image in with_images(self.mapping, orbit.points, values)])
+            away = self.mapping.distance(points[None], ends.at[starts][:, None])
+            share = (
+                float(np.mean((np.min(away, axis=1) < REACHED) & sound[starts])) if starts.size else np.nan
+            )
             self.orbits[place] = dataclasses.replace(orbit, reached=share)
 
     def _grouped(self, points: Points, rows: Rows) -> list[Rows]:
@@ -192,13 +193,13 @@ class OrbitSearch:
     def _insert(self, points: Points, rows: Rows, period: int, hits: Sequence[int]) -> set[int]:
         """Add the orbits through n points, or the hits of those that are known; the rows with new ones."""
         values, fix = rows_of(self.values, rows), rows_of(self.fix, rows)
-        found = polished(self.mapping, points, rows, values, period, fix)
-        sound = np.array([k for k, orbit in enumerate(found) if orbit is not None], int)
-        orbits = [orbit for orbit in found if orbit is not None]
+        candidates = polished(self.mapping, points, rows, values, period, fix)
+        sound = np.array([k for k, orbit in enumerate(candidates) if orbit is not None], int)
+        orbits = [orbit for orbit in candidates if orbit is not None]
         if not orbits:
             return set()
         firsts = Points.joined([orbit.points[[0]] for orbit in orbits])
-        images = [firsts, *self.mapping.mirrored(firsts, rows_of(values, sound)).values()]
+        images = with_images(self.mapping, firsts, rows_of(values, sound))
         new = set()
         for place, (orbit, k) in enumerate(zip(orbits, sound, strict=True)):
             own = (self._known(image[[place]], orbit.row) for image in images)
@@ -224,6 +225,11 @@ class OrbitSearch:
         return None
 
 
+def with_images(mapping: Map, points: Points, values: Values) -> list[Points]:
+    """Points (n,) and their images (n,) under each symmetry of a map."""
+    return [points, *mapping.mirrored(points, values).values()]
+
+
 def polished(
     mapping: Map,
     points: Points,
@@ -239,8 +245,8 @@ def polished(
         orbit is the larger of the last Newton step and the distance to the orbit of the refined map.
     """
     iterated = mapping.iterated(period)
-    found = newton(iterated, points, values, fix=fix)
-    at, residual, images = found.points, found.residual, found.images
+    fixed = newton(iterated, points, values, fix=fix)
+    at, residual, images = fixed.points, fixed.residual, fixed.images
     for _ in range(POLISHING):
         again = newton(iterated, at, values, fix=fix, tolerance=0.0, most=1)
         better = np.flatnonzero(again.residual < residual)
@@ -252,7 +258,7 @@ def polished(
     mirrored, errors = mapping.mirrored(at, values), _errors(iterated, at, images, values, fix)
     polished_orbits: list[Orbit | None] = []
     for k, (orbit, error) in enumerate(zip(orbits, errors, strict=True)):
-        if orbit is None or not found.converged[k]:
+        if orbit is None or not fixed.converged[k]:
             polished_orbits.append(None)
             continue
         apart = {name: np.min(mapping.distance(orbit.at, image.at[k])) for name, image in mirrored.items()}

@@ -37,7 +37,7 @@ class ProximityMapper:
             relative to its magnitude at the attractors.
 
     Raises:
-        ValueError: the number of labels is not that of the points, or all labels are equal.
+        ArgumentError: the number of labels is not that of the points, or all labels are equal.
     """
 
     def __init__(
@@ -82,7 +82,7 @@ class LabelMapper:
         only: gaits that count as attractors; other labels are undecided. By default all gaits count.
 
     Raises:
-        ValueError: the model does not have a gait in `only`.
+        ArgumentError: the model does not have a gait in `only`.
     """
 
     def __init__(
@@ -155,7 +155,7 @@ def fates(
         w; the number (n,) of evaluations of the map; and the coordinates (n, size) of the last points.
 
     Raises:
-        ValueError: `mapper` does not give one label for each trajectory.
+        ArgumentError: `mapper` does not give one label for each trajectory.
     """
     labels, cycles = np.full(len(points), UNDECIDED), np.zeros(len(points), int)
     ends = points.at.copy()

@@ -67,7 +67,7 @@ def follow_attractors(
     space = Space.of(table, grouping.get("columns") or state_columns(table), grouping.get("scales"))
     if within is None:
         within = _half_the_smallest(space, [grouped.states for grouped in groupings])
-    latest: dict[str, np.ndarray] = {}  # the latest states of each attractor
+    latest: dict[str, Float[np.ndarray, "states columns"]] = {}  # the latest states of each attractor
     present: list[str] = []
     orbits: set[str] = set()
     columns, summaries = [], []

@@ -14,23 +14,17 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-import scipy
 from jaxtyping import Bool, Float, Int
 
+from gaitsweep.analysis.basins.line_corners import box_dimension, cut_at_corners
+from gaitsweep.analysis.basins.sampled_sets import sampled_sets
+from gaitsweep.analysis.basins.single_linkage import cells, components, linking_distance, spanning_tree
 from gaitsweep.analysis.basins.state_space import Space, StateArray, extent, state_columns
 from gaitsweep.analysis.records import AnalysisError, require
-from gaitsweep.contract import Status
+from gaitsweep.contract import RECURRENT, Status
 
-Links = Int[np.ndarray, "links 2"]  # pairs of states
-Groups = Int[np.ndarray, " states"]  # a number for each state
-GRAINS_OF_A_POINT = 10.0  # largest extent of a point attractor, in grains
 CYCLES_OF_A_GRAIN = 10.0  # cycles in which a row settled to the tolerance of `run` may still move by a grain
 _GRAIN = 0.01  # rad; for tables without a tolerance
-# radius of the neighbourhood that gives the direction of a line, as a share of its extent
-WINDOW = 1.0 / 16.0
-BENT = 0.05  # variance across a line over that along it, at a corner; 0.25 at a right angle, 0 if straight
-MOST_CELLS = 8192  # the time of the spanning tree grows with their square
-GAP = 3.0  # least ratio of successive link lengths at a gap between attractors
 
 _KINDS = ("point", "line", "surface", "space")
 
@@ -42,13 +36,15 @@ class Attractors:
     `column`: the attractor of each row, a category; NaN where the row did not settle or was inferred. Rows at
     rest (at a fixed point of the flow) are in no attractor with rows that settled on their section. Rows on
     orbits of p crossings are in one attractor if their crossings are linked in turn, from whichever crossing
-    on; in tables of older versions, which have one crossing of each, they all are `period p`.
+    on; in tables of older versions, which have one crossing of each, they all are `period p`. Chaotic and
+    quasi-periodic rows are in one attractor if their crossings are samples of one set (`sampled_sets`).
     `summary`: one record an attractor: attractor (its name), rows, share (of the settled rows), the columns
     of a state in its middle (of an orbit: at a crossing), extent (the distance between its ends, in the
     columns' unit, over whole turns; NaN for orbits), dimension and kind (point, line, surface, or space from
-    3 dimensions on; `rest` at rest; `period p`). `link`: the largest link within an attractor that is no
-    orbit, inf where there is one attractor. `grain`: the distance below which states are equal. `states`:
-    states of each attractor by its name, (m, d), one for each cell, in units of the scales.
+    3 dimensions on; `rest` at rest; `period p`; `chaotic`; `quasi_periodic`). `link`: the largest link within
+    an attractor of settled states, inf where there is one attractor. `grain`: the distance below which states
+    are equal. `states`: states of each attractor by its name, (m, d), one for each cell, in units of the
+    scales.
     """
 
     column: pd.Series
@@ -103,46 +99,63 @@ def attractors(
     if not grain > 0.0 or not (link is None or link > 0.0):
         raise AnalysisError(f"grain is {grain:g} and link {link}, but both must be above 0.")
     space = Space.of(table, columns, scales)
-    settled = _settled(table, columns)
-    points = space.points(table, columns)[settled]
+    groups, link_of_points = _point_groups(space, table, columns, grain, link, corners)
+    periods = _periods(table)
+    for period in np.unique(periods[periods > 1]).tolist():
+        groups += _orbit_groups(space, table, columns, period, grain, link)
+    for status in sorted(RECURRENT):
+        for rows, states in sampled_sets(space, table, columns, status):
+            record: dict[str, object] = {**table.iloc[rows[0]][columns], "kind": status}
+            groups.append(_Group(rows, states, record))
+    names = [
+        f"A{number}" if len(group.states) else str(group.record["kind"])
+        for number, group in enumerate(groups, 1)
+    ]
+    codes = np.full(len(table), -1)
+    for number, group in enumerate(groups):
+        codes[group.rows] = number
+    column = pd.Series(pd.Categorical.from_codes(codes.tolist(), names), index=table.index, name="attractor")
+    records = [group.record for group in groups]
+    summary = pd.DataFrame(records, columns=[*columns, "extent", "dimension", "kind"])
+    rows = np.array([len(group.rows) for group in groups], np.int64)
+    counted = pd.DataFrame({"attractor": names, "rows": rows, "share": rows / max(rows.sum(), 1)})
+    states = {name: group.states for name, group in zip(names, groups, strict=True) if len(group.states)}
+    return Attractors(column, pd.concat([counted, summary], axis=1), link_of_points, grain, states)
+
+
+@dataclasses.dataclass(frozen=True)
+class _Group:
+    """The rows of one attractor, its states (m, d), none if unknown, and its record in the summary."""
+
+    rows: Int[np.ndarray, " rows"]
+    states: StateArray
+    record: dict[str, object]
+
+
+def _point_groups(
+    space: Space, table: pd.DataFrame, columns: Sequence[str], grain: float, link: float | None, corners: bool
+) -> tuple[list[_Group], float]:
+    """The rows of each attractor that is no orbit, the most frequent first, and the longest link."""
+    rows = np.flatnonzero(_settled(table, columns))
+    points = space.points(table, columns)[rows]
     binned = cells(space, points, grain)
     states = points[binned.first]
     links, lengths = spanning_tree(space, states)
-    orbits = _orbits(table)
-    periods = [int(p) for p in np.unique(orbits[orbits > 1])]
-    cycles = [
-        (p, *cycle) for p in periods for cycle in _grouped_orbits(space, table, columns, p, grain, link)
-    ]
     link = linking_distance(lengths, binned.side, len(points)) if link is None else link
     flat = space.unrolled(states, links)
     group = components(len(states), links[lengths <= link])
     if corners:
         gaps = np.where(lengths <= link, lengths, 0.0)
-        group = _cut_at_corners(space, states, flat, group, links, gaps, binned.side)
-    resting = (table["status"].astype(str) == Status.at_rest.name).to_numpy()[settled][binned.first]
+        group = cut_at_corners(space, states, flat, group, links, gaps, binned.side)
+    resting = (table["status"].astype(str) == Status.at_rest.name).to_numpy()[rows][binned.first]
     group = np.unique(np.stack([group, resting]), axis=1, return_inverse=True)[1].reshape(-1)
-    # the largest first
-    order = np.argsort(-np.bincount(group[binned.of]), kind="stable")
-    members = {f"A{number + 1}": group == own for number, own in enumerate(order)}
-    codes = np.full(len(table), -1)
-    codes[settled] = np.argsort(order, kind="stable")[group[binned.of]]
-    names = [*members]
-    states_of = {name: states[own] for name, own in members.items()}
-    for p, rows, crossings in cycles:
-        codes[rows] = len(names)
-        names.append(f"A{len(names) + 1}" if len(crossings) else f"period {p}")
-        states_of |= {names[-1]: crossings} if len(crossings) else {}
-    column = pd.Series(pd.Categorical.from_codes(codes.tolist(), names), index=table.index, name="attractor")
-    records = []
-    for own in members.values():
-        record = _described(space, states[own], flat[own], binned.side, columns)
-        records.append(record | ({"kind": "rest"} if resting[own].any() else {}))
-    for p, rows, _ in cycles:
-        records.append(dict(table.iloc[rows[0]][columns]) | {"dimension": 0, "kind": f"period {p}"})
-    summary = pd.DataFrame(records, columns=[*columns, "extent", "dimension", "kind"])
-    rows = np.bincount(codes[codes >= 0], minlength=len(names))
-    counted = pd.DataFrame({"attractor": names, "rows": rows, "share": rows / max(rows.sum(), 1)})
-    return Attractors(column, pd.concat([counted, summary], axis=1), link, grain, states_of)
+    groups = []
+    for number in _largest_first(group[binned.of]):
+        members = group == number
+        record = _described(space, states[members], flat[members], binned.side, columns)
+        record |= {"kind": "rest"} if resting[members].any() else {}
+        groups.append(_Group(rows[members[binned.of]], states[members], record))
+    return groups, link
 
 
 def with_attractors(table: pd.DataFrame, **grouping: Any) -> pd.DataFrame:
@@ -178,61 +191,64 @@ def _grain_of(table: pd.DataFrame) -> float:
 
 
 def _settled(table: pd.DataFrame, columns: Sequence[str]) -> Bool[np.ndarray, " rows"]:
-    """Whether each row settled at a state, on its section or at rest, (n,)."""
+    """Mask of the rows that settled at a state, on their section or at rest, (n,)."""
     finite = np.isfinite(table[list(columns)].to_numpy(float)).all(axis=1)
     status = table["status"].astype(str)
-    return finite & status.isin([Status.settled.name, Status.at_rest.name]).to_numpy() & (_orbits(table) <= 1)
+    return (
+        finite & status.isin([Status.settled.name, Status.at_rest.name]).to_numpy() & (_periods(table) <= 1)
+    )
 
 
-def _orbits(table: pd.DataFrame) -> Int[np.ndarray, " rows"]:
+def _periods(table: pd.DataFrame) -> Int[np.ndarray, " rows"]:
     """The period (n,) of each row's attractor in crossings; 1 in older tables without that column."""
     if "attractor_period" not in table.columns:
         return np.ones(len(table), int)
     return table["attractor_period"].fillna(0).to_numpy(int)
 
 
-def _grouped_orbits(
-    space: Space, table: pd.DataFrame, columns: Sequence[str], p: int, grain: float, link: float | None
-) -> list[tuple[Int[np.ndarray, " rows"], StateArray]]:
-    """The rows on each orbit of `p` crossings, the most frequent first, and its states; none if unknown."""
-    rows = np.flatnonzero(_orbits(table) == p)
-    names = [[*columns], *([f"{name}_{k}" for name in columns] for k in range(2, p + 1))]
+def _orbit_groups(
+    space: Space,
+    table: pd.DataFrame,
+    columns: Sequence[str],
+    period: int,
+    grain: float,
+    link: float | None,
+) -> list[_Group]:
+    """The rows on each orbit of `period` crossings, the most frequent first, and its states."""
+    rows = np.flatnonzero(_periods(table) == period)
+    kind = f"period {period}"
+    names = [[*columns], *([f"{name}_{k}" for name in columns] for k in range(2, period + 1))]
     ends = table.iloc[rows].reindex(columns=[name for own in names for name in own])
     crossings = np.stack([space.points(ends, own) for own in names], axis=1)
     if not np.isfinite(crossings).all():  # of an older version
-        return [(rows, crossings[:0, 0])]
+        return [_orbit_group(table, columns, rows, crossings[:0, 0], kind)]
     points = crossings.reshape(-1, len(columns))
     binned = cells(space, points, grain)
     states = points[binned.first]
     links, lengths = spanning_tree(space, states)
-    # an orbit has p groups of crossings, so that the most groups are p times as many
-    link = linking_distance(lengths, binned.side, p * len(points)) if link is None else link
-    place = components(len(states), links[lengths <= link])[binned.of].reshape(-1, p)
+    # an orbit has as many groups of crossings as its period, so that the most groups are as many times more
+    link = linking_distance(lengths, binned.side, period * len(points)) if link is None else link
+    place = components(len(states), links[lengths <= link])[binned.of].reshape(-1, period)
     sequences, sequence_of = np.unique(place, axis=0, return_inverse=True)
-    from_least = [min(turn[k:] + turn[:k] for k in range(p)) for turn in sequences.tolist()]
+    from_least = [min(turn[k:] + turn[:k] for k in range(period)) for turn in sequences.tolist()]
     group = np.unique(from_least, axis=0, return_inverse=True)[1].reshape(-1)[sequence_of.reshape(-1)]
-    order = np.argsort(-np.bincount(group), kind="stable")
-    cell = binned.of.reshape(-1, p)
-    return [(rows[group == own], states[np.unique(cell[group == own])]) for own in order]
+    cell = binned.of.reshape(-1, period)
+    return [
+        _orbit_group(table, columns, rows[group == number], states[np.unique(cell[group == number])], kind)
+        for number in _largest_first(group)
+    ]
 
 
-def _cut_at_corners(
-    space: Space,
-    states: StateArray,
-    flat: StateArray,
-    group: Groups,
-    links: Links,
-    gaps: Float[np.ndarray, " links"],
-    side: float,
-) -> Groups:
-    """The groups (m,) of states, lines split at their corners; `gaps`: of the `links`, 0 where cut."""
-    pieces = np.zeros(len(flat), np.int64)
-    for number in range(group.max(initial=-1) + 1):
-        members = np.flatnonzero(group == number)
-        if _dimension(flat[members], side) == 1:
-            gap = gaps[group[links[:, 0]] == number].max(initial=0.0)
-            pieces[members] = _smooth_pieces(space, states[members], flat[members], side, gap)
-    return np.unique(np.stack([group, pieces]), axis=1, return_inverse=True)[1].reshape(-1)
+def _orbit_group(
+    table: pd.DataFrame, columns: Sequence[str], rows: Int[np.ndarray, " rows"], states: StateArray, kind: str
+) -> _Group:
+    """The group of rows on one orbit, described by the end of the first."""
+    return _Group(rows, states, dict(table.iloc[rows[0]][columns]) | {"dimension": 0, "kind": kind})
+
+
+def _largest_first(group: Int[np.ndarray, " rows"]) -> Int[np.ndarray, " groups"]:
+    """The numbers of groups, from that with the most rows on."""
+    return np.argsort(-np.bincount(group), kind="stable")
 
 
 def _described(
@@ -240,126 +256,6 @@ def _described(
 ) -> dict[str, object]:
     """The medoid of an attractor's states (m, d), its extent, dimension and kind."""
     middle = states[space.medoid(states)] * space.scales
-    dimension = _dimension(flat, side)
+    dimension = box_dimension(flat, side)
     shape = {"extent": extent(flat), "dimension": dimension, "kind": _KINDS[min(dimension, len(_KINDS) - 1)]}
     return {**dict(zip(columns, middle, strict=True)), **shape}
-
-
-def _dimension(flat: StateArray, side: float) -> int:
-    """The box-counting dimension of unrolled states (m, d), rounded; 0 for a point."""
-    size = extent(flat)
-    if size <= GRAINS_OF_A_POINT * side:
-        return 0
-    sides = [size / 2.0**k for k in (2, 3, 4) if size / 2.0**k >= 1.2 * side]
-    boxes = [len(np.unique(np.floor((flat - flat[0]) / box + 0.5), axis=0)) for box in sides]
-    slope = np.polyfit(-np.log(sides), np.log(boxes), 1)[0]
-    return max(1, round(float(slope)))
-
-
-def _smooth_pieces(space: Space, states: StateArray, flat: StateArray, grain: float, gap: float) -> Groups:
-    """The smooth piece (m,) of each state of one line; at a corner its neighbours are bent."""
-    window = WINDOW * extent(flat)
-    one_piece = np.zeros(len(states), np.int64)
-    if window < max(4.0 * grain, gap):
-        return one_piece
-    straight = np.flatnonzero(_bend(space, states, window) <= BENT)
-    if not straight.size:
-        return one_piece
-    # slightly more than the gap, so that the two ends of the longest link stay together
-    links = space.tree(states[straight]).query_pairs(max(0.5 * window, 1.01 * gap), output_type="ndarray")
-    piece = components(straight.size, links)
-    members = [straight[piece == number] for number in range(piece.max() + 1)]
-    large = [members_of_piece for members_of_piece in members if extent(flat[members_of_piece]) >= window]
-    if len(large) < 2:
-        return one_piece
-    return np.argmin(
-        [space.nearest_distance(states, states[members_of_piece]) for members_of_piece in large], axis=0
-    )
-
-
-def _bend(space: Space, states: StateArray, window: float) -> Float[np.ndarray, " states"]:
-    """The variance of each state's neighbours across their main direction over that along it, (m,)."""
-    around = space.tree(states).query_ball_point(states, window)
-    bend = np.zeros(len(states))
-    for place, members in enumerate(around):
-        away = space.difference(states[members], states[place])
-        spread = np.linalg.eigvalsh(np.atleast_2d(np.cov(away.T, bias=True)))
-        if spread[-1] > 0.0:
-            bend[place] = spread[:-1].sum() / spread[-1]
-    return bend
-
-
-@dataclasses.dataclass(frozen=True)
-class Cells:
-    """States binned into cells: `of` (n,) the cell of each state, `first` (m,) one state of each, `side`."""
-
-    of: Groups
-    first: Int[np.ndarray, " cells"]
-    side: float
-
-
-def cells(space: Space, points: StateArray, grain: float) -> Cells:
-    """Bin states (n, d) into cells of side `grain`, doubled until there are at most `MOST_CELLS`."""
-    side = grain
-    while True:
-        count = np.maximum(np.round(space.periods / side), 1.0)
-        width = np.where(space.periods > 0.0, space.periods / count, side)
-        places = pd.DataFrame(np.floor(points / width).astype(np.int64))
-        of = places.groupby(list(places)).ngroup().to_numpy()
-        first = np.unique(of, return_index=True)[1]
-        if first.size <= MOST_CELLS:
-            return Cells(of, first, side)
-        side *= 2.0
-
-
-def spanning_tree(space: Space, points: StateArray) -> tuple[Links, Float[np.ndarray, " links"]]:
-    """The minimum spanning tree of states (m, d) by Prim's algorithm, in memory O(m) and time O(m^2).
-
-    Returns:
-        The links as pairs of indices, outwards from the first state, (m - 1, 2), and their lengths, (m - 1,).
-    """
-    count = len(points)
-    near = np.full(count, np.inf)
-    source = np.zeros(count, np.int64)
-    outside = np.ones(count, bool)
-    links, lengths = np.zeros((max(count - 1, 0), 2), np.int64), np.zeros(max(count - 1, 0))
-    newest = 0
-    for step in range(count - 1):
-        outside[newest] = False
-        distance = space.distance(points, points[newest])
-        closer = outside & (distance < near)
-        near[closer], source[closer] = distance[closer], newest
-        near[newest] = np.inf
-        newest = int(np.argmin(np.where(outside, near, np.inf)))
-        links[step], lengths[step] = (source[newest], newest), near[newest]
-    return links, lengths
-
-
-def linking_distance(lengths: Float[np.ndarray, " links"], grain: float, rows: int) -> float:
-    """The length above which a tree's links are cut: within the widest gap in their lengths, as a ratio.
-
-    A gap counts where the longer link is at least `GAP` times the shorter one, and where cutting there leaves
-    at most as many attractors as the square root of the rows (at least two). Without such a gap there is one
-    attractor, and the length is inf. Scaling all lengths scales the result.
-
-    Args:
-        lengths: of the links between cells, (m - 1,).
-        grain: the least length; shorter links, and those between rows of one cell, count as this long.
-        rows: number of rows in all cells.
-    """
-    sorted_lengths = np.sort(np.maximum(lengths, grain))[::-1]
-    if rows > lengths.size + 1:
-        sorted_lengths = np.append(sorted_lengths, grain)
-    most = max(2, int(np.ceil(np.sqrt(rows))))
-    ratios = (sorted_lengths[:-1] / sorted_lengths[1:])[: most - 1]
-    if not ratios.size or ratios.max() < GAP:
-        return np.inf
-    widest = int(np.argmax(ratios))
-    return float(np.sqrt(sorted_lengths[widest] * sorted_lengths[widest + 1]))
-
-
-def components(count: int, links: Links) -> Int[np.ndarray, " nodes"]:
-    """The component (count,) of each of `count` nodes joined by links (k, 2), numbered in their order."""
-    joined = np.ones(len(links), bool), (links[:, 0], links[:, 1])
-    graph = scipy.sparse.coo_array(joined, shape=(count, count))
-    return scipy.sparse.csgraph.connected_components(graph, directed=False)[1].astype(np.int64)

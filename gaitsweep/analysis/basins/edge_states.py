@@ -100,7 +100,7 @@ class EdgeStates:
     the edge state, outcome (the name), period, residual (largest relative change of a coordinate over a
     period), growth (the factor by which the two separate in a cycle: an estimate of the multiplier across the
     edge), label_1 and label_2 (of the two attractors), met (the label that ended the search, where it is
-    neither: -1 undecided, -1 - w for the `Way` w), rounds, bisections, evaluations (of the map).
+    neither: -1 undecided, -1 - w for the `ReturnStatus` w), rounds, bisections, evaluations (of the map).
     """
 
     points: Points
@@ -128,7 +128,7 @@ def edge_states(
         limits: tolerances and limits.
 
     Raises:
-        ValueError: u1 and u2 differ in length, or the map does not have a parameter that is given.
+        ArgumentError: u1 and u2 differ in length, or the map does not have a parameter that is given.
     """
     if len(u1) != len(u2):
         raise ArgumentError(
@@ -185,16 +185,16 @@ class Recurrence:
         Returns:
             Those that moved less than in any cycle before.
         """
-        calmer = on[:0]
+        slower = on[:0]
         for k, before in enumerate(self._past):
             gap = self._distance(now.at[on], before.at[on])
             nearer = gap < self.gaps[on, k]
             which = on[nearer]
             self.gaps[which, k] = gap[nearer]
             self.states[k] = self.states[k].merged(which, before[which])
-            calmer = which if k == 0 else calmer
+            slower = which if k == 0 else slower
         self._past = [now, *self._past][: self._longest]
-        return calmer
+        return slower
 
 
 class Tracking:
@@ -219,18 +219,20 @@ class Tracking:
         self.residual, self.growth = np.full(n, np.nan), np.full(n, np.nan)
         self.period, self.rounds = np.ones(n, int), np.zeros(n, int)
         self.bisections, self.evaluations = np.zeros(n, int), np.zeros(n, int)
-        self.mapper = self._at_their_ends() if mapper is None else self._decided(mapper)
+        self.mapper = self._mapper_of_ends() if mapper is None else mapper
+        if mapper is not None:
+            self._label_starts(mapper)
 
     def round(self) -> None:
         """Bisect all pairs that still run, then follow them until they separate."""
         self._narrow()
         self._follow()
 
-    def _at_their_ends(self) -> AttractorMapper:
+    def _mapper_of_ends(self) -> AttractorMapper:
         """A mapper for each pair from the final states of its own two trajectories."""
         n = len(self.one)
         rows = np.tile(np.arange(n), 2)
-        points, most = _joined(self.one, self.other), self.limits.settle_cycles
+        points, most = Points.joined([self.one, self.other]), self.limits.settle_cycles
         labels, cycles, ends = fates(self.mapping, points, self.values, rows, _undecided, most)
         np.add.at(self.evaluations, rows, cycles)
         for place in np.argsort(cycles, kind="stable"):
@@ -242,17 +244,16 @@ class Tracking:
         self._stop(np.flatnonzero(self.going & (distance <= SAME)), EdgeOutcome.same)
         return ProximityMapper(self.mapping, ends)
 
-    def _decided(self, mapper: AttractorMapper) -> AttractorMapper:
+    def _label_starts(self, mapper: AttractorMapper) -> None:
         """Map the starts to attractors, and end the pairs without an edge between them."""
         n = len(self.one)
         rows = np.tile(np.arange(n), 2)
-        fates = self._fates(_joined(self.one, self.other), rows, mapper)
-        self.labels = fates.reshape(2, n).T
+        labels = self._fates(Points.joined([self.one, self.other]), rows, mapper)
+        self.labels = labels.reshape(2, n).T
         for label in self.labels.T:
             for row in np.flatnonzero(self.going & (label < 0)):
                 self._end(int(row), label[row])
         self._stop(np.flatnonzero(self.going & (self.labels[:, 0] == self.labels[:, 1])), EdgeOutcome.same)
-        return mapper
 
     def _narrow(self) -> None:
         """Bisect until the two points of each pair are close."""
@@ -300,8 +301,8 @@ class Tracking:
             if not on.size:
                 break
             lanes = np.tile(on, 3)
-            points = _joined(_joined(self.one[on], self.other[on]), middle[on])
-            images = advanced(self.mapping, points, self._of(lanes))
+            points = Points.joined([self.one[on], self.other[on], middle[on]])
+            images = advanced(self.mapping, points, self._values(lanes))
             np.add.at(self.evaluations, lanes, 1)
             cycles[on] += 1
             one, other, between = (images.points[np.arange(on.size) + k * on.size] for k in range(3))
@@ -366,7 +367,7 @@ class Tracking:
             away = np.abs(self.mapping.difference(a, b)) / sizes(b)
         return np.nan_to_num(np.max(away, axis=1), nan=np.inf)
 
-    def _of(self, rows: Rows) -> dict[str, Float[np.ndarray, " rows"]]:
+    def _values(self, rows: Rows) -> dict[str, Float[np.ndarray, " rows"]]:
         """The parameters of the pairs `rows`."""
         return {name: column[rows] for name, column in self.values.items()}
 
@@ -391,8 +392,3 @@ class Tracking:
 def _undecided(images: MapEvaluation, pair: Rows, cycle: int) -> Rows:
     """An `AttractorMapper` for trajectories that are followed to their ends."""
     return np.full(pair.size, UNDECIDED)
-
-
-def _joined(points: Points, others: Points) -> Points:
-    """Points, then other points."""
-    return jax.tree.map(lambda a, b: np.concatenate([np.asarray(a), np.asarray(b)]), points, others)

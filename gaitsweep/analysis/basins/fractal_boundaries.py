@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import pandas as pd
-from jaxtyping import Float, Shaped
+from jaxtyping import Float, Int, Shaped
 from scipy import special
 
 from gaitsweep.analysis.basins.grid import BasinGrid
@@ -60,8 +60,8 @@ def basin_entropy(grid: BasinGrid, labels: Shaped[np.ndarray, " rows"], box: int
     if box > min(grid.lengths):
         return Entropy(float("nan"), float("nan"), float("nan"))
     volume = box ** len(grid.lengths)
-    entropy: np.ndarray | float = 0.0
-    largest: np.ndarray | int = 0
+    entropy: Float[np.ndarray, " *boxes"] | float = 0.0
+    largest: Int[np.ndarray, " *boxes"] | int = 0
     for label in pd.unique(labels):
         cells_of_label = grid.windows(labels == label, box)
         share = cells_of_label / volume

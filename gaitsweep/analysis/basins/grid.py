@@ -65,7 +65,7 @@ class BasinGrid:
 
 def find_grid(table: pd.DataFrame, axes: Sequence[str]) -> BasinGrid | None:
     """The grid of a table's rows, with exactly one row in each cell; None where they form no grid."""
-    places: list[np.ndarray] = []
+    places: list[Int[np.ndarray, " rows"]] = []
     lengths, steps, wraps = [], [], []
     for name in axes:
         values, place = np.unique(table[name].to_numpy(float), return_inverse=True)

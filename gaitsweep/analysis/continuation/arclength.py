@@ -97,7 +97,9 @@ class ContinuationProblem:
         weights[:, -1] = 1.0 / (high - low) ** 2
         return cls(mapping, parameter, low, high, values, constraints, weights)
 
-    def __getitem__(self, which: np.ndarray) -> ContinuationProblem:
+    def __getitem__(
+        self, which: Bool[np.ndarray, " rows"] | Int[np.ndarray, " chosen"]
+    ) -> ContinuationProblem:
         values = {name: column[which] for name, column in self.values.items()}
         return dataclasses.replace(self, values=values, held=self.held[which], weights=self.weights[which])
 
@@ -113,9 +115,13 @@ class ContinuationProblem:
             weights=np.concatenate([problem.weights for problem in problems]),
         )
 
+    def values_at(self, parameter: PerBranch) -> dict[str, PerBranch]:
+        """All parameters (n,) by name, at these values (n,) of the continuation parameter."""
+        return {**self.values, self.parameter: parameter}
+
     def evaluated(self, points: Points, parameter: PerBranch) -> MapEvaluation:
         """The images with their derivatives at these values (n,) of the parameter."""
-        return self.mapping.linearised(points, {**self.values, self.parameter: parameter}, self.parameter)
+        return self.mapping.linearised(points, self.values_at(parameter), self.parameter)
 
     def tangents(self, images: MapEvaluation, before: Unknowns) -> Unknowns:
         """The unit tangents (n, m) of the branches, oriented along the tangents `before` (n, m)."""
@@ -192,7 +198,7 @@ class ContinuationProblem:
                 break
             problem, trial = self[rows], points[rows]
             parameter = branch_points.parameter[rows] + change[rows, -1]
-            images = self.mapping.images(trial, {**problem.values, self.parameter: parameter})
+            images = self.mapping.images(trial, problem.values_at(parameter))
             drift = branch_points.drift[rows] + change[rows, size:-1]
             miss = residuals(self.mapping, trial, drift, images, problem.held)
             beside = np.sum(normal[rows] * change[rows], axis=1) - goal[rows]

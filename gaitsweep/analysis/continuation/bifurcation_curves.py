@@ -14,7 +14,7 @@ import dataclasses
 import numpy as np
 
 from gaitsweep.analysis.continuation.bifurcation_tests import located
-from gaitsweep.analysis.continuation.continuation import JUMPS, ArclengthSteps
+from gaitsweep.analysis.continuation.branch_follower import JUMPS, ArclengthSteps
 from gaitsweep.analysis.continuation.critical_points import CriticalEquations, CriticalPoint, Vector
 from gaitsweep.analysis.continuation.lockstep import Computation
 from gaitsweep.engine.poincare.maps import Points
@@ -150,8 +150,8 @@ def _degenerate(
             SHORTEST_INTERVAL,
         )
         # where the test jumps, there is no such point
-        found = zero is not None and abs(zero[0].tests[name]) < 1e-3 * max(abs(value), abs(later))
-        if zero is not None and found and equations.is_critical(name, zero[0]):
+        is_zero = zero is not None and abs(zero[0].tests[name]) < 1e-3 * max(abs(value), abs(later))
+        if zero is not None and is_zero and equations.is_critical(name, zero[0]):
             points.append((zero[1], CurvePoint(zero[0], name)))
     return [point for _, point in sorted(points, key=lambda pair: pair[0])]
 

@@ -17,13 +17,7 @@ import numpy as np
 from jaxtyping import Bool, Complex, Float
 
 from gaitsweep.analysis.continuation.arclength import BranchPoints, ContinuationProblem, PerBranch
-from gaitsweep.analysis.continuation.branch_points import (
-    FLAT,
-    IMPERFECT,
-    Crossing,
-    branch_point,
-    cornered,
-)
+from gaitsweep.analysis.continuation.branch_points import FLAT, IMPERFECT, Crossing, branch_point, cornered
 from gaitsweep.analysis.continuation.critical_points import REAL, located_exactly
 from gaitsweep.analysis.continuation.lockstep import Computation, Request, alone, in_lockstep
 from gaitsweep.analysis.continuation.multipliers import multipliers
@@ -344,7 +338,7 @@ def _exact(problem: ContinuationProblem, near: BranchPoints, kind: str) -> Compu
         return None
     k, size = len(problem.held.which), near.points.at.shape[1]
     parameter = problem.low + (problem.high - problem.low) * exact.unknowns[[size + k]]
-    values = {**problem.values, problem.parameter: parameter}
+    values = problem.values_at(parameter)
     images = yield Request(problem.mapping, problem.parameter, exact.point, values)
     tangent = problem.tangents(images, near.tangent)
     if not (images.sound[0] and np.isfinite(tangent).all()):

@@ -185,6 +185,7 @@ def _is_smooth(sides: list[Side]) -> bool:
 
 
 def _directed(at: BranchPoints, tangent: Vector) -> BranchPoints:
+    """The branch point with this tangent."""
     return dataclasses.replace(at, tangent=tangent[None])
 
 
@@ -231,6 +232,7 @@ class _Branching:
 
 
 def _both_ways(points: Points, tangent: Vector) -> list[tuple[Points, Vector]]:
+    """The tangent and its opposite, each with the point (1,)."""
     return [(points, tangent), (points, -tangent)]
 
 
@@ -240,21 +242,28 @@ def beside(
     ways: list[tuple[Points, Vector]],
     length: float = ASIDE,
 ) -> BranchPoints | None:
-    """Points (k,) beside a branch point, on branches from points (1,) with tangents (m,); None if k = 0.
-
-    `length` is that of the step from the branch point.
+    """Points (k,) beside a branch point, one step of `length` ahead on the branches that begin there.
 
     The equations are singular at the branch point itself, so they are linearised where the step leads.
+
+    Args:
+        problem: the continuation problem.
+        at: the branch point (1,).
+        ways: a point (1,) and a tangent (m,) of each branch.
+        length: the length of the step.
+
+    Returns:
+        The points that were found, or None.
     """
-    each = np.zeros(len(ways), int)
+    first = np.zeros(len(ways), int)
     tangents = np.stack([tangent for _, tangent in ways])
     tangents /= np.sqrt(np.sum(problem.weights * tangents**2, axis=1))[:, None]
     change, size = length * tangents, at.points.at.shape[1]
     starts = Points.joined([points for points, _ in ways])
     points = Points(starts.at + change[:, :size], starts.modes)
     parameter = at.parameter + change[:, -1]
-    images = problem[each].evaluated(points, parameter)
+    images = problem[first].evaluated(points, parameter)
     drift = at.drift + change[:, size:-1]
-    guess = BranchPoints(points, drift, parameter, tangents, images, at.corrections[each])
-    corrected, ok = problem[each].step(guess, np.zeros(len(ways)))
+    guess = BranchPoints(points, drift, parameter, tangents, images, at.corrections[first])
+    corrected, ok = problem[first].step(guess, np.zeros(len(ways)))
     return corrected[np.flatnonzero(ok)] if ok.any() else None

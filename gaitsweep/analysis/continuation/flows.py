@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pandas as pd
+from jaxtyping import Float
 
 from gaitsweep.analysis.continuation.normal_forms import hopf_form
 from gaitsweep.engine.poincare.maps import Map, Points, Values
@@ -72,7 +73,9 @@ def hopf_cycle(
     here = {name: column[0] for name, column in mapping.complete(values, 1).items()}
     x, modes, value = at.at[0], at[0].modes, here[parameter]
 
-    def linearised(share: float, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def linearised(
+        share: float, x: Float[np.ndarray, " coordinates"]
+    ) -> tuple[Float[np.ndarray, " coordinates"], Float[np.ndarray, "coordinates coordinates"]]:
         rates, jacobian = program({**here, parameter: value + share}, x, modes)
         return np.asarray(rates), np.asarray(jacobian)
 

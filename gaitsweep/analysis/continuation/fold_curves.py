@@ -13,7 +13,7 @@ from jaxtyping import Float
 from gaitsweep.analysis.continuation.arclength import BranchPoints, ContinuationProblem
 from gaitsweep.analysis.continuation.bifurcation_curves import CurvePoint, followed
 from gaitsweep.analysis.continuation.bifurcation_tests import branch_test, fold_test, located_on_branch
-from gaitsweep.analysis.continuation.continuation import ArclengthSteps
+from gaitsweep.analysis.continuation.branch_follower import ArclengthSteps
 from gaitsweep.analysis.continuation.critical_points import CriticalEquations, CriticalPoint, equations_at
 from gaitsweep.analysis.continuation.flows import in_terms_of_flow
 from gaitsweep.analysis.continuation.lockstep import alone
@@ -164,6 +164,7 @@ def _records(
 
 
 def _record(equations: CriticalEquations, at: CurvePoint, row: int, point: int) -> dict[str, Any]:
+    """The record of one point of a curve of folds."""
     fold = at.point
     parameters = equations.parameters(fold.unknowns)
     others = equations.other_multipliers(fold.unknowns, fold.multipliers)

@@ -7,12 +7,12 @@ import dataclasses
 import numpy as np
 from jaxtyping import Array, Float
 
-from gaitsweep.contract import Quantity, State
-from gaitsweep.engine.poincare.maps import Coordinates, Events, FollowedMap, Image, Map, Points, Values
+from gaitsweep.contract import State
+from gaitsweep.engine.poincare.maps import Coordinates, DerivedMap, Events, FollowedMap, Image, Points, Values
 
 
 @dataclasses.dataclass(frozen=True)
-class LevelMap(FollowedMap):
+class LevelMap(DerivedMap, FollowedMap):
     """A map with one more parameter, the value of a quantity that it conserves.
 
     Of the conserved quantity `name` the parameter is subtracted: a search that holds it at zero is on the
@@ -23,20 +23,7 @@ class LevelMap(FollowedMap):
         name: the conserved quantity.
     """
 
-    base: Map
     name: str
-
-    @property
-    def coordinates(self) -> tuple[Quantity, ...]:
-        return self.base.coordinates
-
-    @property
-    def conserved(self) -> tuple[Quantity, ...]:
-        return self.base.conserved
-
-    @property
-    def durations(self) -> tuple[str, ...]:
-        return self.base.durations
 
     def follow(self, values: Values, at: Coordinates, modes: State) -> Image:
         return self.base.follow(self._of_base(values), at, modes)

@@ -57,7 +57,7 @@ class ConservedConstraints:
         """Constrain the quantities named by `fix` to its values, or to those in `conserved`.
 
         Raises:
-            ValueError: the map conserves no quantity of that name.
+            ArgumentError: the map conserves no quantity of that name.
         """
         names = [quantity.name for quantity in mapping.conserved]
         for name in fix:
@@ -71,7 +71,9 @@ class ConservedConstraints:
                     values[:, place] = np.asarray(value, np.float64)
         return cls(which, values, np.array([mapping.conserved[k].circular for k in which], bool))
 
-    def __getitem__(self, rows: np.ndarray) -> ConservedConstraints:
+    def __getitem__(
+        self, rows: Bool[np.ndarray, " points"] | Int[np.ndarray, " chosen"]
+    ) -> ConservedConstraints:
         return dataclasses.replace(self, values=self.values[rows])
 
     def residuals(self, conserved: Float[np.ndarray, "points conserved"]) -> Drifts:
@@ -161,7 +163,7 @@ def newton(
         halvings: most halvings of a step that leaves the domain of the map or raises the residual.
 
     Raises:
-        ValueError: `fix` names a quantity that the map does not conserve.
+        ArgumentError: `fix` names a quantity that the map does not conserve.
     """
     # searches that leave every bound end as such
     with np.errstate(over="ignore", invalid="ignore"):

@@ -70,7 +70,7 @@ def coefficient(problem: ContinuationProblem, at: BranchPoints, kind: str) -> fl
     if kind not in SIMPLE or problem.held.which:
         return float("nan")
     if isinstance(problem.mapping, StationaryMap) and kind == "neimark_sacker":
-        return hopf_form(problem.mapping, at.points, {**problem.values, problem.parameter: at.parameter}).l1
+        return hopf_form(problem.mapping, at.points, problem.values_at(at.parameter)).l1
     # an angle is measured in rad wherever it is cut
     scale = np.where(problem.mapping.circular, 1.0, sizes(at.points.at)[0])
     J = at.images.jacobian[0] * scale / scale[:, None]
@@ -81,9 +81,9 @@ def coefficient(problem: ContinuationProblem, at: BranchPoints, kind: str) -> fl
         return float("nan")
     directions = [np.real(q)] if kind != "neimark_sacker" else [np.real(q), np.imag(q)]
     beside = [sign * BESIDE * u for u in directions for sign in (1.0, -1.0)]
-    each = np.zeros(len(beside), int)
-    points = Points(at.points.at + np.stack(beside) * scale, at.points[each].modes)
-    images = problem[each].evaluated(points, at.parameter[each])
+    first_branch = np.zeros(len(beside), int)
+    points = Points(at.points.at + np.stack(beside) * scale, at.points[first_branch].modes)
+    images = problem[first_branch].evaluated(points, at.parameter[first_branch])
     several = images.jacobian * scale / scale[:, None]
     if not (images.sound.all() and np.isfinite(several).all()):
         return float("nan")

@@ -78,7 +78,7 @@ def _pieces(branch: pd.DataFrame, parameter: str) -> list[dict[str, object]]:
         last = after if marked[after] else points[-1]
         piece_points = np.arange(first, last + 1)
         low, high = piece_points[np.argmin(at[piece_points])], piece_points[np.argmax(at[piece_points])]
-        ends = {f"{name}_by": _by(special, end, k) for name, k in (("low", low), ("high", high))}
+        ends = {f"{name}_by": _bound(special, end, k) for name, k in (("low", low), ("high", high))}
         piece: dict[str, object] = {"low": at[low], "high": at[high], **ends}
         if "gait" in branch:
             piece["gait"] = branch["gait"].iloc[points].astype(str).mode().iloc[0]
@@ -86,7 +86,7 @@ def _pieces(branch: pd.DataFrame, parameter: str) -> list[dict[str, object]]:
     return pieces
 
 
-def _by(special: Shaped[np.ndarray, " points"], end: Shaped[np.ndarray, " points"], k: int) -> str:
+def _bound(special: Shaped[np.ndarray, " points"], end: Shaped[np.ndarray, " points"], k: int) -> str:
     """Name what ends a range at a point: a special point, the end of a branch, or its start."""
     if special[k] in MARKS:
         return str(special[k])

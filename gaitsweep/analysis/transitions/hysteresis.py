@@ -26,7 +26,7 @@ LEAST = 0.15  # least change of a jump, in the observable's unit
 
 @dataclasses.dataclass(frozen=True)
 class Hysteresis:
-    """Find where a state is lost as a parameter rises and falls, and the area between the branches.
+    """The parameter values at which states are lost, and the areas between the branches of both directions.
 
     `transition_points`: one record a pass (direction, low, high, size, rows, ...), or a gait for settled
     rows. `loops`: one record a row and pair of passes (area, signed, low, high); areas are in the parameter's
@@ -282,10 +282,8 @@ def _joined(parts: list[pd.DataFrame]) -> pd.DataFrame:
 
 def _oscillating(all_jumps: pd.DataFrame) -> Bool[np.ndarray, " jumps"]:
     """Whether each of the `jumps` is of a pass whose jumps reverse direction at least twice, (n,)."""
-    size, pass_number = (
-        all_jumps["size"].to_numpy(float),
-        all_jumps.groupby(["row", "pass"]).ngroup().to_numpy(int),
-    )
+    size = all_jumps["size"].to_numpy(float)
+    pass_number = all_jumps.groupby(["row", "pass"]).ngroup().to_numpy(int)
     reverses = (size[1:] * size[:-1] < 0.0) & (pass_number[1:] == pass_number[:-1])
     turns = np.bincount(pass_number[1:][reverses], minlength=int(pass_number.max(initial=0)) + 1)
     return turns[pass_number] >= 2

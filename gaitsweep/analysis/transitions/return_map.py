@@ -18,7 +18,8 @@ from jaxtyping import Int
 
 from gaitsweep.analysis.circular import branch_cut, is_circular, unwrap_from
 from gaitsweep.analysis.records import axes_of, panels_of, require, section_column, sound
-from gaitsweep.analysis.transitions.drift import NEAR, Drift, drifts_of, ghosts_of, zeros_of
+from gaitsweep.analysis.transitions.drift import Drift, drifts_of
+from gaitsweep.analysis.transitions.drift_zeros import NEAR, ghosts_of, zeros_of
 from gaitsweep.angle_difference import TURN, wrapped_difference
 
 BANDWIDTH = 0.05  # rad; half the width of the window of the local lines

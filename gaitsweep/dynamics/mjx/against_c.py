@@ -1,8 +1,8 @@
 """Comparison of a model of an MJCF with MuJoCo C: the first step that differs, and the likely cause.
 
 MuJoCo C takes the controls that the model gave, so that the bodies alone are compared. Where two motions
-part, each step before is repeated in C from the model's own state: a step that differs by itself has a cause,
-and without such a step the motion is merely sensitive to rounding.
+diverge, each step before is repeated in C from the model's own state: a step that differs by itself has a
+cause, and without such a step the motion is merely sensitive to rounding.
 """
 
 # MuJoCo's compiled modules come without types.
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 FIRST_USE = 64  # steps of the comparison when an MJCF is first used
 TOLERANCE = 1e-5  # of a coordinate, relative to its size where that is above 1
 # Difference of a single step, by the same measure, above the tolerance of MuJoCo's solver.
-_OF_A_STEP = 1e-7
+_STEP_TOLERANCE = 1e-7
 _EXACT = 1e-14  # the tolerance of the solver of constraints at which its share of a difference is gone
 _RANDOM_STARTS = 8
 _CACHE = "mjcf_comparisons"
@@ -45,8 +45,12 @@ Start = tuple[str, mujoco.MjData]  # the name of a state from which both begin, 
 
 
 @dataclasses.dataclass(frozen=True)
-class Parting:
-    """The first step at which a motion is off by more than the tolerance; no cause: it is sensitive."""
+class Divergence:
+    """The first step at which a coordinate differs by more than the tolerance, and the likely cause.
+
+    `start` names the state from which both begin; `ours` and `theirs` are the coordinate in the model and in
+    MuJoCo C; without a `cause` the motion is merely sensitive to rounding.
+    """
 
     start: str
     step: int
@@ -68,33 +72,44 @@ class Parting:
 class Comparison:
     """Comparison of the motions of a model with those of MuJoCo C.
 
-    `largest` is the largest difference of a coordinate before a motion parts.
+    `starts` counts the states from which both begin, `steps` the steps from each; `largest` is the largest
+    difference of a coordinate before a motion diverges.
     """
 
     starts: int
     steps: int
     largest: float
-    partings: list[Parting]
+    divergences: list[Divergence]
 
     @property
-    def wrong(self) -> list[Parting]:
-        """Times at which the motions part for a cause."""
-        return [parting for parting in self.partings if parting.cause]
+    def caused(self) -> list[Divergence]:
+        """The divergences that have a cause."""
+        return [divergence for divergence in self.divergences if divergence.cause]
 
 
 def compare(model: MjcfModel, steps: int) -> Comparison:
-    """Step a model and MuJoCo C from each keyframe and from random states, at the model's defaults."""
+    """Step a model and MuJoCo C from each keyframe and from random states, at the model's defaults.
+
+    Args:
+        model: the model.
+        steps: steps from each state.
+    """
     with jax.enable_x64(True), jax.default_device(jax.devices("cpu")[0]):
-        both = _Both(model, steps)
+        side_by_side = _SideBySide(model, steps)
         m = model.mjx_body.mj_model
-        starts = [*_keyframes(m), *_random(m, model.mjx_body.at_start())]
-        results = [both.from_start(*start) for start in starts]
-    partings = [parting for parting, _ in results if parting is not None]
-    return Comparison(len(starts), steps, max(largest for _, largest in results), partings)
+        starts = [*_keyframe_starts(m), *_random_starts(m, model.mjx_body.at_start())]
+        results = [side_by_side.from_start(*start) for start in starts]
+    divergences = [divergence for divergence, _ in results if divergence is not None]
+    return Comparison(len(starts), steps, max(largest for _, largest in results), divergences)
 
 
-class _Both:
-    """A model's steps as one compiled program, and MuJoCo's."""
+class _SideBySide:
+    """The steps of a model, as one compiled program, and those of MuJoCo C.
+
+    Args:
+        model: the model.
+        steps: steps from each state.
+    """
 
     def __init__(self, model: MjcfModel, steps: int) -> None:
         self._body, self._steps = model.mjx_body, steps
@@ -124,8 +139,8 @@ class _Both:
         example = self._params, states, jnp.zeros(steps, bool), jnp.zeros(steps)
         self._program = jax.jit(run).lower(*example).compile(options)
 
-    def from_start(self, name: str, start: mujoco.MjData) -> tuple[Parting | None, float]:
-        """Time at which the motion from a start parts from C's, and the largest difference before."""
+    def from_start(self, name: str, start: mujoco.MjData) -> tuple[Divergence | None, float]:
+        """The divergence of the motion from a start, if there is one, and the largest difference before."""
         body = self._state.body
         body = BodyState(
             q=jnp.array(start.qpos),
@@ -139,21 +154,21 @@ class _Both:
         after, controls = self._stepped(states, False, self._m.opt.tolerance)
         ours, largest = _numbers(after), 0.0
         data = self._body.at_start()
-        _place(data, jax.tree.map(np.asarray, body), start.time)
+        _set_state(data, jax.tree.map(np.asarray, body), start.time)
         for k, control in enumerate(controls):
             theirs = _after_step(self._m, data, control)
-            off = _off(ours[k], theirs)
+            off = _differences(ours[k], theirs)
             if (off > TOLERANCE).any():
                 i = int(np.argmax(off > TOLERANCE))
                 before = jax.tree.map(lambda old, new: np.concatenate([old[:1], new[:-1]]), states, after)
                 cause = self._cause(i, k + 1, before, ours, controls, start.time)
                 where = _element(self._m, i)
-                return Parting(name, k + 1, *where, float(ours[k, i]), float(theirs[i]), cause), largest
+                return Divergence(name, k + 1, *where, float(ours[k, i]), float(theirs[i]), cause), largest
             largest = max(largest, float(off.max(initial=0.0)))
         return None, largest
 
     def _stepped(self, states: Any, begins: bool, tolerance: float) -> tuple[Any, np.ndarray]:
-        """States after each step, and its controls; with `begins` each step starts from one of `states`."""
+        """The states after each step, and its controls; with `begins` each step has its own start."""
         flags = np.full(self._steps, begins)
         outputs = self._program(self._params, states, flags, np.full(self._steps, tolerance))
         return jax.tree.map(np.asarray, outputs)
@@ -163,22 +178,22 @@ class _Both:
     ) -> str:
         """The likely cause of a difference of number `i`, found in the first step that differs by itself."""
         m, moved = self._m, self._m.nq + self._m.nv + self._m.na
-        exact, loose = _numbers(self._stepped(before, True, _EXACT)[0]), False
+        exact, solved_otherwise = _numbers(self._stepped(before, True, _EXACT)[0]), False
         for k in range(steps):
             state = jax.tree.map(lambda leaf, k=k: leaf[k], before.body)
             theirs = []
             for c_model in (self._exact, m):
                 data = self._body.at_start()
-                _place(data, state, time + k * m.opt.timestep)
+                _set_state(data, state, time + k * m.opt.timestep)
                 theirs.append(_after_step(c_model, data, controls[k]))
-            off = _off(exact[k], theirs[0])
-            if off[:moved].max(initial=0.0) > _OF_A_STEP:
-                return f"{_acting(m, data)} (from step {k + 1} on)"
+            off = _differences(exact[k], theirs[0])
+            if off[:moved].max(initial=0.0) > _STEP_TOLERANCE:
+                return f"{_acting_constraints(m, data)} (from step {k + 1} on)"
             if i >= moved and off[i] > TOLERANCE:
                 kind = mujoco.mjtSensor(m.sensor_type[_sensor_of(m, i - moved)]).name
                 return f"MJX computes a sensor of type {kind.partition('_')[2].lower()} differently"
-            loose |= bool(_off(ours[k], theirs[1]).max(initial=0.0) > _OF_A_STEP)
-        if loose:
+            solved_otherwise |= bool(_differences(ours[k], theirs[1]).max(initial=0.0) > _STEP_TOLERANCE)
+        if solved_otherwise:
             return f"the solver of constraints, which both end at the option tolerance {m.opt.tolerance:g}"
         return ""
 
@@ -212,10 +227,10 @@ def _sentences(model: MjcfModel, control: np.ndarray) -> list[str]:
             "The keyframe of the start has controls (ctrl), but control gives others there: "
             "keyframe_ctrl has them."
         )
-    causes = {parting.cause: parting for parting in reversed(compare(model, FIRST_USE).wrong)}
+    causes = {divergence.cause: divergence for divergence in reversed(compare(model, FIRST_USE).caused)}
     return [
         *sentences,
-        *(f"The MJCF moves differently in MuJoCo C. {parting}" for parting in causes.values()),
+        *(f"The MJCF moves differently in MuJoCo C. {divergence}" for divergence in causes.values()),
     ]
 
 
@@ -235,10 +250,7 @@ def _defaults(quantities: Iterable[Quantity], values_before: dict[str, float]) -
     return {name: float(values[name]) for name in formulas}
 
 
-# the starts
-
-
-def _keyframes(m: mujoco.MjModel) -> Iterator[Start]:
+def _keyframe_starts(m: mujoco.MjModel) -> Iterator[Start]:
     if not m.nkey:
         yield "the start", mujoco.MjData(m)
     for i in range(m.nkey):
@@ -247,13 +259,13 @@ def _keyframes(m: mujoco.MjModel) -> Iterator[Start]:
         yield f"keyframe '{m.key(i).name or i}'", data
 
 
-def _random(m: mujoco.MjModel, at_start: mujoco.MjData) -> Iterator[Start]:
+def _random_starts(m: mujoco.MjModel, at_start: mujoco.MjData) -> Iterator[Start]:
     """Random states: some as they are drawn, some once C has moved them to their first contact."""
-    chance = np.random.default_rng(0)
+    random = np.random.default_rng(0)
     longest = min(1000, int(1.0 / m.opt.timestep))
     for i in range(_RANDOM_STARTS):
         size = (0.1, 1.0)[i // 2 % 2]
-        drawn = [_drawn(m, at_start, size, chance) for _ in range(8)]
+        drawn = [_random_state(m, at_start, size, random) for _ in range(8)]
         depths = [_deepest(m, data) for data in drawn]
         data = drawn[next((k for k, depth in enumerate(depths) if depth < 1e-3), int(np.argmin(depths)))]
         steps = 0
@@ -264,16 +276,16 @@ def _random(m: mujoco.MjModel, at_start: mujoco.MjData) -> Iterator[Start]:
         yield f"random state {i + 1}", data
 
 
-def _drawn(m: mujoco.MjModel, at_start: mujoco.MjData, size: float, chance: Any) -> mujoco.MjData:
+def _random_state(m: mujoco.MjModel, at_start: mujoco.MjData, size: float, random: Any) -> mujoco.MjData:
     data = mujoco.MjData(m)
     for name in ("qpos", "act", "mocap_pos", "mocap_quat"):
         getattr(data, name)[:] = getattr(at_start, name)
-    mujoco.mj_integratePos(m, data.qpos, 0.5 * size * chance.standard_normal(m.nv), 1.0)
+    mujoco.mj_integratePos(m, data.qpos, 0.5 * size * random.standard_normal(m.nv), 1.0)
     for j in np.flatnonzero(m.jnt_limited & (m.jnt_type != mujoco.mjtJoint.mjJNT_BALL)):
         low, high = m.jnt_range[j]
-        data.qpos[m.jnt_qposadr[j]] = chance.uniform(low, high)
-    data.qvel[:] = size * chance.standard_normal(m.nv)
-    data.act[:] = chance.uniform(size=m.na)
+        data.qpos[m.jnt_qposadr[j]] = random.uniform(low, high)
+    data.qvel[:] = size * random.standard_normal(m.nv)
+    data.act[:] = random.uniform(size=m.na)
     mujoco.mj_forward(m, data)
     return data
 
@@ -281,9 +293,6 @@ def _drawn(m: mujoco.MjModel, at_start: mujoco.MjData, size: float, chance: Any)
 def _deepest(m: mujoco.MjModel, data: mujoco.MjData) -> float:
     """The depth (m) of the deepest contact."""
     return max((-float(contact.dist) for contact in data.contact), default=0.0)
-
-
-# where they part
 
 
 def _numbers(states: Any) -> np.ndarray:
@@ -299,18 +308,18 @@ def _after_step(m: mujoco.MjModel, data: mujoco.MjData, control: np.ndarray) -> 
     return np.concatenate([data.qpos, data.qvel, data.act, data.sensordata])
 
 
-def _off(ours: np.ndarray, theirs: np.ndarray) -> np.ndarray:
-    """The differences by the measure of the tolerance."""
+def _differences(ours: np.ndarray, theirs: np.ndarray) -> np.ndarray:
+    """The differences of numbers, relative to their sizes where these are above 1."""
     gap = np.abs(ours - theirs) / np.maximum(1.0, np.abs(theirs))
     return np.where(np.isfinite(ours), gap, np.inf)
 
 
-def _place(data: mujoco.MjData, body: BodyState, time: float) -> None:
+def _set_state(data: mujoco.MjData, body: BodyState, time: float) -> None:
     data.qpos[:], data.qvel[:], data.act[:], data.time = body.q, body.v, body.act, time
     data.qacc_warmstart[:] = body.warm if body.warm.size else 0.0
 
 
-def _acting(m: mujoco.MjModel, data: mujoco.MjData) -> str:
+def _acting_constraints(m: mujoco.MjModel, data: mujoco.MjData) -> str:
     """The constraints that act in C at the beginning of the step that `data` has made."""
     pairs = [tuple(map(int, contact.geom)) for contact in data.contact if contact.efc_address >= 0]
     if pairs:

@@ -66,8 +66,8 @@ class Geometry:
     reference: Float[Array, " links"]
     armature: Float[Array, " nv"]
     damping: Float[Array, " nv"]
-    stiffness: Array
-    rest: Array
+    stiffness: Float[Array, " links"]
+    rest: Float[Array, " links"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -180,6 +180,7 @@ def rescaled(
     """The geometry with the masses and lengths of some links scaled; mass distributions keep their shape.
 
     Args:
+        tree, geometry: the links.
         mass: by link, the factor of its mass and inertia.
         size: by link, the factor of its lengths, a scalar or one for each axis (3,) of its frame: centre of
             mass, inertia, and joint positions of its child links.
@@ -191,13 +192,13 @@ def rescaled(
     larger = {tree.index(name): factor * np.ones(3) for name, factor in (size or {}).items()}
 
     def inertia(i: int) -> Array:
-        about = geometry.inertia[i]
+        tensor = geometry.inertia[i]
         if i in larger:
             # the second moments of mass, of which the inertia is trace less moment, scale by axis
-            moment = 0.5 * _trace(about) * EYE - about
+            moment = 0.5 * _trace(tensor) * EYE - tensor
             moment = moment * (larger[i][:, None] * larger[i][None, :])
-            about = _trace(moment) * EYE - moment
-        return heavier.get(i, 1.0) * about
+            tensor = _trace(moment) * EYE - moment
+        return heavier.get(i, 1.0) * tensor
 
     def position(i: int) -> Array:
         return larger.get(tree.links[i].parent, 1.0) * geometry.position[i]

@@ -198,7 +198,12 @@ def forward_dynamics(
 def passive_forces(
     tree: Tree, geometry: Geometry, q: Float[Array, " nq"], v: Float[Array, " nv"]
 ) -> Float[Array, " nv"]:
-    """Generalised forces (nv,), N m and N, of the joints' dampers and springs at q (nq,) and v (nv,)."""
+    """Generalised forces (nv,), N m and N, of the joints' dampers and springs.
+
+    Args:
+        tree, geometry: the links.
+        q, v: positions (nq,) and velocities (nv,).
+    """
     springs = []
     for i, link in enumerate(tree.links):
         stretch = q[tree.q_of[i]] - geometry.rest[i]
@@ -207,7 +212,13 @@ def passive_forces(
 
 
 def rigid_body(geometry: Geometry, i: int, place: Place) -> tuple[Inertia, Float[Array, " 3"]]:
-    """A link's inertia about its point, and mass times centre of mass from there (3,), in its axes."""
+    """The inertia of link i about its point, and its mass times its centre of mass from there (3,).
+
+    Args:
+        geometry: the numbers of the links.
+        i: the number of the link.
+        place: its place, in whose axes the results are.
+    """
     mass, c = geometry.mass[i], geometry.com[i] - geometry.anchor[i]
     # computed in the body's frame, where it is constant, and then rotated
     inertia = geometry.inertia[i] + mass * ((c @ c) * EYE - c[:, None] * c[None, :])

@@ -155,22 +155,36 @@ def movements(tree: Tree, placed: Sequence[Place], v: Float[Array, " nv"]) -> li
 
 
 def velocity(place: Place, movement: Movement, point: Float[Array, " 3"]) -> Float[Array, " 3"]:
-    """The velocity in the world (3,), m/s, of a `point` (3,) of a link's body, m in the body's frame."""
+    """The velocity in the world (3,), m/s, of a point of a link's body.
+
+    Args:
+        place, movement: those of the link.
+        point: the point (3,), m in the body's frame.
+    """
     lever = place.turn @ (point - place.anchor)
     return movement.base + place.frame @ (movement.linear + cross(movement.angular, lever))
 
 
 def velocity_at(place: Place, movement: Movement, at: Float[Array, " 3"]) -> Float[Array, " 3"]:
-    """The velocity in the world (3,), m/s, of a point of a link's body, given `at` (3,), m in the world."""
+    """The velocity in the world (3,), m/s, of a point of a link's body.
+
+    Args:
+        place, movement: those of the link.
+        at: the point (3,), m in the world.
+    """
     lever = place.frame.T @ (at - place.base) - place.reach
     return movement.base + place.frame @ (movement.linear + cross(movement.angular, lever))
 
 
 def rates(tree: Tree, q: Float[Array, " nq"], v: Float[Array, " nv"]) -> Float[Array, " nq"]:
-    """dq/dt (nq,), smooth, for Runge-Kutta methods (eq. 4.13 for quaternions).
+    """The time derivative of positions (nq,), smooth, for Runge-Kutta methods (eq. 4.13 for quaternions).
 
     The exact flow conserves the norm of a quaternion; its numerical drift has no effect, since every use of q
     normalises it.
+
+    Args:
+        tree: the links.
+        q, v: positions (nq,) and velocities (nv,).
     """
     pieces: list[Array] = []
     for at, to, link in zip(tree.v_of, tree.q_of, tree.links, strict=True):
@@ -183,7 +197,13 @@ def rates(tree: Tree, q: Float[Array, " nq"], v: Float[Array, " nv"]) -> Float[A
 
 
 def integrate(tree: Tree, q: Float[Array, " nq"], v: Float[Array, " nv"], dt: Scalar) -> Float[Array, " nq"]:
-    """Positions (nq,) after `dt` (s) at constant v (nv,), as by mj_integratePos; quaternions have norm 1."""
+    """Positions (nq,) after a time at constant velocities, as by mj_integratePos; quaternions have norm 1.
+
+    Args:
+        tree: the links.
+        q, v: positions (nq,) and velocities (nv,).
+        dt: the time, s.
+    """
     pieces: list[Array] = []
     for at, to, link in zip(tree.v_of, tree.q_of, tree.links, strict=True):
         if link.kind == "free":

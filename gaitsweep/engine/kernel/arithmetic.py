@@ -59,7 +59,13 @@ def not_after(w: Writer, a: int, b: int) -> int:
 
 
 def is_improved(w: Writer, best: int, new: int, order: str) -> int:
-    """Whether the best number so far is less ("lt") or greater ("gt") than a new one; NaN beats all."""
+    """Whether a new number replaces the best one so far; NaN beats all.
+
+    Args:
+        w: the writer.
+        best, new: nodes of the numbers.
+        order: "lt" for a maximum (the best is less than the new one), "gt" for a minimum.
+    """
     better = w("lt", best, new) if order == "lt" else w("lt", new, best)
     unmatched = w("and", w("not", _nan(w, best)), _nan(w, new))
     return w("or", better, unmatched)

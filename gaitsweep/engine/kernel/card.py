@@ -88,7 +88,7 @@ class CudaDevice:
     """One GPU, in the context that JAX uses too.
 
     Args:
-        number: of the device.
+        number: the number of the device.
     """
 
     def __init__(self, number: int) -> None:
@@ -117,7 +117,15 @@ class CudaDevice:
         return self._pinned.allocate(size * _NUMBER)
 
     def copy(self, source: Any, target: Any, size: int) -> None:
-        """Copy the first `size` numbers of one memory to another, after all earlier launches."""
+        """Copy numbers from one memory to another, after all earlier launches.
+
+        Args:
+            source, target: buffers of `allocate` or `allocate_pinned`.
+            size: how many numbers are copied, the first ones.
+
+        Raises:
+            RuntimeError: the driver refuses the copy.
+        """
         self._copy_bytes(source, target, size * _NUMBER)
 
     def _copy_bytes(self, source: Any, target: Any, size: int) -> None:
@@ -156,7 +164,16 @@ class CudaDevice:
         return self._core.ObjectCode.from_cubin(binary_of("cubin", key, compile_))
 
     def set_constant(self, module: Any, name: str, value: bytes) -> None:
-        """Set a variable of a module in the card's constant memory."""
+        """Set a variable of a module in the card's constant memory.
+
+        Args:
+            module: of `module`.
+            name: the variable's name in the source.
+            value: its bytes.
+
+        Raises:
+            RuntimeError: the module has no such variable, or a smaller one.
+        """
         from cuda.bindings import driver  # pyright: ignore[reportMissingImports]
 
         # cuda-core has no access to variables

@@ -111,12 +111,11 @@ def _traced(function: Callable[..., Any], shapes: Any) -> _Traced:
     outputs = tracer.read(jaxpr, inputs)
     likes, structure = jax.tree.flatten(out)
     flat_inputs, flat_outputs = (
-        [at for nodes in all_ for at in nodes.ravel().tolist()] for all_ in (inputs, outputs)
+        [at for nodes in arrays for at in nodes.ravel().tolist()] for arrays in (inputs, outputs)
     )
-    arrays = [(nodes.size, like.shape, str(like.dtype)) for nodes, like in zip(outputs, likes, strict=True)]
-    return _Traced(
-        program, flat_inputs, flat_outputs, arrays, jax.tree.unflatten(structure, range(len(arrays)))
-    )
+    kinds = [(nodes.size, like.shape, str(like.dtype)) for nodes, like in zip(outputs, likes, strict=True)]
+    places = jax.tree.unflatten(structure, range(len(kinds)))
+    return _Traced(program, flat_inputs, flat_outputs, kinds, places)
 
 
 def _traced_operations(function: Callable[..., Any], shapes: Any) -> tuple[list[Any], list[int], Any, Any]:

@@ -53,6 +53,10 @@ def compiled(chunk: Chunk, *, contraction: bool = True) -> tuple[Callable[[Any, 
 
     `S` (tiles, slots * lanes) float64, aligned to vectors; `samples` (tiles * lanes, BUFFER, width)
     receives the rows to keep. The kernel is compiled now, or loaded from the cache.
+
+    Args:
+        chunk: the program.
+        contraction: whether a product and a sum may become one instruction, which rounds once.
     """
     tile = Tile(chunk, TILE, contraction)
     return running(tile.layout, tile.source, tile.module), tile.slots
@@ -61,7 +65,12 @@ def compiled(chunk: Chunk, *, contraction: bool = True) -> tuple[Callable[[Any, 
 def running(
     layout: tuple[int, ...], source: str, module: Callable[[], ir.Module]
 ) -> Callable[[Any, Any, int], None]:
-    """The function `run` of `compiled`, from the layout, the source and the module of a `Tile`."""
+    """The function `run` of `compiled`.
+
+    Args:
+        layout, source: those of a `Tile`.
+        module: writes the tile's module, if the kernel is not in the cache.
+    """
     kinds = ctypes.c_void_p, ctypes.c_int64, ctypes.c_void_p, ctypes.c_int64
     function = loaded_once(f"{layout}\n{source}", module, *kinds)
 
@@ -93,12 +102,15 @@ def loaded_once(source: str, module: Callable[[], ir.Module], *kinds: Any) -> Ca
 class Tile:
     """The stages of a tile, and its slots.
 
-    `contraction`: whether a product and a sum may become one instruction.
-
     The program's slots are followed by a flag and a sample for the loop that keeps samples, by the values
     that plain attempts share, and by room for values that a stage loads again. Slots that plain attempts
     change exist twice, `apart` slots from each other: an attempt reads one side, `i`, and writes the other,
     `j`.
+
+    Args:
+        chunk: the program.
+        lanes: the number of lanes in a tile.
+        contraction: whether a product and a sum may become one instruction, which rounds once.
     """
 
     def __init__(self, chunk: Chunk, lanes: int, contraction: bool) -> None:

@@ -18,6 +18,7 @@ import numpy as np
 from jaxtyping import Float
 
 from gaitsweep.contract import Status
+from gaitsweep.engine.kernel import philox
 from gaitsweep.engine.kernel.chunk import Chunk
 from gaitsweep.engine.kernel.program import Kind
 from gaitsweep.engine.kernel.schedule import depth_first, scheduled
@@ -135,6 +136,11 @@ def placing(chunk: Chunk, seen: Sequence[int], title: str) -> str:
     `collect(S, n, turn, seen)` copies the slots `seen` to `seen` (len, n) and empties the buffers.
     `trajectory(S, n, i, slots)` copies all slots of lane i. `S` (slots, n) and `kept` (BUFFER, n, width) are
     the memory of n lanes; all numbers are float64.
+
+    Args:
+        chunk: the program.
+        seen: the slots that the host reads.
+        title: names the run in the first line.
     """
     program, nodes = chunk.program, list(chunk.steady.values())
     lines, names = _loads(chunk, program.needed(nodes))
@@ -145,8 +151,7 @@ def placing(chunk: Chunk, seen: Sequence[int], title: str) -> str:
     copies = [f"    seen[{k} * n + i] = S[{slot} * n + i];" for k, slot in enumerate(seen)]
     return "\n".join(
         [
-            f"// Written by gaitsweep: {title}",
-            HEAD,
+            *_beginning(chunk, title),
             c_function(
                 "PART void prepare(double* S, const index n, const index i)", [*lines, *more, *stores]
             ),
@@ -181,15 +186,30 @@ def running(chunk: Chunk, varying: Collection[int], title: str) -> str:
     Each of the first `threads` threads makes up to `polls` polls; the others of their block do nothing. `S`
     (slots, n) float64 has n lanes; `kept` (BUFFER, n, width) float64 has room for samples; `turn` (2,)
     float64 is the number of lanes taken and the lane taken first; the variable `same` has the values of the
-    nodes `uniform(chunk, varying)`, as `packed` gives them; `varying` are the slots of constants that differ
-    between rows.
+    nodes `uniform(chunk, varying)`, as `packed` gives them.
+
+    Args:
+        chunk: the program.
+        varying: the slots of constants that differ between rows.
+        title: names the run in the first line.
     """
     run = _RUN.format(interval=POLL_INTERVAL, status=chunk.record.status.first, halt=chunk.carry.halt.first)
-    return "\n".join([f"// Written by gaitsweep: {title}", HEAD, *_Thread(chunk, varying).parts(), run])
+    return "\n".join([*_beginning(chunk, title), *_Thread(chunk, varying).parts(), run])
+
+
+def _beginning(chunk: Chunk, title: str) -> list[str]:
+    """The head of a source, with the functions that its program calls."""
+    draws = any(node.op.startswith("philox") for node in chunk.program.nodes)
+    return [f"// Written by gaitsweep: {title}", HEAD, *([philox.IN_C] if draws else [])]
 
 
 def packed(chunk: Chunk, varying: Collection[int], slots: Float[np.ndarray, " slots"]) -> bytes:
-    """The variable `same` of a kernel, from all slots (n_slots,) of a trajectory."""
+    """The bytes of the variable `same` of a kernel.
+
+    Args:
+        chunk, varying: as for `running`.
+        slots: all slots (n_slots,) of a trajectory.
+    """
     kinds: dict[int, Kind] = {
         slot: chunk.program.nodes[at].kind for at, slot in uniform(chunk, varying).items()
     }

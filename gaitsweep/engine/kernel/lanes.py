@@ -71,11 +71,11 @@ class Kernel:
         """
         return chunk_of(self.lane, *self.shapes)
 
-    def stored(self, what: str, work_out: Callable[[], Any], *others: Any) -> Any:
+    def stored(self, name: str, compute: Callable[[], Any], *others: Any) -> Any:
         """As `stored_programs.stored`, for this run; the program of a ramp or staircase is not stored."""
         lane = self.lane
         deciding = None if lane.driven else (lane.recorder, lane.numerics, *others)
-        return stored(what, lane.model, deciding, work_out)
+        return stored(name, lane.model, deciding, compute)
 
     def _read_leaves(self) -> tuple[dict[str, tuple[int, tuple[int, ...]]], int]:
         record, carry = self.chunk.record, self.chunk.carry
@@ -95,6 +95,10 @@ class Kernel:
 def kernel_of(model: Model, recorder: Recorder, numerics: ResolvedNumerics, drive: RowDrive | None) -> Kernel:
     """Translate a run to a scalar program.
 
+    Args:
+        model, recorder, numerics: those of the run.
+        drive: the parameters at a time, for a ramp or a staircase.
+
     Raises:
         UnsupportedError: the model uses an operation that the scalar kernel does not have.
     """
@@ -102,11 +106,14 @@ def kernel_of(model: Model, recorder: Recorder, numerics: ResolvedNumerics, driv
 
 
 class KernelLanes(Lanes):
-    """The trajectories of a sweep that one device runs at a time."""
+    """The lanes of a scalar kernel on one device.
+
+    Args:
+        spec: the sweep.
+    """
 
     def __init__(self, spec: SweepSpec) -> None:
-        self.size = spec.lanes
-        self.at_a_time = self.size  # lanes that run at a time, the others wait
+        self.size = self.at_a_time = spec.lanes
         self.kernel = kernel_of(spec.model, spec.recorder, spec.numerics, spec.drive)
         self._dtype = np.dtype(spec.numerics.carried)
 
@@ -177,7 +184,6 @@ class CpuLanes(KernelLanes):
             self._buffers[lanes[opened.keeps], 0] = opened.samples[opened.keeps]
 
     def run_chunk(self, polls: int) -> ChunkOutput:
-        """Advance all running lanes by up to `polls * POLL_INTERVAL` attempts."""
         tiles = self._slots.shape[0]
         self._run(self._slots.reshape(tiles, -1), self._buffers, polls)
         slots = self._slots.transpose(1, 0, 2)

@@ -19,6 +19,8 @@ from typing import Any
 import llvmlite.binding as llvm
 from llvmlite import ir
 
+from gaitsweep.engine.kernel import philox
+
 DOUBLE, INDEX, VOID = ir.DoubleType(), ir.IntType(64), ir.VoidType()
 ARRAY = DOUBLE.as_pointer()
 _SINGLE, _FLAG = ir.FloatType(), ir.IntType(1)
@@ -246,6 +248,9 @@ class _Writer:
             return self.builder.fptrunc(args[0], self.single) if args[0].type == self.double else args[0]
         if name == "float64":
             return self._double(args[0])
+        if name in ("philox0", "philox1"):
+            numbers = [self._double(arg) for arg in args]
+            return philox.in_llvm(self.builder, lambda x: self._call("floor", [x]), numbers, int(name[-1]))
         return self._call(_OWN.get(name, name.removeprefix("math.")), args)
 
     def _call(self, name: str, args: list[Any]) -> Any:

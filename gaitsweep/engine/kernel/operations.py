@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 from collections.abc import Callable
 from fractions import Fraction
 from typing import Any, Literal
 
 import numpy as np
+
+from gaitsweep.dynamics.noise import fraction
 
 Kind = Literal["f64", "f32", "int", "bool"]
 
@@ -61,6 +64,17 @@ def _from_math(name: str) -> Operation:
     return _function(name, lambda x: type(x)(getattr(math, name)(x)))
 
 
+def _random(half: int) -> Operation:
+    """A random number between 0 and 1 of a seed, a counter and a stream, by two of the generator's words."""
+    arguments = "{0}, {1}, {2}"
+    return Operation(
+        "f64",
+        functools.partial(fraction, half=half),
+        f"philox{half}({arguments})",
+        f"philox({arguments}, {half})",
+    )
+
+
 OPERATIONS: dict[str, Operation] = {
     "add": _infix("same", lambda a, b: a + b, "{0} + {1}", commutes=True),
     "sub": _infix("same", lambda a, b: a - b, "{0} - {1}"),
@@ -98,4 +112,5 @@ OPERATIONS: dict[str, Operation] = {
     "pow": Operation("same", np.power, "{0} ** {1}", "pow{f}({0}, {1})"),
     "erf": _from_math("erf"),
     "erfc": _from_math("erfc"),
+    **{f"philox{half}": _random(half) for half in (0, 1)},
 }

@@ -185,8 +185,8 @@ def _different(
     lanes: Float[np.ndarray, "lanes slots"],
 ) -> tuple[Float[np.ndarray, "different slots"], Int[np.ndarray, " lanes"]]:
     """The unique lanes, and for each lane (n,) the index of its equal: a batch may repeat a point."""
-    seen: dict[bytes, int] = {}
-    back = np.array([seen.setdefault(lane.tobytes(), len(seen)) for lane in lanes])
+    index_of: dict[bytes, int] = {}
+    back = np.array([index_of.setdefault(lane.tobytes(), len(index_of)) for lane in lanes])
     return lanes[np.unique(back, return_index=True)[1]], back
 
 

@@ -77,6 +77,10 @@ def _select_n(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
     return [tracer.each(choose, which, *cases)]
 
 
+def _philox(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
+    return [tracer.apply(f"philox{equation.params['half']}", *args)]
+
+
 def _reduction(build: Build, neutral: float | None = None) -> Rule:
     """A reduction along axes; `neutral` is the result for no elements."""
 
@@ -184,6 +188,7 @@ _ELEMENTWISE: dict[str, Rule] = {
     "is_finite": _elementwise(arithmetic.is_finite),
     "integer_pow": _parametric(arithmetic.whole_power, lambda params: params["y"]),
     "convert_element_type": _parametric(arithmetic.converted, lambda params: kind_of(params["new_dtype"])),
+    "philox": _philox,
     "clamp": _clamp,
     "select_n": _select_n,
     **dict.fromkeys(

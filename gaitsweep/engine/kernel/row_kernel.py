@@ -28,7 +28,12 @@ class RowKernel(NamedTuple):
 
 
 def row_kernel(program: Program, inputs: Sequence[int], outputs: Sequence[int]) -> RowKernel:
-    """The kernel that computes the nodes `outputs` of a program from its nodes `inputs`."""
+    """The kernel of a program for one row.
+
+    Args:
+        program: the program.
+        inputs, outputs: its nodes that are given, and those that are computed.
+    """
     names = {at: f"x{i}" for i, at in enumerate(inputs)}
     lines, results = statements(PYTHON, program, outputs, names)
     loads = [

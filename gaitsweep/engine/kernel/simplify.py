@@ -20,7 +20,13 @@ Rule = Callable[["Program", tuple[int, ...]], int | None]
 
 
 def simplified(program: Program, op: str, args: tuple[int, ...]) -> int | None:
-    """A cheaper node with the value of an operation, or None."""
+    """A cheaper node with the value of an operation, or None.
+
+    Args:
+        program: the program, to which nodes are added.
+        op: a name in `OPERATIONS`.
+        args: the argument nodes.
+    """
     known = program.evaluated(op, args)
     if known is not None:
         return known

@@ -35,7 +35,13 @@ class Language:
     number: str
 
     def expression(self, operation: Operation, args: Sequence[str], bits: Literal[32, 64]) -> str:
-        """An operation on arguments, the last of which has `bits` bits."""
+        """The source of an operation.
+
+        Args:
+            operation: the operation.
+            args: expressions of its arguments.
+            bits: the width of the last argument.
+        """
         return getattr(operation, self.field).format(*args, bits=bits, f="f" if bits == 32 else "")
 
     def definition(self, kind: Kind, name: str, expression: str) -> str:
@@ -125,7 +131,14 @@ def c_function(head: str, lines: Sequence[str]) -> str:
 
 
 def name_all(language: Language, program: Program, order: Sequence[int], names: dict[int, str]) -> list[str]:
-    """The lines that compute the nodes `order`, in this order; `names` gets an expression of each."""
+    """The lines that compute some nodes.
+
+    Args:
+        language: the language of the lines.
+        program: the program.
+        order: the nodes, each after its arguments.
+        names: expressions of nodes that are available; those of `order` are added.
+    """
     lines: list[str] = []
     for at in order:
         node = program.nodes[at]

@@ -69,7 +69,12 @@ class Tracer:
         return self.read_open(closed.jaxpr, consts, args)
 
     def read_open(self, jaxpr: Jaxpr, consts: Sequence[Nodes], args: Sequence[Nodes]) -> list[Nodes]:
-        """The output nodes of a jaxpr with these nodes for its constants and inputs."""
+        """The output nodes of a jaxpr.
+
+        Args:
+            jaxpr: the jaxpr, with open constants.
+            consts, args: the nodes of its constants and of its inputs.
+        """
         from gaitsweep.engine.kernel.primitives import rule_for
 
         known: dict[Any, Nodes] = {}
@@ -92,7 +97,13 @@ class Tracer:
         return [get(atom) for atom in jaxpr.outvars]
 
     def inputs(self, tree: Any, first: int, *, steady: bool) -> list[Nodes]:
-        """Input nodes, numbered from `first`, for each leaf of a pytree of arrays or of shapes."""
+        """Input nodes for each leaf of a pytree.
+
+        Args:
+            tree: a pytree of arrays or of shapes.
+            first: the number of the first input.
+            steady: whether the inputs are constant along a trajectory.
+        """
         arrays = []
         for leaf in jax.tree.leaves(tree):
             size, kind = int(np.prod(leaf.shape)), kind_of(leaf.dtype)

@@ -122,7 +122,13 @@ class Map(abc.ABC):
 
     @abc.abstractmethod
     def follow(self, values: Values, at: Coordinates, modes: State) -> Image:
-        """The image of one point, in JAX."""
+        """The image of one point, in JAX.
+
+        Args:
+            values: parameters by name, one scalar each.
+            at: the coordinates (size,) of the point.
+            modes: a state with its discrete modes.
+        """
 
     @abc.abstractmethod
     def conserved_values(self, values: Values, at: Coordinates) -> Float[Array, " conserved"]:
@@ -168,11 +174,17 @@ class Map(abc.ABC):
         return np.nan_to_num(np.max(share, axis=-1), nan=np.inf)
 
     def images(self, points: Points, values: Values) -> MapEvaluation:
-        """The images of many points."""
+        """The images of n points; `values` are parameters by name, numbers or (n,)."""
         return self._evaluated(points, values, None, derivatives=False)
 
     def linearised(self, points: Points, values: Values, over: str | None = None) -> MapEvaluation:
-        """The images with their derivatives by the coordinates and by the parameter `over`."""
+        """The images of n points with their derivatives.
+
+        Args:
+            points: the points.
+            values: parameters by name, numbers or (n,).
+            over: a parameter by which the images are differentiated as well; None: by coordinates alone.
+        """
         return self._evaluated(points, values, over, derivatives=True)
 
     @abc.abstractmethod
@@ -217,16 +229,14 @@ class FollowedMap(Map):
 
 
 @dataclasses.dataclass(frozen=True)
-class IteratedMap(Map):
-    """A map applied several times; it has the programs of the map, and derivatives by the chain rule.
+class DerivedMap(Map):
+    """A map that is made of another one, on the same space.
 
     Args:
-        base: the map.
-        count: the number of its applications.
+        base: the other map.
     """
 
     base: Map
-    count: int
 
     @property
     def coordinates(self) -> tuple[Quantity, ...]:
@@ -239,6 +249,18 @@ class IteratedMap(Map):
     @property
     def durations(self) -> tuple[str, ...]:
         return self.base.durations
+
+
+@dataclasses.dataclass(frozen=True)
+class IteratedMap(DerivedMap):
+    """A map applied several times; it has the programs of the map, and derivatives by the chain rule.
+
+    Args:
+        base: the map.
+        count: the number of its applications.
+    """
+
+    count: int
 
     def follow(self, values: Values, at: Coordinates, modes: State) -> Image:
         image, modes, status, observed = self.base.follow(values, at, modes)
@@ -267,8 +289,8 @@ class IteratedMap(Map):
         events: list[Events] = [[] for _ in range(len(points))]
         begun = np.zeros(len(points))
         for _ in range(self.count):
-            for own, more, at in zip(events, self.base.events(points, values), begun, strict=True):
-                own += [(at + t, name) for t, name in more]
+            for so_far, new, start in zip(events, self.base.events(points, values), begun, strict=True):
+                so_far += [(start + t, name) for t, name in new]
             images = self.base.images(points, values)
             points, begun = images.points, begun + images.observed.get("time", 0.0)
         return events
@@ -300,12 +322,12 @@ class IteratedMap(Map):
 
 @cached_by_content(maxsize=64)
 def _program(mapping: Map, over: str | None, derivatives: bool) -> Any:
-    """The map of a batch of points, compiled for each batch size."""
+    """The map of a batch of points and its derivatives, compiled for each batch size."""
 
     def one(values: Any, at: Coordinates, modes: State) -> Any:
         size = at.size
 
-        def moved(x: Float[Array, " variables"]) -> Any:
+        def image_of(x: Float[Array, " variables"]) -> Any:
             parameters = values if over is None else {**values, over: x[size]}
             image, state, status, observed = mapping.follow(parameters, x[:size], modes)
             conserved = mapping.conserved_values(parameters, x[:size])
@@ -313,9 +335,9 @@ def _program(mapping: Map, over: str | None, derivatives: bool) -> Any:
 
         x = at if over is None else jnp.concatenate([at, values[over][None]])
         if derivatives:
-            slopes, outputs = jax.jacfwd(moved, has_aux=True)(x)
+            slopes, outputs = jax.jacfwd(image_of, has_aux=True)(x)
         else:
-            _, outputs = moved(x)
+            _, outputs = image_of(x)
             gradients = jax.jacfwd(lambda at: mapping.conserved_values(values, at))(at)
             slopes = jnp.concatenate([jnp.full((size, size), jnp.nan), gradients])
         return (*outputs, slopes)

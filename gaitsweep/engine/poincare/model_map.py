@@ -30,7 +30,7 @@ from gaitsweep.expression import functions_of, names_in, resolve
 class ModelMap(FollowedMap):
     """A map of a model's states, in JAX and for many points at once.
 
-    1. A map gives `_chart` and `state`, `durations` and `refined`.
+    1. A map gives `_chart`, `state`, `events` and `refined`.
     2. The other members are built from them.
 
     Args:
@@ -61,6 +61,10 @@ class ModelMap(FollowedMap):
     @property
     def conserved(self) -> tuple[Quantity, ...]:
         return self.chart.conserved
+
+    @property
+    def durations(self) -> tuple[str, ...]:
+        return ("time",)
 
     def params(self, values: Values) -> Params:
         """The model's parameters: values, then settings, then defaults; formulas are evaluated."""
@@ -95,16 +99,12 @@ class ModelMap(FollowedMap):
     def mirrored(self, points: Points, values: Values) -> dict[str, Points]:
         complete = self.complete(values, len(points))
         images = _mirrors(self)(complete, points.at, points.modes) if self.model.symmetries() else {}
-        images = {name: jax.tree.map(np.asarray, image) for name, image in images.items()}
-        return {
-            name: Points(np.asarray(at), jax.tree.map(np.asarray, modes))
-            for name, (at, modes) in images.items()
-        }
+        return {name: Points(*jax.tree.map(np.asarray, image)) for name, image in images.items()}
 
     def settled(
         self, starts: Mapping[str, Any], values: Values, cycles: int
     ) -> tuple[Points, Int[np.ndarray, " points"]]:
-        """The points that starts of the model reach after `cycles` images, and the `ReturnStatus` of each.
+        """The points that starts of the model reach after `cycles` images.
 
         Args:
             starts: initial conditions (n,) by name; the others have their defaults.

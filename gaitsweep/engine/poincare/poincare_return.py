@@ -15,7 +15,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from gaitsweep.contract import HybridModel, Model, Params, ResultCode, State
-from gaitsweep.engine.advance import Carry, Halt, advance, stalled, start
+from gaitsweep.engine.advance import advance
+from gaitsweep.engine.carry import Carry, Halt, stalled, start
 from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.leaves import float_leaves
 from gaitsweep.engine.numerics import ResolvedNumerics, step_of

@@ -12,57 +12,20 @@ from functools import cached_property
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
-from gaitsweep.contract import Chart, HybridModel, Params, Quantity, State
+from gaitsweep.contract import Chart, HybridModel, Params, State
 from gaitsweep.engine.content import cached_by_content
-from gaitsweep.engine.leaves import float_leaves, is_float, with_float_leaves
+from gaitsweep.engine.leaves import AllVariables
 from gaitsweep.engine.numerics import Numerics, ResolvedNumerics
 from gaitsweep.engine.poincare.event_record import EventRecord, recorded_return
-from gaitsweep.engine.poincare.maps import (
-    BATCH_SIZES,
-    Coordinates,
-    Events,
-    Points,
-    Values,
-)
+from gaitsweep.engine.poincare.maps import BATCH_SIZES, Coordinates, Events, Points, Values
 from gaitsweep.engine.poincare.model_map import ModelMap
 from gaitsweep.engine.poincare.poincare_return import Returned, crossing_of
+from gaitsweep.engine.solver import fixed_step_scheme
 
 # The fraction of the step of a refined map.
 REFINED = 0.5
-
-
-@dataclasses.dataclass(frozen=True)
-class AllVariables(Chart):
-    """All float variables of a state as coordinates, for models without a chart; `names` are their names."""
-
-    names: tuple[str, ...]
-
-    @classmethod
-    def of(cls, state: State) -> AllVariables:
-        """The chart of states like this one."""
-        names: list[str] = []
-        for path, leaf in jax.tree_util.tree_leaves_with_path(state):
-            if is_float(leaf):
-                field = jax.tree_util.keystr(path, simple=True, separator="_")
-                names += ["_".join([field, *(str(i + 1) for i in at)]) for at in np.ndindex(*np.shape(leaf))]
-        return cls(tuple(names))
-
-    @property
-    def coordinates(self) -> tuple[Quantity, ...]:
-        return tuple(Quantity(name, "", f"{name} of the state") for name in self.names)
-
-    def to_coordinates(self, params: Params, state: State) -> Coordinates:
-        return jnp.concatenate([jnp.ravel(leaf).astype(jnp.float64) for leaf in float_leaves(state)])
-
-    def from_coordinates(self, params: Params, at: Coordinates, modes: State) -> State:
-        leaves = float_leaves(modes)
-        cuts = np.cumsum([leaf.size for leaf in leaves])[:-1]
-        pieces = jnp.split(at, cuts.tolist())
-        shaped = [p.reshape(x.shape).astype(x.dtype) for p, x in zip(pieces, leaves, strict=True)]
-        return with_float_leaves(modes, shaped)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -86,13 +49,11 @@ class BatchedReturnMap(ModelMap):
         numerics = self.numerics
         return numerics if isinstance(numerics, ResolvedNumerics) else numerics.resolve(self.model)
 
-    def refined(self, factor: float = REFINED) -> BatchedReturnMap:
+    def refined(self, factor: float = REFINED) -> BatchedReturnMap | None:
         """The same map with a factor on its steps: half of them, or tolerances 32 times finer."""
+        if self._is_step:
+            return None
         return dataclasses.replace(self, numerics=self.integration.refined(factor))
-
-    @property
-    def durations(self) -> tuple[str, ...]:
-        return ("time",)
 
     def _chart(self) -> Chart:
         return self.model.chart() or AllVariables.of(self._shape)
@@ -101,7 +62,15 @@ class BatchedReturnMap(ModelMap):
         """The time (s) to the next crossing, the state just after it, and the `ReturnStatus`, in JAX."""
         return crossing_of(self.model, self.integration, self.engine)(params, state)
 
+    @property
+    def _is_step(self) -> bool:
+        """Whether the map is the model's own step, which has no events within it."""
+        steps = fixed_step_scheme(self.integration.method, self.model)
+        return steps is not None and steps.is_return_map
+
     def events(self, points: Points, values: Values) -> list[Events]:
+        if self._is_step:
+            return [[] for _ in range(len(points))]
         complete, pieces = self.complete(values, len(points)), []
         for first in range(0, len(points), BATCH_SIZES[-1]):
             # one size of batches, for which the program is compiled once
@@ -109,8 +78,8 @@ class BatchedReturnMap(ModelMap):
             batch, own = points[order], {name: column[order] for name, column in complete.items()}
             pieces.append(jax.tree.map(np.asarray, _recorder(self)(own, batch.at, batch.modes)))
         times, counts = (np.concatenate(leaves)[: len(points)] for leaves in zip(*pieces, strict=True))
-        given = self.model.guard_names if isinstance(self.model, HybridModel) else ()
-        names = given or [f"guard {guard + 1}" for guard in range(counts.shape[1])]
+        declared = self.model.guard_names if isinstance(self.model, HybridModel) else ()
+        names = declared or [f"guard {guard + 1}" for guard in range(counts.shape[1])]
         events: list[Events] = []
         for own, of_guards in zip(times, counts, strict=True):
             timed = [(float(own[k, g]), names[g]) for g in range(len(names)) for k in range(len(own))]

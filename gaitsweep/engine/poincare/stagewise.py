@@ -16,7 +16,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Int
 
 from gaitsweep.contract import HybridModel, Params, Rates
-from gaitsweep.engine.advance import Carry, advance, select
+from gaitsweep.engine.advance import advance
+from gaitsweep.engine.carry import Carry, select
 from gaitsweep.engine.numerics import ResolvedNumerics
 from gaitsweep.engine.solver import euler_update
 

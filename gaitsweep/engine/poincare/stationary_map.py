@@ -42,13 +42,13 @@ class FlowVariables(Chart):
     Args:
         model: the model.
         fields: the fields of a state that the flow moves.
-        kept: the places of the coordinates among all numbers of these fields.
+        places: the places of the coordinates among all numbers of these fields.
         quantities: the coordinates.
     """
 
     model: HybridModel
     fields: tuple[str, ...]
-    kept: tuple[int, ...]
+    places: tuple[int, ...]
     quantities: tuple[Quantity, ...]
 
     @property
@@ -56,11 +56,11 @@ class FlowVariables(Chart):
         return self.quantities
 
     def to_coordinates(self, params: Params, state: State) -> Coordinates:
-        return self._joined(*(getattr(state, name) for name in self.fields))[jnp.array(self.kept)]
+        return self._joined(*(getattr(state, name) for name in self.fields))[jnp.array(self.places)]
 
     def from_coordinates(self, params: Params, at: Coordinates, modes: State) -> State:
         old = [jnp.asarray(getattr(modes, name)) for name in self.fields]
-        numbers = self._joined(*old).at[jnp.array(self.kept)].set(at)
+        numbers = self._joined(*old).at[jnp.array(self.places)].set(at)
         pieces = jnp.split(numbers, np.cumsum([value.size for value in old])[:-1].tolist())
         new = [piece.reshape(value.shape) for piece, value in zip(pieces, old, strict=True)]
         return dataclasses.replace(modes, **dict(zip(self.fields, new, strict=True)))
@@ -69,7 +69,7 @@ class FlowVariables(Chart):
         """The rates (n,) of the coordinates."""
         rates, shapes = self.model.flow(params, state), {name: getattr(state, name) for name in self.fields}
         full = (jnp.broadcast_to(jnp.asarray(rates[name]), jnp.shape(x)) for name, x in shapes.items())
-        return self._joined(*full)[jnp.array(self.kept)]
+        return self._joined(*full)[jnp.array(self.places)]
 
     def _joined(self, *values: Any) -> Float[Array, " numbers"]:
         return jnp.concatenate([jnp.ravel(jnp.asarray(value)).astype(jnp.float64) for value in values])
@@ -88,10 +88,6 @@ class StationaryMap(ModelMap):
     """
 
     without: tuple[str, ...] = ()
-
-    @property
-    def durations(self) -> tuple[str, ...]:
-        return ("time",)
 
     def refined(self) -> None:
         return None
@@ -122,22 +118,23 @@ class StationaryMap(ModelMap):
             if name not in names:
                 near = near_miss.suggestion(name, names)
                 raise ArgumentError(f"{name} is no variable of the flow of {model.name}{near}")
-        kept = tuple(place for place, name in enumerate(names) if name not in self.without)
-        chosen = (known.get(names[k], Quantity(names[k], "", f"{names[k]} of the state")) for k in kept)
-        return FlowVariables(model, fields, kept, tuple(chosen))
+        places = tuple(place for place, name in enumerate(names) if name not in self.without)
+        chosen = (known.get(names[k], Quantity(names[k], "", f"{names[k]} of the state")) for k in places)
+        return FlowVariables(model, fields, places, tuple(chosen))
 
     def rates(self, values: Values, at: Coordinates, modes: State) -> Coordinates:
-        """The rates (n,) of the coordinates at one point, in JAX."""
+        """The rates (n,) of the coordinates at one point, in JAX; arguments as of `follow`."""
         params = self.params(values)
         return self.flow.rates(params, self.flow.from_coordinates(params, at, modes))
 
     def state(self, params: Params, state: State) -> Returned:
         flow = self.flow
         at = flow.to_coordinates(params, state)
-        f, jacobian = (
-            of(lambda at: flow.rates(params, flow.from_coordinates(params, at, state)))(at)
-            for of in (lambda rates: rates, jax.jacfwd)
-        )
+
+        def rates(at: Coordinates) -> Coordinates:
+            return flow.rates(params, flow.from_coordinates(params, at, state))
+
+        f, jacobian = rates(at), jax.jacfwd(rates)(at)
         scale = jnp.sqrt(FLOOR**2 + at**2)
         size = jnp.sum((jacobian * scale[None] / scale[:, None]) ** 2)
         step = 2.0 * BOUND / jnp.sqrt((2.0 * jnp.pi / self.model.period(params)) ** 2 + size)

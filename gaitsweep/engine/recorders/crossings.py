@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from gaitsweep.contract import Model, Params, Status
-from gaitsweep.engine.advance import Carry, Halt
+from gaitsweep.engine.carry import Carry, Halt
 from gaitsweep.engine.recorders.recorder import (
     BUFFER,
     SPARE_CYCLES,

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from jaxtyping import Float, Int, Num
 
-from gaitsweep.contract import Quantity
+from gaitsweep.contract import RECURRENT, Quantity
 from gaitsweep.row_outcome import RowOutcome
 
 # Largest difference of values that count as equal in the order of crossings, as a share of the largest
@@ -19,12 +19,18 @@ EQUAL = 0.01
 def with_orbits(numbers: Mapping[str, Num[np.ndarray, "rows ..."]]) -> dict[str, Num[np.ndarray, "rows ..."]]:
     """The numbers of ended rows with `orbit`, the crossings before the last one, the latest first.
 
-    They are in the recorder's `window` (n, crossings, observables + 2), the last one first.
+    They are in the recorder's `window` (n, crossings, observables + 2), the last one first. Rows that settled
+    at one point have none. Other numbers of several crossings (n, crossings, observables) become rows of
+    numbers, too.
     """
     if "window" not in numbers:
         return {**numbers}
+    of_crossings = {name for name, values in numbers.items() if values.ndim == 3 and name != "window"}
+    numbers = {**numbers, **{name: numbers[name].reshape(len(numbers[name]), -1) for name in of_crossings}}
     others = numbers["window"][:, 1:, :-2].reshape(len(numbers["window"]), -1)
-    return {**numbers, "orbit": np.where(numbers["period"][:, None] > 1, others, np.nan)}
+    # a kernel's numbers are floats
+    several = (numbers["period"] > 1) | RECURRENT.among(numbers["status"].astype(np.int32))
+    return {**numbers, "orbit": np.where(several[:, None], others, np.nan)}
 
 
 def from_first_crossing(observables: Sequence[Quantity], rows: RowOutcome) -> RowOutcome:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import abc
 import dataclasses
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -20,7 +20,7 @@ from jaxtyping import Array, Bool, Float, Int, Real
 from gaitsweep.contract import HybridModel, Model, Params, State, Status
 from gaitsweep.dynamics.declarations import Variable
 from gaitsweep.dynamics.declared_model import Declared
-from gaitsweep.engine.advance import Carry, Halt, fired_last, select, stalled
+from gaitsweep.engine.carry import Carry, Halt, fired_last, select, stalled
 from gaitsweep.engine.shapes import Flag, GuardFlags, Integer, Number, Observed
 from gaitsweep.row_outcome import RowNumber, RowOutcome
 
@@ -80,7 +80,8 @@ class Readings:
     """Points of rows at which the model labels gaits: `rows` (n,), times `t` (n,) s, `observed` (n, k).
 
     `readable` (n,) is false where there is no gait to read. `batch` is the number of readings in one call of
-    the model's `label`, if samples are read; None for one reading of each row.
+    the model's `label`, if samples are read; None for one reading of each row. `earlier` are readings of the
+    same rows before a push, for their label `gait_before`.
     """
 
     rows: Int[np.ndarray, " readings"]
@@ -88,6 +89,7 @@ class Readings:
     observed: Float[np.ndarray, "readings observables"]
     readable: Bool[np.ndarray, " readings"]
     batch: int | None = None
+    earlier: Readings | None = None
 
 
 class RunningRows(NamedTuple):
@@ -110,10 +112,12 @@ class Recorder(abc.ABC):
 
     # Numbers of each row in addition to the engine's, which `record` may set: the period of the attractor in
     # crossings, 0 if unknown, and the index of the observable that kept the row from settling.
-    numbers: ClassVar[tuple[RowNumber, ...]] = (
+    numbers: tuple[RowNumber, ...] = (
         RowNumber("period", np.int8),
         RowNumber("slowest", np.int64, absent=-1),
     )
+    # Tangents of each trajectory, whose growth gives as many Lyapunov exponents.
+    exponents: int = 0
     model: Model
 
     @property
@@ -237,7 +241,8 @@ def readings_at_the_end(rows: RowOutcome) -> Readings:
 
 def _variables(model: Model) -> list[str]:
     """The declared variables of a model; those that only jumps change are not in its `flow`."""
-    declared = model.declarations if isinstance(model, Declared) else {}
+    own = model.original
+    declared = own.declarations if isinstance(own, Declared) else {}
     return [name for name, declaration in declared.items() if isinstance(declaration, Variable)]
 
 

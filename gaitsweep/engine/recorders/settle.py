@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
 from typing import final
 
 import jax
@@ -11,10 +10,21 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from gaitsweep.angle_difference import wrapped_difference
 from gaitsweep.contract import HybridModel, Model, Params, Status
-from gaitsweep.engine.advance import Carry, Halt
+from gaitsweep.engine.carry import Carry, Halt, select
 from gaitsweep.engine.rarity import unlikely
+from gaitsweep.engine.recorders.bounds import (
+    SETTLE_WINDOW,
+    TOLERANCE,
+    Span,
+    bounds,
+    change,
+    first_span,
+    per_observable,
+    slowest,
+    widened,
+)
+from gaitsweep.engine.recorders.exponents import Exponents, exponent_numbers, may_turn, separated
 from gaitsweep.engine.recorders.recorder import (
     SPARE_CYCLES,
     Beginning,
@@ -26,17 +36,9 @@ from gaitsweep.engine.recorders.recorder import (
     attempts_until,
     readings_at_the_end,
 )
-from gaitsweep.engine.shapes import Flag, Integer, Number, Observed
+from gaitsweep.engine.shapes import Flag, Integer, Number
 from gaitsweep.row_outcome import RowNumber, RowOutcome
 
-# Crossings over which a settled state must be constant.
-SETTLE_WINDOW = 10
-# Largest change of a settled observable in a crossing, as a share of its scale.
-TOLERANCE = 1.0e-3
-# The smallest scale of an observable without a scale of its own: a share of its magnitude (integration errors
-# and rounding are relative to that), and a number in its unit, so that an observable at 0 settles.
-LEAST_SHARE = 1.0e-5
-LEAST_SCALE = 1.0e-9
 # The longest period (crossings) of an attractor that is detected, by default. The test is made at every
 # crossing whose number is a multiple of it, over two spans of that length.
 MAX_PERIOD = 8
@@ -65,16 +67,12 @@ NEGLIGIBLE = 1.0e-4
 REST = 1.0e-6
 REST_PERIODS = 10.0
 LEAST_RATE = 1.0e-12
-# Differences of the observables between a crossing and those before it, or their values at these.
-Crossings = Float[Array, "crossings observables"]
-# The least and the largest value of each observable without a scale.
-Span = Float[Array, "2 unscaled"]
 
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Memory:
-    """Memory of a row.
+    """The memory of a row.
 
     `window` (w, n + 2) the last `SETTLE_WINDOW` crossings, or `max_period` if that is more: their
     observables, their time (s) and their distance from the crossing before them, in units of the bound;
@@ -93,6 +91,7 @@ class Memory:
     orbit: Int[Array, " 2"]
     fastest: Float[Array, " rates"]
     rest: Float[Array, " 3"]
+    exponents: Exponents | tuple[()]
 
     @property
     def results(self) -> dict[str, Array]:
@@ -110,15 +109,21 @@ class SettleRecorder(Recorder):
     about to leave (`LEAVING`) has to do so for as many more crossings. Settled with period p: see `_period`;
     the orbit is found again for `HOLD` of the longest periods. Crossings that accumulate do not settle. At
     rest: all rates of the flow vanish (`REST`). `tolerance` is one for all observables, or one for each.
-    `max_time` (s) is by default four nominal periods for each of `max_cycles`.
+    `max_time` (s) is by default four nominal periods for each of `max_cycles`. With `exponents`, a number of
+    Lyapunov exponents, rows may end as chaotic or quasi-periodic (`Exponents.status`).
     """
 
-    numbers = (*Recorder.numbers, RowNumber("orbit", np.float64, np.nan, crossings=SETTLE_WINDOW - 1))
     model: Model
     max_cycles: int = 150
     tolerance: float | tuple[float, ...] = TOLERANCE
     max_time: float | None = None
     max_period: int = MAX_PERIOD
+    exponents: int = 0
+
+    @property
+    def numbers(self) -> tuple[RowNumber, ...]:  # pyright: ignore[reportIncompatibleVariableOverride]
+        orbit = RowNumber("orbit", np.float64, np.nan, crossings=SETTLE_WINDOW - 1)
+        return (*Recorder.numbers, orbit, *exponent_numbers(self.exponents))
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -137,16 +142,17 @@ class SettleRecorder(Recorder):
         record, sample, keep = self.unsampled(params, carry)
         last, dtype = record.last, record.last.dtype
         length = max(SETTLE_WINDOW, self.max_period)
-        seen = jnp.broadcast_to(last, (length, *last.shape))
+        observed = jnp.broadcast_to(last, (length, *last.shape))
         none = jnp.zeros((), jnp.int32)
         memory = Memory(
-            window=jnp.concatenate([seen, jnp.zeros((length, 2), dtype)], axis=1),
+            window=jnp.concatenate([observed, jnp.zeros((length, 2), dtype)], axis=1),
             moves=jnp.zeros((2, self.max_period), dtype),
             span=first_span(self.model, last),
             calm=none,
             orbit=jnp.stack([none, none]),
             fastest=jnp.zeros_like(self._rates(params, carry)[0]),
             rest=jnp.asarray([0.0, 0.0, -1.0], dtype),
+            exponents=Exponents.begun(self.exponents, last, length) if self.exponents else (),
         )
         return dataclasses.replace(record, memory=memory), sample, keep
 
@@ -160,6 +166,7 @@ class SettleRecorder(Recorder):
         span = widened(memory.span, self.model, now)
         moved = jnp.abs(change(self.model, now[None, :] - before))
         latest = jnp.concatenate([now[None, :], before[:SETTLE_WINDOW]])
+        bare_moves = moved
         # one division for each observable
         moved = moved * (1.0 / bounds(self.model, self.tolerance, latest, span))[None, :]
         still = (cycles >= SETTLE_WINDOW) & jnp.all(moved[:SETTLE_WINDOW] < 1.0)
@@ -178,11 +185,24 @@ class SettleRecorder(Recorder):
         # crossings at one instant are not cycles
         settled = (period > 0) & (carry.chain < SETTLE_WINDOW)
         given_up = cycles >= self.max_cycles
-        ended = jnp.where(settled, Status.settled, jnp.where(given_up, Status.cycle_limit, Status.running))
+        unsettled, late = jnp.asarray(Status.cycle_limit), jnp.asarray(Status.time_limit)
+        exponents, named = memory.exponents, {}
+        if isinstance(exponents, Exponents):
+            scales = bounds(self.model, 1.0 / SETTLE_WINDOW, latest, span)
+            away = jnp.abs(change(self.model, now[None, :] - exponents.begin)) / scales[None, :]
+            logs, spread = separated(self.model, params, carry)
+            step = jnp.max(bare_moves[0] / scales)
+            later = exponents.after(logs, carry.t - times[0], step, jnp.max(away, axis=1), cycles, now)
+            exponents = select(crossed, later, exponents)
+            unsettled = exponents.status(jnp.where(crossed, cycles, record.cycles), may_turn(self.model))
+            late = jnp.where(unsettled == Status.cycle_limit, late, unsettled)
+            carry = dataclasses.replace(carry, tangents=select(crossed, spread.tangents, carry.tangents))
+            named = exponents.numbers(period, carry.t - times)
+        ended = jnp.where(settled, Status.settled, jnp.where(given_up, unsettled, Status.running))
 
         fastest, rest, rests = self._rest(params, carry, memory)
         rests = rests & free & ~crossed
-        timed = jnp.where(carry.halt == Halt.TIME, Status.time_limit, Status.running)
+        timed = jnp.where(carry.halt == Halt.TIME, late, Status.running)
         status = jnp.where(crossed, ended, jnp.where(rests, Status.at_rest, timed))
         after = jnp.where(tested, jnp.stack([jnp.zeros_like(moves), moves]), memory.moves.at[0].set(moves))
         first = jnp.concatenate([now, jnp.stack([carry.t.astype(now.dtype), distances[0]])])
@@ -200,9 +220,12 @@ class SettleRecorder(Recorder):
                 orbit=jnp.where(crossed, orbit, memory.orbit).astype(jnp.int32),
                 fastest=fastest,
                 rest=rest.astype(now.dtype),
+                exponents=exponents,
             ),
             numbers={
                 **record.numbers,
+                # rows that fail have none
+                **{name: jnp.where(status == Status.running, jnp.nan, x) for name, x in named.items()},
                 "period": jnp.where(crossed & settled, period, 0).astype(jnp.int32),
                 "slowest": jnp.where(
                     crossed & given_up & ~settled, slowest(moved[:SETTLE_WINDOW]), -1
@@ -258,7 +281,7 @@ class SettleRecorder(Recorder):
         So neither a slowly converging spiral, whose remaining motion is that distance, nor a slow drift
         counts as periodic.
         """
-        eps = 64.0 * float(jnp.finfo(newest.dtype).eps) / min(_each(self.tolerance))
+        eps = 64.0 * float(jnp.finfo(newest.dtype).eps) / min(per_observable(self.tolerance))
         period = jnp.zeros((), jnp.int32)
         for p in range(self.max_period, 1, -1):
             spans, in_all = self.max_period / p, self.max_cycles / p
@@ -282,13 +305,6 @@ class SettleRecorder(Recorder):
         return np.minimum(rows.cycles / (typical or self.max_cycles), 0.95)
 
 
-def tolerances(model: Model, tolerance: float | Mapping[str, float]) -> float | tuple[float, ...]:
-    """The tolerance of each observable in order, from one for all or from some by name."""
-    if not isinstance(tolerance, Mapping):
-        return tolerance
-    return tuple(tolerance.get(quantity.name, TOLERANCE) for quantity in model.observables)
-
-
 def _maximal_divisors(p: int) -> list[int]:
     """The divisors of p by primes: if one of them is a period, p is not."""
     return [d for d in range(1, p) if p % d == 0 and all((p // d) % q for q in range(2, p // d))]
@@ -305,59 +321,3 @@ def _accumulate(cycles: Integer, t: Number, times: Float[Array, " window"]) -> F
     shrinks = (first > STEADY * newest) & (second > 0.0)
     accumulated = newest * cycles < NEGLIGIBLE * SPAN * t
     return accumulated | shrinks & (first * first > (1.0 - ACCUMULATED) * newest * (second - first))
-
-
-def _unscaled(model: Model) -> list[int]:
-    """The observables without a scale of their own."""
-    return [i for i, q in enumerate(model.observables) if not q.circular and q.scale is None]
-
-
-def first_span(model: Model, like: Observed) -> Span:
-    """The least and largest values (2, n) of no crossing, of the observables without a scale."""
-    none = jnp.full((len(_unscaled(model)),), jnp.inf, like.dtype)
-    return jnp.stack([none, -none])
-
-
-def widened(span: Span, model: Model, now: Observed) -> Span:
-    """The span (2, n) with the observables of one more crossing; NaN and infinities are left out."""
-    if span.size == 0:
-        return span
-    own = now[np.asarray(_unscaled(model))]
-    finite = jnp.abs(own) < jnp.inf
-    least = jnp.where(finite & (own < span[0]), own, span[0])
-    return jnp.stack([least, jnp.where(finite & (own > span[1]), own, span[1])])
-
-
-def bounds(model: Model, tolerance: float | tuple[float, ...], latest: Crossings, span: Span) -> Observed:
-    """The largest change of each observable (n,) of a settled state over the window, in its unit; above 0.
-
-    It is `SETTLE_WINDOW` times its tolerance times its scale: 1 rad for angles, `Quantity.scale` if defined,
-    else the range of its values over the row, from their `span`. That scale is at least `LEAST_SHARE` of the
-    magnitude at the `latest` crossings (w, n), and `LEAST_SCALE`.
-    """
-    per_observable = _each(tolerance)
-    per_observable = per_observable * len(model.observables) if len(per_observable) == 1 else per_observable
-    share = jnp.asarray([SETTLE_WINDOW * one for one in per_observable], latest.dtype)
-    sizes = [1.0 if q.circular else q.scale for q in model.observables]
-    scales = jnp.asarray([0.0 if scale is None else scale for scale in sizes], latest.dtype)
-    if not (unscaled := _unscaled(model)):
-        return share * scales
-    size = LEAST_SHARE * jnp.max(jnp.abs(latest[:, np.asarray(unscaled)]), axis=0)
-    own = jnp.maximum(jnp.maximum(span[1] - span[0], size), LEAST_SCALE)
-    return share * scales.at[np.asarray(unscaled)].set(own)
-
-
-def slowest(moved: Crossings) -> Integer:
-    """The number of the observable with the largest change (w, n), in units of its bound; -1 if unknown."""
-    most = jnp.max(moved, axis=0)
-    return jnp.where(jnp.any(jnp.isnan(most)), -1, jnp.argmax(most))
-
-
-def change(model: Model, difference: Crossings) -> Crossings:
-    """Differences of observables; differences of angles are wrapped to [-pi, pi)."""
-    circular = jnp.asarray([q.circular for q in model.observables])
-    return jnp.where(circular[None, :], wrapped_difference(difference), difference)
-
-
-def _each(tolerance: float | tuple[float, ...]) -> tuple[float, ...]:
-    return tolerance if isinstance(tolerance, tuple) else (tolerance,)

@@ -10,7 +10,16 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from gaitsweep.contract import Model, Params, Status
-from gaitsweep.engine.advance import Carry, Halt
+from gaitsweep.engine.carry import Carry, Halt
+from gaitsweep.engine.recorders.bounds import (
+    SETTLE_WINDOW,
+    TOLERANCE,
+    bounds,
+    change,
+    first_span,
+    slowest,
+    widened,
+)
 from gaitsweep.engine.recorders.recorder import (
     ATTEMPTS_PER_STEP,
     BUFFER,
@@ -22,15 +31,6 @@ from gaitsweep.engine.recorders.recorder import (
     RunningRows,
     attempts_until,
     counted,
-)
-from gaitsweep.engine.recorders.settle import (
-    SETTLE_WINDOW,
-    TOLERANCE,
-    bounds,
-    change,
-    first_span,
-    slowest,
-    widened,
 )
 from gaitsweep.engine.recorders.stairs import StepSchedule
 from gaitsweep.engine.shapes import Integer, Number

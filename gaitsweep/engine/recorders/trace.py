@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from gaitsweep.contract import Model, Params, Status
-from gaitsweep.engine.advance import Carry, Halt
+from gaitsweep.engine.carry import Carry, Halt
 from gaitsweep.engine.recorders.recorder import (
     ATTEMPTS_PER_STEP,
     BUFFER,

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from gaitsweep.contract import Model, Params, Status
-from gaitsweep.engine.advance import Carry, Halt
+from gaitsweep.engine.carry import Carry, Halt
 from gaitsweep.engine.recorders.recorder import (
     ATTEMPTS_PER_STEP,
     BUFFER,
@@ -94,10 +94,11 @@ class WindowsRecorder(Recorder):
         last = recorded.last
         signals = self.model.signal(params, carry.state)
         number = jnp.where(crossed, recorded.cycles.astype(last.dtype), -1.0)
-        seen = [signals[q.name] for q in self.model.signals]
+        recorded_signals = [signals[q.name] for q in self.model.signals]
         # a scheme whose steps cannot be shortened gives the state at the end of the step nearest to that time
         t = jnp.where(timed, self.time(index), carry.t)
-        sample = jnp.concatenate([jnp.stack([number, t]), last, *([jnp.stack(seen)] if seen else [])])
+        stacked = [jnp.stack(recorded_signals)] if recorded_signals else []
+        sample = jnp.concatenate([jnp.stack([number, t]), last, *stacked])
         done = timed & (index >= self.total - 1.0)
         status = jnp.where(done, Status.complete, Status.running)
         stop = jnp.where(timed, self.time(index + 1.0), carry.stop)

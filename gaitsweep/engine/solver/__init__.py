@@ -94,7 +94,8 @@ def derivative_refusal(name: str, model: Model) -> str | None:
     Raises:
         ArgumentError: the method needs a flow, but the model has only steps.
     """
-    if fixed_step_scheme(name, model) is None:
+    steps = fixed_step_scheme(name, model)
+    if steps is None or steps.is_return_map:
         return None
     # so a derivative of the steps lacks the effect of event times, however short they are
     reason = "steps have a fixed length, and an event is met at the end of one"

@@ -17,7 +17,8 @@ import numpy as np
 
 from gaitsweep.contract import HybridModel, Params, Rates, State
 from gaitsweep.engine.shapes import Flag, Guards, Number
-from gaitsweep.engine.solver.taylor_series import NoRecurrenceError, Value, along, solution
+from gaitsweep.engine.solver.recurrences import NoRecurrenceError, Value
+from gaitsweep.engine.solver.taylor_series import along, solution
 
 # The ratio of a term to the one before at the step that meets the tolerance and costs least (Jorba, Zou).
 TERM_RATIO = math.exp(-2.0)
@@ -60,9 +61,8 @@ class Expansion:
         }
         if rates is None:
             return terms
-        slopes = {name: [k * each for k, each in enumerate(c)][1:] for name, c in self.series.items()}
         return {
-            name: jnp.maximum(term, h * jnp.abs(rates[name] - polynomial(slopes[name], h)))
+            name: jnp.maximum(term, h * jnp.abs(rates[name] - polynomial(_derivative(self.series[name]), h)))
             for name, term in terms.items()
         }
 
@@ -100,9 +100,14 @@ def lacking_recurrence(model: HybridModel) -> str | None:
 def polynomial(coefficients: list[Value], t: Number) -> Value:
     """The value of a polynomial at t, by Horner's scheme."""
     total = coefficients[-1]
-    for each in reversed(coefficients[:-1]):
-        total = each + t * total
+    for coefficient in reversed(coefficients[:-1]):
+        total = coefficient + t * total
     return total
+
+
+def _derivative(coefficients: list[Value]) -> list[Value]:
+    """The coefficients of a polynomial's derivative."""
+    return [coefficient * k for k, coefficient in enumerate(coefficients)][1:]
 
 
 def bends_back(coefficients: list[Guards], h: Number) -> Flag:
@@ -117,8 +122,8 @@ def bends_back(coefficients: list[Guards], h: Number) -> Flag:
     """
     order = len(coefficients) - 1
     scaled, power = [], jnp.ones_like(h)
-    for each in coefficients:
-        scaled.append(each * power)
+    for coefficient in coefficients:
+        scaled.append(coefficient * power)
         power = power * h
     error = jnp.maximum(jnp.abs(scaled[-1]), TERM_RATIO * jnp.abs(scaled[-2]))
     bernstein = [
@@ -126,10 +131,10 @@ def bends_back(coefficients: list[Guards], h: Number) -> Flag:
         for j in range(order + 1)
     ]
     risen, fallen, size = jnp.zeros(error.shape, bool), jnp.zeros(error.shape, bool), jnp.zeros_like(error)
-    for each in bernstein:
-        above = each >= -error
+    for value in bernstein:
+        above = value >= -error
         fallen, risen = fallen | (risen & ~above), risen | above
-        size = jnp.maximum(size, jnp.abs(each))
+        size = jnp.maximum(size, jnp.abs(value))
     return jnp.any((fallen | (error > RESOLVED * size)) & (coefficients[0] < 0.0))
 
 
@@ -138,7 +143,7 @@ def first_zero(coefficients: list[Guards], h: Number) -> Number:
     near, end = coefficients[0], polynomial(coefficients, h)
     if near.size == 0:  # a flow without events
         return jnp.full_like(h, jnp.inf)
-    slopes = [each * k for k, each in enumerate(coefficients)][1:]
+    slopes = _derivative(coefficients)
     rises = (near < 0.0) & (end >= 0.0)
     low, high = jnp.zeros_like(near), jnp.full_like(near, h)
     at = h * jnp.where(rises, near / jnp.where(rises, near - end, 1.0), 0.0)

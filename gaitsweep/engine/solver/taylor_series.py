@@ -4,8 +4,7 @@ The program of the flow is evaluated order by order: the coefficient of order k 
 from those of its arguments up to k, and that of the solution of order k + 1 is the flow's of order k divided
 by k + 1. All coefficients up to order p cost p^2 / 2 products for each product in the flow.
 
-A. Jorba and M. Zou, A software package for the numerical integration of ODEs by means of high-order Taylor
-methods, Exp. Math. 14 (2005) 99-117.
+`recurrences` has the rule of each operation.
 """
 
 from __future__ import annotations
@@ -16,26 +15,12 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 from jax.extend.core import ClosedJaxpr, Literal
-from jaxtyping import Array, Num
 
 from gaitsweep.contract import Params, Rates, State
-from gaitsweep.errors import ArgumentError
+from gaitsweep.engine.solver.recurrences import RULES, NoRecurrenceError, Series, Value
 
-Value = Num[Array, " ..."]
-# A coefficient: an array, or None for zero.
-Coefficient = Any
-# Coefficients in order of rising power.
-Series = list[Coefficient]
-# A rule: the coefficient of order k >= 1 of the results of an operation.
-Rule = Callable[["_Operation", int, list[Series]], Series]
-
-
-class NoRecurrenceError(ArgumentError):
-    """A flow has an operation without a recurrence; `operation` is its description."""
-
-    def __init__(self, operation: str) -> None:
-        super().__init__(f"The method taylor has no recurrence for {operation}: use tsit5.")
-        self.operation = operation
+# The parameters of an equation that hold an inner program.
+_INNER = ("jaxpr", "call_jaxpr", "fun_jaxpr")
 
 
 def solution(
@@ -46,23 +31,24 @@ def solution(
     Raises:
         NoRecurrenceError: the flow has an operation without a recurrence.
     """
-    program, outputs = _program(flow, params, state)
+    with jax.disable_jit():  # the program of a jitted function is then inlined
+        closed, rates = jax.make_jaxpr(flow, return_shape=True)(params, state)
+    program = _Program(closed)
+    names = sorted(rates)  # the order of the leaves of a dict
     values, tree = jax.tree.flatten((params, state))
     places = jax.tree.unflatten(tree, range(len(values)))[1]
-    begun = jax.tree.leaves((params, state))
-    inputs: list[Series] = [[value] for value in begun]
-    names = list(outputs)
+    inputs: list[Series] = [[value] for value in values]
     for k in range(order):
         if k:
             for series in inputs:
                 if len(series) == k:
                     series.append(None)
-        rates = program(k, inputs)
-        for name, rate in zip(names, rates, strict=True):
-            inputs[getattr(places, name)].append(None if rate is None else rate / (k + 1))
+        for name, rate in zip(names, program(k, inputs), strict=True):
+            term = None if rate is None else jnp.broadcast_to(rate / (k + 1), jnp.shape(getattr(state, name)))
+            inputs[getattr(places, name)].append(term)
     zero = {name: jnp.zeros_like(getattr(state, name)) for name in names}
     return {
-        name: [zero[name] if each is None else each for each in inputs[getattr(places, name)]]
+        name: [zero[name] if term is None else term for term in inputs[getattr(places, name)]]
         for name in names
     }
 
@@ -70,28 +56,30 @@ def solution(
 def along(
     function: Callable[[State], Value], state: State, series: dict[str, list[Value]], order: int
 ) -> list[Value]:
-    """The Taylor coefficients of a function of the state along a solution, from order 0 to `order`."""
+    """The Taylor coefficients of a function of the state along a solution.
+
+    Args:
+        function: the function of one state.
+        state: the state about which the solution is expanded.
+        series: the coefficients of the solution by field, from `solution`.
+        order: the highest order.
+
+    Raises:
+        NoRecurrenceError: the function has an operation without a recurrence.
+    """
     with jax.disable_jit():
         closed = jax.make_jaxpr(function)(state)
     values, tree = jax.tree.flatten(state)
     places = jax.tree.unflatten(tree, range(len(values)))
     inputs: list[Series] = [[value] for value in values]
-    for name, coefficients in series.items():
-        inputs[getattr(places, name)] = list(coefficients)
+    for name, terms in series.items():
+        inputs[getattr(places, name)] = list(terms)
     program = _Program(closed)
-    found = []
+    coefficients: list[Value] = []
     for k in range(order + 1):
-        given = [[*each[: k + 1], *[None] * (k + 1 - len(each))] for each in inputs]
-        (result,) = program(k, given)
-        found.append(jnp.zeros_like(found[0]) if result is None else result)
-    return found
-
-
-def _program(flow: Callable[[Params, State], Rates], params: Params, state: State) -> tuple[_Program, Rates]:
-    with jax.disable_jit():  # the program of a jitted function is then inlined
-        closed, rates = jax.make_jaxpr(flow, return_shape=True)(params, state)
-    # the leaves of a dict are in the order of its sorted keys
-    return _Program(closed), {name: rates[name] for name in sorted(rates)}
+        (term,) = program(k, [[*x[: k + 1], *[None] * (k + 1 - len(x))] for x in inputs])
+        coefficients.append(jnp.zeros_like(coefficients[0]) if term is None else term)
+    return coefficients
 
 
 class _Program:
@@ -119,7 +107,7 @@ class _Program:
 
 
 class _Operation:
-    """An equation of a program, its rule, and the auxiliary series that its recurrence needs."""
+    """An equation of a program, or an inner program, with its results so far; see `recurrences.Operation`."""
 
     def __init__(self, equation: Any) -> None:
         self.equation = equation
@@ -127,357 +115,28 @@ class _Operation:
         self.results: list[Series] = [[] for _ in equation.outvars]
         self.auxiliary: dict[str, Series] = {}
         inner = next((equation.params[key] for key in _INNER if key in equation.params), None)
-        self.inner = None if inner is None else _Program(_closed(inner))
+        closed = inner if inner is None or isinstance(inner, ClosedJaxpr) else ClosedJaxpr(inner, [])
+        self.inner = None if closed is None else _Program(closed)
 
     def __call__(self, k: int, args: list[Series]) -> Series:
         """The coefficients of order k of the results."""
         if self.inner is not None:
-            found = self.inner(k, args)
+            terms = self.inner(k, args)
         elif k == 0:
             first = self.equation.primitive.bind(*(a[0] for a in args), **self.equation.params)
-            found = list(first) if self.equation.primitive.multiple_results else [first]
-        elif all(each is None for a in args for each in a[1 : k + 1]):
-            found = [None] * len(self.results)
-        elif self.name in _RULES:
-            found = _RULES[self.name](self, k, args)
+            terms = list(first) if self.equation.primitive.multiple_results else [first]
+        elif all(term is None for a in args for term in a[1 : k + 1]):
+            terms = [None] * len(self.results)
+        elif self.name in RULES:
+            terms = RULES[self.name](self, k, args)
         else:
             raise NoRecurrenceError(f"JAX's operation {self.name}")
-        for series, value in zip(self.results, found, strict=True):
-            series.append(value)
-        return found
+        for series, term in zip(self.results, terms, strict=True):
+            # where an array is constant and a number moves, the term of their sum is a number
+            if k > 0 and term is not None:
+                term = jnp.broadcast_to(term, jnp.shape(series[0]))
+            series.append(term)
+        return [series[k] for series in self.results]
 
     def bind(self, *args: Value) -> Value:
         return self.equation.primitive.bind(*args, **self.equation.params)
-
-
-_INNER = ("jaxpr", "call_jaxpr", "fun_jaxpr")
-
-
-def _closed(inner: Any) -> ClosedJaxpr:
-    return inner if isinstance(inner, ClosedJaxpr) else ClosedJaxpr(inner, [])
-
-
-def _sum(pairs: Sequence[tuple[Coefficient, Coefficient]]) -> Coefficient:
-    """The sum of the products a b of pairs."""
-    total = None
-    for a, b in pairs:
-        if a is not None and b is not None:
-            total = _plus(total, a * b)
-    return total
-
-
-def _product(k: int, a: Series, b: Series) -> Coefficient:
-    """The coefficient of order k of a product."""
-    if a is b:  # each pair once
-        half = _sum([(a[j], a[k - j]) for j in range((k + 1) // 2)])
-        half = None if half is None else 2.0 * half
-        return half if k % 2 else _plus(half, _sum([(a[k // 2], a[k // 2])]))
-    return _sum([(a[j], b[k - j]) for j in range(k + 1)])
-
-
-def _moment(k: int, a: Series, b: Series, *, last: bool = True) -> Coefficient:
-    """(1/k) times the sum of j a_j b_(k-j) over j = 1..k (`last`) or 1..k-1."""
-    # j a_j is shared by all orders
-    slopes = [None if each is None else j * each for j, each in enumerate(a)]
-    total = _sum([(slopes[j], b[k - j]) for j in range(1, k + 1 if last else k)])
-    return None if total is None else total * (1.0 / k)
-
-
-def _plus(a: Coefficient, b: Coefficient) -> Coefficient:
-    return b if a is None else a if b is None else a + b
-
-
-def _minus(a: Coefficient, b: Coefficient) -> Coefficient:
-    return a if b is None else -b if a is None else a - b
-
-
-def _filled(value: Coefficient, like: Value) -> Value:
-    return jnp.zeros_like(like) if value is None else value
-
-
-def _linear(operation: _Operation, k: int, args: list[Series]) -> Series:
-    """An operation that only moves the elements of its arguments."""
-    return [operation.bind(*(_filled(a[k], a[0]) for a in args))]
-
-
-def _first_moves(operation: _Operation, k: int, args: list[Series]) -> Series:
-    """An operation that is linear in its first argument; the others are indices or shapes."""
-    first, *others = args
-    if any(each is not None for other in others for each in other[1 : k + 1]):
-        raise NoRecurrenceError(f"JAX's operation {operation.name} with a moving second argument")
-    if first[k] is None:
-        return [None] * len(operation.results)
-    found = operation.bind(first[k], *(a[0] for a in others))
-    return list(found) if operation.equation.primitive.multiple_results else [found]
-
-
-def _add(operation: _Operation, k: int, args: list[Series]) -> Series:
-    return [_plus(args[0][k], args[1][k])]
-
-
-def _sub(operation: _Operation, k: int, args: list[Series]) -> Series:
-    return [_minus(args[0][k], args[1][k])]
-
-
-def _neg(operation: _Operation, k: int, args: list[Series]) -> Series:
-    return [_minus(None, args[0][k])]
-
-
-def _mul(operation: _Operation, k: int, args: list[Series]) -> Series:
-    return [_product(k, *args)]
-
-
-def _square(operation: _Operation, k: int, args: list[Series]) -> Series:
-    return [_product(k, args[0], args[0])]
-
-
-def _div(operation: _Operation, k: int, args: list[Series]) -> Series:
-    a, b = args
-    rest = _sum([(b[j], operation.results[0][k - j]) for j in range(1, k + 1)])
-    top = _minus(a[k], rest)
-    return [None if top is None else top / b[0]]
-
-
-def _dot(operation: _Operation, k: int, args: list[Series]) -> Series:
-    total = None
-    for j in range(k + 1):
-        a, b = args[0][j], args[1][k - j]
-        if a is not None and b is not None:
-            total = _plus(total, operation.bind(a, b))
-    return [total]
-
-
-def _power(exponent: float) -> Rule:
-    """A power with a constant exponent: a c' = r c a'."""
-
-    def rule(operation: _Operation, k: int, args: list[Series]) -> Series:
-        return [_of_power(exponent, k, args[0], operation.results[0])]
-
-    return rule
-
-
-def _of_power(exponent: Any, k: int, a: Series, c: Series) -> Coefficient:
-    """The coefficient of order k of c = a^r, for a != 0."""
-    total = None
-    for j in range(1, k + 1):
-        if a[j] is not None and c[k - j] is not None:
-            total = _plus(total, ((exponent + 1.0) * j / k - 1.0) * a[j] * c[k - j])
-    return None if total is None else total / a[0]
-
-
-def _sqrt(operation: _Operation, k: int, args: list[Series]) -> Series:
-    c = operation.results[0]
-    top = _minus(args[0][k], _sum([(c[j], c[k - j]) for j in range(1, k)]))
-    return [None if top is None else top / (2.0 * c[0])]
-
-
-def _pow(operation: _Operation, k: int, args: list[Series]) -> Series:
-    base, exponent = args
-    if all(each is None for each in exponent[1:]):
-        return [_of_power(exponent[0], k, base, operation.results[0])]
-    # a^b = exp(b log a)
-    logarithm = operation.auxiliary.setdefault("logarithm", [jnp.log(base[0])])
-    while len(logarithm) <= k:
-        logarithm.append(_of_log(len(logarithm), base, logarithm))
-    argument = _grown(operation, "argument", k, lambda n: _product(n, exponent, logarithm))
-    return [_moment(k, argument, operation.results[0])]
-
-
-def _integer_pow(operation: _Operation, k: int, args: list[Series]) -> Series:
-    """A whole power, as products, which hold at zero too."""
-    exponent = operation.equation.params["y"]
-    powers = operation.auxiliary
-    series = args[0]
-    for n in range(2, abs(exponent) + 1):
-        below = series if n == 2 else powers[str(n - 1)]
-        own = powers.setdefault(str(n), [series[0] ** n])
-        if len(own) == k:
-            own.append(_product(k, series, below))
-    top = series if abs(exponent) == 1 else powers[str(abs(exponent))]
-    if exponent > 0:
-        return [top[k]]
-    rest = _sum([(top[j], operation.results[0][k - j]) for j in range(1, k + 1)])
-    return [None if rest is None else -rest / top[0]]
-
-
-def _derivative(slope: Callable[[_Operation, int, Series], Series]) -> Rule:
-    """A function with c' = v a', where `slope` returns the series of v up to order k - 1."""
-
-    def rule(operation: _Operation, k: int, args: list[Series]) -> Series:
-        return [_moment(k, args[0], slope(operation, k, args[0]))]
-
-    return rule
-
-
-def _grown(operation: _Operation, name: str, k: int, coefficient: Callable[[int], Coefficient]) -> Series:
-    """An auxiliary series, continued up to order k."""
-    series = operation.auxiliary.setdefault(name, [])
-    while len(series) <= k:
-        series.append(coefficient(len(series)))
-    return series
-
-
-def _own(operation: _Operation, k: int, a: Series) -> Series:
-    return operation.results[0]
-
-
-def _one_minus_square(operation: _Operation, k: int, a: Series) -> Series:
-    c = operation.results[0]
-    return _grown(
-        operation, "slope", k - 1, lambda n: 1.0 - c[0] * c[0] if n == 0 else _minus(None, _product(n, c, c))
-    )
-
-
-def _own_times_rest(operation: _Operation, k: int, a: Series) -> Series:
-    c = operation.results[0]
-    return _grown(
-        operation,
-        "slope",
-        k - 1,
-        lambda n: c[0] * (1.0 - c[0]) if n == 0 else _minus(c[n], _product(n, c, c)),
-    )
-
-
-def _one_plus_square_of(operation: _Operation, k: int, args: list[Series]) -> Series:
-    """The arctangent: (1 + a^2) c' = a'."""
-    a, c = args[0], operation.results[0]
-    d = _grown(operation, "slope", k - 1, lambda n: 1.0 + a[0] * a[0] if n == 0 else _product(n, a, a))
-    top = _minus(a[k], _moment(k, c, d, last=False) if k > 1 else None)
-    return [None if top is None else top / d[0]]
-
-
-def _trigonometric(sine: bool, sign: float) -> Rule:
-    """Sine or cosine (`sign` -1), or their hyperbolic forms (+1), with the other one as an auxiliary."""
-
-    def rule(operation: _Operation, k: int, args: list[Series]) -> Series:
-        a, own, other = args[0], operation.results[0], operation.auxiliary.setdefault("other", [])
-        first = (jnp.cos if sine else jnp.sin) if sign < 0.0 else (jnp.cosh if sine else jnp.sinh)
-        if not other:
-            other.append(first(a[0]))
-        while len(other) < k:
-            n = len(other)
-            turned = _moment(n, a, own)
-            other.append(_minus(None, turned) if sine and sign < 0.0 else turned)
-        found = _moment(k, a, other)
-        return [_minus(None, found) if not sine and sign < 0.0 else found]
-
-    return rule
-
-
-def _log(operation: _Operation, k: int, args: list[Series]) -> Series:
-    return [_of_log(k, args[0], operation.results[0])]
-
-
-def _of_log(k: int, a: Series, c: Series) -> Coefficient:
-    """The coefficient of order k of c = log a."""
-    top = _minus(a[k], _moment(k, c, a, last=False) if k > 1 else None)
-    return None if top is None else top / a[0]
-
-
-def _chosen(operation: _Operation, k: int, args: list[Series]) -> Series:
-    which, *cases = args
-    return [operation.bind(which[0], *(_filled(case[k], case[0]) for case in cases))]
-
-
-def _extreme(operation: _Operation, k: int, args: list[Series]) -> Series:
-    a, b = args
-    first = a[0] >= b[0] if operation.name == "max" else a[0] <= b[0]
-    shape = jnp.broadcast_shapes(jnp.shape(a[0]), jnp.shape(b[0]))
-    return [jnp.where(first, *(jnp.broadcast_to(_filled(each[k], each[0]), shape) for each in (a, b)))]
-
-
-def _extreme_of(operation: _Operation, k: int, args: list[Series]) -> Series:
-    """The coefficient of the element that is largest or smallest over some axes."""
-    a = args[0]
-    if a[k] is None:
-        return [None]
-    axes = operation.equation.params["axes"]
-    values, coefficients = (
-        jnp.reshape(jnp.moveaxis(each, axes, range(len(axes))), (-1, *operation.results[0][0].shape))
-        for each in (a[0], a[k])
-    )
-    best, found = values[0], coefficients[0]
-    for value, coefficient in zip(values[1:], coefficients[1:], strict=True):
-        better = value > best if operation.name == "reduce_max" else value < best
-        best, found = jnp.where(better, value, best), jnp.where(better, coefficient, found)
-    return [found]
-
-
-def _abs(operation: _Operation, k: int, args: list[Series]) -> Series:
-    a = args[0]
-    return [None if a[k] is None else jnp.where(a[0] < 0.0, -a[k], a[k])]
-
-
-def _steps(operation: _Operation, k: int, args: list[Series]) -> Series:
-    """A result that is constant but for switches."""
-    return [None] * len(operation.results)
-
-
-def _converted(operation: _Operation, k: int, args: list[Series]) -> Series:
-    floating = jnp.issubdtype(operation.equation.outvars[0].aval.dtype, jnp.floating)
-    return _first_moves(operation, k, args) if floating else [None]
-
-
-def _scattered(operation: _Operation, k: int, args: list[Series]) -> Series:
-    into, indices, values = args
-    return [operation.bind(_filled(into[k], into[0]), indices[0], _filled(values[k], values[0]))]
-
-
-def _updated(operation: _Operation, k: int, args: list[Series]) -> Series:
-    into, values, *indices = args
-    filled = (_filled(each[k], each[0]) for each in (into, values))
-    return [operation.bind(*filled, *(each[0] for each in indices))]
-
-
-_RULES: dict[str, Rule] = {
-    "add": _add,
-    "add_any": _add,
-    "sub": _sub,
-    "neg": _neg,
-    "mul": _mul,
-    "square": _square,
-    "div": _div,
-    "dot_general": _dot,
-    "sqrt": _sqrt,
-    "rsqrt": _power(-0.5),
-    "cbrt": _power(1.0 / 3.0),
-    "pow": _pow,
-    "integer_pow": _integer_pow,
-    "exp": _derivative(_own),
-    "expm1": _derivative(
-        lambda o, k, a: [1.0 + o.results[0][0], *o.results[0][1:]]
-    ),
-    "tanh": _derivative(_one_minus_square),
-    "logistic": _derivative(_own_times_rest),
-    "atan": _one_plus_square_of,
-    "log": _log,
-    "log1p": lambda o, k, args: _log(o, k, [[1.0 + args[0][0], *args[0][1:]]]),
-    "sin": _trigonometric(True, -1.0),
-    "cos": _trigonometric(False, -1.0),
-    "sinh": _trigonometric(True, 1.0),
-    "cosh": _trigonometric(False, 1.0),
-    "select_n": _chosen,
-    "max": _extreme,
-    "min": _extreme,
-    "reduce_max": _extreme_of,
-    "reduce_min": _extreme_of,
-    "abs": _abs,
-    "convert_element_type": _converted,
-    "rem": _first_moves,
-    "scatter": _scattered,
-    "scatter-add": _scattered,
-    "dynamic_update_slice": _updated,
-    **dict.fromkeys(("concatenate", "stack", "pad"), _linear),
-    **dict.fromkeys(
-        (
-            "broadcast_in_dim", "reshape", "squeeze", "slice", "transpose", "rev", "copy", "reduce_sum",
-            "cumsum", "gather", "dynamic_slice", "expand_dims", "split", "unstack", "name",
-        ),
-        _first_moves,
-    ),
-    **dict.fromkeys(
-        ("stop_gradient", "sign", "floor", "ceil", "round", "lt", "le", "gt", "ge", "eq", "ne", "and", "or",
-         "not", "xor", "is_finite", "argmax", "argmin", "lt_to", "le_to", "eq_to", "iota"),
-        _steps,
-    ),
-}  # fmt: skip

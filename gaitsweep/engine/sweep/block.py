@@ -59,7 +59,13 @@ class Block:
     def keep(
         self, rows: Int[np.ndarray, " lanes"], output: ChunkOutput, lanes: Int[np.ndarray, " changed"]
     ) -> None:
-        """Append the new samples of the lanes `lanes` (n,); `rows` are the rows of all lanes."""
+        """Append new samples.
+
+        Args:
+            rows: the rows of all lanes.
+            output: the output of a chunk.
+            lanes: the lanes (n,) that have new samples.
+        """
         if lanes.size:
             filled = output.filled[lanes]
             new = np.arange(output.buffers.shape[1]) < filled[:, None]
@@ -68,7 +74,13 @@ class Block:
     def end(
         self, rows: Int[np.ndarray, " lanes"], output: ChunkOutput, lanes: Int[np.ndarray, " changed"]
     ) -> None:
-        """Store the final values of the rows in the lanes `lanes` (n,)."""
+        """Store the final values of rows that have ended.
+
+        Args:
+            rows: the rows of all lanes.
+            output: the output of a chunk.
+            lanes: the lanes (n,) whose rows have ended.
+        """
         numbers = {name: values[lanes] for name, values in output.numbers.items()}
         self.ends.put(rows[lanes], with_orbits(numbers))
         self.ended[rows[lanes]] = True

@@ -98,10 +98,15 @@ def polls_per_chunk(spec: SweepSpec) -> int:
 
 
 def default_lanes(engine: str, n_rows: int, platform: str) -> int:
-    """Default number of lanes on each device, a function of the number of rows, engine and kind of device.
+    """The default number of lanes on each device.
 
     XLA on a CPU reaches its full rate at about 256 lanes, and an attempt on a GPU costs about the same for 1
     lane and for 16 384. With fewer lanes than rows, lanes are refilled and devices end almost together.
+
+    Args:
+        engine: xla or kernel.
+        n_rows: the number of rows.
+        platform: the kind of device, such as cpu or gpu.
     """
     if platform != "cpu":
         least, most, share = 256, 131072, 1.0

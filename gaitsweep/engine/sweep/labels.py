@@ -35,6 +35,9 @@ def labelled(spec: SweepSpec, block: Block) -> RowOutcome:
             labels[name] = np.where(readings.readable, gait_codes(values), -1).astype(np.int32)
         else:
             labels[name] = np.where(readings.readable, values, 0 if values.dtype.kind in "iu" else np.nan)
+    if (earlier := readings.earlier) is not None:
+        before = _read_labels(spec, block.params, earlier, width)["gait"]
+        labels["gait_before"] = np.where(earlier.readable, gait_codes(before), -1).astype(np.int32)
     return dataclasses.replace(rows, **{"labels" if readings.batch is None else "sample_labels": labels})
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import abc
+import dataclasses
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple, final
 
@@ -12,10 +13,12 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int, Real
 
 from gaitsweep.contract import Model, Params
-from gaitsweep.engine.advance import Carry, advance, start
+from gaitsweep.engine.advance import advance
+from gaitsweep.engine.carry import Carry, start
 from gaitsweep.engine.numerics import STEP_FACTOR, ResolvedNumerics, step_of
 from gaitsweep.engine.recorders.recorder import LaneRecord, PollResult, Recorder
 from gaitsweep.engine.shapes import Flag, Number
+from gaitsweep.engine.tangents import coordinate_count, first_directions, from_section, with_tangents
 
 # The parameters at a time (s), from the values of a row: a ramp or a staircase. Its optional attribute
 # `times` lists the times (s) at which the step length has to be evaluated.
@@ -74,7 +77,8 @@ class OneLane:
         self.model, self.recorder, self.numerics = model, recorder, numerics
         self.driven = drive is not None
         self.at = drive if drive is not None else lambda values, t: model.params(values)
-        self._advance = advance(model, numerics, drive=drive)
+        attempt = advance(model, numerics, drive=drive, sensitivities=recorder.exponents > 0)
+        self._advance = with_tangents(attempt) if recorder.exponents else attempt
 
     def open(
         self, values: Mapping[str, Float[Array, " ..."]], starts: Mapping[str, Number]
@@ -86,6 +90,10 @@ class OneLane:
         share = jnp.asarray(starts.get(STEP_FACTOR, self.numerics.factor), zero.dtype)
         dt = share * self._longest_step(values, params)
         carry = start(self.model, params, state, dt=dt, stop=self.recorder.stop(params), share=share)
+        if count := self.recorder.exponents:
+            directions = first_directions(coordinate_count(self.model), count)
+            tangents = from_section(self.model, params, state, directions)
+            carry = dataclasses.replace(carry, tangents=tangents)
         # constants of a trajectory are computed once
         constants = values if self.driven else params
         return constants, carry, *self.recorder.begin(params, carry)

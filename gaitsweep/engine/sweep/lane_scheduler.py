@@ -61,7 +61,13 @@ class Group:
     def place(
         self, block: Block, rows: Int[np.ndarray, " placed"], lanes: Int[np.ndarray, " placed"]
     ) -> None:
-        """Put rows of a block into lanes; the next chunk opens them."""
+        """Put rows into lanes; the next chunk opens them.
+
+        Args:
+            block: the block of the rows.
+            rows: their numbers (n,) in the block.
+            lanes: their lanes (n,) in this group.
+        """
         self.block_of[lanes], self.row_of[lanes], self._fresh[lanes] = block.number, rows, True
         columns: tuple[Mapping[str, Real[np.ndarray, "rows ..."]], ...] = (block.params, block.starts)
         if not self._values:

@@ -144,7 +144,11 @@ class _Disk:
     ) -> None:
         """Queue a block for encoding and writing; raises errors of earlier blocks.
 
-        With `last`, no row is left that could run meanwhile, and the block is written at once.
+        Args:
+            number: the number of the block.
+            encode: labels and encodes it.
+            write: writes what `encode` returns.
+            last: whether no row is left that could run meanwhile; the block is then written at once.
         """
         self.take_done(self._most)
         if last and not self._pending:

@@ -21,7 +21,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Shaped
 
 from gaitsweep.contract import Model, Params, Status
-from gaitsweep.engine.advance import Carry, select
+from gaitsweep.engine.carry import Carry, select
 from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.fork import refuse_fork
 from gaitsweep.engine.numerics import ResolvedNumerics
@@ -101,7 +101,12 @@ def refuse_missing_platform() -> None:
 
 @final
 class XlaLanes(Lanes):
-    """The trajectories of a sweep that one device runs at a time."""
+    """The lanes of one device, as vectorised programs of XLA.
+
+    Args:
+        spec: the sweep.
+        device: the device.
+    """
 
     def __init__(self, spec: SweepSpec, device: Device) -> None:
         self.size = self.at_a_time = spec.lanes
@@ -111,7 +116,6 @@ class XlaLanes(Lanes):
         self._lanes: Any = None
 
     def fill(self, params: Values, starts: Values, fresh: Bool[np.ndarray, " lanes"]) -> None:
-        """Start new trajectories in the lanes marked `fresh` (bool, (size,)); values are (size,) each."""
         values = {k: self._put(np.asarray(v, self._dtype)) for k, v in params.items()}
         begin = {k: self._put(np.asarray(v, self._dtype)) for k, v in starts.items()}
         opened = self._open(values, begin)
@@ -123,7 +127,6 @@ class XlaLanes(Lanes):
             self._lanes = self._merge(self._put(fresh), opened, self._lanes)
 
     def run_chunk(self, polls: int) -> ChunkOutput:
-        """Advance all running lanes by up to `polls * POLL_INTERVAL` attempts."""
         self._lanes, output = self._chunk(self._put(np.int32(polls)), self._lanes)
         if not np.asarray(output.filled).any():
             # buffers are large and mostly empty: a broadcast zero has the same shape and needs no transfer

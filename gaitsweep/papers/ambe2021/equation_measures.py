@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pandas as pd
+from jaxtyping import Bool, Float
 
 from gaitsweep.claims import MeasureError, defaults, measure, numbers, one_row
 from gaitsweep.expression import evaluate
@@ -58,7 +59,9 @@ def _arrays(values: Mapping[str, float]) -> dict[str, jax.Array]:
     return {name: jnp.asarray(value) for name, value in values.items()}
 
 
-def _printed_leg(phi: np.ndarray, values: dict[str, float]) -> tuple[np.ndarray, np.ndarray]:
+def _printed_leg(
+    phi: Float[np.ndarray, " phases"], values: dict[str, float]
+) -> tuple[Float[np.ndarray, " phases"], Float[np.ndarray, " phases"]]:
     """Leg lengths (m) and their derivative by the phase (m/rad), eq. (3)."""
     beta, slope = values["beta"], values["a"] / ((1 - values["beta"]) * np.pi)
     takeoff, landing = phi - 2 * beta * np.pi, 2 * np.pi - phi
@@ -68,13 +71,13 @@ def _printed_leg(phi: np.ndarray, values: dict[str, float]) -> tuple[np.ndarray,
 
 
 def _printed_acceleration(
-    x: np.ndarray,
-    v: np.ndarray,
-    length: np.ndarray,
-    rate: np.ndarray,
-    p: np.ndarray,
+    x: Float[np.ndarray, " legs"],
+    v: Float[np.ndarray, " legs"],
+    length: Float[np.ndarray, " legs"],
+    rate: Float[np.ndarray, " legs"],
+    p: Bool[np.ndarray, " legs"],
     values: Mapping[str, float],
-) -> np.ndarray:
+) -> Float[np.ndarray, " legs"]:
     """Accelerations (m/s2) of the masses, eq. (1).
 
     Args:
@@ -154,13 +157,13 @@ def force_balance_error() -> float:
     return largest
 
 
-def _masses(legs: int) -> np.ndarray:
+def _masses(legs: int) -> Float[np.ndarray, " legs"]:
     """Masses (kg) of a chain of legs, those of both ends m_B."""
     values = chain_defaults()
     return np.array([values["m_B"], *[values["m"]] * (legs - 2), values["m_B"]])
 
 
-def _equilibrium(legs: int) -> Callable[[np.ndarray], tuple[jax.Array, jax.Array]]:
+def _equilibrium(legs: int) -> Callable[[Float[np.ndarray, "states legs"]], tuple[jax.Array, jax.Array]]:
     """Heights and loads from leg lengths (n, legs), by eq. (8)."""
     values, masses = chain_defaults(), jnp.asarray(_masses(legs))
     kappa, g = jnp.full(legs - 1, values["kappa"]), jnp.asarray(values["g"])

@@ -6,8 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import pandas as pd
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
+from jaxtyping import Float
 
 from gaitsweep.analyses import wrapped_difference
 from gaitsweep.claims import MeasureError, masked, measure, numbers, records
@@ -21,7 +20,7 @@ def last_change(table: pd.DataFrame) -> float:
     return float(np.abs(wrapped_difference(last_steps(table, psi_columns(table, "_n")))).max())
 
 
-def last_steps(table: pd.DataFrame, names: list[str]) -> np.ndarray:
+def last_steps(table: pd.DataFrame, names: list[str]) -> Float[np.ndarray, "rows columns"]:
     """The change of columns from the last but one to the last crossing of each row."""
     rows = [part.sort_values(by="crossing")[names].to_numpy(float) for _, part in table.groupby("row")]
     if min(map(len, rows)) < 2:
@@ -112,45 +111,3 @@ def gap_between_lines(table: pd.DataFrame) -> list[float]:
         away = (np.asarray(wrapped_difference(others - state)) for state in states)
         gaps.append(float(min(np.sqrt((lags**2).sum(axis=1)).min() for lags in away)))
     return gaps
-
-
-@measure
-def slice_shares(table: pd.DataFrame, *, slice: int) -> list[float]:
-    """Shares of direct, source and retrograde waves on one slice of psi_3, in their order, from 0 (1)."""
-    gaits = np.asarray(_slice(table, slice)["gait"], str)
-    return [float(np.mean(gaits == gait)) for gait in WAVES]
-
-
-@measure
-def largest_part(table: pd.DataFrame, *, slice: int) -> list[float]:
-    """Shares of the starts of direct, source, retrograde in one connected part, on the torus (1).
-
-    Parts with at most one cell between them count as one, since the grid does not resolve the gap.
-    """
-    cells = _slice(table, slice).pivot(index="psi_2", columns="psi_1", values="gait").to_numpy()
-    return [float(max(_parts(cells == gait)) / np.count_nonzero(cells == gait)) for gait in WAVES]
-
-
-def _slice(table: pd.DataFrame, number: int) -> pd.DataFrame:
-    """The rows of one value of psi_3, numbered in ascending order."""
-    values = np.unique(table["psi_3"])
-    if number >= len(values):
-        raise MeasureError(f"The table has no slice {number}: psi_3 has {len(values)} values.")
-    return masked(table, table["psi_3"] == values[number])
-
-
-def _parts(mask: np.ndarray) -> np.ndarray:
-    """The numbers of cells of the connected parts of a mask on the torus; gaps of one cell do not part."""
-    if not mask.any():
-        raise MeasureError("A gait does not occur on the slice.")
-    cell = np.arange(mask.size).reshape(mask.shape)
-    shifts = [(down, right) for down in range(3) for right in range(-2, 3) if (down, right) > (0, 0)]
-    pairs = []
-    for shift in shifts:
-        back = tuple(-cells for cells in shift)  # np.roll moves the neighbour at `shift` to the cell itself
-        both = mask & np.roll(mask, back, (0, 1))
-        pairs.append((cell[both], np.roll(cell, back, (0, 1))[both]))
-    i, j = (np.concatenate(ends) for ends in zip(*pairs, strict=True))
-    graph = coo_matrix((np.ones(len(i)), (i, j)), shape=(mask.size, mask.size))
-    _, labels = connected_components(graph, directed=False)
-    return np.unique(labels[mask.ravel()], return_counts=True)[1]

@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pandas as pd
+from jaxtyping import Float
 
 import gaitsweep as gs
 from gaitsweep.analyses import wrapped_difference
@@ -104,7 +105,7 @@ def _solution(N: int, branch: Branch, s: float, circle: jax.Array) -> jax.Array:
     return solution(rule_of(N, branch, Chain()), jnp.asarray(s), circle, 1)
 
 
-def _reduced_map(N: int, psi: np.ndarray) -> tuple[gs.PoincareMap, Any]:
+def _reduced_map(N: int, psi: Float[np.ndarray, "points springs"]) -> tuple[gs.PoincareMap, Any]:
     """The simulated return map of the reduced chain, and its points at psi (n, N) on section 1."""
     mapping = gs.return_map(MultileggedReduced(N=N), numerics={"method": "propagator"})
     return mapping, mapping.settled({f"psi_{i + 1}": psi[:, i] for i in range(N)}, 0)

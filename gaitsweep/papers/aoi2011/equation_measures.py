@@ -18,6 +18,7 @@ import jax
 import jax.numpy as jnp
 import mujoco
 import numpy as np
+from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from gaitsweep.analyses import TURN
@@ -26,8 +27,9 @@ from gaitsweep.dynamics.tree import movements, places, rates, turned, velocity
 from gaitsweep.papers.aoi2011.waist_quadruped import WaistQuadruped
 from gaitsweep.papers.aoi2011.waist_quadruped.drawing import scaled_mjcf
 from gaitsweep.papers.aoi2011.waist_quadruped.foot_path import LATE
-from gaitsweep.papers.aoi2011.waist_quadruped.mechanics import HIP, KNEE, LIMBS, WAIST, body
+from gaitsweep.papers.aoi2011.waist_quadruped.posture import HIP, KNEE, WAIST
 from gaitsweep.papers.aoi2011.waist_quadruped.rhythm import after_events, phase_rates, transitions
+from gaitsweep.papers.aoi2011.waist_quadruped.sizes import LIMBS, body
 from gaitsweep.papers.aoi2011.waist_quadruped.state import State
 
 MODEL = WaistQuadruped()
@@ -130,7 +132,7 @@ def angular_velocity_error() -> float:
     """Largest error (1/s) of the quaternion's rate against the 3-1-2 Euler angles of eq. (A1) and (A2)."""
     rng, step, worst = np.random.default_rng(4), 1e-6, 0.0
 
-    def quaternion(angles: np.ndarray) -> np.ndarray:
+    def quaternion(angles: Float[np.ndarray, 3]) -> Float[np.ndarray, 4]:
         return Rotation.from_euler("ZXY", angles[[2, 0, 1]]).as_quat(scalar_first=True)
 
     for _ in range(STATES):
@@ -229,7 +231,7 @@ def _state(**changed: Any) -> State:
     return State(**{**zeros, **flags, **changed})
 
 
-def _moments() -> list[tuple[np.ndarray, np.ndarray]]:
+def _moments() -> list[tuple[Float[np.ndarray, 16], Float[np.ndarray, 15]]]:
     """Random positions and velocities of the whole body."""
     rng, moments = np.random.default_rng(2), []
     for _ in range(STATES):

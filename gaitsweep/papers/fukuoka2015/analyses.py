@@ -90,10 +90,11 @@ def loading_rule(
     From leg loads and pitch of the planar quadruped.
     """
     from gaitsweep.papers.fukuoka2015.analysis import loading_rule as rule
+    from gaitsweep.papers.fukuoka2015.analysis.pair_loads import pairs_in
 
     table = gs.load(directory)
     if pairs:
-        judged = rule.pairs_in(table)
+        judged = pairs_in(table)
     elif predict:
         judged = rule.loading_rule(rule.load_prediction(table), split=split or "k2", repeats=())
     else:
@@ -107,8 +108,8 @@ def gait_thresholds(directory: Directory, window: Window = (-math.inf, math.inf)
 
     Count the shifts by size too, and the gaits by touchdowns.
     """
-    from gaitsweep.papers.fukuoka2015.analysis.gait_summaries import gaits_by_threshold, shift_sizes
     from gaitsweep.papers.fukuoka2015.analysis.gait_tables import gaits_in
+    from gaitsweep.papers.fukuoka2015.analysis.threshold_effect import gaits_by_threshold, shift_sizes
 
     table = gs.load(directory)
     print_table(gaits_by_threshold(table, window=window))
@@ -144,9 +145,9 @@ def speed_transitions(directory: Directory, by: GroupColumns = None) -> None:
 
     As the speed rises and as it falls, with the hysteresis between.
     """
-    from gaitsweep.papers.fukuoka2015.analysis import gait_bouts
+    from gaitsweep.papers.fukuoka2015.analysis import speed_transitions as transitions
 
-    print_table(gait_bouts.speed_transitions(gs.load(directory), by or ()), 3)
+    print_table(transitions.speed_transitions(gs.load(directory), by or ()), 3)
 
 
 @app.command()

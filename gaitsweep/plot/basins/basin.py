@@ -16,6 +16,7 @@ from matplotlib.patches import Patch
 from gaitsweep.analysis.records import in_order
 from gaitsweep.contract import Outcome
 from gaitsweep.plot import theme
+from gaitsweep.plot.arguments import Horizontal, Hue, Panels, Title, Vertical
 from gaitsweep.plot.basins.cells import cell_grid, check_cells, colour_cells, hatch_cells
 from gaitsweep.plot.columns import (
     PlotError,
@@ -30,7 +31,7 @@ from gaitsweep.plot.columns import (
     written,
 )
 from gaitsweep.plot.figure_style import current
-from gaitsweep.plot.kind import Horizontal, Hue, Panels, Title, Vertical, figure_kind
+from gaitsweep.plot.kind import figure_kind
 from gaitsweep.run_columns import COLUMNS
 from gaitsweep.schema.numbers import Flag
 
@@ -81,10 +82,8 @@ def basin(
     headings = []
     if panels:
         for value, part in zip(values, parts, strict=True):
-            # no break of a line between a name and its share
             texts = _shares(shown.loc[part.index], key) if shares else []
-            above = theme.wrapped(", ".join(text.replace(" ", "\u00a0") for text in texts), side, 7.5)
-            headings.append(f"{written(table, panels, value)}\n{above}".strip())
+            headings.append(_heading(written(table, panels, value), texts, side))
     lines = max((text.count("\n") for text in headings), default=0)
     height = rows * (side + 0.35 + 0.14 * lines) + (0.35 if numeric else 0.75)
     with theme.canvas(width, height, title) as figure:
@@ -110,12 +109,20 @@ def basin(
             inferred = float(np.mean(status.to_numpy(str) == "inferred")) if len(status) else 0.0
             if current().marks is False:
                 inferred = 0.0
-            heading = ("share of starts above each panel" if headings else "share of starts") * shares
+            counted = "share of pushes" if "recovery" in table.columns else "share of starts"
+            heading = (f"{counted} above each panel" if headings else counted) * shares
             ends = [name for name in map(str, table) if name.endswith("_end") and name not in COLUMNS]
             if hue == "gait" and ends and {"none"} == {*names} - {*_HATCHED}:
                 heading = f"no gait has a name; {ends[0]} as hue tells them apart"
             _legend(figure, key, shown if shares and not headings else None, looks, heading, inferred)
     return figure
+
+
+def _heading(value: str, shares: Sequence[str], width: float) -> str:
+    """The heading of a panel: its value, and the shares of its outcomes in lines of `width` inches."""
+    # no break of a line between a name and its share
+    above = theme.wrapped(", ".join(text.replace(" ", "\u00a0") for text in shares), width, 7.5)
+    return f"{value}\n{above}".strip()
 
 
 def _shares(shown: pd.Series, names: Sequence[str], between: str = " ") -> list[str]:

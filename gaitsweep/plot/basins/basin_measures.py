@@ -21,19 +21,23 @@ from gaitsweep.analysis.basins.fractal_boundaries import BOX
 from gaitsweep.analysis.basins.measures import Basins, basins
 from gaitsweep.analysis.records import axes_of
 from gaitsweep.plot import theme
+from gaitsweep.plot.arguments import TEXT_COLUMNS, Column, Title
 from gaitsweep.plot.columns import axis_label, column, is_angle, rows_where, unit_of, written
 from gaitsweep.plot.figure_style import current
-from gaitsweep.plot.kind import TEXT_COLUMNS, Column, PlannedTable, Refusal, Title, figure_kind
+from gaitsweep.plot.kind import figure_kind
+from gaitsweep.plot.planned_table import PlannedTable, Refusal
 
 _MOST_NAMED = 6  # most lines in a legend; more lines have a colour bar
 
 
 @functools.cache
 def _shades() -> ListedColormap:
+    """The colours of the lines of panels, without the lightest."""
     return ListedColormap(mpl.colormaps["viridis"](np.linspace(0.0, 0.85, 256)))
 
 
 def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
+    """Refuse axes that are not numeric, are named twice or have several units, and inferred states."""
     if figure.panels == "attractor":
         yield ("panels",), "is attractor, which is computed and not a column of this job's table."
     axes = figure.axes
@@ -98,6 +102,7 @@ def basin_measures(
 
 
 def _with_attractors(table: pd.DataFrame, panels: str | None) -> pd.DataFrame:
+    """The table with the attractor of each row, matched along numeric panels."""
     if panels is None or not pd.api.types.is_numeric_dtype(table[panels]):
         return with_attractors(table)
     followed = table.assign(attractor=follow_attractors(table, panels).column)
@@ -127,6 +132,7 @@ def _with_value(records: pd.DataFrame, name: str | None, value: object) -> pd.Da
 
 
 def _shares(axes: Axes, table: pd.DataFrame, measured: Basins, panels: str | None) -> None:
+    """Draw the fraction of each outcome over the panels' values, with its interval."""
     place = _along(axes, table, panels, measured)
     records = measured.fractions
     names = theme.ordered(dict.fromkeys(records["outcome"]))
@@ -144,6 +150,7 @@ def _shares(axes: Axes, table: pd.DataFrame, measured: Basins, panels: str | Non
 
 
 def _entropies(axes: Axes, table: pd.DataFrame, measured: Basins, panels: str | None) -> None:
+    """Draw both basin entropies over the panels' values."""
     place = _along(axes, table, panels, measured)
     axes.set_ylabel("entropy (nats)")
     if np.isnan(measured.panels["basin_entropy"].to_numpy(float)).all():
@@ -160,6 +167,7 @@ def _entropies(axes: Axes, table: pd.DataFrame, measured: Basins, panels: str | 
 
 
 def _uncertain(axes: Axes, table: pd.DataFrame, measured: Basins, panels: str | None, unit: str) -> None:
+    """Draw the uncertainty fraction over eps, a line for each value of the panels, with its exponent."""
     axes.set_xlabel(
         rf"error of a start $\varepsilon$ ({unit})" if unit else r"error of a start $\varepsilon$"
     )

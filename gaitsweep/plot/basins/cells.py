@@ -9,14 +9,14 @@ from typing import Any, NamedTuple
 import matplotlib as mpl
 import numpy as np
 import pandas as pd
-from jaxtyping import Float, Real
+from jaxtyping import Float, Real, Shaped
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgba
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path
 
 from gaitsweep.plot.columns import is_drawn, is_logarithmic
-from gaitsweep.plot.kind import PlannedTable, Refusal
+from gaitsweep.plot.planned_table import PlannedTable, Refusal
 
 
 def check_cells(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
@@ -41,10 +41,12 @@ class CellGrid(NamedTuple):
     """Cells around the values of two columns: names, values (nx,), (ny,) and edges (nx + 1,), (ny + 1,)."""
 
     names: tuple[str, str]
-    values: tuple[np.ndarray, np.ndarray]
-    edges: tuple[np.ndarray, np.ndarray]
+    values: tuple[Real[np.ndarray, " across"], Real[np.ndarray, " up"]]
+    edges: tuple[Float[np.ndarray, " edges_across"], Float[np.ndarray, " edges_up"]]
 
-    def placed(self, rows: pd.DataFrame, values: Any, empty: Any = np.nan) -> np.ndarray:
+    def placed(
+        self, rows: pd.DataFrame, values: Any, empty: Any = np.nan
+    ) -> Shaped[np.ndarray, "up across ..."]:
         """The values of rows in their cells, (ny, nx, ...), `empty` in cells without a row."""
         of_rows = np.asarray(values)
         (x, y), (across, up) = self.names, self.values

@@ -14,6 +14,7 @@ from matplotlib.patches import Patch
 
 from gaitsweep.contract import Outcome
 from gaitsweep.plot import theme
+from gaitsweep.plot.arguments import GaitColumn, Horizontal, Title, Vertical
 from gaitsweep.plot.basins.cells import CellGrid, cell_grid, colour_cells, hatch_cells, hatch_look
 from gaitsweep.plot.columns import (
     OTHER,
@@ -25,7 +26,7 @@ from gaitsweep.plot.columns import (
     require_columns,
     rows_where,
 )
-from gaitsweep.plot.kind import GaitColumn, Horizontal, Title, Vertical, figure_kind
+from gaitsweep.plot.kind import figure_kind
 
 _HATCHED = (Outcome.NOT_SETTLED, Outcome.FAILED)
 _STRIPES = ("\\\\\\", "---", "|||")  # of the second gait of a set, the third, ...

@@ -11,23 +11,16 @@ from matplotlib.figure import Figure
 
 from gaitsweep.analysis.basins.measures import basins
 from gaitsweep.contract import Status
+from gaitsweep.plot.arguments import TEXT_COLUMNS, AlongAxis, Column, Horizontal, Panels, Title
 from gaitsweep.plot.basins.basin import basin
 from gaitsweep.plot.basins.cells import check_cells
 from gaitsweep.plot.columns import require_columns, unit_of
-from gaitsweep.plot.kind import (
-    TEXT_COLUMNS,
-    AlongAxis,
-    Column,
-    Horizontal,
-    Panels,
-    PlannedTable,
-    Refusal,
-    Title,
-    figure_kind,
-)
+from gaitsweep.plot.kind import figure_kind
+from gaitsweep.plot.planned_table import PlannedTable, Refusal
 
 
 def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
+    """Refuse axes of different units, between which there is no distance."""
     units = {column: table.unit(column) for column in (figure.x, figure.y)}
     if not TEXT_COLUMNS & set(units) and len(set(units.values())) > 1:
         shown = " and ".join(f"{column} in {unit or '1'}" for column, unit in units.items())

@@ -12,7 +12,8 @@ from matplotlib.lines import Line2D
 from matplotlib.transforms import offset_copy
 
 from gaitsweep.plot import theme
-from gaitsweep.plot.bifurcations.continuation import WORDS, draw_branch, key, looks_of_pieces, stretches
+from gaitsweep.plot.arguments import Observable, Title
+from gaitsweep.plot.bifurcations.branch_lines import WORDS, draw_branch, key, looks_of_pieces, stretches
 from gaitsweep.plot.columns import (
     PlotError,
     column,
@@ -22,7 +23,7 @@ from gaitsweep.plot.columns import (
     require_columns,
     rows_where,
 )
-from gaitsweep.plot.kind import Observable, Title, figure_kind
+from gaitsweep.plot.kind import figure_kind
 from gaitsweep.plot.style_names import period_names
 
 STABLE_WIDTH = 2.2
@@ -86,8 +87,8 @@ def road_map(
     require_columns(table, x, "part", "number", "period", "stable", "special")
     observed = [name for name in table if str(name).endswith("_n")]
     name = column(table, y or str(observed[0]), ("_n", ""))
-    own = _of_row(table, row)
-    branches = rows_where(own, (own["part"] == "branch") & own[name].notna())
+    of_row = _of_row(table, row)
+    branches = rows_where(of_row, (of_row["part"] == "branch") & of_row[name].notna())
     with theme.canvas(theme.COLUMN + 1.6, 3.4, title) as figure:
         axes = figure.subplots()
         axes.set_xlabel(described(table, x))
@@ -140,8 +141,8 @@ def atlas(
         raise PlotError("This atlas has no second parameter: give run.second, such as {m_H: [5, 20]}.")
     x, y = moved_parameter(table) or "parameter", second[0]
     require_columns(table, x, y, "part", "number", "period", "unstable", "special", "point")
-    own = _of_row(table, row)
-    curves = rows_where(own, (own["part"] != "branch") & (own["part"] != ""))
+    of_row = _of_row(table, row)
+    curves = rows_where(of_row, (of_row["part"] != "branch") & (of_row["part"] != ""))
     with theme.canvas(theme.COLUMN + 1.6, 3.4, title) as figure:
         axes = figure.subplots()
         axes.set_xlabel(described(table, x))
@@ -149,7 +150,7 @@ def atlas(
         if not len(curves):
             theme.message(axes, "No branch has a bifurcation that can be followed.")
             return figure
-        branches = rows_where(own, (own["part"] == "branch") & own["found"].notna())
+        branches = rows_where(of_row, (of_row["part"] == "branch") & of_row["found"].notna())
         periods = period_names(sorted({*curves["period"], *branches["period"]}))
         colours = theme.colours(periods)
         barred = _draw_bars(axes, branches, x, y, colours)
@@ -194,14 +195,15 @@ def _joined_angles(branches: dict[Any, pd.DataFrame], x: str, y: str) -> dict[An
     for number, branch in branches.items():
         angle, parent = np.unwrap(branch[y].to_numpy(float)), joined.get(branch["begins"].iloc[0])
         if parent is not None:
-            there = parent[y].to_numpy(float)
+            angle_of_parent = parent[y].to_numpy(float)
             near = np.argmin(np.abs(parent[x].to_numpy(float) - branch[x].to_numpy(float)[0]))
-            angle = angle + 2.0 * np.pi * np.round((there[near] - angle[0]) / (2.0 * np.pi))
+            angle = angle + 2.0 * np.pi * np.round((angle_of_parent[near] - angle[0]) / (2.0 * np.pi))
         joined[number] = branch.assign(**{y: angle})
     return joined
 
 
 def _of_row(table: pd.DataFrame, row: int) -> pd.DataFrame:
+    """The records of a row of the job; refuses a row that the table lacks."""
     rows = table["row"].to_numpy(int)
     own = rows_where(table, rows == row)
     if not len(own):
@@ -223,18 +225,15 @@ def _draw_curve(axes: Axes, curve: pd.DataFrame, x: str, y: str, colours: dict[s
     """Draw one curve and the marks on it."""
     at, up = curve[x].to_numpy(float), curve[y].to_numpy(float)
     colour, kind = colours[period_names(curve["period"])[0]], str(curve["part"].iloc[0])
-    of_stable = curve["unstable"].to_numpy(int) == 0
-    begins = np.flatnonzero(np.diff(of_stable, prepend=not of_stable[0]))
-    for begin, end in zip(begins, [*begins[1:], len(at)], strict=True):
-        part = slice(begin, end + 1)
-        width = 1.8 if of_stable[begin] else 0.8
-        axes.plot(at[part], up[part], color=colour, lw=width, ls=_LINES[kind])
+    for of_stable, part in stretches(curve["unstable"].to_numpy(int) == 0):
+        axes.plot(at[part], up[part], color=colour, lw=1.8 if of_stable else 0.8, ls=_LINES[kind])
     for special, (mark, _) in _MARKS.items():
         marked = (curve["special"] == special).to_numpy(bool)
         axes.plot(at[marked], up[marked], mark, ms=5.5, color="black", mfc="white", zorder=3)
 
 
 def _curve_key(curves: pd.DataFrame, colours: dict[str, str]) -> list[Line2D]:
+    """The legend: periods by colour, kinds of bifurcations by line style, and the marks that occur."""
     handles = [Line2D([], [], color=colour, lw=1.8, label=period) for period, colour in colours.items()]
     kinds = set(curves["part"].astype(str))
     handles += [

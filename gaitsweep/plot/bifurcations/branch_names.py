@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from jaxtyping import Float, Shaped
 from matplotlib.axes import Axes
 from matplotlib.transforms import Bbox
 
@@ -29,7 +30,12 @@ def named_gaits(table: pd.DataFrame, without: Sequence[str] = ()) -> list[str]:
     return theme.ordered(name for name in names if name not in (Outcome.NO_GAIT, *without))
 
 
-def name_branches(axes: Axes, at: np.ndarray, value: np.ndarray, gaits: np.ndarray) -> list[str]:
+def name_branches(
+    axes: Axes,
+    at: Float[np.ndarray, " records"],
+    value: Float[np.ndarray, " records"],
+    gaits: Shaped[np.ndarray, " records"],
+) -> list[str]:
     """Write the name of each gait beside its records; returns those for which there is no room.
 
     Args:
@@ -37,18 +43,16 @@ def name_branches(axes: Axes, at: np.ndarray, value: np.ndarray, gaits: np.ndarr
         at, value: places of the records, (n,).
         gaits: the gait of each record, (n,).
     """
-    ink, taken = (
-        _ink(axes),
-        [patch.get_window_extent() for patch in axes.patches if patch.get_alpha() is None],
-    )
+    ink = _ink(axes)
+    taken = [patch.get_window_extent() for patch in axes.patches if patch.get_alpha() is None]
     marked = (line for line in axes.lines if line.get_marker() not in (None, "None", ""))
     apart = max([_APART, *(0.5 * float(line.get_markersize()) + 0.5 for line in marked)])
     without = []
     for gait in dict.fromkeys(gaits.tolist()):
-        mine = np.flatnonzero(gaits == gait)
-        mine = mine[np.argsort(at[mine], kind="stable")]
+        records = np.flatnonzero(gaits == gait)
+        records = records[np.argsort(at[records], kind="stable")]
         middle_first = sorted(np.linspace(0.0, 1.0, _PLACES), key=lambda share: abs(share - 0.5))
-        places = [mine[round(share * (len(mine) - 1))] for share in middle_first]
+        places = [records[round(share * (len(records) - 1))] for share in middle_first]
         if not any(
             _fits(axes, gait, (float(at[k]), float(value[k])), side, apart, ink, taken)
             for k in places
@@ -64,7 +68,7 @@ def _fits(
     at: tuple[float, float],
     side: int,
     apart: float,
-    ink: np.ndarray,
+    ink: Float[np.ndarray, "points 2"],
     taken: list[Bbox],
 ) -> bool:
     """Write a name above or below a place; False, and no name, if anything is within `apart` points."""
@@ -88,7 +92,7 @@ def _fits(
     return True
 
 
-def _ink(axes: Axes) -> np.ndarray:
+def _ink(axes: Axes) -> Float[np.ndarray, "points 2"]:
     """Points (n, 2) along all lines and markers of a panel, in pixels."""
     points = [np.empty((0, 2))]
     for line in axes.lines:

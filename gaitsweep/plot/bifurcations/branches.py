@@ -15,23 +15,17 @@ from gaitsweep import near_miss
 from gaitsweep.analysis.circular import unwrap_from
 from gaitsweep.analysis.transitions.return_map import branches as find_branches
 from gaitsweep.plot import theme
-from gaitsweep.plot.bifurcations.continuation import STABLE, UNSTABLE
+from gaitsweep.plot.arguments import TEXT_COLUMNS, AlongAxis, Bandwidth, Observed, Title
+from gaitsweep.plot.bifurcations.branch_lines import STABLE, UNSTABLE
 from gaitsweep.plot.columns import column, described, is_angle, log_axes, origin_of, require_columns
-from gaitsweep.plot.kind import (
-    TEXT_COLUMNS,
-    AlongAxis,
-    Bandwidth,
-    Observed,
-    PlannedTable,
-    Refusal,
-    Title,
-    figure_kind,
-)
+from gaitsweep.plot.kind import figure_kind
+from gaitsweep.plot.planned_table import PlannedTable, Refusal
 
 _COLOUR = {True: STABLE, False: UNSTABLE}
 
 
 def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
+    """Refuse a parameter that does not vary between rows."""
     if figure.x not in table.varied and figure.x not in TEXT_COLUMNS:
         yield ("x",), f"is {figure.x}, which does not vary between rows. {near_miss.allowing(table.varied)}"
 

@@ -14,8 +14,9 @@ from pydantic import Field
 
 from gaitsweep.contract import Status
 from gaitsweep.plot import theme
+from gaitsweep.plot.arguments import Horizontal, Hue, Observable, Title
 from gaitsweep.plot.columns import column, described, is_angle, log_axes, symbol
-from gaitsweep.plot.kind import Horizontal, Hue, Observable, Title, figure_kind
+from gaitsweep.plot.kind import figure_kind
 
 _NAMED_LINES = 8
 _DASHES: tuple[Any, ...] = ("-", (0, (4, 1.5)), (0, (1, 1)), (0, (5, 1, 1, 1)))
@@ -68,6 +69,7 @@ def cycles(
 
 
 def _rows(table: pd.DataFrame) -> list[tuple[object, pd.DataFrame]]:
+    """The records of each row; a table without rows is one."""
     return list(table.groupby("row", sort=True, observed=True)) if "row" in table.columns else [(0, table)]
 
 

@@ -8,14 +8,17 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from jaxtyping import Bool
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from gaitsweep.plot import theme
+from gaitsweep.plot.arguments import GaitColumn, Title
+from gaitsweep.plot.bifurcations.branch_lines import stretches
 from gaitsweep.plot.columns import PlotError, described, require_columns, rows_where
-from gaitsweep.plot.kind import GaitColumn, Title, figure_kind
+from gaitsweep.plot.kind import figure_kind
 
 _TOGETHER = "#BFE6DA"  # a light tint of the colour of two gaits in a gait map
 _MARKS = {"cusp": ("*", 9.0), "curve lost": ("x", 5.0)}
@@ -66,16 +69,16 @@ def folds(
     return figure
 
 
-def _segments(curve: pd.DataFrame) -> Iterator[tuple[int, str]]:
-    """The look of each segment of a curve by its first point's place: "kink", "stable" or "unstable"."""
+def _looks(curve: pd.DataFrame) -> Iterator[str]:
+    """The look of each segment of a curve: "kink", "stable" or "unstable"."""
     point, special = curve["point"].to_numpy(int), curve["special"].to_numpy(str)
     unstable = curve["unstable"].to_numpy(int)
     for k in range(len(curve) - 1):
         far = k if point[k] < 0 else k + 1  # a kink is marked behind the leap, seen from point 0
         if special[far] == "kink":
-            yield k, "kink"
+            yield "kink"
         else:
-            yield k, "unstable" if unstable[k] and unstable[k + 1] else "stable"
+            yield "unstable" if unstable[k] and unstable[k + 1] else "stable"
 
 
 def _draw(axes: Axes, curve: pd.DataFrame, x: str, y: str, colour: dict[str, str]) -> None:
@@ -86,11 +89,7 @@ def _draw(axes: Axes, curve: pd.DataFrame, x: str, y: str, colour: dict[str, str
         "stable": {"ls": "-", "lw": 1.4},
         "unstable": {"ls": (0, (4, 2)), "lw": 1.4},
     }
-    gait = _gaits(curve)
-    lines = [(k, (look, gait[k])) for k, look in _segments(curve)]
-    for (look, name), group in itertools.groupby(lines, key=lambda line: line[1]):
-        places = [k for k, _ in group]
-        part = slice(places[0], places[-1] + 2)
+    for (look, name), part in stretches(zip(_looks(curve), _gaits(curve), strict=True)):
         axes.plot(at[part], up[part], color=colour[name], zorder=2, **looks[look])
     for mark, marked in _marked(curve).items():
         symbol, size = _MARKS[mark]
@@ -103,7 +102,7 @@ def _gaits(curve: pd.DataFrame) -> list[str]:
     return [gait[k + 1] if cusp[k] else gait[k] for k in range(len(curve) - 1)]
 
 
-def _marked(curve: pd.DataFrame) -> dict[str, np.ndarray]:
+def _marked(curve: pd.DataFrame) -> dict[str, Bool[np.ndarray, " points"]]:
     """Masks of the points of a curve that have a mark, (n,) each."""
     return {
         "cusp": (curve["special"] == "cusp").to_numpy(bool),
@@ -116,12 +115,10 @@ def _pieces(row: Any, curve: pd.DataFrame, x: str, y: str) -> Iterator[dict[str,
     at, up = curve[x].to_numpy(float), curve[y].to_numpy(float)
     side, cusp, gait = curve["side"].to_numpy(int), _marked(curve)["cusp"], _gaits(curve)
     segments = [
-        (k, (int(side[k + 1] if cusp[k] else side[k]), gait[k], bool(up[k + 1] > up[k]), look != "unstable"))
-        for k, look in _segments(curve)
+        (int(side[k + 1] if cusp[k] else side[k]), gait[k], bool(up[k + 1] > up[k]), look != "unstable")
+        for k, look in enumerate(_looks(curve))
     ]
-    for (sign, name, _, stable), group in itertools.groupby(segments, key=lambda segment: segment[1]):
-        places = [k for k, _ in group]
-        part = slice(places[0], places[-1] + 2)
+    for (sign, name, _, stable), part in stretches(segments):
         order = np.argsort(up[part])
         if stable:
             yield {"row": row, "gait": name, "side": sign,
@@ -157,7 +154,7 @@ def _key(table: pd.DataFrame, colour: dict[str, str], together: set[str]) -> lis
         named = ", ".join(sorted(together - {""}))
         label = f"two gaits: {named}" if named else "two gaits"
         handles.append(Patch(facecolor=_TOGETHER, label=label))
-    looks = {look for _, curve in table.groupby("row") for _, look in _segments(curve)}
+    looks = {look for _, curve in table.groupby("row") for look in _looks(curve)}
     if "unstable" in looks:
         handles.append(Line2D([], [], color="black", ls=(0, (4, 2)), lw=1.4, label="of an unstable gait"))
     if "kink" in looks:

@@ -6,6 +6,7 @@ from typing import Annotated, Any
 
 import numpy as np
 import pandas as pd
+from jaxtyping import Float, Shaped
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -16,6 +17,7 @@ from gaitsweep.analysis.records import in_order
 from gaitsweep.analysis.transitions.hysteresis import transition_points_by_gait
 from gaitsweep.contract import Outcome
 from gaitsweep.plot import theme
+from gaitsweep.plot.arguments import AlongAxis, Column, GaitColumn, Observed, Title
 from gaitsweep.plot.columns import (
     column,
     described,
@@ -28,7 +30,7 @@ from gaitsweep.plot.columns import (
     symbol,
     unit_of,
 )
-from gaitsweep.plot.kind import AlongAxis, Column, GaitColumn, Observed, Title, figure_kind
+from gaitsweep.plot.kind import figure_kind
 
 _OPEN = "#777777"
 
@@ -96,9 +98,9 @@ def gait_transitions(
 
 def _points(
     axes: Axes,
-    at: np.ndarray,
-    place: np.ndarray,
-    shown: np.ndarray,
+    at: Float[np.ndarray, " rows"],
+    place: Float[np.ndarray, " rows"],
+    shown: Shaped[np.ndarray, " rows"],
     names: list[str],
     looks: tuple[dict[str, str], dict[str, str]],
 ) -> list[Any]:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from pathlib import Path
 from types import MappingProxyType
-from typing import Annotated, Any, NamedTuple, cast
+from typing import Annotated, Any, cast
 
 import numpy as np
 import pandas as pd
+from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -17,15 +17,17 @@ from matplotlib.transforms import ScaledTranslation
 
 from gaitsweep.analysis.circular import unwrap_from
 from gaitsweep.analysis.records import sound
-from gaitsweep.analysis.transitions.hysteresis import (
-    LEAST,
-    irregular_passes,
-    largest_jumps,
-    transition_points,
-)
-from gaitsweep.analysis.transitions.jumps import where_it_moves
+from gaitsweep.analysis.transitions.hysteresis import LEAST, largest_jumps, transition_points
 from gaitsweep.plot import theme
+from gaitsweep.plot.arguments import Observable, Observed, Panels, TableOrName, Title
 from gaitsweep.plot.bifurcations.branch_names import name_branches, named_gaits
+from gaitsweep.plot.bifurcations.hysteresis_panels import (
+    Panel,
+    irregular_parted,
+    panels_of,
+    panels_of_second,
+    while_moving,
+)
 from gaitsweep.plot.bifurcations.passes import DOWN, LINES, MARKER, UP, draw_arrows, draw_row
 from gaitsweep.plot.columns import (
     PlotError,
@@ -40,19 +42,9 @@ from gaitsweep.plot.columns import (
     written,
 )
 from gaitsweep.plot.figure_style import current
-from gaitsweep.plot.kind import (
-    Observable,
-    Observed,
-    Panels,
-    PlannedTable,
-    Refusal,
-    TableOrName,
-    Title,
-    figure_kind,
-)
-from gaitsweep.plot.provenance_marks import remarks
+from gaitsweep.plot.kind import figure_kind
+from gaitsweep.plot.planned_table import PlannedTable, Refusal
 from gaitsweep.schema.numbers import Positive, Real, Text
-from gaitsweep.table import TableError, load
 
 _PANELS_A_ROW = 3
 _MOST_PANELS = 12
@@ -62,14 +54,8 @@ _FAINT = 4  # with more rows each is drawn fainter
 _JUMPS = {"rising": (UP, 0.97, 1.0), "falling": (DOWN, 0.0, 0.03)}
 
 
-class _Panel(NamedTuple):
-    heading: str
-    # None if the table does not exist yet; the heading names it, the note gives the reason
-    table: pd.DataFrame | None
-    note: str = ""
-
-
 def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
+    """Refuse a parameter that the run does not move."""
     if figure.parameter not in (None, table.run.moved):
         yield (
             ("parameter",),
@@ -120,7 +106,7 @@ def hysteresis(
             "The table's job moves no parameter: hysteresis is drawn from a ramp or a staircase; "
             "for another table name the column as `parameter`."
         )
-    shown = [*_split(table, panels, with_table is not None), *_second(table, with_table, panels)]
+    shown = [*panels_of(table, panels, with_table is not None), *panels_of_second(table, with_table, panels)]
     shown, title = theme.first_of(shown, _MOST_PANELS, title)
     tables = [panel.table for panel in shown if panel.table is not None]
     for of_panel in tables:
@@ -129,7 +115,7 @@ def hysteresis(
             column(of_panel, observable, ("_n", ""))
     name = column(table, y, ("_n", ""))
     if x is not None:
-        shown = [panel._replace(table=_moving(panel.table, parameter)) for panel in shown]
+        shown = [panel._replace(table=while_moving(panel.table, parameter)) for panel in shown]
         tables = [panel.table for panel in shown if panel.table is not None]
         parameter = column(table, x, ("_n", ""))
     down, across = theme.shape(len(shown), theme.PAGE, 2.0, _PANELS_A_ROW)
@@ -138,7 +124,7 @@ def hysteresis(
     origin = origin_of(table, name, np.concatenate(angles))
     if title == "" and len(shown) == 1:
         shown = [shown[0]._replace(heading="")]
-    parted = [_parted(panel.table, name, parameter, least) for panel in shown]
+    parted = [irregular_parted(panel.table, name, parameter, least) for panel in shown]
     strips = any(len(irregular) for _, irregular in parted)
     with theme.canvas(width, (3.5 if strips else 2.5) * down + 1.0, title) as figure:
         grid, below = _panels(figure, len(shown), down, across, strips)
@@ -213,65 +199,6 @@ def _name_gaits(
     return [Line2D([], [], ls="", label=text) for text in dict.fromkeys(texts)]
 
 
-def _split(table: pd.DataFrame, panels: str | None, beside: bool) -> list[_Panel]:
-    """A table's panels; with a second table, their headings describe how the parameter moves."""
-    if panels is None:
-        return [_Panel(_pace(table), table)]
-    pace = f", {_pace(table)}" if beside else ""
-    column(table, panels)
-    values = sorted(table[panels].dropna().unique())
-    parts = [
-        (written(table, panels, value) + pace, rows_where(table, table[panels] == value)) for value in values
-    ]
-    return [_Panel(heading, part) for heading, part in parts] or [_Panel("", table)]
-
-
-def _second(table: pd.DataFrame, other: str | pd.DataFrame | None, panels: str | None) -> list[_Panel]:
-    """The panels of a second table, or its path relative to `table`, with remarks in their headings."""
-    if other is None:
-        return []
-    if not isinstance(other, pd.DataFrame):
-        beside = Path(str(table.attrs.get("path", "."))).parent / other
-        path = next((path for path in (Path(other), beside) if path.is_dir()), beside)
-        try:
-            other = load(path)
-        except TableError:
-            text = f"{path.name} has no table yet: run its job, then gaitsweep plot."
-            return [_Panel(path.name, None, text)]
-    notes = "".join(f"\n{note}" for note in remarks(other))
-    return [panel._replace(heading=panel.heading + notes) for panel in _split(other, panels, True)]
-
-
-def _pace(table: pd.DataFrame) -> str:
-    """Describe how a table's parameter moves, with its speed if the job gives it."""
-    run = table.attrs.get("job", {}).get("run", {})
-    unit = unit_of(table, str(run.get("parameter", "")))
-    if "stair" in table.columns:
-        return f"held {run['dwell']:g} s at each value" if "dwell" in run else "held at each value"
-    rate = f" ({run['rate']:g} {unit}/s)".replace(" /s", "/s") if "rate" in run else ""
-    return f"moved slowly{rate}"
-
-
-def _moving(table: pd.DataFrame | None, parameter: str) -> pd.DataFrame | None:
-    """A table without the records of a ramp before its parameter moves."""
-    if table is None or "stair" in table.columns:
-        return table
-    table = table.sort_values(["row", "crossing"], kind="stable")
-    first = table.groupby("row")[parameter].transform(lambda values: where_it_moves(values.to_numpy(float)))
-    return rows_where(table, table.groupby("row").cumcount() >= first)
-
-
-def _parted(
-    table: pd.DataFrame | None, name: str, parameter: str, least: float
-) -> tuple[pd.DataFrame | None, pd.DataFrame]:
-    """The records on branches, and those of irregular passes."""
-    if table is None:
-        return None, pd.DataFrame()
-    keys = pd.MultiIndex.from_arrays([table["row"], table["pass"]])
-    irregular = keys.isin(pd.MultiIndex.from_frame(irregular_passes(table, name, parameter, least)))
-    return rows_where(table, ~irregular), rows_where(table, irregular)
-
-
 def _strip(
     axes: Axes, irregular: pd.DataFrame, table: pd.DataFrame | None, name: str, x: str, origin: float | None
 ) -> None:
@@ -317,7 +244,7 @@ def _mark(
             right.tick_params(length=0, labelsize=7.0, colors="#555555")
 
 
-def _distance(axes: Axes, values: np.ndarray) -> np.ndarray:
+def _distance(axes: Axes, values: Float[np.ndarray, " values"]) -> Float[np.ndarray, " values"]:
     """Distances of values from the bulk of the data of axes, (n,)."""
     data = np.concatenate([[], *(np.asarray(line.get_ydata(), float) for line in axes.lines)])
     data = data[np.isfinite(data)]
@@ -329,7 +256,7 @@ def _distance(axes: Axes, values: np.ndarray) -> np.ndarray:
 
 def _draw(
     axes: Axes,
-    panel: _Panel,
+    panel: Panel,
     branches: pd.DataFrame | None,
     name: str,
     parameter: str,
@@ -404,7 +331,7 @@ def _in_words(edge: Mapping[Any, Any], table: pd.DataFrame, parameter: str) -> s
     return f"{symbol(table, parameter)} {verb}: {interval}{rows}".replace("-", "−")
 
 
-def _key(shown: list[_Panel], table: pd.DataFrame, parameter: str, drawn: set[str]) -> list[Line2D]:
+def _key(shown: list[Panel], table: pd.DataFrame, parameter: str, drawn: set[str]) -> list[Line2D]:
     """The legend of the colours and markers that are drawn."""
     stairs = [panel.table for panel in shown if panel.table is not None and "stair" in panel.table.columns]
     handles = []

@@ -6,14 +6,16 @@ from typing import Annotated, Any
 
 import numpy as np
 import pandas as pd
+from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from gaitsweep.plot import theme
-from gaitsweep.plot.bifurcations.continuation import looks_of_pieces, stretches
+from gaitsweep.plot.arguments import Title
+from gaitsweep.plot.bifurcations.branch_lines import looks_of_pieces, stretches
 from gaitsweep.plot.columns import PlotError, described, moved_parameter, require_columns, rows_where
-from gaitsweep.plot.kind import Title, figure_kind
+from gaitsweep.plot.kind import figure_kind
 
 _LINES = ("-", (0, (5, 1.5)), (0, (1, 1)), (0, (5, 1.5, 1, 1.5)))
 _MEANING = "first time in the cycle: "
@@ -41,10 +43,10 @@ def orbit_family(
     """
     x = moved_parameter(table) or "parameter"
     require_columns(table, x, "row", "part", "number", "point", "time", "stable", "special")
-    own = rows_where(table, (table["row"] == row) & (table["part"] == "branch"))
-    family = rows_where(own, own["number"] == branch).sort_values("point")
+    branches = rows_where(table, (table["row"] == row) & (table["part"] == "branch"))
+    family = rows_where(branches, branches["number"] == branch).sort_values("point")
     if not len(family):
-        numbers = ", ".join(map(str, np.unique(own["number"].to_numpy(int))))
+        numbers = ", ".join(map(str, np.unique(branches["number"].to_numpy(int))))
         raise PlotError(f"branch is {branch}, but row {row} has the branches {numbers or '(none)'}.")
     quantities = table.attrs.get("quantities", {})
     names = {
@@ -79,7 +81,9 @@ def orbit_family(
     return figure
 
 
-def _draw(axes: Axes, family: pd.DataFrame, x: str, values: np.ndarray, colour: str, line: Any) -> None:
+def _draw(
+    axes: Axes, family: pd.DataFrame, x: str, values: Float[np.ndarray, " points"], colour: str, line: Any
+) -> None:
     """Draw a number along the branch, thick where its gaits are stable."""
     at = family[x].to_numpy(float)
     for look, part in stretches(looks_of_pieces(family)):

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
+from jaxtyping import Bool, Float
 from matplotlib.axes import Axes
 from matplotlib.patches import FancyArrowPatch
 from matplotlib.transforms import ScaledTranslation
@@ -23,8 +24,8 @@ _GRID = 201  # values of the parameter at which two passes are compared
 class Pass(NamedTuple):
     """A drawn pass: the parameter and the observable, (n,) each, and its colour."""
 
-    at: np.ndarray
-    value: np.ndarray
+    at: Float[np.ndarray, " records"]
+    value: Float[np.ndarray, " records"]
     colour: str
 
 
@@ -101,13 +102,13 @@ def draw_arrows(axes: Axes, passes: list[Pass], least: float) -> None:
         axes.add_patch(arrow)
 
 
-def _along(one: Pass, grid: np.ndarray) -> np.ndarray:
+def _along(one: Pass, grid: Float[np.ndarray, " grid"]) -> Float[np.ndarray, " grid"]:
     """A pass's values at the grid's parameters."""
     order = np.argsort(one.at, kind="stable")
     return np.interp(grid, one.at[order], one.value[order])
 
 
-def _longest(marked: np.ndarray) -> tuple[int, int]:
+def _longest(marked: Bool[np.ndarray, " grid"]) -> tuple[int, int]:
     """The first and last index of the longest run that is marked."""
     turns = np.flatnonzero(np.diff(np.r_[False, marked, False]))
     begins, ends = turns[::2], turns[1::2] - 1

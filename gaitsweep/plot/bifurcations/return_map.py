@@ -14,6 +14,7 @@ from matplotlib.lines import Line2D
 from gaitsweep.analysis.circular import unwrap_from
 from gaitsweep.analysis.transitions.return_map import drift, fixed_points, ghosts, pairs
 from gaitsweep.plot import theme
+from gaitsweep.plot.arguments import Bandwidth, Observed, Panels, Title
 from gaitsweep.plot.columns import (
     PlotError,
     column,
@@ -25,7 +26,7 @@ from gaitsweep.plot.columns import (
     unit_of,
     written,
 )
-from gaitsweep.plot.kind import Bandwidth, Observed, Panels, Title, figure_kind
+from gaitsweep.plot.kind import figure_kind
 from gaitsweep.schema.numbers import word
 
 _PANELS_A_ROW = 3

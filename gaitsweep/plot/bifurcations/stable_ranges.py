@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import matplotlib as mpl
 import numpy as np
 import pandas as pd
+from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -16,9 +17,10 @@ from matplotlib.patches import Patch
 from gaitsweep.analysis.continuation.stable_ranges import range_of_gait
 from gaitsweep.analysis.continuation.stable_ranges import stable_ranges as ranges_of
 from gaitsweep.plot import theme
-from gaitsweep.plot.bifurcations.continuation import MARKERS, WORDS
+from gaitsweep.plot.arguments import AlongAxis, GaitColumn, Title
+from gaitsweep.plot.bifurcations.branch_lines import MARKERS, WORDS
 from gaitsweep.plot.columns import PlotError, described, log_axes, moved_parameter, require_columns
-from gaitsweep.plot.kind import AlongAxis, GaitColumn, Title, figure_kind
+from gaitsweep.plot.kind import figure_kind
 
 _STRIPES = {"hatch": "\\\\\\", "facecolor": "none", "lw": 0.0}  # of the second gait over the first
 
@@ -96,6 +98,7 @@ def _union(same: pd.DataFrame, what: str, x: str) -> pd.Series:
 
 
 def _draw(axes: Axes, areas: dict[str, pd.DataFrame]) -> None:
+    """Draw the areas, their overlaps and their edges."""
     colour, hatch = theme.colours(areas), theme.hatches(areas)
     for name, area in areas.items():
         low, high, up = (area[key].to_numpy(float) for key in ("low", "high", "up"))
@@ -115,8 +118,10 @@ def _draw(axes: Axes, areas: dict[str, pd.DataFrame]) -> None:
                 axes.plot(at[marked], up[marked], shape, **look)
 
 
-def _overlaps(areas: dict[str, pd.DataFrame]) -> dict[tuple[str, str], tuple[np.ndarray, ...]]:
-    """For each pair of gaits: low, high and up (n,) of the range where both are stable, NaN where not."""
+def _overlaps(
+    areas: dict[str, pd.DataFrame],
+) -> dict[tuple[str, str], tuple[Float[np.ndarray, " points"], ...]]:
+    """For each pair of gaits: low, high and up of the range where both are stable, NaN where not."""
     overlaps = {}
     for one, other in itertools.combinations(areas, 2):
         both = areas[one].merge(areas[other], on="up", suffixes=("", "_2"))

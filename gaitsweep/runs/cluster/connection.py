@@ -12,6 +12,7 @@ import re
 import signal
 import tempfile
 import time
+from collections.abc import Mapping
 from multiprocessing import resource_tracker
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -23,7 +24,7 @@ from gaitsweep.runs.prepare import RunError
 from gaitsweep.table.files import reason
 
 if TYPE_CHECKING:
-    from distributed import Client, SpecCluster  # pyright: ignore[reportMissingImports]
+    from distributed import Client, Security, SpecCluster  # pyright: ignore[reportMissingImports]
     from distributed.utils import LoopRunner  # pyright: ignore[reportMissingImports]
 
 MOST_LOCAL = 1024  # workers
@@ -31,7 +32,7 @@ _CONNECT = 5.0  # s for one try
 _BEING_WRITTEN = 10.0  # s during which a scheduler's file may be incomplete
 _SCHEMES = ("tcp", "tls")
 _LAST_PORT = 65535
-_HOW = "write local:N, tcp://HOST:PORT (or tls://HOST:PORT), or the file of a scheduler, FILE.json"
+_FORMS = "write local:N, tcp://HOST:PORT (or tls://HOST:PORT), or the file of a scheduler, FILE.json"
 _LOOPBACK = "127.0.0.1"
 # Lost workers after which a scheduler gives a task up: never, since it also counts workers that another task
 # ended. gaitsweep counts them for each block.
@@ -85,6 +86,7 @@ class Connection(abc.ABC):
         self._closing.close()
 
     def _disconnect(self) -> None:
+        """Close the client, if there is one."""
         client, self._client = self._client, None
         if client is not None:
             with contextlib.suppress(Exception):  # it may be gone
@@ -142,6 +144,12 @@ class RemoteScheduler(Connection):
         return True
 
     def _address(self) -> str:
+        """The scheduler's address, as given or read from its file.
+
+        Raises:
+            OSError: the file is not there, or is being written.
+            RunError: the file is not a scheduler's, or its address is not valid.
+        """
         if "://" in self.where:
             return self.where
         file = Path(self.where)
@@ -214,7 +222,7 @@ def _innermost(error: BaseException) -> str:
     return reason(error) if isinstance(error, OSError) and error.strerror else text
 
 
-class GivenClient(Connection):
+class UserClient(Connection):
     """A client of the user's, which stays open."""
 
     def __init__(self, client: Client) -> None:
@@ -253,7 +261,7 @@ class LocalWorkers(Connection):
 
     def try_to_connect(self) -> bool:
         import dask.config
-        from distributed import Client, Nanny, Scheduler, Security, SpecCluster
+        from distributed import Client, Scheduler, Security, SpecCluster
 
         try:
             security = Security.temporary()
@@ -264,26 +272,7 @@ class LocalWorkers(Connection):
             ) from error
         scratch = tempfile.TemporaryDirectory(prefix="gaitsweep-workers-", ignore_cleanup_errors=True)
         self._closing.callback(scratch.cleanup)
-        cards = _cards()
-        options: dict[str, Any] = {
-            "host": _LOOPBACK,
-            "protocol": "tls://",
-            "security": security,
-            "nthreads": max(1, usable_cores() // self._count),
-            "memory_limit": 0,
-            "dashboard_address": f"{_LOOPBACK}:0",
-            "local_directory": scratch.name,
-            # a heartbeat may meet the scheduler while it closes, at the end
-            "silence_logs": logging.CRITICAL,
-            "resources": {"GPU": 1} if cards else {},
-        }
-        workers: dict[str, Any] = {}
-        for number in range(self._count):
-            card = {"CUDA_VISIBLE_DEVICES": cards[number % len(cards)]} if cards else {}
-            workers[f"gaitsweep-{number}"] = {
-                "cls": Nanny,
-                "options": {**options, "env": {**_environment(), **card}},
-            }
+        options = self._options(security, scratch.name)
         scheduler = {name: options[name] for name in ("host", "protocol", "security", "dashboard_address")}
         dask.config.set(_SETTINGS)
         quiet: Any = logging.CRITICAL
@@ -293,7 +282,7 @@ class LocalWorkers(Connection):
         before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
             cluster = SpecCluster(
-                workers=workers,
+                workers=self._workers(options),
                 scheduler={"cls": Scheduler, "options": {**scheduler, "port": 0, "allowed_failures": _NEVER}},
                 security=security,
                 silence_logs=quiet,
@@ -308,8 +297,36 @@ class LocalWorkers(Connection):
         self._closing.callback(self._disconnect)
         return True
 
+    def _options(self, security: Security, scratch: str) -> dict[str, Any]:
+        """Dask's options of a worker, which keeps its files in the folder `scratch`."""
+        return {
+            "host": _LOOPBACK,
+            "protocol": "tls://",
+            "security": security,
+            "nthreads": max(1, usable_cores() // self._count),
+            "memory_limit": 0,
+            "dashboard_address": f"{_LOOPBACK}:0",
+            "local_directory": scratch,
+            # a heartbeat may meet the scheduler while it closes, at the end
+            "silence_logs": logging.CRITICAL,
+            "resources": {"GPU": 1} if _cards() else {},
+        }
+
+    def _workers(self, options: Mapping[str, Any]) -> dict[str, Any]:
+        """Dask's specification of each worker, which has a card of its own where there are enough."""
+        from distributed import Nanny
+
+        workers: dict[str, Any] = {}
+        cards = _cards()
+        for number in range(self._count):
+            card = {"CUDA_VISIBLE_DEVICES": cards[number % len(cards)]} if cards else {}
+            environment = {**_environment(), **card}
+            workers[f"gaitsweep-{number}"] = {"cls": Nanny, "options": {**options, "env": environment}}
+        return workers
+
 
 def _close_quietly(cluster: SpecCluster) -> None:
+    """Close the workers, some of which may be gone."""
     with contextlib.suppress(Exception):
         cluster.close(timeout=10)
 
@@ -336,10 +353,11 @@ def connection_to(where: str) -> Connection:
     near = near_miss.suggestion(scheme, ("local", *_SCHEMES)) if colon and rest else "."
     if re.fullmatch(r"\d{1,5}", rest) and near_miss.nearest(scheme, ("local", *_SCHEMES)) is None:
         near = f"; did you mean tcp://{where}?"
-    raise RunError(f"--cluster {where or 'WHERE'} is not valid: {_HOW}{near}")
+    raise RunError(f"--cluster {where or 'WHERE'} is not valid: {_FORMS}{near}")
 
 
 def _require_distributed() -> None:
+    """Raise RunError if Dask is not installed."""
     try:
         import distributed  # noqa: F401 - whether it is installed
     except ImportError as error:

@@ -19,19 +19,13 @@ from concurrent.futures import CancelledError
 from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
+from jaxtyping import Int
 
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.errors import EXIT_FAILURE, UserError
 from gaitsweep.runs.cluster.connection import Connection
 from gaitsweep.runs.cluster.identity import WorkerUnfit, identity_of, own_modules
-from gaitsweep.runs.cluster.task import (
-    MOST_DEATHS,
-    Assignment,
-    BlockGivenUp,
-    JobTicket,
-    Unwanted,
-    run_block,
-)
+from gaitsweep.runs.cluster.task import MOST_DEATHS, Assignment, BlockGivenUp, JobTicket, Unwanted, run_block
 from gaitsweep.runs.cluster.workers import Workers
 from gaitsweep.runs.executor import Executor, MissingBlocks
 from gaitsweep.runs.prepare import RunContext
@@ -160,7 +154,9 @@ class Cluster(Executor):
         (path / BLOCK_LOCKS).unlink(missing_ok=True)
         Dispatch(self, missing, assignment).run()
 
-    def submit(self, tasks: Sequence[tuple[int, np.ndarray | None]], assignment: Assignment) -> list[Any]:
+    def submit(
+        self, tasks: Sequence[tuple[int, Int[np.ndarray, " rows"] | None]], assignment: Assignment
+    ) -> list[Any]:
         """Submit blocks to the scheduler; return a task in flight for each."""
         only, now = self.workers.chosen, time.monotonic()
         futures = self.workers.client.map(
@@ -225,6 +221,11 @@ class Dispatch:
         self._tasks_of_workers: dict[str, _TasksOfWorker] = {}  # by the worker's address
 
     def run(self) -> None:
+        """Have all blocks computed, and return when their parts exist.
+
+        Raises:
+            BlocksFailed: some blocks could not be computed.
+        """
         try:
             while self.waiting or self.flight:
                 self._step()
@@ -283,7 +284,8 @@ class Dispatch:
             raise
         self.flight.update(zip(numbers, tasks, strict=True))
 
-    def _rows(self, number: int) -> np.ndarray | None:
+    def _rows(self, number: int) -> Int[np.ndarray, " rows"] | None:
+        """The job's rows of a block where a round of a refined run chooses them, else None."""
         rows_in = self.missing.context.rows_in
         return None if rows_in is None else rows_in(*self.directory.layout.rows_of(number))
 
@@ -342,9 +344,9 @@ class Dispatch:
             return
         self.failures[number] += 1
         if isinstance(error, BlockGivenUp | KilledWorker) or self.failures[number] >= _MOST_FAILURES:
-            many = f"it ended {MOST_DEATHS} workers or more that began it"
-            known = isinstance(error, UserError)
-            why = many if isinstance(error, KilledWorker) else str(error) if known else repr(error)
+            why = str(error) if isinstance(error, UserError) else repr(error)
+            if isinstance(error, KilledWorker):
+                why = f"it ended {MOST_DEATHS} workers or more that began it"
             self.failed[number] = why.rstrip(".")
         else:
             self.waiting.append(number)
@@ -374,22 +376,22 @@ class Dispatch:
         ours = {task.future.key: number for number, task in self.flight.items()}
         before, self._tasks_of_workers = self._tasks_of_workers, {}
         for address, keys in self.workers.client.processing().items():
-            own_keys = {key for key in keys if key in ours}
-            if not own_keys:
+            keys_of_worker = {key for key in keys if key in ours}
+            if not keys_of_worker:
                 continue
             known = before.get(address)
-            since = now if known is None or known.keys - own_keys else known.since
+            since = now if known is None or known.keys - keys_of_worker else known.since
             if now - since <= limit:
-                self._tasks_of_workers[address] = _TasksOfWorker(own_keys, since)
+                self._tasks_of_workers[address] = _TasksOfWorker(keys_of_worker, since)
                 continue
-            block = self.directory.layout.words(min(ours[key] for key in own_keys))
+            block = self.directory.layout.words(min(ours[key] for key in keys_of_worker))
             name = self.workers.names.get(address, address)
             self.workers.on_message(
                 f"The worker {name} is ended, and its blocks go elsewhere: block {block} took longer than "
                 f"{limit:.0f} s there."
             )
             self.workers.restart(address)
-            for key in own_keys:
+            for key in keys_of_worker:
                 self.flight[ours[key]].since = time.monotonic()
 
     def _settle(self) -> None:
@@ -419,6 +421,7 @@ class Dispatch:
         self.flight = {}
 
     def _report(self) -> None:
+        """Report progress, at most every `_REPORT` s."""
         now = time.monotonic()
         if now - self._reported < _REPORT:
             return
@@ -428,6 +431,7 @@ class Dispatch:
         self.missing.on_progress(SweepProgress(self.done, self.rows, self.done / self.rows, 0, spent, note))
 
     def _sentence(self) -> str:
+        """The sentences about the blocks that failed."""
         sentences = [
             f"Block {self.directory.layout.words(number)} was not computed: {why}."
             for number, why in sorted(self.failed.items())

@@ -63,7 +63,7 @@ def difference(worker: Identity, client: Identity) -> str | None:
 def own_modules(context: RunContext) -> tuple[tuple[str, str], ...]:
     """Return the user's modules that a job needs, with the folders from which they are imported."""
     folders: dict[str, str] = {}
-    for own in (type(context.model), type(context.job.run)):
+    for own in (type(context.model.original), type(context.job.run)):
         module = inspect.getmodule(own)
         file = getattr(module, "__file__", None)
         if module is None or file is None or module.__name__.startswith("gaitsweep.") or installed(module):
@@ -75,6 +75,7 @@ def own_modules(context: RunContext) -> tuple[tuple[str, str], ...]:
 
 @functools.cache
 def _source_digest() -> str:
+    """The sha256, in hex, of gaitsweep's source files."""
     root = Path(__file__).parents[2]
     digest = hashlib.sha256()
     for file in sorted(root.rglob("*.py")):

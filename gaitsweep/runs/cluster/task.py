@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from jaxtyping import Int
 
 from gaitsweep.errors import EXIT_FAILURE, UserError
 from gaitsweep.job import Job
@@ -25,10 +26,10 @@ from gaitsweep.runs.executor import compute_blocks
 from gaitsweep.runs.prepare import RunContext, prepare
 from gaitsweep.runs.refinement import some_rows
 from gaitsweep.table import TableError
-from gaitsweep.table.directory import PartWriter
 from gaitsweep.table.files import reason
 from gaitsweep.table.locks import BLOCK_LOCKS, BlockLocks, this_process
 from gaitsweep.table.manifest import Layout
+from gaitsweep.table.part_writer import PartWriter
 
 MOST_DEATHS = 3  # of workers that began a block, after which it is given up
 _POLL = 0.2  # s between two checks whether the task is still wanted
@@ -92,7 +93,7 @@ def examine(ticket: JobTicket) -> str | None:
     return None
 
 
-def run_block(number: int, rows: np.ndarray | None, assignment: Assignment) -> int | bytes:
+def run_block(number: int, rows: Int[np.ndarray, " rows"] | None, assignment: Assignment) -> int | bytes:
     """Compute a block and write its part, unless the part exists.
 
     Args:
@@ -117,7 +118,8 @@ def run_block(number: int, rows: np.ndarray | None, assignment: Assignment) -> i
         raise WorkerUnfit(str(error).rstrip("."), get_worker().address) from None
 
 
-def _run_block(number: int, rows: np.ndarray | None, assignment: Assignment) -> int | bytes:
+def _run_block(number: int, rows: Int[np.ndarray, " rows"] | None, assignment: Assignment) -> int | bytes:
+    """Compute a block in the only thread that does, as `run_block`."""
     ticket = assignment.ticket
     writer = PartWriter(Path(assignment.path), assignment.layout)
     name = f"block {assignment.layout.words(number)} of {assignment.path}"
@@ -172,7 +174,9 @@ def _block_lock(writer: PartWriter, number: int, patience: float) -> Iterator[bo
                     locks.end(number)
 
 
-def _compute(assignment: Assignment, writer: PartWriter, number: int, rows: np.ndarray | None) -> bytes:
+def _compute(
+    assignment: Assignment, writer: PartWriter, number: int, rows: Int[np.ndarray, " rows"] | None
+) -> bytes:
     """Compute the part of a block."""
     context = _context_of(assignment.ticket)
     quantities = context.quantities
@@ -217,6 +221,7 @@ def _worker() -> Any | None:
 
 
 def _name() -> str:
+    """The name of this worker and its process, for the record of a block."""
     worker = _worker()
     return this_process() if worker is None else f"{worker.name} ({this_process()})"
 
@@ -258,12 +263,14 @@ def _check_probe(file: str, token: str) -> None:
     """Raise WorkerUnfit if this worker does not share the client's result directory."""
     probe = Path(file)
     folder = probe.parent
-    own = probe.with_name(f"{probe.name}-{threading.get_native_id()}-{this_process().replace(' ', '-')}")
+    file_of_worker = probe.with_name(
+        f"{probe.name}-{threading.get_native_id()}-{this_process().replace(' ', '-')}"
+    )
     try:
         if probe.read_text() != token:
             raise FileNotFoundError
-        own.write_text(token)
-        own.unlink()
+        file_of_worker.write_text(token)
+        file_of_worker.unlink()
     except FileNotFoundError:
         raise WorkerUnfit(
             f"it does not see the result directory {folder}: give a directory that all workers share with "

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import secrets
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from gaitsweep.runs.cluster.connection import Connection
@@ -120,6 +120,7 @@ class Workers:
         self._message_once(f"The worker {self.names.get(address, address)} is refused: {why}.")
 
     def _message_once(self, sentence: str) -> None:
+        """Report a sentence that was not reported before."""
         if sentence not in self._messages:
             self._messages.add(sentence)
             self.on_message(sentence)
@@ -138,8 +139,9 @@ class Workers:
         return self.connection.alive
 
     def _examine(self, ticket: JobTicket, on_wait: Callable[[], None]) -> None:
+        """Ask the present workers, as `examine`."""
         self.update()
-        asked = {
+        futures = {
             address: self.client.submit(
                 examine,
                 ticket,
@@ -149,28 +151,10 @@ class Workers:
             )
             for address in self.usable
         }
-        reasons: dict[str, str] = {}
-        deadline, answers = time.monotonic() + _EXAMINATION, 0
-        futures = list(asked.values())
         try:
-            while asked and self.connection.alive and (time.monotonic() < deadline or not answers):
-                for address, future in list(asked.items()):
-                    if future.done():
-                        del asked[address]
-                        answers += future.status == "finished"
-                        reason = None
-                        if future.status == "finished":
-                            reason = future.result()
-                        elif future.status == "error":
-                            reason = future.exception()
-                        if reason is not None:
-                            reasons[address] = str(reason)
-                on_wait()
-                self.update()  # lost workers are not asked again
-                asked = {address: future for address, future in asked.items() if address in self.names}
-                time.sleep(_POLL)
+            reasons = self._reasons(futures, on_wait)
         finally:  # at once, not when the last exception is collected
-            for future in futures:
+            for future in futures.values():
                 future.release()
         if reasons:
             named = {f"{self.names.get(a, a)}: {why}." for a, why in reasons.items()}
@@ -179,6 +163,29 @@ class Workers:
                 f"{self.connection.where} cannot compute this job, which is not started. "
                 + " ".join(sorted(named))
             )
+
+    def _reasons(self, futures: Mapping[str, Any], on_wait: Callable[[], None]) -> dict[str, str]:
+        """The reasons of the workers that cannot compute a job, from the tasks that examine them."""
+        reasons: dict[str, str] = {}
+        asked = dict(futures)
+        deadline, answers = time.monotonic() + _EXAMINATION, 0
+        while asked and self.connection.alive and (time.monotonic() < deadline or not answers):
+            for address, future in list(asked.items()):
+                if not future.done():
+                    continue
+                del asked[address]
+                reason = None
+                if future.status == "finished":
+                    answers, reason = answers + 1, future.result()
+                elif future.status == "error":
+                    reason = future.exception()
+                if reason is not None:
+                    reasons[address] = str(reason)
+            on_wait()
+            self.update()  # lost workers are not asked again
+            asked = {address: future for address, future in asked.items() if address in self.names}
+            time.sleep(_POLL)
+        return reasons
 
     def restart(self, address: str) -> None:
         """End a worker that hangs, and let its nanny start another."""

@@ -13,14 +13,15 @@ from gaitsweep.contract import Status
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.kinds.columns import gaits
 from gaitsweep.kinds.fixed_points import FollowsFixedPoints
+from gaitsweep.runs.observable_changes import changes, circular
 from gaitsweep.runs.prepare import RunContext
 from gaitsweep.runs.progress import Progress
-from gaitsweep.runs.self_check import changes, circular
 from gaitsweep.skeleton import LimbLook
 from gaitsweep.view.explorer.encoding import compressed, crossing_fields, json_bytes, motion_fields
+from gaitsweep.view.explorer.page_columns import html_symbol
 from gaitsweep.view.explorer.replay_groups import ReplayGroup, replay_groups
 from gaitsweep.view.explorer.replays import BodyParts, Crossings, ReplayedRow, Replayer
-from gaitsweep.view.explorer.start_map import StartMap, html_symbol
+from gaitsweep.view.explorer.start_map import StartMap
 
 # Lines of one figure beside the map, and symbols that name it.
 _MOST_SERIES = 6

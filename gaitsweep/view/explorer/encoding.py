@@ -8,6 +8,7 @@ import json
 from typing import Any
 
 import numpy as np
+from jaxtyping import Bool, Float, Int, Real
 
 from gaitsweep.view.explorer.replays import Crossings, Motion
 
@@ -17,7 +18,7 @@ _LARGEST = 32767
 _NO_NUMBER = -32768
 
 
-def packed(numbers: np.ndarray) -> str:
+def packed(numbers: Real[np.ndarray, ...]) -> str:
     """Integers (n,) of two bytes as text: the low bytes, then the high ones, which compress better."""
     planes = numbers.astype("<i2").reshape(-1).view(np.uint8).reshape(-1, 2).T
     return base64.b64encode(planes.tobytes()).decode()
@@ -75,7 +76,10 @@ def motion_fields(motion: Motion) -> dict[str, Any]:
 
 
 def crossing_fields(
-    crossings: Crossings, shown: np.ndarray, low: np.ndarray, high: np.ndarray
+    crossings: Crossings,
+    shown: Int[np.ndarray, " shown"],
+    low: Float[np.ndarray, " shown"],
+    high: Float[np.ndarray, " shown"],
 ) -> dict[str, Any]:
     """The observables `shown` (k,) over the crossings of a row, as fractions from low to high."""
     values = crossings.observed[:, shown]
@@ -85,7 +89,7 @@ def crossing_fields(
     return {"first": int(crossings.number[0]) if len(crossings.number) else 0, "values": packed(integers.T)}
 
 
-def _turns(down: np.ndarray) -> list[int]:
+def _turns(down: Bool[np.ndarray, " samples"]) -> list[int]:
     """The samples at which a limb alternately lands and lifts, from its contact (n,)."""
     return np.flatnonzero(np.diff(np.r_[False, down, False])).tolist()
 

@@ -14,6 +14,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pandas as pd
+from jaxtyping import Float, Int
 
 from gaitsweep.contract import Status
 from gaitsweep.engine.sweep.labels import gait_codes
@@ -32,8 +33,9 @@ from gaitsweep.table import replace_file, writing
 from gaitsweep.version import version
 from gaitsweep.view.explorer.animated_records import AnimatedRecords
 from gaitsweep.view.explorer.encoding import compressed, json_bytes
+from gaitsweep.view.explorer.page_columns import columns_of, html_symbol
 from gaitsweep.view.explorer.plotly_source import plotly_source
-from gaitsweep.view.explorer.start_map import StartMap, columns_of, html_symbol, map_of, with_next
+from gaitsweep.view.explorer.start_map import StartMap, map_of, with_next
 
 EXPLORE = "explore.html"
 MAX_SIZE = 10.0  # MB
@@ -188,8 +190,11 @@ def _labelled(table: pd.DataFrame, context: RunContext) -> pd.DataFrame:
 
 
 def _gaits(
-    context: RunContext, rows: np.ndarray, t: np.ndarray, observed: Mapping[str, np.ndarray]
-) -> np.ndarray:
+    context: RunContext,
+    rows: Int[np.ndarray, " records"],
+    t: Float[np.ndarray, " records"],
+    observed: Mapping[str, Float[np.ndarray, " records"]],
+) -> Int[np.ndarray, " records"]:
     """The number of the gait (n,) from the observables of n records at times `t` (n,) s."""
     model, drive = context.model, context.spec.drive
     distinct_rows, place = np.unique(rows, return_inverse=True)

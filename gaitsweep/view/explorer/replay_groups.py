@@ -5,23 +5,19 @@ from __future__ import annotations
 import abc
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
-from typing import Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 import pandas as pd
+from jaxtyping import Int
 
 from gaitsweep.analysis.continuation.arclength import BranchPoints
-from gaitsweep.contract import Model, Quantity, Status
-from gaitsweep.engine.poincare.maps import Points
-from gaitsweep.engine.poincare.model_map import ModelMap
+from gaitsweep.contract import Model, Status
 from gaitsweep.kinds.fixed_points import FollowsFixedPoints
 from gaitsweep.kinds.run_kind import BlockProgress
 from gaitsweep.kinds.staircase import Staircase
 from gaitsweep.runs.prepare import RunContext
 from gaitsweep.view.explorer.replays import Crossings, ReplayedRow, Replayer, Stretch, Windows
+from gaitsweep.view.explorer.section_starts import PerPoint, states_at
 from gaitsweep.view.explorer.start_map import CELLS, StartMap
 from gaitsweep.view.explorer.traced_cells import cells_to_trace, spread
 
@@ -35,7 +31,7 @@ _SAME = 1e-9  # relative difference of a parameter on a branch that is followed 
 _LONGEST = 600.0  # s of following branches again
 
 
-def replayer_of(context: RunContext, rows: np.ndarray) -> Replayer:
+def replayer_of(context: RunContext, rows: Int[np.ndarray, " rows"]) -> Replayer:
     """Simulator of some rows (n,) of a job, from their own starts."""
     run = context.job.run
     begun = {run.moved: run.turns[0]} if run.moved and run.turns else {}
@@ -51,12 +47,14 @@ class ReplayGroup(abc.ABC):
         context: their job.
     """
 
-    def __init__(self, table: pd.DataFrame, records: np.ndarray, context: RunContext) -> None:
+    def __init__(
+        self, table: pd.DataFrame, records: Int[np.ndarray, " animated"], context: RunContext
+    ) -> None:
         self.table, self.records, self.context = table, records, context
         self.row_of = table["row"].to_numpy(np.int64)
         self.rows = np.array(list(dict.fromkeys(self.row_of[records].tolist())), np.int64)
         # a model, its parameters and states: where the rows begin, if not as in their job
-        self._start: tuple[Model, dict[str, np.ndarray], dict[str, np.ndarray]] | None = None
+        self._start: tuple[Model, dict[str, PerPoint], dict[str, PerPoint]] | None = None
         self.records_of: dict[int, list[int]] = {}  # the animated records of each row
         for record in records.tolist():
             self.records_of.setdefault(int(self.row_of[record]), []).append(record)
@@ -174,7 +172,9 @@ class ReplayMap(ReplayGroup):
 class ReplayRamp(ReplayGroup):
     """Records of a ramp at equal times, `spacing` s: the cycles up to each."""
 
-    def __init__(self, table: pd.DataFrame, context: RunContext, rows: np.ndarray, count: int) -> None:
+    def __init__(
+        self, table: pd.DataFrame, context: RunContext, rows: Int[np.ndarray, " rows"], count: int
+    ) -> None:
         t, of_row = table["t"].to_numpy(float), table["row"].to_numpy(np.int64)
         end = float(np.nanmax(t[np.isin(of_row, rows)]))
         self._spacing, self._count = end / count, count
@@ -242,36 +242,36 @@ class ReplayBranches(ReplayGroup):
         self,
         table: pd.DataFrame,
         context: RunContext,
-        rows: np.ndarray,
+        rows: Int[np.ndarray, " rows"],
         most: int,
         on_progress: BlockProgress,
     ) -> None:
         run = context.job.run
         assert isinstance(run, FollowsFixedPoints)
-        found = run.followed_again(context.design, context.spec, rows, on_progress)
-        assert found is not None
-        mapping, values, followed = found
+        branches = run.followed_again(context.design, context.spec, rows, on_progress)
+        assert branches is not None
+        mapped, followed = branches
         names = [table[name].to_numpy(np.int64) for name in ("row", *run.point_names)]
         record_of = {point: record for record, point in enumerate(zip(*names, strict=True))}
         assert run.moved is not None
         records, points = [], []
-        for again in followed.to_dict("records"):
-            record = record_of.get((int(rows[again["row"]]), *(again[name] for name in run.point_names)))
+        for point in followed.to_dict("records"):
+            record = record_of.get((int(rows[point["row"]]), *(point[name] for name in run.point_names)))
             same = record is not None and math.isclose(
-                again[run.moved], float(table[run.moved].iloc[record]), rel_tol=_SAME
+                point[run.moved], float(table[run.moved].iloc[record]), rel_tol=_SAME
             )
-            if same and isinstance(again.get("at"), BranchPoints):
+            if same and isinstance(point.get("at"), BranchPoints):
                 records.append(record)
-                points.append(again)
+                points.append(point)
         chosen = spread(len(records))[:most] if records else np.zeros(0, np.int64)
         points = [points[k] for k in chosen]
         super().__init__(table, np.array(records, np.int64)[chosen], context)
         self.rows = self.records  # each point is a trajectory of its own
         self.records_of = {record: [record] for record in self.records.tolist()}
         branch = np.array([point["row"] for point in points], np.int64)
-        parameters = {name: np.broadcast_to(v, rows.shape)[branch] for name, v in values.items()}
+        parameters = {name: np.broadcast_to(v, rows.shape)[branch] for name, v in mapped.values.items()}
         parameters[run.moved] = np.array([point[run.moved] for point in points], float)
-        self._start = states_at(mapping, [point["at"].points for point in points], parameters)
+        self._start = states_at(mapped.mapping, [point["at"].points for point in points], parameters)
 
     def windows(self, period: float) -> Windows:
         longest = float(np.nanmax(np.asarray(self.table["time"], float)[self.records]))
@@ -300,7 +300,7 @@ def _branches_in_time(context: RunContext, spent: float, rows: int) -> int:
     return max(1, min(rows, int(_LONGEST / of_branch) if of_branch > 0.0 else rows))
 
 
-def _spread(values: np.ndarray, most: int) -> np.ndarray:
+def _spread(values: Int[np.ndarray, " values"], most: int) -> Int[np.ndarray, " some"]:
     """At most so many of some values (n,), in an order of which each beginning is spread evenly over them."""
     return values[spread(len(values))[:most]] if len(values) else values
 
@@ -326,88 +326,49 @@ def replay_groups(
     Returns:
         The groups, and the number of records beside a boundary.
     """
-    beside = 0
+    run = context.job.run
     if most <= 0:
         return [], 0
-    if isinstance(context.job.run, FollowsFixedPoints):
-        if context.job.run.stationary:  # which do not move
-            return [], 0
+    if isinstance(run, FollowsFixedPoints):
         rows = np.unique(table["row"].to_numpy(np.int64)[np.isfinite(table["multiplier"].to_numpy(float))])
-        if not len(rows):
+        if run.stationary or not len(rows):  # stationary points do not move
             return [], 0
         rows = np.sort(_spread(rows, _branches_in_time(context, spent, len(rows))))
         return [ReplayBranches(table, context, rows, most, on_progress)], 0
-    if context.job.run.one_a_row:
-        simulated = np.isfinite(table["t_end"].to_numpy(float))  # and not inferred
-        if shown.kind == CELLS:
-            records, beside = cells_to_trace(shown, simulated, most)
-        else:
-            records = _spread(np.flatnonzero(simulated), most)
-        failed = Status.FAILED.among(table["status"])[records]
-        groups = ((ReplayStarts, records[~failed]), (ReplayFailures, records[failed]))
-        return [group_class(table, some, context) for group_class, some in groups if len(some)], beside
+    if run.one_a_row:
+        return _groups_of_starts(shown, table, context, most)
+    return _groups_of_records(table, context, most), 0
+
+
+def _groups_of_starts(
+    shown: StartMap, table: pd.DataFrame, context: RunContext, most: int
+) -> tuple[list[ReplayGroup], int]:
+    """The groups of a table with one record a row, and the number of records beside a boundary."""
+    simulated = np.isfinite(table["t_end"].to_numpy(float))  # and not inferred
+    beside = 0
+    if shown.kind == CELLS:
+        records, beside = cells_to_trace(shown, simulated, most)
+    else:
+        records = _spread(np.flatnonzero(simulated), most)
+    failed = Status.FAILED.among(table["status"])[records]
+    groups = ((ReplayStarts, records[~failed]), (ReplayFailures, records[failed]))
+    return [group_class(table, some, context) for group_class, some in groups if len(some)], beside
+
+
+def _groups_of_records(table: pd.DataFrame, context: RunContext, most: int) -> list[ReplayGroup]:
+    """The group of a table with several records a row: a return map, a staircase or a ramp."""
     usable = np.isfinite(table["t"].to_numpy(float))
     of_row = table["row"].to_numpy(np.int64)
     rows = np.unique(of_row[usable])
     if not len(rows):
-        return [], 0
+        return []
     if context.job.run.kind_name == "return_map":
         firsts = np.array([np.argmax(usable & (of_row == row)) for row in rows], np.int64)
-        return [ReplayMap(table, _spread(firsts, most), context)], 0
+        return [ReplayMap(table, _spread(firsts, most), context)]
     if context.job.run.kind_name == "staircase":
         stairs = int(np.asarray(table["stair"]).max()) + 1
         rows = np.sort(_spread(rows, max(1, most // stairs)))
-        return [ReplayStairs(table, np.flatnonzero(usable & np.isin(of_row, rows)), context)], 0
+        return [ReplayStairs(table, np.flatnonzero(usable & np.isin(of_row, rows)), context)]
     rows = np.sort(_spread(rows, max(1, most // 2)))
     count = int(min(_MOST_WINDOWS, max(2, most // len(rows))))
-    return [ReplayRamp(table, context, rows, count)], 0
-
-
-def states_at(
-    mapping: ModelMap, points: Sequence[Points], values: Mapping[str, np.ndarray]
-) -> tuple[Model, dict[str, np.ndarray], dict[str, np.ndarray]]:
-    """Use points of the section as starts of trajectories.
-
-    Args:
-        mapping: a map of the model's states.
-        points: n points.
-        values: parameters (n,) by name.
-
-    Returns:
-        A model that can begin in any of its states, and its parameters and starts (n,) by name.
-    """
-    n = len(points)
-    joined = jax.tree.map(lambda *leaves: np.concatenate(leaves), *points)
-    complete = mapping.complete(values, n)
-
-    def placed(own: Any, at: jax.Array, modes: Any) -> tuple[Any, Any]:
-        return mapping.chart.from_coordinates(mapping.params(own), at, modes), mapping.resolved(own)
-
-    states, parameters = jax.jit(jax.vmap(placed))(complete, joined.at, joined.modes)
-    leaves = [np.asarray(leaf) for leaf in jax.tree.leaves(states)]
-    columns = np.concatenate([leaf.reshape(n, -1).astype(np.float64) for leaf in leaves], axis=1)
-    model = _in_state(mapping.model, jax.tree.map(lambda leaf: leaf[0], states))
-    names = [quantity.name for quantity in model.initial_conditions]
-    starts = dict(zip(names, columns.T, strict=True))
-    return model, {name: np.asarray(v) for name, v in parameters.items()}, starts
-
-
-def _in_state(model: Model, like: Any) -> Model:
-    """The model with all numbers of a state as initial conditions; `like` is one of its states."""
-    leaves, tree = jax.tree.flatten(like)
-    shapes = [(np.shape(leaf), np.asarray(leaf).dtype) for leaf in leaves]
-    cuts = np.cumsum([int(np.prod(shape)) for shape, _ in shapes])
-    quantities = tuple(Quantity(f"state_{i}", "1", "number of a state") for i in range(int(cuts[-1])))
-
-    def init(self: Model, params: Any, start: Mapping[str, jax.Array]) -> Any:
-        numbers = jnp.stack([jnp.asarray(start[quantity.name]) for quantity in quantities])
-        parts = jnp.split(numbers, cuts[:-1].tolist())
-        return jax.tree.unflatten(
-            tree,
-            [part.reshape(shape).astype(dtype) for part, (shape, dtype) in zip(parts, shapes, strict=True)],
-        )
-
-    members = {"init": init, "initial_conditions": property(lambda self: quantities)}
-    kind = type(f"{type(model).__name__}InState", (type(model),), members)
-    fields = dataclasses.fields(model)  # pyright: ignore[reportArgumentType] (each is a dataclass)
-    return kind(**{field.name: getattr(model, field.name) for field in fields if field.init})
+    return [ReplayRamp(table, context, rows, count)]

@@ -9,6 +9,7 @@ from types import MappingProxyType
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Bool, Float, Int, Real
 
 from gaitsweep.engine.recorders.windows import WindowsRecorder
 from gaitsweep.engine.sweep.sweep import sweep
@@ -26,6 +27,8 @@ _BLOCK_BYTES = 128 * 2**20
 # A picture in which the body is this many times larger than in the first one is of a row that diverges.
 _MOST_GROWTH = 4.0
 
+PerRow = Real[np.ndarray, " rows"]  # a number for each row
+Samples = Float[np.ndarray, " samples"]  # a number for each sample
 OnProgress = Callable[[SweepProgress], None]
 
 
@@ -33,11 +36,11 @@ OnProgress = Callable[[SweepProgress], None]
 class Crossings:
     """The crossings of the section of one row: number (m,), time (m,) s, observables (m, k)."""
 
-    number: np.ndarray
-    t: np.ndarray
-    observed: np.ndarray
+    number: Int[np.ndarray, " crossings"]
+    t: Float[np.ndarray, " crossings"]
+    observed: Float[np.ndarray, "crossings observables"]
 
-    def where(self, mask: np.ndarray) -> Crossings:
+    def where(self, mask: Bool[np.ndarray, " crossings"]) -> Crossings:
         """The crossings for which a mask (m,) is true."""
         return Crossings(self.number[mask], self.t[mask], self.observed[mask])
 
@@ -64,8 +67,8 @@ class Pictures:
     camera; `camera` (n,) m is its position along the ground; `half`, `height`, `depth` m bound the body.
     """
 
-    points: np.ndarray
-    camera: np.ndarray
+    points: Float[np.ndarray, "pictures coordinates"]
+    camera: Float[np.ndarray, " pictures"]
     half: float
     height: float
     depth: float
@@ -80,9 +83,9 @@ class Motion:
     """
 
     stretch: Stretch
-    t: np.ndarray
+    t: Float[np.ndarray, " frames"]
     stride: int
-    contact: np.ndarray
+    contact: Float[np.ndarray, "frames limbs"]
     pictures: Pictures | None
 
 
@@ -135,8 +138,8 @@ class ReplayedRow:
     row: int
     place: int
     crossings: Crossings
-    t: np.ndarray
-    signals: dict[str, np.ndarray]
+    t: Samples
+    signals: dict[str, Samples]
     gait: int
 
 
@@ -153,9 +156,9 @@ class Replayer:
     def __init__(
         self,
         spec: SweepSpec,
-        rows: np.ndarray,
-        parameters: Mapping[str, np.ndarray],
-        starts: Mapping[str, np.ndarray],
+        rows: Int[np.ndarray, " rows"],
+        parameters: Mapping[str, PerRow],
+        starts: Mapping[str, PerRow],
         begun: Mapping[str, float] = MappingProxyType({}),
     ) -> None:
         self._spec, self._rows, self._inputs = spec, rows, (parameters, starts)
@@ -187,7 +190,7 @@ class Replayer:
             sweep(batch, [number], lambda _, result, results=results: results.append(result), on_progress)
             yield from self._of_block(results[0], recorder)
 
-    def _values(self, first: int, last: int) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+    def _values(self, first: int, last: int) -> tuple[dict[str, PerRow], dict[str, PerRow]]:
         """The parameters and starts of rows `first` to `last` - 1, by name."""
         parameters, starts = ({k: v[first:last] for k, v in values.items()} for values in self._inputs)
         return parameters, starts
@@ -238,7 +241,7 @@ class Replayer:
         feet = np.stack(contact, axis=1) if contact else np.zeros((length, 0))
         return Motion(stretch, t[:length], stride, feet, pictures)
 
-    def _pictures(self, place: int, signals: dict[str, np.ndarray], t: np.ndarray) -> Pictures | None:
+    def _pictures(self, place: int, signals: dict[str, Samples], t: Samples) -> Pictures | None:
         """The pictures of a row's signals (n,) at times `t` (n,) s; None without a skeleton."""
         skeleton = self._spec.model.skeleton(self._parameters[place], signals)
         if skeleton is None:
@@ -248,7 +251,7 @@ class Replayer:
         return pictures_of(skeleton, t, float(self.periods[place]))
 
 
-def pictures_of(skeleton: Skeleton, t: np.ndarray, period: float) -> Pictures:
+def pictures_of(skeleton: Skeleton, t: Samples, period: float) -> Pictures:
     """The side view of a body at times `t` (n,) s until it falls apart; `period` (s) of a cycle."""
     skeleton = turned(skeleton, heading(skeleton))
     camera = Clip(t, skeleton, t, np.zeros((len(t), 0)), period, "").camera

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-import html
 import math
-import re
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import pandas as pd
+from jaxtyping import Float, Int
 
 from gaitsweep.analysis.circular import branch_cut
 from gaitsweep.analysis.records import in_order, outcome_labels, sound
@@ -18,19 +17,14 @@ from gaitsweep.contract import Outcome, Status
 from gaitsweep.job import Job
 from gaitsweep.plot import PlotError, theme
 from gaitsweep.plot.basins.cells import cell_edges
-from gaitsweep.plot.columns import column, is_angle, is_logarithmic, rows_where, symbol, unit_of
+from gaitsweep.plot.columns import column, is_angle, is_logarithmic, rows_where
+from gaitsweep.view.explorer.page_columns import label_of, written
 
 CELLS, POINTS = "cells", "points"
-# Significant digits of the numbers that the page shows.
-DIGITS = 7
 # Points of a figure of a browser beyond which it is slow to answer.
 MOST_POINTS = 6000
 # Values of a parameter of which the points of one are shown at a time.
 _MOST_SLICES = 12
-_GREEK = {
-    "alpha": "α", "beta": "β", "gamma": "γ", "delta": "δ", "Delta": "Δ", "eta": "η", "kappa": "κ", "mu": "μ",
-    "omega": "ω", "phi": "φ", "psi": "ψ", "sigma": "σ", "tau": "τ", "theta": "θ", "zeta": "ζ", "lambda": "λ",
-}  # fmt: skip
 
 
 @dataclasses.dataclass(frozen=True)
@@ -39,7 +33,7 @@ class Slice:
 
     name: str
     texts: list[str]
-    of_record: np.ndarray
+    of_record: Int[np.ndarray, " records"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -58,9 +52,9 @@ class StartMap:
     y: str
     slices: list[Slice]
     outcomes: list[dict[str, Any]]
-    outcome: np.ndarray
-    edges: tuple[np.ndarray, np.ndarray] | None = None
-    at: np.ndarray | None = None
+    outcome: Int[np.ndarray, " records"]
+    edges: tuple[Float[np.ndarray, " edges_x"], Float[np.ndarray, " edges_y"]] | None = None
+    at: Int[np.ndarray, "records 2"] | None = None
     closed: tuple[bool, bool] = (False, False)
     no_change: float | None = None
     thinned: str = ""
@@ -105,7 +99,9 @@ def map_of(table: pd.DataFrame, job: Job, x: str | None, y: str | None, most: in
     return _points(shown, job, drawn, most)
 
 
-def _cells(shown: StartMap, values: list[np.ndarray], job: Job, drawn: list[int], most: int) -> StartMap:
+def _cells(
+    shown: StartMap, values: list[Float[np.ndarray, " _values"]], job: Job, drawn: list[int], most: int
+) -> StartMap:
     """A map of cells centred at `values` along x and y, thinned to `most` of them.
 
     `drawn` are the numbers of the groups of axes along x and y.
@@ -212,7 +208,7 @@ def _axes(table: pd.DataFrame, job: Job, x: str | None, y: str | None) -> tuple[
     return chosen[0], chosen[1]
 
 
-def _outcomes(table: pd.DataFrame) -> tuple[list[dict[str, Any]], np.ndarray]:
+def _outcomes(table: pd.DataFrame) -> tuple[list[dict[str, Any]], Int[np.ndarray, " records"]]:
     """The outcomes that occur, with their looks, and the number of each record's outcome.
 
     In rows with several records each record has its own outcome: its gait, hollow if a stair had not settled
@@ -267,78 +263,3 @@ def _slices(table: pd.DataFrame, job: Job, drawn: Sequence[int], few: int | None
 def _ordinal(number: int) -> str:
     """The ordinal of a number above 1: "second", "third", "4th"."""
     return {2: "second", 3: "third"}.get(number, f"{number}th")
-
-
-def label_of(table: pd.DataFrame, name: str) -> str:
-    """A column's symbol and unit as HTML."""
-    unit = html.escape(unit_of(table, name), quote=False)
-    return f"{html_symbol(table, name)} ({unit})" if unit else html_symbol(table, name)
-
-
-def written(table: pd.DataFrame, name: str, value: float) -> str:
-    """Format a value in HTML, with its unit if it has one: `ψ₁ = 0.4π`."""
-    if is_angle(table, name):
-        return f"{html_symbol(table, name)} = {theme.in_pi(value)}"
-    unit = html.escape(unit_of(table, name), quote=False)
-    return f"{html_symbol(table, name)} = {value:.4g} {unit}".rstrip()
-
-
-def html_symbol(table: pd.DataFrame, name: str) -> str:
-    """A column's symbol as HTML; its name if its TeX has more than letters, accents and indices."""
-    for ending, word in (("_next", "next"), ("_change", "change of")):
-        if name.endswith(ending) and name.removesuffix(ending) in table.columns:
-            return f"{word} {html_symbol(table, name.removesuffix(ending))}"
-    text = html.escape(symbol(table, name), quote=False)
-    if not (text.startswith("$") and text.endswith("$")):
-        return text
-    text = re.sub(r"\\(?:mathrm|text|rm)\b\s*", "", text[1:-1])
-    for mark, above in (("bar", "\u0304"), ("dot", "\u0307"), ("hat", "\u0302"), ("tilde", "\u0303")):
-        text = re.sub(
-            rf"\\{mark}(?![A-Za-z])\s*(?:\{{(\\?[A-Za-z]+)\}}|(\\?[A-Za-z]+))", rf"\1\2{above}", text
-        )
-    text = re.sub(r"\\([A-Za-z]+)", lambda command: _GREEK.get(command[1], command[0]), text)
-    for mark, tag in (("_", "sub"), ("^", "sup")):
-        text = re.sub(rf"\{mark}(?:\{{((?:[^{{}}]|\{{[^{{}}]*\}})*)\}}|(.))", rf"<{tag}>\1\2</{tag}>", text)
-    text = text.replace("{", "").replace("}", "").replace("\\,", " ")
-    return html.escape(name, quote=False) if "\\" in text else text
-
-
-def columns_of(table: pd.DataFrame, exact: Collection[str] = ()) -> list[dict[str, Any]]:
-    """The columns of a table in the format of the page: categories by number, numbers to `DIGITS` digits.
-
-    Those that are `exact` keep all digits.
-    """
-    quantities: Mapping[str, Any] = table.attrs.get("quantities", {})
-    columns = []
-    for name in map(str, table.columns):
-        values = table[name]
-        quantity = quantities.get(name) or quantities.get(re.sub(r"_(end|n)\Z", "", name)) or {}
-        entry: dict[str, Any] = {
-            "name": name,
-            "symbol": html_symbol(table, name),
-            "unit": unit_of(table, name),
-            "meaning": str(quantity.get("meaning", "")),
-            "circular": is_angle(table, name) and pd.api.types.is_float_dtype(values),
-        }
-        if isinstance(values.dtype, pd.CategoricalDtype) or not pd.api.types.is_numeric_dtype(values):
-            codes, categories = pd.factorize(values.astype(object), use_na_sentinel=True)
-            entry |= {"categories": list(map(str, categories)), "values": codes.tolist()}
-        elif pd.api.types.is_float_dtype(values):
-            digits = 17 if name in exact else DIGITS
-            entry["values"] = [rounded(value, digits) for value in values.to_numpy(float)]
-        else:
-            entry["values"] = [int(value) for value in values]
-        if len(set(map(str, entry["values"]))) == 1 and len(table) > 1:
-            entry["values"] = entry["values"][0]  # one for all
-        columns.append(entry)
-    return columns
-
-
-def rounded(value: float, digits: int = DIGITS) -> float | str | None:
-    """Round a number to some digits; returns text for infinity, None for missing numbers."""
-    if math.isnan(value):
-        return None
-    if math.isinf(value):
-        return "inf" if value > 0 else "-inf"
-    short = float(f"{value:.{digits}g}")
-    return int(short) if short == int(short) and abs(short) < 1e6 else short

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
+from jaxtyping import Bool, Int
 
 from gaitsweep.view.explorer.start_map import StartMap
 
 
-def boundary(shown: StartMap) -> np.ndarray:
-    """Whether a cell has a neighbour with another outcome in its slice, (n,); circular axes are closed."""
+def boundary(shown: StartMap) -> Bool[np.ndarray, " records"]:
+    """Whether a cell has a neighbour with another outcome in its slice; circular axes are closed."""
     assert shown.at is not None
     assert shown.edges is not None
     lengths = [len(edges) - 1 for edges in shown.edges]
@@ -31,8 +32,8 @@ def boundary(shown: StartMap) -> np.ndarray:
     return at_boundary[at]
 
 
-def spread(n: int) -> np.ndarray:
-    """The numbers 0 to n-1, (n,), ordered so that the first k numbers are spread evenly for every k.
+def spread(n: int) -> Int[np.ndarray, " n"]:
+    """The numbers 0 to n-1, ordered so that the first k numbers are spread evenly for every k.
 
     Source: the sequence of van der Corput (1935) in base 2.
     """
@@ -44,8 +45,8 @@ def spread(n: int) -> np.ndarray:
     return reversed_bits[reversed_bits < n]
 
 
-def subgrid(shown: StartMap) -> np.ndarray:
-    """The records (n,) from a coarse grid of cells to ever finer ones, all slices in turn."""
+def subgrid(shown: StartMap) -> Int[np.ndarray, " records"]:
+    """The records from a coarse grid of cells to ever finer ones, all slices in turn."""
     assert shown.at is not None
     assert shown.edges is not None
     level = np.zeros(len(shown.at), int)  # of the coarsest grid that has the cell
@@ -61,14 +62,16 @@ def subgrid(shown: StartMap) -> np.ndarray:
     return np.lexsort((rank, -level))
 
 
-def cells_to_trace(shown: StartMap, simulated: np.ndarray, most: int) -> tuple[np.ndarray, int]:
+def cells_to_trace(
+    shown: StartMap, simulated: Bool[np.ndarray, " records"], most: int
+) -> tuple[Int[np.ndarray, " traced"], int]:
     """The records to animate, the most useful first, and the number of them at boundaries.
 
     Half of them are cells of a subgrid, the others are beside a boundary.
 
     Args:
         shown: the map.
-        simulated: whether a record was simulated, (n,); others cannot be animated.
+        simulated: whether a record was simulated; others cannot be animated.
         most: largest number of records to animate.
     """
     even = subgrid(shown)

@@ -8,6 +8,7 @@ from collections.abc import Callable, Generator, Iterator, Sequence
 from typing import Protocol, TypeAlias
 
 import numpy as np
+from jaxtyping import Bool, Float, UInt8
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -39,23 +40,23 @@ class Clip:
     the times `contact_t` (m,) s of the whole trace; `period` (s) of a cycle; `title` and `pace` are texts.
     """
 
-    t: np.ndarray
+    t: Float[np.ndarray, " frames"]
     skeleton: Skeleton
-    contact_t: np.ndarray
-    contact: np.ndarray
+    contact_t: Float[np.ndarray, " times"]
+    contact: Float[np.ndarray, "times limbs"]
     period: float
     title: str
     pace: str = ""
 
     @property
-    def down(self) -> np.ndarray:
-        """Whether each limb is on the ground at `t`, (n, limbs)."""
+    def down(self) -> Bool[np.ndarray, "frames limbs"]:
+        """Whether each limb is on the ground at `t`."""
         edges = 0.5 * (self.contact_t[1:] + self.contact_t[:-1])
         return self.contact[np.searchsorted(edges, self.t)] > 0.5
 
     @property
-    def camera(self) -> np.ndarray:
-        """The path of the camera, (n, 2) m: the centre of the body, averaged over a cycle."""
+    def camera(self) -> Float[np.ndarray, "frames 2"]:
+        """The path of the camera, m: the centre of the body, averaged over a cycle."""
         parts = self.skeleton.bodies or tuple(limb.points for limb in self.skeleton.limbs)
         middle = np.concatenate(parts, axis=1)[..., :2].mean(axis=1)
         if len(self.t) < 3:
@@ -69,8 +70,14 @@ class Clip:
 class Footfalls:
     """Footfall bars of each foot over time (s), the first limb on top."""
 
-    def __init__(self, axes: Axes, limbs: Sequence[Limb], t: np.ndarray, contact: np.ndarray) -> None:
-        """Draw all bars: `contact` (n, limbs) is 1 on the ground, at the times `t` (n,) s of a trace."""
+    def __init__(
+        self,
+        axes: Axes,
+        limbs: Sequence[Limb],
+        t: Float[np.ndarray, " times"],
+        contact: Float[np.ndarray, "times limbs"],
+    ) -> None:
+        """Draw all bars: `contact` is 1 on the ground, at the times `t` (s) of a trace."""
         self._axes = axes
         colours = limb_colours(limbs)
         for row, colour in enumerate(colours):
@@ -125,8 +132,10 @@ def side_view(axes: Axes, clip: Clip, named: bool) -> Scene:
     return SideView(axes, clip.skeleton, clip.down, clip.camera, named=named)
 
 
-def frames(clip: Clip, size: tuple[int, int], scene: Drawn = side_view) -> Generator[np.ndarray]:
-    """The frames of a movie, RGB bytes (height, width, 3) for each of the clip's times, valid until the next.
+def frames(
+    clip: Clip, size: tuple[int, int], scene: Drawn = side_view
+) -> Generator[UInt8[np.ndarray, "height width 3"]]:
+    """The frames of a movie, RGB bytes for each of the clip's times, valid until the next.
 
     `size` is the width and height in pixels; `scene` draws the body in its axes.
     """

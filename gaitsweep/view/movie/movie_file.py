@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 import numpy as np
+from jaxtyping import Int, Real, UInt8
 from matplotlib.colors import to_rgb
 from PIL import Image
 
@@ -37,8 +38,10 @@ def require(path: Path, fps: float) -> None:
         _ffmpeg()
 
 
-def save(path: Path, frames: Iterator[np.ndarray], fps: float, colours: Sequence[str] = ()) -> None:
-    """Write RGB frames (height, width, 3) at `fps` per second; the file is replaced when all are written.
+def save(
+    path: Path, frames: Iterator[UInt8[np.ndarray, "height width 3"]], fps: float, colours: Sequence[str] = ()
+) -> None:
+    """Write RGB frames at `fps` per second; the file is replaced when all are written.
 
     `colours` are kept among the 256 of a GIF.
 
@@ -53,19 +56,21 @@ def save(path: Path, frames: Iterator[np.ndarray], fps: float, colours: Sequence
         replace_file(path, lambda file: _mp4(file.name, frames, fps))
 
 
-def _gif(file: BinaryIO, frames: Iterator[np.ndarray], fps: float, colours: Sequence[str]) -> None:
+def _gif(
+    file: BinaryIO, frames: Iterator[UInt8[np.ndarray, "height width 3"]], fps: float, colours: Sequence[str]
+) -> None:
     """All frames with one palette, so that unchanged pixels are equal."""
     first = next(frames)
     palette = _palette(first, colours)
 
-    def painted(frame: np.ndarray) -> Image.Image:
+    def painted(frame: UInt8[np.ndarray, "height width 3"]) -> Image.Image:
         return Image.fromarray(frame).quantize(palette=palette, dither=Image.Dither.NONE)
 
     options = {"append_images": map(painted, frames), "duration": 1000.0 / fps, "loop": 0, "optimize": False}
     painted(first).save(file, format="GIF", save_all=True, **options)
 
 
-def _palette(picture: np.ndarray, colours: Sequence[str]) -> Image.Image:
+def _palette(picture: UInt8[np.ndarray, "height width 3"], colours: Sequence[str]) -> Image.Image:
     """256 colours: the given ones, the most frequent ones of this frame, and means of the others."""
     packed, counts = np.unique(picture.astype(np.uint32) @ _PLACES, return_counts=True)
     frequent = packed[np.argsort(-counts, kind="stable")[: 4 * _EXACT], None] // _PLACES % 256
@@ -78,9 +83,9 @@ def _palette(picture: np.ndarray, colours: Sequence[str]) -> Image.Image:
     return palette
 
 
-def _distinct(colours: Sequence[np.ndarray]) -> list[np.ndarray]:
+def _distinct(colours: Sequence[Real[np.ndarray, 3]]) -> list[Int[np.ndarray, 3]]:
     """The colours without those that are near an earlier one."""
-    distinct: list[np.ndarray] = []
+    distinct: list[Int[np.ndarray, 3]] = []
     for colour in colours:
         if all(np.abs(colour.astype(int) - other).max() > _NEAR for other in distinct):
             distinct.append(colour.astype(int))
@@ -99,7 +104,7 @@ def _ffmpeg() -> str:
         ) from error
 
 
-def _mp4(target: str, frames: Iterator[np.ndarray], fps: float) -> None:
+def _mp4(target: str, frames: Iterator[UInt8[np.ndarray, "height width 3"]], fps: float) -> None:
     """Write frames through ffmpeg, whose exit code and message `imageio_ffmpeg.write_frames` would hide."""
     first = next(frames)
     height, width, _ = first.shape

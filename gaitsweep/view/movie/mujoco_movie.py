@@ -14,6 +14,7 @@ import time
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float, UInt8
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgb
 from matplotlib.image import AxesImage
@@ -37,7 +38,7 @@ class RenderedBody:
     """The input of MuJoCo: an MJCF, its qpos (n, nq), m and rad, and the heading (rad) from the x axis."""
 
     mjcf: str
-    qpos: np.ndarray
+    qpos: Float[np.ndarray, "frames coordinates"]
     heading: float = 0.0
 
 
@@ -45,11 +46,15 @@ class Painter:
     """A process that renders the frames of a body in order."""
 
     def __init__(
-        self, body: RenderedBody, skeleton: Skeleton, camera: np.ndarray, size: tuple[int, int]
+        self,
+        body: RenderedBody,
+        skeleton: Skeleton,
+        camera: Float[np.ndarray, "frames 2"],
+        size: tuple[int, int],
     ) -> None:
         """Start the process and read its first frame, of `size` (width, height) pixels.
 
-        `skeleton` is the same body as lines, and `camera` (n, 2) m the centre of each frame.
+        `skeleton` is the same body as lines, and `camera` (m) the centre of each frame.
 
         Raises:
             NoOpenGL: no OpenGL backend works.
@@ -67,8 +72,8 @@ class Painter:
                 refusals.append(f"{backend}: {error}")
         raise NoOpenGL(f"MuJoCo cannot render here ({'; '.join(refusals)})")
 
-    def picture(self, k: int) -> np.ndarray:
-        """The frame of sample k, RGB bytes (height, width, 3); samples must be requested in order."""
+    def picture(self, k: int) -> UInt8[np.ndarray, "height width 3"]:
+        """The frame of sample k, RGB bytes; samples must be requested in order."""
         while self._at < k:
             try:
                 self._picture = self._read()
@@ -88,7 +93,7 @@ class Painter:
             if stream is not None:
                 stream.close()
 
-    def _read(self) -> np.ndarray:
+    def _read(self) -> UInt8[np.ndarray, "height width 3"]:
         """The next frame; raises NoOpenGL with the last message of the process if there is none."""
         assert self._process.stdout is not None
         length, picture = int(np.prod(self._shape)), bytearray()
@@ -127,7 +132,9 @@ def pixels(axes: Axes) -> tuple[int, int]:
     return max(round(box.width), 1), max(round(box.height), 1)
 
 
-def _request(body: RenderedBody, skeleton: Skeleton, camera: np.ndarray, size: tuple[int, int]) -> bytes:
+def _request(
+    body: RenderedBody, skeleton: Skeleton, camera: Float[np.ndarray, "frames 2"], size: tuple[int, int]
+) -> bytes:
     """The .npz that the painter reads."""
     half, tall, _ = bounds(skeleton, camera)
     cosine, sine = np.cos(body.heading), np.sin(body.heading)

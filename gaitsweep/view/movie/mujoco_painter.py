@@ -16,6 +16,7 @@ import sys
 
 import mujoco
 import numpy as np
+from jaxtyping import Float
 
 _ASIDE, _DOWN = 28.0, -14.0  # degrees; azimuth of the camera ahead of the right side, and its elevation
 _VIEW = 25.0  # degrees; vertical field of view
@@ -96,7 +97,7 @@ def _light(model: mujoco.MjModel) -> None:
     model.light_diffuse[:], model.light_specular[:] = 0.3, 0.0
 
 
-def _paint_limbs(model: mujoco.MjModel, colours: np.ndarray) -> None:
+def _paint_limbs(model: mujoco.MjModel, colours: Float[np.ndarray, "limbs channels"]) -> None:
     """Give the bodies that carry exactly one foot the colour of their limb."""
     above: list[list[int]] = []
     for number in range(1, len(colours) + 1):

@@ -6,6 +6,7 @@ import dataclasses
 from collections.abc import Callable
 
 import numpy as np
+from jaxtyping import Bool, Float
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.lines import Line2D
@@ -38,8 +39,11 @@ def heading(skeleton: Skeleton) -> float:
     return float(np.arctan2(ahead[1], ahead[0]))
 
 
-def with_points(skeleton: Skeleton, change: Callable[[np.ndarray], np.ndarray]) -> Skeleton:
-    """A body with a function applied to the points (n, k, 3) of each limb, body and spring."""
+def with_points(
+    skeleton: Skeleton,
+    change: Callable[[Float[np.ndarray, "frames points 3"]], Float[np.ndarray, "frames points 3"]],
+) -> Skeleton:
+    """A body with a function applied to the points of each limb, body and spring."""
     return dataclasses.replace(
         skeleton,
         limbs=tuple(dataclasses.replace(limb, points=change(limb.points)) for limb in skeleton.limbs),
@@ -66,13 +70,13 @@ def lifted(skeleton: Skeleton, factor: float) -> Skeleton:
     return dataclasses.replace(skeleton, limbs=tuple(limbs))
 
 
-def projected(points: np.ndarray) -> np.ndarray:
-    """The projection (..., 2) m of points (..., 3) m."""
+def projected(points: Float[np.ndarray, "*points 3"]) -> Float[np.ndarray, "*points 2"]:
+    """The projection (m) of points (m)."""
     return points[..., [0, 2]] + points[..., 1:2] * _ASIDE
 
 
-def nearest_first(points: np.ndarray) -> np.ndarray:
-    """The points (n, k, 3) of a body in one order for all samples: first those nearest to the viewer.
+def nearest_first(points: Float[np.ndarray, "frames points 3"]) -> Float[np.ndarray, "frames points 3"]:
+    """The points of a body in one order for all samples: first those nearest to the viewer.
 
     With an order of its own for each sample, corners at nearly the same distance would trade places, and
     pictures between two samples would mix different corners.
@@ -80,7 +84,7 @@ def nearest_first(points: np.ndarray) -> np.ndarray:
     return points[:, np.argsort(points[..., 1].mean(axis=0), kind="stable")]
 
 
-def bounds(skeleton: Skeleton, camera: np.ndarray) -> tuple[float, float, float]:
+def bounds(skeleton: Skeleton, camera: Float[np.ndarray, "frames 2"]) -> tuple[float, float, float]:
     """Half the width, the height and half the ground's depth (m) that contain the body at all samples."""
     middle = np.column_stack([camera, np.zeros(len(camera))])[:, None, :]
     parts = [*(limb.points for limb in skeleton.limbs), *skeleton.bodies, *skeleton.springs]
@@ -94,11 +98,18 @@ class Ground:
     """A strip of ground in axes, whose limits it sets."""
 
     def __init__(
-        self, axes: Axes, half: float, height: float, depth: float, aside: np.ndarray, *, named: bool
+        self,
+        axes: Axes,
+        half: float,
+        height: float,
+        depth: float,
+        aside: Float[np.ndarray, 2],
+        *,
+        named: bool,
     ) -> None:
         """Draw the ground for a body `height` m high and 2 `half` m wide, `depth` m to both sides.
 
-        A metre to the left is drawn at the offset `aside` (2,) m; marks that are `named` show their position.
+        A metre to the left is drawn at the offset `aside`, m; marks that are `named` show their position.
         """
         self._aside = aside * depth
         self.near = -float(self._aside[1])
@@ -146,9 +157,15 @@ class SideView:
     """The drawing of one sample in axes; `show` moves it to another sample."""
 
     def __init__(
-        self, axes: Axes, skeleton: Skeleton, down: np.ndarray, camera: np.ndarray, *, named: bool = True
+        self,
+        axes: Axes,
+        skeleton: Skeleton,
+        down: Bool[np.ndarray, "frames limbs"],
+        camera: Float[np.ndarray, "frames 2"],
+        *,
+        named: bool = True,
     ) -> None:
-        """Prepare the drawing of n samples: `down` (n, limbs) on the ground, its middle at `camera` (n, 2) m.
+        """Prepare the drawing of all samples: `down` on the ground, its middle at `camera`, m.
 
         Limbs and marks on the ground are `named` or not.
         """
@@ -228,15 +245,17 @@ class SideView:
             self._axes.text(place, y, settable(limb.name), **look)
 
 
-def _hull(points: np.ndarray) -> np.ndarray:
-    """The corners (m, 2) of the convex hull of points (k, 2)."""
+def _hull(points: Float[np.ndarray, "points 2"]) -> Float[np.ndarray, "corners 2"]:
+    """The corners of the convex hull of points."""
     try:
         return points[ConvexHull(points).vertices]
     except QhullError:  # all points on one line, as on the near side of a flat body
         return points
 
 
-def _zigzag(ends: np.ndarray, width: float) -> tuple[np.ndarray, np.ndarray]:
+def _zigzag(
+    ends: Float[np.ndarray, "2 2"], width: float
+) -> tuple[Float[np.ndarray, " corners"], Float[np.ndarray, " corners"]]:
     """A spring between two points, straight at both ends."""
     share = np.concatenate([[0.0], np.linspace(0.2, 0.8, 2 * _TURNS + 1), [1.0]])
     aside = np.zeros_like(share)

@@ -19,16 +19,16 @@ import pytest
 import gaitsweep as gs
 import toy_model
 from gaitsweep.runs.cluster import connection, dispatch, task
-from gaitsweep.runs.cluster.connection import GivenClient, connection_to
+from gaitsweep.runs.cluster.connection import UserClient, connection_to
 from gaitsweep.runs.cluster.dispatch import BlocksFailed, Cluster
 from gaitsweep.runs.cluster.identity import WorkerUnfit, difference
 from gaitsweep.runs.cluster.workers import Workers
 from gaitsweep.runs.execute import run_job
 from gaitsweep.runs.prepare import RunError
 from gaitsweep.table import Snapshot, TableError, WriteError
-from gaitsweep.table.directory import PartWriter
 from gaitsweep.table.locks import Lock
 from gaitsweep.table.manifest import Layout
+from gaitsweep.table.part_writer import PartWriter
 
 distributed = pytest.importorskip("distributed")
 
@@ -86,7 +86,7 @@ def test_sound_parts_are_not_computed_again(client: Any, tmp_path: Path) -> None
 
 
 def test_parts_return_through_the_scheduler(client: Any, whole: gs.Result, tmp_path: Path) -> None:
-    cluster = Cluster(GivenClient(client), collect=True)
+    cluster = Cluster(UserClient(client), collect=True)
     run_job(gs.Job(**JOB), tmp_path / "out", cluster=cluster)
     pd.testing.assert_frame_equal(gs.load(tmp_path / "out"), whole.table, check_exact=True)
 

@@ -37,6 +37,11 @@ JOBS: dict[str, dict[str, Any]] = {
     "trace": {**MASSES, "run": {"kind": "trace", "duration": 10.0, "every": 0.25}},
     "return_map": {**MASSES, "run": {"kind": "return_map", "crossings": 12}},
     "ramp": {**MASSES, "run": {"kind": "ramp", "parameter": "mass", "path": [1, 2, 1], "rate": 0.1}},
+    "perturb": {
+        **MASSES,
+        "vary": {"push_speed_1": {"linspace": [-0.3, 0.5, 20]}},
+        "run": {"kind": "perturb", "push": ["speed_1"], "max_cycles": 60, "tolerance": 1e-3},
+    },
     "staircase": {
         **MASSES,
         "run": {"kind": "staircase", "parameter": "mass", "path": [1, 2], "step": 0.25, "dwell": 6.0},

@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pandas as pd
+from jaxtyping import Bool, Float
 
 from gaitsweep.analyses import LEVEL, fractions, proportion_interval
 from gaitsweep.papers.ambe2021.multilegged.chain_of_table import (
@@ -79,22 +80,22 @@ def sets_by_conditions(table: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame({**counts, **means}).iloc[::-1].reset_index()
 
 
-def existence(N: int, chains: Chain, L: np.ndarray) -> dict[str, np.ndarray]:
+def existence(N: int, chains: Chain, L: Float[np.ndarray, " sets"]) -> dict[str, Bool[np.ndarray, " sets"]]:
     """Whether each gait is a motion of the chain, by `wave_conditions` and `source_conditions`.
 
     Args:
         N: springs, 3 at least.
-        chains: n sets of parameters, fields (n,).
-        L: longest leg length, m, (n,).
+        chains: the sets of parameters, fields (sets,).
+        L: longest leg length of each, m.
 
     Returns:
-        (n,) bool for each of WAVES; for the source wave, of any boundary leg.
+        For each of WAVES whether each set has it; for the source wave, of any boundary leg.
     """
     return {gait: np.asarray(exists) for gait, exists in zip(WAVES, _hold(N, chains, L), strict=True)}
 
 
 @partial(jax.jit, static_argnums=0)
-def _hold(N: int, chains: Chain, L: np.ndarray) -> tuple[jax.Array, ...]:
+def _hold(N: int, chains: Chain, L: Float[np.ndarray, " sets"]) -> tuple[jax.Array, ...]:
     """Whether each of WAVES holds for each of n chains, (n,)."""
 
     def of_chain(chain: Chain, longest: jax.Array) -> tuple[jax.Array, ...]:
@@ -105,7 +106,7 @@ def _hold(N: int, chains: Chain, L: np.ndarray) -> tuple[jax.Array, ...]:
     return jax.vmap(of_chain)(chains, jnp.asarray(L))
 
 
-def _conditions(table: pd.DataFrame, sets: pd.DataFrame) -> dict[str, np.ndarray]:
+def _conditions(table: pd.DataFrame, sets: pd.DataFrame) -> dict[str, Bool[np.ndarray, " sets"]]:
     """The columns `conditions` and NAME_hold of sets of parameters, as `gait_shares` returns them."""
     values, chains = parameters_of(table, sets), chains_of(table, sets)
     L = np.broadcast_to(values["L"], (len(sets),))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pandas as pd
+from jaxtyping import Float, Int
 
 from gaitsweep.analyses import AnalysisError, wrapped_difference
 from gaitsweep.contract import Status
@@ -13,7 +14,7 @@ from gaitsweep.papers.ambe2021.multilegged.chain_of_table import (
     psi_columns,
     set_columns,
 )
-from gaitsweep.papers.ambe2021.theory.solution_sets import drift, drift_on_ground
+from gaitsweep.papers.ambe2021.theory.line_drift import drift, drift_on_ground
 
 
 def source_place(table: pd.DataFrame) -> pd.DataFrame:
@@ -89,8 +90,8 @@ def source_drift(table: pd.DataFrame, cycles: int = 20) -> pd.DataFrame:
     return pd.DataFrame(records)
 
 
-def _phases(table: pd.DataFrame, suffix: str) -> np.ndarray:
-    """The relative phases of each record, (n, N), rad."""
+def _phases(table: pd.DataFrame, suffix: str) -> Float[np.ndarray, "records springs"]:
+    """The relative phases of each record, rad."""
     names = psi_columns(table, suffix)
     if not names:
         needs = f"a table of the multi-legged chain with the columns psi_1{suffix}, ..."
@@ -98,8 +99,8 @@ def _phases(table: pd.DataFrame, suffix: str) -> np.ndarray:
     return table[names].to_numpy(float)
 
 
-def _meetings(psi: np.ndarray) -> np.ndarray:
-    """The leg, 2 .. N, at which the waves of each state (n, N) meet; 0 if they do not."""
+def _meetings(psi: Float[np.ndarray, "states springs"]) -> Int[np.ndarray, " states"]:
+    """The leg, 2 .. N, at which the waves of each state meet; 0 if they do not."""
     lags = wrapped_difference(psi)
     near, behind = np.abs(lags) < 0.5 * np.pi, lags > 0.0
     retrograde = np.count_nonzero(~behind, axis=1)  # links in front of the meeting leg

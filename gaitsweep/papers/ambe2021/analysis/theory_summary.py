@@ -6,17 +6,12 @@ import collections
 import re
 
 import numpy as np
+from jaxtyping import Inexact
 
 from gaitsweep.papers.ambe2021.theory.chain import Chain, lag, shift, touchdown_phase, wave_speed, wavelength
+from gaitsweep.papers.ambe2021.theory.line_drift import drift, line_length, worst_case_cycles
 from gaitsweep.papers.ambe2021.theory.order import jumps, order_sets, reset_sets, touchdown_order
-from gaitsweep.papers.ambe2021.theory.solution_sets import (
-    Branch,
-    branches,
-    drift,
-    line_length,
-    rule_of,
-    worst_case_cycles,
-)
+from gaitsweep.papers.ambe2021.theory.solution_sets import Branch, branches, rule_of
 from gaitsweep.papers.ambe2021.theory.stability import eigenvalues, linear_map
 
 
@@ -80,7 +75,7 @@ def _listed(legs: frozenset[int]) -> str:
     return "{" + ", ".join(map(str, sorted(legs))) + "}"
 
 
-def _counted(values: np.ndarray) -> str:
+def _counted(values: Inexact[np.ndarray, " springs"]) -> str:
     """Eigenvalues in falling order, equal ones once with their number."""
     texts = collections.Counter(
         re.sub(

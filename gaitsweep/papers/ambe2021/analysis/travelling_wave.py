@@ -12,6 +12,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 import numpy as np
 import pandas as pd
+from jaxtyping import Float, Int
 
 from gaitsweep.analyses import AnalysisError
 from gaitsweep.papers.ambe2021.multilegged.chain_of_table import (
@@ -28,14 +29,14 @@ MID_STANCE = np.pi  # rad, the phase whose passage is timed: far from the phase 
 
 
 class Passages(NamedTuple):
-    """Times between the legs' passages of mid-stance in one row: `period` (s) and `leads` (N,), s.
+    """Times between the legs' passages of mid-stance in one row: `period` (s) and `leads`, s.
 
     `leads[i]` is the time from the passage of leg i + 2 to the next one of leg i + 1, in [0, period): short
     in a direct wave, nearly a period in a retrograde one.
     """
 
     period: float
-    leads: np.ndarray
+    leads: Float[np.ndarray, " springs"]
 
 
 def waves(table: pd.DataFrame) -> pd.DataFrame:
@@ -96,7 +97,7 @@ def _wave(part: pd.DataFrame, N: int, chain: Chain, omega: float) -> dict[str, o
     }
 
 
-def links_of_wave(N: int, branch: Branch) -> np.ndarray:
+def links_of_wave(N: int, branch: Branch) -> Int[np.ndarray, " links"]:
     """The links whose lag is that of the wave: not the free one, nor link k of set A, which moves with it."""
     others = {free_link(N, branch)} | ({branch.k} if branch.kind == "A" else set())
     return np.array([link for link in range(1, N + 1) if link not in others])
@@ -121,7 +122,9 @@ def passages(part: pd.DataFrame, N: int) -> Passages:
     return Passages(period, np.mod(last[:-1] - last[1:], period))
 
 
-def _times_of_mid_stance(t: np.ndarray, phase: np.ndarray) -> np.ndarray:
+def _times_of_mid_stance(
+    t: Float[np.ndarray, " times"], phase: Float[np.ndarray, " times"]
+) -> Float[np.ndarray, " passages"]:
     """The times at which a phase (rad, any turns) passes `MID_STANCE`."""
     # the phase wraps far from MID_STANCE
     before = np.flatnonzero((phase[:-1] < MID_STANCE) & (phase[1:] >= MID_STANCE) & (np.diff(phase) < 1.0))

@@ -7,6 +7,7 @@ from typing import Annotated, Any
 
 import numpy as np
 import pandas as pd
+from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -191,7 +192,7 @@ def _edges(axes: Axes, table: pd.DataFrame, x: str, y: str | None) -> None:
     axes.set_ylim(high)
 
 
-def _along(limits: tuple[float, float], number: int, scale: str) -> np.ndarray:
+def _along(limits: tuple[float, float], number: int, scale: str) -> Float[np.ndarray, " places"]:
     """Places of an axis, evenly spread on the page."""
     return (np.geomspace if scale == "log" else np.linspace)(*limits, number)
 

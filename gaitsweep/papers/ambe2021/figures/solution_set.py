@@ -8,6 +8,7 @@ from typing import Annotated, Any
 
 import numpy as np
 import pandas as pd
+from jaxtyping import Float
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from mpl_toolkits.mplot3d import proj3d
@@ -108,8 +109,8 @@ def _panels(figure: Figure) -> tuple[Any, Planes]:
 
 def _scatter(
     table: pd.DataFrame, names: list[str], hue: str, shown: pd.Series, space: Any, planes: Planes
-) -> np.ndarray:
-    """The settled rows in all three panels; returns their places, (n, 3)."""
+) -> Float[np.ndarray, "rows 3"]:
+    """The settled rows in all three panels; returns their places."""
     order = theme.ordered(in_order(table, hue, shown))
     colour, marker = theme.colours(order), theme.markers(order)
     places = [np.zeros((0, 3))]
@@ -130,8 +131,10 @@ def _scatter(
     return np.concatenate(places)
 
 
-def _mark(points: Mapping[str, Sequence[float]], drawn: np.ndarray, space: Any, planes: Planes) -> None:
-    """Named points: open rings, each with its name on the side farthest from what is drawn, (n, 3)."""
+def _mark(
+    points: Mapping[str, Sequence[float]], drawn: Float[np.ndarray, "points 3"], space: Any, planes: Planes
+) -> None:
+    """Named points: open rings, each with its name on the side farthest from what is drawn."""
     places = np.array(list(points.values()), float)
     ring = {"facecolors": "none", "edgecolors": "black", "s": 34, "linewidths": 1.1, "zorder": 8}
     space.scatter(*places.T, depthshade=False, **ring)
@@ -145,8 +148,13 @@ def _mark(points: Mapping[str, Sequence[float]], drawn: np.ndarray, space: Any, 
         _name(plane, list(points), places[:, pair], drawn[:, pair])
 
 
-def _name(axes: Any, names: Sequence[str], places: np.ndarray, drawn: np.ndarray) -> None:
-    """Write names beside their places, (names, 2), far from each other and from what is drawn, (n, 2)."""
+def _name(
+    axes: Any,
+    names: Sequence[str],
+    places: Float[np.ndarray, "names 2"],
+    drawn: Float[np.ndarray, "points 2"],
+) -> None:
+    """Write names beside their places, far from each other and from what is drawn."""
     text = {"fontsize": theme.points(9), "fontweight": "bold", "ha": "center", "va": "center", "zorder": 9}
     turns = np.linspace(0.0, 2 * np.pi, 8, endpoint=False)
     sides = _AWAY * np.stack([np.cos(turns), np.sin(turns)], axis=1)
@@ -200,8 +208,8 @@ def _named(table: pd.DataFrame) -> str:
     return "analytic solutions" if far is None else f"analytic solutions, {far[0]:.3f} rad away at most"
 
 
-def _theory(table: pd.DataFrame, axes: list[str]) -> tuple[np.ndarray, str | None]:
-    """The ends of the analytic pieces on section 1, (n, 2, 3), and a reason if there are no pieces."""
+def _theory(table: pd.DataFrame, axes: list[str]) -> tuple[Float[np.ndarray, "pieces 2 3"], str | None]:
+    """The ends of the analytic pieces on section 1, and a reason if there are no pieces."""
     none = np.zeros((0, 2, 3))
     if any(name.removesuffix("_end") not in _PSI for name in axes):
         return none, "they are known for psi_1, psi_2 and psi_3 only."

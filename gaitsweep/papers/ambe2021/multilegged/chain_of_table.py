@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from jaxtyping import Float
 
 from gaitsweep.analyses import AnalysisError, axes_of
 from gaitsweep.contract import Quantity, Status
@@ -128,8 +129,8 @@ def set_columns(table: pd.DataFrame) -> list[str]:
     return [name for name in axes_of(table) if not name.startswith(("psi_", "phi_"))]
 
 
-def relative_phases(part: pd.DataFrame, N: int) -> np.ndarray:
-    """Psi (N,), rad, at the last sample before leg 1 touches down: on section 1.
+def relative_phases(part: pd.DataFrame, N: int) -> Float[np.ndarray, " springs"]:
+    """Psi, rad, at the last sample before leg 1 touches down: on section 1.
 
     Args:
         part: the records of one row of a trace, in order of time.

@@ -8,118 +8,49 @@ phase is reset when its leg touches the ground in the landing segment, and the l
 from __future__ import annotations
 
 import dataclasses
-import itertools
 from collections.abc import Mapping
 from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 import pandas as pd
 from jaxtyping import Array, Bool, Float, Real
 
-from gaitsweep import Limb, Skeleton
 from gaitsweep.analyses import AnalysisError
 from gaitsweep.contract import Chart, HybridModel, Quantity, Rates, Recommended, Simultaneous
 from gaitsweep.dynamics import TWO_PI, lagged_reset, wrapped
 from gaitsweep.papers.ambe2021.multilegged.chain_of_table import chain_of, largest_distance, relative_phases
 from gaitsweep.papers.ambe2021.multilegged.chart import MultileggedChart
-from gaitsweep.papers.ambe2021.multilegged.mechanics import fastest_motions, neighbour_force, obstacle_problem
+from gaitsweep.papers.ambe2021.multilegged.drawing import MultileggedDrawing
+from gaitsweep.papers.ambe2021.multilegged.mechanics import (
+    fastest_motions,
+    ground_force,
+    neighbour_force,
+    obstacle_problem,
+)
 from gaitsweep.papers.ambe2021.multilegged.parameters import PARAMETERS, SPRINGS, profile_parameters
+from gaitsweep.papers.ambe2021.multilegged.state import (
+    LANDING,
+    STANCE,
+    Params,
+    State,
+    corner_of,
+    first_touchdown,
+    leg_lengths,
+    segment_of,
+)
 from gaitsweep.papers.ambe2021.theory.chain import Chain
 from gaitsweep.papers.ambe2021.theory.gaits import GAITS, classify, free_link, nearest_set
 
-STANCE, TAKEOFF, LANDING = 0, 1, 2
 # Leg 1 is initially compressed by a picometre (1e-7 N), so that it touches in spite of rounding. Another leg
 # that is compressed by less is in the air, so that it touches down at once if it is landing.
 TOUCH = 1e-12
 # Multiple of the machine epsilon, relative to the terms of x - l, that bounds the rounding error of a gap.
 ROUNDING = 4.0
-# A leg of the reduced model leaves the ground if its load is negative; with this offset 0 is still contact.
-STRICTLY = 1e-300
-# Drawn distance of neighbours and half size of masses, in leg lengths; the model has neither.
-_APART, _HALF = 0.6, 0.075
-_CORNERS = np.array([(x, y, z) for y in (-1.0, 1.0) for x in (-1.0, 1.0) for z in (-1.0, 1.0)])
-
-
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
-class Params:
-    """Parameters as in the equations; units as in `PARAMETERS`, arrays from head to tail.
-
-    `kappa` (N,) is that of each spring; `masses` and `a` (N+1,) are those of each leg; `m` is the mass of an
-    inner leg, with a profile the mass to which those of the inner legs refer.
-    """
-
-    beta: jax.Array
-    kappa: jax.Array
-    sigma: jax.Array
-    masses: jax.Array
-    m: jax.Array
-    a: jax.Array
-    L: jax.Array
-    K: jax.Array
-    D: jax.Array
-    omega: jax.Array
-    tau: jax.Array
-    g: jax.Array
-    clamp: jax.Array
-
-
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
-class State:
-    """Heights x (m), velocities v (m/s), phases phi (rad), lags y (rad/s), each (N+1,), and the modes.
-
-    `contact` (N+1,) bool; `segment` (N+1,) is the segment of each leg's length: stance, takeoff or landing;
-    `landed`: leg 1 has had its landing contact in this cycle.
-    """
-
-    x: jax.Array
-    v: jax.Array
-    phi: jax.Array
-    y: jax.Array
-    contact: jax.Array
-    segment: jax.Array
-    landed: jax.Array
-
-
-def ground_force(
-    gap: jax.Array, gap_rate: jax.Array, contact: jax.Array, K: jax.Array, D: jax.Array, clamp: jax.Array
-) -> jax.Array:
-    """The force of the ground on each leg, N, shape (n,); zero without contact.
-
-    Args:
-        gap, gap_rate: height of the body over the leg's length, x - l (m), and its rate (m/s), shape (n,).
-        contact: the leg's contact flag, shape (n,).
-        K, D: spring (N/m) and damper (N s/m) of the ground.
-        clamp: if above zero, the ground cannot pull; else eq. (1) exactly, by which the ground pulls for
-            less than a millisecond at the takeoff corner.
-
-    Source: Ambe et al. 2021, eq. (1), (2).
-    """
-    # stiffness and damping are selected independently of the motion, so once for all stages of a step
-    force = -(jnp.where(contact, K, 0.0) * gap + jnp.where(contact, D, 0.0) * gap_rate)
-    least = jnp.where(clamp > 0.0, 0.0, -jnp.inf)
-    return jnp.where(force < least, least, force)
-
-
-def corner_of(p: Params, segment: jax.Array) -> jax.Array:
-    """Phase at the end of each leg's segment, rad."""
-    takeoff = jnp.where(segment == TAKEOFF, (1.0 + p.beta) * jnp.pi, TWO_PI)
-    return jnp.where(segment == STANCE, 2.0 * p.beta * jnp.pi, takeoff)
-
-
-def first_touchdown(p: Params) -> jax.Array:
-    """Touchdown phase of leg 1 with its neighbour in stance, rad, eq. (31); NaN if it has none in landing."""
-    b = (1.0 - p.beta) * p.g * jnp.pi / (p.kappa[0] * p.a[0])  # below eq. (17)
-    touchdown = TWO_PI - p.masses[0] * b
-    # outside the model's conditions (m g/kappa < a) leg 1 has no touchdown in its landing segment
-    return jnp.where(touchdown > (1.0 + p.beta) * jnp.pi, touchdown, jnp.nan)
 
 
 @dataclasses.dataclass(frozen=True)
-class Multilegged(HybridModel):
+class Multilegged(MultileggedDrawing, HybridModel):
     """The chain of N + 1 legs, with equal inner legs or with a profile of them."""
 
     N: int = dataclasses.field(
@@ -224,10 +155,8 @@ class Multilegged(HybridModel):
         phi_1 = jnp.where(touching, first_touchdown(p), start["phi_1"])
         steps = jnp.stack([phi_1, *(start[f"psi_{i}"] for i in range(1, self.N + 1))])
         phi = wrapped(jnp.cumsum(steps))
-        segment = jnp.where(
-            phi <= 2.0 * p.beta * jnp.pi, STANCE, jnp.where(phi < (1.0 + p.beta) * jnp.pi, TAKEOFF, LANDING)
-        )
-        length, _ = self._leg(p, phi, segment)
+        segment = segment_of(p, phi)
+        length, _ = leg_lengths(p, phi, segment)
         x, load = obstacle_problem(length, p.masses, p.kappa, p.g)
         leg_1 = touching & (jnp.arange(self.N + 1) == 0)
         contact = (load > p.K * TOUCH) | leg_1
@@ -242,23 +171,10 @@ class Multilegged(HybridModel):
             landed=touching,
         )
 
-    def _leg(self, p: Params, phi: jax.Array, segment: jax.Array) -> tuple[jax.Array, jax.Array]:
-        """Length of each leg (m) and its derivative by the phase (m/rad), eq. (3).
-
-        Each segment is a straight line, `origin + rate * phi`. `origin` and `rate` are selected independently
-        of the phase, so once for all stages of a step.
-        """
-        slope = p.a / ((1.0 - p.beta) * jnp.pi)
-        takeoff = p.L + slope * (2.0 * p.beta * jnp.pi)
-        landing = p.L - slope * TWO_PI
-        origin = jnp.where(segment == STANCE, p.L, jnp.where(segment == TAKEOFF, takeoff, landing))
-        rate = jnp.where(segment == STANCE, 0.0, jnp.where(segment == TAKEOFF, -slope, slope))
-        return origin + rate * phi, rate
-
     def flow(self, params: Params, state: State) -> Rates:
         p, s = params, state
         phi_rate = p.omega + s.y  # eq. (4)
-        length, slope = self._leg(p, s.phi, s.segment)
+        length, slope = leg_lengths(p, s.phi, s.segment)
         force = neighbour_force(s.x, s.v, p.kappa, p.sigma)  # eq. (1)
         force += ground_force(s.x - length, s.v - slope * phi_rate, s.contact, p.K, p.D, p.clamp)
         return {"x": s.v, "v": force / p.masses - p.g, "phi": phi_rate, "y": -s.y / p.tau}  # eq. (5)
@@ -277,7 +193,7 @@ class Multilegged(HybridModel):
         """Each leg's phase relative to the end of its segment, then each leg's contact, shape (2N + 2,)."""
         p, s = params, state
         end = corner_of(p, s.segment)
-        length, _ = self._leg(p, s.phi, s.segment)
+        length, _ = leg_lengths(p, s.phi, s.segment)
         gap = s.x - length
         # without this, two legs that lift off at one instant touch again by rounding, and so without end
         error = ROUNDING * jnp.finfo(gap.dtype).eps * (p.L + 2.0 * p.a / (1.0 - p.beta))
@@ -322,7 +238,7 @@ class Multilegged(HybridModel):
         return {**observed, "landed": state.landed.astype(psi.dtype)}
 
     def signal(self, params: Params, state: State) -> dict[str, Real[Array, ""]]:
-        length, _ = self._leg(params, state.phi, state.segment)
+        length, _ = leg_lengths(params, state.phi, state.segment)
         rows = {"phase": state.phi, "x": state.x, "l": length, "contact": state.contact.astype(length.dtype)}
         return {f"{name}_{i + 1}": row[i] for name, row in rows.items() for i in range(self.N + 1)}
 
@@ -361,26 +277,3 @@ class Multilegged(HybridModel):
     def analytic_distance(self, table: pd.DataFrame) -> tuple[float, int] | None:
         """The largest distance (rad) of settled states from the theory's solutions, and its row."""
         return largest_distance(table)
-
-    def skeleton(
-        self, values: Mapping[str, float], signals: Mapping[str, Float[np.ndarray, " times"]]
-    ) -> Skeleton:
-        """The chain, its head to the right."""
-        masses, feet = [], []
-        for i in range(self.N + 1):
-            height, length = signals[f"x_{i + 1}"], signals[f"l_{i + 1}"]
-            along = np.full_like(height, -_APART * values["L"] * i)
-            level = np.zeros_like(height)
-            masses.append(np.stack([along, level, height], axis=1))
-            feet.append(np.stack([along, level, height - length], axis=1))
-        size = _HALF * values["L"] * _CORNERS
-        return Skeleton(
-            limbs=tuple(
-                Limb(f"leg {i + 1}", np.stack([masses[i], feet[i]], axis=1), pair=1)
-                for i in range(self.N + 1)
-            ),
-            bodies=tuple(mass[:, None, :] + size for mass in masses),
-            springs=tuple(np.stack(ends, axis=1) for ends in itertools.pairwise(masses)),
-            note="Leg 1 is the head's. Masses only move up and down; "
-            "how far apart they are is not in the model.",
-        )

@@ -17,77 +17,34 @@ import dataclasses
 from collections.abc import Callable, Mapping
 from typing import ClassVar
 
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Real
 
 from gaitsweep.contract import Chart, FixedStepDynamics, Quantity, Rates, Recommended, Simultaneous
-from gaitsweep.dynamics import TWO_PI, wrapped
+from gaitsweep.dynamics import wrapped
 from gaitsweep.papers.ambe2021.multilegged.chart import ReducedChart
-from gaitsweep.papers.ambe2021.multilegged.mechanics import balance, balance_and_rate, obstacle_problem
-from gaitsweep.papers.ambe2021.multilegged.model import (
+from gaitsweep.papers.ambe2021.multilegged.mechanics import balance, obstacle_problem
+from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
+from gaitsweep.papers.ambe2021.multilegged.next_event_steps import NextEventSteps
+from gaitsweep.papers.ambe2021.multilegged.reduced_state import (
+    TOUCHING,
+    State,
+    after_events,
+    with_legs_reversed,
+)
+from gaitsweep.papers.ambe2021.multilegged.state import (
     LANDING,
     STANCE,
-    STRICTLY,
-    TAKEOFF,
-    Multilegged,
     Params,
     corner_of,
     first_touchdown,
+    leg_lengths,
+    segment_of,
 )
 
+# A leg leaves the ground if its load is negative; with this offset 0 is still contact.
+STRICTLY = 1e-300
 _UNREAD = ("sigma", "K", "D", "tau", "clamp")
-# A leg closer than this to the ground (m) touches it, so that simultaneous touchdowns stay simultaneous in
-# spite of rounding.
-TOUCHING = 1e-13
-
-
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
-class State:
-    """Phases phi (N+1,), rad, and the modes.
-
-    `segment` (N+1,) is the segment of each leg's length: stance, takeoff or landing; `held` (N+1,): the leg
-    has been on the ground since before its landing segment, and so cannot touch down; `psi` (N,), rad, are
-    the relative phases at the last crossing of section 1; `landed`: leg 1 touched down there; `late` (s) is
-    the time by which fixed steps are ahead of this state.
-    """
-
-    phi: jax.Array
-    segment: jax.Array
-    held: jax.Array
-    psi: jax.Array
-    landed: jax.Array
-    late: jax.Array
-
-
-def after_events(s: State, corner: jax.Array, touches: jax.Array, lifts: jax.Array) -> State:
-    """The state after legs (N+1,) reach the end of a segment (`corner`), touch down (`touches`), or lift off.
-
-    A leg begins its landing segment as held; if it is not, it lifts off at the same instant.
-    """
-    landing = s.segment == LANDING
-    resets = touches & landing
-    wraps = corner & landing & ~resets
-    ends = resets | wraps
-    segment = jnp.where(ends, STANCE, jnp.where(corner, s.segment + 1, s.segment))
-    crosses = ends[0]
-    psi = wrapped(s.phi[1:] - s.phi[:-1])  # eq. (7), before the reset
-    return State(
-        phi=jnp.where(resets, 0.0, jnp.where(wraps, s.phi - TWO_PI, s.phi)),
-        segment=segment,
-        held=jnp.where(corner | ends, (segment == LANDING), s.held & ~lifts),
-        psi=jnp.where(crosses, psi, s.psi),
-        landed=jnp.where(crosses, resets[0], s.landed),
-        late=s.late,
-    )
-
-
-def _reversed(params: Params, s: State) -> State:
-    """The state of the chain with its legs in reversed order."""
-    phi = s.phi[::-1]
-    psi = wrapped(phi[1:] - phi[:-1])
-    return dataclasses.replace(s, phi=phi, segment=s.segment[::-1], held=s.held[::-1], psi=psi)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -119,10 +76,10 @@ class MultileggedReduced(Multilegged):
 
     def symmetries(self) -> Mapping[str, Callable[[Params, State], State]]:
         # of a chain whose masses and lifts are the same from either end (eq. 23)
-        return {"legs in reversed order": _reversed}
+        return {"legs in reversed order": with_legs_reversed}
 
     def fixed_step_scheme(self) -> FixedStepDynamics:
-        return NextEventSteps(self)
+        return NextEventSteps(self.N)
 
     def init(self, params: Params, start: Mapping[str, Float[Array, ""]]) -> State:  # type: ignore[override]
         p = params
@@ -132,13 +89,9 @@ class MultileggedReduced(Multilegged):
         first = jnp.where(touching, touchdown, start["phi_1"])
         phi = wrapped(jnp.concatenate([first[None], first + jnp.cumsum(psi)]))
         leg_1 = touching & ~jnp.isnan(touchdown) & (jnp.arange(self.N + 1) == 0)
-        segment = jnp.where(
-            (phi <= 2.0 * p.beta * jnp.pi) | leg_1,
-            STANCE,
-            jnp.where(phi < (1.0 + p.beta) * jnp.pi, TAKEOFF, LANDING),
-        )
+        segment = jnp.where(leg_1, STANCE, segment_of(p, phi))
         # as in the full model, a leg with a load before the reset of leg 1 is on the ground
-        length, _ = self._leg(p, phi, jnp.where(leg_1, LANDING, segment))
+        length, _ = leg_lengths(p, phi, jnp.where(leg_1, LANDING, segment))
         return State(
             phi=jnp.where(leg_1, 0.0, phi),
             segment=segment,
@@ -157,13 +110,13 @@ class MultileggedReduced(Multilegged):
 
     def fast_modes(self, params: Params) -> tuple[Float[Array, " motions"], Float[Array, " motions"]]:
         """Phases move at constant speed; this rate limits a step to the time between touchdowns."""
-        rate = 20.0 / NextEventSteps(self).longest_step(params)
+        rate = 20.0 / NextEventSteps(self.N).longest_step(params)
         return rate[None], jnp.ones((1,), rate.dtype)
 
     def guards(self, params: Params, state: State) -> Float[Array, " guards"]:  # type: ignore[override]
         """Each leg's phase relative to the end of its segment, then its touchdown, or lift-off if held."""
         p, s = params, state
-        length, _ = self._leg(p, s.phi, s.segment)
+        length, _ = leg_lengths(p, s.phi, s.segment)
         load = balance(length, p.masses, p.kappa, p.g)
         touch = jnp.where(s.held, -load - STRICTLY, load)
         return jnp.concatenate(
@@ -184,7 +137,7 @@ class MultileggedReduced(Multilegged):
         return {**observed, "landed": state.landed.astype(state.psi.dtype)}
 
     def signal(self, params: Params, state: State) -> dict[str, Real[Array, ""]]:  # type: ignore[override]
-        length, _ = self._leg(params, state.phi, state.segment)
+        length, _ = leg_lengths(params, state.phi, state.segment)
         x, load = obstacle_problem(length, params.masses, params.kappa, params.g)
         contact = (load > 0.0).astype(x.dtype)
         rows = {"phase": state.phi, "x": x, "l": length, "contact": contact, "load": load}
@@ -196,56 +149,3 @@ class MultileggedReduced(Multilegged):
         Legs of zero length (a >= L) are allowed, unlike in the full model, since no equation depends on them.
         """
         return jnp.asarray(False)
-
-
-# Steps of a cycle for each spring; with fewer, crossings are detected ever later.
-STEPS_A_LEG = 6.25
-
-
-@dataclasses.dataclass(frozen=True)
-class NextEventSteps(FixedStepDynamics):
-    """Steps that end at the next event at the latest; later steps catch up with the time.
-
-    The balance of a landing leg is rising and concave: extrapolation at its current rate never overshoots the
-    touchdown and reaches it in a few steps, without a search. Results do not depend on dt, except the times
-    of crossings: they are late by `late`, less than a step if steps are shorter than a sixteenth of a cycle
-    divided by N.
-    """
-
-    model: MultileggedReduced
-
-    def step(self, params: Params, state: State, dt: Float[Array, ""]) -> State:
-        p, s = params, state
-        landing = s.segment == LANDING
-        length, rate = self.model._leg(p, s.phi, s.segment)
-        balance, rise = balance_and_rate(length, p.masses, p.kappa, p.g, rate)
-        lifts = s.held & (balance < -TOUCHING)
-        armed = landing & ~(s.held & ~lifts)
-        due = armed & (balance >= -TOUCHING)
-
-        corner_at = corner_of(p, s.segment)
-        to_corner = corner_at - s.phi
-        approaching = armed & (rise > 0.0)
-        to_touch = jnp.where(approaching, -balance / jnp.where(approaching, rise, 1.0), jnp.inf)
-        room = (s.late + dt) * p.omega
-        ahead = jnp.minimum(room, jnp.min(jnp.minimum(to_corner, to_touch)))
-        ahead = jnp.where(jnp.any(due), 0.0, ahead)
-        corner = to_corner <= ahead
-        moved = dataclasses.replace(
-            s, phi=jnp.where(corner, corner_at, s.phi + ahead), late=s.late + dt - ahead / p.omega
-        )
-        return after_events(moved, corner, due, lifts)
-
-    def longest_step(self, params: Params) -> Float[Array, ""]:
-        """A sixth of the time between two touchdowns, so that steps soon catch up with `late`."""
-        return 2.0 * jnp.pi / params.omega / (STEPS_A_LEG * self.model.N)
-
-    def events(self, params: Params, before: State, after: State) -> Bool[Array, " events"]:
-        """Whether leg 1 has ended its cycle; the step itself has applied the jump."""
-        return ((before.segment[0] == LANDING) & (after.segment[0] == STANCE))[None]
-
-    def jump(self, params: Params, state: State, fired: Bool[Array, " events"]) -> State:
-        return state
-
-    def section(self, params: Params, before: State, fired: Bool[Array, " events"]) -> Bool[Array, ""]:
-        return fired[0]

@@ -20,10 +20,11 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float
 
 from gaitsweep import ArgumentError
+from gaitsweep.dynamics import TWO_PI
 
-TWO_PI = 2.0 * jnp.pi
 Scalar = jax.Array | np.ndarray | float
 
 
@@ -164,7 +165,7 @@ def wave_speed(omega: Scalar, chain: Chain = TABLE_1) -> Speeds:
     return Speeds(printed=waves * omega / TWO_PI, exact=waves * omega / touchdown_phase(chain))
 
 
-def leg_length(phi: np.ndarray, chain: Chain) -> np.ndarray:
+def leg_length(phi: Float[np.ndarray, "*legs"], chain: Chain) -> Float[np.ndarray, "*legs"]:
     """Length of a leg less the longest (m) at phases from 0 to 2 pi (rad); eq. (3)."""
     beta, a = float(chain.beta), float(chain.a)
     past = np.where(phi < (1.0 + beta) * np.pi, phi - 2.0 * beta * np.pi, 2.0 * np.pi - phi)

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float
 
 from gaitsweep.analyses import wrapped_difference
 from gaitsweep.papers.ambe2021.theory.chain import TABLE_1, Chain, amplitudes, shift, springs, touchdown_phase
@@ -86,8 +87,8 @@ def distances(N: int, chain: Chain, psi: jax.Array) -> jax.Array:
     return jax.lax.map(lambda rule: distance_from(pieces(rule, circle), psi), lag_rules(N, chain))
 
 
-def nearest_set(N: int, chain: Chain, psi: np.ndarray) -> tuple[Branch, float]:
-    """The set of analytic solutions nearest to psi (N,) on section 1, and its distance, rad."""
+def nearest_set(N: int, chain: Chain, psi: Float[np.ndarray, " springs"]) -> tuple[Branch, float]:
+    """The set of analytic solutions nearest to psi (rad) on section 1, and its distance, rad."""
     away = np.asarray(_distances(N, chain, psi))
     return branches(N)[int(away.argmin())], float(away.min())
 

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float
 
 from gaitsweep.analyses import wrapped_difference
 from gaitsweep.papers.ambe2021.theory.chain import TABLE_1, Chain, leg_length, reset, shift, touchdown_phase
@@ -28,13 +29,13 @@ APART = 1e-6  # rad of the free phase, distance from a jump at which psi is eval
 class Jump(NamedTuple):
     """A jump of a set of solutions on a section, where two legs exchange their order of touchdown.
 
-    `s` is the free phase, rad; `leg` the leg whose touchdown passes that of the section's leg; `change` (N,)
+    `s` is the free phase, rad; `leg` the leg whose touchdown passes that of the section's leg; `change`
     the change of psi with rising s, rad.
     """
 
     s: float
     leg: int
-    change: np.ndarray
+    change: Float[np.ndarray, " springs"]
 
 
 def touchdown_order(
@@ -53,11 +54,11 @@ def touchdown_order(
     return order_of_places(theta, circle, section or branch.k)
 
 
-def order_of_places(theta: np.ndarray, circle: float, leg: int) -> tuple[int, ...]:
+def order_of_places(theta: Float[np.ndarray, " legs"], circle: float, leg: int) -> tuple[int, ...]:
     """The touchdown order of the legs, 1 .. N+1, beginning with `leg`, from their places on the circle.
 
     Args:
-        theta: places, rad, shape (N+1,).
+        theta: places, rad.
         circle: the touchdown phase, rad.
         leg: 1 .. N+1.
     """
@@ -170,8 +171,10 @@ def sets_of_order(order: Sequence[int]) -> tuple[ResetSet, ...]:
     return tuple(ResetSet(TABLE_2[front, rear], front, rear) for front, rear in resets)
 
 
-def touchdown_residuals(N: int, branch: Branch, s: float, chain: Chain = TABLE_1) -> np.ndarray:
-    """The left side minus the right side of eq. (14) for each leg of a solution, m, shape (N+1,).
+def touchdown_residuals(
+    N: int, branch: Branch, s: float, chain: Chain = TABLE_1
+) -> Float[np.ndarray, " legs"]:
+    """The left side minus the right side of eq. (14) for each leg of a solution, m.
 
     The neighbours' phases are those that psi on section k gives with the resets of each leg's set S.
 

@@ -13,6 +13,7 @@ import functools
 import jax
 import numpy as np
 import scipy
+from jaxtyping import Float, Inexact
 
 from gaitsweep import ArgumentError
 from gaitsweep.papers.ambe2021.theory.chain import TABLE_1, Chain, amplitudes, springs, touchdown_phase
@@ -22,8 +23,8 @@ from gaitsweep.papers.ambe2021.theory.solution_sets import Branch, LagRule, bran
 NOTHING = 1e-12  # an element of a linear map below this is a rounding error
 
 
-def multipliers(N: int, branch: Branch) -> np.ndarray:
-    """Eigenvalues (N,) of the Poincare map on one set of solutions, for uniform springs and amplitudes.
+def multipliers(N: int, branch: Branch) -> Float[np.ndarray, " springs"]:
+    """Eigenvalues of the Poincare map on one set of solutions, for uniform springs and amplitudes.
 
     Source: eq. (22) for the sets A and B, eq. (26) for the direct wave.
     """
@@ -36,8 +37,8 @@ def multipliers(N: int, branch: Branch) -> np.ndarray:
     return values
 
 
-def characteristic_polynomial(matrix: np.ndarray) -> np.ndarray:
-    """Coefficients of det(lambda - matrix), highest power first, shape (n+1,), for a matrix (n, n).
+def characteristic_polynomial(matrix: Float[np.ndarray, "n n"]) -> Float[np.ndarray, " n+1"]:
+    """Coefficients of det(lambda - matrix), highest power first.
 
     By the Faddeev-LeVerrier recursion, without eigenvalues: the block of 2/3 is defective, so computed
     eigenvalues scatter (by 0.02 for N = 9), while these coefficients are exact up to rounding.
@@ -52,8 +53,8 @@ def characteristic_polynomial(matrix: np.ndarray) -> np.ndarray:
     return coefficients
 
 
-def eigenvalues(matrix: np.ndarray) -> np.ndarray:
-    """Eigenvalues of a linear map (n, n), (n,), largest first, each as exact as the matrix's elements.
+def eigenvalues(matrix: Float[np.ndarray, "n n"]) -> Inexact[np.ndarray, " n"]:
+    """Eigenvalues of a linear map, largest first, each as exact as the matrix's elements.
 
     In a wave a touchdown depends on one neighbour only, so P_k is block triangular but for the order of its
     rows, with blocks of one or two rows. The eigenvalues are those of the blocks, which do not scatter as
@@ -69,8 +70,8 @@ def eigenvalues(matrix: np.ndarray) -> np.ndarray:
 
 def linear_map(
     N: int, branch: Branch, s: float, chain: Chain = TABLE_1, section: int | None = None
-) -> np.ndarray:
-    """P_k of eq. (21), (N, N): the linear map of a perturbation of psi on a section over a cycle.
+) -> Float[np.ndarray, "springs springs"]:
+    """P_k of eq. (21): the linear map of a perturbation of psi on a section over a cycle.
 
     It is valid between the jumps of the set and away from the ends of leg segments.
 

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from gaitsweep import Limb, LimbLook, Skeleton
-from gaitsweep.papers.aoi2011.waist_quadruped.mechanics import LIMBS, displacements, factors, mjcf, sizes_of
+from gaitsweep.papers.aoi2011.waist_quadruped.sizes import LIMBS, displacements, factors, mjcf, sizes_of
 
 NAMES = ("right fore", "left fore", "right hind", "left hind")
 LOOKS = tuple(LimbLook(name, pair=i // 2, far=bool(i % 2)) for i, name in enumerate(NAMES))
@@ -51,7 +51,11 @@ def scaled_mjcf(values: Mapping[str, float]) -> str:
     return ElementTree.tostring(root, encoding="unicode")
 
 
-def _edit(element: ElementTree.Element, key: str, change: Callable[[np.ndarray], np.ndarray]) -> None:
+def _edit(
+    element: ElementTree.Element,
+    key: str,
+    change: Callable[[Float[np.ndarray, " numbers"]], Float[np.ndarray, " numbers"]],
+) -> None:
     """Replace the numbers of an attribute, without rounding."""
     numbers = change(np.array(element.attrib[key].split(), float))
     element.set(key, " ".join(repr(float(number)) for number in numbers))

@@ -91,5 +91,5 @@ class FootPath:
         return (phi - self.phi_AEP) / (TWO_PI - self.phi_AEP)
 
     def line(self, x: jax.Array, z: jax.Array, progress: jax.Array) -> tuple[jax.Array, jax.Array]:
-        """The point on the line from (x, z) to the PEP at the progress `done`, 0 to 1."""
+        """The point on the line from (x, z) (m) to the PEP, at a `progress` of 0 to 1."""
         return x + (self.PEP - x) * progress, z + (-self.H - z) * progress

@@ -1,14 +1,8 @@
-"""The quadruped's rigid-body mechanics: tree with a row's masses and lengths, feet, forces, posture."""
+"""The quadruped's rigid-body mechanics: the tree with a row's values, feet, and forces."""
 
 from __future__ import annotations
 
 import dataclasses
-import math
-from collections.abc import Callable, Mapping
-from functools import cache
-from importlib import resources
-from types import SimpleNamespace
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -16,27 +10,16 @@ import jax.numpy as jnp
 from gaitsweep.dynamics.tree import (
     Geometry,
     PointForce,
-    Tree,
     forward_dynamics,
     movements,
     places,
     rescaled,
     velocity,
 )
-
-LIMBS = range(4)
-# Height above the ground (m) at which a foot lifts off, 1/2000 of its depth in stance. At zero, contact could
-# chatter without end: the damper lifts a foot on the ground, and in the air it falls at once.
-RELEASE = 1e-7
-# Limits of a fall: height as a share of that in stance, and angles of tilt and twist (rad).
-LOW, TILTED, TWISTED = 0.4, 1.2, 1.5
-# Indices in q; those in v, which has no quaternion, are one less.
-WAIST, HIP, KNEE = 11, (7, 9, 12, 14), (8, 10, 13, 15)
-# The body of Table I, as in the MJCF: each body's length, width and distance, height, and hips (m); links.
-BODY_SIZE, BODY_HEIGHT, HIP_X, HIP_Y = 0.1, 0.05, 0.048, 0.05
-LINK_MASS, LINK_LENGTH = 0.1, 0.08  # kg, m
-# What a body has of its own where its hips and its waist's axis are not level with the centres of mass.
-HEIGHT_NAMES = ("front_height", "rear_height", "front_hip_z", "rear_hip_z", "waist_z")
+from gaitsweep.papers.aoi2011.waist_quadruped.ground import anchored_force, carried
+from gaitsweep.papers.aoi2011.waist_quadruped.limb import joint_angles, joint_rates
+from gaitsweep.papers.aoi2011.waist_quadruped.posture import HIP, KNEE, WAIST
+from gaitsweep.papers.aoi2011.waist_quadruped.sizes import LIMBS, body, displacements, factors
 
 
 @jax.tree_util.register_dataclass
@@ -199,169 +182,3 @@ class WaistMechanics:
     def gravity(self) -> jax.Array:
         """The acceleration of gravity in the world (3,), m/s2."""
         return jnp.stack([jnp.zeros_like(self.g), jnp.zeros_like(self.g), -self.g])
-
-
-def anchored_force(
-    position: jax.Array,
-    velocity: jax.Array,
-    anchor: jax.Array,
-    contact: jax.Array,
-    K: jax.Array,
-    D: jax.Array,
-    rising: jax.Array | float = 1.0,
-    clamp: jax.Array | float = 0.0,
-) -> jax.Array:
-    """Force of level ground at z = 0 on a foot (3,), N (Aoi et al. 2011, eq. A8).
-
-    Args:
-        position, velocity: of the foot in the world, (3,), m and m/s.
-        anchor: x and y at touchdown, (2,), m.
-        contact: whether the foot is on the ground, scalar bool.
-        K, D: springs, N/m, and dampers, N s/m, along x, y and z, (3,).
-        rising: share of the vertical damper that acts while the foot rises.
-        clamp: if above zero, the ground cannot pull.
-    """
-    sunk = position - jnp.concatenate([anchor, jnp.zeros(1)])
-    damper = jnp.stack([D[0], D[1], jnp.where(velocity[2] > 0.0, D[2] * rising, D[2])])
-    force = -K * sunk - damper * velocity
-    least = jnp.where(clamp > 0.0, 0.0, -jnp.inf)
-    force = jnp.stack([force[0], force[1], jnp.maximum(force[2], least)])
-    return jnp.where(contact, force, 0.0)
-
-
-def carried(force: jax.Array, mu: jax.Array | float) -> jax.Array:
-    """The share of the force along the ground that friction `mu` carries, 1 within the cone.
-
-    A force (3,), N, that pulls the foot down has no load, so that it carries none.
-    """
-    along, limit = jnp.hypot(force[0], force[1]), mu * jnp.maximum(force[2], 0.0)
-    return jnp.where(along > limit, limit / jnp.where(along > 0.0, along, 1.0), 1.0)
-
-
-def joint_angles(
-    x: jax.Array, z: jax.Array, length: jax.Array | float, bend: jax.Array | float
-) -> tuple[jax.Array, jax.Array]:
-    """Hip and knee angles (rad) of a limb of two equal links whose foot is at (x, z) from the hip.
-
-    Rotations are about +y, zero is straight down, and the knee angle is relative to the upper link. For a
-    target out of reach the straight limb points at it.
-
-    Args:
-        x, z: position of the foot relative to the hip, m.
-        length: length of each link, m.
-        bend: sign of the knee angle, 1 or -1.
-    """
-    square = x * x + z * z
-    # half the knee angle, from an isosceles triangle
-    half = bend * jnp.arctan2(jnp.sqrt(jnp.maximum(4.0 * length * length - square, 0.0)), jnp.sqrt(square))
-    return jnp.arctan2(-x, -z) - half, 2.0 * half
-
-
-def joint_rates(
-    x: jax.Array,
-    z: jax.Array,
-    x_rate: jax.Array,
-    z_rate: jax.Array,
-    length: jax.Array | float,
-    bend: jax.Array | float,
-) -> tuple[jax.Array, jax.Array]:
-    """Time derivatives (rad/s) of the hip and knee angles of `joint_angles`; x, z, length, bend as there.
-
-    The knee of a target out of reach does not turn.
-
-    Args:
-        x_rate, z_rate: velocity of the foot relative to the hip, m/s.
-    """
-    square = x * x + z * z
-    reach = 4.0 * length * length - square
-    # the half knee angle a has cos a = r / (2 length), at the foot's distance r from the hip
-    slope = square * jnp.where(reach > 0.0, reach, jnp.inf)
-    half = -bend * (x * x_rate + z * z_rate) / jnp.sqrt(slope)
-    return (z * x_rate - x * z_rate) / square - half, 2.0 * half
-
-
-def tilt(q: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Roll and pitch (rad) of the front body."""
-    ahead, side, up, norm = _rises(q)
-    return jnp.arctan2(side, up), jnp.arcsin(-ahead / norm)
-
-
-def fallen(q: jax.Array, standing: jax.Array) -> jax.Array:
-    """Whether the front body is far below its height `standing` (m) or tilted, or the waist is twisted."""
-    ahead, side, up, norm = _rises(q)
-    rolled = jnp.abs(side) > math.tan(TILTED) * up
-    pitched = jnp.abs(ahead) > math.sin(TILTED) * norm
-    twisted = jnp.abs(q[WAIST]) > TWISTED
-    return (q[2] < LOW * standing) | rolled | pitched | twisted
-
-
-def _rises(q: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array, jax.Array]:
-    """Vertical components of the body's axes times `norm`, the quaternion's squared norm, and `norm`."""
-    w, x, y, z = q[3:7]
-    norm = w * w + x * x + y * y + z * z
-    ahead, side, up = 2.0 * (x * z - w * y), 2.0 * (y * z + w * x), w * w - x * x - y * y + z * z
-    return ahead, side, up, norm
-
-
-def sizes_of(values: Mapping[str, Any]) -> SimpleNamespace:
-    """A row's masses and lengths by name, as `factors` and `displacements` take them."""
-    return SimpleNamespace(**{**dict.fromkeys(HEIGHT_NAMES), **values})
-
-
-def factors(sizes: Any, stack: Callable[[list[Any]], Any]) -> tuple[dict[str, Any], dict[str, Any]]:
-    """The factors of mass and of size of each body relative to Table I, by name.
-
-    Args:
-        sizes: an object with `front_mass` (kg), `rear_length` (m) and so on, numbers or arrays; HEIGHT_NAMES
-            are None in a level body.
-        stack: the function that stacks them to an array.
-    """
-    front, rear = (
-        stack([length / BODY_SIZE, width / BODY_SIZE, 1.0 if height is None else height / BODY_HEIGHT])
-        for length, width, height in (
-            (sizes.front_length, sizes.front_width, sizes.front_height),
-            (sizes.rear_length, sizes.rear_width, sizes.rear_height),
-        )
-    )
-    links = [f"{part}_{i + 1}" for part in ("upper", "lower") for i in LIMBS]
-    mass = {"front": sizes.front_mass, "rear": sizes.rear_mass}  # 1 kg each in Table I
-    mass |= dict.fromkeys(links, sizes.link_mass / LINK_MASS)
-    return mass, {"front": front, "rear": rear} | dict.fromkeys(links, sizes.link_length / LINK_LENGTH)
-
-
-def displacements(sizes: Any, stack: Callable[[list[Any]], Any]) -> tuple[dict[str, Any], Any]:
-    """Displacements (3,), m, of hips and waist, by link, and of the rear body's centre of mass.
-
-    They are relative to the places that `factors` scales with the bodies, at which all are zero. The rear
-    body's frame is at the waist, which is at the end of the front body.
-
-    Args:
-        sizes: as for `factors`, with `front_hip_x`, `body_distance` and so on.
-        stack: the function that stacks them to an array (3,).
-    """
-    front_size, rear_size = sizes.front_length / BODY_SIZE, sizes.rear_length / BODY_SIZE
-    front_width, rear_width = sizes.front_width / BODY_SIZE, sizes.rear_width / BODY_SIZE
-    half = 0.5 * BODY_SIZE
-    gap = half * front_size + half * rear_size - sizes.body_distance
-    front = sizes.front_hip_x - HIP_X * front_size, sizes.front_hip_y - HIP_Y * front_width
-    rear = gap + (HIP_X * rear_size - sizes.rear_hip_x), sizes.rear_hip_y - HIP_Y * rear_width
-    level, heights = sizes.waist_z is None, (sizes.front_hip_z, sizes.rear_hip_z, sizes.waist_z)
-    front_z, rear_z, axis = (0.0, 0.0, 0.0) if level else heights
-    moved = {} if level else {"rear": stack([0.0, 0.0, axis])}
-    for i in LIMBS:
-        x, y, z = (*front, front_z) if i < 2 else (*rear, rear_z - axis)
-        moved[f"upper_{i + 1}"] = stack([x, y if i % 2 else -y, z])
-    return moved, stack([gap, 0.0, -axis])
-
-
-def mjcf() -> str:
-    """The body as an MJCF."""
-    return resources.files("gaitsweep.papers.aoi2011.waist_quadruped").joinpath("body.xml").read_text()
-
-
-@cache
-def body() -> tuple[Tree, Geometry]:
-    """The tree, and its geometry with the numbers of Table I."""
-    from gaitsweep.dynamics.tree import tree_of  # MuJoCo, only for a job of this body
-
-    return tree_of(mjcf())

@@ -19,7 +19,6 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Any, ClassVar
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Real
@@ -28,29 +27,16 @@ from gaitsweep.contract import Chart, HybridModel, Quantity, Rates, Recommended
 from gaitsweep.dynamics import TWO_PI, wrapped
 from gaitsweep.dynamics.tree import rates
 from gaitsweep.near_miss import suggestion
+from gaitsweep.papers.aoi2011.waist_quadruped.bodies import WaistBody, WaistMjxBody, WaistTreeBody
 from gaitsweep.papers.aoi2011.waist_quadruped.chart import LandingChart
 from gaitsweep.papers.aoi2011.waist_quadruped.drawing import WaistDrawing
-from gaitsweep.papers.aoi2011.waist_quadruped.foot_path import EARLY, LATE, STANCE, SWINGS
-from gaitsweep.papers.aoi2011.waist_quadruped.in_mjx import WaistMjxBody
-from gaitsweep.papers.aoi2011.waist_quadruped.mechanics import (
-    HIP,
-    KNEE,
-    LIMBS,
-    RELEASE,
-    WAIST,
-    WaistMechanics,
-    body,
-    fallen,
-    joint_angles,
-    tilt,
-)
-from gaitsweep.papers.aoi2011.waist_quadruped.parameters import (
-    FRICTION,
-    HEIGHTS,
-    OBSERVABLES,
-    PARAMETERS,
-    SIGNALS,
-)
+from gaitsweep.papers.aoi2011.waist_quadruped.fastest_motion import fastest_motion
+from gaitsweep.papers.aoi2011.waist_quadruped.foot_path import SWINGS
+from gaitsweep.papers.aoi2011.waist_quadruped.ground import RELEASE
+from gaitsweep.papers.aoi2011.waist_quadruped.mechanics import WaistMechanics
+from gaitsweep.papers.aoi2011.waist_quadruped.parameters import FRICTION, HEIGHTS, PARAMETERS
+from gaitsweep.papers.aoi2011.waist_quadruped.posture import fallen
+from gaitsweep.papers.aoi2011.waist_quadruped.readings import OBSERVABLES, SIGNALS, observed, signalled
 from gaitsweep.papers.aoi2011.waist_quadruped.rhythm import (
     after_events,
     anchors,
@@ -60,12 +46,9 @@ from gaitsweep.papers.aoi2011.waist_quadruped.rhythm import (
     phase_rates,
     transitions,
 )
-from gaitsweep.papers.aoi2011.waist_quadruped.semi_implicit import (
-    SemiImplicit,
-    WaistBody,
-    WaistTreeBody,
-    fastest_motion,
-)
+from gaitsweep.papers.aoi2011.waist_quadruped.semi_implicit import SemiImplicit
+from gaitsweep.papers.aoi2011.waist_quadruped.sizes import body
+from gaitsweep.papers.aoi2011.waist_quadruped.start import initial_state
 from gaitsweep.papers.aoi2011.waist_quadruped.state import Params, State
 
 BODIES = ("tree", "mjx")
@@ -190,55 +173,7 @@ class WaistQuadruped(WaistDrawing, HybridModel):
 
     def init(self, params: Params, start: Mapping[str, Float[Array, ""]]) -> State:
         """Standing, all feet on the ground below their hips, limb 3 at its AEP."""
-        p, lead = params, start["delta_13"]
-        zero = jnp.zeros_like(p.omega)
-        phi_3 = p.phi_AEP
-        phi_1 = phi_3 + lead
-        phi = wrapped(jnp.stack([phi_1, phi_1 - jnp.pi, phi_3, phi_3 - jnp.pi]))
-        early = phi < p.gate * p.phi_AEP
-        segment = jnp.where(phi >= p.phi_AEP, STANCE, jnp.where(early, EARLY, LATE))
-        path, m = p.path(zero, True), p.mechanics
-        x, z = path.target(phi, segment, (path.x_c, -path.H))
-        angles = [zero] * 9
-        for i in LIMBS:
-            hip, knee = joint_angles(x[i], z[i], m.link_length, m.bends[i])
-            angles[HIP[i] - 7], angles[KNEE[i] - 7] = hip, knee
-        # pitched so that fore and hind feet are at one height
-        fore, (fore_depth, hind_depth) = m.front_hip_x + p.x_c_fore, self._depths(p)
-        pitch = jnp.arctan2(hind_depth - fore_depth, fore + m.body_distance + m.rear_hip_x - p.x_c_hind)
-        height = fore_depth * jnp.cos(pitch) + fore * jnp.sin(pitch)
-        turn = jnp.cos(0.5 * pitch), zero, jnp.sin(0.5 * pitch), zero
-        q = jnp.concatenate([jnp.stack([zero, zero, height, *turn]), jnp.stack(angles)])
-        # compression of the ground by the body's weight
-        weight = (m.front_mass + m.rear_mass + 8.0 * m.link_mass) * m.g
-        q = q.at[2].add(-weight / (4.0 * m.K_N))
-        at, _ = m.feet(q, jnp.zeros(15, q.dtype))
-        return State(
-            q=q,
-            v=jnp.zeros(15, q.dtype),
-            phi=phi,
-            clock=zero,
-            growing=jnp.ones((), bool),
-            held=jnp.ones((), bool),
-            contact=jnp.ones(4, bool),
-            anchor=at[:, :2],
-            segment=segment,
-            lifted=jnp.zeros(4, bool),
-            landing_x=x,
-            landing_z=z,
-            height=at[:, 2],
-            gain=jnp.zeros(4, q.dtype),
-            closed=jnp.zeros((), bool),
-            held_lead=lead,
-            stride_x=zero,
-            stride_t=zero,
-            speed=zero,
-            period=zero,
-            stood=jnp.zeros(4, q.dtype),
-            landed=jnp.zeros(4, q.dtype),
-            duty=jnp.ones(4, q.dtype),
-            touchdowns=jnp.zeros(4, q.dtype),
-        )
+        return initial_state(params, start["delta_13"])
 
     @property
     def locates_events(self) -> bool:
@@ -305,29 +240,10 @@ class WaistQuadruped(WaistDrawing, HybridModel):
         return transitions(before, fired[:4], fired[4:8]).lands[2]
 
     def observe(self, params: Params, state: State) -> dict[str, Real[Array, ""]]:
-        phi = state.phi
-        return {
-            "delta_13": wrapped(phi[0] - phi[2]),  # eq. (5)
-            "delta_12": wrapped(phi[0] - phi[1]),
-            "delta_34": wrapped(phi[2] - phi[3]),
-            "speed": state.speed,
-            "period": state.period,
-            "stride": state.speed * state.period,
-            **{f"duty_{i + 1}": state.duty[i] for i in LIMBS},
-            **{f"touchdowns_{i + 1}": state.touchdowns[i] for i in LIMBS},
-        }
+        return observed(state)
 
     def signal(self, params: Params, state: State) -> dict[str, Real[Array, ""]]:
-        s, contact = state, state.contact.astype(state.phi.dtype)
-        roll, pitch = tilt(s.q)
-        return {
-            **{f"phase_{i + 1}": wrapped(s.phi)[i] for i in LIMBS},
-            **{f"contact_{i + 1}": contact[i] for i in LIMBS},
-            "waist": s.q[WAIST],
-            "roll": roll,
-            "pitch": pitch,
-            **{f"q_{i}": s.q[i] for i in range(16)},
-        }
+        return signalled(state)
 
     def label(
         self, params: Params, observations: Mapping[str, Real[Array, ""]]
@@ -343,14 +259,7 @@ class WaistQuadruped(WaistDrawing, HybridModel):
 
     def failed(self, params: Params, state: State) -> Bool[Array, ""]:
         """Whether the body is too low, tilted or twisted."""
-        return fallen(state.q, self._depths(params)[0])
-
-    def _depths(self, p: Params) -> tuple[jax.Array, jax.Array]:
-        """Depths (m) of the extreme positions of fore and hind feet below their bodies' centres of mass."""
-        m = p.mechanics
-        if m.front_hip_z is None or m.rear_hip_z is None:
-            return p.H_fore, p.H_hind
-        return p.H_fore - m.front_hip_z, p.H_hind - m.rear_hip_z
+        return fallen(state.q, params.depths()[0])
 
     def period(self, params: Params) -> Float[Array, ""]:
         return TWO_PI / params.omega

@@ -1,11 +1,10 @@
-"""Parameters, observables and signals of the quadruped; values that the paper does not give are by search."""
+"""Parameters of the quadruped; values that the paper does not give are by search."""
 
 from __future__ import annotations
 
 import math
 
 from gaitsweep.contract import Quantity
-from gaitsweep.papers.aoi2011.waist_quadruped.mechanics import LIMBS
 
 _PAPER = "Aoi 2011"
 _TABLE_1 = "Aoi 2011, Table I"
@@ -159,43 +158,3 @@ PARAMETERS = (
     *_gait("trot", 2.83, 0.22),
     *_gait("pace", 0.0, 1.2),
 )  # fmt: skip
-
-
-def _difference(i: int, j: int) -> Quantity:
-    return Quantity(
-        f"delta_{i}{j}", "rad", f"lead of limb {i} over limb {j} at limb 3's landing",
-        circular=True, symbol=rf"\Delta_{{{i}{j}}}", source="eq. (5)",
-    )  # fmt: skip
-
-
-# The infinite scales: a row settles or not by its phases, speed and period, whatever its feet do meanwhile.
-OBSERVABLES = (
-    _difference(1, 3),
-    _difference(1, 2),
-    _difference(3, 4),
-    Quantity("speed", "m/s", "mean speed along x, the first direction, in the last cycle", symbol="v"),
-    Quantity("period", "s", "duration of the last cycle", symbol="T"),
-    Quantity("stride", "m", "distance along x in the last cycle", symbol="S", source="eq. (3)",
-             scale=math.inf),
-    *(
-        Quantity(f"duty_{i + 1}", "1", f"share of the last cycle with foot {i + 1} on the ground",
-                 symbol=rf"\beta_{i + 1}", source="eq. (3)", scale=math.inf)
-        for i in LIMBS
-    ),
-    *(
-        Quantity(f"touchdowns_{i + 1}", "1", f"touchdowns of foot {i + 1} in the last cycle",
-                 symbol=f"n_{i + 1}", scale=math.inf)
-        for i in LIMBS
-    ),
-)  # fmt: skip
-SIGNALS = (
-    *(
-        Quantity(f"phase_{i + 1}", "rad", f"phase of limb {i + 1}", circular=True, symbol=rf"\phi_{i + 1}")
-        for i in LIMBS
-    ),
-    *(Quantity(f"contact_{i + 1}", "1", f"1 while foot {i + 1} is on the ground") for i in LIMBS),
-    Quantity("waist", "rad", "angle of the waist joint", symbol=r"\theta_w"),
-    Quantity("roll", "rad", "roll of the front body, for small angles"),
-    Quantity("pitch", "rad", "pitch of the front body, for small angles"),
-    *(Quantity(f"q_{i}", "m, 1 or rad", f"position {i} of the tree, as MuJoCo's qpos") for i in range(16)),
-)

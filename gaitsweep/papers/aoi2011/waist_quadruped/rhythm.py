@@ -88,7 +88,7 @@ def landing_points(
 
     Args:
         late: which limbs land after phi_AEP, (4,).
-        wanted: desired x and z (4,) of the feet at their landings.
+        desired: desired x and z (4,) of the feet at their landings.
         actual: their actual x and z (4,), times `landing_actual`.
     """
     path, onwards = p.path(s.clock, s.growing), late & (p.late_reset <= 0.0)

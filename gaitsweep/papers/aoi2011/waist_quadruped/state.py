@@ -74,6 +74,13 @@ class Params:
         """Depth (4,) of each limb's extreme positions below its hip, m."""
         return jnp.stack([self.H_fore, self.H_fore, self.H_hind, self.H_hind])
 
+    def depths(self) -> tuple[jax.Array, jax.Array]:
+        """Depths (m) of the extreme positions of fore and hind feet below their bodies' centres of mass."""
+        m = self.mechanics
+        if m.front_hip_z is None or m.rear_hip_z is None:
+            return self.H_fore, self.H_hind
+        return self.H_fore - m.front_hip_z, self.H_hind - m.rear_hip_z
+
     def path(self, clock: jax.Array, growing: jax.Array | bool) -> FootPath:
         """The path of the feet at a time (s); while `growing`, at the start, its size increases from zero."""
         grown = jnp.where(growing, clock / self.T_grow, 1.0)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 import pandas as pd
+from jaxtyping import Float
 
 from gaitsweep.analyses import axes_of, require
 from gaitsweep.papers.fukuoka2015.analysis.gait_bouts import gait_bouts, gaits_along
@@ -41,8 +42,10 @@ def body_oscillation(trace: pd.DataFrame) -> pd.DataFrame:
     return gaits.assign(once=amplitudes[:, 0], twice=amplitudes[:, 1])
 
 
-def harmonics(phase: np.ndarray, signal: np.ndarray) -> tuple[float, float]:
-    """The amplitudes of a signal (n,) at once and twice the frequency of its phase (n,), in cycles."""
+def harmonics(
+    phase: Float[np.ndarray, " samples"], signal: Float[np.ndarray, " samples"]
+) -> tuple[float, float]:
+    """The amplitudes of a signal at once and twice the frequency of its phase, in cycles."""
     once, twice = (2.0 * np.abs(np.mean(signal * np.exp(-2j * np.pi * part * phase))) for part in (1, 2))
     return float(once), float(twice)
 

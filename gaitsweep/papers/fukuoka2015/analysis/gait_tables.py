@@ -9,27 +9,12 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from gaitsweep.analyses import AnalysisError, axes_of, require
+from gaitsweep.analyses import axes_of, require
 from gaitsweep.contract import Status
-from gaitsweep.papers.fukuoka2015.analysis.swing_onsets import (
-    GAITS,
-    IN_CYCLES,
-    SINCE,
-    Steadiness,
-    gait_of,
-    onsets_in,
-    onsets_of_crossings,
-)
-from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import (
-    CHART,
-    LEGS,
-    STRICT,
-    THRESHOLD,
-    margin,
-    place,
-)
+from gaitsweep.papers.fukuoka2015.analysis.gaits_of_onsets import GAITS, IN_CYCLES, Steadiness, gait_of
+from gaitsweep.papers.fukuoka2015.analysis.swing_onsets import onsets_of
+from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import CHART, STRICT, THRESHOLD, margin, place
 
-FLEXORS = {leg: f"u_f_{leg}" for leg in LEGS}
 _MEAN = "delta_{}_mean_end"
 
 
@@ -57,7 +42,7 @@ def gaits_in(
         steadiness: criteria of a steady gait; not used for a settle table.
 
     Returns:
-        One record a row: row, swept axes, and the columns of `swing_onsets.gait_of`; for a settle table
+        One record a row: row, swept axes, and the columns of `gaits_of_onsets.gait_of`; for a settle table
         cycles, period, variation, delta_1, delta_2, antiphase, length (the least of the shifts), steady,
         gait, gait_at_0.05, margin and, where the table has them, gait_by_touchdowns, delta_1_touchdown and
         delta_2_touchdown.
@@ -97,33 +82,6 @@ def gaits_counted(table: pd.DataFrame, repeats: Sequence[str] = ("seed", "pair")
     if not places:
         return pd.DataFrame({name: [count.sum()] for name, count in counts.items()})
     return pd.DataFrame(table[places].assign(**counts).groupby(places, as_index=False, dropna=False).sum())
-
-
-def onsets_of(
-    table: pd.DataFrame,
-    *,
-    signals: Mapping[str, str] | None = None,
-    level: float = 0.0,
-    falling: bool = False,
-) -> pd.DataFrame:
-    """The swing onsets (row, leg, t) in a trace, a table of crossings or a table of onsets.
-
-    Args, raises: as for `gaits_in`.
-    """
-    require(table, "row")
-    if signals is not None:
-        return onsets_in(table, signals, level, falling)
-    if "leg" in table.columns:
-        return table
-    if SINCE.format(LEGS[0]) in table.columns:
-        return onsets_of_crossings(table)
-    if all(name in table.columns for name in FLEXORS.values()):
-        return onsets_in(table, FLEXORS, level, falling)
-    raise AnalysisError(
-        "The table has no swing onsets: it has neither u_f_LF, ... (a trace), nor "
-        "since_LF_n, ... (crossings), nor leg and t (onsets). Of another trace name each leg's column in "
-        "`signals`."
-    )
 
 
 def _of_averages(table: pd.DataFrame, thresholds: Sequence[float]) -> pd.DataFrame:

@@ -10,70 +10,19 @@ Source: Fukuoka, Habu and Fukui 2015, Sci. Rep. 5:8169, Fig. 5 and 6.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pandas as pd
-import scipy
+from jaxtyping import Int
 
-from gaitsweep.analyses import LEVEL, AnalysisError, axes_of, require
-from gaitsweep.papers.fukuoka2015.analysis.gait_tables import FLEXORS, gaits_in, onsets_of
-from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import CHART, LEGS, PAIRS, THRESHOLD
+from gaitsweep.analyses import AnalysisError, require
+from gaitsweep.papers.fukuoka2015.analysis.case_intervals import correlation, wilson
+from gaitsweep.papers.fukuoka2015.analysis.pair_loads import MEASURES, pairs_in
+from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import THRESHOLD
 
 REPEATS = ("seed", "pair", "scatter")  # axes along which rows are repetitions of one case
 WALKS = ("L-walk", "D-walk")
-LATE = 0.15  # the share of a cycle that is late stance
-_NEAR = 0.25  # cycles; largest distance of an onset from its expected time
-_DRAWS = 4000  # draws of the bootstrap
-_AT_ONCE = 2_000_000  # cases drawn at once
-
-
-class Measure(NamedTuple):
-    """A measure of load or pitch in a pair's stance that the rule relates to its shift."""
-
-    meaning: str
-    unit: str
-
-
-# By the rule each of them has the opposite sign of delta.
-MEASURES = {
-    "load_together": Measure("load, fore less hind, before the first of the two swings", "N"),
-    "load_late": Measure("load, fore less hind, each in its own late stance", "N"),
-    "load_stance": Measure("mean load in stance, fore less hind", "N"),
-    "tilt_together": Measure("pitch before the first of the two swings, nose down", "rad"),
-    "tilt_late": Measure("pitch in late stance, mean of the two legs', nose down", "rad"),
-    "tilt_stance": Measure("mean pitch in stance, mean of the two legs', nose down", "rad"),
-}
-
-
-def pairs_in(table: pd.DataFrame) -> pd.DataFrame:
-    """The shift, loads and pitch of each diagonal pair of each steady row.
-
-    Args:
-        table: a trace of `planar_quadruped` (u_f_LF, F_LF, ..., pitch) with every step, since a touchdown's
-            load lasts for a few, or a settle table of it. Late stance is the last 15 % of a cycle before a
-            leg begins to swing. Only a trace gives the loads of both legs of a pair before the first swing
-            (`load_together`, `tilt_together`).
-
-    Returns:
-        One record for each pair of a row with one of the nine gaits: row, swept axes, gait, pair_number (1:
-        RF and LH, 2: LF and RH), delta (cycles), and those `MEASURES` that the table gives (N, rad).
-
-    Raises:
-        AnalysisError: the table is of another kind.
-    """
-    gaits = gaits_in(table)
-    gaits = gaits.loc[gaits["gait"].isin(CHART)]
-    axes = [name for name in axes_of(table) if name in gaits.columns]
-    rows = gaits[["row", *axes, "gait"]]
-    parts = [rows.assign(pair_number=pair, delta=gaits[f"delta_{pair}"]) for pair in (1, 2)]
-    pairs = pd.concat(parts, ignore_index=True)
-    settled = "late_load_LF_end" in table.columns
-    measured = _loads_of_settled(table) if settled else _loads_of_trace(table, pairs)
-    pairs = pairs.merge(measured, on=["row", "pair_number"], how="left")
-    pairs = pairs.sort_values(["row", "pair_number"], ignore_index=True)
-    pairs.attrs["quantities"] = gaits.attrs.get("quantities", {})
-    return pairs
 
 
 def loading_rule(
@@ -126,12 +75,12 @@ def axes_of_pairs(pairs: pd.DataFrame) -> list[str]:
     return names[names.index("row") + 1 : names.index("gait")]
 
 
-def _judged(pairs: pd.DataFrame, name: str, case: np.ndarray, least: float) -> dict[str, Any]:
-    """The agreement of one measure with the rule, as `loading_rule` returns it; `case` (n,) of each pair."""
+def _judged(pairs: pd.DataFrame, name: str, case: Int[np.ndarray, " pairs"], least: float) -> dict[str, Any]:
+    """The agreement of one measure with the rule, as `loading_rule` returns it; `case` of each pair."""
     x, delta = pairs[name].to_numpy(float), pairs["delta"].to_numpy(float)
     finite = np.isfinite(x)
     x, delta, case = x[finite], delta[finite], case[finite]
-    r, r_low, r_high = _correlation(x, delta, case)
+    r, r_low, r_high = correlation(x, delta, case)
     shifted = np.abs(delta) > least
     right = x[shifted] * delta[shifted] < 0.0
     result = {"pairs": len(x), "cases": len(np.unique(case)), "r": r, "r_low": r_low, "r_high": r_high}
@@ -141,57 +90,6 @@ def _judged(pairs: pd.DataFrame, name: str, case: np.ndarray, least: float) -> d
         low, high = wilson(share, draws)
         result |= {"right": share, "right_low": low, "right_high": high}
     return result
-
-
-def wilson(share: float, draws: int, level: float = LEVEL) -> tuple[float, float]:
-    """Wilson's score interval of a share of so many independent draws.
-
-    The share times the draws need not be a whole number, as SciPy's interval asks.
-
-    Source: Wilson 1927, J. Am. Stat. Assoc. 22:209.
-    """
-    z = scipy.stats.norm.ppf(0.5 + 0.5 * level)
-    middle = (share + z**2 / (2 * draws)) / (1 + z**2 / draws)
-    half = z / (1 + z**2 / draws) * np.sqrt(share * (1 - share) / draws + z**2 / (4 * draws**2))
-    # rounding would put the ends beside 0 and 1
-    return 0.0 if share == 0 else float(middle - half), 1.0 if share == 1 else float(middle + half)
-
-
-def _correlation(x: np.ndarray, y: np.ndarray, case: np.ndarray) -> tuple[float, float, float]:
-    """Pearson's r with its bootstrap interval over cases; NaN for fewer than three cases."""
-    _, case = np.unique(case, return_inverse=True)
-    count = int(case.max(initial=-1)) + 1
-    if count < 3:
-        return np.nan, np.nan, np.nan
-    x, y = x - x.mean(), y - y.mean()  # avoids cancellation
-    terms = (np.ones_like(x), x, y, x * x, y * y, x * y)
-    sums = np.stack([np.bincount(case, term, count) for term in terms], axis=1)
-    parts = enumerate(_parts(count))
-    drawn = np.concatenate([_counts(count, draws, number) @ sums for number, draws in parts])
-    r = _pearson(sums.sum(axis=0)[None])[0]
-    tails = 50.0 * (1.0 - LEVEL)
-    low, high = np.nanpercentile(_pearson(drawn), [tails, 100.0 - tails])
-    return float(r), float(low), float(high)
-
-
-def _parts(count: int) -> list[int]:
-    """The numbers of bootstrap draws in each part, so that a part takes little memory."""
-    most = max(_AT_ONCE // count, 1)
-    return [min(most, _DRAWS - first) for first in range(0, _DRAWS, most)]
-
-
-def _counts(count: int, draws: int, seed: int) -> np.ndarray:
-    """The number of times that each of `count` cases occurs in each draw, (draws, count)."""
-    drawn = np.random.default_rng(seed).integers(count, size=(draws, count))
-    drawn += count * np.arange(draws)[:, None]
-    return np.bincount(drawn.ravel(), minlength=draws * count).reshape(draws, count)
-
-
-def _pearson(sums: np.ndarray) -> np.ndarray:
-    """Pearson's r (k,) from sums (k, 6) of 1, x, y, x2, y2 and xy."""
-    n, x, y, xx, yy, xy = sums.T
-    with np.errstate(invalid="ignore", divide="ignore"):
-        return (n * xy - x * y) / np.sqrt((n * xx - x * x) * (n * yy - y * y))
 
 
 def load_prediction(table: pd.DataFrame, feedback: str = "k2") -> pd.DataFrame:
@@ -231,101 +129,3 @@ def load_prediction(table: pd.DataFrame, feedback: str = "k2") -> pd.DataFrame:
     rows = walks.merge(loads, left_on=places, right_index=True).reset_index(drop=True)
     rows.insert(0, "row", np.arange(len(rows)))
     return rows.assign(pair_number=0)[["row", *axes, "gait", "pair_number", "delta", *names]]
-
-
-def _loads_of_settled(table: pd.DataFrame) -> pd.DataFrame:
-    """Loads (N) and pitch (rad) of each row and pair of a settle table, in each leg's own stance."""
-    parts = []
-    for number, (fore, hind) in enumerate(PAIRS, start=1):
-        part = pd.DataFrame({"row": table["row"], "pair_number": number})
-        for when in ("late", "stance"):
-            load, tilt = ([f"{when}_{what}_{leg}_end" for leg in (fore, hind)] for what in ("load", "pitch"))
-            require(table, *load, *tilt)
-            part[f"load_{when}"] = table[load[0]] - table[load[1]]
-            part[f"tilt_{when}"] = 0.5 * (table[tilt[0]] + table[tilt[1]])
-        parts.append(part)
-    return pd.concat(parts, ignore_index=True)
-
-
-def _loads_of_trace(trace: pd.DataFrame, pairs: pd.DataFrame) -> pd.DataFrame:
-    """Loads (N) and pitch (rad) of each row and pair, averaged over the complete cycles of a trace."""
-    require(trace, "row", "t", "pitch", *FLEXORS.values(), *(f"F_{leg}" for leg in LEGS))
-    onsets = {
-        key: onsets_of_leg["t"].to_numpy(float)
-        for key, onsets_of_leg in onsets_of(trace).groupby(["row", "leg"])
-    }
-    shift = pairs.set_index(["row", "pair_number"])["delta"]
-    records = []
-    for row, samples in trace.groupby("row", sort=True):
-        if (row, 1) not in shift.index:
-            continue
-        stances = _Stances(samples.sort_values("t", kind="stable"))
-        for number, (fore, hind) in enumerate(PAIRS, start=1):
-            begins = onsets.get((row, fore), np.zeros(0)), onsets.get((row, hind), np.zeros(0))
-            loads = stances.of_pair((fore, hind), begins, float(shift.loc[row, number]))
-            records.append({"row": row, "pair_number": number} | loads)
-    return pd.DataFrame(records, columns=["row", "pair_number", *MEASURES])
-
-
-class _Stances:
-    """The cumulative integrals of one row's samples, so that means over any interval are differences."""
-
-    def __init__(self, samples: pd.DataFrame) -> None:
-        self._t = samples["t"].to_numpy(float)
-        pitch = samples["pitch"].to_numpy(float)
-        sums = {"pitch": pitch}
-        for leg in LEGS:
-            load = samples[f"F_{leg}"].to_numpy(float)
-            stands = (samples[FLEXORS[leg]].to_numpy(float) <= 0.0).astype(float)
-            sums |= {f"F_{leg}": load, f"time_{leg}": stands}
-            sums |= {f"F_{leg}_standing": load * stands, f"pitch_{leg}": pitch * stands}
-        integral = scipy.integrate.cumulative_trapezoid
-        self._sums = {name: integral(value, self._t, initial=0) for name, value in sums.items()}
-
-    def over(self, name: str, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
-        """The integral of a signal from `begin` to `end` (n,) s."""
-        sums = self._sums[name]
-        return np.interp(end, self._t, sums) - np.interp(begin, self._t, sums)
-
-    def of_pair(
-        self, legs: tuple[str, str], begins: tuple[np.ndarray, np.ndarray], delta: float
-    ) -> dict[str, float]:
-        """The measures of a pair with the shift delta, from the swing onsets of its fore and hind leg."""
-        fore, hind, period = _paired(*begins, delta)
-        recorded = np.minimum(fore, hind) - period >= self._t[0]
-        fore, hind, period = fore[recorded], hind[recorded], period[recorded]
-        if not len(fore):
-            return {}
-        first, late = np.minimum(fore, hind), LATE * period
-        measures: dict[str, np.ndarray] = {}
-        measures["load_together"] = self._difference(legs, (first, first), late)
-        measures["tilt_together"] = self.over("pitch", first - late, first) / late
-        measures["load_late"] = self._difference(legs, (fore, hind), late)
-        measures["tilt_late"] = sum(self.over("pitch", at - late, at) for at in (fore, hind)) / (2.0 * late)
-        load, tilt = [], []
-        for leg, at in zip(legs, (fore, hind), strict=True):
-            time = self.over(f"time_{leg}", at - period, at)
-            load.append(self.over(f"F_{leg}_standing", at - period, at) / time)
-            tilt.append(self.over(f"pitch_{leg}", at - period, at) / time)
-        measures["load_stance"], measures["tilt_stance"] = load[0] - load[1], 0.5 * (tilt[0] + tilt[1])
-        return {name: float(np.mean(value)) for name, value in measures.items()}
-
-    def _difference(
-        self, legs: tuple[str, str], at: tuple[np.ndarray, np.ndarray], late: np.ndarray
-    ) -> np.ndarray:
-        """The load on the fore leg less that on the hind leg, before each begins to swing, (n,) N."""
-        ends = zip(legs, at, strict=True)
-        fore, hind = (self.over(f"F_{leg}", end - late, end) / late for leg, end in ends)
-        return fore - hind
-
-
-def _paired(fore: np.ndarray, hind: np.ndarray, delta: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The onsets of a fore leg, the hind leg's in the same cycle, and the duration of the cycle before."""
-    none = np.zeros(0)
-    if len(fore) < 2 or not len(hind):
-        return none, none, none
-    period, fore = np.diff(fore), fore[1:]
-    due = fore + delta * period
-    nearest = hind[np.abs(hind[None, :] - due[:, None]).argmin(axis=1)]
-    belongs = np.abs(nearest - due) < _NEAR * period
-    return fore[belongs], nearest[belongs], period[belongs]

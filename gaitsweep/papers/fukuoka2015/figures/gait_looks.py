@@ -1,45 +1,21 @@
-"""Figures of the nine gaits: their colours and markers, footfall bars of four legs, and shared checks."""
+"""The nine gaits in figures: their colours, markers and labels, and the check of a table for them."""
 
 from __future__ import annotations
 
-import functools
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from types import MappingProxyType
 from typing import Any
 
-import numpy as np
 import pandas as pd
-from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
-from gaitsweep import LimbLook
 from gaitsweep.papers.fukuoka2015 import extension
-from gaitsweep.papers.fukuoka2015.analysis.gait_tables import FLEXORS
-from gaitsweep.papers.fukuoka2015.planar_quadruped import drawing
+from gaitsweep.papers.fukuoka2015.analysis.swing_onsets import FLEXORS
 from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import LEGS
-from gaitsweep.plot import (
-    PlannedTable,
-    PlotError,
-    Refusal,
-    contact_intervals,
-    limb_colours,
-    name_limbs,
-    theme,
-    written,
-)
+from gaitsweep.plot import PlannedTable, Refusal, theme, written
 
 ORDER = (*extension.gait_styles, "none")
 NAMES = MappingProxyType({"none": "none of them, or fallen"})
-LIMBS: Mapping[str, LimbLook] = MappingProxyType(dict(zip(LEGS, drawing.LIMBS, strict=True)))
-CONTACTS = MappingProxyType({leg: f"contact_{i + 1}" for i, leg in enumerate(LEGS)})
-FLIGHT = "#E6E6E6"
-_BAR = 0.62
-
-
-@functools.cache
-def leg_colours() -> Mapping[str, str]:
-    """The colour of each leg, as in all figures of its limbs."""
-    return MappingProxyType(dict(zip(LEGS, limb_colours(drawing.LIMBS), strict=True)))
 
 
 def colour_of(gait: str) -> str:
@@ -103,32 +79,3 @@ def gait_key(gaits: Iterable[str]) -> list[Line2D]:
         for gait in theme.ordered(ORDER)
         if gait in present
     ]
-
-
-def footfalls(axes: Axes, samples: pd.DataFrame) -> None:
-    """A bar for each leg while it is on the ground, the first leg on top; flight phases in light grey.
-
-    Args:
-        axes: the axes, over time in s.
-        samples: a part of one row of a trace: t and contact_1, ... in the order of `LEGS`.
-
-    Raises:
-        PlotError: a contact is not in the table.
-    """
-    missing = [contact for contact in CONTACTS.values() if contact not in samples.columns]
-    if missing:
-        raise PlotError(f"The table has no column {missing[0]}: footfalls need a trace.")
-    t = samples["t"].to_numpy(float)
-    down = samples[list(CONTACTS.values())].to_numpy(float)
-    for row, leg in enumerate(LEGS):
-        starts, stops = contact_intervals(t, down[:, row])
-        bars = list(zip(starts, stops - starts, strict=True))
-        axes.broken_barh(bars, (row - _BAR / 2, _BAR), facecolors=leg_colours()[leg], linewidth=0)
-    shade_flights(axes, t, down)
-    name_limbs(axes, list(LIMBS.values()))
-
-
-def shade_flights(axes: Axes, t: np.ndarray, down: np.ndarray) -> None:
-    """Light grey flight phases; `t` (n,) s, `down` (n, legs)."""
-    for start, stop in zip(*contact_intervals(t, (down.max(axis=1) < 0.5).astype(float)), strict=True):
-        axes.axvspan(float(start), float(stop), facecolor=FLIGHT, linewidth=0, zorder=0)

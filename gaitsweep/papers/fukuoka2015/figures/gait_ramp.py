@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 import pandas as pd
 import scipy
+from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
@@ -156,8 +157,8 @@ def _panel(
 
 def _bar(
     axes: Axes,
-    at: np.ndarray,
-    t: np.ndarray,
+    at: Float[np.ndarray, " windows"],
+    t: Float[np.ndarray, " windows"],
     gaits: Sequence[str],
     height: float,
     areas: Mapping[str, dict[str, Any]],

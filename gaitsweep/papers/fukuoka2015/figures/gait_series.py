@@ -16,19 +16,17 @@ from matplotlib.patches import Patch
 
 from gaitsweep import Trace
 from gaitsweep.papers.fukuoka2015.analysis.gait_bouts import gait_bouts, gaits_along
-from gaitsweep.papers.fukuoka2015.analysis.gait_tables import FLEXORS, gaits_in
-from gaitsweep.papers.fukuoka2015.figures.gait_looks import (
+from gaitsweep.papers.fukuoka2015.analysis.gait_tables import gaits_in
+from gaitsweep.papers.fukuoka2015.analysis.swing_onsets import FLEXORS
+from gaitsweep.papers.fukuoka2015.figures.footfalls import (
     CONTACTS,
     FLIGHT,
     LIMBS,
-    ORDER,
-    areas_of,
     footfalls,
-    in_words,
-    label_of,
     leg_colours,
     shade_flights,
 )
+from gaitsweep.papers.fukuoka2015.figures.gait_looks import ORDER, areas_of, in_words, label_of
 from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import LEGS
 from gaitsweep.plot import (
     Count,

@@ -13,8 +13,9 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from gaitsweep import near_miss
-from gaitsweep.papers.fukuoka2015.analysis import loading_rule as rule
-from gaitsweep.papers.fukuoka2015.analysis.gait_tables import FLEXORS
+from gaitsweep.papers.fukuoka2015.analysis.loading_rule import loading_rule as agreement_with_rule
+from gaitsweep.papers.fukuoka2015.analysis.pair_loads import MEASURES, pairs_in
+from gaitsweep.papers.fukuoka2015.analysis.swing_onsets import FLEXORS
 from gaitsweep.papers.fukuoka2015.figures.gait_looks import (
     ORDER,
     check_gaits,
@@ -52,7 +53,7 @@ def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
     traced = ["pitch", *FLEXORS.values(), *(f"F_{leg}" for leg in LEGS)]
     if not settled and (name := table.missing(traced)) is not None:
         yield figure.needs(table, f"the signal {name}, or loads where rows end")
-    allowed = [name for name in rule.MEASURES if not settled or not name.endswith("together")]
+    allowed = [name for name in MEASURES if not settled or not name.endswith("together")]
     for at, name in enumerate(figure.measures or []):
         if name not in allowed:
             near = near_miss.suggestion(name, allowed)
@@ -87,8 +88,8 @@ def loading_rule(
     if only is not None:
         column(table, only)
         table = rows_where(table, table[only] == value)
-    pairs = rule.pairs_in(table)
-    agreement = {str(record["measure"]): record for record in rule.loading_rule(pairs).to_dict("records")}
+    pairs = pairs_in(table)
+    agreement = {str(record["measure"]): record for record in agreement_with_rule(pairs).to_dict("records")}
     names = list(measures or agreement)
     missing = [name for name in names if name not in agreement]
     if missing:
@@ -123,7 +124,7 @@ def _panel(axes: Axes, pairs: pd.DataFrame, name: str, agreement: Mapping[Any, A
         axes.fill_between([x, x + reach], low, low + height - THRESHOLD, **look)
     for line in (axes.axhline, axes.axvline):
         line(0.0, color="#AAAAAA", lw=0.5, zorder=1)
-    measure = rule.MEASURES[name]
+    measure = MEASURES[name]
     axes.set_xlabel("\n".join(textwrap.wrap(f"{measure.meaning} ({measure.unit})", 30)))
     share = f"sign right {theme.percent(agreement['right'])} %" if agreement["shifted"] else "no pair shifted"
     axes.set_title(f"r = {agreement['r']:.2f}, {share}".replace("-", "\u2212"))

@@ -9,8 +9,10 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from gaitsweep.papers.fukuoka2015.analysis.gait_tables import FLEXORS, gaits_in
-from gaitsweep.papers.fukuoka2015.figures.gait_looks import CONTACTS, colour_of, footfalls, in_words, label_of
+from gaitsweep.papers.fukuoka2015.analysis.gait_tables import gaits_in
+from gaitsweep.papers.fukuoka2015.analysis.swing_onsets import FLEXORS
+from gaitsweep.papers.fukuoka2015.figures.footfalls import CONTACTS, footfalls
+from gaitsweep.papers.fukuoka2015.figures.gait_looks import colour_of, in_words, label_of
 from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import CHART
 from gaitsweep.plot import (
     PlannedTable,

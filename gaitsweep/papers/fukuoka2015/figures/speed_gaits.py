@@ -7,6 +7,7 @@ from typing import Annotated, Any
 
 import numpy as np
 import pandas as pd
+from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -114,8 +115,8 @@ def _bands(axes: Axes, part: pd.DataFrame, y: str, bands: list[Any], speed: str,
                     axes.plot(at[some], place + offset[some], mfc=face, **look)
 
 
-def _stacked(at: np.ndarray, same: float) -> np.ndarray:
-    """Offsets (n,) in [-0.5, 0.5] that separate points at nearly the same position."""
+def _stacked(at: Float[np.ndarray, " points"], same: float) -> Float[np.ndarray, " points"]:
+    """Offsets in [-0.5, 0.5] that separate points at nearly the same position."""
     order = np.argsort(at, kind="stable")
     offset = np.zeros(len(at))
     groups = np.split(order, np.flatnonzero(np.diff(at[order]) > same) + 1) if len(at) else []

@@ -1,7 +1,8 @@
-"""The quadruped's body in MJX, compiled for each row's masses and lengths."""
+"""The rigid-body dynamics: gaitsweep's articulated tree, or MJX compiled for each row's body."""
 
 from __future__ import annotations
 
+import abc
 from collections.abc import Mapping
 from functools import cache
 from typing import TYPE_CHECKING, Any
@@ -11,8 +12,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from gaitsweep.dynamics.tree import PointForce
-from gaitsweep.papers.aoi2011.waist_quadruped.mechanics import (
+from gaitsweep.dynamics import worked_in
+from gaitsweep.dynamics.tree import PointForce, integrate
+from gaitsweep.papers.aoi2011.waist_quadruped.mechanics import WaistMechanics
+from gaitsweep.papers.aoi2011.waist_quadruped.sizes import (
     BODY_HEIGHT,
     BODY_SIZE,
     HEIGHT_NAMES,
@@ -21,17 +24,59 @@ from gaitsweep.papers.aoi2011.waist_quadruped.mechanics import (
     LIMBS,
     LINK_LENGTH,
     LINK_MASS,
-    WaistMechanics,
+    body,
     displacements,
     factors,
     mjcf,
     sizes_of,
 )
-from gaitsweep.papers.aoi2011.waist_quadruped.semi_implicit import WaistBody
 from gaitsweep.papers.aoi2011.waist_quadruped.state import State
 
 if TYPE_CHECKING:
     from gaitsweep.dynamics.mjx import MjxBody, Variants
+
+
+class WaistBody(abc.ABC):
+    """The rigid-body dynamics of the quadruped: positions of the feet, a step, and values of a row."""
+
+    @property
+    def compiled_of(self) -> tuple[str, ...]:
+        """The parameters that `on_host` needs."""
+        return ()
+
+    def on_host(
+        self, values: Mapping[str, Float[np.ndarray, " rows"]]
+    ) -> dict[str, Float[np.ndarray, "rows ..."]]:
+        """`Model.on_host` of the quadruped with this body."""
+        return dict(values)
+
+    def numbers(self, values: Mapping[str, jax.Array]) -> dict[str, jax.Array]:
+        """`WaistMechanics.numbers` of a row's values."""
+        return {}
+
+    @abc.abstractmethod
+    def feet(self, m: WaistMechanics, s: State, dt: jax.Array) -> tuple[jax.Array, jax.Array]:
+        """As `WaistMechanics.feet`, in the precision of a step of `dt`."""
+
+    @abc.abstractmethod
+    def moved(
+        self, m: WaistMechanics, s: State, tau: jax.Array, forces: list[PointForce], dt: jax.Array
+    ) -> tuple[jax.Array, jax.Array]:
+        """Q (16,) and v (15,) after a step of `dt` (s) with joint forces `tau` (15,) and ground forces."""
+
+
+class WaistTreeBody(WaistBody):
+    """The body as gaitsweep's articulated tree."""
+
+    def feet(self, m: WaistMechanics, s: State, dt: jax.Array) -> tuple[jax.Array, jax.Array]:
+        return worked_in(dt.dtype, WaistMechanics.feet)(m, s.q, s.v)
+
+    def moved(
+        self, m: WaistMechanics, s: State, tau: jax.Array, forces: list[PointForce], dt: jax.Array
+    ) -> tuple[jax.Array, jax.Array]:
+        v = s.v + dt * worked_in(dt.dtype, WaistMechanics.accelerations)(m, s.q, s.v, tau, forces)
+        return jnp.asarray(integrate(body()[0], s.q, v, dt)), v
+
 
 # Table I's masses (kg) and lengths (m), and places of hips and bodies (m), those of the MJCF.
 _TABLE_1 = {

@@ -1,0 +1,183 @@
+"""Branches of periodic orbits: records of their points, and whether a branch passes a given point."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+
+from gaitsweep.analysis.continuation.arclength import BranchPoints, ContinuationProblem
+from gaitsweep.analysis.continuation.branch_table import BranchTable
+from gaitsweep.engine.poincare.maps import Points
+
+# A point may lie beside the chord of a step by this share of its length, since a branch is bent.
+BESIDE_CHORD = 0.3
+# A point is on a branch if the branch passes it this closely, relative to its size.
+ON_BRANCH = 1e-5
+
+Record = dict[str, Any]
+
+
+@dataclasses.dataclass(frozen=True)
+class BranchStart:
+    """The first point of a branch that is to be followed.
+
+    Attributes:
+        row, period, depth, begins: as of `Branch`.
+        problem: the continuation problem, of this branch alone.
+        first: the first point (1,).
+        directions: the signs of the parameter's first change, or (0,) along the tangent of `first`.
+        orbit: all points of the orbit through `first`.
+    """
+
+    row: int
+    period: int
+    depth: int
+    begins: tuple[int, int] | None
+    problem: ContinuationProblem
+    first: BranchPoints
+    directions: tuple[int, ...]
+    orbit: Points
+
+
+@dataclasses.dataclass(frozen=True)
+class HalfBranch:
+    """A branch in one direction from its first point; the attributes are those of `Branch`."""
+
+    problem: ContinuationProblem
+    records: list[Record]
+    asides: dict[int, BranchPoints]
+
+
+@dataclasses.dataclass
+class Branch:
+    """A branch of periodic orbits of one row.
+
+    Attributes:
+        row: the row.
+        period: the period of its orbits.
+        depth: the number of bifurcations between it and an orbit of the search.
+        begins: the branch and the record at whose bifurcation it begins; None: it leads through an orbit.
+        problem: the continuation problem, of this branch alone.
+        records: its points in order, as records of `BranchTable` with their `BranchPoints` (1,) as `at`.
+        asides: points on crossing branches by the place of the record where they cross.
+    """
+
+    row: int
+    period: int
+    depth: int
+    begins: tuple[int, int] | None
+    problem: ContinuationProblem
+    records: list[Record]
+    asides: dict[int, BranchPoints]
+
+    def __post_init__(self) -> None:
+        points = [record["at"] for record in self.records]
+        self.at = np.concatenate([point.points.at for point in points])
+        self.parameter = np.concatenate([point.parameter for point in points])
+
+    @classmethod
+    def of_halves(cls, start: BranchStart, halves: list[HalfBranch]) -> Branch:
+        """The branch of one half, or of two halves of which the first is reversed."""
+        # a closed branch is followed as a whole in either direction
+        if len(halves) == 2 and halves[1].records[-1]["end"] == "closed":
+            halves = halves[1:]
+        records, asides = halves[-1].records, halves[-1].asides
+        if len(halves) == 2:
+            back = halves[0]
+            last = len(back.records) - 1
+            records = [*_reversed(back.records, records[0]), *records]
+            asides = {
+                **{last - place: aside for place, aside in back.asides.items()},
+                **{last + place: aside for place, aside in asides.items()},
+            }
+        return cls(start.row, start.period, start.depth, start.begins, halves[0].problem, records, asides)
+
+    def place_of(self, points: Points, parameter: float) -> int | None:
+        """The record after which it passes one of these points (n,) at a parameter's value, or None."""
+        if len(self.records) < 2:
+            return None
+        size, mapping, weights = self.at.shape[1], self.problem.mapping, self.problem.weights[0]
+        chords = np.concatenate(
+            [mapping.difference(self.at[1:], self.at[:-1]), np.diff(self.parameter)[:, None]], axis=1
+        )
+        lengths = np.sqrt(chords[:, :size] ** 2 @ weights[:size] + weights[-1] * chords[:, -1] ** 2)
+        for point in range(len(points)):
+            away = np.concatenate(
+                [
+                    mapping.difference(points.at[point], self.at[:-1]),
+                    (parameter - self.parameter[:-1])[:, None],
+                ],
+                axis=1,
+            )
+            scale = np.append(weights[:size], weights[-1])
+            with np.errstate(divide="ignore", invalid="ignore"):
+                share = np.nan_to_num((away * chords) @ scale / lengths**2)
+            share = np.clip(share, 0.0, 1.0)
+            beside_chord = np.sqrt(((away - share[:, None] * chords) ** 2) @ scale)
+            for place in np.flatnonzero(beside_chord < BESIDE_CHORD * lengths + ON_BRANCH):
+                if self._meets(int(place), points[[point]], parameter):
+                    return int(place)
+        return None
+
+    def part(self, begin: int, end: int) -> Branch:
+        """The records from `begin` to before `end`."""
+        asides = {place - begin: aside for place, aside in self.asides.items() if begin <= place < end}
+        return dataclasses.replace(self, records=self.records[begin:end], asides=asides)
+
+    def begun_at(self, place: int) -> Branch:
+        """The same closed branch, from another of its records on."""
+        last = len(self.records) - 1
+        records = [dict(record) for record in (*self.records[place:last], *self.records[: place + 1])]
+        asides = {(k - place) % last: aside for k, aside in self.asides.items()}
+        return dataclasses.replace(self, records=records, asides=asides)
+
+    def insert(self, place: int, record: Record) -> None:
+        """Insert a record after the one at a place."""
+        self.records.insert(place + 1, record)
+        self.asides = {k + (k > place): aside for k, aside in self.asides.items()}
+        self.__post_init__()
+
+    def _meets(self, place: int, point: Points, parameter: float) -> bool:
+        """Whether the step after the record `place` passes a point (1,)."""
+        size = point.at.shape[1]
+        weights = self.problem.weights[0]
+        for end in (self.records[place]["at"], self.records[place + 1]["at"]):
+            change = np.append(
+                self.problem.mapping.difference(point.at, end.points.at)[0], parameter - end.parameter[0]
+            )
+            tangent = end.tangent[0]
+            length = weights[:size] * tangent[:size] @ change[:size]
+            length += weights[-1] * tangent[-1] * change[-1]
+            near, converged = self.problem.step(end, np.array([length]))
+            miss = abs(near.parameter[0] - parameter) / (self.problem.high - self.problem.low)
+            miss = max(miss, float(self.problem.mapping.distance(point.at, near.points.at)[0]))
+            if converged[0] and miss < ON_BRANCH:
+                return True
+        return False
+
+
+def branch_table(problem: ContinuationProblem, first: BranchPoints) -> BranchTable:
+    """The table of branches (n,) from their first points, with the `BranchPoints` of each record."""
+    n, observed = len(first.parameter), list(first.images.observed)
+    return BranchTable(problem.mapping, problem.parameter, {}, observed, n, problem.held, with_points=True)
+
+
+def record_of(problem: ContinuationProblem, at: BranchPoints) -> Record:
+    """The record of one point (1,) of a branch."""
+    table = branch_table(problem, at)
+    table.write(np.zeros(1, int), problem, at, [""])
+    return table.records(0)[0]
+
+
+def _reversed(records: list[Record], first: Record) -> list[Record]:
+    """The records of a half in reverse order, but for its first one, which the other half has as `first`."""
+    backwards = [dict(record) for record in records[:0:-1]]
+    # a kink marks the step that leads to its record
+    for k in range(len(backwards) - 1, -1, -1):
+        if backwards[k]["special"] == "kink":
+            backwards[k]["special"] = ""
+            after = backwards[k + 1] if k + 1 < len(backwards) else first
+            after["special"] = after["special"] or "kink"
+    return backwards

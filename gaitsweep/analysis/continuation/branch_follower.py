@@ -1,0 +1,312 @@
+"""Branches of fixed points followed to their ends, many at once, each with its own step lengths.
+
+Bifurcations on a step are located, and jumps of the map are crossed.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Int
+
+from gaitsweep.analysis.continuation.arclength import BranchPoints, ContinuationProblem, Converged, PerBranch
+from gaitsweep.analysis.continuation.bifurcation_tests import (
+    TESTS,
+    TOGETHER,
+    Special,
+    ahead,
+    bifurcations,
+    hides_two_zeros,
+    test_values,
+)
+from gaitsweep.analysis.continuation.branch_points import CROSSINGS, IMPERFECT, branch_point
+from gaitsweep.analysis.continuation.branch_table import BranchTable
+from gaitsweep.analysis.continuation.newton import newton
+from gaitsweep.engine.poincare.maps import Points
+
+# Least cosine of the angle by which a branch turns in a step; most corrections of a step after which the next
+# one is longer; factors of longer and shorter steps.
+STRAIGHT, FEW = 0.95, 6
+LONGER, SHORTER = 1.4, 0.5
+# A branch is closed where it passes its start within this share of a step, after more than so many points.
+NEAR_HOME, AWAY = 0.75, 4
+# A branch that no shortest step leads on ends at a branch point that is within so many of these steps.
+AT_END = 4.0
+# Largest share of its way that a branch counts as done while it is followed.
+NEARLY = 0.95
+# Shares of the longest step that are tried to jump over a discontinuity, where no short step converges.
+JUMPS = (1 / 16, 1 / 8, 1 / 4, 1 / 2, 1.0)
+
+
+@dataclasses.dataclass(frozen=True)
+class ArclengthSteps:
+    """Lengths of the first, the longest and the shortest arclength step, and the most points of a branch.
+
+    In a length, the parameter is a share of its range, and coordinates are relative to their magnitudes.
+    Each branch has a point at every value of the parameter in `through` that it passes.
+    `on_progress` is called before each step with the number of points of each branch (n,), and the share of
+    the parameter's range along which it was followed (n,), 1 at its end; an exception that it raises stops
+    the continuation.
+    """
+
+    first: float = 0.02
+    longest: float = 0.08
+    shortest: float = 1e-4
+    most: int = 300
+    on_progress: Callable[[Any, Any], None] = lambda points, shares: None
+    through: tuple[float, ...] = ()
+
+
+class BranchFollower:
+    """Follows n branches from their first fixed points to their ends.
+
+    Args:
+        problem: the continuation problem.
+        branch_points: the first fixed point of each branch.
+        names: (n,) the row of each branch in the table.
+        table: the table that collects the points.
+        steps: the step lengths.
+
+    `crossings` has, for each branch point, the place of its branch, the point (1,), and points on the halves
+    of the branch that crosses, if any.
+    """
+
+    def __init__(
+        self,
+        problem: ContinuationProblem,
+        branch_points: BranchPoints,
+        names: Int[np.ndarray, " branches"],
+        table: BranchTable,
+        steps: ArclengthSteps,
+    ) -> None:
+        self.problem, self.names, self.table, self.steps = problem, names, table, steps
+        self.home = self.branch_points = branch_points
+        self.length = np.full(len(names), steps.first)
+        self.going = np.ones(len(names), bool)
+        # the test functions at the beginning of the last step of each branch, and its length
+        self.tests_before = np.full((len(names), len(TESTS)), np.nan)
+        self.length_before = np.ones(len(names))
+        self.crossings: list[tuple[int, BranchPoints, BranchPoints | None]] = []
+        table.write(names, problem, branch_points, [""] * len(names))
+
+    def follow(self) -> None:
+        """Follow each branch to its end."""
+        while self.going.any():
+            moved = np.abs(self.branch_points.parameter - self.home.parameter)
+            shares = np.minimum(moved / (self.problem.high - self.problem.low), NEARLY)
+            self.steps.on_progress(self.table.counts(self.names), np.where(self.going, shares, 1.0))
+            rows = np.flatnonzero(self.going)
+            problem, before = self.problem[rows], self.branch_points[rows]
+            after, converged = problem.step(before, self.length[rows])
+            straight = np.sum(problem.weights * before.tangent * after.tangent, axis=1) > STRAIGHT
+            accepted = converged & (straight | (self.length[rows] <= self.steps.shortest))
+            specials = self._specials(rows, before, after, accepted)
+            accepted = np.array([special is not None for special in specials], bool)
+            self._reject(rows[~accepted])
+            if accepted.any():
+                their_specials = [special for special in specials if special is not None]
+                self._accept(rows[accepted], after[accepted], their_specials)
+
+    def _specials(
+        self,
+        rows: Int[np.ndarray, " rows"],
+        before: BranchPoints,
+        after: BranchPoints,
+        accepted: Bool[np.ndarray, " rows"],
+    ) -> list[list[Special] | None]:
+        """The bifurcations on each of some steps; None where it is not `accepted`, or has to be shorter.
+
+        Where a step cannot be shortened, several multipliers cross at one place: it is a branch point.
+        """
+        specials: list[list[Special] | None] = [None] * rows.size
+        on = np.flatnonzero(accepted)
+        if not on.size:
+            return specials
+        first, last = (test_values(self.problem[rows[on]], points[on]) for points in (before, after))
+        length = self.length[rows]
+        shortest = length * SHORTER < self.steps.shortest
+        hidden = hides_two_zeros(
+            self.tests_before[rows[on]], first, last, self.length_before[rows[on]], length[on]
+        )
+        searched = np.flatnonzero(~hidden | shortest[on])
+        on, first, last = on[searched], first[searched], last[searched]
+        located = bifurcations(self.problem[rows[on]], before[on], after[on], length[on], first, last)
+        for k, own, values in zip(on, located, first, strict=True):
+            if own is None and shortest[k]:
+                own = [Special("branch_point", float(length[k]), after[[k]])]
+            specials[k] = own
+            if own is not None:
+                self.tests_before[rows[k]], self.length_before[rows[k]] = values, length[k]
+        return specials
+
+    def crossing(self) -> BranchFollower | None:
+        """A follower of both halves of each branch that crosses at a branch point; None if there is none.
+
+        A half that was not found has the branch point as its only point.
+        """
+        rows, names, asides = [], [], []
+        for row, branch_point_at, aside in self.crossings:
+            halves = 0 if aside is None else len(aside.parameter)
+            rows += [row] * halves
+            names += [self.table.added(int(self.names[row])) for _ in range(halves)]
+            asides += [] if aside is None else [aside]
+            for _ in range(2 - halves):
+                name = np.array([self.table.added(int(self.names[row]))])
+                problem = self.problem[np.array([row])]
+                self.table.write(name, problem, branch_point_at, [""], tolerance=TOGETHER)
+                self.table.end(name, "not_found")
+        if not rows:
+            return None
+        first = BranchPoints.joined(asides)
+        return BranchFollower(self.problem[np.array(rows)], first, np.array(names), self.table, self.steps)
+
+    def _passed(
+        self, problem: ContinuationProblem, before: BranchPoints, after: BranchPoints
+    ) -> list[list[Special]]:
+        """The points of steps at the values of the parameter that each branch has to have."""
+        passed: list[list[Special]] = [[] for _ in before.parameter]
+        for value in self.steps.through:
+            rows = np.flatnonzero((before.parameter - value) * (after.parameter - value) < 0.0)
+            if not rows.size:
+                continue
+            at_value, converged = problem[rows].at(before[rows], np.full(rows.size, value))
+            for k in np.flatnonzero(converged):
+                row, point = rows[[k]], at_value[[k]]
+                passed[rows[k]].append(Special("", ahead(problem[row], before[row], point), point))
+        return passed
+
+    def _end(self, rows: Int[np.ndarray, " rows"], why: str) -> None:
+        """End the branches at these places."""
+        self.table.end(self.names[rows], why)
+        self.going[rows] = False
+
+    def _reject(self, rows: Int[np.ndarray, " rows"]) -> None:
+        """Halve rejected steps; where they become too short, try to jump over a discontinuity of the map."""
+        self.length[rows] *= SHORTER
+        rows = rows[self.length[rows] < self.steps.shortest]
+        if not rows.size:
+            return
+        problem = self.problem[rows]
+        for row in rows:
+            self._mark_corner(np.array([row]))
+        over, crossed = _jump_over(problem, self.branch_points[rows], self.steps.longest)
+        good = np.flatnonzero(crossed)
+        self.branch_points = self.branch_points.merged(rows[good], over[good])
+        self.tests_before[rows] = np.nan
+        self.length[rows] = self.steps.first
+        self.table.write(self.names[rows[good]], problem[good], over[good], ["kink"] * good.size)
+        self._end(rows[~crossed], "lost")
+
+    def _mark_corner(self, row: Int[np.ndarray, " 1"]) -> None:
+        """Record the branch point in a corner of the map at which one branch (1,) ends, if there is one."""
+        problem, before = self.problem[row], self.branch_points[row]
+        crossing, beta = branch_point(problem, before)
+        if crossing is None or not abs(beta) <= IMPERFECT:
+            return
+        if 0.0 <= ahead(problem, before, crossing.here) <= AT_END * self.steps.shortest:
+            self.table.write(self.names[row], problem, crossing.here, [crossing.kind], tolerance=TOGETHER)
+            self.crossings.append((int(row[0]), crossing.here, crossing.aside))
+
+    def _accept(
+        self, rows: Int[np.ndarray, " rows"], after: BranchPoints, specials: list[list[Special]]
+    ) -> None:
+        """Record accepted steps and their bifurcations, and end branches that are complete."""
+        problem, before, names = self.problem[rows], self.branch_points[rows], self.names[rows]
+        passed = self._passed(problem, before, after)
+        for k, on_step in enumerate(specials):
+            for special in sorted([*on_step, *passed[k]], key=lambda special: special.arclength):
+                if problem.low <= special.here.parameter[0] <= problem.high:
+                    only = np.array([k])
+                    self.table.write(
+                        names[only], problem[only], special.here, [special.kind], tolerance=TOGETHER
+                    )
+                    if special.kind in CROSSINGS:
+                        self.crossings.append((int(rows[k]), special.here, special.aside))
+        inside = (after.parameter >= problem.low) & (after.parameter <= problem.high)
+        out = np.flatnonzero(~inside)
+        if out.size:
+            last, beyond = problem[out], after[out]
+            branch_points, converged = last.at(beyond, np.clip(beyond.parameter, problem.low, problem.high))
+            reached = np.flatnonzero(converged)
+            self.table.write(names[out[reached]], last[reached], branch_points[reached], [""] * reached.size)
+            self._end(rows[out], "range")
+        within = np.flatnonzero(inside)
+        if not within.size:
+            return
+        rows, names, after, problem = rows[within], names[within], after[within], problem[within]
+        self.table.write(names, problem, after, _jumps(before[within], after))
+        self.branch_points = self.branch_points.merged(rows, after)
+        home = self.home[rows]
+        closed = _distance(problem, after, home) < NEAR_HOME * self.length[rows]
+        closed &= np.sum(problem.weights * after.tangent * home.tangent, axis=1) > 0.0
+        closed &= self.table.counts(names) > AWAY
+        self._end(rows[closed], "closed")
+        self._end(rows[~closed & (self.table.counts(names) >= self.steps.most)], "most")
+        easy = rows[after.corrections <= FEW]
+        self.length[easy] = np.minimum(LONGER * self.length[easy], self.steps.longest)
+
+
+def _jumps(before: BranchPoints, after: BranchPoints) -> list[str]:
+    """For each step "kink" where the parameter moved against the tangents at both of its ends, else ""."""
+    way = after.parameter - before.parameter
+    against = (way * before.tangent[:, -1] < 0.0) & (way * after.tangent[:, -1] < 0.0)
+    return np.where(against, "kink", "").tolist()
+
+
+def _jump_over(
+    problem: ContinuationProblem, before: BranchPoints, longest: float
+) -> tuple[BranchPoints, Converged]:
+    """Branch points beyond a discontinuity of the map or of its derivative, and whether found (n,).
+
+    Where a trajectory grazes an event the map has no derivative, and may jump. No short step converges there,
+    but a longer one may cross it, either by arclength or at a given value of the parameter.
+    """
+    best, landed = before, np.zeros(len(before.parameter), bool)
+    for share in JUMPS:
+        for across in (True, False):
+            rows = np.flatnonzero(~landed)
+            if not rows.size:
+                return best, landed
+            active, start = problem[rows], before[rows]
+            length = share * longest
+            after, good = (
+                active.step(start, np.full(rows.size, length)) if across else _beyond(active, start, length)
+            )
+            good = good & (np.sum(active.weights * start.tangent * after.tangent, axis=1) > 0.0)
+            good &= (after.parameter >= problem.low) & (after.parameter <= problem.high)
+            good &= _distance(active, start, after) < 2.0 * longest
+            best = best.merged(rows[good], after[good])
+            landed[rows[good]] = True
+    return best, landed
+
+
+def _beyond(
+    problem: ContinuationProblem, before: BranchPoints, length: float
+) -> tuple[BranchPoints, Converged]:
+    """Fixed points by damped Newton steps where the parameter is a `length` ahead; which converged (n,)."""
+    change = length * before.tangent
+    parameter = before.parameter + change[:, -1]
+    size = before.points.at.shape[1]
+    starts = Points(before.points.at + change[:, :size], before.points.modes)
+    names = [problem.mapping.conserved[k].name for k in problem.held.which]
+    fix = dict(zip(names, problem.held.values.T, strict=True))
+    values = problem.values_at(parameter)
+    fixed = newton(problem.mapping, starts, values, fix=fix, most=10)
+    good = np.flatnonzero(fixed.converged)
+    if not good.size:
+        return before, fixed.converged
+    sign = np.sign(before.tangent[good, -1])
+    branch_points = problem[good].first(fixed.points[good], fixed.drift[good], parameter[good], sign)
+    return before.merged(good, branch_points), fixed.converged
+
+
+def _distance(problem: ContinuationProblem, a: BranchPoints, b: BranchPoints) -> PerBranch:
+    """The weighted distance between branch points, (n,)."""
+    change = np.zeros_like(problem.weights)
+    size = a.points.at.shape[1]
+    change[:, :size] = problem.mapping.difference(a.points.at, b.points.at)
+    change[:, -1] = a.parameter - b.parameter
+    return np.sqrt(np.sum(problem.weights * change**2, axis=1))

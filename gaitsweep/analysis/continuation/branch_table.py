@@ -1,0 +1,151 @@
+"""The table of branches of fixed points: one record for each point of a branch."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from jaxtyping import Complex, Float, Int
+
+from gaitsweep.analysis.continuation.arclength import BranchPoints, ContinuationProblem
+from gaitsweep.analysis.continuation.bifurcation_tests import multipliers_of
+from gaitsweep.analysis.continuation.flows import in_terms_of_flow
+from gaitsweep.analysis.continuation.newton import ConservedConstraints
+from gaitsweep.analysis.continuation.normal_forms import coefficient, critical_multiplier
+from gaitsweep.engine.poincare.maps import Map
+from gaitsweep.engine.poincare.stationary_map import StationaryMap, eigenvalues
+
+# Columns of each point of a branch, beside its parameters, observables and drifts.
+_OF_POINT = (
+    *("multiplier", "multiplier_re", "multiplier_im", "unstable", "stable"),
+    *("special", "corrections", "end"),
+)
+
+
+class BranchTable:
+    """Collects one record for each point of n branches.
+
+    Args:
+        mapping, parameter: the map and the continuation parameter.
+        values: other parameters shown in the records, a number or one for each branch (n,).
+        observed: the names of the map's observables.
+        n: number of branches.
+        constraints: the conserved quantities that are constrained.
+        with_points: each record has its `BranchPoints` of one point as `at`.
+        crossing: records have the number of their `branch`, since a row may have several.
+    """
+
+    def __init__(
+        self,
+        mapping: Map,
+        parameter: str,
+        values: dict[str, Float[np.ndarray, " ..."]],
+        observed: Sequence[str],
+        n: int,
+        constraints: ConservedConstraints,
+        with_points: bool = False,
+        crossing: bool = False,
+    ) -> None:
+        self._mapping, self.parameter, self._with_points = mapping, parameter, with_points
+        self._values = {k: np.broadcast_to(v, (n,)) for k, v in values.items() if k != parameter}
+        self._observed, self._held = list(observed), [mapping.conserved[k].name for k in constraints.which]
+        self._records: list[list[dict[str, Any]]] = [[] for _ in range(n)]
+        self._crossing, self._rows, self._branches, self._next = crossing, [*range(n)], [0] * n, [1] * n
+
+    def added(self, name: int) -> int:
+        """The name of a further branch of the row that the branch `name` belongs to."""
+        row = self._rows[name]
+        self._rows.append(row)
+        self._branches.append(self._next[row])
+        self._next[row] += 1
+        self._records.append([])
+        return len(self._records) - 1
+
+    def counts(self, rows: Int[np.ndarray, " rows"]) -> Int[np.ndarray, " rows"]:
+        """The number of records of each of these branches, (n,)."""
+        return np.array([len(self._records[row]) for row in rows])
+
+    def records(self, name: int) -> list[dict[str, Any]]:
+        """The records of one branch."""
+        return self._records[name]
+
+    def end(self, rows: Int[np.ndarray, " rows"], why: str) -> None:
+        """Note in the last record of each of these branches why it ends."""
+        for row in rows:
+            self._records[row][-1]["end"] = why
+
+    def failed(self, row: int, parameter: float, why: str) -> None:
+        """Add the only record of a branch that has no first point, with the reason."""
+        self._records[row].append({**self._head(row, parameter), "end": why})
+
+    def _head(self, name: int, parameter: float) -> dict[str, Any]:
+        row, branch = self._rows[name], {"branch": self._branches[name]} if self._crossing else {}
+        others = {other: column[row] for other, column in self._values.items()}
+        return {"row": row, "point": len(self._records[name]), **branch, self.parameter: parameter, **others}
+
+    def write(
+        self,
+        rows: Int[np.ndarray, " rows"],
+        problem: ContinuationProblem,
+        branch_points: BranchPoints,
+        special: Sequence[str],
+        *,
+        tolerance: float = 0.0,
+    ) -> None:
+        """Add a record for each of n branches; multipliers outside by `tolerance` count as unstable."""
+        if not len(rows):
+            return
+        factors = multipliers_of(problem, branch_points)
+        for k, row in enumerate(rows):
+            unstable = int(np.sum(np.abs(factors[k]) > 1.0 + tolerance))
+            self._records[row].append(
+                {
+                    **self._head(int(row), float(branch_points.parameter[k])),
+                    **{name: float(column[k]) for name, column in branch_points.images.observed.items()},
+                    **{f"drift_{name}": branch_points.drift[k, i] for i, name in enumerate(self._held)},
+                    "multiplier": float(np.abs(factors[k, 0])),
+                    "multiplier_re": float(factors[k, 0].real),
+                    "multiplier_im": float(factors[k, 0].imag),
+                    "unstable": unstable,
+                    "stable": unstable == 0,
+                    "special": special[k],
+                    "corrections": int(branch_points.corrections[k]),
+                    "end": "",
+                    **({"at": branch_points[[k]]} if self._with_points else {}),
+                    **_of_flow(problem[np.array([k])], branch_points[[k]], factors[k], special[k]),
+                }
+            )
+
+    def table(self) -> pd.DataFrame:
+        """All records; the columns are the same where no branch has a fixed point."""
+        branch = ["branch"] if self._crossing else []
+        head = ("row", "point", *branch, self.parameter, *self._values, *self._observed)
+        drifts = (f"drift_{name}" for name in self._held)
+        columns = [*head, *drifts, *_OF_POINT, *(["at"] if self._with_points else [])]
+        columns += ["coefficient", "hopf_frequency"] if isinstance(self._mapping, StationaryMap) else []
+        table = pd.DataFrame([record for branch in self._records for record in branch], columns=columns)
+        table = in_terms_of_flow(self._mapping, table)
+        if not self._crossing:
+            return table
+        table = table.sort_values(["row", "branch", "point"], kind="stable", ignore_index=True)
+        # one number is left out before each further branch
+        table["point"] = table.groupby("row").cumcount() + table["branch"]
+        return table
+
+
+def _of_flow(
+    problem: ContinuationProblem,
+    at: BranchPoints,
+    factors: Complex[np.ndarray, " multipliers"],
+    special: str,
+) -> dict[str, float]:
+    """Columns of one stationary point (1,): the normal form's coefficient, and a Hopf point's frequency."""
+    if not isinstance(problem.mapping, StationaryMap):
+        return {}
+    record = {"coefficient": coefficient(problem, at, special), "hopf_frequency": float("nan")}
+    if special == "neimark_sacker":
+        pair = np.array([critical_multiplier(factors, special)])
+        record["hopf_frequency"] = float(np.imag(eigenvalues(pair, at.images.observed["time"]))[0])
+    return record

@@ -1,0 +1,81 @@
+"""Mean steps to a fall: of walkers that fall seldom, on rough ground or with noise."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pandas as pd
+
+from gaitsweep.analysis.basins.fractions import LEVEL, proportion_interval
+from gaitsweep.analysis.records import AnalysisError, panels_of, require, with_constants
+from gaitsweep.contract import Status
+
+_COLUMNS = ["rows", "falls", "tried", "steps", "low", "high"]
+
+
+def steps_to_fall(
+    table: pd.DataFrame | Sequence[pd.DataFrame],
+    by: str | Sequence[str] = (),
+    *,
+    after: int = 10,
+    level: float = LEVEL,
+) -> pd.DataFrame:
+    """The mean number of steps to a fall, with its confidence interval.
+
+    Rows on other grounds forget their starts within some steps. From then on a row that still walks falls in
+    each step with the same chance p, and the mean is 1 / p. Rows that end without a fall count with the steps
+    that they made, so a run need not last until all rows have fallen.
+
+    Args:
+        table: a table of kind `fixed_time`, one row for each seed, or several such tables.
+        by: columns, or constants of the table's job, of which each combination of values is counted
+            separately.
+        after: section crossings from the start that do not count, so that the starts are forgotten.
+        level: confidence level of the interval.
+
+    Returns:
+        One record for each combination: by, rows that walked long enough, falls, tried (steps of these rows,
+        the last one of a fall included), steps (the mean), low and high. Without a fall the mean and `high`
+        are infinite.
+
+    Raises:
+        AnalysisError: the table does not have a column, an argument is not allowed, or rows failed in another
+            way than by a fall.
+
+    Source: Byl and Tedrake 2009, Int. J. Robotics Research 28:1040, of metastable walking; Clopper and
+    Pearson 1934, Biometrika 26:404, of the interval.
+
+    Example:
+        >>> import numpy as np, gaitsweep as gs
+        >>> from gaitsweep.examples.rimless_wheel import RimlessWheel
+        >>> run, seeds = gs.FixedTime(duration=200.0), np.arange(200)
+        >>> table = gs.sweep(RimlessWheel(), roughness=[0.06, 0.08], seed=seeds, run=run, verify=0).table
+        >>> gs.analyses.steps_to_fall(table, "roughness")["steps"].round(0).tolist()
+        [40.0, 18.0]
+    """
+    by = [by] if isinstance(by, str) else list(by)
+    if not 0.0 < level < 1.0:
+        raise AnalysisError(f"level is {level:g}, but must be between 0 and 1.")
+    if after < 0:
+        raise AnalysisError(f"after is {after}, but must be 0 or more.")
+    table = with_constants(table, by)
+    require(table, "status", "cycles", *by)
+    status = table["status"].astype(str).to_numpy()
+    fell, lasted = status == Status.fell.name, status == Status.complete.name
+    if len(wrong := np.flatnonzero(~fell & ~lasted)):
+        raise AnalysisError(
+            f"{len(wrong)} rows ended as {status[wrong[0]]}, neither by a fall nor after the whole time: use "
+            "a run of kind fixed_time, and see why these rows ended."
+        )
+    walked = table["cycles"].to_numpy(int) - after
+    records = []
+    for place, rows in panels_of(table, by):
+        counted = rows[walked[rows] >= 0]
+        falls = int(fell[counted].sum())
+        tried = int(walked[counted].sum()) + falls
+        low, high = proportion_interval(falls, tried, level, "clopper_pearson") if tried else (0.0, 1.0)
+        steps = tried / falls if falls else np.inf
+        ends = {"steps": steps, "low": 1.0 / high, "high": 1.0 / low if low > 0.0 else np.inf}
+        records.append({**place, "rows": counted.size, "falls": falls, "tried": tried, **ends})
+    return pd.DataFrame(records, columns=[*by, *_COLUMNS])

@@ -1,0 +1,179 @@
+"""The phase response of a gait to small pushes, exactly, from the linearised return map.
+
+A push changes where and when the section is crossed next. The crossings after that return to the gait, and
+the times by which they come late add up. With M the derivative of the return map at the gait, and g that of
+the return time, a displacement d of a crossing delays all later ones by g (1 + M + M^2 + ...) d = w d in the
+end, so that w (1 - M) = g: the adjoint solution on the section.
+
+Sources: Ermentrout and Terman 2010, Mathematical Foundations of Neuroscience, ch. 8, of the adjoint;
+Shirasaka, Kurebayashi and Nakao 2017, Chaos 27:023119, of systems with jumps.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from gaitsweep.contract import HybridModel, State
+from gaitsweep.engine.advance import advance
+from gaitsweep.engine.carry import Halt, start
+from gaitsweep.engine.content import cached_by_content
+from gaitsweep.engine.numerics import step_of
+from gaitsweep.engine.poincare.maps import Coordinates, Points, Values
+from gaitsweep.engine.poincare.poincare_return import ReturnStatus
+from gaitsweep.engine.poincare.return_map import BatchedReturnMap
+from gaitsweep.engine.pushed_model import Place
+from gaitsweep.engine.shapes import Number
+from gaitsweep.errors import ArgumentError
+
+# The largest distance of a multiplier from 1 that counts as that of a family of gaits, and the largest share
+# of the period by which that may change along the family, for a change of 1 in its unit.
+NEUTRAL = 1e-6
+
+
+def phase_response(
+    mapping: BatchedReturnMap,
+    gait: Points,
+    values: Values,
+    period: int,
+    variables: Sequence[Place],
+    phases: Float[np.ndarray, " phases"],
+) -> Float[np.ndarray, "phases variables"]:
+    """The phase response of a stable gait: the phase that it gains for good by a push, per unit of the push.
+
+    Args:
+        mapping: the return map of one crossing.
+        gait: one point, a crossing of the gait.
+        values: the parameters of that point.
+        period: crossings after which the gait repeats.
+        variables: those that are pushed, as `flow_places` gives them.
+        phases: shares of the gait's period after that crossing, from 0 to below 1.
+
+    Returns:
+        The response (phases, variables), as a share of the gait's period per unit of each variable.
+
+    Raises:
+        ArgumentError: the gait is unstable, or belongs to a family along which its period changes.
+    """
+    complete = {name: column[0] for name, column in mapping.complete(values, 1).items()}
+    at, modes = jnp.asarray(gait.at[0]), jax.tree.map(lambda leaf: jnp.asarray(leaf[0]), gait.modes)
+    cycles, crossings = _cycle(mapping), []
+    for _ in range(period):
+        (t, image), (g, m), state = cycles(complete, at, modes)
+        crossings.append((at, modes, float(t), np.asarray(g), np.asarray(m)))
+        at, modes = image, state
+    times = np.array([t for _, _, t, _, _ in crossings])
+    total, begun = float(times.sum()), np.concatenate([[0.0], np.cumsum(times)])
+    delays = _delays([g for *_, g, _ in crossings], [m for *_, m in crossings], total)
+    programs = _pushed(mapping, tuple(variables))
+    response = np.zeros((len(phases), len(variables)))
+    for k, share in enumerate(phases):
+        crossing = int(np.clip(np.searchsorted(begun, share * total, side="right") - 1, 0, period - 1))
+        at, modes = crossings[crossing][:2]
+        late, moved, status = programs(complete, at, modes, share * total - begun[crossing])
+        if int(status) != ReturnStatus.crossed:
+            raise ArgumentError(
+                f"The gait has no crossing after phase {share:g}: {ReturnStatus(int(status)).name}."
+            )
+        response[k] = -(np.asarray(late) + delays[crossing] @ np.asarray(moved)) / total
+    return response
+
+
+def _delays(
+    g: Sequence[Float[np.ndarray, " coordinates"]],
+    m: Sequence[Float[np.ndarray, "coordinates coordinates"]],
+    total: float,
+) -> list[Float[np.ndarray, " coordinates"]]:
+    """The final delay (s) per displacement of the crossing that follows each of a gait's crossings.
+
+    `g` and `m` are the derivatives, at each crossing, of the time to the next one and of its coordinates.
+    """
+    p = len(g)
+    matrix, gradient = np.eye(len(g[0])), np.zeros(len(g[0]))
+    for g_here, m_here in zip(g, m, strict=True):
+        gradient = gradient + g_here @ matrix
+        matrix = m_here @ matrix
+    multipliers, right = np.linalg.eig(matrix)
+    neutral = np.abs(multipliers - 1.0) < NEUTRAL
+    if unstable := int(np.sum((np.abs(multipliers) >= 1.0) & ~neutral)):
+        largest = np.abs(multipliers).max()
+        raise ArgumentError(
+            f"The gait has {unstable} multipliers on or outside the unit circle (up to {largest:.6g}): "
+            "its phase response does not exist."
+        )
+    projector = np.zeros_like(matrix)
+    if neutral.any():
+        # gaits in families: a push may move the row to a neighbour, which has to have the same period
+        along = right[:, neutral]
+        if np.abs(gradient @ along).max() > NEUTRAL * total:
+            raise ArgumentError(
+                "The gait belongs to a family along which its period changes: no phase shift stays."
+            )
+        left = np.linalg.inv(right)[neutral]
+        projector = (along @ left).real
+    delay = np.linalg.solve((np.eye(len(matrix)) - matrix + projector).T, gradient)
+    # that of the first crossing follows the last one
+    delays = [delay]
+    for g_here, m_here in zip(reversed(g[1:]), reversed(m[1:]), strict=True):
+        delay = g_here + m_here.T @ delay
+        delays.append(delay)
+    assert len(delays) == p
+    return delays[::-1]
+
+
+@cached_by_content(maxsize=16)
+def _cycle(mapping: BatchedReturnMap) -> Callable[..., Any]:
+    """The function `(values, at, modes) -> ((t, image), derivatives, state)` of one return."""
+
+    def one(values: Any, at: Coordinates, modes: State) -> Any:
+        params = mapping.params(values)
+
+        def returned(at: Coordinates) -> Any:
+            t, state, _ = mapping.state(params, mapping.chart.from_coordinates(params, at, modes))
+            image = mapping.chart.to_coordinates(params, state)
+            return (t, image), ((t, image), state)
+
+        derivatives, (values_there, state) = jax.jacfwd(returned, has_aux=True)(at)
+        return values_there, derivatives, state
+
+    return jax.jit(one)
+
+
+@cached_by_content(maxsize=16)
+def _pushed(mapping: BatchedReturnMap, variables: tuple[Place, ...]) -> Callable[..., Any]:
+    """The function `(values, at, modes, t) -> (late, moved, status)` of a push `t` s after a crossing.
+
+    `late` (variables,) is the derivative of the time of the next crossing, `moved` (coordinates, variables)
+    that of its coordinates.
+    """
+    model, numerics = mapping.model, mapping.integration
+    assert isinstance(model, HybridModel)
+    attempt = advance(model, numerics)
+
+    def one(values: Any, at: Coordinates, modes: State, t: Number) -> Any:
+        params = mapping.params(values)
+        begun = mapping.chart.from_coordinates(params, at, modes)
+        dt = numerics.factor * step_of(model, numerics, params)
+        carry = start(model, params, begun, dt=dt, stop=t, share=numerics.factor)
+        carry = jax.lax.while_loop(
+            lambda carry: carry.halt == Halt.GOING, lambda carry: attempt(params, carry), carry
+        )
+
+        def crossing(amounts: Float[Array, " variables"]) -> Any:
+            state = carry.state
+            for (name, place), amount in zip(variables, amounts, strict=True):
+                pushed = jnp.asarray(getattr(state, name)).at[place].add(amount)
+                state = dataclasses.replace(state, **{name: pushed})
+            after, state, status = mapping.state(params, state)
+            return (after, mapping.chart.to_coordinates(params, state)), status
+
+        (late, moved), status = jax.jacfwd(crossing, has_aux=True)(jnp.zeros(len(variables)))
+        return late, moved, status
+
+    return jax.jit(one)

@@ -1,0 +1,86 @@
+"""The command `reproduce`: the claims of a paper compared with results."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from gaitsweep.cli.options import Open, print_links, print_message
+
+if TYPE_CHECKING:
+    from gaitsweep.claims.reproduce import Reproduction
+
+
+def reproduce(
+    paper: Annotated[
+        str, typer.Argument(metavar="PAPER", help="Name of a paper, or file of a table of claims.")
+    ],
+    quick: Annotated[
+        bool,
+        typer.Option(
+            "--quick",
+            help="Use fewer rows, wider tolerances and no self-check: minutes instead of up to an hour.",
+        ),
+    ] = False,
+    claims: Annotated[
+        str | None,
+        typer.Option(
+            "--claims", metavar="ID,ID,...", help="Check only these claims, and run only their jobs."
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", metavar="DIR", help="Output directory; by default results/reproduce_PAPER."),
+    ] = None,
+    strict: Annotated[
+        bool, typer.Option("--strict", help="Exit with code 3 if a claim is not reproduced.")
+    ] = False,
+    open_it: Open = False,
+) -> None:
+    """Run a paper's jobs, and compare its claims with them.
+
+    Only jobs without results run.
+    """
+    from gaitsweep.claims.paper import read_paper
+    from gaitsweep.claims.verdicts import ClaimVerdict
+
+    table_of_claims = read_paper(paper)
+    if claims is not None:
+        table_of_claims = table_of_claims.only(claim.strip() for claim in claims.split(","))
+    from gaitsweep.claims.reproduce import reproduce as run_and_judge
+    from gaitsweep.cli.progress import stoppable_progress
+    from gaitsweep.errors import EXIT_FAILURE
+    from gaitsweep.runs.self_check_result import SelfCheckError
+
+    with stoppable_progress() as on_progress:
+        judged = run_and_judge(
+            table_of_claims, out, quick=quick, on_progress=on_progress, on_message=print_message
+        )
+    _print_verdicts(judged)
+    print_links([judged.page], open_it)
+    if judged.failed:
+        raise typer.Exit(EXIT_FAILURE)
+    if strict and judged.counts[ClaimVerdict.not_reproduced.value]:
+        raise typer.Exit(SelfCheckError.exit_code)
+
+
+def _print_verdicts(judged: Reproduction) -> None:
+    """Print the number of claims with each verdict, and those that are not reproduced."""
+    from gaitsweep.claims.verdicts import ClaimVerdict
+
+    counts, total = judged.counts, len(judged.table)
+    others = [v for v in ClaimVerdict if v is not ClaimVerdict.reproduced and counts[v.value]]
+    texts = [f"{counts[ClaimVerdict.reproduced.value]} of {total} claim{'s' * (total != 1)} reproduced"]
+    print(", ".join([*texts, *(f"{counts[verdict.value]} {verdict.words}" for verdict in others)]) + ".")
+    if len(judged.by_constants) > 1:
+        sets = ", ".join(f"{number} with {constants}" for constants, number in judged.by_constants.items())
+        print(f"Claims reproduced by simulation: {sets}.")
+    for missed in (ClaimVerdict.not_reproduced, ClaimVerdict.open_constants):
+        for claim in judged.table.loc[judged.table["verdict"] == missed.value].to_dict(orient="records"):
+            unit = "" if claim["unit"] in ("", "1") else f" {claim['unit']}"
+            ours = f"{claim['ours']}{unit}; paper: {claim['paper']}" if claim["ours"] else claim["why"]
+            why = f"; {claim['why']}" if claim["ours"] and claim["why"] else ""
+            print(f"{claim['id']} ({missed.words}): {ours}{why}")
+    print(f"Page: {judged.page}")

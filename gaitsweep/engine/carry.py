@@ -1,0 +1,133 @@
+"""The state of one trajectory's integration, from its start to the reason why it waits for its recorder."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any, TypeVar
+
+import jax
+import jax.numpy as jnp
+
+from gaitsweep.contract import HybridModel, Model, Params, State
+from gaitsweep.engine.shapes import Flag, GuardFlags, Guards, Integer, Number
+
+T = TypeVar("T")  # a pytree
+
+# Jumps at one instant, for each guard, beyond which a row is stalled: far above most physical chains of
+# events.
+JUMPS_A_GUARD = 4
+
+
+class Halt:
+    """The reasons why a trajectory waits for its recorder.
+
+    It does not move until the recorder has polled it, so no crossing is lost and none has to be copied.
+    """
+
+    GOING, CROSSING, TIME, FINISHED, FELL = range(5)
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Carry:
+    """The state of a trajectory's integration.
+
+    `t` is the time (s); `h` the next step (s); `h_max` its upper bound (s), which grows after an event;
+    `near` the guards at the state; `far` the shortest step known to fire (infinite unless an event is being
+    located) and `far_guards` the guards there; at an instant with jumps it is >= 0 for all guards that have
+    fired, and infinite for those that wait for their jump; `weight` the Illinois weight of
+    the end that was kept (above zero: the near end, below: the far end); `trials` the attempts to locate this
+    event; `chain` the jumps at this instant; `attempts` their total number; `closed` whether the section was
+    crossed at this instant, before other guards that wait for their jump, and `shift` the time (s) of their
+    events after that crossing: zero, but for its derivative; `stop` the time (s) at which to halt; `halt` the
+    reason why the trajectory waits; `tangents` its derivatives along some directions (`tangents.Tangent`), if
+    they are followed. Constants of the trajectory: `dt` its longest step (s), `share` the factor on that
+    step, by which tolerances are finer as well, and `unit` the nominal period (s), the unit of the tolerance
+    on event times.
+    """
+
+    state: State
+    t: Number
+    h: Number
+    h_max: Number
+    near: Guards
+    far: Number
+    far_guards: Guards
+    weight: Number
+    trials: Integer
+    chain: Integer
+    attempts: Integer
+    closed: Flag
+    shift: Number
+    stop: Number
+    halt: Integer
+    dt: Number
+    share: Number
+    unit: Number
+    tangents: Any = ()
+
+
+def start(
+    model: Model,
+    params: Params,
+    state: State,
+    *,
+    dt: Number | float,
+    stop: Number | float = jnp.inf,
+    share: Number | float = 1.0,
+) -> Carry:
+    """A trajectory at t = 0; the first attempt of a hybrid model has zero length and fires guards >= 0 there.
+
+    Args:
+        model, params, state: the model, its parameters and its initial state.
+        dt: its longest step (s), with the factor `share` applied.
+        stop: the time (s) at which to halt.
+        share: see `Carry`.
+    """
+    # the step of a stepped model is not shortened, since no event is located
+    near = model.guards(params, state) if isinstance(model, HybridModel) else jnp.zeros((0,), jnp.float64)
+    zero = jnp.zeros((), near.dtype)
+    count = jnp.zeros((), jnp.int32)
+    # a tolerance in time does not depend on the parameters as the trajectory does
+    unit = jax.lax.stop_gradient(model.period(params))
+    return Carry(
+        state=state,
+        t=zero,
+        h=zero,
+        h_max=zero,
+        near=near,
+        far=zero + jnp.inf,
+        far_guards=jnp.where(near >= 0.0, jnp.inf, near),
+        weight=zero + 1.0,
+        trials=count,
+        chain=count,
+        attempts=jnp.zeros((), jnp.int64),
+        closed=jnp.zeros((), bool),
+        shift=zero,
+        stop=zero + stop,
+        halt=count,
+        dt=zero + dt,
+        share=zero + share,
+        unit=zero + unit,
+    )
+
+
+def select(condition: Flag, yes: T, no: T) -> T:
+    """`yes` or `no`, two pytrees of the same structure, leaf by leaf."""
+    return jax.tree.map(lambda a, b: jnp.where(condition, a, b), yes, no)
+
+
+def stalled(model: Model, carry: Carry) -> Flag:
+    """Whether jumps follow each other at one instant without end (`HybridModel.longest_chain`)."""
+    return carry.chain > longest_chain(model, carry.near)
+
+
+def longest_chain(model: Model, guards: Guards) -> int:
+    """The most jumps at one instant (`HybridModel.longest_chain`)."""
+    longest = model.longest_chain if isinstance(model, HybridModel) else None
+    return JUMPS_A_GUARD * (guards.size + 1) if longest is None else longest
+
+
+def fired_last(carry: Carry) -> GuardFlags:
+    """Guards that fired at the last instant of an event, in any of its jumps (a bool each)."""
+    return carry.far_guards >= 0.0

@@ -1,0 +1,149 @@
+"""Location of an event by a bracket, and its derivative.
+
+The near end of the bracket is the state itself (every accepted step moves it forward), its far end is the
+shortest step known to fire a guard. The next trial is where the secant through both ends crosses zero (regula
+falsi with the Illinois weights, which keep both ends moving), and the jump is applied at a trial past the
+root by a quarter of the event tolerance to a whole one: the far side of the bracket, where the guard has
+changed sign and the mode that the jump sets is already armed. The distance from the root is above rounding,
+so guards whose roots are the same instant fire in the same trial.
+"""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Num
+
+from gaitsweep.contract import Rates, State
+from gaitsweep.engine.carry import Carry
+from gaitsweep.engine.rarity import likely
+from gaitsweep.engine.shapes import Flag, GuardFlags, Guards, Number
+from gaitsweep.engine.solver import euler_update
+
+# A guard's value before a step is limited to this multiple of its value after it: a model may disarm a guard
+# by a large negative number, with which the secant would locate nothing.
+STEEPEST = 1e9
+# Trials before the location of an event falls back to bisection (superlinear location takes 5 to 8), and
+# before its tolerance begins to grow (bisection of a whole step to 1e-12 s takes another 31).
+SECANT_TRIALS = 24
+PATIENT_TRIALS = 60
+# Least distance of an event's trial from the root, as a share of the tolerance.
+LEAST_LATE = 0.25
+# The largest time past a guard's root by its own rate, as a multiple of the tolerance: a guard that jumps
+# to a small number above zero looks nearer to its root by the secant than it is.
+LARGEST_LATE = 4.0
+
+Bracket = dict[str, Num[Array, " ..."]]  # the fields of `Carry` that locate an event, by name
+
+
+def first_to_fire(near: Guards, far: Guards) -> tuple[Number, Number]:
+    """The guard, of those that fire at the far end, whose secant crosses zero first.
+
+    Returns:
+        Its distance below zero at the near end and above zero at the far end, both >= 0; (1, 0) if none
+        fires. The smallest quotient below / above is found without division.
+    """
+    if near.size == 0:  # a flow without events
+        none = jnp.zeros((), near.dtype)
+        return none + 1.0, none
+    fires = far >= 0.0
+    above = jnp.where(fires, far, 0.0)
+    steepest = STEEPEST * above
+    below = jnp.where(fires, jnp.where(-near > steepest, steepest, -near), 1.0)
+    while below.size > 1:
+        half = below.size // 2
+        pairs = slice(0, half), slice(half, 2 * half), slice(2 * half, None)
+        (b1, b2, b_rest), (a1, a2, a_rest) = ([x[part] for part in pairs] for x in (below, above))
+        second = b2 * a1 < b1 * a2
+        below = jnp.concatenate([jnp.where(second, b2, b1), b_rest])
+        above = jnp.concatenate([jnp.where(second, a2, a1), a_rest])
+    return below[0], above[0]
+
+
+def secant_root(below: Number, above: Number) -> Number:
+    """The zero of the secant, as a share of the bracket from its near end."""
+    rise = below + above
+    return jnp.where(rise > 0.0, below / jnp.where(rise > 0.0, rise, 1.0), 0.0)
+
+
+def next_bracket(
+    carry: Carry, h: Number, guards: Guards, on: Flag, hit: Flag, land: Flag, keeps: GuardFlags
+) -> Bracket:
+    """The bracket after an attempt, with its far end (back) or its near end (on) at the trial.
+
+    Args:
+        carry: the trajectory before the attempt.
+        h: the length of the trial (s).
+        guards: the guards there.
+        on: whether the trial is accepted without an event.
+        hit: whether a guard fired at the trial.
+        land: whether the trial is the event.
+        keeps: the guards whose values at the trial are kept: at an instant with jumps only that which jumps.
+
+    """
+    back = hit & ~land
+    rest = carry.far - h
+    # an accepted step that reaches the far end without firing (rounding) ends the location
+    fresh = likely(carry.far == jnp.inf)
+    far = jnp.where(back, h, jnp.where(fresh, jnp.inf, jnp.where(on & (rest > 0.0), rest, jnp.inf)))
+    stayed_near = jnp.where(carry.weight > 0.0, 0.5 * carry.weight, 1.0)
+    stayed_far = jnp.where(carry.weight < 0.0, 0.5 * carry.weight, -1.0)
+    weight = jnp.where(fresh, 1.0, jnp.where(back, stayed_near, stayed_far))
+    # a location that ended without an event is continued: only an accepted step resets its trials
+    trials = jnp.where(land | (on & fresh), 0, carry.trials + 1)
+    waits = ~(on | hit)
+    return {
+        "near": jnp.where(on, guards, carry.near),
+        "far": jnp.where(waits, carry.far, far),
+        "far_guards": jnp.where(keeps, guards, carry.far_guards),
+        "weight": jnp.where(waits, carry.weight, weight),
+        "trials": jnp.where(waits, carry.trials, trials),
+    }
+
+
+def next_trial(bracket: Bracket, below: Number, above: Number, tolerance: Number) -> Number:
+    """The next trial (s) inside the bracket: the weighted secant, half a tolerance past its root.
+
+    Args:
+        bracket: from `next_bracket`.
+        below, above: the distances from zero of the guard that fires first, from `first_to_fire`.
+        tolerance: of the event time (s).
+    """
+    weight = bracket["weight"]
+    below = below * jnp.where(weight > 0.0, weight, 1.0)
+    above = above * jnp.where(weight < 0.0, -weight, 1.0)
+    far = jnp.where(bracket["far"] < jnp.inf, bracket["far"], 0.0)
+    secant = far * secant_root(below, above) + 0.5 * tolerance
+    guess = jnp.where(bracket["trials"] > SECANT_TRIALS, 0.5 * far, secant)
+    # so short a bracket is stepped as a whole: if rounding hides the event, the step reaches the far end
+    # without firing and the location ends, instead of bisecting without end
+    return jnp.where((far <= tolerance) | (guess > far), far, guess)
+
+
+def implicit_event_time(
+    trial: State, rates: Rates, guards: Guards, speed: Guards, rooted: GuardFlags
+) -> tuple[State, Number]:
+    """State at the event, and the shift (s) of its time: zero, with the derivative of the event time.
+
+    g(x(t)) = 0 along every neighbouring trajectory, so dt = -dg/g' for the guard that jumps (`rooted`).
+
+    Args:
+        trial, rates: the state at the trial, and the flow's rates there.
+        guards, speed: the guards there and their time derivatives.
+        rooted: the guard that jumps at its root, at most one.
+    """
+    if guards.size == 0:
+        return trial, jnp.zeros(())
+    speed = jnp.where(rooted & (speed != 0.0), speed, 1.0)
+    drift = (guards - jax.lax.stop_gradient(guards)) / speed
+    shift = -jnp.sum(jnp.where(rooted, drift, 0.0))
+    return euler_update(trial, rates, shift), shift
+
+
+def first_of(flags: GuardFlags) -> GuardFlags:
+    """The first flag that is set, alone."""
+    taken, first = jnp.zeros((), bool), []
+    for i in range(flags.size):
+        first.append(flags[i] & ~taken)
+        taken = taken | flags[i]
+    return jnp.stack(first) if first else flags

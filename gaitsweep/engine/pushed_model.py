@@ -1,0 +1,411 @@
+"""A model with pushes of its variables and a step of a parameter, which a recorder switches on and off.
+
+The amounts are parameters of the model beside its own, so that they vary between rows as any other. What acts
+at present is a mode of the state; the recorder that settles a row changes these modes (`pushed`, `released`).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, final
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Real
+
+from gaitsweep.contract import HybridModel, Model, Params, Quantity, Rates, Recommended, Simultaneous, State
+from gaitsweep.engine.carry import Carry, select
+from gaitsweep.engine.content import cached_by_content
+from gaitsweep.engine.shapes import Flag, Number
+from gaitsweep.engine.solver import METHODS
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from gaitsweep.skeleton import LimbLook, Skeleton
+
+# The names of the parameters that are added: `push_` and the name of a variable or parameter, and these.
+PREFIX = "push_"
+PHASE, DURATION, CYCLES = "push_phase", "push_duration", "push_cycles"
+# The modes that are added to a state: a force or step acts now; the next event of the push's kind is awaited;
+# it has come; the section has been crossed since the recorder last looked.
+MODES = ("push_acts", "push_awaited", "push_due", "push_crossed")
+
+# A variable of the flow: the field of a state, and the place in its array.
+Place = tuple[str, tuple[int, ...]]
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class PushedParams:
+    """Parameters of a model, the same with the step of a parameter (() without one), and the pushes (n,).
+
+    `phase` is a share of the gait's period, `duration` in s; `cycles` counts section crossings.
+    """
+
+    plain: Params
+    stepped: Params
+    amounts: Float[Array, " pushes"]
+    phase: Number
+    duration: Number
+    cycles: Number
+
+
+@final
+@dataclasses.dataclass(frozen=True)
+class PushedModel(HybridModel):
+    """The model of rows that are pushed once.
+
+    Args:
+        model: the model itself.
+        variables: the variables that are pushed, by their names in `flow_places`.
+        forced: whether a push adds to the rates of the variables for some time; else to their values at once.
+        stepped: the parameter that has another value for some cycles, or None.
+        event: the event after whose jump the push comes; None: at a phase.
+    """
+
+    model: HybridModel
+    variables: tuple[str, ...]
+    forced: bool = False
+    stepped: str | None = None
+    event: str | None = None
+
+    # what describes the model is that of the model itself
+
+    @property
+    def name(self) -> str:  # pyright: ignore[reportIncompatibleVariableOverride]
+        return self.model.name
+
+    @property
+    def source(self) -> str:  # pyright: ignore[reportIncompatibleVariableOverride]
+        return self.model.source
+
+    @property
+    def bibtex(self) -> str:  # pyright: ignore[reportIncompatibleVariableOverride]
+        return self.model.bibtex
+
+    @property
+    def gaits(self) -> tuple[str, ...]:  # pyright: ignore[reportIncompatibleVariableOverride]
+        return self.model.gaits
+
+    @property
+    def given_with(self) -> Mapping[str, tuple[str, str]]:  # pyright: ignore[reportIncompatibleVariableOverride]
+        return self.model.given_with
+
+    @property
+    def linear(self) -> bool:  # pyright: ignore[reportIncompatibleVariableOverride]
+        return self.model.linear
+
+    @property
+    def simultaneous(self) -> Simultaneous:  # pyright: ignore[reportIncompatibleVariableOverride]
+        return self.model.simultaneous
+
+    @property
+    def original(self) -> Model:
+        return self.model.original
+
+    @property
+    def precisions(self) -> tuple[str, ...]:
+        return self.model.precisions
+
+    @property
+    def added(self) -> tuple[Quantity, ...]:
+        """The parameters of the push."""
+        known = {q.name: q for q in (*self.model.signals, *self.model.observables)}
+        known |= {q.name: q for q in (*self.model.initial_conditions, *self.model.parameters)}
+        names = [*self.variables, *([] if self.stepped is None else [self.stepped])]
+        pushed = []
+        for name in names:
+            quantity = known.get(name, Quantity(name, "", ""))
+            symbol = rf"\Delta {quantity.symbol}" if quantity.symbol else ""
+            meaning = f"change of {name} by the push"
+            pushed.append(Quantity(f"{PREFIX}{name}", quantity.unit, meaning, 0.0, symbol=symbol))
+        when, lasts = [], []
+        if self.event is None:
+            meaning = "phase of the push: share of the gait's period after a section crossing"
+            when = [Quantity(PHASE, "1", meaning, 0.0, low=0.0, high=1.0)]
+        if self.forced:
+            lasts = [Quantity(DURATION, "s", "duration of the push", low=0.0, open_ends=True)]
+        if self.stepped is not None:
+            meaning = "section crossings until the parameter has its old value again"
+            lasts.append(Quantity(CYCLES, "1", meaning, 1.0, low=1.0, whole=True))
+        return (*pushed, *when, *lasts)
+
+    @property
+    def parameters(self) -> tuple[Quantity, ...]:
+        return (*self.model.parameters, *self.added)
+
+    @property
+    def initial_conditions(self) -> tuple[Quantity, ...]:
+        return self.model.initial_conditions
+
+    @property
+    def observables(self) -> tuple[Quantity, ...]:
+        return self.model.observables
+
+    @property
+    def signals(self) -> tuple[Quantity, ...]:
+        return self.model.signals
+
+    @property
+    def label_fields(self) -> tuple[Quantity, ...]:
+        return self.model.label_fields
+
+    @property
+    def host_parameters(self) -> tuple[str, ...]:
+        return self.model.host_parameters
+
+    @property
+    def recommended(self) -> Recommended:
+        recommended = self.model.recommended
+        if recommended.method in METHODS and METHODS[recommended.method].step is None:
+            # phases and phase shifts need located events
+            return dataclasses.replace(recommended, method="auto")
+        return recommended
+
+    @property
+    def locates_events(self) -> bool:
+        return self.model.locates_events
+
+    @property
+    def longest_chain(self) -> int | None:
+        return self.model.longest_chain
+
+    @property
+    def guard_names(self) -> tuple[str, ...]:
+        return self.model.guard_names
+
+    @property
+    def data_digest(self) -> str:
+        return self.model.data_digest
+
+    @property
+    def limbs(self) -> tuple[LimbLook, ...]:
+        return self.model.limbs
+
+    def caveats(self) -> list[str]:
+        return self.model.caveats()
+
+    def skeleton(
+        self, values: Mapping[str, float], signals: Mapping[str, Float[np.ndarray, " times"]]
+    ) -> Skeleton | None:
+        return self.model.skeleton(self._own(values), signals)
+
+    def free_link(self, trace: pd.DataFrame, legs: int) -> int | None:
+        return self.model.free_link(trace, legs)
+
+    def analytic_distance(self, table: pd.DataFrame) -> tuple[float, int] | None:
+        return self.model.analytic_distance(table)
+
+    def mjcf(self, values: Mapping[str, float]) -> str | None:
+        return self.model.mjcf(self._own(values))
+
+    # its functions
+
+    def on_host(
+        self, values: Mapping[str, Float[np.ndarray, " rows"]]
+    ) -> dict[str, Float[np.ndarray, "rows ..."]]:
+        added = {quantity.name: values[quantity.name] for quantity in self.added}
+        return {**self.model.on_host(self._own(values)), **added}
+
+    def params(self, values: Mapping[str, Float[Array, " ..."]], /) -> PushedParams:
+        own = self._own(values)
+        plain, stepped = self.model.params(own), ()
+        if self.stepped is not None:
+            stepped = self.model.params(
+                {**own, self.stepped: own[self.stepped] + values[f"{PREFIX}{self.stepped}"]}
+            )
+        zero = jnp.zeros_like(jnp.asarray(self.model.period(plain)))
+        amounts = [values[f"{PREFIX}{name}"] + zero for name in self.variables]
+        return PushedParams(
+            plain,
+            stepped,
+            jnp.stack(amounts) if amounts else jnp.zeros((0,), zero.dtype),
+            values.get(PHASE, 0.0) + zero,
+            values.get(DURATION, 0.0) + zero,
+            values.get(CYCLES, 1.0) + zero,
+        )
+
+    def init(self, params: PushedParams, start: Mapping[str, Float[Array, ""]], /) -> State:
+        off = jnp.zeros((), bool)
+        return _with_modes(self.model.init(params.plain, start), (off,) * len(MODES))
+
+    def observe(self, params: PushedParams, state: State, /) -> dict[str, Real[Array, ""]]:
+        return self.model.observe(params.plain, _plain(state))
+
+    def signal(self, params: PushedParams, state: State, /) -> dict[str, Real[Array, ""]]:
+        return self.model.signal(params.plain, _plain(state))
+
+    def label(
+        self, params: PushedParams, observations: Mapping[str, Real[Array, ""]], /
+    ) -> dict[str, Real[Array, ""]]:
+        return self.model.label(params.plain, observations)
+
+    def failed(self, params: PushedParams, state: State, /) -> Bool[Array, ""]:
+        return self.model.failed(self._acting(params, state), _plain(state))
+
+    def period(self, params: PushedParams, /) -> Float[Array, ""]:
+        return self.model.period(params.plain)
+
+    def free_after(self, params: PushedParams, /) -> Float[Array, ""]:
+        return self.model.free_after(params.plain)
+
+    def beyond_at_start(self, params: PushedParams, state: State, /) -> dict[str, Bool[Array, ""]]:
+        return self.model.beyond_at_start(params.plain, _plain(state))
+
+    def fast_modes(
+        self, params: PushedParams, /
+    ) -> tuple[Float[Array, " motions"], Float[Array, " motions"]] | None:
+        modes = self.model.fast_modes(params.plain)
+        if modes is None or self.stepped is None:
+            return modes
+        stepped = self.model.fast_modes(params.stepped)
+        assert stepped is not None
+        return jnp.concatenate([modes[0], stepped[0]]), jnp.concatenate([modes[1], stepped[1]])
+
+    def flow(self, params: PushedParams, state: State, /) -> Rates:
+        rates = dict(self.model.flow(self._acting(params, state), _plain(state)))
+        if self.forced:
+            force = jnp.where(state.push_acts, params.amounts / params.duration, 0.0)
+            for name, more in self._along(state, force).items():
+                rates[name] = rates[name] + more
+        return rates
+
+    def guards(self, params: PushedParams, state: State, /) -> Float[Array, " guards"]:
+        return self.model.guards(self._acting(params, state), _plain(state))
+
+    def jump(self, params: PushedParams, state: State, fired: Bool[Array, " events"], /) -> State:
+        acting, plain = self._acting(params, state), _plain(state)
+        after = self.model.jump(acting, plain, fired)
+        acts, awaited, due, crossed = (getattr(state, mode) for mode in MODES)
+        if self.event is not None:
+            crossed = crossed | ((awaited | due) & self.model.section(acting, plain, fired))
+            comes = awaited & self._comes(acting, plain, fired)
+            due, awaited = due | comes, awaited & ~comes
+        return _with_modes(after, (acts, awaited, due, crossed))
+
+    def section(self, params: PushedParams, before: State, fired: Bool[Array, " events"], /) -> Flag:
+        acting, plain = self._acting(params, before), _plain(before)
+        closes = self.model.section(acting, plain, fired)
+        if self.event is None:
+            return closes
+        # the row waits for its recorder, which pushes it
+        return closes | (before.push_awaited & self._comes(acting, plain, fired))
+
+    def occurred(
+        self, params: PushedParams, state: State, fired: Bool[Array, " guards"], /
+    ) -> Bool[Array, " guards"]:
+        return self.model.occurred(self._acting(params, state), _plain(state), fired)
+
+    def energies(self, params: PushedParams, state: State, /) -> dict[str, Float[Array, ""]]:
+        return self.model.energies(self._acting(params, state), _plain(state))
+
+    # for the recorder
+
+    def awaiting(self, state: State, waits: Flag) -> State:
+        """The state that awaits the event of the push if `waits`."""
+        return dataclasses.replace(state, push_awaited=state.push_awaited | waits)
+
+    def pushed(self, params: PushedParams, state: State, now: Flag) -> State:
+        """The state with the impulse, or with what lasts switched on, if `now`."""
+        at_once = {} if self.forced else self._along(state, params.amounts)
+        moved = {name: getattr(state, name) + jnp.where(now, more, 0.0) for name, more in at_once.items()}
+        lasts = self.forced or self.stepped is not None
+        return dataclasses.replace(
+            state, **moved, push_acts=state.push_acts | (now & lasts), push_due=state.push_due & ~now
+        )
+
+    def released(self, state: State, now: Flag) -> State:
+        """The state without force and step if `now`."""
+        return dataclasses.replace(state, push_acts=state.push_acts & ~now)
+
+    def _own(self, values: Mapping[str, Any]) -> dict[str, Any]:
+        added = {quantity.name for quantity in self.added}
+        return {name: value for name, value in values.items() if name not in added}
+
+    def _acting(self, params: PushedParams, state: State) -> Params:
+        """The model's parameters at a state."""
+        if self.stepped is None:
+            return params.plain
+        return select(state.push_acts, params.stepped, params.plain)
+
+    def _along(self, state: State, amounts: Float[Array, " pushes"]) -> dict[str, Float[Array, " ..."]]:
+        """Amounts (n,) of the pushed variables as arrays of the fields of a state."""
+        places, fields = flow_places(self.model), {}
+        for variable, amount in zip(self.variables, amounts, strict=True):
+            name, place = places[variable]
+            mask = np.zeros(np.shape(getattr(state, name)), bool)
+            mask[place] = True
+            fields[name] = fields.get(name, 0.0) + jnp.where(mask, amount, 0.0)
+        return fields
+
+    def _comes(self, params: Params, before: State, fired: Bool[Array, " events"]) -> Flag:
+        """Whether the event of the push is among those that fired."""
+        which = np.array([name == self.event for name in self.model.guard_names])
+        return jnp.any(self.model.occurred(params, before, fired) & which)
+
+
+def restarted(carry: Carry, now: Flag) -> Carry:
+    """The trajectory whose state or parameters have changed at its present time if `now`.
+
+    The change may fire a guard where the trajectory stands, so it begins as a start does, by an attempt of
+    zero length; an event that was being located is forgotten, and so are the guards that fired last.
+    """
+    return dataclasses.replace(
+        carry,
+        h=jnp.where(now, 0.0, carry.h),
+        far=jnp.where(now, jnp.inf, carry.far),
+        far_guards=jnp.where(now, -1.0, carry.far_guards),
+    )
+
+
+@cached_by_content(maxsize=64)
+def flow_places(model: HybridModel) -> dict[str, Place]:
+    """The variables that the flow of a model moves, by name: `angle`, or `phi_1`, `phi_2` of an array."""
+
+    def shapes(values: Any, start: Any) -> Any:
+        params = model.params(values)
+        state = model.init(params, start)
+        return state, model.flow(params, state)
+
+    given = {
+        q.name: np.full(1, q.default if isinstance(q.default, int | float) else 1.0) for q in model.parameters
+    }
+    values = {k: jax.ShapeDtypeStruct(np.shape(v)[1:], jnp.float64) for k, v in model.on_host(given).items()}
+    start = {q.name: jax.ShapeDtypeStruct((), jnp.float64) for q in model.initial_conditions}
+    state, rates = jax.eval_shape(shapes, values, start)
+    return places_of(state, rates)
+
+
+def places_of(state: State, rates: Rates) -> dict[str, Place]:
+    """The variables that rates move, by name; of shapes or of numbers."""
+    return {
+        "_".join([field.name, *(str(i + 1) for i in place)]): (field.name, place)
+        for field in dataclasses.fields(state)
+        if field.name in rates
+        for place in np.ndindex(*np.shape(getattr(state, field.name)))
+    }
+
+
+@functools.lru_cache(maxsize=64)
+def _kind_with_modes(kind: type) -> type:
+    """The type of states with the modes of a push."""
+    added: list[Any] = [(name, Any) for name in MODES]
+    extended = dataclasses.make_dataclass(kind.__name__, added, bases=(kind,), frozen=True)
+    names = [field.name for field in dataclasses.fields(extended)]
+    extended.without_modes = kind  # pyright: ignore[reportAttributeAccessIssue]
+    return jax.tree_util.register_dataclass(extended, names, [])
+
+
+def _with_modes(state: State, modes: tuple[Flag, ...]) -> State:
+    fields = {field.name: getattr(state, field.name) for field in dataclasses.fields(state)}
+    return _kind_with_modes(type(state))(**fields, **dict(zip(MODES, modes, strict=True)))
+
+
+def _plain(state: State) -> State:
+    """The state of the model itself."""
+    kind = type(state).without_modes
+    return kind(**{field.name: getattr(state, field.name) for field in dataclasses.fields(kind)})

@@ -1,0 +1,96 @@
+"""The bounds within which the observables of a settled state stay: their tolerances times their scales."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from gaitsweep.angle_difference import wrapped_difference
+from gaitsweep.contract import Model
+from gaitsweep.engine.shapes import Integer, Observed
+
+# Crossings over which a settled state must be constant.
+SETTLE_WINDOW = 10
+# Largest change of a settled observable in a crossing, as a share of its scale.
+TOLERANCE = 1.0e-3
+# The smallest scale of an observable without a scale of its own: a share of its magnitude (integration errors
+# and rounding are relative to that), and a number in its unit, so that an observable at 0 settles.
+LEAST_SHARE = 1.0e-5
+LEAST_SCALE = 1.0e-9
+# Differences of the observables between a crossing and those before it, or their values at these.
+Crossings = Float[Array, "crossings observables"]
+# The least and the largest value of each observable without a scale.
+Span = Float[Array, "2 unscaled"]
+
+
+def tolerances(model: Model, tolerance: float | Mapping[str, float]) -> float | tuple[float, ...]:
+    """The tolerance of each observable in order, from one for all or from some by name."""
+    if not isinstance(tolerance, Mapping):
+        return tolerance
+    return tuple(tolerance.get(quantity.name, TOLERANCE) for quantity in model.observables)
+
+
+def per_observable(tolerance: float | tuple[float, ...]) -> tuple[float, ...]:
+    """The tolerances of the observables; a single one is that of all."""
+    return tolerance if isinstance(tolerance, tuple) else (tolerance,)
+
+
+def _unscaled(model: Model) -> list[int]:
+    """The observables without a scale of their own."""
+    return [i for i, q in enumerate(model.observables) if not q.circular and q.scale is None]
+
+
+def first_span(model: Model, like: Observed) -> Span:
+    """The least and largest values (2, n) of no crossing, of the observables without a scale."""
+    none = jnp.full((len(_unscaled(model)),), jnp.inf, like.dtype)
+    return jnp.stack([none, -none])
+
+
+def widened(span: Span, model: Model, now: Observed) -> Span:
+    """The span (2, n) with the observables of one more crossing; NaN and infinities are left out."""
+    if span.size == 0:
+        return span
+    own = now[np.asarray(_unscaled(model))]
+    finite = jnp.abs(own) < jnp.inf
+    least = jnp.where(finite & (own < span[0]), own, span[0])
+    return jnp.stack([least, jnp.where(finite & (own > span[1]), own, span[1])])
+
+
+def bounds(model: Model, tolerance: float | tuple[float, ...], latest: Crossings, span: Span) -> Observed:
+    """The largest change of each observable (n,) of a settled state over the window, in its unit; above 0.
+
+    It is `SETTLE_WINDOW` times its tolerance times its scale: 1 rad for angles, `Quantity.scale` if defined,
+    else the range of its values over the row, from their `span`. That scale is at least `LEAST_SHARE` of the
+    magnitude at the `latest` crossings (w, n), and `LEAST_SCALE`.
+
+    Args:
+        model: the model.
+        tolerance: one for all observables, or one for each.
+        latest: the observables at the latest crossings (w, n).
+        span: the least and largest values of the observables without a scale, from `widened`.
+    """
+    own = per_observable(tolerance)
+    own = own * len(model.observables) if len(own) == 1 else own
+    share = jnp.asarray([SETTLE_WINDOW * one for one in own], latest.dtype)
+    sizes = [1.0 if q.circular else q.scale for q in model.observables]
+    scales = jnp.asarray([0.0 if scale is None else scale for scale in sizes], latest.dtype)
+    if not (unscaled := _unscaled(model)):
+        return share * scales
+    size = LEAST_SHARE * jnp.max(jnp.abs(latest[:, np.asarray(unscaled)]), axis=0)
+    of_span = jnp.maximum(jnp.maximum(span[1] - span[0], size), LEAST_SCALE)
+    return share * scales.at[np.asarray(unscaled)].set(of_span)
+
+
+def slowest(moved: Crossings) -> Integer:
+    """The number of the observable with the largest change (w, n), in units of its bound; -1 if unknown."""
+    most = jnp.max(moved, axis=0)
+    return jnp.where(jnp.any(jnp.isnan(most)), -1, jnp.argmax(most))
+
+
+def change(model: Model, difference: Crossings) -> Crossings:
+    """Differences of observables; differences of angles are wrapped to [-pi, pi)."""
+    circular = jnp.asarray([q.circular for q in model.observables])
+    return jnp.where(circular[None, :], wrapped_difference(difference), difference)

@@ -1,0 +1,241 @@
+"""Lyapunov exponents of a row's return map, their errors, and what they say of a row that has not settled.
+
+The exponents are the mean rates (1/s) at which neighbouring crossings of the section separate: lengths of
+tangents, orthonormalised at each crossing (Benettin et al. 1980, Meccanica 15:9; Shimada and Nagashima 1979,
+Prog. Theor. Phys. 61:1605). Crossings 1/4 to 1/2 into the row or later count, and those before them do not: a
+span of crossings ends where their number is a power of two, and the last two spans are used. The standard
+error is that of the means of 16 batches in a span.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from gaitsweep.contract import Model, Params, Quantity, Status
+from gaitsweep.engine.carry import Carry
+from gaitsweep.engine.shapes import Integer, Number, Observed
+from gaitsweep.engine.tangents import from_section, on_section, orthonormalised
+from gaitsweep.row_outcome import RowNumber
+
+# Batches in a span of crossings, and the first crossing at which one ends.
+BATCHES = 16
+FIRST_SPAN = 8
+# Crossings before which no row is chaotic or quasi-periodic.
+LEAST_CROSSINGS = 64
+# Standard errors by which the largest exponent of a chaotic row is positive.
+ERRORS = 3.0
+# The logarithm of the factor by which neighbours of a chaotic row separate over the spans at least. On a
+# torus of a map that keeps areas they separate in proportion to the number of crossings: by less than 4.
+SEPARATION = 7.0
+# The largest logarithm of that factor of a quasi-periodic row, and the largest change, between the spans, of
+# the mean logarithm of its steps from crossing to crossing, which become shorter while a row settles.
+NEUTRAL = 2.0
+PERSISTENT = 0.1
+# Share of the observables' scales within which a quasi-periodic row comes back to where it was; and the least
+# such distance, multiplied by the number of crossings. On a circle that product is of the order of 1 for most
+# ratios of frequencies. It vanishes on orbits of long periods, which no test of settling detects.
+RECURRENCE = 0.1
+REPEATED = 0.1
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Exponents:
+    """Sums over the last two spans of crossings; k exponents, n observables.
+
+    The first of two entries is that of the last complete span, the second that of the current one. `sums`
+    (2, k) are logarithms of the tangents' lengths, `time` (2,) the durations (s); `steps` (2,) the logarithms
+    of the distances between crossings, and `crossings` (2,) their number; `means` (2, k) and `squares` (2, k)
+    the mean of the rates of batches and the sum of their squared deviations, `batches` (2,) their number;
+    `batch` (k + 1,) the sums and the duration of the current batch, `left` the crossings that it lacks of its
+    `length`; `end` the crossing at which the current span ends; `begin` (2, n) the observables where a span
+    began, and `nearest` (2,) the least distance from there since, as a share of the scales; `logs` (w, k) the
+    logarithms at the last crossings, the latest first.
+    """
+
+    sums: Float[Array, "2 exponents"]
+    time: Float[Array, " 2"]
+    steps: Float[Array, " 2"]
+    crossings: Float[Array, " 2"]
+    means: Float[Array, "2 exponents"]
+    squares: Float[Array, "2 exponents"]
+    batches: Float[Array, " 2"]
+    batch: Float[Array, " numbers"]
+    left: Integer
+    length: Integer
+    end: Integer
+    begin: Float[Array, "2 observables"]
+    nearest: Float[Array, " 2"]
+    logs: Float[Array, "window exponents"]
+
+    @classmethod
+    def begun(cls, count: int, observed: Observed, window: int) -> Exponents:
+        """Those of a row at its start."""
+        dtype = observed.dtype
+        one, pair, pairs = jnp.ones((), jnp.int32), jnp.zeros((2,), dtype), jnp.zeros((2, count), dtype)
+        return cls(
+            sums=pairs,
+            time=pair,
+            steps=pair,
+            crossings=pair,
+            means=pairs,
+            squares=pairs,
+            batches=pair,
+            batch=jnp.zeros((count + 1,), dtype),
+            left=one,
+            length=one,
+            end=FIRST_SPAN * one,
+            begin=jnp.broadcast_to(observed, (2, observed.size)),
+            nearest=jnp.full((2,), jnp.inf, dtype),
+            logs=jnp.zeros((window, count), dtype),
+        )
+
+    def after(
+        self,
+        logs: list[Number],
+        duration: Number,
+        step: Number,
+        shares: Observed,
+        cycles: Integer,
+        now: Observed,
+    ) -> Exponents:
+        """Those after one more crossing.
+
+        Args:
+            logs: the logarithms of the lengths of the k tangents.
+            duration: the time (s) since the crossing before.
+            step: the distance from the crossing before.
+            shares: (2,) the distances from `begin`, as a share of the scales.
+            cycles: the number of this crossing.
+            now: its observables.
+        """
+        grown = jnp.stack([*logs, duration])
+        batch = self.batch + grown
+        rates = batch[:-1] / batch[-1]
+        number = self.batches[1] + 1.0
+        deviation = rates - self.means[1]
+        mean = self.means[1] + deviation / number
+        squares = self.squares[1] + deviation * (rates - mean)
+        closed = self.left <= 1
+        far = jnp.log(jnp.maximum(step, jnp.finfo(step.dtype).tiny))
+        current = Exponents(
+            sums=self.sums.at[1].add(grown[:-1]),
+            time=self.time.at[1].add(duration),
+            steps=self.steps.at[1].add(far),
+            crossings=self.crossings.at[1].add(1.0),
+            means=jnp.where(closed, self.means.at[1].set(mean), self.means),
+            squares=jnp.where(closed, self.squares.at[1].set(squares), self.squares),
+            batches=jnp.where(closed, self.batches.at[1].set(number), self.batches),
+            batch=jnp.where(closed, jnp.zeros_like(batch), batch),
+            left=jnp.where(closed, self.length, self.left - 1),
+            length=self.length,
+            end=self.end,
+            begin=self.begin,
+            nearest=jnp.minimum(self.nearest, shares),
+            logs=jnp.concatenate([grown[None, :-1], self.logs[:-1]]),
+        )
+        ends = cycles >= self.end
+        longer = jnp.maximum(cycles // BATCHES, 1).astype(self.length.dtype)
+        none = jax.tree.map(lambda x: jnp.stack([x[1], jnp.zeros_like(x[1])]), current._pairs)
+        shifted = Exponents(
+            **none,
+            batch=jnp.zeros_like(batch),
+            left=longer,
+            length=longer,
+            end=2 * self.end,
+            begin=jnp.stack([current.begin[1], now]),
+            nearest=jnp.stack([current.nearest[1], jnp.full_like(step, jnp.inf)]),
+            logs=current.logs,
+        )
+        return jax.tree.map(lambda a, b: jnp.where(ends, a, b), shifted, current)
+
+    @property
+    def _pairs(self) -> dict[str, Array]:
+        names = ("sums", "time", "steps", "crossings", "means", "squares", "batches")
+        return {name: getattr(self, name) for name in names}
+
+    def rates(self) -> tuple[Float[Array, " exponents"], Float[Array, " exponents"]]:
+        """The exponents (k,) in 1/s, and their standard errors (k,); NaN where no span is complete."""
+        time, complete = jnp.sum(self.time), self.batches[0] >= BATCHES
+        duration = jnp.where(complete, time, 1.0)
+        variance = self.squares[0] / (BATCHES * (BATCHES - 1.0))
+        # the current span is too short for an error of its own: its variance is inverse to its duration
+        error = jnp.sqrt(variance * self.time[0] / duration)
+        rate = jnp.sum(self.sums, axis=0) / duration
+        return jnp.where(complete, rate, jnp.nan), jnp.where(complete, error, jnp.nan)
+
+    def numbers(self, period: Integer, ago: Float[Array, " window"]) -> dict[str, Number]:
+        """The exponents and their errors by name (`exponent_numbers`).
+
+        Args:
+            period: the crossings of the orbit on which the row has settled, 0 if it has not. On an orbit of
+                several crossings, exponents are the means over as many of its last turns as the window has.
+            ago: (w,) the times (s) since the crossings before this one, the latest first.
+        """
+        rates, errors = self.rates()
+        place, turn = jnp.arange(len(ago)), jnp.maximum(period, 1)
+        last = len(ago) // turn * turn
+        duration = jnp.sum(jnp.where(place == last - 1, ago, 0.0))
+        turns = jnp.sum(jnp.where((place < last)[:, None], self.logs, 0.0), axis=0) / duration
+        repeats = (period > 1) | ((period == 1) & jnp.isnan(errors[0]))
+        rates, errors = jnp.where(repeats, turns, rates), jnp.where(repeats, jnp.nan, errors)
+        named = {f"lyapunov_{i + 1}": rate for i, rate in enumerate(rates)}
+        return named | {f"lyapunov_{i + 1}_error": error for i, error in enumerate(errors)}
+
+    def status(self, cycles: Integer, turns: bool) -> Integer:
+        """`chaotic` or `quasi_periodic`, of a row that has not settled, or `cycle_limit`.
+
+        1. Chaotic: the largest exponent is positive by `ERRORS` standard errors, and neighbours separate by a
+           factor of e^`SEPARATION` at least.
+        2. Quasi-periodic: neighbours neither separate nor approach (`NEUTRAL`), the steps from crossing to
+           crossing do not become shorter (`PERSISTENT`), and the row comes back to where it was
+           (`RECURRENCE`), but no nearer than on a torus (`REPEATED`). On a line there is no such motion.
+
+        Args:
+            cycles: the number of this crossing.
+            turns: see `may_turn`.
+        """
+        (rates, errors), known = self.rates(), cycles >= LEAST_CROSSINGS
+        growth = rates[0] * jnp.sum(self.time)
+        chaotic = (rates[0] > ERRORS * errors[0]) & (growth > SEPARATION)
+        if not turns:
+            return jnp.where(known & chaotic, Status.chaotic, Status.cycle_limit)
+        means = self.steps / jnp.maximum(self.crossings, 1.0)
+        # the current span counts once it has a quarter of the crossings of the last one
+        compared = 4.0 * self.crossings[1] >= self.crossings[0]
+        persistent = compared & (jnp.abs(means[1] - means[0]) < PERSISTENT)
+        returned = self.nearest[0] < RECURRENCE
+        repeated = self.nearest[0] * jnp.sum(self.crossings) < REPEATED
+        torus = (jnp.abs(growth) < NEUTRAL) & persistent & returned & ~repeated
+        unsettled = jnp.where(torus, Status.quasi_periodic, Status.cycle_limit)
+        return jnp.where(known & chaotic, Status.chaotic, jnp.where(known, unsettled, Status.cycle_limit))
+
+
+def may_turn(model: Model) -> bool:
+    """Whether the section has a circle or a plane, on which crossings may turn without end."""
+    chart = model.chart()
+    coordinates = () if chart is None else chart.coordinates
+    return len(coordinates) != 1 or coordinates[0].circular
+
+
+def exponent_numbers(count: int) -> tuple[RowNumber, ...]:
+    """The numbers of a row with so many exponents."""
+    numbers: list[RowNumber] = []
+    for i in range(1, count + 1):
+        symbol = rf"\lambda_{i}"
+        exponent = Quantity(f"lyapunov_{i}", "1/s", f"Lyapunov exponent {i} of the return map", symbol=symbol)
+        error = Quantity(f"lyapunov_{i}_error", "1/s", f"standard error of Lyapunov exponent {i}")
+        numbers += [RowNumber(q.name, np.float64, np.nan, q) for q in (exponent, error)]
+    return tuple(numbers)
+
+
+def separated(model: Model, params: Params, carry: Carry) -> tuple[list[Number], Carry]:
+    """The logarithms of the lengths of the tangents at a crossing, and the carry with orthonormal ones."""
+    lengths, units = orthonormalised(on_section(model, params, carry))
+    tangents = from_section(model, params, carry.state, units)
+    return [jnp.log(length) for length in lengths], dataclasses.replace(carry, tangents=tangents)

@@ -1,0 +1,122 @@
+"""Tangents of a trajectory: derivatives of its state along some directions, through steps, events and jumps.
+
+They are the derivatives of the same attempts that the trajectory makes, event times included, so that a jump
+maps them by its saltation matrix. At a crossing of the section they are read in the coordinates of the
+model's chart: there they are the products of the return map's derivatives.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from gaitsweep.contract import Chart, Model, Params, State
+from gaitsweep.engine.advance import Advance
+from gaitsweep.engine.carry import Carry
+from gaitsweep.engine.leaves import AllVariables, float_leaves, with_float_leaves
+from gaitsweep.engine.shapes import Number
+
+Directions = list[Float[Array, " coordinates"]]  # orthonormal directions on the section
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Tangent:
+    """The derivative of a trajectory along one direction: of the float leaves of its state, and of its time.
+
+    `t` is that of the time (s) at which the trajectory has the state, which events change; `shift` that of
+    `Carry.shift`.
+    """
+
+    state: list[Array]
+    t: Number
+    shift: Number
+
+
+def with_tangents(attempt: Advance) -> Advance:
+    """The attempt that also advances the tangents of a trajectory.
+
+    Args:
+        attempt: an attempt with the derivatives of event times (`advance(..., sensitivities=True)`).
+    """
+
+    def moved(params: Params, carry: Carry) -> Carry:
+        bare = dataclasses.replace(carry, tangents=())
+
+        def numbers(leaves: list[Array], t: Number, shift: Number) -> Any:
+            state = with_float_leaves(bare.state, leaves)
+            after = attempt(params, dataclasses.replace(bare, state=state, t=t, shift=shift))
+            return (float_leaves(after.state), after.t, after.shift), after
+
+        at = (float_leaves(bare.state), bare.t, bare.shift)
+        _, linear, after = jax.linearize(numbers, *at, has_aux=True)
+        tangents = [Tangent(*linear(along.state, along.t, along.shift)) for along in carry.tangents]
+        return dataclasses.replace(after, tangents=tangents)
+
+    return moved
+
+
+def chart_of(model: Model, state: State) -> Chart:
+    """The coordinates of a model's section; without a chart of its own, all float variables of a state."""
+    return model.chart() or AllVariables.of(state)
+
+
+def coordinate_count(model: Model) -> int:
+    """The number of coordinates of a model's section."""
+    number = jax.ShapeDtypeStruct((), jnp.float64)
+    values = {q.name: number for q in model.parameters}
+    starts = {q.name: number for q in model.initial_conditions}
+    state = jax.eval_shape(lambda v, s: model.init(model.params(v), s), values, starts)
+    return len(chart_of(model, state).coordinates)
+
+
+def first_directions(size: int, count: int) -> Directions:
+    """Some orthonormal directions in a space of coordinates, which no model has a reason to prefer."""
+    drawn = np.random.default_rng(0).normal(size=(size, count))
+    return [jnp.asarray(column) for column in np.linalg.qr(drawn)[0].T]
+
+
+def from_section(model: Model, params: Params, state: State, directions: Directions) -> list[Tangent]:
+    """The tangents of a trajectory that is at a crossing, along directions on the section."""
+    chart = chart_of(model, state)
+
+    def leaves(at: Float[Array, " coordinates"]) -> list[Array]:
+        return float_leaves(chart.from_coordinates(params, at, state))
+
+    at = chart.to_coordinates(params, state)
+    zero = jnp.zeros((), at.dtype)
+    return [Tangent(jax.jvp(leaves, (at,), (along.astype(at.dtype),))[1], zero, zero) for along in directions]
+
+
+def on_section(model: Model, params: Params, carry: Carry) -> Directions:
+    """The tangents of a trajectory at a crossing in the coordinates of the section."""
+    chart = chart_of(model, carry.state)
+
+    def coordinates(leaves: list[Array]) -> Float[Array, " coordinates"]:
+        return chart.to_coordinates(params, with_float_leaves(carry.state, leaves))
+
+    at = float_leaves(carry.state)
+    return [jax.jvp(coordinates, (at,), (along.state,))[1] for along in carry.tangents]
+
+
+def orthonormalised(vectors: Directions) -> tuple[list[Number], Directions]:
+    """The lengths of vectors without their parts along those before them, and the unit vectors along these.
+
+    By the modified Gram-Schmidt process. A vector that is lost has the length 0, and another direction.
+    """
+    lengths: list[Number] = []
+    units: Directions = []
+    spare = first_directions(vectors[0].size, len(vectors))
+    for vector, other in zip(vectors, spare, strict=True):
+        rest = vector
+        for unit in units:
+            rest = rest - jnp.sum(unit * rest) * unit
+        length = jnp.sqrt(jnp.sum(rest * rest))
+        lengths.append(length)
+        units.append(jnp.where(length > 0.0, rest / jnp.where(length > 0.0, length, 1.0), other))
+    return lengths, units

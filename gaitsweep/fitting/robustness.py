@@ -1,0 +1,136 @@
+"""Robustness of a set of constants: the share of its random neighbours that keep targets of a search."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Bool, Float
+from pydantic import Field
+
+from gaitsweep import near_miss
+from gaitsweep.contract import Model, Quantity
+from gaitsweep.fitting.fit_job import FitJob
+from gaitsweep.fitting.free_parameters import FreeParameter, Sets
+from gaitsweep.fitting.measure import Measure
+from gaitsweep.fitting.measure_fields import Conditions, FieldError
+from gaitsweep.fitting.targets import Target, TargetValue
+from gaitsweep.kinds import RunKind
+from gaitsweep.schema.diagnostics import Diagnostic, JobError
+from gaitsweep.schema.numbers import Count, Positive, Seed, Text
+
+# The name of the target, and of its column.
+ROBUST = "robust"
+
+
+class Robust(TargetValue):
+    """The share of a set's random neighbours that should keep some targets."""
+
+    within: Positive = Field(description="largest change of each constant, as a share of its value, below 1")
+    targets: list[Text] = Field(
+        min_length=1, description="targets that a neighbour keeps, within their error"
+    )
+    sets: Count = Field(default=24, description="neighbours of each set")
+    constants: list[Text] = Field(
+        default=[],
+        description="constants of the job that change too; those that are free, but for choices, always do",
+    )
+    seed: Seed = Field(default=0, description="seed of the changes, which are the same for all sets")
+
+
+class ShareKept(Measure):
+    """The share of a set's neighbours that keep some targets."""
+
+    kind: Literal["robust"] = Field(description="robust: the share of neighbours that keep the targets named")
+    at: Conditions = Field(default_factory=dict, description="no rows of its own")
+
+    def unit(self, model: Model) -> str:
+        return "1"
+
+    @property
+    def own_run(self) -> RunKind | None:
+        return None
+
+    def field_error(self, columns: Sequence[str], model: Model) -> FieldError:
+        return None
+
+
+def robust_target(robust: Robust) -> Target:
+    """Return the target of the field `robust` of a search."""
+    return Target(ROBUST, ShareKept(kind="robust"), robust)
+
+
+def check_robust(
+    robust: Robust, free: Mapping[str, FreeParameter], targets: Mapping[str, Target]
+) -> list[Diagnostic]:
+    """Check the field against the search's constants and targets."""
+    path, wrong = ("search", ROBUST), []
+    if robust.within >= 1.0:
+        wrong.append(Diagnostic((*path, "within"), f"is {robust.within:g}, but is a share below 1."))
+    for place, name in enumerate(robust.targets):
+        if name not in targets:
+            text = f"is {name}, which is not a target{near_miss.suggestion(name, targets)}"
+            wrong.append(Diagnostic((*path, "targets", place), text))
+    for place, name in enumerate(robust.constants):
+        if name in free:
+            wrong.append(Diagnostic((*path, "constants", place), f"is {name}, which is free and changes."))
+    if ROBUST in targets:
+        text = "has the name of the column of search.robust: take another."
+        wrong.append(Diagnostic(("search", "targets", ROBUST), text))
+    return wrong
+
+
+def own_constants(robust: Robust, fit: FitJob) -> dict[str, float]:
+    """Return the values of the job's own constants that change.
+
+    Raises:
+        JobError: the model does not have a name, or its value is a formula.
+    """
+    job = fit.job_of(fit.structures[0])
+    parameters = {q.name: q for q in job.design.model.parameters}
+    values: dict[str, float] = {}
+    wrong = []
+    for place, name in enumerate(robust.constants):
+        setting = job.design.settings.get(name, parameters[name].default if name in parameters else None)
+        if name not in parameters:
+            text = f"is {name}, which is not a parameter{near_miss.suggestion(name, parameters)}"
+        elif not isinstance(setting, int | float):
+            text = f"is {name}, whose value is {setting}: only a number can change by a share of itself."
+        else:
+            values[name] = float(setting)
+            continue
+        wrong.append(Diagnostic(("search", ROBUST, "constants", place), text))
+    if wrong:
+        raise JobError(wrong)
+    return values
+
+
+def share_kept(
+    robust: Robust,
+    sets: Sets,
+    own: Mapping[str, float],
+    free: Mapping[str, FreeParameter],
+    quantities: Mapping[str, Quantity],
+    keeps: Callable[[Sets], Bool[np.ndarray, " neighbours"]],
+) -> Float[np.ndarray, " sets"]:
+    """Compute the share (n,) of each set's neighbours that keep the targets.
+
+    Args:
+        robust: number and range of the neighbours.
+        sets: constants and choices of structure, (n,) by name.
+        own: values of the job's constants that change as well.
+        free: the free constants; those with choices, and whole numbers, do not change.
+        quantities: the model's parameters and starts by name, within whose limits neighbours stay.
+        keeps: returns whether each of m sets keeps the targets, (m,).
+    """
+    n = next(iter(sets.values())).size
+    rng = np.random.default_rng(robust.seed)
+    near = {name: np.repeat(column, robust.sets) for name, column in sets.items()}
+    near |= {name: np.full(n * robust.sets, value) for name, value in own.items()}
+    changing = [name for name, parameter in free.items() if parameter.choices is None and not parameter.whole]
+    for name in [*changing, *own]:
+        quantity = quantities[name]
+        factor = 1.0 + robust.within * rng.uniform(-1.0, 1.0, robust.sets)
+        near[name] = np.clip(near[name] * np.tile(factor, n), quantity.low, quantity.high)
+    return keeps(near).reshape(n, robust.sets).mean(axis=1)

@@ -1,0 +1,194 @@
+"""Run kind `perturb`: each row settles, is pushed once, and settles again."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any, ClassVar, Literal, cast
+
+import numpy as np
+from pydantic import Field
+
+from gaitsweep import near_miss
+from gaitsweep.contract import HybridModel, Model, Status
+from gaitsweep.design import Design
+from gaitsweep.design.design import MOST_CHECKED, inside, requirement
+from gaitsweep.engine.pushed_model import CYCLES, DURATION, PREFIX, PushedModel, flow_places
+from gaitsweep.engine.recorders.perturb import MEASURED, PerturbRecorder, Stage
+from gaitsweep.engine.solver import METHODS
+from gaitsweep.kinds.columns import (
+    GAIT,
+    OUTCOME,
+    SLOWEST,
+    STALLED_BY,
+    STATUS,
+    Column,
+    ColumnValues,
+    Records,
+    gaits,
+    label_fields,
+    observed_at_end,
+)
+from gaitsweep.kinds.run_kind import Cost
+from gaitsweep.kinds.settle import SettlesRows, tolerance_field
+from gaitsweep.schema.diagnostics import Diagnostic
+from gaitsweep.schema.numbers import Flag, Positive, PositiveOrEach, Text
+from gaitsweep.table.frames import categorical
+
+# What the column `recovery` says, in the order in which figures list it.
+RECOVERIES = ("recovered", "elsewhere", "fell", "failed", "not settled", "not pushed")
+
+
+class Perturb(SettlesRows):
+    """Settle each row, push it once, and settle it again: does it recover, how soon, and with what phase?"""
+
+    kind: Literal["perturb"] = Field(
+        init=False,
+        description="perturb: settle, push once, and simulate until the row has settled again",
+    )
+    push: list[Text] = Field(
+        default=[],
+        description="variables of the flow that are pushed; the amount by which NAME changes is the "
+        "parameter push_NAME, under params or vary",
+    )
+    force: Flag = Field(
+        default=False,
+        description="whether the push is a constant force for push_duration s; by default it is at once",
+    )
+    step: Text | None = Field(
+        default=None,
+        description="parameter NAME of the model that is larger by push_NAME for push_cycles crossings",
+    )
+    at: Text | None = Field(
+        default=None,
+        description="event just after which the push comes; by default at push_phase, a share of the gait's "
+        "period after a section crossing",
+    )
+    within: Positive = Field(
+        default=0.01,
+        description="largest distance from its gait at which a row is back: of angles in rad, of other "
+        "observables as a fraction of their size",
+    )
+    tolerance: PositiveOrEach = tolerance_field("row", 1e-6)
+
+    figures: ClassVar[tuple[str, ...]] = ("basin",)
+
+    @classmethod
+    def model_of(cls, model: Model, written: Mapping[str, Any]) -> tuple[Model, list[Diagnostic]]:
+        if not isinstance(model, HybridModel):
+            text = f"is perturb, which pushes variables of a flow, but {model.name} moves in steps."
+            return model, [Diagnostic(("run", "kind"), text)]
+        wrong: list[Diagnostic] = []
+
+        def known(path: tuple[str | int, ...], name: Any, noun: str, names: list[str]) -> str | None:
+            """The name if it is one of those; a text that is none is a diagnostic, others are pydantic's."""
+            if isinstance(name, str) and name not in names:
+                text = f"is {name}, which is not {noun} of {model.name}{near_miss.suggestion(name, names)}"
+                wrong.append(Diagnostic(path, text))
+            return name if isinstance(name, str) and name in names else None
+
+        variables = written.get("push")
+        places = list(flow_places(model))
+        pushed = [
+            known(("run", "push", k), name, "a variable of the flow", places)
+            for k, name in enumerate(variables if isinstance(variables, list | tuple) else ())
+        ]
+        stepped = known(
+            ("run", "step"), written.get("step"), "a parameter", [q.name for q in model.parameters]
+        )
+        event = known(("run", "at"), written.get("at"), "an event", list(dict.fromkeys(model.guard_names)))
+        chosen = dict.fromkeys(name for name in pushed if name is not None)
+        extended = PushedModel(model, tuple(chosen), written.get("force") is True, stepped, event)
+        taken = {q.name for q in (*model.parameters, *model.initial_conditions)}
+        for name in (quantity.name for quantity in extended.added):
+            if name in taken or [q.name for q in extended.added].count(name) > 1:
+                text = f"is perturb, which adds a parameter {name}, but {model.name} has another one of this "
+                wrong.append(Diagnostic(("run", "kind"), f"{text}name: rename that."))
+        clash = any(diagnostic.path == ("run", "kind") for diagnostic in wrong)
+        return (model if clash else extended), wrong
+
+    def recorder(self, model: Model) -> PerturbRecorder:
+        # where the model was refused, a recorder of it only names its columns
+        return PerturbRecorder(cast(PushedModel, model), self.settling(model), self.within)
+
+    def columns(self, model: Model) -> list[Column]:
+        return [
+            Column("recovery", _recovery),
+            STATUS,
+            *(Column(name, repeats=False) for name in MEASURED),
+            Column("cycles"),
+            Column("t_end", repeats=False),
+            SLOWEST,
+            STALLED_BY,
+            *observed_at_end(model),
+            GAIT,
+            Column("gait_before", lambda records: gaits(model, records.label("gait_before", -1))),
+            OUTCOME,
+            Column("attractor_period", lambda records: records["period"]),
+            *label_fields(model),
+        ]
+
+    def check(self, rows: Design, method: str) -> list[Diagnostic]:
+        if not isinstance(rows.model, PushedModel):
+            return []
+        wrong = self.check_settling(rows.model)
+        if not self.push and self.step is None:
+            text = "is missing: name a variable that is pushed, or a parameter as run.step."
+            wrong.append(Diagnostic(("run", "push"), text))
+        for k, name in enumerate(self.push):
+            if name in self.push[:k]:
+                wrong.append(Diagnostic(("run", "push", k), f"is {name}, which is named twice."))
+        if self.force and not self.push:
+            wrong.append(Diagnostic(("run", "force"), "has no effect without run.push: remove it."))
+        if self.force and self.step is not None:
+            text = f"is {self.step}, which lasts for {CYCLES}, but the force of run.push for {DURATION}: "
+            wrong.append(Diagnostic(("run", "step"), f"{text}use one run for each, or a push at once."))
+        if METHODS[method].step is None:
+            text = f"is {method}, whose steps have a fixed length, but a push needs located events."
+            wrong.append(Diagnostic(("numerics", "method"), text))
+        return wrong if wrong or self.step is None else self._check_step(rows, self.step)
+
+    def _check_step(self, rows: Design, stepped: str) -> list[Diagnostic]:
+        """Diagnostics about a parameter's step: whether it can move alone, and its values."""
+        model = rows.model
+        if stepped in model.host_parameters:
+            text = f"is {stepped}, which is compiled into the body of a row and cannot move while it runs."
+            return [Diagnostic(("run", "step"), text)]
+        if following := rows.following(stepped):
+            name, formula = next(iter(following.items()))
+            text = f"is {stepped}, but {name} = {formula} follows it: give {name} as a number under params."
+            return [Diagnostic(("run", "step"), text)]
+        spans = sorted({*rows.spans(stepped), *rows.spans(f"{PREFIX}{stepped}")})
+        count = math.prod(rows.groups[place].length for place in spans)
+        points = np.unique(np.linspace(0, count - 1, min(count, MOST_CHECKED)).astype(np.int64))
+        places = rows.rows_over(points, spans)
+        values = rows.at(places, [stepped, f"{PREFIX}{stepped}"])
+        reached = values[stepped] + values[f"{PREFIX}{stepped}"]
+        quantity = next(q for q in model.parameters if q.name == stepped)
+        outside = np.flatnonzero(~inside(reached, quantity))
+        if outside.size:
+            text = f"makes {stepped} {reached[outside[0]]:g} in row {places[outside[0]]}, but it "
+            path = next((g.paths[p] for g in rows.groups if (p := f"{PREFIX}{stepped}") in g.paths), None)
+            path = path or ("params", f"{PREFIX}{stepped}")
+            return [Diagnostic(path, f"{text}{requirement(quantity)}.")]
+        return []
+
+    def cost(self, rows: Design, cycle: float, period: float) -> Cost:
+        likely, most = self.likely_cycles(period)
+        return Cost(2.0 * likely * cycle, 2.0 * most * cycle)
+
+
+def _recovery(records: Records) -> ColumnValues:
+    """Whether each row recovered from its push, or why not."""
+    status, stage = records.block.status, records["stage"]
+    fell, failed = status == Status.fell, Status.FAILED.among(status)
+    cases = [
+        stage < Stage.ACTS,
+        fell,
+        failed,
+        records["recovered"] == 1,
+        Status.SOUND.among(status),
+    ]
+    names = ["not pushed", "fell", "failed", "recovered", "elsewhere"]
+    codes = np.select(cases, [RECOVERIES.index(name) for name in names], RECOVERIES.index("not settled"))
+    return categorical(codes, list(RECOVERIES))

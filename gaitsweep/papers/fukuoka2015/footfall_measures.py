@@ -1,0 +1,121 @@
+"""Measures of the planar quadruped's legs in a gait: their order, stances and flights."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pandas as pd
+
+from gaitsweep.analyses import TURN, mean_direction
+from gaitsweep.claims import Condition, MeasureError, measure, numbers, records, stances
+from gaitsweep.papers.fukuoka2015.analysis.gait_tables import gaits_in
+from gaitsweep.papers.fukuoka2015.analysis.swing_onsets import FLEXORS
+from gaitsweep.papers.fukuoka2015.gait_measures import records_of_gait, rows_of_gait
+from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import LEGS, PAIRS, THRESHOLD, signs
+
+
+@measure
+def swing_order(table: pd.DataFrame, *, gait: str) -> str:
+    """Order in which the legs of a gait begin to swing, from LF; legs within the threshold joined by +."""
+    rows = records_of_gait(gaits_in(table), gait).to_dict("records")
+    return _most([_order({leg: float(row[f"phase_{leg}"]) for leg in LEGS}) for row in rows])
+
+
+@measure
+def footfall_order(table: pd.DataFrame, *, gait: str) -> str:
+    """Order in which the feet touch down in a gait, named by its swings; as `swing_order`."""
+    return _most([_order(_footfalls(part)) for part in rows_of_gait(table, gait)])
+
+
+@measure
+def flight_between(table: pd.DataFrame, *, gait: str, legs: Sequence[str]) -> float:
+    """Share of the time in a gait with no foot on the ground, between the stances of two legs (1)."""
+    shares = []
+    for part in rows_of_gait(table, gait):
+        down = part[[f"F_{leg}" for leg in LEGS]].to_numpy(float) > 0.0
+        turns = np.diff(down.any(axis=1).astype(int))
+        lifts, lands = np.flatnonzero(turns < 0), np.flatnonzero(turns > 0)
+        flights = ((at, lands[lands > at][0]) for at in lifts if (lands > at).any())
+        sides = [(down[at], down[end + 1], end - at) for at, end in flights]
+        one, other = (LEGS.index(leg) for leg in legs)
+        between = (n for a, b, n in sides if (a[one] and b[other]) or (a[other] and b[one]))
+        shares.append(sum(between) / len(part))
+    return float(np.mean(shares))
+
+
+@measure
+def loaded_longer(table: pd.DataFrame, *, gait: str) -> list[float]:
+    """Share of the cycle by which each pair's hind foot is loaded longer than its fore foot in a gait (1)."""
+    trace = pd.concat(rows_of_gait(table, gait))
+    return [
+        float(np.mean(numbers(trace, f"F_{hind}") > 0.0) - np.mean(numbers(trace, f"F_{fore}") > 0.0))
+        for fore, hind in PAIRS
+    ]
+
+
+@measure
+def stance_ratio(table: pd.DataFrame, *, where: Condition, to: Condition) -> float:
+    """Mean duration of stance in the rows of one condition, over that in the rows of another (1)."""
+    return _stance_time(records(table, where)) / _stance_time(records(table, to))
+
+
+@measure
+def chart_order(*, gait: str) -> str:
+    """Order in which the legs of a gait begin to swing by the rule, from LF; legs in phase joined by +."""
+    phases = {}
+    for middle, sign, (fore, hind) in zip((0.0, 0.5), signs(gait), PAIRS, strict=True):
+        # both legs are shifted alike, in opposite directions (Fig. 5a)
+        phases |= {fore: middle - 0.125 * sign, hind: middle + 0.125 * sign}
+    return _order(phases)
+
+
+def _footfalls(part: pd.DataFrame) -> dict[str, float]:
+    """Lags of the legs' touchdowns behind those of LF in one row of a trace, cycles."""
+    t, lands = part["t"].to_numpy(float), {}
+    for leg in LEGS:
+        # the first stance may have begun before the trace
+        lands[leg] = t[stances(t, part[f"F_{leg}"].to_numpy(float) > 0.0)[1:, 0]]
+        if len(lands[leg]) < 2:
+            raise MeasureError(f"{leg} touches down fewer than two times.")
+    turns = TURN / float(np.median(np.diff(lands["LF"])))
+    after = {leg: (times[:, None] - lands["LF"][None]).ravel() for leg, times in lands.items()}
+    return {leg: float(mean_direction(turns * lag)) / TURN for leg, lag in after.items()}
+
+
+def _most(orders: list[str]) -> str:
+    """The most frequent order."""
+    return max(orders, key=orders.count)
+
+
+def _stance_time(trace: pd.DataFrame) -> float:
+    """Mean duration of stance (s)."""
+    period = gaits_in(trace).set_index("row")["period"].to_dict()
+    times = [
+        period[row] * np.mean(samples[list(FLEXORS.values())].to_numpy(float) <= 0.0)
+        for row, samples in trace.groupby("row")
+    ]
+    return float(np.mean(times))
+
+
+def _order(phases: dict[str, float]) -> str:
+    """The legs in the order of their phases (cycles), from LF; both legs of a pair in phase are joined."""
+    mates = {leg: other for pair in PAIRS for leg, other in (pair, pair[::-1])}
+
+    def after(leg: str) -> float:
+        ahead = (phases[leg] - phases["LF"]) % 1.0
+        # a leg that swings with LF may be slightly before it
+        return ahead - 1.0 if leg == mates["LF"] and ahead > 1.0 - THRESHOLD else ahead
+
+    legs = sorted(LEGS, key=after)
+    written: list[str] = []
+    while legs:
+        leg = legs.pop(0)
+        mate = mates[leg]
+        lag = abs((phases[leg] - phases[mate] + 0.5) % 1.0 - 0.5)
+        if mate in legs and lag <= THRESHOLD:
+            legs.remove(mate)
+            leg = "+".join(sorted((leg, mate)))
+        written.append(leg)
+    at = next(i for i, leg in enumerate(written) if "LF" in leg)
+    return "-".join(written[at:] + written[:at])

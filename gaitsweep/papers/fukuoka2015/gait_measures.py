@@ -1,0 +1,101 @@
+"""Measures of the gaits of the planar quadruped: their shares, speeds, and columns by gait."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import pandas as pd
+
+from gaitsweep.analyses import axes_of, require
+from gaitsweep.claims import Condition, MeasureError, measure, numbers, one_row, records, value
+from gaitsweep.papers.fukuoka2015.analysis.body_oscillation import body_oscillation
+from gaitsweep.papers.fukuoka2015.analysis.gait_tables import gaits_in
+from gaitsweep.papers.fukuoka2015.analysis.loading_rule import REPEATS
+from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import CHART, family
+
+
+@measure
+def gait_share(
+    table: pd.DataFrame, *, gaits: Sequence[str], where: Condition | None = None, begin: float = -math.inf
+) -> float:
+    """Share of the rows with one of the gaits, by their swing onsets after the time `begin` (1)."""
+    shown = gaits_in(records(table, where), window=(begin, math.inf))
+    return float(np.mean(shown["gait"].isin(gaits).to_numpy()))
+
+
+@measure
+def gaits_shown(table: pd.DataFrame, *, speeds: int = 1) -> float:
+    """Number of the nine gaits that occur at so many values of the swept parameters or more (1)."""
+    shown = gaits_in(table)
+    axes = [name for name in axes_of(table) if name not in REPEATS]
+    places = shown.loc[shown["gait"].isin(CHART)].drop_duplicates(["gait", *axes])
+    return float((places["gait"].astype(str).value_counts() >= speeds).sum())
+
+
+@measure
+def nearest_speed(table: pd.DataFrame, *, gait: str, speed: float, where: Condition | None = None) -> float:
+    """Speed nearest to `speed` at which a row has the gait at its end (m/s)."""
+    require(table, "gait", "speed_end")
+    speeds = numbers(records_of_gait(records(table, where), gait), "speed_end")
+    return float(speeds[np.abs(speeds - speed).argmin()])
+
+
+@measure
+def speed_gap(
+    table: pd.DataFrame, *, slow: Sequence[str], fast: Sequence[str], where: Condition | None = None
+) -> float:
+    """Least speed of the fast families of gaits less the largest speed of the slow ones (m/s)."""
+    part = records(table, where)
+    require(part, "gait", "speed_end")
+    kind = part["gait"].astype(str).map(family)
+    speed = part["speed_end"].to_numpy(float)
+    sides = [speed[kind.isin(kinds_of_side).to_numpy()] for kinds_of_side in (slow, fast)]
+    if not all(len(side) for side in sides):
+        raise MeasureError(f"The table lacks {' and '.join([*slow, *fast])}.")
+    return float(sides[1].min() - sides[0].max())
+
+
+@measure
+def parameter_sets_with(
+    table: pd.DataFrame, *, gaits: Sequence[str], where: Condition | None = None
+) -> float:
+    """Number of parameter sets at which different starts come to each of the gaits (1)."""
+    part = records(table, where)
+    require(part, "gait")
+    axes = [name for name in axes_of(part) if name not in REPEATS]
+    names = part.assign(gait=part["gait"].astype(str)).groupby(axes)["gait"].agg(set)
+    return float(sum(set(gaits) <= shown for shown in names))
+
+
+@measure
+def difference_of_medians(table: pd.DataFrame, *, column: str, where: Condition, less: Condition) -> float:
+    """Median of a column in the records of one condition, less that in the records of another (its unit)."""
+    return value(table, column=column, where=where) - value(table, column=column, where=less)
+
+
+@measure
+def pitch_cycles(table: pd.DataFrame, *, where: Condition | None = None) -> float:
+    """Pitch oscillations in a gait cycle, 1 or 2: the larger amplitude; median over the rows (1)."""
+    oscillation = body_oscillation(records(table, where))
+    return float(np.median(np.where(oscillation["twice"] > oscillation["once"], 2.0, 1.0)))
+
+
+@measure
+def largest_deviation(
+    table: pd.DataFrame, *, column: str, value: float, where: Condition | None = None
+) -> float:
+    """Largest distance of a column from a value (its unit)."""
+    require(table, column)
+    return float(np.nanmax(np.abs(records(table, where)[column].to_numpy(float) - value)))
+
+
+def rows_of_gait(table: pd.DataFrame, gait: str) -> list[pd.DataFrame]:
+    """The records of each row of a trace with a gait, in order of time."""
+    return [one_row(table, row) for row in records_of_gait(gaits_in(table), gait)["row"]]
+
+
+def records_of_gait(table: pd.DataFrame, gait: str) -> pd.DataFrame:
+    """The records with a gait, one at least."""
+    return records(table, f"gait == '{gait}'")

@@ -1,0 +1,53 @@
+"""Recovery maps: what becomes of a gait after pushes, over two quantities of the push or of the gait."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+
+from gaitsweep.contract import Outcome
+from gaitsweep.plot.basins.basin import basin
+from gaitsweep.plot.basins.cells import check_cells
+from gaitsweep.plot.columns import require_columns
+from gaitsweep.plot.kind import Horizontal, Panels, Title, Vertical, figure_kind
+from gaitsweep.schema.numbers import Flag
+
+
+@figure_kind("perturb", check=check_cells)
+def recovery(
+    table: pd.DataFrame,
+    *,
+    x: Horizontal,
+    y: Vertical,
+    panels: Panels = None,
+    shares: Annotated[
+        Flag, "whether to write the share of each outcome, above panels or in the legend"
+    ] = True,
+    title: Title = None,
+) -> Figure:
+    """Cells coloured by whether a row recovers from its push, with the share of each outcome.
+
+    A row that settles in another gait has the colour of that gait, if the gait has a name.
+
+    Args:
+        table: a table of pushed rows, complete or partial.
+
+    Raises:
+        PlotError: the table lacks a column, or a cell has several rows.
+    """
+    require_columns(table, x, y, panels, "recovery")
+    kind = table["recovery"].dtype
+    named = table["recovery"].astype(object)
+    if {"gait", "gait_before"} <= set(table.columns):
+        gait, before = (table[name].astype(object) for name in ("gait", "gait_before"))
+        other = (named == "elsewhere") & gait.notna() & (gait != before) & (gait != Outcome.NO_GAIT)
+        named = named.where(~other, gait)
+    first = list(map(str, kind.categories)) if isinstance(kind, pd.CategoricalDtype) else []
+    order = [*first, *sorted(set(named.dropna()) - set(first))]
+    shown = table.assign(recovery=pd.Categorical(named, order), outcome=np.asarray(named, object))
+    # the statuses of the rows are in the names already
+    shown.attrs = {**table.attrs, "outcome_of": "recovery"}
+    return basin(shown, x=x, y=y, hue="recovery", panels=panels, shares=shares, title=title)

@@ -1,0 +1,79 @@
+"""Phase response: the phase that a gait gains by a push, over the phase of the push."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from gaitsweep.plot import theme
+from gaitsweep.plot.columns import PlotError, described, require_columns, written
+from gaitsweep.plot.kind import AlongAxis, Column, Horizontal, Title, figure_kind
+
+_NAMED_LINES = 8
+_DASHES: tuple[Any, ...] = ("-", (0, (4, 1.5)), (0, (1, 1)), (0, (5, 1, 1, 1)))
+
+
+@figure_kind("perturb", coloured="none")
+def phase_response(
+    table: pd.DataFrame,
+    *,
+    x: Horizontal = "push_phase",
+    y: Annotated[AlongAxis, "column along the vertical axis"] = "phase_shift",
+    hue: Annotated[Column | None, "column with one line for each value, such as the amount of a push"] = None,
+    title: Title = None,
+) -> Figure:
+    """The phase shift that stays over the phase of the push, one line for each amount.
+
+    Lines are interrupted where rows do not return to their gait.
+
+    Args:
+        table: a table of pushed rows, or that of `PoincareMap.phase_response` with its `response_NAME` as y.
+
+    Raises:
+        PlotError: the table lacks a column, or a line has several rows at one place.
+    """
+    require_columns(table, x, y, hue)
+    known = table.loc[table[x].notna()]
+    values: list[Any] = sorted(known[hue].dropna().unique()) if hue else [None]
+    few = len(values) <= _NAMED_LINES
+    with theme.canvas(theme.COLUMN + (0.0 if few else 0.7), 2.6, title) as figure:
+        axes = figure.subplots()
+        if not len(known):
+            theme.message(axes, "no rows yet")
+            return figure
+        ends = (None, None) if few else (float(values[0]), float(values[-1]))
+        scale = ScalarMappable(Normalize(*ends), "viridis")
+        colours = [] if few else scale.to_rgba(np.array(values, np.float64))
+        palette = theme.SPARE_COLOURS[:6]
+        handles = []
+        for number, value in enumerate(values):
+            part = (known if value is None else known.loc[known[hue] == value]).sort_values(x)
+            if part[x].duplicated().any():
+                raise PlotError(
+                    f"Several rows have the same {x}, since another quantity varies too. Name it as "
+                    "`hue`, or keep one of its values in the table."
+                )
+            look: dict[str, Any] = {"lw": 1.1, "marker": ".", "ms": 3.0}
+            look["color"] = palette[number % 6] if few else colours[number]
+            look["ls"] = _DASHES[number % 4] if few else "-"
+            across, up = part[x].to_numpy(float), part[y].to_numpy(float)
+            # a shift of half a period ahead is one of half a period behind
+            wraps = (np.abs(np.diff(up)) > 0.5) & (y == "phase_shift")
+            axes.plot(*theme.interrupted(wraps, across, up), **look)
+            handles.append(
+                Line2D([], [], label="" if value is None else written(table, str(hue), value), **look)
+            )
+        axes.axhline(0.0, color="#888888", lw=0.6, zorder=0)
+        axes.set_xlabel(described(table, x, 40))
+        axes.set_ylabel(described(table, y, 30))
+        if hue and few:
+            theme.legend(figure, handles, ncols=min(3, len(handles)), in_cell=True)
+        elif hue:
+            figure.colorbar(scale, ax=axes, label=described(table, str(hue), 30))
+    return figure

@@ -1,0 +1,99 @@
+"""Axes of angles, with ticks at multiples of pi, and of values over a parameter."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.ticker import FixedLocator, FuncFormatter, Locator, MultipleLocator
+
+_STEPS = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.25, 0.5, 1.0)  # of ticks, in pi
+# The least span of values along an axis, below which rounding would look like a change.
+_LEAST_ANGLE, _LEAST_SHARE, _LEAST_VALUE = 0.01, 1e-3, 1e-9  # rad, of the largest magnitude, in any unit
+_SHORT = 4  # labels of three letters along an axis of a turn
+
+
+class _TurnLocator(FixedLocator):
+    """Ticks over a turn, at every half turn where an axis is short."""
+
+    def __init__(self, steps: int) -> None:
+        super().__init__(np.linspace(0.0, 2 * np.pi, steps + 1).tolist())
+
+    def __call__(self) -> Any:
+        ticks = super().__call__()
+        short = self.axis is not None and self.axis.get_tick_space() < _SHORT
+        return ticks[:: (len(ticks) - 1) // 2] if short else ticks
+
+
+class _PiLocator(Locator):
+    """Ticks at round multiples of pi, as many as an axis has room for, at most seven."""
+
+    def __call__(self) -> Any:
+        assert self.axis is not None
+        return self.tick_values(*self.axis.get_view_interval())
+
+    def step(self) -> float:
+        """The distance of two ticks, in pi."""
+        assert self.axis is not None
+        span = abs(float(np.ptp(self.axis.get_view_interval()))) / np.pi
+        most = max(2, min(6, self.axis.get_tick_space()))
+        return next((step for step in _STEPS if span / step <= most), _STEPS[-1])
+
+    def tick_values(self, vmin: float, vmax: float) -> Any:
+        return MultipleLocator(self.step() * np.pi).tick_values(vmin, vmax)
+
+
+def angle_axis(axes: Axes, which: str, steps: int = 4) -> None:
+    """Show an angle on axis x, y or z with ticks at multiples of pi, `steps` intervals per turn.
+
+    The axis extends from 0 to 2 pi, or only over the data if they take less than half of that.
+    """
+    if which in "xy" and not _half_a_turn(axes, which):
+        angle_ticks(axes, which)
+        return
+    getattr(axes, f"set_{which}lim")(0.0, 2 * np.pi)
+    axis = getattr(axes, f"{which}axis")
+    axis.set_major_locator(_TurnLocator(steps))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: in_pi(value)))
+
+
+def value_axis(axes: Axes, *, angle: bool) -> None:
+    """Axis y of values over a parameter: ticks of angles in pi, and no span so small that rounding shows."""
+    if angle:
+        angle_ticks(axes, "y")
+    spans = [panel.dataLim.intervaly for panel in axes.get_shared_y_axes().get_siblings(axes)]
+    values = np.array([span for span in spans if np.isfinite(span).all()])
+    if not len(values) or axes.get_yscale() != "linear":
+        return
+    low, high = float(values.min()), float(values.max())
+    least = _LEAST_ANGLE if angle else max(_LEAST_SHARE * max(-low, high), _LEAST_VALUE)
+    if high - low < least:
+        axes.set_ylim(0.5 * (low + high - least), 0.5 * (low + high + least))
+
+
+def _half_a_turn(axes: Axes, which: str) -> bool:
+    """Whether the data of an axis and those that share it extend over half a turn, or there are no data."""
+    shared = getattr(axes, f"get_shared_{which}_axes")().get_siblings(axes)
+    spans = np.array([getattr(other.dataLim, f"interval{which}") for other in shared])
+    spans = spans[np.isfinite(spans).all(axis=1)]
+    return not len(spans) or float(np.ptp(spans)) >= np.pi
+
+
+def angle_ticks(axes: Axes, which: str) -> None:
+    """Ticks at round multiples of pi on a part of the circle that axis x or y already shows."""
+    axis, locator = getattr(axes, f"{which}axis"), _PiLocator()
+    axis.set_major_locator(locator)
+    axis.set_major_formatter(FuncFormatter(lambda value, _: in_pi(value, fractions=locator.step() >= 0.25)))
+
+
+def in_pi(angle: float, *, fractions: bool = True) -> str:
+    """Format an angle (rad) as a multiple of pi: 3π/4, or 0.77π if it is not a simple fraction."""
+    turns = round(angle / np.pi, 4)
+    if turns == round(turns):
+        return {0: "0", 1: "π", -1: "−π"}.get(round(turns), f"{round(turns)}π").replace("-", "−")
+    if fractions and 4 * turns == round(4 * turns):
+        bottom = 2 if 2 * turns == round(2 * turns) else 4
+        top = round(turns * bottom)
+        return f"{'−' if top < 0 else ''}{'' if abs(top) == 1 else abs(top)}π/{bottom}"
+    return f"{turns:.4g}π".replace("-", "−")

@@ -1,0 +1,84 @@
+"""The self-check of a run, after its rows or while they run."""
+
+from __future__ import annotations
+
+import threading
+from concurrent.futures import Future, ThreadPoolExecutor, wait
+from typing import Any, Self
+
+import numpy as np
+import pandas as pd
+from jaxtyping import Int
+
+from gaitsweep.engine.sweep.sweep_spec import SweepProgress
+from gaitsweep.runs.prepare import RunContext
+from gaitsweep.runs.progress import Progress
+from gaitsweep.runs.sampled_rows import rows_to_repeat
+from gaitsweep.runs.self_check import RerunRows, compare_stored, self_check
+from gaitsweep.runs.self_check_result import SelfCheck
+from gaitsweep.table import Table
+
+
+class ConcurrentSelfCheck:
+    """The self-check of a run: after its rows, or at the same time in a thread once `begin` was called.
+
+    Its exceptions are raised by `result`. Its rows have their own lanes; the table is read at the end.
+    """
+
+    def __init__(self, context: RunContext, table: Table) -> None:
+        self._context, self._table = context, table
+        self._asked = rows_to_repeat(context)
+        self._thread = ThreadPoolExecutor(1)
+        self._begun: Future[tuple[SelfCheck | None, RerunRows | None]] | None = None
+        self._abandoned = threading.Event()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._abandoned.set()
+        self._thread.shutdown()
+
+    def begin(self) -> None:
+        """Begin the self-check now, in a thread."""
+
+        def stop_if_abandoned(_: SweepProgress) -> None:
+            if self._abandoned.is_set():  # the rows have been stopped, and nobody reads its result
+                raise InterruptedError
+
+        if self._known is None:
+            self._begun = self._thread.submit(self_check, self._context, self._asked, stop_if_abandoned)
+
+    def result(self, on_progress: Progress) -> dict[str, Any]:
+        """Return the result for a complete table: the stored one, or that of a new self-check."""
+        if self._known is not None:
+            return self._known
+        total = self._context.spec.n_rows
+
+        def on_sweep_progress(now: SweepProgress) -> None:
+            on_progress(total, total, 0.0, 1.0, f"self-check: {now.done} of {now.rows} rows")
+
+        if self._begun is None:
+            check, rerun = self_check(self._context, self._asked, on_sweep_progress)
+        else:
+            while not self._begun.done():
+                on_progress(total, total, 0.0, 1.0, "self-check")  # where Ctrl-C is obeyed
+                wait([self._begun], timeout=0.1)
+            check, rerun = self._begun.result()
+        if check is not None and rerun is not None:
+            compare_stored(self._context, check, rerun, self._stored, on_sweep_progress)
+        judged = {"rows": 0, "verdict": "off"} if check is None else check.judged()
+        self._table.update_manifest(self_check=judged)
+        return judged
+
+    def _stored(self, rows: Int[np.ndarray, " rows"]) -> pd.DataFrame:
+        """The stored records of rows."""
+        table = self._table.load(rows)
+        table.attrs.clear()  # pandas copies them with each column
+        return table
+
+    @property
+    def _known(self) -> dict[str, Any] | None:
+        """Result of an earlier self-check with the same number of rows, or None."""
+        before = self._table.manifest.get("self_check")
+        return before if isinstance(before, dict) and before.get("rows") == self._asked else None

@@ -1,0 +1,68 @@
+"""Writing parts of a table by several processes at the same time."""
+
+from __future__ import annotations
+
+import os
+import secrets
+import socket
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from gaitsweep.table.digests import write_file
+from gaitsweep.table.examination import examined_parts
+from gaitsweep.table.files import PARTS, writing
+from gaitsweep.table.manifest import TABLE, Layout
+from gaitsweep.table.parts import checked_part
+
+# No two processes have the same, also not two of different machines.
+WRITER = f"{socket.gethostname()}-{os.getpid()}-{secrets.token_hex(4)}"
+
+
+class PartWriter:
+    """Writer of parts into a result directory whose manifest belongs to another process.
+
+    The bytes of a part do not depend on its writer, so one process may replace another's part.
+
+    Args:
+        path: the result directory, which exists.
+        layout: that of its table.
+    """
+
+    def __init__(self, path: Path, layout: Layout) -> None:
+        self.path, self.layout = path, layout
+
+    def has(self, number: int) -> bool:
+        """Whether the part of a block exists and is valid."""
+        return not self.missing([number])
+
+    def missing(self, numbers: Sequence[int]) -> list[int]:
+        """The blocks, among some, whose part is missing or invalid."""
+        sound = examined_parts(self.path, self.layout, numbers)
+        return [number for number in numbers if number not in sound]
+
+    def encoded(
+        self, number: int, frame: pd.DataFrame, quantities: Mapping[str, Mapping[str, Any]] | None = None
+    ) -> bytes:
+        """The part with the records of a block.
+
+        Args:
+            number: the block.
+            frame: its records.
+            quantities: unit and meaning of the columns, by name, as in the manifest.
+
+        Raises:
+            ValueError: the frame does not belong to the block.
+        """
+        return checked_part(frame, number, self.layout, quantities)[0]
+
+    def write(self, number: int, data: bytes) -> None:
+        """Write a part that `encoded` has made; it is on disk when this returns.
+
+        Raises:
+            WriteError: the disk is full or the file cannot be written; no incomplete part is left.
+        """
+        with writing(f"Part {self.layout.words(number)} could not be written to {self.path}"):
+            write_file(self.path, f"{TABLE}/{PARTS.name(number)}", data, writer=WRITER)

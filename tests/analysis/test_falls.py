@@ -1,0 +1,68 @@
+"""Mean steps to a fall of a rimless wheel on rough ground, against its transition matrix on a fine grid."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy import special
+
+import gaitsweep as gs
+from gaitsweep.analyses import AnalysisError, steps_to_fall
+from gaitsweep.examples.rimless_wheel import RimlessWheel
+
+SLOPE, ALPHA = 0.14, 0.4
+
+
+def by_matrix(roughness: float, cells: int) -> float:
+    """1 / (1 - the largest eigenvalue) of the chain of energies above 1, the barrier, in so many cells.
+
+    With slope g, an impact turns the energy K into keeps K + a cos g + b sin g, which grows with g.
+    """
+    keeps = np.cos(2.0 * ALPHA) ** 2
+    a, b = (1.0 - keeps) * np.cos(ALPHA), (1.0 + keeps) * np.sin(ALPHA)
+    size, angle = np.hypot(a, b), np.arctan2(b, a)
+    edges = np.linspace(1.0, size / (1.0 - keeps), cells + 1)
+    middles = 0.5 * (edges[1:] + edges[:-1])
+    share = np.clip((edges[None, :] - keeps * middles[:, None]) / size, -1.0, 1.0)
+    below = special.ndtr((angle - np.arccos(share) - SLOPE) / roughness)
+    return 1.0 / (1.0 - np.abs(np.linalg.eigvals(np.diff(below, axis=1))).max())
+
+
+@pytest.mark.slow("half a million steps")
+def test_the_mean_of_a_wheel_is_that_of_its_transition_matrix() -> None:
+    """Means over three orders of magnitude; an estimate from n falls has a relative error of 1 / sqrt(n)."""
+    roughness, rows = [0.08, 0.06, 0.045], 400
+    exact = [by_matrix(each, 400) for each in roughness]
+    # the cells are fine enough
+    assert exact[2] == pytest.approx(by_matrix(roughness[2], 800), rel=1e-3)
+    assert exact[2] > 10.0 * exact[0]
+    run = gs.FixedTime(duration=1000.0)
+    table = gs.sweep(RimlessWheel(), roughness=roughness, seed=np.arange(rows), run=run, verify=0).table
+    found = steps_to_fall(table, "roughness").to_dict("records")[::-1]
+    for record, mean in zip(found, exact, strict=True):
+        assert record["falls"] > 100
+        assert abs(np.log(record["steps"] / mean)) < 3.5 / np.sqrt(record["falls"])
+        assert record["low"] < record["steps"] < record["high"]
+
+
+def test_rows_without_a_fall_give_a_lower_bound() -> None:
+    table = pd.DataFrame({"cycles": [110, 110, 50], "status": ["complete", "complete", "complete"]})
+    found = steps_to_fall(table).to_dict("records")[0]
+    assert (found["falls"], found["tried"]) == (0, 240)
+    assert np.isinf(found["steps"])
+    # 1 - (1 - 0.05 / 2)^(1 / 240) is the largest chance that is not excluded
+    assert found["low"] == pytest.approx(1.0 / (1.0 - 0.025 ** (1.0 / 240.0)))
+    fell = table.assign(status=["complete", "fell", "fell"])
+    assert steps_to_fall(fell)["steps"][0] == 242 / 2
+    assert steps_to_fall(fell, after=60)[["rows", "falls", "tried"]].iloc[0].tolist() == [2, 1, 101]
+
+
+def test_other_ends_and_arguments_are_refused() -> None:
+    table = pd.DataFrame({"cycles": [10], "status": ["diverged"]})
+    with pytest.raises(AnalysisError, match="1 rows ended as diverged"):
+        steps_to_fall(table)
+    with pytest.raises(AnalysisError, match="level is 2"):
+        steps_to_fall(table, level=2.0)
+    with pytest.raises(AnalysisError, match="roughnes"):
+        steps_to_fall(table, "roughnes")

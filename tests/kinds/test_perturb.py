@@ -1,0 +1,280 @@
+"""Pushed rows against closed forms, and against the adjoint solution of the linearised return map."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import gaitsweep as gs
+from gaitsweep.examples.compass_walker import CompassWalker
+from gaitsweep.examples.hopper import Hopper
+from gaitsweep.job import Job, JobError
+
+FINE = {"rtol": 1e-12, "atol": 1e-13}
+SPREAD = 0.3  # half the angle between spokes, rad
+SLOPE = 0.08
+GAIT = 2.0 / np.tan(2.0 * SPREAD) * np.sqrt(np.sin(SPREAD) * np.sin(SLOPE))  # rate just after an impact
+
+
+class Wheel(gs.DeclaredModel):
+    """A rimless wheel; time in sqrt(l / g)."""
+
+    slope = gs.parameter("rad", "slope of the ground, downwards", SLOPE, low=0.0, high=0.25)
+    angle = gs.variable("rad", "angle of the spoke on the ground from the vertical")
+    rate = gs.variable("1", "rate of the angle", 0.5)
+
+    def complete(self, p: Any, s: Any) -> Any:
+        return s.replace(angle=p.slope - SPREAD)
+
+    def flow(self, p: Any, s: Any) -> dict[str, Any]:
+        return {"angle": s.rate, "rate": jnp.sin(s.angle)}
+
+    @gs.event("spoke lands", section=True)
+    def landing(self, p: Any, s: Any) -> Any:
+        return s.angle - p.slope - SPREAD
+
+    @landing.jump
+    def impact(self, p: Any, s: Any) -> Any:
+        return s.replace(angle=p.slope - SPREAD, rate=jnp.cos(2.0 * SPREAD) * s.rate)
+
+    def failed(self, p: Any, s: Any) -> Any:
+        """The wheel rocks back."""
+        return s.rate < 0.0
+
+    def period(self, p: Any) -> Any:
+        return 2.0
+
+
+class Clock(gs.DeclaredModel):
+    """A radial isochron clock: its phase is the angle, wherever it is (Winfree 2001, ch. 6)."""
+
+    omega = gs.parameter("rad/s", "angular frequency", 6.0, low=0.0)
+    x = gs.variable("1", "first coordinate", 0.9, scale=1.0)
+    y = gs.variable("1", "second coordinate", scale=1.0)
+
+    def flow(self, p: Any, s: Any) -> dict[str, Any]:
+        pull = 1.0 - s.x**2 - s.y**2
+        return {"x": pull * s.x - p.omega * s.y, "y": pull * s.y + p.omega * s.x}
+
+    @gs.event("turn ends", section=True)
+    def turn(self, p: Any, s: Any) -> Any:
+        return s.y
+
+    def period(self, p: Any) -> Any:
+        return 2.0 * jnp.pi / p.omega
+
+
+def wrapped(share: Any) -> np.ndarray:
+    return (np.asarray(share) + 0.5) % 1.0 - 0.5
+
+
+def pushed(model: Any, push: list[str], run: dict[str, Any] | None = None, **keywords: Any) -> Any:
+    return gs.perturb(model, push, run=run, verify=0, **keywords).table
+
+
+@pytest.mark.slow("two programs")
+def test_the_phase_shift_of_a_clock_is_that_of_its_angle() -> None:
+    """Isochrons are the rays of the plane, for pushes of any size; settling has an error below 1e-9."""
+    keywords: dict[str, Any] = {
+        "numerics": FINE,
+        "push_x": [-0.6, 0.3, 2.0],
+        "push_phase": np.arange(8) / 8.0 + 0.03,
+    }
+    table = pushed(Clock(), ["x", "y"], {"tolerance": 1e-10}, push_y=0.1, **keywords)
+    before = 2.0 * np.pi * table["push_phase"].to_numpy()
+    pushed_x = np.cos(before) + table["push_x"].to_numpy()
+    after = np.arctan2(np.sin(before) + 0.1, pushed_x)
+    assert (table["recovery"] == "recovered").all()
+    shift = wrapped((after - before) / (2.0 * np.pi))
+    assert np.abs(wrapped(table["phase_shift"] - shift)).max() < 1e-9
+    # the radius follows 1 / r^2 - 1 = (1 / r0^2 - 1) exp(-2 t), and a row is back where it is close to 1
+    radius = np.hypot(np.sin(before) + 0.1, pushed_x)[:, None]
+    times = ((-after[:, None]) % (2.0 * np.pi) + 2.0 * np.pi * np.arange(20)) / 6.0
+    far = np.abs((1.0 + (radius**-2.0 - 1.0) * np.exp(-2.0 * times)) ** -0.5 - 1.0) > 0.01
+    cycles = np.where(far.any(axis=1), 20 - np.argmax(far[:, ::-1], axis=1), 0)
+    np.testing.assert_array_equal(table["cycles_back"], np.where(cycles > 0, cycles + 1, 0))
+    back = np.where(cycles > 0, times[np.arange(len(times)), cycles], 0.0)
+    np.testing.assert_allclose(table["time_back"], back, atol=1e-8)
+    np.testing.assert_allclose(
+        table["t_push"] * 6.0 / (2.0 * np.pi) % 1.0, table["push_phase"] % 1.0, atol=1e-9
+    )
+
+
+def test_a_wheel_recovers_if_its_energy_is_above_the_barrier() -> None:
+    """Just after an impact it passes the vertical if rate^2 / 2 + cos(angle) > 1."""
+    least = 2.0 * np.sin((SPREAD - SLOPE) / 2.0) - GAIT
+    table = pushed(Wheel(), ["rate"], push_rate=[least - 1e-5, least + 1e-5, 0.0, 0.3])
+    assert table["recovery"].tolist() == ["fell", "recovered", "recovered", "recovered"]
+    assert table["status"].tolist() == ["fell", "settled", "settled", "settled"]
+    np.testing.assert_allclose(table["rate_end"][1:], GAIT, atol=1e-6)
+    # the first crossing after the push, by the conservation of energy and the loss of an impact
+    rate = np.cos(2.0 * SPREAD) * np.sqrt((GAIT + 0.3) ** 2 + 4.0 * np.sin(SPREAD) * np.sin(SLOPE))
+    assert table["excursion"][3] == pytest.approx((rate - GAIT) / (0.1 + GAIT), abs=1e-6)
+    shift = table["phase_shift"]
+    assert shift[2] == pytest.approx(0.0, abs=1e-6)
+    assert np.isnan(shift[0])
+    for row, push in zip((1, 3), (least + 1e-5, 0.3), strict=True):
+        rates = [GAIT + push]
+        while len(rates) < 40:
+            rates.append(
+                np.cos(2.0 * SPREAD) * np.sqrt(rates[-1] ** 2 + 4.0 * np.sin(SPREAD) * np.sin(SLOPE))
+            )
+        far = np.flatnonzero(np.abs(np.array(rates[1:]) - GAIT) > 0.01 * (0.1 + GAIT))
+        assert table["cycles_back"][row] == far[-1] + 2  # the crossing after the last one that is far
+    assert table["cycles_back"][2] == 0.0
+
+
+@pytest.mark.slow("a program")
+def test_a_step_of_a_parameter_lasts_for_its_cycles() -> None:
+    """Rates after each impact by energy: (cos 2a)^2 (rate^2 + 2 (cos of first angle - cos of last))."""
+    run = {"step": "slope", "at": "spoke lands"}
+    table = pushed(Wheel(), [], run, push_slope=[-0.05, 0.1], push_cycles=[1, 3])
+    assert (table["recovery"] == "recovered").all()
+    for row in table.itertuples():
+        rate, farthest, angle, changed = GAIT, 0.0, SLOPE - SPREAD, SLOPE + row.push_slope
+        for crossing in range(40):
+            slope = changed if crossing < row.push_cycles else SLOPE
+            gain = 2.0 * (np.cos(angle) - np.cos(slope + SPREAD))
+            rate, angle = np.cos(2.0 * SPREAD) * np.sqrt(rate**2 + gain), slope - SPREAD
+            farthest = max(farthest, abs(rate - GAIT) / (0.1 + GAIT))
+        # the section's other observable is the angle there, which the slope decides
+        away = max(farthest, abs(row.push_slope))
+        assert row.excursion == pytest.approx(away, abs=1e-6)
+
+
+@pytest.mark.slow("five programs")
+def test_an_event_is_phase_0_and_a_short_force_an_impulse() -> None:
+    amounts = [-0.1, 0.2]
+    by_phase = pushed(Wheel(), ["rate"], {"tolerance": 1e-9}, numerics=FINE, push_rate=amounts)
+    by_event = pushed(
+        Wheel(), ["rate"], {"at": "spoke lands", "tolerance": 1e-9}, numerics=FINE, push_rate=amounts
+    )
+    for name in ("phase_shift", "excursion", "time_back", "cycles_back", "rate_end"):
+        np.testing.assert_allclose(by_event[name], by_phase[name], atol=1e-7)
+    durations = [0.02, 0.01, 0.005]
+    run = {"force": True, "tolerance": 1e-9}
+    forced = pushed(Wheel(), ["rate"], run, numerics=FINE, push_rate=0.2, push_duration=durations)
+    errors = np.abs(forced["phase_shift"] - by_phase["phase_shift"][1])
+    # the difference from an impulse is of first order in the duration
+    np.testing.assert_allclose(errors[:2].to_numpy() / errors[1:].to_numpy(), 2.0, atol=0.05)
+
+
+@pytest.mark.slow("compiles the chain's derivatives")
+@pytest.mark.parametrize(
+    ("model", "variables", "method"),
+    [
+        ("multilegged_reduced", ["phi_1", "phi_3"], {"method": "propagator"}),
+        ("multilegged", ["phi_1", "phi_2", "v_1", "y_2", "x_3"], {}),
+    ],
+)
+def test_pushes_of_the_chain_agree_with_the_adjoint(
+    model: str, variables: list[str], method: dict[str, str]
+) -> None:
+    """Differences of pushes of 1e-4 both ways have errors of 1e-8; settling adds some 1e-7."""
+    start, phases = {"psi_1": 1.0, "psi_2": 2.0, "psi_3": 3.0}, [0.1, 0.35, 0.6, 0.85]
+    cycles = gs.return_map(model, numerics=method, beta=0.6)
+    exact = cycles.phase_response(cycles.settled(start, cycles=300), variables, phases)
+    assert exact["response_phi_1"].between(0.16, 0.17).all()  # leg 1 leads: about 1 / (2 pi)
+    for variable in variables:
+        amounts = {f"push_{variable}": [-1e-4, 1e-4], "push_phase": phases}
+        run = {"tolerance": 1e-10, "max_cycles": 600}
+        table = pushed(model, [variable], run, numerics=method, beta=0.6, **start, **amounts)
+        back, forth = table["phase_shift"].to_numpy().reshape(2, -1)
+        np.testing.assert_allclose((forth - back) / 2e-4, exact[f"response_{variable}"], atol=1e-6)
+
+
+@pytest.mark.slow("compiles derivatives")
+def test_the_adjoint_of_a_clock_and_of_gaits_of_two_steps() -> None:
+    turns = gs.return_map(Clock(), numerics=FINE)
+    gait = turns.fixed_points(turns.settled(cycles=20))
+    table = turns.phase_response(gait, ["x", "y"], 12)
+    angle = 2.0 * np.pi * table["push_phase"]
+    np.testing.assert_allclose(table["response_x"], -np.sin(angle) / (2.0 * np.pi), atol=1e-10)
+    np.testing.assert_allclose(table["response_y"], np.cos(angle) / (2.0 * np.pi), atol=1e-10)
+    # over two turns a phase is half as large
+    twice = gs.return_map(Clock(), numerics=FINE, period=2)
+    both = twice.phase_response(twice.fixed_points(twice.settled(cycles=20)), ["x"], 24)
+    np.testing.assert_allclose(both["response_x"], np.tile(table["response_x"], 2) / 2.0, atol=1e-10)
+
+
+@pytest.mark.slow("compiles derivatives")
+def test_a_gait_of_two_steps_agrees_with_its_adjoint() -> None:
+    slope, phase = 4.6, [0.2, 0.7]
+    walk = gs.return_map(CompassWalker(), slope=slope, period=2)
+    table = pushed(
+        CompassWalker(),
+        ["stance_rate"],
+        {"tolerance": 1e-8, "max_cycles": 900},
+        slope=slope,
+        push_stance_rate=[-1e-4, 1e-4],
+        push_phase=phase,
+    )
+    assert (table["attractor_period"] == 2).all()
+    assert (table["recovery"] == "recovered").all()
+    # the table's phases count from the crossing at which the row had settled: one of two
+    back, forth = table["phase_shift"].to_numpy().reshape(2, -1)
+    measured = (forth - back) / 2e-4
+    gait = walk.fixed_points(walk.settled(cycles=100))
+    one, other = (
+        walk.phase_response(walk._points(at)[0], ["stance_rate"], phase)["response_stance_rate"].to_numpy()
+        for at in (gait, walk.orbit(gait)[:, 1])
+    )
+    errors = [np.abs(measured - response).max() for response in (one, other)]
+    assert min(errors) < 1e-3 * np.abs(measured).max()
+
+
+@pytest.mark.slow("a program")
+def test_rows_do_not_depend_on_lanes_and_name_the_other_gait() -> None:
+    """The hopper's gaits 1:1 and 2:1 have launches of pi g / omega and twice that."""
+    keywords: dict[str, Any] = {"launch_0": 2.5, "phase_0": 2.0, "push_launch": [0.0, 0.2, 2.57]}
+    table = pushed(Hopper(), ["launch"], **keywords)
+    assert table["gait_before"].tolist() == ["1:1"] * 3
+    assert table["recovery"][:2].tolist() == ["recovered", "recovered"]
+    assert table["recovery"][2] == "elsewhere"
+    assert table["gait"].tolist() == ["1:1", "1:1", "2:1"]
+    again = pushed(Hopper(), ["launch"], engine={"block": 2, "lanes": 8}, **keywords)
+    np.testing.assert_array_equal(table["phase_shift"], again["phase_shift"])
+    np.testing.assert_array_equal(table["t_end"], again["t_end"])
+
+
+def job(**run: Any) -> Job:
+    vary = run.pop("vary", {})
+    return Job(name="x", model=run.pop("model", "toy_model:Toy"), vary=vary, run={"kind": "perturb", **run})
+
+
+@pytest.mark.parametrize(
+    ("fields", "says"),
+    [
+        ({"push": ["hight"]}, r"run\.push\[0\] is hight.*did you mean height"),
+        ({}, r"run\.push is missing"),
+        ({"push": ["speed_1"], "at": "lands"}, r"run\.at is lands, which is not an event"),
+        ({"push": ["speed_1", "speed_1"]}, r"run\.push\[1\] is speed_1, which is named twice"),
+        ({"step": "mass"}, r"kick = .*follows it"),
+        ({"step": "restitution", "vary": {"push_restitution": [0.1, 0.6]}}, r"restitution 1.1 in row 1"),
+        (
+            {"force": True, "step": "restitution", "vary": {"push_duration": [1.0]}},
+            r"run\.force has no effect without run\.push",
+        ),
+        ({"push": ["speed_1"], "force": True}, r"push_duration is missing"),
+        ({"push": ["speed_1"], "vary": {"push_sped_1": [1.0]}}, r"did you mean push_speed_1"),
+        (
+            {"push": ["speed_1"], "model": "gaitsweep.examples.mujoco_hopper:MujocoHopper"},
+            r"moves in steps",
+        ),
+    ],
+)
+def test_what_cannot_be_pushed_is_refused(fields: dict[str, Any], says: str) -> None:
+    with pytest.raises(JobError, match=says):
+        job(**fields)
+
+
+def test_the_unstable_have_no_phase_response() -> None:
+    hops = gs.return_map(Hopper(), omega=3.7)
+    unstable = hops.fixed_points([5.9, 8.3])
+    with pytest.raises(gs.ArgumentError, match="outside the unit circle"):
+        hops.phase_response(unstable, ["launch"], [0.5])
+    with pytest.raises(gs.ArgumentError, match="did you mean launch"):
+        hops.phase_response(unstable, ["lanch"])
