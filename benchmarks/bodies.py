@@ -1,8 +1,8 @@
 """Speed of a body of an MJCF beside MuJoCo, in one run: `python -m benchmarks.bodies`.
 
-The body is like Gymnasium's half-cheetah: a trunk in a plane and two legs of three joints with springs, dampers
-and motors, which an oscillator drives; eight capsules may touch the floor. Prints steps a second and simulated
-seconds a second, of all rows together, in double precision and at the same step, of
+The body is like Gymnasium's half-cheetah: a trunk in a plane and two legs of three joints with springs,
+dampers and motors, which an oscillator drives; eight capsules may touch the floor. Prints steps a second and
+simulated seconds a second, of all rows together, in double precision and at the same step, of
 
 - gaitsweep's kernel: `BodyModel` by Runge and Kutta's steps of order 4, contacts located, and the observables
   and crossings of each cycle;

@@ -330,6 +330,16 @@ class LocatedBody:
         return stops
 
     @functools.partial(jax.jit, static_argnums=0)
+    def depths_and_forces(
+        self, values: Values, q: Array, v: Array
+    ) -> tuple[Float[Array, " stops"], Float[Array, " stops"]]:
+        """The stretch (m, rad) and the force (N, N m), were it pushing, of each stop, (stops,)."""
+        stops = self.stretches(values, q, v)
+        if not stops:
+            return jnp.zeros((0,)), jnp.zeros((0,))
+        return _row([stop.stretch for stop in stops]), _row([stop.force for stop in stops])
+
+    @functools.partial(jax.jit, static_argnums=0)
     def heights(self, values: Values, q: Array, v: Array) -> Float[Array, " stops"]:
         """The `Stretch.height` (stops,) of each stop."""
         stops = self.stretches(values, q, v)
