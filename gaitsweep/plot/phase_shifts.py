@@ -12,8 +12,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from gaitsweep.plot import theme
+from gaitsweep.plot.arguments import AlongAxis, Column, Horizontal, Title
 from gaitsweep.plot.columns import PlotError, described, require_columns, written
-from gaitsweep.plot.kind import AlongAxis, Column, Horizontal, Title, figure_kind
+from gaitsweep.plot.kind import figure_kind
 
 _NAMED_LINES = 8
 _DASHES: tuple[Any, ...] = ("-", (0, (4, 1.5)), (0, (1, 1)), (0, (5, 1, 1, 1)))

@@ -9,10 +9,11 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from gaitsweep.contract import Outcome
+from gaitsweep.plot.arguments import Horizontal, Panels, Title, Vertical
 from gaitsweep.plot.basins.basin import basin
 from gaitsweep.plot.basins.cells import check_cells
 from gaitsweep.plot.columns import require_columns
-from gaitsweep.plot.kind import Horizontal, Panels, Title, Vertical, figure_kind
+from gaitsweep.plot.kind import figure_kind
 from gaitsweep.schema.numbers import Flag
 
 
