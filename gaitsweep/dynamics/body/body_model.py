@@ -166,8 +166,9 @@ class BodyModel(OfMjcf, DeclaredModel):
 
     def jump(self, params: Any, state: Any, fired: Bool[Array, " events"], /) -> Any:
         declared = len(super().guard_names)
-        state = state.replace(pushing=state.pushing ^ fired[declared:])
-        return super().jump(params, state, fired[:declared])
+        before = super().jump(params, state, fired[:declared])
+        after = before.replace(pushing=before.pushing ^ fired[declared:])
+        return self._stepped(params, before, after, jnp.zeros(()))  # declared footfalls
 
     def chart(self) -> Chart:
         from gaitsweep.dynamics.body.section_chart import BodyChart
