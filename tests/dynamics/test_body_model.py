@@ -5,7 +5,9 @@
 
 from __future__ import annotations
 
+import types
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import jax
@@ -15,6 +17,11 @@ import numpy as np
 import pytest
 
 import gaitsweep as gs
+from gaitsweep.engine.kernel import cuda
+from gaitsweep.engine.numerics import Numerics
+from gaitsweep.engine.recorders.crossings import CrossingRecorder
+from tests.support.host_card import HostCard, compiler
+from tests.support.sweeping import run_rows
 
 LEG = """
 <body name="thigh_{side}"><joint name="hip_{side}" axis="0 -1 0" range="-60 60"/>
@@ -57,10 +64,10 @@ HOPPER = """
   </worldbody>
   <actuator><position name="leg" joint="leg" kp="40" kv="1"/></actuator>
 </mujoco>"""
-FLYING = {"hip_l_0": 0.3, "hip_l_rate_0": 2.0, "knee_l_0": 0.6, "hip_r_0": -0.3, "knee_r_0": 0.5,
+FLYING: dict[str, Any] = {"hip_l_0": 0.3, "hip_l_rate_0": 2.0, "knee_l_0": 0.6, "hip_r_0": -0.3, "knee_r_0": 0.5,
           "knee_r_rate_0": 1.0, "pitch_rate_0": 1.5, "x_rate_0": 1.0}  # fmt: skip
 # a foot that hits the ground at 1.3 m/s, slips, and rises
-HOP = {"z_0": 0.08, "z_rate_0": -0.3, "x_rate_0": 0.4, "leg_0": 0.2, "swing": 0.5}
+HOP: dict[str, Any] = {"z_0": 0.08, "z_rate_0": -0.3, "x_rate_0": 0.4, "leg_0": 0.2, "swing": 0.5}
 EXACT = {"method": "tsit5", "rtol": 1e-12, "atol": 1e-13}
 
 
@@ -161,7 +168,7 @@ def test_free_motion_is_mujocos_at_the_same_steps() -> None:
 @pytest.mark.slow
 def test_the_kernels_motion_is_mujocos_in_flight() -> None:
     """MuJoCo's steps of 0.1 ms have errors of some 1e-12."""
-    start = {"z_0": 3.0, "leg_0": 0.4, "leg_rate_0": -2.0, "x_rate_0": 1.0}
+    start: dict[str, Any] = {"z_0": 3.0, "leg_0": 0.4, "leg_rate_0": -2.0, "x_rate_0": 1.0}
     trace = gs.simulate(Swinging(), **start, swing=0.0, duration=0.3, every=0.3, numerics=EXACT)
     xml = HOPPER.replace('timestep="0.0005"', 'timestep="0.0001" integrator="RK4"')
     m, data = in_c(xml, start)
@@ -222,7 +229,7 @@ def test_an_axis_equals_the_edited_file(parameter: str, value: float, old: str, 
     """Rows of a sweep against the reloaded file; the ground's stiffness, which follows masses, is given."""
     assert old in HOPPER
     ground = {"foot_contact_stiffness": 2e4, "foot_contact_damping": 200.0, "foot_grip": 200.0}
-    options = {**HOP, **ground, "duration": 0.3, "every": 0.3, "numerics": EXACT}
+    options: dict[str, Any] = {**HOP, **ground, "duration": 0.3, "every": 0.3, "numerics": EXACT}
     varied = gs.simulate(Swinging(), **options, **{parameter: value})
     edited = gs.simulate(of(HOPPER.replace(old, new)), **options)
     columns = ["q_0", "q_1", "q_2"]
@@ -307,3 +314,25 @@ def test_what_is_not_covered_is_refused(old: str, new: str, sentence: str | None
         return
     with pytest.raises(ValueError, match=sentence):
         _ = model.parameters
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(compiler() is None, reason="no C++ compiler")
+def test_the_code_for_a_card_moves_the_body_as_that_for_the_processor(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The CUDA C, compiled for this machine, through landings; both round differently."""
+
+    class CudaDevice(HostCard):
+        folder = tmp_path
+
+    recorder = CrossingRecorder(Swinging(), crossings=2)
+    starts = {"z_0": np.array([0.0, 0.03, 0.08]), "leg_0": np.array([0.0, 0.2, -0.1])}
+    options: dict[str, Any] = {"numerics": Numerics(dt=5e-4, method="rk4"), "engine": "kernel"}
+    here = run_rows(Swinging(), recorder, starts, **options)
+    monkeypatch.setattr(cuda, "CudaDevice", CudaDevice)
+    device = types.SimpleNamespace(platform="gpu")
+    monkeypatch.setattr("tests.support.sweeping.devices_on", lambda platform, engine: [device])
+    card = run_rows(Swinging(), recorder, starts, **options)
+    assert np.isfinite(here.samples).all()
+    np.testing.assert_allclose(card.samples, here.samples, rtol=1e-9, atol=1e-9)
