@@ -54,7 +54,7 @@ def test_rows_without_a_fall_give_a_lower_bound() -> None:
     # 1 - (1 - 0.05 / 2)^(1 / 240) is the largest chance that is not excluded
     assert found["low"] == pytest.approx(1.0 / (1.0 - 0.025 ** (1.0 / 240.0)))
     fell = table.assign(status=["complete", "fell", "fell"])
-    assert steps_to_fall(fell)["steps"][0] == 242 / 2
+    assert steps_to_fall(fell)["steps"].tolist()[0] == 242 / 2
     assert steps_to_fall(fell, after=60)[["rows", "falls", "tried"]].iloc[0].tolist() == [2, 1, 101]
 
 

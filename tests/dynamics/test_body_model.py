@@ -64,8 +64,10 @@ HOPPER = """
   </worldbody>
   <actuator><position name="leg" joint="leg" kp="40" kv="1"/></actuator>
 </mujoco>"""
-FLYING: dict[str, Any] = {"hip_l_0": 0.3, "hip_l_rate_0": 2.0, "knee_l_0": 0.6, "hip_r_0": -0.3, "knee_r_0": 0.5,
-          "knee_r_rate_0": 1.0, "pitch_rate_0": 1.5, "x_rate_0": 1.0}  # fmt: skip
+FLYING: dict[str, Any] = {
+    "hip_l_0": 0.3, "hip_l_rate_0": 2.0, "knee_l_0": 0.6, "hip_r_0": -0.3, "knee_r_0": 0.5,
+    "knee_r_rate_0": 1.0, "pitch_rate_0": 1.5, "x_rate_0": 1.0,
+}  # fmt: skip
 # a foot that hits the ground at 1.3 m/s, slips, and rises
 HOP: dict[str, Any] = {"z_0": 0.08, "z_rate_0": -0.3, "x_rate_0": 0.4, "leg_0": 0.2, "swing": 0.5}
 EXACT = {"method": "tsit5", "rtol": 1e-12, "atol": 1e-13}
@@ -230,7 +232,8 @@ def test_an_axis_equals_the_edited_file(parameter: str, value: float, old: str, 
     assert old in HOPPER
     ground = {"foot_contact_stiffness": 2e4, "foot_contact_damping": 200.0, "foot_grip": 200.0}
     options: dict[str, Any] = {**HOP, **ground, "duration": 0.3, "every": 0.3, "numerics": EXACT}
-    varied = gs.simulate(Swinging(), **options, **{parameter: value})
+    options_varied = options | {parameter: value}
+    varied = gs.simulate(Swinging(), **options_varied)
     edited = gs.simulate(of(HOPPER.replace(old, new)), **options)
     columns = ["q_0", "q_1", "q_2"]
     np.testing.assert_allclose(varied[columns].iloc[-1], edited[columns].iloc[-1], rtol=0, atol=1e-10)
