@@ -232,7 +232,7 @@ def test_an_axis_equals_the_edited_file(parameter: str, value: float, old: str, 
     assert old in HOPPER
     ground = {"foot_contact_stiffness": 2e4, "foot_contact_damping": 200.0, "foot_grip": 200.0}
     options: dict[str, Any] = {**HOP, **ground, "duration": 0.3, "every": 0.3, "numerics": EXACT}
-    options_varied = options | {parameter: value}
+    options_varied: dict[str, Any] = options | {parameter: value}
     varied = gs.simulate(Swinging(), **options_varied)
     edited = gs.simulate(of(HOPPER.replace(old, new)), **options)
     columns = ["q_0", "q_1", "q_2"]
@@ -339,3 +339,17 @@ def test_the_code_for_a_card_moves_the_body_as_that_for_the_processor(
     card = run_rows(Swinging(), recorder, starts, **options)
     assert np.isfinite(here.samples).all()
     np.testing.assert_allclose(card.samples, here.samples, rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.slow
+def test_a_gait_is_followed_along_a_mass_of_the_file() -> None:
+    """The branch's end is the gait that a return map with that mass settles at."""
+    numerics = {"method": "tsit5", "rtol": 1e-10, "atol": 1e-11}
+    hop = gs.return_map(Swinging(), numerics=numerics)
+    gait = hop.fixed_points(hop.settled({"z_0": 0.02}, 60))
+    assert np.abs(hop.multipliers(gait)).max() < 1.0
+    last = hop.continue_(gait, "trunk_mass", (2.0, 2.6)).iloc[-1]
+    assert last["trunk_mass"] == pytest.approx(2.6)
+    heavier = gs.return_map(Swinging(), numerics=numerics, trunk_mass=2.6)
+    settled = heavier.settled({"z_0": float(last["height"])}, 60).at[0]
+    np.testing.assert_allclose(settled[heavier.coordinates.index("z")], last["height"], rtol=0, atol=1e-7)
