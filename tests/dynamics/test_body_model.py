@@ -353,3 +353,24 @@ def test_a_gait_is_followed_along_a_mass_of_the_file() -> None:
     heavier = gs.return_map(Swinging(), numerics=numerics, trunk_mass=2.6)
     settled = heavier.settled({"z_0": float(last["height"])}, 60).at[0]
     np.testing.assert_allclose(settled[heavier.coordinates.index("z")], last["height"], rtol=0, atol=1e-7)
+
+
+@pytest.mark.slow
+def test_a_free_box_comes_to_rest_on_its_corners() -> None:
+    """A body with six degrees of freedom, thrown forward: its corners carry its weight."""
+    xml = """<mujoco><worldbody><geom type="plane" size="9 9 .1"/>
+      <body pos="0 0 .2"><freejoint name="root"/>
+        <geom name="box" type="box" size=".1 .15 .05" mass="2"/></body>
+    </worldbody></mujoco>"""
+    members = {
+        "control": lambda self, p, s: jnp.zeros(0),
+        "height": gs.observable("m", "height", scale=0.1)(lambda self, p, s: s.q[2]),
+        "force": gs.signal("N", "force of the ground")(lambda self, p, s: self.load(p, s, "box")),
+    }
+    trace = gs.simulate(of(xml, **members), root_x_rate_0=0.5, root_z_rate_0=0.5, duration=2.0, every=0.1)
+    end = trace.iloc[-1]
+    assert trace["q_2"].max() > 0.2
+    assert 0.0499 < end["q_2"] < 0.05  # half the height of the box, less the depth
+    assert end["force"] == pytest.approx(2.0 * 9.81, rel=1e-4)
+    assert end["q_0"] > 0.1  # it flew and slid
+    assert trace["q_0"].diff().iloc[-1] == pytest.approx(0.0, abs=1e-6)
