@@ -243,7 +243,7 @@ class LocatedBody:
         self._add(f"{name}_gear", "1", f"gear of actuator {name}", m.actuator_gear[k, 0])
         if _is_position(m, k):
             self._add(f"{name}_kp", "N/m or N m/rad", f"position gain of actuator {name}", gain)
-            self._add(f"{name}_kv", "N s/m or N m s/rad", f"velocity gain of actuator {name}", -bias[2])
+            self._add(f"{name}_kv", "N s/m or N m s/rad", f"velocity gain of actuator {name}", 0.0 - bias[2])
         elif _is_velocity(m, k):
             self._add(f"{name}_kv", "N s/m or N m s/rad", f"velocity gain of actuator {name}", gain)
         else:
