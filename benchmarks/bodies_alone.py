@@ -12,13 +12,14 @@ import numpy as np
 from benchmarks.sweep_rate import Rate
 
 
-def mujoco_c(model: Any, begin: np.ndarray, seconds: float) -> Rate:
+def mujoco_c(model: Any, begin: np.ndarray, seconds: float, control: np.ndarray | None = None) -> Rate:
     """mujoco.rollout on as many threads as there are cores.
 
     Args:
         model: a mujoco.MjModel, its option's step the one to take.
         begin: positions (n, nq) from which rows start at rest.
         seconds: of the measurement.
+        control: controls (16 rows for each core, 500 steps, nu); by default none.
     """
     import mujoco
     from mujoco import rollout
@@ -37,7 +38,7 @@ def mujoco_c(model: Any, begin: np.ndarray, seconds: float) -> Rate:
         end = time.perf_counter() + seconds
         while time.perf_counter() < end:
             began = time.perf_counter()
-            pool.rollout(model, workers, states, nstep=steps)
+            pool.rollout(model, workers, states, control, nstep=steps)
             best = min(best, time.perf_counter() - began)
     rate = len(states) * steps / best
     return Rate(rate, rate * model.opt.timestep, 0.0)

@@ -286,8 +286,9 @@ class Model(Jumps):
     1. A model gives `name`, `source`, `gaits` and the abstract members.
     2. It may give the optional members, which are all others. Their defaults describe a model without the
        feature: `precisions`, `label_fields`, `given_with`, `host_parameters` with `on_host`, `data_digest`,
-       `caveats`, `free_after`, `beyond_at_start`, `symmetries` and `chart` for runs; `limbs`, `skeleton`,
-       `free_link`, `analytic_distance` and `mjcf` for figures; `bibtex` for `gaitsweep cite`.
+       `caveats`, `caveats_notice`, `free_after`, `beyond_at_start`, `symmetries` and `chart` for runs;
+       `limbs`, `skeleton`, `free_link`, `analytic_distance` and `mjcf` for figures; `bibtex` for
+       `gaitsweep cite`.
     3. The engine alone calls the functions, with arguments by position, so a model may name them as it likes.
 
     Raises:
@@ -405,6 +406,11 @@ class Model(Jumps):
     def caveats(self) -> list[str]:
         """Sentences on the accuracy of its motions, which a run prints before its rows."""
         return []
+
+    @property
+    def caveats_notice(self) -> str:
+        """A sentence that is printed before `caveats` is called, where that takes long; by default empty."""
+        return ""
 
     def free_after(self, params: Params, /) -> Float[Array, ""]:
         """The time (s) until which the gait is externally constrained; no row settles before it."""

@@ -156,6 +156,8 @@ def check_model(
         assert isinstance(model, MjcfModel)
         _step_against_c(name, model, steps or _STEPS)
     else:
+        if notice := model.caveats_notice:
+            print_message(notice)
         for caveat in model.caveats():
             print_message(f"Warning: {caveat}")
 
@@ -175,6 +177,7 @@ def _step_against_c(name: str, model: MjcfModel, steps: int) -> None:
 
     for caution in cautions(model.mjx_body.mj_model):
         print_message(f"Warning: {caution}")
+    print_message("Compiling the steps of the MJCF, which takes about a minute.")
     comparison = compare(model, steps)
     for divergence in comparison.divergences:
         print_message(str(divergence))

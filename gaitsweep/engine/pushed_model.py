@@ -186,6 +186,10 @@ class PushedModel(HybridModel):
     def limbs(self) -> tuple[LimbLook, ...]:
         return self.model.limbs
 
+    @property
+    def caveats_notice(self) -> str:
+        return self.model.caveats_notice
+
     def caveats(self) -> list[str]:
         return self.model.caveats()
 

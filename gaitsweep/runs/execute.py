@@ -99,6 +99,8 @@ def _run(
         continue_directory(context, table, on_message)
         missing = table.missing_blocks()
         if missing:
+            if notice := spec.model.caveats_notice:
+                on_message(notice)
             for caveat in spec.model.caveats():
                 on_message(f"Warning: {caveat}")
             for remark in remarks_on_rows(context.design, context.job.model):

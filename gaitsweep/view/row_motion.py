@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Float
 
-from gaitsweep.contract import Model
+from gaitsweep.contract import Model, Status
 from gaitsweep.design.design import row_params
 from gaitsweep.job import Job
 from gaitsweep.job.load import stored_job
@@ -36,7 +36,7 @@ class RowMotion:
     """Signals of a row by name, at the times `t`, s.
 
     `values` are the row's parameters by name; `period` s is its model's nominal cycle; `gait` is its gait, or
-    how it ended, and `row` names it.
+    how it failed to come to one, and `row` names it.
     """
 
     model: Model
@@ -48,10 +48,13 @@ class RowMotion:
     row: str
 
     def title(self, clip: Clip, lift: float) -> str:
-        """Format the model, its gait, the mean speed of a clip, the factor on its lift, and the row."""
-        distance = float(np.hypot(*(clip.camera[-1] - clip.camera[0])))
-        speed = distance / float(clip.t[-1] - clip.t[0])
-        moves = speed * self.period > _LEAST_DISTANCE * side_view.bounds(clip.skeleton, clip.camera)[1]
+        """Format the model, its gait, the mean speed of a clip, the factor on its lift, and the row.
+
+        The speed of a body that moves backwards is negative.
+        """
+        ahead, aside = clip.camera[-1] - clip.camera[0]  # in a clip the body faces ahead
+        speed = float(np.copysign(np.hypot(ahead, aside), ahead)) / float(clip.t[-1] - clip.t[0])
+        moves = abs(speed) * self.period > _LEAST_DISTANCE * side_view.bounds(clip.skeleton, clip.camera)[1]
         motion = f"{self.gait}{f' at {speed:.2g} m/s' if moves else ''}".strip()
         motion += f" (lift drawn {lift:.3g} times as high)" if lift != 1.0 else ""
         return f"{self.model.name}{f', {motion}' if motion else ''}; {self.row}"
@@ -169,7 +172,7 @@ def _recorded(
 def _simulated(
     job: Job, part: pd.DataFrame, row: int, start: float | None, seconds: float | None
 ) -> tuple[Float[np.ndarray, " times"], dict[str, Float[np.ndarray, " times"]], str]:
-    """Times (s) and signals of a row simulated again, and its gait, or its status if it has none.
+    """Times (s) and signals of a row simulated again, and its gait, or how it failed to come to one.
 
     A row that failed at its start has no times.
     """
@@ -192,7 +195,9 @@ def _simulated(
     if "gait" not in part.columns and replayed.gait != -1:  # crossings of a return map
         record = {**record, "gait": gaits(context.model, np.array([replayed.gait]))[0]}
     signals = {key: values[shown] for key, values in replayed.signals.items()}
-    return replayed.t[shown], signals, _gait_of(record) or str(record["status"]).replace("_", " ")
+    status = str(record["status"])
+    failure = "" if status in Status.SOUND else status.replace("_", " ")
+    return replayed.t[shown], signals, _gait_of(record) or failure
 
 
 def _gait_of(record: Mapping[str, Any] | pd.Series) -> str:

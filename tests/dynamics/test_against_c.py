@@ -23,6 +23,7 @@ from gaitsweep.dynamics.mjx import against_c
 from gaitsweep.dynamics.mjx.against_c import at_first_use, compare
 from gaitsweep.dynamics.mjx.body import MjxBody, mjx
 from gaitsweep.dynamics.mjx.refusals import cautions
+from gaitsweep.examples.mujoco_hopper import MujocoHopper
 from gaitsweep.models.conformity import fault
 
 # XLA's optimizations would take longer than they save
@@ -235,3 +236,14 @@ def test_joints_whose_starts_would_be_one_are_refused(first: str, second: str, w
       <body pos=".4 0 0"><joint name="{second}" axis="0 1 0"/><geom size=".1" mass="1"/></body></body>
       </worldbody></mujoco>"""
     assert words in (fault(model_of(xml)) or "")
+
+
+@pytest.mark.slow
+def test_a_comparison_that_takes_time_is_announced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is announced until the cache has it."""
+    monkeypatch.setenv("GAITSWEEP_CACHE", str(tmp_path))
+    monkeypatch.setattr("gaitsweep.dynamics.mjx.against_c._sentences", lambda model, control: [])
+    hopper = MujocoHopper()
+    assert "compiles" in hopper.caveats_notice
+    assert hopper.caveats() == []
+    assert hopper.caveats_notice == ""

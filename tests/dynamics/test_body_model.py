@@ -5,7 +5,9 @@
 
 from __future__ import annotations
 
+import types
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import jax
@@ -15,6 +17,11 @@ import numpy as np
 import pytest
 
 import gaitsweep as gs
+from gaitsweep.engine.kernel import cuda
+from gaitsweep.engine.numerics import Numerics
+from gaitsweep.engine.recorders.crossings import CrossingRecorder
+from tests.support.host_card import HostCard, compiler
+from tests.support.sweeping import run_rows
 
 LEG = """
 <body name="thigh_{side}"><joint name="hip_{side}" axis="0 -1 0" range="-60 60"/>
@@ -57,10 +64,12 @@ HOPPER = """
   </worldbody>
   <actuator><position name="leg" joint="leg" kp="40" kv="1"/></actuator>
 </mujoco>"""
-FLYING = {"hip_l_0": 0.3, "hip_l_rate_0": 2.0, "knee_l_0": 0.6, "hip_r_0": -0.3, "knee_r_0": 0.5,
-          "knee_r_rate_0": 1.0, "pitch_rate_0": 1.5, "x_rate_0": 1.0}  # fmt: skip
+FLYING: dict[str, Any] = {
+    "hip_l_0": 0.3, "hip_l_rate_0": 2.0, "knee_l_0": 0.6, "hip_r_0": -0.3, "knee_r_0": 0.5,
+    "knee_r_rate_0": 1.0, "pitch_rate_0": 1.5, "x_rate_0": 1.0,
+}  # fmt: skip
 # a foot that hits the ground at 1.3 m/s, slips, and rises
-HOP = {"z_0": 0.08, "z_rate_0": -0.3, "x_rate_0": 0.4, "leg_0": 0.2, "swing": 0.5}
+HOP: dict[str, Any] = {"z_0": 0.08, "z_rate_0": -0.3, "x_rate_0": 0.4, "leg_0": 0.2, "swing": 0.5}
 EXACT = {"method": "tsit5", "rtol": 1e-12, "atol": 1e-13}
 
 
@@ -161,7 +170,7 @@ def test_free_motion_is_mujocos_at_the_same_steps() -> None:
 @pytest.mark.slow
 def test_the_kernels_motion_is_mujocos_in_flight() -> None:
     """MuJoCo's steps of 0.1 ms have errors of some 1e-12."""
-    start = {"z_0": 3.0, "leg_0": 0.4, "leg_rate_0": -2.0, "x_rate_0": 1.0}
+    start: dict[str, Any] = {"z_0": 3.0, "leg_0": 0.4, "leg_rate_0": -2.0, "x_rate_0": 1.0}
     trace = gs.simulate(Swinging(), **start, swing=0.0, duration=0.3, every=0.3, numerics=EXACT)
     xml = HOPPER.replace('timestep="0.0005"', 'timestep="0.0001" integrator="RK4"')
     m, data = in_c(xml, start)
@@ -223,7 +232,7 @@ def test_an_axis_equals_the_edited_file(parameter: str, value: float, old: str, 
     assert old in HOPPER
     ground = {"foot_contact_stiffness": 2e4, "foot_contact_damping": 200.0, "foot_grip": 200.0}
     options: dict[str, Any] = {**HOP, **ground, "duration": 0.3, "every": 0.3, "numerics": EXACT}
-    options_varied = options | {parameter: value}
+    options_varied: dict[str, Any] = options | {parameter: value}
     varied = gs.simulate(Swinging(), **options_varied)
     edited = gs.simulate(of(HOPPER.replace(old, new)), **options)
     columns = ["q_0", "q_1", "q_2"]
@@ -308,3 +317,60 @@ def test_what_is_not_covered_is_refused(old: str, new: str, sentence: str | None
         return
     with pytest.raises(ValueError, match=sentence):
         _ = model.parameters
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(compiler() is None, reason="no C++ compiler")
+def test_the_code_for_a_card_moves_the_body_as_that_for_the_processor(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The CUDA C, compiled for this machine, through landings; both round differently."""
+
+    class CudaDevice(HostCard):
+        folder = tmp_path
+
+    recorder = CrossingRecorder(Swinging(), crossings=2)
+    starts = {"z_0": np.array([0.0, 0.03, 0.08]), "leg_0": np.array([0.0, 0.2, -0.1])}
+    options: dict[str, Any] = {"numerics": Numerics(dt=5e-4, method="rk4"), "engine": "kernel"}
+    here = run_rows(Swinging(), recorder, starts, **options)
+    monkeypatch.setattr(cuda, "CudaDevice", CudaDevice)
+    device = types.SimpleNamespace(platform="gpu")
+    monkeypatch.setattr("tests.support.sweeping.devices_on", lambda platform, engine: [device])
+    card = run_rows(Swinging(), recorder, starts, **options)
+    assert np.isfinite(here.samples).all()
+    np.testing.assert_allclose(card.samples, here.samples, rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.slow
+def test_a_gait_is_followed_along_a_mass_of_the_file() -> None:
+    """The branch's end is the gait that a return map with that mass settles at."""
+    numerics = {"method": "tsit5", "rtol": 1e-10, "atol": 1e-11}
+    hop = gs.return_map(Swinging(), numerics=numerics)
+    gait = hop.fixed_points(hop.settled({"z_0": 0.02}, 60))
+    assert np.abs(hop.multipliers(gait)).max() < 1.0
+    last = hop.continue_(gait, "trunk_mass", (2.0, 2.6)).iloc[-1]
+    assert last["trunk_mass"] == pytest.approx(2.6)
+    heavier = gs.return_map(Swinging(), numerics=numerics, trunk_mass=2.6)
+    settled = heavier.settled({"z_0": float(last["height"])}, 60).at[0]
+    np.testing.assert_allclose(settled[heavier.coordinates.index("z")], last["height"], rtol=0, atol=1e-7)
+
+
+@pytest.mark.slow
+def test_a_free_box_comes_to_rest_on_its_corners() -> None:
+    """A body with six degrees of freedom, thrown forward: its corners carry its weight."""
+    xml = """<mujoco><worldbody><geom type="plane" size="9 9 .1"/>
+      <body pos="0 0 .2"><freejoint name="root"/>
+        <geom name="box" type="box" size=".1 .15 .05" mass="2"/></body>
+    </worldbody></mujoco>"""
+    members = {
+        "control": lambda self, p, s: jnp.zeros(0),
+        "height": gs.observable("m", "height", scale=0.1)(lambda self, p, s: s.q[2]),
+        "force": gs.signal("N", "force of the ground")(lambda self, p, s: self.load(p, s, "box")),
+    }
+    trace = gs.simulate(of(xml, **members), root_x_rate_0=0.5, root_z_rate_0=0.5, duration=2.0, every=0.1)
+    end = trace.iloc[-1]
+    assert trace["q_2"].max() > 0.2
+    assert 0.0499 < end["q_2"] < 0.05  # half the height of the box, less the depth
+    assert end["force"] == pytest.approx(2.0 * 9.81, rel=1e-4)
+    assert end["q_0"] > 0.1  # it flew and slid
+    assert trace["q_0"].diff().iloc[-1] == pytest.approx(0.0, abs=1e-6)

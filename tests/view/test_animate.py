@@ -301,6 +301,15 @@ def test_a_movie_is_titled_by_gait_and_speed(quadruped: Path, chain: Path) -> No
             assert clip.title.startswith(title)
 
 
+def test_the_speed_of_a_body_that_moves_backwards_is_negative(quadruped: Path) -> None:
+    motion = read_motion(quadruped, 0)
+    backwards = dataclasses.replace(
+        motion, gait="", signals={name: values[::-1] for name, values in motion.signals.items()}
+    )
+    with movie._prepared(backwards, motion.t, "", "matplotlib", 1.0, None) as (clip, _):
+        assert clip.title.startswith(f"waist_quadruped, at {-SPEED:.2g} m/s; row 0: ")
+
+
 def test_a_body_of_an_mjcf_is_drawn_from_its_geoms(tmp_path: Path) -> None:
     """The hopper's trunk and foot, which bounce; the result's model is found from any folder."""
     t = 0.01 * np.arange(50)

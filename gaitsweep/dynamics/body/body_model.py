@@ -100,14 +100,14 @@ class BodyModel(OfMjcf, DeclaredModel):
 
     def depth(self, params: Any, state: Any, geom: str) -> Float[Array, ""]:
         """The depth (m) of a geom's lowest point below the ground; negative above it."""
-        stops = self.body.stretches(params.body, state.q, state.v)
-        return jnp.max(jnp.stack([jnp.asarray(stops[k].stretch) for k in self.body.stops_of(geom)]))
+        depths, _ = self.body.depths_and_forces(params.body, state.q, state.v)
+        return jnp.max(jnp.stack([depths[k] for k in self.body.stops_of(geom)]))
 
     def load(self, params: Any, state: Any, geom: str) -> Float[Array, ""]:
         """The force (N) of the ground on a geom, along the ground's normal."""
-        stops = self.body.stretches(params.body, state.q, state.v)
-        forces = [jnp.where(state.pushing[k], stops[k].force, 0.0) for k in self.body.stops_of(geom)]
-        return jnp.sum(jnp.stack(forces))
+        _, forces = self.body.depths_and_forces(params.body, state.q, state.v)
+        loads = [jnp.where(state.pushing[k], forces[k], 0.0) for k in self.body.stops_of(geom)]
+        return jnp.sum(jnp.stack(loads))
 
     # what the contract asks for
 
@@ -167,8 +167,9 @@ class BodyModel(OfMjcf, DeclaredModel):
 
     def jump(self, params: Any, state: Any, fired: Bool[Array, " events"], /) -> Any:
         declared = len(super().guard_names)
-        state = state.replace(pushing=state.pushing ^ fired[declared:])
-        return super().jump(params, state, fired[:declared])
+        before = super().jump(params, state, fired[:declared])
+        after = before.replace(pushing=before.pushing ^ fired[declared:])
+        return self._stepped(params, before, after, jnp.zeros(()))  # declared footfalls
 
     def chart(self) -> Chart:
         from gaitsweep.dynamics.body.section_chart import BodyChart

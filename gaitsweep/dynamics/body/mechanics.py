@@ -243,7 +243,7 @@ class LocatedBody:
         self._add(f"{name}_gear", "1", f"gear of actuator {name}", m.actuator_gear[k, 0])
         if _is_position(m, k):
             self._add(f"{name}_kp", "N/m or N m/rad", f"position gain of actuator {name}", gain)
-            self._add(f"{name}_kv", "N s/m or N m s/rad", f"velocity gain of actuator {name}", -bias[2])
+            self._add(f"{name}_kv", "N s/m or N m s/rad", f"velocity gain of actuator {name}", 0.0 - bias[2])
         elif _is_velocity(m, k):
             self._add(f"{name}_kv", "N s/m or N m s/rad", f"velocity gain of actuator {name}", gain)
         else:
@@ -328,6 +328,16 @@ class LocatedBody:
             stops.append(Stretch(values[f"{name}_low"] - q[at], -v[dof], K, D))
             stops.append(Stretch(q[at] - values[f"{name}_high"], v[dof], K, D))
         return stops
+
+    @functools.partial(jax.jit, static_argnums=0)
+    def depths_and_forces(
+        self, values: Values, q: Array, v: Array
+    ) -> tuple[Float[Array, " stops"], Float[Array, " stops"]]:
+        """The stretch (m, rad) and the force (N, N m), were it pushing, of each stop, (stops,)."""
+        stops = self.stretches(values, q, v)
+        if not stops:
+            return jnp.zeros((0,)), jnp.zeros((0,))
+        return _row([stop.stretch for stop in stops]), _row([stop.force for stop in stops])
 
     @functools.partial(jax.jit, static_argnums=0)
     def heights(self, values: Values, q: Array, v: Array) -> Float[Array, " stops"]:

@@ -16,6 +16,7 @@ import hashlib
 import json
 from collections.abc import Iterable, Iterator
 from importlib.metadata import version
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import jax
@@ -200,6 +201,23 @@ class _SideBySide:
 
 def at_first_use(model: MjcfModel) -> list[str]:
     """Compare a model's MJCF with MuJoCo C: a sentence for each difference, kept in the cache."""
+    file, first = _entry(model)
+    if file is not None and (stored := load_cached(file)) is not None:
+        return json.loads(stored)
+    sentences = _sentences(model, first)
+    if file is not None:
+        store_cached(file, json.dumps(sentences).encode())
+    return sentences
+
+
+def compared_before(model: MjcfModel) -> bool:
+    """Whether the cache has the comparison of a model's MJCF, so that `at_first_use` takes no time."""
+    file, _ = _entry(model)
+    return file is not None and load_cached(file) is not None
+
+
+def _entry(model: MjcfModel) -> tuple[Path | None, np.ndarray]:
+    """The file of a model's comparison in the cache, None without a cache; and the control at the start."""
     with jax.enable_x64(True), jax.default_device(jax.devices("cpu")[0]):
         params, state = _at_default(model)
         control = str(jax.make_jaxpr(model.checked_control)(params, state))
@@ -208,13 +226,7 @@ def at_first_use(model: MjcfModel) -> list[str]:
     versions = [version(name) for name in ("gaitsweep", "mujoco", "mujoco-mjx")]
     made_of = hashlib.sha256(repr((model.data_digest, control, leaves, versions, FIRST_USE)).encode())
     folder = cache_folder(_CACHE)
-    file = None if folder is None else folder / f"{made_of.hexdigest()}.json"
-    if file is not None and (stored := load_cached(file)) is not None:
-        return json.loads(stored)
-    sentences = _sentences(model, first)
-    if file is not None:
-        store_cached(file, json.dumps(sentences).encode())
-    return sentences
+    return (None if folder is None else folder / f"{made_of.hexdigest()}.json"), first
 
 
 def _sentences(model: MjcfModel, control: np.ndarray) -> list[str]:

@@ -122,6 +122,17 @@ class MjcfModel(OfMjcf, Declared, SteppedModel):
         """The MJCF's timestep."""
         return jnp.asarray(self.mjx_body.mj_model.opt.timestep) + 0.0 * self.period(params)
 
+    @property
+    def caveats_notice(self) -> str:
+        from gaitsweep.dynamics.mjx.against_c import compared_before
+
+        if compared_before(self):
+            return ""
+        return (
+            "The MJCF is compared with MuJoCo C, once for each MJCF: this compiles for about a minute, and "
+            "the steps of the run compile as long."
+        )
+
     def caveats(self) -> list[str]:
         from gaitsweep.dynamics.mjx.against_c import at_first_use
 
