@@ -358,6 +358,7 @@ def test_names_of_columns_are_those_of_the_tables() -> None:
     runs = (
         gs.Settle(),
         gs.FixedTime(duration=1.0),
+        RUN_KINDS["perturb"](push=["v"]),
         gs.ReturnMap(crossings=1),
         trace,
         gs.Ramp(**along, rate=0.1),

@@ -64,7 +64,7 @@ def test_each_status_is_a_number_with_a_sentence() -> None:
 
 def test_each_status_has_one_verdict() -> None:
     assert {"fell", "diverged", "not_a_number", "event_stall"} == Status.FAILED
-    assert {"settled", "complete", "inferred", "at_rest"} == Status.SOUND
+    assert {"settled", "complete", "inferred", "at_rest", "chaotic", "quasi_periodic"} == Status.SOUND
     assert set(STATUSES) | {"running"} == Status.SOUND | Status.UNDECIDED | Status.FAILED
     of_rows = [Status.settled, Status.fell, Status.cycle_limit]
     np.testing.assert_array_equal(Status.FAILED.among(np.array(of_rows)), [False, True, False])

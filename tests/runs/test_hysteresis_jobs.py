@@ -68,7 +68,7 @@ BAD = [
     (SETTLE, "{kind: branches, y: launch_1, x: mass}", ["needs a run of kind return_map, not settle"]),
     (SETTLE, "{kind: gait_map, x: mass, y: mas}", ["figures[0].y is mas", "did you mean mass?"]),
     (SETTLE, "{kind: gait_map, x: mass, y: launch_1, hue: gate}", ["did you mean gait?"]),
-    (RAMP, "{kind: gait_map, x: mass, y: launch_1}", ["needs a run of kind settle or fixed_time, not ramp"]),
+    (RAMP, "{kind: gait_map, x: mass, y: launch_1}", ["needs a run of kind settle", "not ramp"]),
     (RAMP, "{kind: hysteresys, y: launch_1}", ["did you mean hysteresis?", "return_map", "gait_map"]),
     ("{kind: return_mp, crossings: 5}", "{kind: return_map, y: launch_1}", ["did you mean return_map?"]),
 ]
