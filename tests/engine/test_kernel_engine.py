@@ -9,6 +9,7 @@ import subprocess
 import sys
 import types
 from collections.abc import Iterator, Mapping
+from pathlib import Path
 from typing import Any
 
 import jax
@@ -186,7 +187,7 @@ def test_lanes_run_in_vector_registers() -> None:
 
 
 @pytest.mark.slow
-def test_a_second_process_loads_the_compiled_kernel() -> None:
+def test_a_second_process_loads_the_compiled_kernel(tmp_path: Path) -> None:
     script = (
         "import numpy as np\n"
         "from gaitsweep.engine.kernel import llvm_code\n"
@@ -201,7 +202,7 @@ def test_a_second_process_loads_the_compiled_kernel() -> None:
     compiled = [
         subprocess.run(
             [sys.executable, "-c", script],
-            env=environment(JAX_ENABLE_X64="1"),
+            env=environment(JAX_ENABLE_X64="1", GAITSWEEP_CACHE=str(tmp_path)),
             capture_output=True,
             text=True,
             check=True,
