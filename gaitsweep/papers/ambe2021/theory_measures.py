@@ -219,6 +219,8 @@ def wave_numbers(*, which: str, beta: float = 0.8) -> float:
 @measure
 def end_touchdown(*, end: str, m_1: float = 0.9, m_end: float = 0.9) -> float:
     """Touchdown phase of the first or the last leg with its neighbour in stance (rad)."""
+    if end not in ("head", "tail"):
+        raise MeasureError(f"end is {end}. Allowed: head, tail.")
     head, tail = end_resets(Chain(m_1=m_1, m_end=m_end))
     return float(2 * np.pi - (head if end == "head" else tail))
 

@@ -87,4 +87,5 @@ def _draw(
     """Draw a number along the branch, thick where its gaits are stable."""
     at = family[x].to_numpy(float)
     for look, part in stretches(looks_of_pieces(family)):
-        axes.plot(at[part], values[part], color=colour, ls=line, lw=1.8 if look is True else 0.8)
+        style = ":" if look == "kink" else line
+        axes.plot(at[part], values[part], color=colour, ls=style, lw=0.8 if look is False else 1.8)
