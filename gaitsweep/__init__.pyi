@@ -8,6 +8,7 @@ from gaitsweep import models as models
 from gaitsweep import near_miss as near_miss
 from gaitsweep import plot as plot
 from gaitsweep.analysis.basins.measures import basins as basins
+from gaitsweep.analysis.basins.quantifiers import quantifiers as quantifiers
 from gaitsweep.analysis.transitions.hysteresis import hysteresis as hysteresis
 from gaitsweep.api.atlas import Atlas as Atlas
 from gaitsweep.api.atlas import atlas as atlas

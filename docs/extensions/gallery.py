@@ -50,6 +50,7 @@ ENTRIES: dict[str, tuple[str, tuple[str, ...]]] = {
     "folds": ("gaitsweep/examples/hopper.yaml", FOLDS),
     "road_map": ("gaitsweep/examples/bouncing_ball.yaml", ()),
     "atlas": ("gaitsweep/examples/bouncing_ball.yaml", ()),
+    "orbit": ("gaitsweep/examples/henon.yaml", ("vary.a.linspace=[1.0, 1.4, 61]", "run.max_period=24")),
     "orbit_family": ("gaitsweep/examples/slip_runner_atlas.yaml", ()),
     "gait_transitions": ("waist_quadruped_edges", ("vary.f.linspace=[2.0, 3.4, 15]", "run.max_time=240")),
     "hysteresis": ("planar_quadruped_walks_history", ()),

@@ -13,12 +13,12 @@ _public, _, __all__ = attach_stub(__name__, __file__)
 
 def __getattr__(name: str) -> Any:
     """An analysis, or a module of such that an extension brings, imported when it is first used."""
-    path = "" if name in __all__ else _of_extensions().get(name, "")
-    if not path:
+    place = "" if name in __all__ else _of_extensions().get(name, "")
+    if not place:
         return _public(name)
-    module, _, function = path.partition(":")
-    found = importlib.import_module(module)
-    return getattr(found, function) if function else found
+    module, _, function = place.partition(":")
+    imported = importlib.import_module(module)
+    return getattr(imported, function) if function else imported
 
 
 def __dir__() -> list[str]:
@@ -26,4 +26,5 @@ def __dir__() -> list[str]:
 
 
 def _of_extensions() -> dict[str, str]:
-    return {name: path for each in extensions().values() for name, path in each.functions.items()}
+    """The places of the extensions' analyses, MODULE or MODULE:FUNCTION, by name."""
+    return {name: place for extension in extensions().values() for name, place in extension.functions.items()}

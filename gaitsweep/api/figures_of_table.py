@@ -50,6 +50,7 @@ class FiguresOfTable:
     continuation = _method(plot.continuation)
     stable_ranges = _method(plot.stable_ranges)
     folds = _method(plot.folds)
+    orbit = _method(plot.orbit)
     orbit_family = _method(plot.orbit_family)
     road_map = _method(plot.road_map)
     atlas = _method(plot.atlas)

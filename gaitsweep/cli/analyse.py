@@ -166,6 +166,36 @@ def basins(directory: Directory, by: GroupColumns = None) -> None:
 
 
 @app.command()
+def steps_to_fall(
+    directory: Directory,
+    by: GroupColumns = None,
+    after: Annotated[
+        int, typer.Option("--after", metavar="N", help="Steps from the start that do not count.")
+    ] = 10,
+) -> None:
+    """Print mean numbers of steps to a fall with their intervals.
+
+    Rows differ in the seeds of their grounds; `--by` names what else differs.
+    """
+    from gaitsweep.analysis import falls
+
+    print_table(falls.steps_to_fall(result_table(directory), by or (), after=after))
+
+
+@app.command()
+def quantifiers(directory: Directory, parameter: Parameter = None) -> None:
+    """Print how stable each attractor is along a parameter.
+
+    Shares of its basin with intervals, times of convergence, resilience and the least fatal shock.
+    """
+    from gaitsweep.analysis.basins import quantifiers as analysis
+
+    table = result_table(directory)
+    parameter = parameter or _from_job(table, "--parameter", "orbit", "x", [])
+    print_table(analysis.quantifiers(table, parameter))
+
+
+@app.command()
 def wada(directory: Directory, by: GroupColumns = None) -> None:
     """Print two tests of the Wada property of basins.
 

@@ -1,14 +1,20 @@
-"""The surface on which an event happens in one direction, as seen from one state."""
+"""The surfaces on which events happen in one direction, as seen from one state."""
 
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
+
+from gaitsweep.dynamics.declarations import SingleEvent, Variable
+
+if TYPE_CHECKING:
+    from gaitsweep.dynamics.declared_model import DeclaredModel
 
 # Multiple of the rounding error of a height within which a point counts as on the surface.
 _RESOLUTIONS = 16.0
@@ -21,6 +27,8 @@ CORRECTED = 1.0e-11
 _BAND = 8.0
 # Crossings in succession, each without having been below 0, beyond which bounces have accumulated.
 _MOST_RETURNS = 2
+# A body rests where it would return to a surface within this share of the nominal period.
+_RESTING = 1.0e-9
 
 
 @jax.tree_util.register_dataclass
@@ -170,6 +178,60 @@ class EventSurface:
         """A level above the state by two units in the last place."""
         above = jnp.maximum(self.rounding * (2.0 / _RESOLUTIONS), jnp.finfo(self.rounding.dtype).tiny)
         return jnp.maximum(self.height, 0.0) + above
+
+
+class Surfaces:
+    """The surfaces of armed events seen from one state, and how their heights change along its flow.
+
+    Args:
+        model, params: the model and its parameters.
+        state: the state.
+    """
+
+    def __init__(self, model: DeclaredModel, params: Any, state: Any) -> None:
+        self._model, self._params, self._state = model, params, state
+        names = (
+            name for name, declaration in model.declarations.items() if isinstance(declaration, Variable)
+        )
+        self._point = {name: getattr(state, name) for name in names}
+        self._seen: dict[SingleEvent, EventSurface] = {}
+
+    def of(self, event: SingleEvent) -> EventSurface:
+        """The surface of an event."""
+        if event not in self._seen:
+            model, params, state = self._model, self._params, self._state
+            self._seen[event] = EventSurface.seen_from(
+                self._point, lambda x: event.height(model, params, state.replace(**x))
+            )
+        return self._seen[event]
+
+    def rate(self, event: SingleEvent) -> Float[Array, ""]:
+        """The rate of the height of an event's surface along the flow."""
+        return self.of(event).rate(flat(self._along))
+
+    def returns_soon(self, event: SingleEvent, unit: Float[Array, ""]) -> Bool[Array, ""]:
+        """Whether a state close to the surface of an event meets it again within a small share of a period.
+
+        The height as a parabola, by its rate and acceleration along the flow.
+        """
+        model, params, state = self._model, self._params, self._state
+
+        def rate(point: Any) -> Float[Array, ""]:
+            return Surfaces(model, params, state.replace(**point)).rate(event)
+
+        speed, acceleration = jax.jvp(rate, (self._point,), (self._along,))
+        height, time = self.of(event).height, _RESTING * unit
+        near = jnp.abs(height) <= acceleration * time**2 + self.of(event).rounding
+        return near & (acceleration > 0.0) & (2.0 * jnp.abs(speed) <= acceleration * time)
+
+    @functools.cached_property
+    def _along(self) -> dict[str, jax.Array]:
+        """The rates of the variables, 0 for those that the flow does not move."""
+        rates = self._model.flow(self._params, self._state)
+        return {
+            name: jnp.broadcast_to(jnp.asarray(rates.get(name, 0.0), x.dtype), x.shape)
+            for name, x in self._point.items()
+        }
 
 
 def flat(point: Any) -> Float[Array, " numbers"]:

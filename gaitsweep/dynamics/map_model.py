@@ -12,8 +12,9 @@ from jaxtyping import Array, Bool, Float, Real
 
 from gaitsweep.contract import Chart, Params, State, SteppedModel
 from gaitsweep.dynamics.declarations import Event, SingleEvent, Symmetry
-from gaitsweep.dynamics.declared_model import Declared, SectionCoordinates
+from gaitsweep.dynamics.declared import Declared
 from gaitsweep.dynamics.footfalls import Footfalls
+from gaitsweep.dynamics.section_coordinates import SectionCoordinates
 
 
 @dataclasses.dataclass(frozen=True)

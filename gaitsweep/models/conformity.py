@@ -18,7 +18,8 @@ import numpy as np
 from gaitsweep import near_miss
 from gaitsweep.contract import FixedStepDynamics, HybridModel, Model, Quantity
 from gaitsweep.dynamics.declarations import Mode, Variable, faults_of_quantity
-from gaitsweep.dynamics.declared_model import ARMING, STEPS, Declared, DeclaredModel
+from gaitsweep.dynamics.declared import STEPS, Declared
+from gaitsweep.dynamics.declared_model import ARMING, DeclaredModel
 from gaitsweep.dynamics.map_model import MapModel
 from gaitsweep.engine.content import cached_by_content, held_result
 from gaitsweep.engine.dependence import dependences

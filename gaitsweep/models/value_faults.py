@@ -14,7 +14,8 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from gaitsweep.contract import FixedStepDynamics, HybridModel, Model, Quantity
-from gaitsweep.dynamics.declared_model import ARMING, Declared
+from gaitsweep.dynamics.declared import Declared
+from gaitsweep.dynamics.declared_model import ARMING
 from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.kernel.columns import over_rows
 from gaitsweep.expression import ExpressionError, resolve

@@ -16,6 +16,7 @@ from gaitsweep.plot.bifurcations.cycles import cycles as cycles
 from gaitsweep.plot.bifurcations.folds import folds as folds
 from gaitsweep.plot.bifurcations.gait_transitions import gait_transitions as gait_transitions
 from gaitsweep.plot.bifurcations.hysteresis import hysteresis as hysteresis
+from gaitsweep.plot.bifurcations.orbit import orbit as orbit
 from gaitsweep.plot.bifurcations.orbit_family import orbit_family as orbit_family
 from gaitsweep.plot.bifurcations.return_map import return_map as return_map
 from gaitsweep.plot.bifurcations.stable_ranges import stable_ranges as stable_ranges

@@ -1,13 +1,12 @@
 """The theme of figures: sizes, fonts, panels and legends.
 
-The colours of gaits (`gait_looks`) and the axes of angles (`value_axes`) are part of it.
+The colours of gaits (`gait_looks`), the axes of angles (`value_axes`) and the sizes of text (`text_sizes`)
+are part of it.
 """
 
 from __future__ import annotations
 
 import contextlib
-import re
-import textwrap
 import warnings
 from collections.abc import Iterator, Sequence
 from typing import Any, TypeVar, cast
@@ -24,6 +23,7 @@ from matplotlib.legend_handler import HandlerTuple
 from matplotlib.transforms import ScaledTranslation
 
 from gaitsweep.plot.columns import PlotError
+from gaitsweep.plot.figure_layout import COLLAPSED, INCH, break_lines, centre_shared_label, check_height
 from gaitsweep.plot.figure_style import MILLIMETRES, current, given_axes
 from gaitsweep.plot.gait_looks import COLOURS as COLOURS
 from gaitsweep.plot.gait_looks import CONTRAST as CONTRAST
@@ -40,14 +40,15 @@ from gaitsweep.plot.gait_looks import markers as markers
 from gaitsweep.plot.gait_looks import mixed as mixed
 from gaitsweep.plot.gait_looks import named as named
 from gaitsweep.plot.gait_looks import ordered as ordered
+from gaitsweep.plot.text_sizes import POINTS
+from gaitsweep.plot.text_sizes import points as points
+from gaitsweep.plot.text_sizes import wrapped as wrapped
 from gaitsweep.plot.value_axes import angle_axis as angle_axis
 from gaitsweep.plot.value_axes import angle_ticks as angle_ticks
 from gaitsweep.plot.value_axes import in_pi as in_pi
 from gaitsweep.plot.value_axes import value_axis as value_axis
 
-_INCH = 25.4  # mm
-COLUMN, PAGE = (MILLIMETRES[name] / _INCH for name in ("column", "page"))  # inches
-_POINTS = 8.0  # of text, unless the user's rcParams differ from Matplotlib's defaults
+COLUMN, PAGE = (MILLIMETRES[name] / INCH for name in ("column", "page"))  # inches
 _SIZES = {
     "axes.titlesize": 8.5,
     "axes.labelsize": 8.5,
@@ -78,15 +79,7 @@ _INK = (
     "axes3d.xaxis.panecolor", "axes3d.yaxis.panecolor", "axes3d.zaxis.panecolor",
 )  # fmt: skip
 _PAPER: dict[Any, Any] = {key: mpl.rcParamsDefault[key] for key in _INK}
-_LEAST_PANEL, _LEAST_SHARE_OF_NATURAL = 12.0, 0.6  # height in mm, or if less, share of the natural one
 _BELOW, _LINE = 0.4, 0.13  # inches: heights of a legend below panels, and of another line in it
-_HIGHEST, _HIGHER = 1000, 5  # mm, of a figure: the heights that are tried
-_LETTER = 0.53  # mean width of a letter, as a share of the size of its font
-_COLLAPSED = "constrained_layout not applied"  # a warning of Matplotlib
-_FORMULA = re.compile(r"\$[^$]*\$")
-# In a formula, what has no width, and commands, which are a letter wide.
-_MARKUP = re.compile(r"\\(?:mathrm|mathit|mathbf|bar|hat|tilde|dot|vec|left|right|,)(?![a-z])|[{}_^$]")
-_COMMAND = re.compile(r"\\[A-Za-z]+")
 Panel = TypeVar("Panel")
 
 
@@ -152,10 +145,10 @@ def canvas(width: float, height: float, title: str | None = None) -> Iterator[Fi
         title: text above the figure.
     """
     own_axes, requested = given_axes(), current()
-    scale = _unchanged({"font.size": _POINTS}).get("font.size", mpl.rcParams["font.size"]) / _POINTS
+    scale = _unchanged({"font.size": POINTS}).get("font.size", mpl.rcParams["font.size"]) / POINTS
     sizes = _unchanged({key: size * scale for key, size in _SIZES.items()})
     paper = _PAPER if own_axes is None else {}
-    with mpl.rc_context({**_unchanged(_RC), **sizes, **paper, "font.size": _POINTS * scale}):
+    with mpl.rc_context({**_unchanged(_RC), **sizes, **paper, "font.size": POINTS * scale}):
         if own_axes is not None:
             if title:
                 own_axes.set_title(title)
@@ -165,7 +158,7 @@ def canvas(width: float, height: float, title: str | None = None) -> Iterator[Fi
         lines = wrapped(title, wide, 9.5) if title else ""
         height += 0.16 * lines.count("\n")
         figure = _Figure(
-            (wide, requested.height / _INCH if requested.height else height), layout="constrained"
+            (wide, requested.height / INCH if requested.height else height), layout="constrained"
         )
         FigureCanvasAgg(figure)
         # room for half of the label of a last tick, which the layout may miss
@@ -176,76 +169,14 @@ def canvas(width: float, height: float, title: str | None = None) -> Iterator[Fi
             figure.suptitle(lines, fontsize=points(9.5))
         with warnings.catch_warnings():
             if requested.height is not None:  # which is refused, with the least that fits
-                warnings.filterwarnings("ignore", _COLLAPSED)
+                warnings.filterwarnings("ignore", COLLAPSED)
             yield figure
-            _centre_shared_label(figure)
+            centre_shared_label(figure)
             if requested.width is not None:
-                _break_lines(figure)
-                _break_lines(figure)  # broken labels may have made other panels narrower
+                break_lines(figure)
+                break_lines(figure)  # broken labels may have made other panels narrower
             if requested.height is not None:
-                _check_height(figure, height)
-
-
-def _centre_shared_label(figure: Figure) -> None:
-    """Move the label that rows of panels share to their middle, in lines no longer than they are high."""
-    label = getattr(figure, "_supylabel")  # noqa: B009 - Matplotlib has no public name for it
-    if label is None:
-        return
-    figure.draw_without_rendering()
-    places = [axes.get_position() for axes in figure.axes]
-    low, high = min(place.y0 for place in places), max(place.y1 for place in places)
-    label.set_y(0.5 * (low + high))
-    size = float(label.get_fontsize()) / points(1.0)
-    label.set_text(wrapped(label.get_text(), (high - low) * figure.get_figheight(), size))
-
-
-def _check_height(figure: Figure, natural: float) -> None:
-    """Refuse the height of a figure at which a panel has no room.
-
-    Args:
-        figure: that of `canvas`, with the height of its style.
-        natural: its height without a style, inches, at which all panels have room.
-    """
-    asked = least = figure.get_figheight() * _INCH
-    figure.set_figheight(natural)
-    enough = np.minimum(_LEAST_PANEL / _INCH, _LEAST_SHARE_OF_NATURAL * _panel_heights(figure))
-    figure.set_figheight(asked / _INCH)
-    while (_panel_heights(figure) < enough).any() and least < _HIGHEST:
-        least = _HIGHER * (least // _HIGHER + 1.0)
-        figure.set_figheight(least / _INCH)
-    if least > asked:
-        raise PlotError(f"height is {asked:g} mm, but this figure needs at least {least:g} mm.")
-
-
-def _panel_heights(figure: Figure) -> Float[np.ndarray, " panels"]:
-    """The heights of panels in inches, (n,), of which all are 0 if the layout gives one of them no room."""
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        figure.draw_without_rendering()
-    panels = [axes for axes in figure.axes if axes.get_label() != "<colorbar>"]
-    heights = np.array([axes.get_position().height for axes in panels]) * figure.get_figheight()
-    return heights * (not any(re.match(_COLLAPSED, str(warning.message)) for warning in caught))
-
-
-def _break_lines(figure: Figure) -> None:
-    """Break the lines of titles and labels that are longer than their panel, once the layout is known."""
-    figure.draw_without_rendering()
-    renderer = cast(FigureCanvasAgg, figure.canvas).get_renderer()
-    panels = [axes.get_window_extent(renderer) for axes in figure.axes]
-    for axes, panel in zip(figure.axes, panels, strict=True):
-        if not axes.get_visible() or hasattr(axes, "zaxis"):
-            continue
-        gaps = [other.x0 - panel.x1 for other in panels] + [panel.x0 - other.x1 for other in panels]
-        gap = min((gap for gap in gaps if gap > 0.0), default=np.inf)
-        titles = (axes.title, *(vars(axes)[f"_{side}_title"] for side in ("left", "right")))
-        for text in (axes.xaxis.label, axes.yaxis.label, *titles):
-            box = text.get_window_extent(renderer)
-            long, room = (box.height, panel.height) if text is axes.yaxis.label else (box.width, panel.width)
-            beside = min(0.15 * figure.dpi, panel.x0, figure.bbox.width - panel.x1, 0.45 * gap)
-            room += 2.0 * max(beside, 0.0)
-            if text.get_text() and long > room:
-                lines = text.get_text() if text in titles else text.get_text().replace("\n", " ")
-                text.set_text(wrapped(lines, room / figure.dpi, float(text.get_fontsize()) / points(1.0)))
+                check_height(figure, height)
 
 
 def width_of(natural: float) -> float:
@@ -253,7 +184,7 @@ def width_of(natural: float) -> float:
     width = current().width
     if width is None:
         return natural
-    return (MILLIMETRES[width] if isinstance(width, str) else width) / _INCH
+    return (MILLIMETRES[width] if isinstance(width, str) else width) / INCH
 
 
 def shape(panels: int, natural: float, least: float, most: int | None = None) -> tuple[int, int]:
@@ -302,27 +233,6 @@ def interrupted(
     """Lines (n,) with NaN between the neighbours that are `parted` (n - 1,), where nothing is to be drawn."""
     gaps = np.flatnonzero(parted) + 1
     return [np.insert(line, gaps, np.nan) for line in lines]
-
-
-def points(size: float) -> float:
-    """A font size in the theme, larger or smaller if the user's `font.size` is."""
-    return size * mpl.rcParams["font.size"] / _POINTS
-
-
-def wrapped(text: str, inches: float, size: float) -> str:
-    """A text in lines that fit a width, at a font size of the theme."""
-    letters = max(int(inches * 72 / (_LETTER * points(size))), 8)
-    formulas = iter(_FORMULA.findall(text))
-    # no break in a formula, which is as long as its letters, before its unit, nor beside a sign of equality
-    unbroken = _FORMULA.sub(lambda formula: "\1" + "\2" * (_letters(formula[0]) - 1), text)
-    unbroken = re.sub("(?<=[\1\2]) [(]", "\0(", unbroken.replace(" = ", "\0=\0"))
-    lines = (textwrap.fill(line, letters, break_long_words=False) for line in unbroken.split("\n"))
-    return re.sub("\1\2*", lambda _: next(formulas), "\n".join(lines).replace("\0", " "))
-
-
-def _letters(formula: str) -> int:
-    """The number of letters in a formula, at least one."""
-    return max(len(_COMMAND.sub("x", _MARKUP.sub("", formula))), 1)
 
 
 def label_panels(figure: Figure, panels: Sequence[Axes], across: int, *, x: str = "", y: str = "") -> None:

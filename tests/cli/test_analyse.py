@@ -156,6 +156,24 @@ def test_basins_are_measured(show: Show) -> None:
     assert "33.0" in show(thirds, "wada")
 
 
+def test_the_stability_of_attractors_is_quantified(show: Show) -> None:
+    """Two of three starts settle at 0, and one at 1; the nearest start of each is 0.5 from the other."""
+    table = pd.DataFrame(
+        {
+            "k": 2.0,
+            "x_0": [0.0, 0.5, 1.0],
+            "status": "settled",
+            "t_end": [1.0, 3.0, 5.0],
+            "x_end": [0.0, 0.0, 1.0],
+            "gait": "none",
+        }
+    )
+    lines = show(table, "quantifiers", "--parameter", "k").splitlines()
+    header, *records = (line.split() for line in lines)
+    shares = [record[header.index("fraction")] for record in records]
+    assert [float(share) for share in shares] == pytest.approx([2 / 3, 1 / 3], abs=1e-3)
+
+
 def test_groups_have_their_medians(show: Show) -> None:
     table = pd.DataFrame({"gait": ["trot", "walk", "trot"], "cycles": [3, 5, 4]})
     lines = show(table, "summary", "--by", "gait", "--of", "cycles").splitlines()

@@ -15,7 +15,7 @@ import pytest
 import gaitsweep as gs
 from gaitsweep import DeclaredModel, event, mode, observable, parameter, signal, variable
 from gaitsweep.contract import Quantity, Status
-from gaitsweep.dynamics.declared_model import OF_TRACES
+from gaitsweep.dynamics.declared import OF_TRACES
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.examples.compass_walker import CompassWalker
 from gaitsweep.examples.hopper import Hopper

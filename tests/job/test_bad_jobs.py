@@ -213,7 +213,7 @@ LINES: list[tuple[int, str, list[str]]] = [
         "run: {kind: settle, max_cycels: 3}",
         [
             "line 6: run.max_cycels is not a field of run (settle); did you mean max_cycles? "
-            "Allowed: kind, max_cycles, tolerance, max_time, max_period, refine, over, coarse."
+            "Allowed: kind, max_cycles, tolerance, max_time, max_period, exponents, refine, over, coarse."
         ],
     ),
     (6, "run: {kind: settle, max_cycles: 0}", ["line 6", "run.max_cycles is 0", "whole number from 1"]),

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import types
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 import jax.numpy as jnp
@@ -9,9 +12,15 @@ import numpy as np
 import pytest
 
 import gaitsweep as gs
+from gaitsweep.engine.kernel import cuda
+from gaitsweep.engine.pushed_model import PushedModel
+from gaitsweep.engine.recorders.perturb import PerturbRecorder
+from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.examples.compass_walker import CompassWalker
 from gaitsweep.examples.hopper import Hopper
 from gaitsweep.job import Job, JobError
+from tests.support.host_card import HostCard, compiler
+from tests.support.sweeping import run_rows, same
 
 FINE = {"rtol": 1e-12, "atol": 1e-13}
 SPREAD = 0.3  # half the angle between spokes, rad
@@ -278,3 +287,26 @@ def test_the_unstable_have_no_phase_response() -> None:
         hops.phase_response(unstable, ["launch"], [0.5])
     with pytest.raises(gs.ArgumentError, match="did you mean launch"):
         hops.phase_response(unstable, ["lanch"])
+
+
+@pytest.mark.slow("compiles C++")
+@pytest.mark.skipif(compiler() is None, reason="no C++ compiler")
+def test_the_program_for_a_card_pushes_alike(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A processor stands in for the card; its compiler fuses no products, so numbers agree to rounding."""
+
+    class CudaDevice(HostCard):
+        folder = tmp_path
+
+    model = PushedModel(Wheel(), ("rate",))
+    recorder = PerturbRecorder(model, SettleRecorder(model, tolerance=1e-6), 0.01)
+    amounts = {"push_rate": np.array([-0.3, -0.1, 0.0, 0.2]), "push_phase": np.array([0.0, 0.3, 0.5, 0.7])}
+    rows = partial(run_rows, model, recorder, {"rate_0": np.full(4, 0.5)}, params=amounts, engine="kernel")
+    expected = rows()
+    monkeypatch.setattr(cuda, "CudaDevice", CudaDevice)
+    device = types.SimpleNamespace(platform="gpu")
+    monkeypatch.setattr("tests.support.sweeping.devices_on", lambda platform, engine: [device])
+    outcome = rows(lanes=3)
+    np.testing.assert_array_equal(outcome.status, expected.status)
+    for name in ("t_push", "cycles_back", "time_back", "excursion", "phase_shift", "recovered"):
+        np.testing.assert_allclose(outcome.numbers[name], expected.numbers[name], atol=1e-6, err_msg=name)
+    same(outcome, rows(lanes=2, block=3))

@@ -20,7 +20,8 @@ from gaitsweep import plot
 from gaitsweep.cli import main
 from gaitsweep.plot.columns import PlotError, described
 from gaitsweep.plot.figure_style import FORMATS, StyleError
-from gaitsweep.plot.theme import angle_ticks, in_pi, wrapped
+from gaitsweep.plot.text_sizes import wrapped
+from gaitsweep.plot.theme import angle_ticks, in_pi
 from gaitsweep.runs.figures import draw_figures
 from gaitsweep.table import Snapshot
 from tests.support import ROOT

@@ -12,7 +12,8 @@ from gaitsweep.analysis.continuation.arclength import BranchPoints, Continuation
 from gaitsweep.analysis.continuation.bifurcation_curves import CurvePoint, followed, step
 from gaitsweep.analysis.continuation.branch_follower import ArclengthSteps
 from gaitsweep.analysis.continuation.branch_points import CROSSINGS
-from gaitsweep.analysis.continuation.critical_points import CriticalEquations, CriticalPoint, equations_at
+from gaitsweep.analysis.continuation.critical_points import CriticalEquations, CriticalPoint
+from gaitsweep.analysis.continuation.exact_points import equations_at
 from gaitsweep.analysis.continuation.lockstep import Computation, alone
 from gaitsweep.engine.poincare.maps import Points
 

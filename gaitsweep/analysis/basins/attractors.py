@@ -104,9 +104,9 @@ def attractors(
     for period in np.unique(periods[periods > 1]).tolist():
         groups += _orbit_groups(space, table, columns, period, grain, link)
     for status in sorted(RECURRENT):
-        for rows, states in sampled_sets(space, table, columns, status):
-            record: dict[str, object] = {**table.iloc[rows[0]][columns], "kind": status}
-            groups.append(_Group(rows, states, record))
+        for own in sampled_sets(space, table, columns, status):
+            record: dict[str, object] = {**table.iloc[own.rows[0]][columns], "kind": status}
+            groups.append(_Group(np.array(own.rows), own.states, record))
     names = [
         f"A{number}" if len(group.states) else str(group.record["kind"])
         for number, group in enumerate(groups, 1)

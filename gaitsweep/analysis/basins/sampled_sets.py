@@ -7,7 +7,6 @@ from collections.abc import Sequence
 
 import numpy as np
 import pandas as pd
-from jaxtyping import Int
 
 from gaitsweep.analysis.basins.state_space import Space, StateArray
 
@@ -16,13 +15,35 @@ NEAR = 3.0
 # States by which a set is known.
 MOST_STATES = 2000
 
-Sample = tuple[list[int], StateArray]  # rows, and their crossings (m, d)
+
+class SampledSet:
+    """The states (m, d) of some rows, and the mean distance from each to the nearest other one."""
+
+    def __init__(self, space: Space, rows: list[int], states: StateArray) -> None:
+        self._space, self.rows, self.states = space, rows, states
+        self._tree = space.tree(states)
+        nearest = np.asarray(self._tree.query(states, k=2)[0])[:, 1]
+        # one state alone is near to its equals only
+        self._within = float(nearest.mean()) if len(states) > 1 else 0.0
+
+    def is_near(self, other: SampledSet) -> bool:
+        """Whether the set with fewer states is a sample of the other one."""
+        fewer, more = sorted((self, other), key=lambda one: len(one.states))
+        distance = float(np.asarray(more._tree.query(fewer.states)[0]).mean())
+        return distance <= NEAR * more._within
+
+    def joined(self, other: SampledSet) -> SampledSet:
+        """The set with the rows of both; one with `MOST_STATES` gets no more of them."""
+        fewer, more = sorted((self, other), key=lambda one: len(one.states))
+        if len(more.states) >= MOST_STATES:
+            more.rows += fewer.rows
+            return more
+        states = np.concatenate([more.states, fewer.states])
+        return SampledSet(self._space, more.rows + fewer.rows, states[:MOST_STATES])
 
 
-def sampled_sets(
-    space: Space, table: pd.DataFrame, columns: Sequence[str], status: str
-) -> list[tuple[Int[np.ndarray, " rows"], StateArray]]:
-    """The rows of a status on each set, the most frequent first, and states of the set (m, d).
+def sampled_sets(space: Space, table: pd.DataFrame, columns: Sequence[str], status: str) -> list[SampledSet]:
+    """The rows of a status on each set, from that with the most on, with states of the set.
 
     A row is on a set if its crossings (x_end, x_end_2, ...) lie as near to those of the rows found there as
     these lie to each other, within a factor of `NEAR` in the means of the distances to the nearest one.
@@ -32,28 +53,12 @@ def sampled_sets(
     rows = np.flatnonzero((table["status"].astype(str) == status).to_numpy())
     crossings = np.stack([space.points(table.iloc[rows], own) for own in names], axis=1)
     known = np.isfinite(crossings).all(axis=(1, 2))
-    sets: list[Sample] = []
-    for row, own in zip(rows[known].tolist(), crossings[known], strict=True):
-        newest: Sample = [row], own
+    sets: list[SampledSet] = []
+    for row, states in zip(rows[known].tolist(), crossings[known], strict=True):
+        newest = SampledSet(space, [row], states)
         # a set that grows may come to be that of others
-        while (place := _near(space, newest[1], sets)) is not None:
-            members, states = sets.pop(place)
-            newest = members + newest[0], _thinned(np.concatenate([states, newest[1]]))
+        while (near := next((one for one in sets if one.is_near(newest)), None)) is not None:
+            sets.remove(near)
+            newest = near.joined(newest)
         sets.append(newest)
-    sets.sort(key=lambda sample: -len(sample[0]))
-    return [(np.array(members), states) for members, states in sets]
-
-
-def _near(space: Space, states: StateArray, sets: Sequence[Sample]) -> int | None:
-    """The place of a set of which some states are a sample, or that is one of theirs; None: there is none."""
-    for place, (_, others) in enumerate(sets):
-        fewer, more = sorted((states, others), key=len)
-        within = np.asarray(space.tree(more).query(more, k=2)[0])[:, 1].mean()
-        if space.nearest_distance(fewer, more).mean() <= NEAR * within:
-            return place
-    return None
-
-
-def _thinned(states: StateArray) -> StateArray:
-    """At most `MOST_STATES` of some states, evenly spaced among them."""
-    return states[:: -(-len(states) // MOST_STATES)]
+    return sorted(sets, key=lambda one: -len(one.rows))

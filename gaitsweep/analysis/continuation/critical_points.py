@@ -13,37 +13,32 @@ Source: Govaerts 2000, Numerical Methods for Bifurcations of Dynamical Equilibri
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
 from jaxtyping import Complex, Float, Inexact
 
-from gaitsweep.analysis.continuation.arclength import BranchPoints, ContinuationProblem
-from gaitsweep.analysis.continuation.branch_points import CROSSINGS
 from gaitsweep.analysis.continuation.lockstep import Computation, Request
 from gaitsweep.analysis.continuation.multipliers import multipliers
 from gaitsweep.analysis.continuation.newton import ConservedConstraints, matrices, residuals
 from gaitsweep.analysis.continuation.normal_forms import (
     circle_coefficient,
-    critical_multiplier,
     flip_coefficient,
     hopf_form,
 )
-from gaitsweep.engine.poincare.maps import Map, MapEvaluation, Points, sizes
+from gaitsweep.analysis.continuation.null_vectors import null_vectors
+from gaitsweep.engine.poincare.maps import Map, MapEvaluation, Points
 from gaitsweep.engine.poincare.stationary_map import StationaryMap
 
 Vector = Float[np.ndarray, " unknowns"]  # coordinates, drifts, parameters, and theta or beta
 NullVector = Inexact[np.ndarray, " fold_unknowns"]
 Matrix = Float[np.ndarray, "equations unknowns"]
+FoldMatrix = Float[np.ndarray, "fold_unknowns columns"]  # derivatives of F
 Multipliers = Complex[np.ndarray, " multipliers"]
 # Steps of the central differences: along null vectors in scaled coordinates, of parameters as shares of their
 # ranges.
 ALONG, SHARE = 1e-3, 1e-5
-# Most Newton steps to a bifurcation, and the last one that ends the search.
-MOST_STEPS, LAST_STEP = 10, 1e-13
-# The largest change of scaled unknowns between a bifurcation that was bracketed and its exact place.
-MOST_MOVED = 0.05
 # A multiplier is real if its imaginary part is below this share of its modulus.
 REAL = 1e-6
 
@@ -76,6 +71,19 @@ class CriticalPoint:
     tests: dict[str, float]
     observed: dict[str, float]
     corrections: int = 0
+
+
+class _Differences(NamedTuple):
+    """Central differences of F and of its derivatives at a point.
+
+    `first`, `second`: first and second differences of the derivatives along each null vector; `moved`: their
+    change with each parameter, as a share of its range; `by_second`: the change of F with the last parameter.
+    """
+
+    first: list[FoldMatrix]
+    second: list[FoldMatrix]
+    moved: list[FoldMatrix]
+    by_second: Float[np.ndarray, " fold_unknowns"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -138,7 +146,7 @@ class CriticalEquations:
         return miss, full, images
 
     def critical_matrix(
-        self, derivatives: Float[np.ndarray, "fold_unknowns columns"], unknowns: Vector
+        self, derivatives: FoldMatrix, unknowns: Vector
     ) -> Inexact[np.ndarray, "fold_unknowns columns"]:
         """The matrix that is singular at the bifurcation, from the derivatives of F."""
         if self.kind == "branch_point":
@@ -160,7 +168,7 @@ class CriticalEquations:
         self,
         unknowns: Vector,
         miss: Float[np.ndarray, " fold_unknowns"],
-        derivatives: Float[np.ndarray, "fold_unknowns columns"],
+        derivatives: FoldMatrix,
         border: Any,
     ) -> tuple[Float[np.ndarray, " equations"], Any, Any]:
         """The residual, and the null vectors v and w, with the `border` (v, w) of a point close by."""
@@ -189,41 +197,23 @@ class CriticalEquations:
         residual, v, w = self.residual(unknowns, miss[0], full[0], border)
         if not np.isfinite(residual).all():
             return None
-        m, q = self.m, len(self.names)
-        directions = [v.real, v.imag] if self.kind == "neimark_sacker" else list(np.atleast_2d(v))
-        shifts = []
-        for direction in directions:
-            shift = np.zeros(len(unknowns))
-            shift[: len(direction)] = ALONG * direction
-            shifts += [shift, -shift]
-        for k in range(q):
-            shift = np.zeros(len(unknowns))
-            shift[m + k] = SHARE
-            shifts += [shift, -shift]
-        around, several, _ = yield from self.evaluated(like, unknowns + np.array(shifts))
-        if not np.isfinite(several).all():
+        near = yield from self._differences(like, unknowns, full[0], v)
+        if near is None:
             return None
-        ahead, behind = several[::2], several[1::2]
-        along = len(directions)
-        bends = list((ahead[:along] - behind[:along]) / (2.0 * ALONG))
-        moved = list((ahead[along:] - behind[along:]) / (2.0 * SHARE))
         matrix = np.zeros((len(residual), len(unknowns)))
-        matrix[:m, : m + 1] = full[0]
-        if q == 2:
-            matrix[:m, m + 1] = (around[-2] - around[-1]) / (2.0 * SHARE)
-        self._derivatives_of_g(matrix, unknowns, v, w, border, bends, moved)
+        matrix[: self.m, : self.m + 1] = full[0]
+        self._derivatives_of_g(matrix, unknowns, v, w, border, near)
         size = like.at.shape[1]
         point = Points(unknowns[None, :size] * self.scale[:size], like.modes)
         tangent, factors, tests = np.zeros(0), np.zeros(0), {}
-        if q == 2:
+        if len(self.names) == 2:
+            matrix[: self.m, self.m + 1] = near.by_second
             tangent = np.linalg.svd(matrix)[2][-1]
             if before is not None and tangent @ before < 0.0:
                 tangent = -tangent
             gradients = images.conserved_jacobian[:, self.held.which]
             factors = multipliers(images.jacobian, gradients)[0]
-            second = (ahead[:along] - 2.0 * full[0] + behind[:along])[:, :, :-1] / ALONG**2
-            first = [bend[:, :-1] for bend in bends]
-            tests = self._tests(unknowns, full[0][:, :-1], v, w, factors, first, list(second))
+            tests = self._tests(unknowns, full[0][:, :-1], v, w, factors, near)
             if isinstance(self.mapping, StationaryMap) and self.kind == "neimark_sacker":
                 # a flow has no resonances, and another cubic term
                 tests = {name: tests[name] for name in ("fold_neimark_sacker", "double_neimark_sacker")}
@@ -234,6 +224,35 @@ class CriticalEquations:
             point, unknowns, residual, matrix, tangent, v, w, factors, tests, observed, corrections
         )
 
+    def _differences(
+        self, like: Points, unknowns: Vector, derivatives: FoldMatrix, v: Any
+    ) -> Computation[_Differences | None]:
+        """The change of F's `derivatives` along the null vectors v and with the parameters.
+
+        None where the map is not differentiable close by.
+        """
+        directions = [v.real, v.imag] if self.kind == "neimark_sacker" else list(np.atleast_2d(v))
+        shifts = []
+        for direction in directions:
+            shift = np.zeros(len(unknowns))
+            shift[: len(direction)] = ALONG * direction
+            shifts += [shift, -shift]
+        for k in range(len(self.names)):
+            shift = np.zeros(len(unknowns))
+            shift[self.m + k] = SHARE
+            shifts += [shift, -shift]
+        around, several, _ = yield from self.evaluated(like, unknowns + np.array(shifts))
+        if not np.isfinite(several).all():
+            return None
+        ahead, behind = several[::2], several[1::2]
+        along = len(directions)
+        return _Differences(
+            first=list((ahead[:along] - behind[:along]) / (2.0 * ALONG)),
+            second=list((ahead[:along] - 2.0 * derivatives + behind[:along])[:, :, :-1] / ALONG**2),
+            moved=list((ahead[along:] - behind[along:]) / (2.0 * SHARE)),
+            by_second=(around[-2] - around[-1]) / (2.0 * SHARE),
+        )
+
     def _derivatives_of_g(
         self,
         matrix: Matrix,
@@ -241,11 +260,10 @@ class CriticalEquations:
         v: Any,
         w: Any,
         border: Any,
-        bends: list[Any],
-        moved: list[Any],
+        near: _Differences,
     ) -> None:
         """Fill the rows of g in the matrix: second derivatives of F commute, so M_z v is M_v z."""
-        m, q = self.m, len(self.names)
+        m, q, bends, moved = self.m, len(self.names), near.first, near.moved
         if self.kind == "branch_point":
             matrix[:m, -1] = border[1][0]
             for k, bend in enumerate(bends):
@@ -271,10 +289,10 @@ class CriticalEquations:
         v: Any,
         w: Any,
         factors: Multipliers,
-        first: list[Any],
-        second: list[Any],
+        near: _Differences,
     ) -> dict[str, float]:
         """The functions that change sign at bifurcations of codimension 2 on a curve."""
+        first = [bend[:, :-1] for bend in near.first]
         others = self.other_multipliers(unknowns, factors)
         i, k = np.triu_indices(len(others), 1)
         pairs = float(np.prod(1.0 - others[i] * others[k]).real)
@@ -288,7 +306,7 @@ class CriticalEquations:
             if free:
                 p = w / (w @ v)
                 tests["chenciner"] = circle_coefficient(
-                    jacobian, v, p, self.critical(unknowns), first, second
+                    jacobian, v, p, self.critical(unknowns), first, near.second
                 )
             return tests
         if self.kind == "branch_point":
@@ -300,9 +318,9 @@ class CriticalEquations:
             return {**tests, "fold_neimark_sacker": pairs}
         tests = {"resonance_1_2": meets, "fold_flip": folds, "flip_neimark_sacker": pairs}
         if free and meets != 0.0:
-            tests["generalized_flip"] = flip_coefficient(jacobian, v, w / meets, first[0], second[0]) * abs(
-                meets
-            )
+            tests["generalized_flip"] = flip_coefficient(
+                jacobian, v, w / meets, first[0], near.second[0]
+            ) * abs(meets)
         return tests
 
     def other_multipliers(self, unknowns: Vector, factors: Multipliers) -> Multipliers:
@@ -339,93 +357,3 @@ class CriticalEquations:
         if self.kind == "branch_point":
             return right[-2:], left[:, -1:].T
         return right[-1].conj(), left[:, -1].conj()
-
-
-def null_vectors(matrix: Any, v: Any, w: Any) -> tuple[Any, Any, Any]:
-    """The null vectors v, w, of length 1, and g, of a matrix bordered by v and w of a point close by.
-
-    A matrix (m, m + 1) of a branch point has two of v (2, m + 1), one of w (1, m) and two of g. All are NaN
-    where the bordered matrix is singular.
-    """
-    rows, columns = matrix.shape
-    right, left = np.atleast_2d(v), np.atleast_2d(w)
-    full = np.zeros((rows + len(right), columns + len(left)), np.result_type(matrix, right))
-    full[:rows, :columns] = matrix
-    full[:rows, columns:] = left.conj().T
-    full[rows:, :columns] = right.conj()
-    unit = np.zeros((len(full), len(right)), full.dtype)
-    unit[rows:] = np.eye(len(right))
-    transposed = np.zeros((len(full), len(left)), full.dtype)
-    transposed[columns:] = np.eye(len(left))
-    try:
-        solved, adjoint = np.linalg.solve(full, unit), np.linalg.solve(full.T, transposed)
-    except np.linalg.LinAlgError:  # several multipliers are critical at once
-        solved, adjoint = np.full_like(unit, np.nan), np.full_like(transposed, np.nan)
-    new_v, new_w, g = solved[:columns].T, adjoint[:rows].T, solved[columns:].T[:, 0]
-    lengths, of_w = np.linalg.norm(new_v, axis=1), np.linalg.norm(new_w)
-    new_v, new_w, g = new_v / lengths[:, None], new_w / of_w, g / (lengths * of_w)
-    return (new_v, new_w, g) if len(right) == 2 else (new_v[0], new_w[0], g[0])
-
-
-def equations_at(
-    problem: ContinuationProblem,
-    at: BranchPoints,
-    special: str,
-    second: tuple[str, float, float, float] | None = None,
-) -> tuple[CriticalEquations, Vector]:
-    """The equations of a bifurcation that was located on one branch (1,), and its unknowns.
-
-    Args:
-        problem: the continuation problem of the branch.
-        at: the bifurcation.
-        special: fold, flip, neimark_sacker, or a kind of branch point.
-        second: name, lowest, highest and present value of a second parameter.
-    """
-    kind = "branch_point" if special in CROSSINGS else special
-    k = len(problem.held.which)
-    scale = np.concatenate([sizes(at.points.at)[0], np.ones(k)])
-    names, low, high, here = (problem.parameter,), [problem.low], [problem.high], [at.parameter[0]]
-    values = {name: column[:1] for name, column in problem.values.items()}
-    if second is not None:
-        names, low, high = (*names, second[0]), [*low, second[1]], [*high, second[2]]
-        here.append(second[3])
-        values.pop(second[0], None)
-    width = np.array(high) - low
-    equations = CriticalEquations(
-        problem.mapping, kind, names, np.array(low), width, values, problem.held, scale
-    )
-    extra: list[float] = []
-    if kind == "neimark_sacker":
-        factors = np.linalg.eigvals(at.images.jacobian[0])
-        extra = [float(np.angle(critical_multiplier(factors, kind)))]
-    elif kind == "branch_point":
-        extra = [0.0]
-    z = np.concatenate([at.points.at[0], at.drift[0]]) / scale
-    return equations, np.concatenate([z, (np.array(here) - low) / width, extra])
-
-
-def located_exactly(
-    problem: ContinuationProblem, at: BranchPoints, special: str
-) -> Computation[CriticalPoint | None]:
-    """The bifurcation next to a bracketed one (1,), to the precision of the map; None if not found."""
-    equations, unknowns = equations_at(problem, at, special)
-    first = unknowns
-    border = yield from equations.first_border(at.points, unknowns)
-    if border is None:
-        return None
-    last = np.inf
-    for _ in range(MOST_STEPS):
-        here = yield from equations.at(at.points, unknowns, border)
-        if here is None:
-            return None
-        try:
-            step = np.linalg.solve(here.matrix, -here.residual)
-        except np.linalg.LinAlgError:
-            return None
-        size = float(np.max(np.abs(step)))
-        if not np.max(np.abs(unknowns + step - first)) < MOST_MOVED:
-            return None
-        if size < LAST_STEP or (size > 0.3 * last and size < 1e-7):
-            return here
-        unknowns, border, last = unknowns + step, (here.v, here.w), size
-    return None

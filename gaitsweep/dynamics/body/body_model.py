@@ -13,7 +13,8 @@ from jaxtyping import Array, Bool, Float
 
 from gaitsweep.contract import Chart, Quantity, Rates, Recommended
 from gaitsweep.dynamics.declarations import mode, variable
-from gaitsweep.dynamics.declared_model import DeclaredModel, Values
+from gaitsweep.dynamics.declared import Values
+from gaitsweep.dynamics.declared_model import DeclaredModel
 from gaitsweep.dynamics.mjcf.source import OfMjcf, compiled_content, content_key
 from gaitsweep.near_miss import suggestion
 

@@ -19,7 +19,7 @@ from jaxtyping import Array, Bool, Float
 
 from gaitsweep.contract import Quantity, SteppedModel
 from gaitsweep.dynamics.declarations import SingleEvent
-from gaitsweep.dynamics.declared_model import Declared, Values
+from gaitsweep.dynamics.declared import Declared, Values
 from gaitsweep.dynamics.mjcf.source import OfMjcf, compiled_content, content_key, keyframe_number
 from gaitsweep.near_miss import suggestion
 

@@ -47,6 +47,7 @@ _TYPES = (
     ("actuator_gaintype", "actuator", mjx.GainType, mujoco.mjtGain, "gaintype "),
     ("actuator_biastype", "actuator", mjx.BiasType, mujoco.mjtBias, "biastype "),
 )
+_MOST_LISTED = 3  # names in a sentence
 _WORDS = {"jnt": "joint", "dof": "joint", "eq": "equality"}
 _OFF = mujoco.mjtDisableBit
 # Flags that add numbers and do not change the motion.
@@ -254,6 +255,7 @@ def _words(member: mujoco.mjtGeom) -> str:
     return member.name.partition("_")[2].lower()
 
 
-def _listed(names: Sequence[str], most: int = 3) -> str:
-    more = f" and {len(names) - most} more" if len(names) > most else ""
-    return ", ".join(names[:most]) + more
+def _listed(names: Sequence[str]) -> str:
+    """The first names, and the number of the others."""
+    more = f" and {len(names) - _MOST_LISTED} more" if len(names) > _MOST_LISTED else ""
+    return ", ".join(names[:_MOST_LISTED]) + more

@@ -24,7 +24,7 @@ from gaitsweep.dynamics.mjx.body import mjx
 from gaitsweep.errors import ArgumentError
 
 # Number of compiled sets of values that are cached, for later blocks of rows.
-_KEPT = 1024
+_MOST_CACHED = 1024
 # Fields for rendering, and fields that MJX does not read.
 _LOOKS = ("cam_", "light_", "tex_", "mat_")
 _UNREAD = ("body_sameframe", "geom_sameframe", "site_sameframe", "body_simple", "dof_simplenum", "geom_aabb")
@@ -57,7 +57,7 @@ class Variants:
         if fixed := changing & (self._usual.keys() - _DYNAMIC):
             raise ArgumentError(f"MJX cannot take {', '.join(sorted(fixed))} of a body from row to row.")
         self.fields = tuple(sorted(changing))
-        self._of_set = lru_cache(_KEPT)(self._found)
+        self._fields_of = lru_cache(_MOST_CACHED)(self._varying_fields)
 
     def numbers(self, columns: Mapping[str, Float[np.ndarray, " rows"]]) -> Fields:
         """The fields of each row (n, ...), from columns (n,) of the values.
@@ -67,8 +67,8 @@ class Variants:
         """
         rows = np.stack([np.asarray(columns[name], np.float64) for name in self._names], axis=1)
         distinct, which = np.unique(rows, axis=0, return_inverse=True)
-        sets = [self._of_set(tuple(values)) for values in distinct.tolist()]
-        return {field: np.stack([one[field] for one in sets])[which.ravel()] for field in self.fields}
+        sets = [self._fields_of(tuple(values)) for values in distinct.tolist()]
+        return {field: np.stack([fields[field] for fields in sets])[which.ravel()] for field in self.fields}
 
     def on_host(self, columns: Mapping[str, Float[np.ndarray, " rows"]]) -> Fields:
         """The values (n,) of rows and their fields (n, ...) by name, as returned by `Model.on_host`."""
@@ -85,7 +85,8 @@ class Variants:
         same = jnp.all(jnp.stack([values[name] == values[_MADE_OF + name] for name in self._names]))
         return {name: jnp.where(same, values[_FIELD + name], jnp.nan) for name in self.fields}
 
-    def _found(self, values: tuple[float, ...]) -> Fields:
+    def _varying_fields(self, values: tuple[float, ...]) -> Fields:
+        """The fields of the body with these values; refuses one that changes others."""
         fields = self._compiled(values)
         moved = [name for name, value in fields.items() if not _same(value, self._usual[name])]
         if astray := set(moved) - set(self.fields):

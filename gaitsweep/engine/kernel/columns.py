@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import numpy as np
@@ -17,8 +17,7 @@ from jaxtyping import Float
 
 from gaitsweep.contract import Model
 from gaitsweep.engine.kernel.operations import OPERATIONS
-from gaitsweep.engine.kernel.program import Program
-from gaitsweep.engine.kernel.trace import Tracer, UnsupportedError
+from gaitsweep.engine.kernel.trace import UnsupportedError, traced_function
 from gaitsweep.engine.stored_programs import stored
 from gaitsweep.engine.sweep.lane import host_device
 
@@ -88,39 +87,10 @@ def _by_xla(function: Callable[..., Any], all_rows: bool) -> Callable[..., Any]:
     return of_rows
 
 
-class _Traced(NamedTuple):
-    """A function of one row as a scalar program.
-
-    `inputs` and `outputs` are its nodes, `arrays` has the size, shape and dtype of each result, whose place
-    is in the tree `results`.
-    """
-
-    program: Program
-    inputs: list[int]
-    outputs: list[int]
-    arrays: list[tuple[int, tuple[int, ...], str]]
-    results: Any
-
-
-def _traced(function: Callable[..., Any], shapes: Any) -> _Traced:
-    """Trace a function of one row."""
-    jaxpr, out = jax.make_jaxpr(function, return_shape=True)(*shapes)
-    program = Program(simplify=False)  # a product with 0 is NaN where the other factor is
-    tracer = Tracer(program)
-    inputs = tracer.inputs(shapes, 0, steady=False)
-    outputs = tracer.read(jaxpr, inputs)
-    likes, structure = jax.tree.flatten(out)
-    flat_inputs, flat_outputs = (
-        [at for nodes in arrays for at in nodes.ravel().tolist()] for arrays in (inputs, outputs)
-    )
-    kinds = [(nodes.size, like.shape, str(like.dtype)) for nodes, like in zip(outputs, likes, strict=True)]
-    places = jax.tree.unflatten(structure, range(len(kinds)))
-    return _Traced(program, flat_inputs, flat_outputs, kinds, places)
-
-
 def _traced_operations(function: Callable[..., Any], shapes: Any) -> tuple[list[Any], list[int], Any, Any]:
     """The operations of a function of one row, each with its arguments or its value, and its results."""
-    traced = _traced(function, shapes)
+    # a product with 0 is NaN where the other factor is
+    traced = traced_function(function, shapes, simplify=False)
     order = traced.program.needed(traced.outputs)
     place = {at: i for i, at in enumerate(order)}
     operations = [
@@ -134,8 +104,8 @@ def _traced_kernel(function: Callable[..., Any], shapes: Any) -> tuple[Any, Any,
     """The kernel of a function of one row, and its results."""
     from gaitsweep.engine.kernel.row_kernel import row_kernel
 
-    traced = _traced(function, shapes)
-    return row_kernel(traced.program, traced.inputs, traced.outputs), traced.arrays, traced.results
+    traced = traced_function(function, shapes, simplify=False)
+    return row_kernel(traced), traced.arrays, traced.results
 
 
 def _by_numpy(operations: list[Any], outputs: list[int], arrays: Any, results: Any) -> Callable[..., Any]:

@@ -10,9 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from gaitsweep.engine.kernel.program import Program
 from gaitsweep.engine.kernel.row_kernel import RowKernel, row_kernel, running
-from gaitsweep.engine.kernel.trace import Tracer
+from gaitsweep.engine.kernel.trace import traced_function
 from gaitsweep.engine.sweep.lane import OneLane, host_device
 
 # Rows that XLA opens in one call: constant, since its last bits depend on it.
@@ -55,14 +54,9 @@ def opening_of(lane: OneLane, values: Any, starts: Any) -> Opening:
     Raises:
         UnsupportedError: the model uses an operation that the scalar kernel does not have.
     """
-    program = Program()
-    tracer = Tracer(program)
-    inputs = [int(nodes) for nodes in tracer.inputs((values, starts), 0, steady=False)]
-    slots, samples, keep = tracer.read(
-        jax.make_jaxpr(_of_one(lane))(values, starts), [np.array(at, np.int64) for at in inputs]
-    )
-    outputs = [*slots.tolist(), *samples.tolist(), int(keep)]
-    return Opening(row_kernel(program, inputs, outputs), slots.size)
+    traced = traced_function(_of_one(lane), (values, starts))
+    slots, *_ = traced.arrays
+    return Opening(row_kernel(traced), slots.size)
 
 
 def opened_by_kernel(opening: Opening) -> Callable[[Columns, Columns], Opened]:

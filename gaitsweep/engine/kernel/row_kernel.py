@@ -13,8 +13,8 @@ from llvmlite import ir
 from gaitsweep.engine.kernel import llvm_code
 from gaitsweep.engine.kernel.cpu_program import TILE, loaded_once
 from gaitsweep.engine.kernel.llvm_code import ARRAY, INDEX, VOID, loop
-from gaitsweep.engine.kernel.program import Program
 from gaitsweep.engine.kernel.source import PYTHON, statements
+from gaitsweep.engine.kernel.trace import TracedFunction
 
 Columns = Sequence[Float[np.ndarray, " rows"]]
 
@@ -27,13 +27,9 @@ class RowKernel(NamedTuple):
     outputs: int
 
 
-def row_kernel(program: Program, inputs: Sequence[int], outputs: Sequence[int]) -> RowKernel:
-    """The kernel of a program for one row.
-
-    Args:
-        program: the program.
-        inputs, outputs: its nodes that are given, and those that are computed.
-    """
+def row_kernel(traced: TracedFunction) -> RowKernel:
+    """The kernel of a traced function of one row."""
+    program, inputs, outputs = traced.program, traced.inputs, traced.outputs
     names = {at: f"x{i}" for i, at in enumerate(inputs)}
     lines, results = statements(PYTHON, program, outputs, names)
     loads = [

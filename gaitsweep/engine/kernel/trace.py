@@ -7,7 +7,7 @@ slicing and indexing cost nothing: only scalar arithmetic remains.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -135,6 +135,56 @@ class Tracer:
         """The values of an array of constants; None if a node is not a constant."""
         values = [self.program.value(at) for at in nodes.ravel().tolist()]
         return None if any(v is None for v in values) else np.array(values).reshape(nodes.shape)
+
+
+class TracedArray(NamedTuple):
+    """The size, shape and dtype of an array that a function returns."""
+
+    size: int
+    shape: tuple[int, ...]
+    dtype: str
+
+
+class TracedFunction(NamedTuple):
+    """A function as a scalar program.
+
+    `inputs` and `outputs` are its nodes, `arrays` the arrays that it returns, each of whose places is in the
+    tree `results`.
+    """
+
+    program: Program
+    inputs: list[int]
+    outputs: list[int]
+    arrays: list[TracedArray]
+    results: Any
+
+
+def traced_function(function: Callable[..., Any], shapes: Any, *, simplify: bool = True) -> TracedFunction:
+    """Translate a function.
+
+    Args:
+        function: a JAX function, from pytrees to a pytree of arrays.
+        shapes: shapes and dtypes of its arguments.
+        simplify: as of `Program`.
+
+    Raises:
+        UnsupportedError: the function uses an operation that the scalar kernel does not have.
+    """
+    jaxpr, out = jax.make_jaxpr(function, return_shape=True)(*shapes)
+    program = Program(simplify=simplify)
+    tracer = Tracer(program)
+    inputs = tracer.inputs(shapes, 0, steady=False)
+    outputs = tracer.read(jaxpr, inputs)
+    likes, structure = jax.tree.flatten(out)
+    flat_inputs, flat_outputs = (
+        [at for nodes in arrays for at in nodes.ravel().tolist()] for arrays in (inputs, outputs)
+    )
+    arrays = [
+        TracedArray(nodes.size, like.shape, str(like.dtype))
+        for nodes, like in zip(outputs, likes, strict=True)
+    ]
+    places = jax.tree.unflatten(structure, range(len(arrays)))
+    return TracedFunction(program, flat_inputs, flat_outputs, arrays, places)
 
 
 # The output nodes of an equation from its input nodes.

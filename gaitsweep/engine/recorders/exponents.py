@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from gaitsweep.contract import Model, Params, Quantity, Status
+from gaitsweep.contract import FixedStepDynamics, Model, Params, Quantity, Status
 from gaitsweep.engine.carry import Carry
 from gaitsweep.engine.shapes import Integer, Number, Observed
 from gaitsweep.engine.tangents import from_section, on_section, orthonormalised
@@ -174,7 +174,8 @@ class Exponents:
 
         Args:
             period: the crossings of the orbit on which the row has settled, 0 if it has not. On an orbit of
-                several crossings, exponents are the means over as many of its last turns as the window has.
+                several crossings, exponents are the means over as many of its last turns as the window has;
+                at a fixed point those over the window, if their error is less than that of the spans.
             ago: (w,) the times (s) since the crossings before this one, the latest first.
         """
         rates, errors = self.rates()
@@ -182,8 +183,11 @@ class Exponents:
         last = len(ago) // turn * turn
         duration = jnp.sum(jnp.where(place == last - 1, ago, 0.0))
         turns = jnp.sum(jnp.where((place < last)[:, None], self.logs, 0.0), axis=0) / duration
-        repeats = (period > 1) | ((period == 1) & jnp.isnan(errors[0]))
-        rates, errors = jnp.where(repeats, turns, rates), jnp.where(repeats, jnp.nan, errors)
+        deviation = self.logs * (len(ago) / ago[-1]) - turns[None, :]
+        own = jnp.sqrt(jnp.sum(deviation**2, axis=0) / (len(ago) * (len(ago) - 1)))
+        fixed = (period == 1) & ~(own[0] > errors[0])
+        rates = jnp.where((period > 1) | fixed, turns, rates)
+        errors = jnp.where(period > 1, jnp.nan, jnp.where(fixed, own, errors))
         named = {f"lyapunov_{i + 1}": rate for i, rate in enumerate(rates)}
         return named | {f"lyapunov_{i + 1}_error": error for i, error in enumerate(errors)}
 
@@ -223,13 +227,14 @@ def may_turn(model: Model) -> bool:
     return len(coordinates) != 1 or coordinates[0].circular
 
 
-def exponent_numbers(count: int) -> tuple[RowNumber, ...]:
-    """The numbers of a row with so many exponents."""
+def exponent_numbers(model: Model, count: int) -> tuple[RowNumber, ...]:
+    """The numbers of a row with so many exponents; those of a plain map are per application."""
+    unit = "1" if isinstance(model, FixedStepDynamics) and model.is_return_map else "1/s"
     numbers: list[RowNumber] = []
     for i in range(1, count + 1):
         symbol = rf"\lambda_{i}"
-        exponent = Quantity(f"lyapunov_{i}", "1/s", f"Lyapunov exponent {i} of the return map", symbol=symbol)
-        error = Quantity(f"lyapunov_{i}_error", "1/s", f"standard error of Lyapunov exponent {i}")
+        exponent = Quantity(f"lyapunov_{i}", unit, f"Lyapunov exponent {i}", symbol=symbol)
+        error = Quantity(f"lyapunov_{i}_error", unit, f"standard error of Lyapunov exponent {i}")
         numbers += [RowNumber(q.name, np.float64, np.nan, q) for q in (exponent, error)]
     return tuple(numbers)
 

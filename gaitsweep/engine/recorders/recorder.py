@@ -19,7 +19,7 @@ from jaxtyping import Array, Bool, Float, Int, Real
 
 from gaitsweep.contract import HybridModel, Model, Params, State, Status
 from gaitsweep.dynamics.declarations import Variable
-from gaitsweep.dynamics.declared_model import Declared
+from gaitsweep.dynamics.declared import Declared
 from gaitsweep.engine.carry import Carry, Halt, fired_last, select, stalled
 from gaitsweep.engine.shapes import Flag, GuardFlags, Integer, Number, Observed
 from gaitsweep.row_outcome import RowNumber, RowOutcome

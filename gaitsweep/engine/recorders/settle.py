@@ -123,7 +123,7 @@ class SettleRecorder(Recorder):
     @property
     def numbers(self) -> tuple[RowNumber, ...]:  # pyright: ignore[reportIncompatibleVariableOverride]
         orbit = RowNumber("orbit", np.float64, np.nan, crossings=SETTLE_WINDOW - 1)
-        return (*Recorder.numbers, orbit, *exponent_numbers(self.exponents))
+        return (*Recorder.numbers, orbit, *exponent_numbers(self.model, self.exponents))
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -110,9 +110,7 @@ def hysteresis(
     shown, title = theme.first_of(shown, _MOST_PANELS, title)
     tables = [panel.table for panel in shown if panel.table is not None]
     for of_panel in tables:
-        require_columns(of_panel, parameter, "pass", "row")
-        for observable in (y, *([x] if x else [])):
-            column(of_panel, observable, ("_n", ""))
+        _require(of_panel, parameter, [y] if x is None else [y, x])
     name = column(table, y, ("_n", ""))
     if x is not None:
         shown = [panel._replace(table=while_moving(panel.table, parameter)) for panel in shown]
@@ -143,10 +141,8 @@ def hysteresis(
                 strip.tick_params(labelleft=False)
             room = theme.width_of(width) / across - 0.8
             if number + across >= len(shown):
-                along = described(table, parameter, 66, named=True)  # as the legend does
                 beside = _LETTER * max(map(len, ticks), default=0) if last else 0.0
-                strip.set_xlabel(theme.wrapped(along, room - beside, 8.5))
-                strip.tick_params(labelbottom=True)
+                _name_parameter(strip, table, parameter, room - beside)
             broken.append(_below(strip, handles, room + 0.4))
         theme.grow(figure, 0.12 * max(broken))
         for axes in {grid[0], below[0]}:
@@ -157,6 +153,20 @@ def hysteresis(
         key += _name_gaits(grid, of_branches, name, parameter, origin, [*ticks])
         theme.legend(figure, key, ncols=3)
     return figure
+
+
+def _require(table: pd.DataFrame, parameter: str, observables: Sequence[str]) -> None:
+    """Refuse a panel's table that lacks a column."""
+    require_columns(table, parameter, "pass", "row")
+    for observable in observables:
+        column(table, observable, ("_n", ""))
+
+
+def _name_parameter(axes: Axes, table: pd.DataFrame, parameter: str, room: float) -> None:
+    """Label the horizontal axis of a lowest panel, in `room` inches."""
+    along = described(table, parameter, 66, named=True)  # as the legend does
+    axes.set_xlabel(theme.wrapped(along, room, 8.5))
+    axes.tick_params(labelbottom=True)
 
 
 def _panels(

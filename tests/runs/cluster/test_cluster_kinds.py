@@ -26,6 +26,12 @@ MASSES: dict[str, Any] = {
 ANGLE = {"linspace": [0, "2*pi", 24], "at": "centre"}
 JOBS: dict[str, dict[str, Any]] = {
     "settle": {**MASSES, "run": {"kind": "settle", "max_cycles": 60}},
+    "settle, exponents": {
+        "model": "gaitsweep.examples.henon:Henon",
+        "vary": {"a": {"linspace": [1.0, 1.4, 40]}},
+        "run": {"kind": "settle", "max_cycles": 300, "exponents": 2},
+        "engine": {"block": 10, "lanes": 16},
+    },
     "settle, refined": {
         "model": "landscape_model:Landscape",
         "vary": {"theta_2": ANGLE, "theta_1": ANGLE},

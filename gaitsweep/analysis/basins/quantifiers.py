@@ -1,0 +1,162 @@
+"""Stability quantifiers of attractors along a parameter, from one settle table."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from jaxtyping import Bool, Shaped
+
+from gaitsweep.analysis.basins.attractor_matching import follow_attractors
+from gaitsweep.analysis.basins.fractions import LEVEL, fractions, panels_and_axes
+from gaitsweep.analysis.basins.state_space import Space
+from gaitsweep.analysis.records import AnalysisError, require
+from gaitsweep.contract import Status
+
+TAIL = 0.95  # share of the starts of a basin whose convergence is faster than the tail
+_EXPONENT = "lyapunov_1"
+_COLUMNS = [
+    *("rows", "fraction", "low", "high", "within", "within_low", "within_high"),
+    *("time_mean", "time_median", "time_tail", "time_most", "resilience", "least_shock"),
+]
+
+
+def quantifiers(
+    table: pd.DataFrame,
+    parameter: str,
+    *,
+    label: str = "attractor",
+    within: float | None = None,
+    level: float = LEVEL,
+    scales: Mapping[str, float] | None = None,
+    **grouping: Any,
+) -> pd.DataFrame:
+    """Quantify the stability of each attractor at each value of a parameter.
+
+    Args:
+        table: a settle table over starts and the parameter.
+        parameter: the column of the parameter.
+        label: the column of the outcomes; `attractor` matches the attractors along the parameter
+            (`analyses.follow_attractors`) if the table does not have it.
+        within: a time (s), for the share of starts that settle to the attractor until then.
+        level: confidence level of the intervals.
+        scales: unit of each axis of starts in the distance of shocks, where axes have different units.
+        grouping: arguments of `analyses.attractors`.
+
+    Returns:
+        One record for each value and attractor, with columns that are NaN where they do not follow from the
+        table.
+
+        - rows, fraction, low, high: starts that settle to it, their share of all starts and its interval:
+          the basin stability (Menck, Heitzig, Marwan and Kurths 2013, Nat. Phys. 9:89).
+        - within, within_low, within_high: the same of starts that settle until `within`: the finite-time
+          basin stability (Schultz, Menck, Heitzig and Kurths 2017, New J. Phys. 19:023005).
+        - time_mean, time_median, time_tail, time_most (s): times after which starts have settled: their mean,
+          median, the time that 5 % exceed, and the longest. They include the crossings that the test of
+          settling needs. Chaotic and quasi-periodic rows have none, since they run to their limit.
+        - resilience (1/s): the rate at which small deviations decay, -lyapunov_1 in the mean (Pimm 1984,
+          Nature 307:321). It needs `exponents` in the run.
+        - least_shock: the distance from the attractor's crossings to the nearest start with another outcome,
+          in the units of the starts: the minimal fatal shock (Halekotte and Feudel 2020, Sci. Rep. 10:11783).
+          It is no less than the true one, which lies between starts. It needs the observables of all axes
+          (x_end for x_0), so that starts are displaced crossings.
+
+    Raises:
+        AnalysisError: the table lacks a column, or an argument is not allowed.
+
+    Example:
+        >>> import numpy as np, gaitsweep as gs
+        >>> class Wells(gs.MapModel):
+        ...     pull = gs.parameter("1", "pull to the wells at -1 and 1", 0.2)
+        ...     x = gs.variable("1", "place", 0.0)
+        ...
+        ...     def image(self, p, s):
+        ...         return {"x": s.x + p.pull * (s.x - s.x**3)}
+        >>> run = gs.Settle(exponents=1, tolerance=1e-6)
+        >>> table = gs.sweep(Wells(), x_0=np.linspace(-1.5, 1.5, 100), pull=[0.2, 0.4], run=run).table
+        >>> quantified = gs.quantifiers(table, "pull")
+        >>> quantified[["pull", "fraction", "resilience", "least_shock"]].round(2).to_numpy().tolist()
+        [[0.2, 0.5, 0.51, 1.02], [0.2, 0.5, 0.51, 1.02], [0.4, 0.5, 1.61, 1.02], [0.4, 0.5, 1.61, 1.02]]
+    """
+    if within is not None and not within > 0.0:
+        raise AnalysisError(f"within is {within:g} s, but must be above 0.")
+    require(table, parameter, "status", "t_end")
+    if label == "attractor" and label not in table:
+        column = follow_attractors(table, parameter, **grouping).column
+        table = _with_column(table, label, column.astype(object).to_numpy())
+    require(table, label)
+    table, by, axes = panels_and_axes(table, parameter, None)
+    counted = {"": fractions(table, axes, label=label, by=by, level=level)}
+    if within is not None:
+        in_time = table["t_end"].to_numpy(float) <= within
+        early = np.array(table[label].astype(object))
+        early[~in_time] = None
+        counted["within"] = fractions(
+            _with_column(table, label, early), axes, label=label, by=by, level=level
+        )
+    space = Space.of(table, axes, scales) if axes else None
+    values, names = table[parameter].to_numpy(float), table[label].astype(object).to_numpy()
+    records = []
+    for value in np.unique(values[np.isfinite(values)]):
+        at = values == value
+        for name in sorted({str(name) for name in names[at & pd.notna(names)]}):
+            own = at & (names.astype(str) == name)
+            record: dict[str, Any] = {parameter: value, label: name, "rows": int(own.sum())}
+            for which, shares in counted.items():
+                record |= _share(shares, parameter, value, name, which)
+            record |= _times(_rows_of(table, own))
+            if _EXPONENT in table:
+                record["resilience"] = -float(table[_EXPONENT].to_numpy(float)[own].mean())
+            if space is not None:
+                record["least_shock"] = _least_shock(
+                    space, _rows_of(table, own), _rows_of(table, at & ~own), axes
+                )
+            records.append(record)
+    return pd.DataFrame(records, columns=[parameter, label, *_COLUMNS])
+
+
+def _rows_of(table: pd.DataFrame, mask: Bool[np.ndarray, " rows"]) -> pd.DataFrame:
+    """The rows of a table where a mask (n,) is true."""
+    return table.iloc[np.flatnonzero(mask)]
+
+
+def _with_column(table: pd.DataFrame, name: str, values: Shaped[np.ndarray, " rows"]) -> pd.DataFrame:
+    """The table with other values in a column, and with its attributes."""
+    changed = table.assign(**{name: values})
+    changed.attrs = table.attrs
+    return changed
+
+
+def _share(shares: pd.DataFrame, parameter: str, value: float, name: str, which: str) -> dict[str, float]:
+    """The share of an outcome at a value of the parameter, with its interval; 0 if it has no record."""
+    mask = (shares[parameter].to_numpy(float) == value) & (shares["outcome"].astype(str).to_numpy() == name)
+    own = _rows_of(shares, mask)[["fraction", "low", "high"]].to_numpy(float)
+    numbers = own[0] if len(own) else np.zeros(3)
+    columns = ("within", "within_low", "within_high") if which else ("fraction", "low", "high")
+    return dict(zip(columns, numbers.tolist(), strict=True))
+
+
+def _times(own: pd.DataFrame) -> dict[str, float]:
+    """Mean, median, tail and maximum of the times after which rows have settled."""
+    settled = own["status"].astype(str).isin([Status.settled.name, Status.at_rest.name]).to_numpy()
+    times = own["t_end"].to_numpy(float)[settled]
+    if not times.size:
+        return {}
+    tail = float(np.quantile(times, TAIL))
+    median, most = float(np.median(times)), float(times.max())
+    return {"time_mean": float(times.mean()), "time_median": median, "time_tail": tail, "time_most": most}
+
+
+def _least_shock(space: Space, own: pd.DataFrame, others: pd.DataFrame, axes: Sequence[str]) -> float:
+    """The distance from the crossings of an attractor to the nearest start with another outcome."""
+    ends = [f"{axis.removesuffix('_0')}_end" for axis in axes]
+    if not len(others) or not set(ends) <= set(own):
+        return float("nan")
+    later = ([f"{end}_{k}" for end in ends] for k in itertools.count(2))
+    places = [ends, *itertools.takewhile(lambda names: set(names) <= set(own), later)]
+    states = np.concatenate([space.points(own, names) for names in places])
+    states = states[np.isfinite(states).all(axis=1)]
+    return float(space.nearest_distance(states, space.points(others, list(axes))).min(initial=np.inf))

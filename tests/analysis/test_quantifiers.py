@@ -1,0 +1,75 @@
+"""Stability quantifiers of a map with two wells, which are known in closed form."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import gaitsweep as gs
+from gaitsweep.analysis.records import AnalysisError
+
+
+class Wells(gs.MapModel):
+    """x is pulled to the wells at -1 and 1, with the edge at `edge`; multipliers of the wells follow."""
+
+    pull = gs.parameter("1", "pull", 0.2)
+    edge = gs.parameter("1", "edge between the wells", 0.0)
+    x = gs.variable("1", "place", 0.0)
+
+    def image(self, p: Any, s: Any) -> dict[str, Any]:
+        return {"x": s.x - p.pull * (s.x - p.edge) * (s.x**2 - 1.0)}
+
+
+STARTS = np.linspace(-1.4, 1.4, 141)  # 0.02 apart
+
+
+@pytest.fixture(scope="module")
+def table() -> Any:
+    run = gs.Settle(exponents=1, tolerance=1e-6)
+    return gs.sweep(Wells(), x_0=STARTS, edge=[0.11, 0.31], run=run).table
+
+
+def test_quantifiers_of_two_wells(table: Any) -> None:
+    quantified: Any = gs.quantifiers(table, "edge", within=20.0)
+    assert len(quantified) == 4
+    for edge, both in quantified.groupby("edge"):
+        # the well at -1 has the starts below the edge
+        left, right = both.sort_values("rows", ascending=False).to_dict("records")
+        shares = [np.mean(edge > STARTS), np.mean(edge < STARTS)]
+        np.testing.assert_allclose([left["fraction"], right["fraction"]], shares)
+        assert left["low"] < left["fraction"] < left["high"]
+        decay = [-np.log(1.0 - 2.0 * 0.2 * (1.0 + edge)), -np.log(1.0 - 2.0 * 0.2 * (1.0 - edge))]
+        np.testing.assert_allclose([left["resilience"], right["resilience"]], decay, rtol=0.01)
+        # to the first start beyond the edge
+        beyond = [np.min(STARTS[edge < STARTS]) + 1.0, 1.0 - np.max(STARTS[edge > STARTS])]
+        np.testing.assert_allclose([left["least_shock"], right["least_shock"]], beyond, atol=1e-4)
+
+
+def test_convergence_times_are_those_of_the_rows(table: Any) -> None:
+    quantified: Any = gs.quantifiers(table, "edge", within=30.0)
+    for edge, both in quantified.groupby("edge"):
+        for record, side in zip(both.sort_values("rows").to_dict("records"), (1.0, -1.0), strict=True):
+            rows = table[(table["edge"] == edge) & ((table["x_end"] * side) > 0.0)]
+            times = rows["t_end"].to_numpy(float)
+            expected = [times.mean(), np.median(times), np.quantile(times, 0.95), times.max()]
+            names = ("time_mean", "time_median", "time_tail", "time_most")
+            np.testing.assert_allclose([record[name] for name in names], expected)
+            assert record["within"] == pytest.approx(np.mean(times <= 30.0) * len(times) / len(STARTS))
+            assert record["within"] < record["fraction"]
+
+
+def test_what_does_not_follow_is_missing() -> None:
+    plain = gs.sweep(Wells(), x_0=STARTS, edge=[0.1], run=gs.Settle()).table
+    quantified = gs.quantifiers(plain, "edge")
+    assert np.isnan(quantified[["resilience", "within"]].to_numpy(float)).all()
+    without = gs.quantifiers(plain.drop(columns="x_end").assign(attractor="A"), "edge")
+    assert np.isnan(without["least_shock"].to_numpy(float)).all()
+
+
+def test_bad_arguments_are_refused(table: Any) -> None:
+    with pytest.raises(AnalysisError, match=r"edges is not a column of this table.*edge"):
+        gs.quantifiers(table, "edges")
+    with pytest.raises(AnalysisError, match=r"within is -1 s, but must be above 0"):
+        gs.quantifiers(table, "edge", within=-1.0)

@@ -1,0 +1,51 @@
+"""The bifurcation diagram of a settle table."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from gaitsweep import plot
+
+
+def diagram_table() -> pd.DataFrame:
+    """A fixed point, an orbit of two crossings, a chaotic row with three, and a row without an attractor."""
+    nan = np.nan
+    return pd.DataFrame(
+        {
+            "a": [1.0, 2.0, 3.0, 4.0],
+            "status": ["settled", "settled", "chaotic", "cycle_limit"],
+            "x_end": [0.1, 0.2, 0.3, 0.4],
+            "x_end_2": [nan, 0.25, 0.35, nan],
+            "x_end_3": [nan, nan, 0.37, nan],
+            "lyapunov_1": [-0.5, -0.1, 0.4, 0.01],
+            "lyapunov_1_error": [0.01, nan, 0.02, 0.1],
+        }
+    )
+
+
+def drawn(axes: Any) -> np.ndarray:
+    """The places of the markers in axes, (n, 2)."""
+    points = [np.stack(line.get_data(), axis=1) for line in axes.lines if line.get_marker() == "o"]
+    points = np.concatenate(points)
+    return points[np.isfinite(points).all(axis=1)]
+
+
+def test_all_crossings_are_drawn_with_the_exponent_below() -> None:
+    figure: Any = plot.orbit(diagram_table(), x="a", y="x")
+    above, below = figure.axes
+    expected = [(1.0, 0.1), (2.0, 0.2), (2.0, 0.25), (3.0, 0.3), (3.0, 0.35), (3.0, 0.37)]
+    assert sorted(map(tuple, drawn(above).tolist())) == expected
+    assert sorted(map(tuple, drawn(below).tolist())) == [(1.0, -0.5), (2.0, -0.1), (3.0, 0.4)]
+    marks = [line for line in above.lines if line.get_marker() == "|"]
+    assert [line.get_xdata().tolist() for line in marks] == [[4.0]]
+    words = [text.get_text() for legend in figure.legends for text in legend.get_texts()]
+    assert words == ["periodic", "chaotic", "no attractor"]
+
+
+def test_without_exponents_there_are_no_lower_axes() -> None:
+    table = diagram_table().drop(columns=["lyapunov_1", "lyapunov_1_error"])
+    assert len(plot.orbit(table, x="a", y="x").axes) == 1
+    assert len(plot.orbit(table.iloc[:0], x="a", y="x").axes) == 1
