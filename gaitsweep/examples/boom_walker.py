@@ -17,9 +17,9 @@ class BoomWalker(BodyModel):
 
     omega = parameter("rad/s", "frequency of the oscillators", 6.0, low=0.0, open_ends=True)
     sigma = parameter("rad/(N s)", "feedback of the load", 0.03)
-    coupling = parameter("rad/s", "coupling of the oscillators towards antiphase", 1.0)
-    stride = parameter("rad", "amplitude of the hips", 0.35)
-    lift = parameter("rad", "flexion of the knees in swing", 0.9)
+    coupling = parameter("rad/s", "coupling of the oscillators towards antiphase", 4.0)
+    stride = parameter("rad", "amplitude of the hips", 0.25)
+    lift = parameter("rad", "flexion of the knees in swing", 1.0)
 
     phase = variable("rad", "phases of the left and the right leg", (1.0, 4.1), count=2, circular=True)
     clock = variable("s", "time since the section", observed=False, signal=False)

@@ -18,14 +18,14 @@ from gaitsweep.examples.boom_walker import BoomWalker
 @pytest.mark.slow
 def test_it_walks_forward_on_alternating_legs() -> None:
     """The speed is that of the trunk between crossings, and feet land half a cycle after each other."""
-    rows = gs.sweep(BoomWalker(), stride=[0.2, 0.4], run=gs.ReturnMap(crossings=30), verify=0).table
+    rows = gs.sweep(BoomWalker(), omega=[5.0, 7.0], run=gs.ReturnMap(crossings=30), verify=0).table
     for _, row in rows.groupby("row"):
         last = row.iloc[-8:]
         assert (last["speed_n"] > 0.1).all()
-        # steps vary from cycle to cycle; legs in phase would be off by pi
-        assert np.abs(last["lag_2_n"] - math.pi).max() < 1.0
-        assert last["duty_1_n"].between(0.3, 0.8).all()
-        assert set(last["height_n"].round(1)) <= {0.0, -0.1}
+        # legs in phase would be off by pi
+        assert np.abs(last["lag_2_n"] - math.pi).max() < 0.7
+        assert last["duty_1_n"].between(0.4, 0.6).all()
+        assert last["height_n"].between(-0.05, 0.05).all()
 
 
 def test_a_longer_leg_is_drawn_longer() -> None:
