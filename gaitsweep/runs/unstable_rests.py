@@ -17,6 +17,7 @@ from gaitsweep.contract import Model
 from gaitsweep.design import Design
 from gaitsweep.engine.poincare.maps import Points, sizes, wrap_difference
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
+from gaitsweep.engine.solver import fixed_step_scheme
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 
 # On a symmetric gait an angle is a part of a turn, within this many rad, or two observables of one unit are
@@ -26,12 +27,13 @@ ALIKE, PARTS_OF_A_TURN = 1e-9, 24
 # where it began. A fixed point that differs by more from the stored one is another.
 UNMOVED, SAME = 1e-6, 1e-3
 # Fixed points are displaced by this distance (of the scale of each coordinate), in so many directions.
-DISPLACED, DIRECTIONS = 1e-6, 4
+DISPLACED, DIRECTIONS = 1e-6, 3
 # Displaced points are followed for so many crossings. One has left if it is `LEFT` away, or `GROWN` times as
 # far as at the start and, over the second half, faster than along a neutral direction.
 FOLLOWED, LEFT, GROWN, FASTER = 200, 1e-3, 10.0, 2.5
-# The most crossings of a row up to a fixed point, and the most fixed points of all rows.
-MOST_CROSSINGS, MOST_POINTS = 5000, 192
+# The most crossings of a row up to a fixed point, and the least and the most fixed points of all rows: more
+# than the least only where they are followed for no more crossings than the rows themselves had.
+MOST_CROSSINGS, LEAST_POINTS, MOST_POINTS = 5000, 4, 192
 
 
 def unstable_rests(
@@ -41,7 +43,7 @@ def unstable_rests(
     begun: Float[np.ndarray, "rows observables"],
     moving: str | None,
 ) -> Int[np.ndarray, " unstable"]:
-    """Find the rows that rest on an unstable gait.
+    """Find the rows that rest on an unstable gait; none in steps of fixed length, in which a map has jumps.
 
     Args:
         design: the job's rows.
@@ -56,6 +58,8 @@ def unstable_rests(
         The numbers of the rows.
     """
     model = spec.model
+    if fixed_step_scheme(spec.numerics.method, model) is not None:
+        return np.zeros(0, np.int64)
     rows, place = np.unique(records["row"].to_numpy(np.int64), return_inverse=True)
     observed = records[[q.name for q in model.observables]].to_numpy(float)
     crossing = records["crossing"].to_numpy(np.int64)
@@ -64,7 +68,10 @@ def unstable_rests(
     chosen = np.flatnonzero(suspect)
     if not chosen.size:
         return rows[:0]
-    chosen = chosen[np.unique(np.linspace(0, chosen.size - 1, MOST_POINTS).astype(int))]
+    crossings = sum(crossing[place == row].max() for row in range(rows.size))
+    count = crossings // (FOLLOWED * (1 + DIRECTIONS))
+    count = int(np.clip(count, LEAST_POINTS, MOST_POINTS))
+    chosen = chosen[np.unique(np.linspace(0, chosen.size - 1, count).astype(int))]
 
     parameters, starts = design.values_in(rows)
     following = design.following(moving) if moving is not None else {}
