@@ -87,7 +87,8 @@ def unstable_rests(
     for _ in range(np.max(records["period"].to_numpy(np.int64))):
         images = mapping.images(turn, values)
         reached = np.stack([images.observed[q.name] for q in model.observables], axis=1)
-        same |= _near(model, reached, observed[chosen], SAME)
+        # records of earlier cycles, such as those of lifted feet, may differ on the same symmetric gait
+        same |= _near(model, reached, observed[chosen], SAME) | symmetric(model, reached)
         turn = images.points
     return rows[np.unique(place[chosen[same & _leave(mapping, points, values)]])]
 

@@ -9,6 +9,7 @@ from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
+import pandas as pd
 import pytest
 
 import gaitsweep as gs
@@ -310,3 +311,18 @@ def test_the_program_for_a_card_pushes_alike(tmp_path: Path, monkeypatch: pytest
     for name in ("t_push", "cycles_back", "time_back", "excursion", "phase_shift", "recovered"):
         np.testing.assert_allclose(outcome.numbers[name], expected.numbers[name], atol=1e-6, err_msg=name)
     same(outcome, rows(lanes=2, block=3))
+
+
+def test_a_recovery_map_shows_rows_that_have_not_settled_again() -> None:
+    table = pd.DataFrame(
+        {
+            "push_phase": [0.25, 0.75] * 2,
+            "push_x": [-1.0, -1.0, 1.0, 1.0],
+            "recovery": pd.Categorical(["recovered", "not settled", "recovered", "fell"]),
+            "status": ["settled", "cycle_limit", "settled", "fell"],
+        }
+    )
+    figure = gs.plot.recovery(table, x="push_phase", y="push_x")
+    (legend,) = figure.legends
+    names = [text.get_text().rsplit("  ", 1) for text in legend.get_texts()]
+    assert sorted(names) == [["fell", "25 %"], ["not settled", "25 %"], ["recovered", "50 %"]]

@@ -149,3 +149,26 @@ def test_a_staircase_that_cannot_be_run(
 def test_required_fields_of_a_staircase(missing: str) -> None:
     with pytest.raises(JobError, match=rf"run\.{missing} is missing: "):
         job(run={name: value for name, value in STAIRS.items() if name != missing})
+
+
+def test_a_period_may_be_a_plain_number() -> None:
+    class Turning(gs.DeclaredModel):
+        omega = gs.parameter("rad/s", "frequency", 3.0)
+        phase = gs.variable("rad", "phase", 0.0, circular=True)
+
+        def flow(self, p: Any, s: Any) -> Any:
+            return {"phase": p.omega}
+
+        @gs.event("turn", section=True)
+        def turn(self, p: Any, s: Any) -> Any:
+            return s.phase - 2.0 * np.pi
+
+        @turn.jump
+        def back(self, p: Any, s: Any) -> Any:
+            return s.replace(phase=s.phase - 2.0 * np.pi)
+
+        def period(self, p: Any) -> float:
+            return 2.0
+
+    run = gs.Staircase(parameter="omega", path=[3.0, 4.0], step=1.0, dwell=30.0)
+    assert gs.sweep(Turning, run=run).table["crossing"].tolist() == [14, 33]

@@ -100,7 +100,7 @@ class OneLane:
 
     def _longest_step(self, values: Mapping[str, Float[Array, " ..."]], params: Params) -> Number:
         """The longest step of a row (s); for a moving parameter, the smallest over its values."""
-        dt = step_of(self.model, self.numerics, params)
+        dt = jnp.asarray(step_of(self.model, self.numerics, params))  # a model's period may be a plain number
         for t in getattr(self.at, "times", ()) if self.driven else ():
             moved = self.at(values, jnp.asarray(t, dt.dtype))
             dt = jnp.minimum(dt, step_of(self.model, self.numerics, moved))

@@ -77,7 +77,8 @@ def basin(
     side = (width - (1.3 if numeric else 0.6)) / columns
     parts = [table if value is None else rows_where(table, table[panels] == value) for value in values]
     shown = outcome(table, hue)
-    names = theme.ordered(in_order(table, hue, shown))
+    # a row that has not settled may be named twice: by the hue, and by its outcome
+    names = list(dict.fromkeys(theme.ordered(in_order(table, hue, shown))))
     key = [name for name in names if not numeric or name in _HATCHED]
     headings = []
     if panels:
