@@ -167,7 +167,7 @@ def test_a_period_may_be_a_plain_number() -> None:
         def back(self, p: Any, s: Any) -> Any:
             return s.replace(phase=s.phase - 2.0 * np.pi)
 
-        def period(self, p: Any) -> float:
+        def period(self, p: Any) -> Any:
             return 2.0
 
     run = gs.Staircase(parameter="omega", path=[3.0, 4.0], step=1.0, dwell=30.0)
