@@ -173,7 +173,7 @@ def steps_to_fall(
         int, typer.Option("--after", metavar="N", help="Steps from the start that do not count.")
     ] = 10,
 ) -> None:
-    """Print mean numbers of steps to a fall with their intervals.
+    """Print mean numbers of steps to a fall.
 
     Rows differ in the seeds of their grounds; `--by` names what else differs.
     """

@@ -101,6 +101,7 @@ def agree(shares: dict[str, float], published: dict[str, float], n: int) -> None
         assert abs(shares.get(name, 0.0) - share) < ERRORS * np.sqrt(variance), (name, shares)
 
 
+@pytest.mark.slow
 def test_the_henon_map() -> None:
     """Starts on the chaotic set and starts that escape."""
     run, n = gs.Settle(max_cycles=200, exponents=1, max_period=16), 4000

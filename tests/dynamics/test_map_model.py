@@ -152,6 +152,7 @@ def test_a_linear_oscillator_follows_its_drive() -> None:
     assert product.real == pytest.approx(np.exp(-0.2 * 2.0 * np.pi / 1.3), abs=1e-9)
 
 
+@pytest.mark.slow
 def test_single_instants_happen_once() -> None:
     class Pushed(gs.DeclaredModel):
         push = gs.parameter("m/s", "first change of the velocity", 1.0)

@@ -398,7 +398,7 @@ UP, DOWN = [0.5, 0.1], [0.5, -0.5]
     ("run", "axes", "unstable"),
     [
         (gs.Settle(max_cycles=60), {"K": [-0.2, 0.2], "second_0": [0.0, np.pi]}, 2),
-        (gs.Staircase(parameter="K", path=DOWN, step=0.25, dwell=30.0), {}, 1),
+        pytest.param(gs.Staircase(parameter="K", path=DOWN, step=0.25, dwell=30.0), {}, 1, marks=SLOW),
         pytest.param(gs.Staircase(parameter="K", path=UP, step=0.2, dwell=30.0), {}, 0, marks=SLOW),
         pytest.param(gs.Ramp(parameter="K", path=DOWN, rate=0.05), {}, 1, marks=SLOW),
         pytest.param(gs.Ramp(parameter="K", path=UP, rate=0.05), {}, 0, marks=SLOW),
