@@ -236,7 +236,7 @@ class RunKind(StrictModel, abc.ABC):
         return []
 
     def rests(self, model: Model, records: pd.DataFrame) -> pd.DataFrame | None:
-        """Where rows rest, from all records of some rows; None: rows of this kind do not rest.
+        """The places where rows rest, from all records of some rows; None: rows of this kind do not rest.
 
         Returns:
             A record for each of `records`: whether the row `rests` there, the number of the `crossing`, the

@@ -131,14 +131,16 @@ def compare_stored(
             (refined,) = run.starting_points(context.design, context.spec, rows, REFINED)
             differs[differs] = _other_beginnings(context.model, run, refined, rows, records)
     elif run.one_a_row:
-        differs = comparison.other_ends(rerun, stored(rerun.rows))
+        records = stored(rerun.rows)
+        differs = comparison.other_ends(rerun, records)
     else:
         recorder, few = comparison.beginning, rerun.rows[:LEAST_ROWS]
         if recorder != rerun.recorder:
             rerun = RerunRows(few, recorder, comparison.repeated(recorder, [(few, 1.0, 0.0)])[0])
-        differs = _other_records(context.model, rerun, stored(rerun.rows))
+        records = stored(rerun.rows)
+        differs = _other_records(context.model, rerun, records)
+        records = records.loc[np.isin(records["row"].to_numpy(), few)]
     check.stored_differs = int(differs.sum())
-    records = stored(rerun.rows if run.one_a_row else rerun.rows[:LEAST_ROWS])
     rests = run.rests(context.model, records)
     if rests is not None:
         rows = np.unique(records["row"].to_numpy(np.int64))

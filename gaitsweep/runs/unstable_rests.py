@@ -15,10 +15,11 @@ from jaxtyping import Bool, Float, Int
 
 from gaitsweep.contract import Model
 from gaitsweep.design import Design
-from gaitsweep.engine.poincare.maps import Points, sizes, wrap_difference
+from gaitsweep.engine.poincare.maps import Points, sizes
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.engine.solver import fixed_step_scheme
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
+from gaitsweep.runs.observable_changes import changes
 
 # On a symmetric gait an angle is a part of a turn, within this many rad, or two observables of one unit are
 # equal, within this share of their magnitude.
@@ -117,9 +118,7 @@ def _near(
     share: float,
 ) -> Bool[np.ndarray, " records"]:
     """Mask of records whose observables differ by less than a share of their magnitude, at least 1."""
-    circular = np.array([q.circular for q in model.observables])
-    distance = np.abs(wrap_difference(one - other, circular))
-    return np.asarray(np.all(distance < share * np.maximum(np.abs(one), 1.0), axis=1))
+    return np.asarray(np.all(changes(model, one, other) < share * np.maximum(np.abs(one), 1.0), axis=1))
 
 
 def _points_at(
