@@ -3,7 +3,7 @@
 While the site is built, a comment `<!-- described: NAME -->` in a page is replaced by what the function NAME
 of `DESCRIBED` writes, as Markdown, with all up to `<!-- end: NAME -->` if that follows. The command
 `python docs/extensions/described_package.py` writes the same between the two comments, without pictures, for
-readers of the pages on a forge.
+readers of the pages on a forge; with `--check` it writes nothing, and exits with 1 if a page would change.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import re
+import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -421,5 +422,8 @@ def setup(app: Sphinx) -> dict[str, Any]:
 
 
 if __name__ == "__main__":
-    for written_page, page_text in written_pages():
-        written_page.write_text(page_text, encoding="utf-8")
+    changed = [(page, text) for page, text in written_pages() if page.read_text(encoding="utf-8") != text]
+    if "--check" in sys.argv[1:]:
+        sys.exit(", ".join(page.name for page, _ in changed) or None)
+    for changed_page, page_text in changed:
+        changed_page.write_text(page_text, encoding="utf-8")
