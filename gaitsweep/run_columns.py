@@ -54,6 +54,8 @@ COLUMNS = {
     "events": ("", "events of a cycle of the gait, in their order"),
     "change": ("", "change of the order of events at this point"),
     "left_out": ("1", "branches of the row beyond the largest number"),
+    "starts": ("1", "starts of the search that were drawn for the row"),
+    "state": ("", "point of the section and its tangent, from which the atlas is continued"),
     "corrections": ("1", "corrections by Newton's method"),
     "end": ("", "why the branch or curve ends here"),
 }

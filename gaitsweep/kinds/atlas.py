@@ -4,17 +4,26 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 import pandas as pd
 from jaxtyping import Float, Int
-from pydantic import Field
+from pydantic import Field, PrivateAttr
 
 from gaitsweep import near_miss
 from gaitsweep.analysis.atlas.atlas import BranchAtlas
+from gaitsweep.analysis.atlas.atlas_tables import atlas_tables
 from gaitsweep.analysis.atlas.event_orders import time_column
-from gaitsweep.analysis.atlas.periodic_orbits import OrbitSearch, SearchOptions, rows_of
+from gaitsweep.analysis.atlas.periodic_orbits import (
+    Orbit,
+    OrbitSearch,
+    SearchOptions,
+    orbits_of,
+    rows_of,
+)
+from gaitsweep.analysis.atlas.stored_points import points_of
 from gaitsweep.contract import HybridModel, Model, Quantity
 from gaitsweep.design import Design
 from gaitsweep.engine.poincare.maps import Points, Values
@@ -33,6 +42,7 @@ from gaitsweep.kinds.fixed_points import (
 from gaitsweep.kinds.run_kind import BlockProgress, Cost
 from gaitsweep.schema.diagnostics import Diagnostic
 from gaitsweep.schema.numbers import Count, CountOrZero, Real, Text
+from gaitsweep.table import load
 
 # Newton steps of a search, and points of a branch with their derivatives, for the estimate of a run's time.
 STEPS_OF_SEARCH, BRANCHES, POINTS = 8.0, 6.0, 60.0
@@ -49,6 +59,7 @@ class Atlas(FollowsFixedPoints):
 
     programs: ClassVar = 10.0
     beside_observables: ClassVar = frozenset({"period"})
+    idle_without: ClassVar = {"after": ("after",), **FollowsFixedPoints.idle_without}
     point_names: ClassVar = ("number", "point")
 
     kind: Literal["atlas"] = Field(
@@ -82,6 +93,12 @@ class Atlas(FollowsFixedPoints):
     patience: Count = Field(default=3, description="rounds without a new gait after which the search ends")
     seed: CountOrZero = Field(default=0, description="seed of the starts")
     branches: Count = Field(default=200, description="largest number of branches")
+    after: Text | None = Field(
+        default=None,
+        description="result directory of an atlas that this one continues: what it found is not searched or "
+        "followed again (`gaitsweep atlas DIR --more` sets it)",
+    )
+    _before: pd.DataFrame | None = PrivateAttr(None)  # the table to continue, where it is in memory
 
     def columns(self, model: Model) -> list[Column]:
         times = {} if self.stationary else _event_times(model)
@@ -99,8 +116,9 @@ class Atlas(FollowsFixedPoints):
             *map(
                 Column, ("found", "symmetry", "reached", "error", "missing", "corrections", "end", "status")
             ),
-            *map(Column, ("events", "change", "left_out")),
+            *map(Column, ("events", "change", "left_out", "starts")),
             *(Column(name, None, quantity, False) for name, quantity in times.items()),
+            Column("state", repeats=False),
         ]
         return self.own_columns(columns)
 
@@ -155,10 +173,23 @@ class Atlas(FollowsFixedPoints):
         listed = f": {'; '.join(named[:LISTED])}{more}" if named else ""
         return f"Over {self.parameter} and {second}: {text}{listed}."
 
-    def wider(self) -> Atlas:
-        """The run with twice the starts, patience and branches, and one bifurcation deeper."""
-        doubled = {name: 2 * getattr(self, name) for name in ("budget", "patience", "branches")}
-        return self.model_copy(update={**doubled, "depth": self.depth + 1})
+    def tables(self, table: pd.DataFrame) -> dict[str, pd.DataFrame]:
+        return atlas_tables(table, self.parameter)
+
+    def wider(self, table: pd.DataFrame) -> Atlas:
+        """The run that continues a table: twice the starts, patience and branches, one bifurcation deeper.
+
+        Args:
+            table: the table of this run; one in memory is kept.
+        """
+        fields = {name: 2 * getattr(self, name) for name in ("budget", "patience", "branches")}
+        path, fields["depth"] = table.attrs.get("path"), self.depth + 1
+        wider = self.model_copy(
+            update={**fields, "after": None if path is None else str(Path(path).resolve())}
+        )
+        if path is None:
+            wider._before = table
+        return wider
 
     @property
     def place(self) -> float:
@@ -287,8 +318,30 @@ class Atlas(FollowsFixedPoints):
         self, rows: Design, spec: SweepSpec, first: int, last: int, on_progress: BlockProgress
     ) -> pd.DataFrame:
         """The atlas of rows first..last-1; `on_progress` is called before each of its steps."""
-        mapped, search, atlas = self._followed(rows, spec, np.arange(first, last), on_progress)
-        table = self._joined_parts(mapped, search, atlas)
+        before = self._earlier(first, last)
+        mapped, search, atlas = self._followed(rows, spec, np.arange(first, last), on_progress, before)
+        branches = atlas.table(search, self.place)
+        is_kept = (
+            branches["earlier"].notna().to_numpy() if before is not None else np.zeros(len(branches), bool)
+        )
+        kept, new = (branches.iloc[np.flatnonzero(mask)] for mask in (is_kept, ~is_kept))
+        table = self._joined_parts(mapped, search, atlas, new, before)
+        if len(table):
+            table = self._records_of(rows, mapped, table)
+        if before is not None:
+            old = before.assign(row=before["row"] + first)
+            of_kept = kept[["found", "point", "missing"]].to_numpy(float)
+            old.loc[kept["earlier"].to_numpy(int), ["found", "point", "missing"]] = of_kept
+            old["starts"] = [search.drawn(row) for row in before["row"]]
+            table = pd.concat([old, table], ignore_index=True) if len(table) else old
+            of_curve = (table["part"].astype(str) != "branch").to_numpy(bool)
+            order = np.lexsort([table["point"], table["number"], of_curve, table["row"]])
+            table = table.iloc[order].reset_index(drop=True)
+        left_out = np.array([atlas.left_out(row) for row in range(last - first)], np.int64)
+        return _typed(table.assign(left_out=left_out[table["row"].to_numpy(int) - first]))
+
+    def _records_of(self, rows: Design, mapped: MappedRows, table: pd.DataFrame) -> pd.DataFrame:
+        """The records of a job's table from those of branches and curves."""
         for name in self.second:
             of_branch = mapped.values[name][table["row"].to_numpy(int)]
             table[name] = np.where(table["part"] == "branch", of_branch, table.get(name, np.nan))
@@ -296,37 +349,58 @@ class Atlas(FollowsFixedPoints):
         named = [c.name for c in self.columns(rows.model) if c.name not in observed]
         table = table.reindex(columns=list(dict.fromkeys([*table, *named])))
         has_point = table["special"].notna().to_numpy()
-        table = self.records(rows, mapped.without(self.parameter), table, has_point, has_point)
-        whole = ("number", "period", "depth", "begins", "point", "unstable", "found", "corrections")
-        integers = {name: table[name].astype(float).fillna(-1).astype(np.int64) for name in whole}
-        left_out = np.array([atlas.left_out(row) for row in range(last - first)], np.int64)
-        integers["left_out"] = left_out[table["row"].to_numpy(int) - first]
-        stable = table["stable"].astype("boolean").fillna(False).astype(bool)
-        texts = {
-            name: pd.Categorical(table[name].astype(object).fillna(""))
-            for name in ("part", "symmetry", "events", "change")
-        }
-        return table.assign(stable=stable, **texts, **integers)
+        return self.records(rows, mapped.without(self.parameter), table, has_point, has_point)
 
-    def _joined_parts(self, mapped: MappedRows, search: OrbitSearch, atlas: BranchAtlas) -> pd.DataFrame:
+    def _earlier(self, first: int, last: int) -> pd.DataFrame | None:
+        """The records of rows first..last-1 of the run that this one continues; `row` counts from 0."""
+        if self.after is None and self._before is None:
+            return None
+        table = self._before if self.after is None else load(self.after, rows=range(first, last))
+        assert table is not None
+        table = table[table["row"].between(first, last - 1)]
+        return table.assign(row=table["row"] - first).reset_index(drop=True)
+
+    def _joined_parts(
+        self,
+        mapped: MappedRows,
+        search: OrbitSearch,
+        atlas: BranchAtlas,
+        branches: pd.DataFrame,
+        before: pd.DataFrame | None,
+    ) -> pd.DataFrame:
         """The points of branches, those of curves over the second parameter, and rows without a gait."""
-        branches = atlas.table(search, self.place)
         parts = [branches.assign(part="branch").rename(columns={"branch": "number"})]
+        curves_before: dict[int, int] = {}
+        if before is not None:
+            of_curves = before[~before["part"].astype(str).isin(["branch", ""])]
+            curves_before = of_curves.groupby("row")["number"].nunique().to_dict()
         for second, within in self.second.items():
-            curves = atlas.follow_curves(second, within, atlas.steps)
+            curves = atlas.follow_curves(second, within, atlas.steps, curves_before)
             if len(curves):
                 parts.append(curves.rename(columns={"curve": "number", "kind": "part"}))
-        without = sorted(set(range(len(mapped.numbers))) - {branch.row for branch in atlas.branches})
-        parts.append(pd.DataFrame([self._without_gait(row, search) for row in without]))
-        table = pd.concat([part for part in parts if len(part)], ignore_index=True)
+        without = set(range(len(mapped.numbers))) - {branch.row for branch in atlas.branches}
+        parts.append(pd.DataFrame([self._without_gait(row, search) for row in sorted(without)]))
+        parts = [part for part in parts if len(part)]
+        if not parts:
+            return branches
+        table = pd.concat(parts, ignore_index=True)
+        drawn = np.array([search.drawn(row) for row in range(len(mapped.numbers))])
+        table = table.assign(starts=drawn[table["row"].to_numpy(int)])
         return table.sort_values("row", kind="stable", ignore_index=True)
 
     def _followed(
-        self, rows: Design, spec: SweepSpec, numbers: Rows, on_progress: BlockProgress
+        self,
+        rows: Design,
+        spec: SweepSpec,
+        numbers: Rows,
+        on_progress: BlockProgress,
+        before: pd.DataFrame | None,
     ) -> tuple[MappedRows, OrbitSearch, BranchAtlas]:
-        """Some rows at the place of the search, the search of their gaits, and their branches."""
+        """Some rows at the place of the search, the search of their gaits, and their branches.
+
+        What the run `before` has found is neither searched nor followed again.
+        """
         mapped = self._at_place(self.mapped_rows(rows, spec, numbers))
-        search = self._searched(mapped, on_progress)
 
         def on_step(points: Any, shares: Any) -> None:
             on_progress(f"{np.sum(points)} points of {len(points)} branches", float(np.mean(shares)))
@@ -340,19 +414,38 @@ class Atlas(FollowsFixedPoints):
             steps=dataclasses.replace(self.steps(on_step), through=(self.place,)),
             most_branches=self.branches,
         )
+        like = mapped.settled(0)[:1]
+        if before is not None:
+            with_points = (before["part"].astype(str) == "branch") & (before["point"] >= 0)
+            atlas.restore(before.loc[with_points], like, self.depth_before)
+        search = self._searched(mapped, on_progress, before, like)
         atlas.follow(search, self.place, self.depth)
         return mapped, search, atlas
+
+    @property
+    def depth_before(self) -> int:
+        """The depth of the run that this one continues."""
+        return self.depth - 1
 
     def followed_again(
         self, rows: Design, spec: SweepSpec, numbers: Int[np.ndarray, " sampled"], on_progress: BlockProgress
     ) -> tuple[MappedRows, pd.DataFrame]:
-        mapped, search, atlas = self._followed(rows, spec, numbers, on_progress)
+        mapped, search, atlas = self._followed(rows, spec, numbers, on_progress, None)
         table = atlas.table(search, self.place).rename(columns={"branch": "number"})
-        points = [record["at"] for branch in atlas.branches for record in branch.records]
+        points = [branch.point(place) for branch in atlas.branches for place in range(len(branch.records))]
         return mapped.without(self.parameter), table.assign(at=pd.Series(points, table.index, dtype=object))
 
-    def _searched(self, mapped: MappedRows, on_progress: BlockProgress) -> OrbitSearch:
-        """The search of the rows' gaits, from drawn starts and from where those of the first round settle."""
+    def _searched(
+        self, mapped: MappedRows, on_progress: BlockProgress, before: pd.DataFrame | None, like: Points
+    ) -> OrbitSearch:
+        """The search of the rows' gaits, from drawn starts and from where those of the first round settle.
+
+        Args:
+            mapped: the rows.
+            on_progress: progress callback.
+            before: the records of an earlier run; its starts are neither drawn nor simulated again.
+            like: a point (1,) of the map, for the structure of its modes.
+        """
 
         def on_round(count: int, orbits: int) -> None:
             on_progress(f"{orbits} gaits from {count} starts of a row", 0.5 * count / self.budget)
@@ -364,6 +457,11 @@ class Atlas(FollowsFixedPoints):
         periods = 1 if self.stationary else self.periods  # a point at rest has no other
         options = SearchOptions(periods, self.budget, self.batch, self.patience, on_round)
         search = OrbitSearch(mapped.mapping, mapped.values, self._levels(mapped), options)
+        if before is not None:
+            starts = before.groupby("row")["starts"].first().to_dict()
+            search.restore(_orbits_of_table(mapped, before, like), starts)
+            search.run(draw, range(len(mapped.numbers)))
+            return search
         row_of_start = np.repeat(np.arange(len(mapped.numbers)), self.batch)
         ends = self._drawn(mapped, row_of_start, 0, self.batch, max(self.settle, 1))
         sound = np.asarray(np.isfinite(ends.at).all(axis=1))
@@ -383,7 +481,31 @@ class Atlas(FollowsFixedPoints):
             self.parameter: self.place,
             "missing": search.missing(row),
             "end": "no_gait",
+            "state": "",
         }
+
+
+def _typed(table: pd.DataFrame) -> pd.DataFrame:
+    """A table with whole numbers, flags and texts in the types of its columns."""
+    whole = ("number", "period", "depth", "begins", "point", "unstable", "found", "corrections", "starts")
+    integers = {name: table[name].astype(float).fillna(-1).astype(np.int64) for name in whole}
+    stable = table["stable"].astype("boolean").fillna(False).astype(bool)
+    names = ("part", "symmetry", "events", "change", "special", "end", "gait", "status")
+    texts = {name: pd.Categorical(table[name].astype(object).fillna("")) for name in names}
+    return table.assign(stable=stable, state=table["state"].astype(object).fillna(""), **texts, **integers)
+
+
+def _orbits_of_table(mapped: MappedRows, table: pd.DataFrame, like: Points) -> Iterator[Orbit]:
+    """The gaits of an earlier run's records, each with the place of its record."""
+    gaits = table.loc[(table["part"].astype(str) == "branch") & (table["found"] >= 0)]
+    for place, record in zip(gaits.index, gaits.to_dict("records"), strict=True):
+        point = points_of(record["state"], like)[0].points
+        values = rows_of(mapped.values, np.array([record["row"]]))
+        (orbit,) = orbits_of(mapped.mapping, point, values, int(record["period"]))
+        if orbit is not None:
+            numbers = int(record["row"]), orbit, float(record["error"]), int(record["found"])
+            symmetry = tuple(filter(None, str(record["symmetry"]).split(", ")))
+            yield Orbit(*numbers, symmetry, float(record["reached"]), (int(place),))
 
 
 def _event_times(model: Model) -> dict[str, Quantity]:

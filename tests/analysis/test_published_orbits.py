@@ -16,8 +16,8 @@ import gaitsweep as gs
 from gaitsweep.examples.lorenz import Lorenz
 from simplest_walker import ANGLE, RATE, SimplestWalker
 
-# Viswanath 2003, Nonlinearity 16:1035, Table 1: x, y (z = 27, rising) and the period of each word of up to five
-# turns round one side (A) or the other (B).
+# Viswanath 2003, Nonlinearity 16:1035, Table 1: x, y (z = 27, rising) and the period of each word of up to
+# five turns round one side (A) or the other (B).
 LORENZ = {
     "AB": (-13.763610682134, -19.578751942452, 1.5586522107162),
     "AAB": (-12.595115397689, -16.970525307084, 2.3059072639398),
@@ -56,8 +56,9 @@ def test_the_orbits_of_lorenz_by_their_words() -> None:
     and are gaits of period 1.
     """
     lorenz = gs.atlas(
-        Lorenz(), parameter="rho", path=(27.99, 28.01), at=28.0, ranges={"x": (-20.0, 20.0), "y": (-25.0, 25.0)},
-        periods=5, budget=256, batch=256, depth=0, longest=1.0, step=0.5, verify=0,
+        Lorenz(), parameter="rho", path=(27.99, 28.01), at=28.0,
+        ranges={"x": (-20.0, 20.0), "y": (-25.0, 25.0)}, periods=5, budget=256, batch=256, depth=0,
+        longest=1.0, step=0.5, verify=0,
         numerics={"rtol": 1e-12, "atol": 1e-12},
     )  # fmt: skip
     orbits = lorenz.gaits.query("period > 1")
@@ -89,8 +90,8 @@ class Walker(SimplestWalker):
 def test_the_gaits_of_the_simplest_walker() -> None:
     """Garcia et al. 1998 have two gaits of one step at a slope of 0.009: a long one and a short one.
 
-    Points: the paper's, and those in M. Garcia's own program of 1998, with its multipliers, which are by finite
-    differences. The families: the paper's expansions for gentle slopes.
+    Points: the paper's, and those in M. Garcia's own program of 1998, with its multipliers, which are by
+    finite differences. The families: the paper's expansions for gentle slopes.
     """
     walks = gs.atlas(
         Walker(), parameter="gamma", path=(0.001, 0.02), at=0.009, periods=4, budget=256, depth=2, verify=0,
