@@ -15,7 +15,6 @@ from pydantic import Field, PrivateAttr
 from gaitsweep import near_miss
 from gaitsweep.analysis.atlas.atlas import BranchAtlas
 from gaitsweep.analysis.atlas.atlas_tables import atlas_tables
-from gaitsweep.analysis.atlas.event_orders import time_column
 from gaitsweep.analysis.atlas.periodic_orbits import (
     Orbit,
     OrbitSearch,
@@ -40,6 +39,7 @@ from gaitsweep.kinds.fixed_points import (
     unknowns,
 )
 from gaitsweep.kinds.run_kind import BlockProgress, Cost
+from gaitsweep.run_columns import time_column
 from gaitsweep.schema.diagnostics import Diagnostic
 from gaitsweep.schema.numbers import Count, CountOrZero, Real, Text
 from gaitsweep.table import load
@@ -116,9 +116,9 @@ class Atlas(FollowsFixedPoints):
             *map(
                 Column, ("found", "symmetry", "reached", "error", "missing", "corrections", "end", "status")
             ),
-            *map(Column, ("events", "change", "left_out", "starts")),
+            *map(Column, ("events", "change", "left_out", "drawn_starts")),
             *(Column(name, None, quantity, False) for name, quantity in times.items()),
-            Column("state", repeats=False),
+            Column("stored_point", repeats=False),
         ]
         return self.own_columns(columns)
 
@@ -161,7 +161,7 @@ class Atlas(FollowsFixedPoints):
 
     def _curves_found(self, curves: pd.DataFrame, second: str) -> str:
         """The sentence with the numbers of curves over a second parameter, and the points marked on them."""
-        orders = curves.iloc[np.flatnonzero((curves["part"] == "order_change").to_numpy(bool))]
+        orders = curves.iloc[np.flatnonzero(curves["part"].isin(["order_change", "corner"]).to_numpy(bool))]
         both, of_order = (part.groupby(["row", "number"]).ngroups for part in (curves, orders))
         text = f"{both - of_order} curves of bifurcations"
         text += f" and {of_order} of the order of events" if of_order else ""
@@ -332,7 +332,7 @@ class Atlas(FollowsFixedPoints):
             old = before.assign(row=before["row"] + first)
             of_kept = kept[["found", "point", "missing"]].to_numpy(float)
             old.loc[kept["earlier"].to_numpy(int), ["found", "point", "missing"]] = of_kept
-            old["starts"] = [search.drawn(row) for row in before["row"]]
+            old["drawn_starts"] = [search.drawn(row) for row in before["row"]]
             table = pd.concat([old, table], ignore_index=True) if len(table) else old
             of_curve = (table["part"].astype(str) != "branch").to_numpy(bool)
             order = np.lexsort([table["point"], table["number"], of_curve, table["row"]])
@@ -385,7 +385,7 @@ class Atlas(FollowsFixedPoints):
             return branches
         table = pd.concat(parts, ignore_index=True)
         drawn = np.array([search.drawn(row) for row in range(len(mapped.numbers))])
-        table = table.assign(starts=drawn[table["row"].to_numpy(int)])
+        table = table.assign(drawn_starts=drawn[table["row"].to_numpy(int)])
         return table.sort_values("row", kind="stable", ignore_index=True)
 
     def _followed(
@@ -458,7 +458,7 @@ class Atlas(FollowsFixedPoints):
         options = SearchOptions(periods, self.budget, self.batch, self.patience, on_round)
         search = OrbitSearch(mapped.mapping, mapped.values, self._levels(mapped), options)
         if before is not None:
-            starts = before.groupby("row")["starts"].first().to_dict()
+            starts = before.groupby("row")["drawn_starts"].first().to_dict()
             search.restore(_orbits_of_table(mapped, before, like), starts)
             search.run(draw, range(len(mapped.numbers)))
             return search
@@ -481,25 +481,37 @@ class Atlas(FollowsFixedPoints):
             self.parameter: self.place,
             "missing": search.missing(row),
             "end": "no_gait",
-            "state": "",
+            "stored_point": "",
         }
 
 
 def _typed(table: pd.DataFrame) -> pd.DataFrame:
     """A table with whole numbers, flags and texts in the types of its columns."""
-    whole = ("number", "period", "depth", "begins", "point", "unstable", "found", "corrections", "starts")
+    whole = (
+        "number",
+        "period",
+        "depth",
+        "begins",
+        "point",
+        "unstable",
+        "found",
+        "corrections",
+        "drawn_starts",
+    )
     integers = {name: table[name].astype(float).fillna(-1).astype(np.int64) for name in whole}
     stable = table["stable"].astype("boolean").fillna(False).astype(bool)
     names = ("part", "symmetry", "events", "change", "special", "end", "gait", "status")
     texts = {name: pd.Categorical(table[name].astype(object).fillna("")) for name in names}
-    return table.assign(stable=stable, state=table["state"].astype(object).fillna(""), **texts, **integers)
+    return table.assign(
+        stable=stable, stored_point=table["stored_point"].astype(object).fillna(""), **texts, **integers
+    )
 
 
 def _orbits_of_table(mapped: MappedRows, table: pd.DataFrame, like: Points) -> Iterator[Orbit]:
     """The gaits of an earlier run's records, each with the place of its record."""
     gaits = table.loc[(table["part"].astype(str) == "branch") & (table["found"] >= 0)]
     for place, record in zip(gaits.index, gaits.to_dict("records"), strict=True):
-        point = points_of(record["state"], like)[0].points
+        point = points_of(record["stored_point"], like)[0].points
         values = rows_of(mapped.values, np.array([record["row"]]))
         (orbit,) = orbits_of(mapped.mapping, point, values, int(record["period"]))
         if orbit is not None:

@@ -12,6 +12,7 @@ import pytest
 
 import gaitsweep as gs
 from gaitsweep.analysis.atlas.atlas import BranchAtlas
+from gaitsweep.analysis.atlas.order_curves import OrderChange
 from gaitsweep.analysis.atlas.periodic_orbits import OrbitSearch, Rows, SearchOptions
 from gaitsweep.analysis.continuation.branch_follower import ArclengthSteps
 from gaitsweep.analysis.continuation.plain_map import PlainMap
@@ -280,3 +281,18 @@ def test_a_circle_and_its_resonances() -> None:
     assert resonances["resonance_1_3"] == pytest.approx(3.0, abs=1e-6)
     assert circle["end"].iloc[-1] == "resonance_1_2"
     assert circle["c"].iloc[-1] == pytest.approx(4.0, abs=1e-3)
+
+
+def test_a_curve_of_corners() -> None:
+    """X + p - q^2 - |x - q| / 2 has the gaits x = q +- 2 (p - q^2), which meet in the corner p = q^2."""
+    cornered = PlainMap(
+        lambda values, x: x + values["p"] - values["q"] ** 2 - 0.5 * jnp.abs(x - values["q"]), ("x",),
+        (("p", 0.5), ("q", 0.3)),
+    )  # fmt: skip
+    corner = OrderChange(
+        mapping=cornered, parameter="p", second="q", within=((-0.5, 1.5), (-0.6, 1.0)), values={}, fix={},
+        point=cornered.points([[0.31]]), home=(0.09, 0.3), events=[], change="", vanishes=True,
+    )  # fmt: skip
+    curve = pd.DataFrame(corner.curve())
+    np.testing.assert_allclose(curve["p"], curve["q"] ** 2, atol=1e-8)
+    assert [curve["q"].min(), curve["q"].max()] == [-0.6, 1.0]

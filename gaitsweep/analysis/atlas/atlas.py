@@ -91,8 +91,8 @@ class BranchAtlas:
         """Take the branches of an earlier run, which are not followed again.
 
         Args:
-            table: its records of branches; `row` counts from 0, `point` along each branch, and `state` is the
-                text of each point. The index is the place in the earlier table.
+            table: its records of branches; `row` counts from 0, `point` along each branch, and
+                `stored_point` is the text of each point. The index is the place in the earlier table.
             like: a point (1,) of the map, for the structure of its modes.
             depth: the depth to which that run has followed what branches meet.
         """
@@ -103,7 +103,7 @@ class BranchAtlas:
             row, period, own_depth = (int(head[name]) for name in ("row", "period", "depth"))
             records: list[Record] = []
             for place, record in zip(of_branch.index, of_branch.to_dict("records"), strict=True):
-                at, *beside = points_of(record["state"], like)
+                at, *beside = points_of(record["stored_point"], like)
                 names = ("special", "end", "change")
                 texts = {name: record[name] if isinstance(record[name], str) else "" for name in names}
                 records.append({**texts, "stored": at, "beside": beside, "earlier": int(place)})
@@ -219,7 +219,7 @@ class BranchAtlas:
             branch, place = next((pair for pair in passing if pair[1] is not None), (None, None))
             if branch is None or place is None:
                 unpassed.append(start)
-            elif place >= 0 and start.begins is None:
+            elif place >= 0 and start.begins is None and not branch.has_point(start.first):
                 branch.insert(place, record_of(start.problem, start.first))
         return unpassed
 
@@ -357,12 +357,12 @@ class BranchAtlas:
         Returns:
             row, branch, period, depth, begins (the branch at whose bifurcation it begins; -1: it leads
             through an orbit of the search), and the columns of `continuation`, with `coefficient`, the normal
-            form's; missing (`OrbitSearch.missing`), starts (those drawn for its row), and where the parameter
+            form's; missing (`OrbitSearch.missing`), drawn_starts (those of its row), and where the parameter
             is `at`: found (how many searches found the orbit; 0: its branch alone leads there; -1 at other
             points), reached, error and symmetry of an `Orbit`; `event_columns`, change (what changes in the
-            order of events at a corner), and `state`, the text of the point. A record of a branch that was
-            restored has row, branch, point, missing, starts and found alone, and its place in the earlier
-            table as `earlier`.
+            order of events at a corner), and `stored_point`, the text of the point. A record of a branch
+            that was restored has row, branch, point, missing, drawn_starts and found alone, and its place in
+            the earlier table as `earlier`.
         """
         records: list[Record] = []
         numbers = self._numbers()
@@ -374,7 +374,7 @@ class BranchAtlas:
         hits = {orbit.earlier: orbit.hits for orbit in search.orbits if orbit.earlier}
         for branch, number in zip(self.branches, numbers, strict=True):
             begins = -1 if branch.begins is None else numbers[branch.begins[0]]
-            of_search = {"missing": search.missing(branch.row), "starts": search.drawn(branch.row)}
+            of_search = {"missing": search.missing(branch.row), "drawn_starts": search.drawn(branch.row)}
             for place, record in enumerate(branch.records):
                 head = {"row": branch.row, "branch": number, "point": place, "found": -1, **of_search}
                 if "earlier" in record:
@@ -384,7 +384,7 @@ class BranchAtlas:
                 head |= {"period": branch.period, "depth": branch.depth, "begins": begins}
                 head |= {"coefficient": float("nan"), "reached": float("nan"), "error": float("nan")}
                 head |= {"symmetry": "", "change": "", **event_columns(record["events"])}
-                head |= {"state": text_of(record["at"], branch.asides.get(place))}
+                head |= {"stored_point": text_of(record["at"], branch.asides.get(place))}
                 own = {k: v for k, v in record.items() if k not in ("row", "point", "at", "events")}
                 own = renamed_apart(own, head)
                 if record[self.parameter] == at and not record["special"]:

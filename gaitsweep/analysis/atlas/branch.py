@@ -145,6 +145,11 @@ class Branch:
                     return int(place)
         return None
 
+    def has_point(self, at: BranchPoints) -> bool:
+        """Whether it has a record of a point (1,)."""
+        away = self.problem.mapping.distance(at.points.at, self.at)
+        return bool(np.any((away < ON_BRANCH) & (self.parameter == at.parameter[0])))
+
     def part(self, begin: int, end: int) -> Branch:
         """The records from `begin` to before `end`."""
         asides = {place - begin: aside for place, aside in self.asides.items() if begin <= place < end}

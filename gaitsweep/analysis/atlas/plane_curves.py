@@ -99,13 +99,13 @@ def _order_curves(
     second: SecondParameter,
     curves_of_row: Counter[int],
 ) -> Iterator[Record]:
-    """The records of the curves on which the order of events changes, numbered after the `curves_of_row`."""
+    """The records of the curves of order changes and of corners, numbered after the `curves_of_row`."""
     known: list[tuple[Branch, float, Points]] = []
     marked = [
         (branch, place)
         for branch in branches
         for place, record in enumerate(branch.records)
-        if record["special"] == "order_change"
+        if record["special"] in ("order_change", "corner")
     ]
     marked.sort(key=lambda mark: "earlier" not in mark[0].records[mark[1]])
     for branch, place in marked:
@@ -134,10 +134,11 @@ def _order_curves(
             point=points,
             home=(parameter, _home(branch, second)),
             events=record["events"],
-            change=record["change"],
+            change=record.get("change", ""),
+            vanishes=record["special"] == "corner",
         )
-        head = {"row": branch.row, "kind": "order_change", "period": branch.period}
-        head |= {"curve": curves_of_row[branch.row], "change": record["change"]}
+        head = {"row": branch.row, "kind": record["special"], "period": branch.period}
+        head |= {"curve": curves_of_row[branch.row], "change": record.get("change", "")}
         curve = change.curve()
         curves_of_row[branch.row] += bool(curve)
         yield from ({**head, **renamed_apart(point, head)} for point in curve)
