@@ -428,12 +428,27 @@ class Atlas(FollowsFixedPoints):
         return self.depth - 1
 
     def followed_again(
-        self, rows: Design, spec: SweepSpec, numbers: Int[np.ndarray, " sampled"], on_progress: BlockProgress
+        self,
+        rows: Design,
+        spec: SweepSpec,
+        numbers: Int[np.ndarray, " sampled"],
+        table: pd.DataFrame,
+        on_progress: BlockProgress,
     ) -> tuple[MappedRows, pd.DataFrame]:
-        mapped, search, atlas = self._followed(rows, spec, numbers, on_progress, None)
-        table = atlas.table(search, self.place).rename(columns={"branch": "number"})
-        points = [branch.point(place) for branch in atlas.branches for place in range(len(branch.records))]
-        return mapped.without(self.parameter), table.assign(at=pd.Series(points, table.index, dtype=object))
+        if "stored_point" not in table:  # of an older version
+            mapped, search, atlas = self._followed(rows, spec, numbers, on_progress, None)
+            again = atlas.table(search, self.place).rename(columns={"branch": "number"})
+            at = [branch.point(place) for branch in atlas.branches for place in range(len(branch.records))]
+            return mapped.without(self.parameter), again.assign(at=pd.Series(at, again.index, dtype=object))
+        mapped = self._at_place(self.mapped_rows(rows, spec, numbers))
+        like = mapped.settled(0)[:1]
+        places = dict(zip(numbers.tolist(), range(len(numbers)), strict=True))
+        on_branches = (table["part"].astype(str) == "branch") & table["row"].isin(places)
+        points = table.loc[on_branches & (table["stored_point"] != ""), [*self.point_names, self.parameter]]
+        rows_of_points = table.loc[points.index, "row"].map(places)
+        at = [points_of(text, like)[0] for text in table.loc[points.index, "stored_point"]]
+        stored = points.assign(row=rows_of_points, at=pd.Series(at, points.index, dtype=object))
+        return mapped.without(self.parameter), stored.reset_index(drop=True)
 
     def _searched(
         self, mapped: MappedRows, on_progress: BlockProgress, before: pd.DataFrame | None, like: Points
