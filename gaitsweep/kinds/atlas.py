@@ -2,33 +2,26 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 import pandas as pd
-from jaxtyping import Float, Int
+from jaxtyping import Int
 from pydantic import Field, PrivateAttr
 
 from gaitsweep import near_miss
-from gaitsweep.analysis.atlas.atlas import BranchAtlas
 from gaitsweep.analysis.atlas.atlas_tables import atlas_tables
-from gaitsweep.analysis.atlas.periodic_orbits import (
-    Orbit,
-    OrbitSearch,
-    SearchOptions,
-    orbits_of,
-    rows_of,
-)
+from gaitsweep.analysis.atlas.periodic_orbits import OrbitSearch, SearchOptions
 from gaitsweep.analysis.atlas.stored_points import points_of
 from gaitsweep.contract import HybridModel, Model, Quantity
 from gaitsweep.design import Design
 from gaitsweep.engine.poincare.maps import Points, Values
-from gaitsweep.engine.poincare.poincare_return import ReturnStatus
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
+from gaitsweep.kinds.atlas_block import AtlasBlock
 from gaitsweep.kinds.columns import Column, observed_at_crossings
+from gaitsweep.kinds.drawn_starts import DrawnStarts
 from gaitsweep.kinds.fixed_points import (
     LISTED,
     FollowsFixedPoints,
@@ -42,7 +35,8 @@ from gaitsweep.kinds.run_kind import BlockProgress, Cost
 from gaitsweep.run_columns import time_column
 from gaitsweep.schema.diagnostics import Diagnostic
 from gaitsweep.schema.numbers import Count, CountOrZero, Real, Text
-from gaitsweep.table import load
+from gaitsweep.table import TableError, load
+from gaitsweep.table.manifest import read_manifest
 
 # Newton steps of a search, and points of a branch with their derivatives, for the estimate of a run's time.
 STEPS_OF_SEARCH, BRANCHES, POINTS = 8.0, 6.0, 60.0
@@ -50,7 +44,8 @@ STEPS_OF_SEARCH, BRANCHES, POINTS = 8.0, 6.0, 60.0
 DERIVATIVES_A_POINT = 10.0
 # Starts of the self-check.
 CHECKED = 16
-Rows = Int[np.ndarray, " rows"]
+# Fields that may differ from those of the run that an atlas continues.
+_WIDER = ("budget", "patience", "branches", "depth", "after", "most")
 Range = Annotated[list[Real], Field(min_length=2, max_length=2)]
 
 
@@ -197,7 +192,8 @@ class Atlas(FollowsFixedPoints):
         return self.path[0] if self.at is None else self.at
 
     def check_ranges(self, rows: Design) -> list[Diagnostic]:
-        return [*self._check_path(), *self._check_starts(rows), *self._check_second(rows)]
+        own = [*self._check_path(), *self._check_starts(rows), *self._check_second(rows)]
+        return [*own, *self._check_after(rows)]
 
     def _check_path(self) -> Iterator[Diagnostic]:
         low, high = self.path
@@ -219,6 +215,31 @@ class Atlas(FollowsFixedPoints):
                 near = near_miss.suggestion(name, names)
                 text = f"is no start value and no coordinate of {rows.model.name}{near}"
                 yield Diagnostic(("run", "ranges", name), text)
+
+    def _check_after(self, rows: Design) -> Iterator[Diagnostic]:
+        """Diagnostics of the result directory that this run continues."""
+        if self.after is None:
+            return
+        field = ("run", "after")
+        try:
+            manifest = read_manifest(Path(self.after))
+        except TableError as error:
+            yield Diagnostic(field, f": {error}")
+            return
+        own, before = self.model_dump(mode="json"), manifest["job"]["run"]
+        if before.get("kind") != "atlas" or "drawn_starts" not in manifest.get("quantities", {}):
+            text = f"is {self.after}, which is no atlas that can be continued: run the job without run.after."
+            yield Diagnostic(field, text)
+            return
+        if not manifest.get("complete"):
+            yield Diagnostic(field, f"is {self.after}, which is not complete: run it first.")
+        differing = [name for name in own if name not in _WIDER and own[name] != before.get(name, own[name])]
+        if differing:
+            text = f"is {self.after}, whose run.{differing[0]} is {before.get(differing[0])}: give the same."
+            yield Diagnostic(field, text)
+        if manifest["rows"] != rows.n_rows:
+            text = f"is {self.after} with {manifest['rows']} rows, but this job has {rows.n_rows}."
+            yield Diagnostic(field, text)
 
     def _check_second(self, rows: Design) -> Iterator[Diagnostic]:
         """Diagnostics of the second parameter and its range."""
@@ -246,11 +267,12 @@ class Atlas(FollowsFixedPoints):
         )
 
     def near_fixed_points(self, mapped: MappedRows) -> tuple[Points, Values]:
-        mapped = self._at_place(mapped)
+        mapped = self.at_place(mapped)
         count = len(mapped.numbers)
         row_of_start = np.repeat(np.arange(count), CHECKED)
-        drawn = self._drawn(mapped, row_of_start, 0, CHECKED)
-        search = OrbitSearch(mapped.mapping, mapped.values, self._levels(mapped), SearchOptions())
+        starts = DrawnStarts(mapped, self.ranges, self.seed)
+        drawn = starts.points(row_of_start, 0, CHECKED)
+        search = OrbitSearch(mapped.mapping, mapped.values, starts.levels(self.fix), SearchOptions())
         search.add(drawn, row_of_start)
         first = [search.of_row(row)[:1] for row in range(count)]
         points = [
@@ -258,98 +280,16 @@ class Atlas(FollowsFixedPoints):
         ]
         return Points.joined(points), mapped.values
 
-    def _at_place(self, mapped: MappedRows) -> MappedRows:
+    def at_place(self, mapped: MappedRows) -> MappedRows:
         """The rows at the value of the parameter at which gaits are searched."""
         return mapped.with_values(**{self.parameter: np.full(len(mapped.numbers), self.place)})
-
-    def _levels(self, mapped: MappedRows) -> dict[str, Any]:
-        """The value (n,) of each conserved quantity that is held: that of the row's own start."""
-        if not self.fix:
-            return {}
-        conserved = mapped.mapping.images(mapped.settled(0), mapped.values).conserved_values
-        names = [quantity.name for quantity in mapped.mapping.conserved]
-        return {name: conserved[:, names.index(name)] for name in self.fix}
-
-    def _drawn(
-        self, mapped: MappedRows, row_of_start: Rows, begun: int, count: int, cycles: int = 0
-    ) -> Points:
-        """Random starts (n,), `count` of each row, which depend on the row and `begun` alone.
-
-        With `cycles`, where the starts are after so many cycles; NaN if they did not come so far.
-        """
-        mapping, values = mapped.mapping, rows_of(mapped.values, row_of_start)
-        columns = self._drawn_columns(mapped, row_of_start, begun, count)
-        names = [quantity.name for quantity in mapping.model.initial_conditions]
-        drawn_starts = {name: column for name, column in columns.items() if name in names}
-        starts = {name: np.asarray(column)[row_of_start] for name, column in mapped.starts.items()}
-        starts |= drawn_starts
-        if cycles and len(drawn_starts) == len(columns):
-            points, status = mapping.settled(starts, values, cycles)
-            return Points(
-                np.where((status == ReturnStatus.crossed)[:, None], points.at, np.nan), points.modes
-            )
-        points, _ = mapping.settled(starts, values, 0)
-        outside = np.flatnonzero(~mapping.covers(points, values))
-        if outside.size:
-            points = points.merged(outside, mapping.settled(starts, values, 1)[0][outside])
-        moved = points.at.copy()
-        for place, quantity in enumerate(mapping.coordinates):
-            if quantity.name in columns and quantity.name not in drawn_starts:
-                moved[:, place] = columns[quantity.name]
-        if cycles:
-            images = mapping.iterated(cycles).images(Points(moved, points.modes), values)
-            moved, points = np.where(images.sound[:, None], images.points.at, np.nan), images.points
-        return Points(moved, points.modes)
-
-    def _drawn_columns(
-        self, mapped: MappedRows, row_of_start: Rows, begun: int, count: int
-    ) -> dict[str, Float[np.ndarray, " starts"]]:
-        """Random numbers (n,) in each of `ranges`, `count` for each row."""
-        low, high = np.array(list(self.ranges.values())).T
-        drawn = [
-            np.random.default_rng([self.seed, int(mapped.numbers[row]), begun]).uniform(
-                low, high, (count, len(low))
-            )
-            for row in dict.fromkeys(row_of_start.tolist())
-        ]
-        return dict(zip(self.ranges, np.concatenate(drawn).T, strict=True))
 
     def block_table(
         self, rows: Design, spec: SweepSpec, first: int, last: int, on_progress: BlockProgress
     ) -> pd.DataFrame:
         """The atlas of rows first..last-1; `on_progress` is called before each of its steps."""
         before = self._earlier(first, last)
-        mapped, search, atlas = self._followed(rows, spec, np.arange(first, last), on_progress, before)
-        branches = atlas.table(search, self.place)
-        is_kept = (
-            branches["earlier"].notna().to_numpy() if before is not None else np.zeros(len(branches), bool)
-        )
-        kept, new = (branches.iloc[np.flatnonzero(mask)] for mask in (is_kept, ~is_kept))
-        table = self._joined_parts(mapped, search, atlas, new, before)
-        if len(table):
-            table = self._records_of(rows, mapped, table)
-        if before is not None:
-            old = before.assign(row=before["row"] + first)
-            of_kept = kept[["found", "point", "missing"]].to_numpy(float)
-            old.loc[kept["earlier"].to_numpy(int), ["found", "point", "missing"]] = of_kept
-            old["drawn_starts"] = [search.drawn(row) for row in before["row"]]
-            table = pd.concat([old, table], ignore_index=True) if len(table) else old
-            of_curve = (table["part"].astype(str) != "branch").to_numpy(bool)
-            order = np.lexsort([table["point"], table["number"], of_curve, table["row"]])
-            table = table.iloc[order].reset_index(drop=True)
-        left_out = np.array([atlas.left_out(row) for row in range(last - first)], np.int64)
-        return _typed(table.assign(left_out=left_out[table["row"].to_numpy(int) - first]))
-
-    def _records_of(self, rows: Design, mapped: MappedRows, table: pd.DataFrame) -> pd.DataFrame:
-        """The records of a job's table from those of branches and curves."""
-        for name in self.second:
-            of_branch = mapped.values[name][table["row"].to_numpy(int)]
-            table[name] = np.where(table["part"] == "branch", of_branch, table.get(name, np.nan))
-        observed = {f"{quantity.name}_n" for quantity in rows.model.observables}
-        named = [c.name for c in self.columns(rows.model) if c.name not in observed]
-        table = table.reindex(columns=list(dict.fromkeys([*table, *named])))
-        has_point = table["special"].notna().to_numpy()
-        return self.records(rows, mapped.without(self.parameter), table, has_point, has_point)
+        return AtlasBlock(self, rows, spec, np.arange(first, last), on_progress, before).table()
 
     def _earlier(self, first: int, last: int) -> pd.DataFrame | None:
         """The records of rows first..last-1 of the run that this one continues; `row` counts from 0."""
@@ -357,75 +297,10 @@ class Atlas(FollowsFixedPoints):
             return None
         table = self._before if self.after is None else load(self.after, rows=range(first, last))
         assert table is not None
-        table = table[table["row"].between(first, last - 1)]
-        return table.assign(row=table["row"] - first).reset_index(drop=True)
-
-    def _joined_parts(
-        self,
-        mapped: MappedRows,
-        search: OrbitSearch,
-        atlas: BranchAtlas,
-        branches: pd.DataFrame,
-        before: pd.DataFrame | None,
-    ) -> pd.DataFrame:
-        """The points of branches, those of curves over the second parameter, and rows without a gait."""
-        parts = [branches.assign(part="branch").rename(columns={"branch": "number"})]
-        curves_before: dict[int, int] = {}
-        if before is not None:
-            of_curves = before[~before["part"].astype(str).isin(["branch", ""])]
-            curves_before = of_curves.groupby("row")["number"].nunique().to_dict()
-        for second, within in self.second.items():
-            curves = atlas.follow_curves(second, within, atlas.steps, curves_before)
-            if len(curves):
-                parts.append(curves.rename(columns={"curve": "number", "kind": "part"}))
-        without = set(range(len(mapped.numbers))) - {branch.row for branch in atlas.branches}
-        parts.append(pd.DataFrame([self._without_gait(row, search) for row in sorted(without)]))
-        parts = [part for part in parts if len(part)]
-        if not parts:
-            return branches
-        table = pd.concat(parts, ignore_index=True)
-        drawn = np.array([search.drawn(row) for row in range(len(mapped.numbers))])
-        table = table.assign(drawn_starts=drawn[table["row"].to_numpy(int)])
-        return table.sort_values("row", kind="stable", ignore_index=True)
-
-    def _followed(
-        self,
-        rows: Design,
-        spec: SweepSpec,
-        numbers: Rows,
-        on_progress: BlockProgress,
-        before: pd.DataFrame | None,
-    ) -> tuple[MappedRows, OrbitSearch, BranchAtlas]:
-        """Some rows at the place of the search, the search of their gaits, and their branches.
-
-        What the run `before` has found is neither searched nor followed again.
-        """
-        mapped = self._at_place(self.mapped_rows(rows, spec, numbers))
-
-        def on_step(points: Any, shares: Any) -> None:
-            on_progress(f"{np.sum(points)} points of {len(points)} branches", float(np.mean(shares)))
-
-        atlas = BranchAtlas(
-            mapped.mapping,
-            mapped.values,
-            parameter=self.parameter,
-            within=self.path,
-            fix=self.fix,
-            steps=dataclasses.replace(self.steps(on_step), through=(self.place,)),
-            most_branches=self.branches,
-        )
-        like = mapped.settled(0)[:1]
-        if before is not None:
-            with_points = (before["part"].astype(str) == "branch") & (before["point"] >= 0)
-            atlas.restore(before.loc[with_points], like, self.depth_before)
-        search = self._searched(mapped, on_progress, before, like)
-        atlas.follow(search, self.place, self.depth)
-        return mapped, search, atlas
-
-    @property
-    def depth_before(self) -> int:
-        """The depth of the run that this one continues."""
-        return self.depth - 1
+        own = table.loc[table["row"].between(first, last - 1)]
+        own = own.assign(row=own["row"] - first).reset_index(drop=True)
+        own.attrs["job"] = table.attrs["job"]
+        return own
 
     def followed_again(
         self,
@@ -436,11 +311,8 @@ class Atlas(FollowsFixedPoints):
         on_progress: BlockProgress,
     ) -> tuple[MappedRows, pd.DataFrame]:
         if "stored_point" not in table:  # of an older version
-            mapped, search, atlas = self._followed(rows, spec, numbers, on_progress, None)
-            again = atlas.table(search, self.place).rename(columns={"branch": "number"})
-            at = [branch.point(place) for branch in atlas.branches for place in range(len(branch.records))]
-            return mapped.without(self.parameter), again.assign(at=pd.Series(at, again.index, dtype=object))
-        mapped = self._at_place(self.mapped_rows(rows, spec, numbers))
+            return AtlasBlock(self, rows, spec, numbers, on_progress).with_points()
+        mapped = self.at_place(self.mapped_rows(rows, spec, numbers))
         like = mapped.settled(0)[:1]
         places = dict(zip(numbers.tolist(), range(len(numbers)), strict=True))
         on_branches = (table["part"].astype(str) == "branch") & table["row"].isin(places)
@@ -449,90 +321,6 @@ class Atlas(FollowsFixedPoints):
         at = [points_of(text, like)[0] for text in table.loc[points.index, "stored_point"]]
         stored = points.assign(row=rows_of_points, at=pd.Series(at, points.index, dtype=object))
         return mapped.without(self.parameter), stored.reset_index(drop=True)
-
-    def _searched(
-        self, mapped: MappedRows, on_progress: BlockProgress, before: pd.DataFrame | None, like: Points
-    ) -> OrbitSearch:
-        """The search of the rows' gaits, from drawn starts and from where those of the first round settle.
-
-        Args:
-            mapped: the rows.
-            on_progress: progress callback.
-            before: the records of an earlier run; its starts are neither drawn nor simulated again.
-            like: a point (1,) of the map, for the structure of its modes.
-        """
-
-        def on_round(count: int, orbits: int) -> None:
-            on_progress(f"{orbits} gaits from {count} starts of a row", 0.5 * count / self.budget)
-
-        def draw(row_of_start: Rows, begun: int) -> Points:
-            count = int(np.sum(row_of_start == row_of_start[0]))
-            return self._drawn(mapped, row_of_start, begun, count)
-
-        periods = 1 if self.stationary else self.periods  # a point at rest has no other
-        options = SearchOptions(periods, self.budget, self.batch, self.patience, on_round)
-        search = OrbitSearch(mapped.mapping, mapped.values, self._levels(mapped), options)
-        if before is not None:
-            starts = before.groupby("row")["drawn_starts"].first().to_dict()
-            search.restore(_orbits_of_table(mapped, before, like), starts)
-            search.run(draw, range(len(mapped.numbers)))
-            return search
-        row_of_start = np.repeat(np.arange(len(mapped.numbers)), self.batch)
-        ends = self._drawn(mapped, row_of_start, 0, self.batch, max(self.settle, 1))
-        sound = np.asarray(np.isfinite(ends.at).all(axis=1))
-        settled = np.flatnonzero(sound)
-        if settled.size:
-            search.add(ends[settled], row_of_start[settled], drawn=False)
-        search.run(draw, range(len(mapped.numbers)))
-        if not self.fix:  # else the drawn starts lead to gaits with other values of what is conserved
-            search.mark_reached(ends, row_of_start, sound)
-        return search
-
-    def _without_gait(self, row: int, search: OrbitSearch) -> dict[str, Any]:
-        """The record of a row in which the search found no gait."""
-        return {
-            "row": row,
-            "part": "branch",
-            self.parameter: self.place,
-            "missing": search.missing(row),
-            "end": "no_gait",
-            "stored_point": "",
-        }
-
-
-def _typed(table: pd.DataFrame) -> pd.DataFrame:
-    """A table with whole numbers, flags and texts in the types of its columns."""
-    whole = (
-        "number",
-        "period",
-        "depth",
-        "begins",
-        "point",
-        "unstable",
-        "found",
-        "corrections",
-        "drawn_starts",
-    )
-    integers = {name: table[name].astype(float).fillna(-1).astype(np.int64) for name in whole}
-    stable = table["stable"].astype("boolean").fillna(False).astype(bool)
-    names = ("part", "symmetry", "events", "change", "special", "end", "gait", "status")
-    texts = {name: pd.Categorical(table[name].astype(object).fillna("")) for name in names}
-    return table.assign(
-        stable=stable, stored_point=table["stored_point"].astype(object).fillna(""), **texts, **integers
-    )
-
-
-def _orbits_of_table(mapped: MappedRows, table: pd.DataFrame, like: Points) -> Iterator[Orbit]:
-    """The gaits of an earlier run's records, each with the place of its record."""
-    gaits = table.loc[(table["part"].astype(str) == "branch") & (table["found"] >= 0)]
-    for place, record in zip(gaits.index, gaits.to_dict("records"), strict=True):
-        point = points_of(record["stored_point"], like)[0].points
-        values = rows_of(mapped.values, np.array([record["row"]]))
-        (orbit,) = orbits_of(mapped.mapping, point, values, int(record["period"]))
-        if orbit is not None:
-            numbers = int(record["row"]), orbit, float(record["error"]), int(record["found"])
-            symmetry = tuple(filter(None, str(record["symmetry"]).split(", ")))
-            yield Orbit(*numbers, symmetry, float(record["reached"]), (int(place),))
 
 
 def _event_times(model: Model) -> dict[str, Quantity]:

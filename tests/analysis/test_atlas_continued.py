@@ -14,6 +14,7 @@ from gaitsweep.analysis.atlas.periodic_orbits import OrbitSearch
 from gaitsweep.analysis.continuation.branch_follower import BranchFollower
 from gaitsweep.cli.main import main
 from gaitsweep.examples.henon import Henon
+from gaitsweep.job import JobError
 
 FIELDS: dict[str, Any] = {
     "parameter": "a", "path": (0.2, 1.0), "at": 0.5, "ranges": {"x_0": (-2.0, 2.0), "y_0": (-1.0, 1.0)},
@@ -72,6 +73,10 @@ def test_a_continued_atlas_is_that_of_one_run_and_computes_nothing_twice(
             continued.table.drop(columns="stored_point"), whole.table.drop(columns="stored_point"), rtol=1e-7,
             atol=1e-9, check_categorical=False,
         )  # fmt: skip
+    with pytest.raises(JobError, match=r"run\.after is .*henon, whose run\.seed is 0: give the same"):
+        gs.atlas(Henon(), seed=1, after=str(tmp_path / "henon"), **FIELDS, **WHOLE)
+    with pytest.raises(JobError, match=r"run\.after: .*nowhere does not exist"):
+        gs.atlas(Henon(), after=str(tmp_path / "nowhere"), **FIELDS, **WHOLE)
 
 
 @pytest.mark.slow

@@ -114,3 +114,43 @@ def test_the_gaits_of_the_simplest_walker() -> None:
     flips = walks.points.query("special == 'flip'")
     assert flips["period"].tolist() == [1, 2, 4]
     np.testing.assert_allclose(flips["gamma"].iloc[0], 0.0151, atol=5e-5)  # as printed
+
+
+def after_steps(theta: float, rate: float, gamma: float, steps: int) -> tuple[float, float]:
+    """The angle and its rate after some steps of the simplest walker, by SciPy."""
+
+    def flow(t: float, s: np.ndarray) -> list[float]:
+        fall = np.sin(s[0] - gamma)
+        return [s[1], fall, s[3], fall + (s[1] ** 2 - np.cos(s[0] - gamma)) * np.sin(s[2])]
+
+    def strike(t: float, s: np.ndarray) -> float:
+        return s[2] - 2.0 * s[0] if s[0] < -0.05 else -1.0
+
+    strike.terminal, strike.direction = True, 1.0  # type: ignore[attr-defined]
+    for _ in range(steps):
+        start = [theta, rate, 2.0 * theta, (1.0 - np.cos(2.0 * theta)) * rate]
+        run = solve_ivp(
+            flow, (0.0, 9.0), start, "DOP853", events=strike, rtol=1e-12, atol=1e-13, max_step=0.05
+        )
+        at = run.y_events[0][0]
+        theta, rate = -at[0], np.cos(2.0 * at[0]) * at[1]
+    return theta, rate
+
+
+@pytest.mark.slow
+def test_gaits_of_three_and_four_steps_that_were_not_published_with_the_model() -> None:
+    """At a slope of 0.0175 there are seven; those of 3 and 4 steps were reported later (Zbl 1254.70020)."""
+    walks = gs.atlas(
+        Walker(), parameter="gamma", path=(0.001, 0.02), at=0.0175, periods=4, budget=384, batch=128, depth=0,
+        ranges={"theta": (0.05, 0.35), "theta_rate": (-0.35, -0.05)}, patience=2, verify=0,
+        numerics={"rtol": 1e-12, "atol": 1e-13},
+    )  # fmt: skip
+    gaits = walks.gaits
+    assert sorted(gaits["period"].tolist()) == [1, 1, 2, 3, 3, 4, 4]
+    for theta, rate, period in gaits[["theta_n", "theta_rate_n", "period"]].to_numpy(float):
+        # the largest multiplier is 134, and SciPy's error of a step some 1e-11
+        np.testing.assert_allclose(after_steps(theta, rate, 0.0175, int(period)), (theta, rate), atol=1e-7)
+    points = walks.points.query("period > 2")
+    folds, flips = (points.query(f"special == '{kind}'").sort_values("period") for kind in ("fold", "flip"))
+    np.testing.assert_allclose(folds["gamma"].to_numpy(float), [0.012281, 0.010090], atol=1e-6)
+    np.testing.assert_allclose(flips["gamma"].to_numpy(float), [0.012635, 0.010132], atol=1e-6)

@@ -13,8 +13,10 @@ from gaitsweep.analysis.continuation.arclength import BranchPoints, Continuation
 from gaitsweep.analysis.continuation.bifurcation_tests import ahead
 from gaitsweep.engine.poincare.maps import Events, Points, sizes
 
-# Halvings of a step on which the order of events changes, and the most changes on one step.
-BISECTIONS, MOST_CHANGES = 40, 8
+# Halvings of a step on which the order of events changes.
+BISECTIONS = 40
+# Most changes of the order on one step.
+MOST_CHANGES = 8
 # Distances beyond the end of a lost branch, relative to the coordinates, at which its events are read.
 BEYOND_END = (1e-4, 1e-3, 1e-2)
 

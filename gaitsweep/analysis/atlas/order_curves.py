@@ -19,11 +19,15 @@ from gaitsweep.engine.poincare.maps import Events, Map, Points, Values
 
 # Steps of the second parameter over its range.
 STEPS = 32
-# First width of the interval that is searched at each step, as a share of the first parameter's range, the
-# factor by which it grows where the order does not change in it, and its largest width.
-WIDTH, WIDER, WIDEST = 0.01, 4.0, 0.7
-# Values of the first parameter in an interval, and rounds of smaller intervals.
-VALUES, ROUNDS = 33, 8
+# First and largest width of the interval that is searched at each step, as a share of the first parameter's
+# range, and the factor by which it grows where the order does not change in it.
+WIDTH = 0.01
+WIDEST = 0.7
+WIDER = 4.0
+# Values of the first parameter in an interval.
+VALUES = 33
+# Rounds of ever smaller intervals.
+ROUNDS = 8
 
 
 @dataclasses.dataclass(frozen=True)

@@ -25,8 +25,10 @@ Rows = Int[np.ndarray, " points"]  # the row of each point
 Draw = Callable[[Rows, int], Points]
 # Two orbits are the same if a point of one is this close to a point of the other, relative to its size.
 SAME = 1e-6
-# Most Newton steps of a search, and most halvings of each.
-STEPS, HALVINGS = 15, 2
+# Most Newton steps of a search.
+STEPS = 15
+# Most halvings of a Newton step.
+HALVINGS = 2
 # A simulated start has settled on an orbit if it is this close to a point of it, relative to its size.
 REACHED = 1e-3
 # Newton steps with which an orbit is polished.
