@@ -184,9 +184,11 @@ def stances(
         down: whether the foot is on the ground (k,).
     """
     turns = np.flatnonzero(np.diff(np.concatenate([[False], down, [False]]).astype(int)))
-    lands, lifts = turns[::2], turns[1::2]
+    lands = turns[::2]
+    lifts = turns[1::2]
     swings = t[lands[1:]] - t[lifts[:-1]] > BROKEN
-    first, last = np.ones(len(lands), bool), np.ones(len(lands), bool)
+    first = np.ones(len(lands), bool)
+    last = np.ones(len(lands), bool)
     first[1:], last[:-1] = swings, swings
     return np.stack([lands[first], lifts[last]], axis=1)
 

@@ -129,7 +129,8 @@ class ListAxis:
         """Points `index` (n,); `names` has a float or (n,) for each name in the formulas."""
         result = self._plain[index]
         for place in np.intersect1d(index, list(self._formula_at)):
-            formula, mask = self._formula_at[place], index == place
+            formula = self._formula_at[place]
+            mask = index == place
             used = {name: names[name] for name in names_in(formula)}
             used = {name: value if np.ndim(value) == 0 else value[mask] for name, value in used.items()}
             result[mask] = evaluate(formula, used)

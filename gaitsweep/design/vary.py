@@ -142,7 +142,8 @@ def _read_axis(name: str, value: Any, path: Path, vary: Vary) -> tuple[Axis, dic
             vary.refuse((*path, "values"), text)
             return None
         value["values"] = [_switch(item, vary.quantities.get(name)) for item in listed]
-    kind, words = AXIS_KINDS[kinds[0]], f"an axis ({kinds[0]})"
+    kind = AXIS_KINDS[kinds[0]]
+    words = f"an axis ({kinds[0]})"
     written = _many_numbers(value) or read_model(kind, value, path, vary.diagnostics, words)
     if written is None:
         return None
@@ -222,7 +223,8 @@ def _read_sample(value: Any, path: Path, vary: Vary) -> dict[str, Any]:
 def _check_order(axis: Axis, path: Path, vary: Vary) -> None:
     """Refuse a random axis whose low end is above its high end; axes with equal steps may descend."""
     if isinstance(axis, RangeAxis) and axis.drawn and not axis.formulas:
-        low, high = float(axis.low), float(axis.high)
+        low = float(axis.low)
+        high = float(axis.high)
         if low > high:
             vary.refuse(path, f"goes from {low:g} to {high:g}, but the low end must come first.")
 

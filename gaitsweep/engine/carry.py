@@ -9,13 +9,9 @@ import jax
 import jax.numpy as jnp
 
 from gaitsweep.contract import HybridModel, Model, Params, State
-from gaitsweep.engine.shapes import Flag, GuardFlags, Guards, Integer, Number
+from gaitsweep.engine.shapes import Flag, Guards, Integer, Number
 
 T = TypeVar("T")  # a pytree
-
-# Jumps at one instant, for each guard, beyond which a row is stalled: far above most physical chains of
-# events.
-JUMPS_A_GUARD = 4
 
 
 class Halt:
@@ -115,19 +111,3 @@ def start(
 def select(condition: Flag, yes: T, no: T) -> T:
     """`yes` or `no`, two pytrees of the same structure, leaf by leaf."""
     return jax.tree.map(lambda a, b: jnp.where(condition, a, b), yes, no)
-
-
-def stalled(model: Model, carry: Carry) -> Flag:
-    """Whether jumps follow each other at one instant without end (`HybridModel.longest_chain`)."""
-    return carry.chain > longest_chain(model, carry.near)
-
-
-def longest_chain(model: Model, guards: Guards) -> int:
-    """The most jumps at one instant (`HybridModel.longest_chain`)."""
-    longest = model.longest_chain if isinstance(model, HybridModel) else None
-    return JUMPS_A_GUARD * (guards.size + 1) if longest is None else longest
-
-
-def fired_last(carry: Carry) -> GuardFlags:
-    """Guards that fired at the last instant of an event, in any of its jumps (a bool each)."""
-    return carry.far_guards >= 0.0

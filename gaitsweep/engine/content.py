@@ -59,7 +59,8 @@ def content_of(model: Model) -> str:
     memo = _MEMO.get()
     if memo is not None and (known := memo.get((type(model), model))) is not None:
         return known
-    reader, key = _read(model), _key(model)
+    reader = _read(model)
+    key = _key(model)
     reader.read(model.data_digest)
     for file in sorted(_FILES.get(key, ())):
         reader.read((str(file), (file.stat().st_mtime_ns, file.stat().st_size) if file.is_file() else None))

@@ -68,7 +68,7 @@ def may_hide(near: Guards, slopes: Guards, end: Guards, h: Number) -> Flag:
     return may_reach & jnp.any(passes)
 
 
-def between(state: State, rates: Rates, end: State, end_rates: Rates, h: Number, share: float) -> State:
+def interpolated(state: State, rates: Rates, end: State, end_rates: Rates, h: Number, share: float) -> State:
     """The state at a share of a step, on the cubic through its ends.
 
     Args:
@@ -100,11 +100,11 @@ def unresolved(
     size = jnp.maximum(jnp.abs(near), jnp.abs(end))
     for probe in inside:
         size = jnp.maximum(size, jnp.abs(probe))
-    apart = jnp.zeros(near.shape, bool)
+    suspect = jnp.zeros(near.shape, bool)
     for share, probe in zip(PROBES, inside, strict=True):
         deviation = jnp.abs(probe - _cubic(near, slopes, end, end_slopes, h, share))
-        apart = apart | (probe >= 0.0) | (deviation > RESOLVED * size)
-    return jnp.any(apart & (near < 0.0) & (end < 0.0))
+        suspect = suspect | (probe >= 0.0) | (deviation > RESOLVED * size)
+    return jnp.any(suspect & (near < 0.0) & (end < 0.0))
 
 
 def _cubic(

@@ -123,7 +123,8 @@ class PushedModel(HybridModel):
             symbol = rf"\Delta {quantity.symbol}" if quantity.symbol else ""
             meaning = f"change of {name} by the push"
             pushed.append(Quantity(f"{PREFIX}{name}", quantity.unit, meaning, 0.0, symbol=symbol))
-        when, lasts = [], []
+        when = []
+        lasts = []
         if self.event is None:
             meaning = "phase of the push: share of the gait's period after a section crossing"
             when = [Quantity(PHASE, "1", meaning, 0.0, low=0.0, high=1.0)]
@@ -217,7 +218,8 @@ class PushedModel(HybridModel):
 
     def params(self, values: Mapping[str, Float[Array, " ..."]], /) -> PushedParams:
         own = self._own(values)
-        plain, stepped = self.model.params(own), ()
+        plain = self.model.params(own)
+        stepped = ()
         if self.stepped is not None:
             stepped = self.model.params(
                 {**own, self.stepped: own[self.stepped] + values[f"{PREFIX}{self.stepped}"]}
@@ -282,17 +284,20 @@ class PushedModel(HybridModel):
         return self.model.guards(self._acting(params, state), _plain(state))
 
     def jump(self, params: PushedParams, state: State, fired: Bool[Array, " events"], /) -> State:
-        acting, plain = self._acting(params, state), _plain(state)
+        acting = self._acting(params, state)
+        plain = _plain(state)
         after = self.model.jump(acting, plain, fired)
         acts, awaited, due, crossed = (getattr(state, mode) for mode in MODES)
         if self.event is not None:
             crossed = crossed | ((awaited | due) & self.model.section(acting, plain, fired))
             comes = awaited & self._comes(acting, plain, fired)
-            due, awaited = due | comes, awaited & ~comes
+            due = due | comes
+            awaited = awaited & ~comes
         return _with_modes(after, (acts, awaited, due, crossed))
 
     def section(self, params: PushedParams, before: State, fired: Bool[Array, " events"], /) -> Flag:
-        acting, plain = self._acting(params, before), _plain(before)
+        acting = self._acting(params, before)
+        plain = _plain(before)
         closes = self.model.section(acting, plain, fired)
         if self.event is None:
             return closes
@@ -338,7 +343,8 @@ class PushedModel(HybridModel):
 
     def _along(self, state: State, amounts: Float[Array, " pushes"]) -> dict[str, Float[Array, " ..."]]:
         """Amounts (n,) of the pushed variables as arrays of the fields of a state."""
-        places, fields = flow_places(self.model), {}
+        places = flow_places(self.model)
+        fields = {}
         for variable, amount in zip(self.variables, amounts, strict=True):
             name, place = places[variable]
             mask = np.zeros(np.shape(getattr(state, name)), bool)

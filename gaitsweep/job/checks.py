@@ -154,7 +154,8 @@ def remarks_on_rows(design: Design, name: str) -> list[str]:
 
 def _idle_starts(design: Design) -> list[str]:
     """The starts without effect that a job varies, or sets to another value than their default."""
-    idle, quantities = idle_starts(design.model.original), design.model.initial_conditions
+    idle = idle_starts(design.model.original)
+    quantities = design.model.initial_conditions
     used = design.closure(quantity.name for quantity in quantities if quantity.name not in idle)
     return [
         quantity.name
@@ -180,7 +181,8 @@ def _some_rows(design: Design) -> Int[np.ndarray, " rows"]:
 
 def _check_path(design: Design, spec: ModelSpec, run: RunKind, movement: Movement) -> list[Diagnostic]:
     """Diagnostics of values that a moving parameter, or one that follows it, must not have."""
-    moving, path = movement.parameter, movement.values
+    moving = movement.parameter
+    path = movement.values
     quantity = spec.parameters[moving]
     diagnostics = []
     for index, value in enumerate(path):

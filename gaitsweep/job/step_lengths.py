@@ -17,8 +17,9 @@ from gaitsweep.contract import HybridModel, Model
 from gaitsweep.design.design import Design
 from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.dependence import dependences
+from gaitsweep.engine.devices import see_all_cores
 from gaitsweep.engine.flow_spectrum import slowest_limit
-from gaitsweep.engine.kernel.columns import over_rows
+from gaitsweep.engine.kernel.row_functions import over_rows
 from gaitsweep.engine.numerics import (
     FEWEST_STEPS,
     ResolvedNumerics,
@@ -28,7 +29,6 @@ from gaitsweep.engine.numerics import (
 )
 from gaitsweep.engine.solver import METHODS, fixed_step_scheme, refusal
 from gaitsweep.engine.stored_programs import stored
-from gaitsweep.engine.sweep.xla import see_all_cores
 from gaitsweep.expression import functions_of, resolve
 from gaitsweep.job.numerics import NumericsSpec
 from gaitsweep.kinds import RunKind
@@ -162,7 +162,8 @@ def refuse_long_steps(design: Design, run: RunKind, numerics: ResolvedNumerics, 
     dt, longest = _steps(design, run, numerics, rows)
     wrong = np.flatnonzero(dt > longest * _ROUNDING)
     if wrong.size:
-        row, limit = int(rows[wrong[0]]), _rounded_down(float(longest[wrong[0]]))
+        row = int(rows[wrong[0]])
+        limit = _rounded_down(float(longest[wrong[0]]))
         text = f"is {numerics.dt:g} s, too long for row {row}: use at most {limit:g} s, or remove it."
         raise JobError([Diagnostic(("numerics", "dt"), text)])
 

@@ -28,8 +28,8 @@ from gaitsweep.engine.kernel.opening import (
     opened_by_xla,
     opening_of,
 )
+from gaitsweep.engine.kernel.refusals import UnsupportedError
 from gaitsweep.engine.kernel.row_kernel import RowKernel
-from gaitsweep.engine.kernel.trace import UnsupportedError
 from gaitsweep.engine.numerics import STEP_FACTOR, ResolvedNumerics
 from gaitsweep.engine.recorders.recorder import BUFFER, Recorder
 from gaitsweep.engine.stored_programs import stored
@@ -78,7 +78,8 @@ class Kernel:
         return stored(name, lane.model, deciding, compute)
 
     def _read_leaves(self) -> tuple[dict[str, tuple[int, tuple[int, ...]]], int]:
-        record, carry = self.chunk.record, self.chunk.carry
+        record = self.chunk.record
+        carry = self.chunk.carry
         leaves = {**record.results(carry), "filled": record.filled, "samples": record.samples}
         return {name: (leaf.first, leaf.shape) for name, leaf in leaves.items()}, self.chunk.width
 
@@ -169,7 +170,8 @@ class CpuLanes(KernelLanes):
         self._run, slots = _compiled(self.kernel, spec.numerics.contraction)
         tiles = -(-self.size // TILE)
         self._slots = _aligned((tiles, slots, TILE))
-        leaves, width = self.kernel.leaves, self.kernel.width
+        leaves = self.kernel.leaves
+        width = self.kernel.width
         self._filled = leaves["filled"].first
         self._slots[:, leaves["status"].first] = Status.complete
         self._buffers = np.zeros((tiles * TILE, BUFFER if width else 0, width))

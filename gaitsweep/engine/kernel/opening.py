@@ -10,9 +10,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from gaitsweep.engine.devices import host_device
 from gaitsweep.engine.kernel.row_kernel import RowKernel, row_kernel, running
 from gaitsweep.engine.kernel.trace import traced_function
-from gaitsweep.engine.sweep.lane import OneLane, host_device
+from gaitsweep.engine.sweep.lane import OneLane
 
 # Rows that XLA opens in one call: constant, since its last bits depend on it.
 _BATCH = 64
@@ -61,7 +62,8 @@ def opening_of(lane: OneLane, values: Any, starts: Any) -> Opening:
 
 def opened_by_kernel(opening: Opening) -> Callable[[Columns, Columns], Opened]:
     """The function `(values, starts) -> (slots, samples, keep)` of rows."""
-    of_rows, slots = running(opening.kernel), opening.slots
+    of_rows = running(opening.kernel)
+    slots = opening.slots
 
     def open_rows(values: Columns, starts: Columns) -> Opened:
         opened = of_rows(jax.tree.leaves((dict(values), dict(starts))))
@@ -75,7 +77,8 @@ def opened_by_xla(lane: OneLane) -> Callable[[Columns, Columns], Opened]:
     compiled = jax.jit(jax.vmap(_of_one(lane)))
 
     def open_rows(values: Columns, starts: Columns) -> Opened:
-        rows, parts = len(next(iter(values.values()))), []
+        rows = len(next(iter(values.values())))
+        parts = []
         for first in range(0, rows, _BATCH):
             # the last batch is filled up with its own rows
             batch = np.resize(np.arange(first, min(first + _BATCH, rows)), _BATCH)

@@ -56,7 +56,8 @@ def steps(  # noqa: C901 - one pass over the program, whose cases share all of i
             last.append(at)
     for at in [*last, *([] if flag is None else [flag])]:
         uses.setdefault(at, []).insert(0, len(order))
-    memory, at_hand = set(in_memory), set()
+    memory = set(in_memory)
+    at_hand = set()
     sequence: list[Step] = []
 
     def load(at: int) -> None:

@@ -15,7 +15,7 @@ from jaxtyping import Array, Bool, Float, Int, Real
 
 from gaitsweep.contract import Quantity, State
 from gaitsweep.engine.content import cached_by_content
-from gaitsweep.engine.fork import refuse_fork
+from gaitsweep.engine.devices import refuse_fork
 from gaitsweep.engine.poincare.poincare_return import ReturnStatus
 from gaitsweep.engine.shapes import Integer
 
@@ -292,7 +292,8 @@ class IteratedMap(DerivedMap):
             for so_far, new, start in zip(events, self.base.events(points, values), begun, strict=True):
                 so_far += [(start + t, name) for t, name in new]
             images = self.base.images(points, values)
-            points, begun = images.points, begun + images.observed.get("time", 0.0)
+            points = images.points
+            begun = begun + images.observed.get("time", 0.0)
         return events
 
     def _evaluated(

@@ -71,11 +71,13 @@ class BatchedReturnMap(ModelMap):
     def events(self, points: Points, values: Values) -> list[Events]:
         if self._is_step:
             return [[] for _ in range(len(points))]
-        complete, pieces = self.complete(values, len(points)), []
+        complete = self.complete(values, len(points))
+        pieces = []
         for first in range(0, len(points), BATCH_SIZES[-1]):
             # one size of batches, for which the program is compiled once
             order = np.minimum(first + np.arange(BATCH_SIZES[-1]), len(points) - 1)
-            batch, own = points[order], {name: column[order] for name, column in complete.items()}
+            batch = points[order]
+            own = {name: column[order] for name, column in complete.items()}
             pieces.append(jax.tree.map(np.asarray, _recorder(self)(own, batch.at, batch.modes)))
         times, counts = (np.concatenate(leaves)[: len(points)] for leaves in zip(*pieces, strict=True))
         declared = self.model.guard_names if isinstance(self.model, HybridModel) else ()

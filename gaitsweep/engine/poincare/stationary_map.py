@@ -67,7 +67,8 @@ class FlowVariables(Chart):
 
     def rates(self, params: Params, state: State) -> Coordinates:
         """The rates (n,) of the coordinates."""
-        rates, shapes = self.model.flow(params, state), {name: getattr(state, name) for name in self.fields}
+        rates = self.model.flow(params, state)
+        shapes = {name: getattr(state, name) for name in self.fields}
         full = (jnp.broadcast_to(jnp.asarray(rates[name]), jnp.shape(x)) for name, x in shapes.items())
         return self._joined(*full)[jnp.array(self.places)]
 
@@ -134,7 +135,8 @@ class StationaryMap(ModelMap):
         def rates(at: Coordinates) -> Coordinates:
             return flow.rates(params, flow.from_coordinates(params, at, state))
 
-        f, jacobian = rates(at), jax.jacfwd(rates)(at)
+        f = rates(at)
+        jacobian = jax.jacfwd(rates)(at)
         scale = jnp.sqrt(FLOOR**2 + at**2)
         size = jnp.sum((jacobian * scale[None] / scale[:, None]) ** 2)
         step = 2.0 * BOUND / jnp.sqrt((2.0 * jnp.pi / self.model.period(params)) ** 2 + size)
@@ -146,7 +148,8 @@ class StationaryMap(ModelMap):
 
     def _is_past(self, params: Params, state: State) -> Bool[Array, ""]:
         """Whether a state is beyond an event whose jump changes its variables or their rates."""
-        flow, (params, state) = self.flow, jax.lax.stop_gradient((params, state))
+        flow = self.flow
+        (params, state) = jax.lax.stop_gradient((params, state))
         past = flow.model.guards(params, state) > 0.0
         if not past.size:
             return jnp.zeros((), bool)
@@ -160,13 +163,15 @@ class StationaryMap(ModelMap):
 
     def refusal(self, points: Points, values: Values) -> str | None:
         """The reason why no point near the first of some points is an isolated stationary point, or None."""
-        at, name = points.at[0], self.model.name
+        at = points.at[0]
+        name = self.model.name
         away = np.random.default_rng(0).uniform(-DISPLACED, DISPLACED, (2, at.size)) * (FLOOR + np.abs(at))
         parameters = {name: column[0] for name, column in self.complete(values, len(points)).items()}
         near = [linearised_flow(self)(parameters, at + shift, points[0].modes) for shift in away]
         rates, jacobians = (np.stack([pair[k] for pair in near]) for k in (0, 1))
         for k, quantity in enumerate(self.coordinates):
-            what, leave_out = f"{quantity.name} of {name}", "name it in `without`."
+            what = f"{quantity.name} of {name}"
+            leave_out = "name it in `without`."
             if rates[:, k].all() and not jacobians[:, k].any():
                 rate = f"{rates[0, k]:g} {quantity.unit or '1'}/s"
                 return f"{what} always changes by {rate}, so it is never at rest: {leave_out}"

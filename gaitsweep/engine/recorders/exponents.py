@@ -77,7 +77,9 @@ class Exponents:
     def begun(cls, count: int, observed: Observed, window: int) -> Exponents:
         """Those of a row at its start."""
         dtype = observed.dtype
-        one, pair, pairs = jnp.ones((), jnp.int32), jnp.zeros((2,), dtype), jnp.zeros((2, count), dtype)
+        one = jnp.ones((), jnp.int32)
+        pair = jnp.zeros((2,), dtype)
+        pairs = jnp.zeros((2, count), dtype)
         return cls(
             sums=pairs,
             time=pair,
@@ -161,7 +163,8 @@ class Exponents:
 
     def rates(self) -> tuple[Float[Array, " exponents"], Float[Array, " exponents"]]:
         """The exponents (k,) in 1/s, and their standard errors (k,); NaN where no span is complete."""
-        time, complete = jnp.sum(self.time), self.batches[0] >= BATCHES
+        time = jnp.sum(self.time)
+        complete = self.batches[0] >= BATCHES
         duration = jnp.where(complete, time, 1.0)
         variance = self.squares[0] / (BATCHES * (BATCHES - 1.0))
         # the current span is too short for an error of its own: its variance is inverse to its duration
@@ -179,7 +182,8 @@ class Exponents:
             ago: (w,) the times (s) since the crossings before this one, the latest first.
         """
         rates, errors = self.rates()
-        place, turn = jnp.arange(len(ago)), jnp.maximum(period, 1)
+        place = jnp.arange(len(ago))
+        turn = jnp.maximum(period, 1)
         last = len(ago) // turn * turn
         duration = jnp.sum(jnp.where(place == last - 1, ago, 0.0))
         turns = jnp.sum(jnp.where((place < last)[:, None], self.logs, 0.0), axis=0) / duration
@@ -204,7 +208,8 @@ class Exponents:
             cycles: the number of this crossing.
             turns: see `may_turn`.
         """
-        (rates, errors), known = self.rates(), cycles >= LEAST_CROSSINGS
+        (rates, errors) = self.rates()
+        known = cycles >= LEAST_CROSSINGS
         growth = rates[0] * jnp.sum(self.time)
         chaotic = (rates[0] > ERRORS * errors[0]) & (growth > SEPARATION)
         if not turns:

@@ -112,7 +112,8 @@ class PerturbRecorder(Recorder):
         record, sample, keep = self.settle.begin(params, carry)
         # this recorder's own numbers
         record = dataclasses.replace(record, numbers=self.unsampled(params, carry)[0].numbers)
-        none, unknown = jnp.zeros((), jnp.int32), jnp.full((), jnp.nan, record.last.dtype)
+        none = jnp.zeros((), jnp.int32)
+        unknown = jnp.full((), jnp.nan, record.last.dtype)
         longest = self.settle.max_period
         memory = PushMemory(
             settle=record.memory,
@@ -129,13 +130,16 @@ class PerturbRecorder(Recorder):
         return dataclasses.replace(record, memory=memory), sample, keep
 
     def record(self, params: Params, carry: Carry, record: LaneRecord) -> PollResult:
-        model, memory = self.model, record.memory
+        model = self.model
+        memory = record.memory
         due = carry.state.push_due
         # an event at which the push comes halts the row as a crossing of the section does
         crossed = (carry.halt == Halt.CROSSING) & (~due | carry.state.push_crossed)
         timed = carry.halt == Halt.TIME
-        settling, waiting = memory.stage == Stage.SETTLES, memory.stage == Stage.WAITS
-        acting, returning = memory.stage == Stage.ACTS, memory.stage == Stage.RETURNS
+        settling = memory.stage == Stage.SETTLES
+        waiting = memory.stage == Stage.WAITS
+        acting = memory.stage == Stage.ACTS
+        returning = memory.stage == Stage.RETURNS
 
         # the row settles, before the push or after it
         tested = settling | returning
@@ -174,7 +178,8 @@ class PerturbRecorder(Recorder):
         # the distance from the gait
         now = jnp.where(crossed, self.observables(params, carry.state), record.last)
         distances = self._distances(now, gait)
-        nearest, distance = jnp.argmin(distances), jnp.min(distances)
+        nearest = jnp.argmin(distances)
+        distance = jnp.min(distances)
         counts = crossed & (acting | returning)
         far = ~(distance <= self.within)
         outside = jnp.where(counts & far, since, memory.outside)
@@ -267,7 +272,8 @@ class PerturbRecorder(Recorder):
         return jnp.where(jnp.isnan(distance), jnp.inf, distance)
 
     def readings(self, rows: RowOutcome) -> Readings:
-        left, k = rows.numbers["before"], len(self.model.observables)
+        left = rows.numbers["before"]
+        k = len(self.model.observables)
         orbits = {"period": rows.numbers["period_before"], "last": left[:, :k], "orbit": left[:, k:]}
         before = from_first_crossing(
             self.model.observables, dataclasses.replace(rows, numbers={**rows.numbers, **orbits})

@@ -140,7 +140,8 @@ class SettleRecorder(Recorder):
 
     def begin(self, params: Params, carry: Carry) -> Beginning:
         record, sample, keep = self.unsampled(params, carry)
-        last, dtype = record.last, record.last.dtype
+        last = record.last
+        dtype = record.last.dtype
         length = max(SETTLE_WINDOW, self.max_period)
         observed = jnp.broadcast_to(last, (length, *last.shape))
         none = jnp.zeros((), jnp.int32)
@@ -157,9 +158,12 @@ class SettleRecorder(Recorder):
         return dataclasses.replace(record, memory=memory), sample, keep
 
     def record(self, params: Params, carry: Carry, record: LaneRecord) -> PollResult:
-        crossed, memory = unlikely(carry.halt == Halt.CROSSING), record.memory
+        crossed = unlikely(carry.halt == Halt.CROSSING)
+        memory = record.memory
         now = self.observables(params, carry.state)
-        before, times, steps = memory.window[:, :-2], memory.window[:, -2], memory.window[:, -1]
+        before = memory.window[:, :-2]
+        times = memory.window[:, -2]
+        steps = memory.window[:, -1]
         cycles = record.cycles + 1
         # a row with NaN in its window does not settle
         free = carry.t >= self.model.free_after(params)
@@ -185,8 +189,10 @@ class SettleRecorder(Recorder):
         # crossings at one instant are not cycles
         settled = (period > 0) & (carry.chain < SETTLE_WINDOW)
         given_up = cycles >= self.max_cycles
-        unsettled, late = jnp.asarray(Status.cycle_limit), jnp.asarray(Status.time_limit)
-        exponents, named = memory.exponents, {}
+        unsettled = jnp.asarray(Status.cycle_limit)
+        late = jnp.asarray(Status.time_limit)
+        exponents = memory.exponents
+        named = {}
         if isinstance(exponents, Exponents):
             scales = bounds(self.model, 1.0 / SETTLE_WINDOW, latest, span)
             away = jnp.abs(change(self.model, now[None, :] - exponents.begin)) / scales[None, :]
@@ -257,7 +263,9 @@ class SettleRecorder(Recorder):
         moves = rates * period > LEAST_RATE * jnp.maximum(sizes, 1.0)
         share = jnp.max(jnp.where(moves, rates / jnp.where(moves, fastest, 1.0), 0.0))
         slow = (share < REST) & ~unlikely(carry.halt == Halt.CROSSING)
-        begun, largest, before = memory.rest[0], memory.rest[1], memory.rest[2]
+        begun = memory.rest[0]
+        largest = memory.rest[1]
+        before = memory.rest[2]
         largest = jnp.maximum(largest, share)
         over = carry.t - begun >= REST_PERIODS * period
         rests = slow & over & (largest <= before)
@@ -284,8 +292,10 @@ class SettleRecorder(Recorder):
         eps = 64.0 * float(jnp.finfo(newest.dtype).eps) / min(per_observable(self.tolerance))
         period = jnp.zeros((), jnp.int32)
         for p in range(self.max_period, 1, -1):
-            spans, in_all = self.max_period / p, self.max_cycles / p
-            now, then = newest[p - 1], before[p - 1]
+            spans = self.max_period / p
+            in_all = self.max_cycles / p
+            now = newest[p - 1]
+            then = before[p - 1]
             within = _maximal_divisors(p)
             way = newest[within[0] - 1]
             for q in within[1:]:

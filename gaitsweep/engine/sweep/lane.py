@@ -5,9 +5,8 @@ from __future__ import annotations
 import abc
 import dataclasses
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple, final
+from typing import NamedTuple, final
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, Real
@@ -25,15 +24,6 @@ from gaitsweep.engine.tangents import coordinate_count, first_directions, from_s
 RowDrive = Callable[[Mapping[str, Float[Array, " ..."]], Number], Params]
 
 Values = Mapping[str, Real[np.ndarray, "rows ..."]]
-Device = Any  # a jax.Device, which type checkers do not accept as a type
-
-
-def host_device() -> Device:
-    """The device of computations other than rows: the CPU, unless JAX may not use it (JAX_PLATFORMS=cuda)."""
-    platforms: str | None = jax.config.jax_platforms  # pyright: ignore[reportAttributeAccessIssue]
-    if platforms and "cpu" not in platforms.split(","):
-        return jax.local_devices()[0]
-    return jax.local_devices(backend="cpu")[0]
 
 
 class ChunkOutput(NamedTuple):

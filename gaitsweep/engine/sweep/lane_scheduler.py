@@ -37,7 +37,8 @@ class Group:
     """Some lanes of a device, the rows in them, and their progress."""
 
     def __init__(self, lanes: Lanes, spec: SweepSpec) -> None:
-        self.lanes, self.size = lanes, lanes.size
+        self.lanes = lanes
+        self.size = lanes.size
         self.block_of = np.full(self.size, -1)
         self.row_of = np.zeros(self.size, np.int64)
         self.share = 0.0  # of their work that the running rows have done, added up
@@ -68,7 +69,9 @@ class Group:
             rows: their numbers (n,) in the block.
             lanes: their lanes (n,) in this group.
         """
-        self.block_of[lanes], self.row_of[lanes], self._fresh[lanes] = block.number, rows, True
+        self.block_of[lanes] = block.number
+        self.row_of[lanes] = rows
+        self._fresh[lanes] = True
         columns: tuple[Mapping[str, Real[np.ndarray, "rows ..."]], ...] = (block.params, block.starts)
         if not self._values:
             # idle lanes are computed too, with the values of the first row
@@ -219,7 +222,8 @@ class LaneScheduler:
 
     def _collect(self, group: Group, output: ChunkOutput) -> None:
         """Collect the output of a group's chunk."""
-        cycles, attempts = output.numbers["cycles"], output.numbers["attempts"]
+        cycles = output.numbers["cycles"]
+        attempts = output.numbers["attempts"]
         busy = group.block_of >= 0
         running = busy & (output.numbers["status"] == Status.running)
         ended = busy & ~running

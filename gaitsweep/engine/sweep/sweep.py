@@ -132,7 +132,8 @@ class _Disk:
     ENCODING = 2
 
     def __init__(self, written: Callable[[int], None], cards: int = 1) -> None:
-        self._thread, self._written = ThreadPoolExecutor(1), written
+        self._thread = ThreadPoolExecutor(1)
+        self._written = written
         self._most = self.MOST * cards
         self._encoding = ThreadPoolExecutor(self.ENCODING * cards)
         # writes in progress, each with the function to call when it is on disk

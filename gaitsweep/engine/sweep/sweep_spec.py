@@ -6,9 +6,10 @@ import dataclasses
 from collections.abc import Callable
 
 from gaitsweep.contract import Model
+from gaitsweep.engine.devices import Device
 from gaitsweep.engine.numerics import ResolvedNumerics
 from gaitsweep.engine.recorders.recorder import Recorder
-from gaitsweep.engine.sweep.lane import Device, RowDrive, Values
+from gaitsweep.engine.sweep.lane import RowDrive, Values
 
 
 @dataclasses.dataclass(frozen=True)
