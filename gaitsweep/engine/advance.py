@@ -360,9 +360,8 @@ def _try_step(scheme: _Scheme, params: Params, carry: Carry, h: Number, finest: 
 def _check_step(scheme: _Scheme, carry: Carry, trial: _Trial, going: Flag) -> _Checks:
     """Compare a trial with the tolerance on its error, and look for events that its end does not show."""
     h, change = trial.h, trial.change
-    if change is None:
-        accurate = jnp.asarray(True)
-    else:
+    accurate = jnp.asarray(True)
+    if change is not None:
         accurate = (change >= SAFETY_FACTOR) | (h <= MIN_STEP * carry.dt)
     values = scheme.model.guards(trial.at_end, trial.end)
     fired = values >= 0.0
