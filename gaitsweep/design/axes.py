@@ -17,7 +17,7 @@ from gaitsweep.schema.diagnostics import quoted
 from gaitsweep.schema.numbers import InvalidValue, Number, PointCount, Seed, Text, checked, word
 from gaitsweep.schema.strict_model import StrictModel
 
-MOST_LISTED = 10**6  # points of a list; more follow from a rule
+MAX_LISTED = 10**6  # points of a list; more follow from a rule
 _SOBOL_BITS = 30
 _SOBOL_CHUNK = 2**16  # points drawn at a time: a power of two, as the sequence asks
 
@@ -39,7 +39,7 @@ _SEED = "seed of the points, combined with the name of the axis"
 class Values(StrictModel):
     """Points listed one by one."""
 
-    values: list[Number] = Field(min_length=1, max_length=MOST_LISTED, description="the points")
+    values: list[Number] = Field(min_length=1, max_length=MAX_LISTED, description="the points")
 
     def axis(self, name: str) -> ListAxis:
         return ListAxis(tuple(self.values))

@@ -36,7 +36,7 @@ from gaitsweep.engine.event_location import (
 )
 from gaitsweep.engine.event_stall import longest_chain
 from gaitsweep.engine.hidden_events import PROBES, guard_slopes, interpolated, may_hide, unresolved
-from gaitsweep.engine.numerics import FEWEST_STEPS, ORDER, SHORTEST_CYCLE, ResolvedNumerics
+from gaitsweep.engine.numerics import DEFAULT_STEPS_PER_PERIOD, MIN_STEPS_PER_PERIOD, ORDER, ResolvedNumerics
 from gaitsweep.engine.rarity import likely, unlikely
 from gaitsweep.engine.shapes import Flag, GuardFlags, Guards, Number
 from gaitsweep.engine.solver import METHODS, Method, Step, euler_update, fixed_step_scheme
@@ -337,7 +337,7 @@ def _try_step(scheme: _Scheme, params: Params, carry: Carry, h: Number, finest: 
         expansion = cast(Expansion, scheme.step(within, carry.state, h))
         smooth = not may_switch(model, within, carry.state)
         # events are searched between few points of a step whose polynomials do not hold throughout
-        h = h if smooth else jnp.minimum(h, carry.dt * (FEWEST_STEPS / SHORTEST_CYCLE))
+        h = h if smooth else jnp.minimum(h, carry.dt * (MIN_STEPS_PER_PERIOD / DEFAULT_STEPS_PER_PERIOD))
         polynomials = expansion.along(lambda s: model.guards(within, s), carry.state)
         # a step ends at its first event; that of a ramp would have the parameters of another length
         planned = h

@@ -37,7 +37,12 @@ RESOLVED = 0.1
 
 
 def guard_slopes(model: HybridModel, params: Params, state: State, rates: Rates) -> Guards:
-    """Time derivatives of the guards along a flow (their units per s), without derivatives of their own."""
+    """Time derivatives of the guards along a flow (their units per s), without derivatives of their own.
+
+    Args:
+        model, params: the model and its parameters.
+        state, rates: a state, and the flow's rates there.
+    """
     params = jax.lax.stop_gradient(params)
     return slopes_along(lambda s: model.guards(params, s), state, rates)
 
@@ -45,7 +50,12 @@ def guard_slopes(model: HybridModel, params: Params, state: State, rates: Rates)
 def slopes_along(
     function: Callable[[State], Float[Array, " values"]], state: State, rates: Rates
 ) -> Float[Array, " values"]:
-    """Time derivatives of a function of the state along a flow, without derivatives of their own."""
+    """Time derivatives of a function of the state along a flow, without derivatives of their own.
+
+    Args:
+        function: from a state to values (n,).
+        state, rates: a state, and the flow's rates there.
+    """
     still = jax.lax.stop_gradient(state)
     along = {name: jax.lax.stop_gradient(rate) for name, rate in rates.items()}
     zero = jnp.zeros_like(jax.tree.leaves(along)[0], shape=())

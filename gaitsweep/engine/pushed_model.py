@@ -19,6 +19,7 @@ from jaxtyping import Array, Bool, Float, Real
 from gaitsweep.contract import HybridModel, Model, Params, Quantity, Rates, Recommended, Simultaneous, State
 from gaitsweep.engine.carry import Carry, select
 from gaitsweep.engine.content import cached_by_content
+from gaitsweep.engine.leaves import element_names
 from gaitsweep.engine.shapes import Flag, Number
 from gaitsweep.engine.solver import METHODS
 
@@ -381,10 +382,11 @@ def flow_places(model: HybridModel) -> dict[str, Place]:
         state = model.init(params, start)
         return state, model.flow(params, state)
 
-    given = {
-        q.name: np.full(1, q.default if isinstance(q.default, int | float) else 1.0) for q in model.parameters
-    }
-    values = {k: jax.ShapeDtypeStruct(np.shape(v)[1:], jnp.float64) for k, v in model.on_host(given).items()}
+    row: dict[str, Float[np.ndarray, " rows"]] = {}
+    for quantity in model.parameters:
+        default = quantity.default if isinstance(quantity.default, int | float) else 1.0
+        row[quantity.name] = np.full(1, default)
+    values = {k: jax.ShapeDtypeStruct(np.shape(v)[1:], jnp.float64) for k, v in model.on_host(row).items()}
     start = {q.name: jax.ShapeDtypeStruct((), jnp.float64) for q in model.initial_conditions}
     state, rates = jax.eval_shape(shapes, values, start)
     return places_of(state, rates)
@@ -392,12 +394,12 @@ def flow_places(model: HybridModel) -> dict[str, Place]:
 
 def places_of(state: State, rates: Rates) -> dict[str, Place]:
     """The variables that rates move, by name; of shapes or of numbers."""
-    return {
-        "_".join([field.name, *(str(i + 1) for i in place)]): (field.name, place)
-        for field in dataclasses.fields(state)
-        if field.name in rates
-        for place in np.ndindex(*np.shape(getattr(state, field.name)))
-    }
+    places: dict[str, Place] = {}
+    for field in (field.name for field in dataclasses.fields(state) if field.name in rates):
+        shape = np.shape(getattr(state, field))
+        names = element_names(field, shape)
+        places |= {name: (field, place) for name, place in zip(names, np.ndindex(*shape), strict=True)}
+    return places
 
 
 @functools.lru_cache(maxsize=64)

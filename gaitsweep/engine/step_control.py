@@ -46,7 +46,7 @@ def fitting_change(
     """
     assert numerics.rtol is not None
     assert numerics.atol is not None
-    finer = tolerance_scale(carry.share)
+    finer = tolerance_scale(carry.step_factor)
     worst = jnp.zeros_like(carry.t)
     for name, error_of_field in error.items():
         size = jnp.maximum(jnp.abs(getattr(carry.state, name)), jnp.abs(getattr(trial, name)))

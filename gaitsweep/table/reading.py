@@ -27,7 +27,7 @@ Rows = slice | range | ArrayLike
 
 _LARGEST_JOB = 64 * 2**20  # bytes
 _WITHOUT_NUMBERS = ("name", "verify", "figures", "style")  # fields of a job that decide no number
-_DEEPEST, _MOST_EVENTS = 50, 400_000  # of an edited `job.yaml`
+_DEEPEST, _MAX_EVENTS = 50, 400_000  # of an edited `job.yaml`
 
 
 def figure_files(path: Path) -> list[Path]:
@@ -239,7 +239,7 @@ def _parsed(text: str) -> Any:
         depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
         if depth > _DEEPEST:
             raise ValueError("it is nested too deep")
-        if number > _MOST_EVENTS:
+        if number > _MAX_EVENTS:
             raise ValueError("it has too many values")
     return yaml.safe_load(text)
 

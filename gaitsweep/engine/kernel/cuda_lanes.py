@@ -16,7 +16,7 @@ from gaitsweep.engine.devices import Device
 from gaitsweep.engine.kernel import gpu_program
 from gaitsweep.engine.kernel.cuda_device import CudaDevice, DeviceArray
 from gaitsweep.engine.kernel.lanes import Kernel, KernelLanes
-from gaitsweep.engine.kernel.opening import Opened
+from gaitsweep.engine.kernel.opening import OpenedRows
 from gaitsweep.engine.recorders.recorder import BUFFER
 from gaitsweep.engine.sweep.lane import ChunkOutput, Values
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
@@ -103,7 +103,7 @@ class CudaLanes(KernelLanes):
             self.at_a_time = min(self.size, self.card.threads(self.run))
         self.card.wait()
 
-    def put(self, lanes: Int[np.ndarray, " opened"], opened: Opened) -> None:
+    def put(self, lanes: Int[np.ndarray, " opened"], opened: OpenedRows) -> None:
         head = np.stack([lanes, opened.keeps], axis=1)
         self._staged[:] = np.concatenate([head, opened.slots, opened.samples], axis=1)
 

@@ -39,7 +39,7 @@ _OF_POLL = {
     "carry": "const struct Carry",
 }
 # Statements of a poll after which a number of the record is read from memory again.
-READ_AGAIN = 60
+REREAD_AFTER = 60
 # Numbers of a lane that is filled, before its slots: the lane, and whether its first sample is kept.
 FILLING = 2
 _FORMATS: dict[Kind, Any] = {"f64": np.float64, "int": np.float64, "f32": np.float32, "bool": np.bool_}
@@ -371,7 +371,7 @@ class _Thread:
                 read(at, place)
             else:
                 for a in program.nodes[at].args:
-                    if place - read_at.get(a, place) > READ_AGAIN:
+                    if place - read_at.get(a, place) > REREAD_AFTER:
                         read(a, place)
                 lines += name_all(C, program, [at], names)
             for slot, value in list(unwritten.items()):

@@ -22,7 +22,7 @@ from gaitsweep.engine.kernel.cpu_program import TILE
 from gaitsweep.engine.kernel.llvm_code import processor
 from gaitsweep.engine.kernel.opening import (
     Columns,
-    Opened,
+    OpenedRows,
     Opening,
     opened_by_kernel,
     opened_by_xla,
@@ -83,7 +83,7 @@ class Kernel:
         leaves = {**record.results(carry), "filled": record.filled, "samples": record.samples}
         return {name: (leaf.first, leaf.shape) for name, leaf in leaves.items()}, self.chunk.width
 
-    def _opening(self) -> Callable[[Columns, Columns], Opened]:
+    def _opening(self) -> Callable[[Columns, Columns], OpenedRows]:
         try:
             opening = self.stored("opening", lambda: opening_of(self.lane, *self.shapes), TILE)
         except UnsupportedError:
@@ -119,7 +119,7 @@ class KernelLanes(Lanes):
         self._dtype = np.dtype(spec.numerics.carried)
 
     @abc.abstractmethod
-    def put(self, lanes: Int[np.ndarray, " opened"], opened: Opened) -> None:
+    def put(self, lanes: Int[np.ndarray, " opened"], opened: OpenedRows) -> None:
         """Write opened rows to lanes, and the samples that are kept to their buffers."""
 
     def open_rows(self, params: Values, starts: Values, fresh: Bool[np.ndarray, " lanes"]) -> None:
@@ -179,7 +179,7 @@ class CpuLanes(KernelLanes):
     def fill(self, params: Values, starts: Values, fresh: Bool[np.ndarray, " lanes"]) -> None:
         self.open_rows(params, starts, fresh)
 
-    def put(self, lanes: Int[np.ndarray, " opened"], opened: Opened) -> None:
+    def put(self, lanes: Int[np.ndarray, " opened"], opened: OpenedRows) -> None:
         tile, lane = np.divmod(lanes, TILE)
         self._slots[tile, : opened.slots.shape[1], lane] = opened.slots
         if self.kernel.width:

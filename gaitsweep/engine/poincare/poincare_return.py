@@ -27,7 +27,7 @@ from gaitsweep.engine.solver import derivative_refusal
 from gaitsweep.errors import ArgumentError
 
 # Nominal periods within which a return has to end.
-LATEST = 4.0
+MAX_PERIODS = 4.0
 
 Returned = tuple[Float[Array, ""], State, Int[Array, ""]]  # the time (s), the state, and the `ReturnStatus`
 Crossing = Callable[[Params, State], Returned]
@@ -88,8 +88,8 @@ class PoincareReturn:
         """The trajectory that starts from a state just after the jump of a crossing."""
         # the step length depends on the parameters, but the result does not depend on the step length
         dt = self.numerics.factor * jax.lax.stop_gradient(step_of(self.model, self.numerics, params))
-        stop = LATEST * self.model.period(params)
-        carry = start(self.model, params, state, dt=dt, stop=stop, share=self.numerics.factor)
+        stop = MAX_PERIODS * self.model.period(params)
+        carry = start(self.model, params, state, dt=dt, stop=stop, step_factor=self.numerics.factor)
         limit = ATTEMPTS_PER_STEP * (carry.stop / dt * self.numerics.steps_in_longest + 1000.0)
         limit = jnp.where(limit < jnp.inf, limit, 0.0)  # also NaN, which no number of attempts exceeds
         return ReturnState(*self._begin(params, carry), limit)

@@ -60,7 +60,7 @@ class FixedTimeRecorder(Recorder):
     def readings(self, rows: RowOutcome) -> Readings:
         return readings_at_the_end(rows)
 
-    def share(self, rows: RunningRows, typical: float) -> Float[np.ndarray, " rows"]:
+    def progress(self, rows: RunningRows, typical: float) -> Float[np.ndarray, " rows"]:
         return rows.t / self.duration
 
 

@@ -404,7 +404,7 @@ class PerturbRecorder(Recorder):
         earlier = Readings(np.arange(rows.row.size), rows.t_end, before.last, known)
         return dataclasses.replace(readings_at_the_end(rows), earlier=earlier)
 
-    def share(self, rows: RunningRows, typical: float) -> Float[np.ndarray, " rows"]:
+    def progress(self, rows: RunningRows, typical: float) -> Float[np.ndarray, " rows"]:
         return np.minimum(rows.cycles / (typical or 2.0 * self.settle.max_cycles), 0.95)
 
 

@@ -148,7 +148,7 @@ class Recorder(abc.ABC):
         """Places at which the gaits of ended rows are read; None where this recorder keeps no gaits."""
 
     @abc.abstractmethod
-    def share(self, rows: RunningRows, typical: float) -> Float[np.ndarray, " rows"]:
+    def progress(self, rows: RunningRows, typical: float) -> Float[np.ndarray, " rows"]:
         """The progress of running rows (n,), 0 to 1, for the progress bar.
 
         Args:

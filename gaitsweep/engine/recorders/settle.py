@@ -398,7 +398,7 @@ class SettleRecorder(Recorder):
     def readings(self, rows: RowOutcome) -> Readings:
         return readings_at_the_end(rows)
 
-    def share(self, rows: RunningRows, typical: float) -> Float[np.ndarray, " rows"]:
+    def progress(self, rows: RunningRows, typical: float) -> Float[np.ndarray, " rows"]:
         return np.minimum(rows.cycles / (typical or self.max_cycles), 0.95)
 
 

@@ -117,7 +117,7 @@ class StepRecorder(Recorder):
         )
         return PollResult(carry, recorded, sample, due)
 
-    def share(self, rows: RunningRows, typical: float) -> Float[np.ndarray, " rows"]:
+    def progress(self, rows: RunningRows, typical: float) -> Float[np.ndarray, " rows"]:
         return rows.t / self.stairs.duration
 
 

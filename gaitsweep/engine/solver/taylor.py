@@ -22,16 +22,16 @@ from gaitsweep.engine.solver.taylor_series import along, solution
 
 # The ratio of a term to the one before at the step that meets the tolerance and costs least (Jorba, Zou).
 TERM_RATIO = math.exp(-2.0)
-LEAST_ORDER, HIGHEST_ORDER = 4, 20
+MIN_ORDER, MAX_ORDER = 4, 20
 # Largest error of a guard's polynomial, as a share of its largest value in the step.
 RESOLVED = 1e-3
 # Newton steps towards the zero of a guard, whose bracket is a step: bisection where Newton leaves it.
-ITERATIONS = 8
+NEWTON_STEPS = 8
 
 
 def order_of(rtol: float) -> int:
     """The order with which a relative tolerance is met at least cost."""
-    return min(max(math.ceil(1.0 - 0.5 * math.log(rtol)), LEAST_ORDER), HIGHEST_ORDER)
+    return min(max(math.ceil(1.0 - 0.5 * math.log(rtol)), MIN_ORDER), MAX_ORDER)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -154,7 +154,7 @@ def first_zero(coefficients: list[Guards], h: Number) -> Number:
     low = jnp.zeros_like(near)
     high = jnp.full_like(near, h)
     at = h * jnp.where(rises, near / jnp.where(rises, near - end, 1.0), 0.0)
-    for _ in range(ITERATIONS):
+    for _ in range(NEWTON_STEPS):
         value = polynomial(coefficients, at)
         slope = polynomial(slopes, at)
         low = jnp.where(value < 0.0, at, low)
@@ -168,5 +168,5 @@ _WEIGHTS = {
     order: np.array(
         [[math.comb(j, i) / math.comb(order, i) for i in range(order + 1)] for j in range(order + 1)]
     )
-    for order in range(LEAST_ORDER, HIGHEST_ORDER + 1)
+    for order in range(MIN_ORDER, MAX_ORDER + 1)
 }
