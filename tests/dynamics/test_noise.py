@@ -15,8 +15,8 @@ from scipy import stats
 
 import gaitsweep as gs
 from gaitsweep.dynamics.noise import fraction, philox_words
-from gaitsweep.engine.kernel import cuda
-from gaitsweep.engine.kernel.columns import over_rows
+from gaitsweep.engine.kernel import cuda_lanes
+from gaitsweep.engine.kernel.row_functions import over_rows
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.examples.rimless_wheel import RimlessWheel
@@ -127,7 +127,7 @@ def test_the_program_for_a_card_draws_the_same_numbers(
     class CudaDevice(HostCard):
         folder = tmp_path
 
-    monkeypatch.setattr(cuda, "CudaDevice", CudaDevice)
+    monkeypatch.setattr(cuda_lanes, "CudaDevice", CudaDevice)
     device = types.SimpleNamespace(platform="gpu")
     monkeypatch.setattr("tests.support.sweeping.devices_on", lambda platform, engine: [device])
     recorder, starts = CrossingRecorder(RimlessWheel(), crossings=40), {"rate_0": np.full(12, 0.9)}

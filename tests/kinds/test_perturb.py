@@ -13,7 +13,7 @@ import pandas as pd
 import pytest
 
 import gaitsweep as gs
-from gaitsweep.engine.kernel import cuda
+from gaitsweep.engine.kernel import cuda_lanes
 from gaitsweep.engine.pushed_model import PushedModel
 from gaitsweep.engine.recorders.perturb import PerturbRecorder
 from gaitsweep.engine.recorders.settle import SettleRecorder
@@ -303,7 +303,7 @@ def test_the_program_for_a_card_pushes_alike(tmp_path: Path, monkeypatch: pytest
     amounts = {"push_rate": np.array([-0.3, -0.1, 0.0, 0.2]), "push_phase": np.array([0.0, 0.3, 0.5, 0.7])}
     rows = partial(run_rows, model, recorder, {"rate_0": np.full(4, 0.5)}, params=amounts, engine="kernel")
     expected = rows()
-    monkeypatch.setattr(cuda, "CudaDevice", CudaDevice)
+    monkeypatch.setattr(cuda_lanes, "CudaDevice", CudaDevice)
     device = types.SimpleNamespace(platform="gpu")
     monkeypatch.setattr("tests.support.sweeping.devices_on", lambda platform, engine: [device])
     outcome = rows(lanes=3)
