@@ -95,7 +95,7 @@ def multilegged_theory(
     jax.config.update("jax_enable_x64", True)
     print(theory_summary(springs, omega, Chain(**values)))
     if figures is not None:
-        from gaitsweep.papers.ambe2021.figures.theory import SHOWN, theory_figure
+        from gaitsweep.papers.ambe2021.figures.chain_theory import SHOWN, theory_figure
 
         figures.mkdir(parents=True, exist_ok=True)
         for show in SHOWN:

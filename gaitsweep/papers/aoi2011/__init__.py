@@ -13,9 +13,7 @@ extension = gs.Extension(
     measures=(
         "gaitsweep.papers.aoi2011.equation_measures",
         "gaitsweep.papers.aoi2011.transition_measures",
-        "gaitsweep.papers.aoi2011.fixed_point_measures",
         "gaitsweep.papers.aoi2011.motion_measures",
-        "gaitsweep.papers.aoi2011.footfall_measures",
     ),
     jobs=JOBS,
     configs=CONFIGS,

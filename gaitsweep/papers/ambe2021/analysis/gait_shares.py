@@ -108,7 +108,8 @@ def _hold(N: int, chains: Chain, L: Float[np.ndarray, " sets"]) -> tuple[jax.Arr
 
 def _conditions(table: pd.DataFrame, sets: pd.DataFrame) -> dict[str, Bool[np.ndarray, " sets"]]:
     """The columns `conditions` and NAME_hold of sets of parameters, as `gait_shares` returns them."""
-    values, chains = parameters_of(table, sets), chains_of(table, sets)
+    values = parameters_of(table, sets)
+    chains = chains_of(table, sets)
     L = np.broadcast_to(values["L"], (len(sets),))
     m_B = np.maximum(chains.m_1, chains.m_end)
     # with a profile the printed conditions are those of every inner leg, so of the extreme ones

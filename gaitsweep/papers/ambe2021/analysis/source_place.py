@@ -68,14 +68,17 @@ def source_drift(table: pd.DataFrame, cycles: int = 20) -> pd.DataFrame:
         AnalysisError: the table is not of the chain, or a row has fewer than two crossings.
     """
     _phases(table, "_n")
-    names, records = set_columns(table), []
+    names = set_columns(table)
+    records = []
     for row, part in table.groupby("row", sort=True):
         part = part.sort_values(by="crossing").tail(cycles + 1)
         psi = _phases(part, "_n")
         if len(psi) < 2:
             raise AnalysisError(f"Row {row} has fewer than two crossings.")
-        N, first = psi.shape[1], pd.DataFrame(part.head(1))
-        chain, K = chain_of(table, first), np.ravel(parameters_of(table, first)["K"])[0]
+        N = psi.shape[1]
+        first = pd.DataFrame(part.head(1))
+        chain = chain_of(table, first)
+        K = np.ravel(parameters_of(table, first)["K"])[0]
         rate = float(np.mean(wrapped_difference(np.diff(psi.sum(axis=1)))))
         records.append(
             {"row": row}

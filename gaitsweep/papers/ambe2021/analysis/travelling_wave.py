@@ -74,7 +74,8 @@ def waves(table: pd.DataFrame) -> pd.DataFrame:
 
 def _wave(part: pd.DataFrame, N: int, chain: Chain, omega: float) -> dict[str, object]:
     """The measured wave of one row, and the theory's wavelength and speeds, as `waves` returns them."""
-    swings, psi = passages(part, N), relative_phases(part, N)
+    swings = passages(part, N)
+    psi = relative_phases(part, N)
     branch, distance = nearest_set(N, chain, psi)
     lags = np.minimum(swings.leads, swings.period - swings.leads)[links_of_wave(N, branch) - 1]
     # eqs. (27), (28) are of equal inner legs; with a profile each pair has a lag of its own

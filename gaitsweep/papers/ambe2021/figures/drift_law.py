@@ -145,7 +145,8 @@ def _pairs(
     moving = [name for name in profile if len(table[name].unique()) > 1]
     if moving:
         raise PlotError(f"{moving[0]} varies, but the law needs a single profile of the inner legs.")
-    springs, chain = springs_of(table), chain_of(table)
+    springs = springs_of(table)
+    chain = chain_of(table)
     groups = settled.groupby([*ends, settled[hue].astype(str)])["cycles"].agg(["median", "max"])
     pairs = groups.reset_index()
     chains = [

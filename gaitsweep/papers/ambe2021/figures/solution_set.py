@@ -192,7 +192,8 @@ def _legend(
     handles = []
     for name in order:
         face = "none" if name in (Outcome.NOT_SETTLED, Outcome.FAILED) else colour[name]
-        label, count = theme.named(name), int((shown == name).sum())
+        label = theme.named(name)
+        count = int((shown == name).sum())
         label = f"{label} ({count})" if face != "none" else f"{label}: {count}, not shown"
         handles.append(Line2D([], [], ls="", marker=marker[name], color=face, label=label, ms=5))
     if theory:
@@ -220,7 +221,8 @@ def _theory(table: pd.DataFrame, axes: list[str]) -> tuple[Float[np.ndarray, "pi
     if varied:
         return none, f"{', '.join(varied)} varies."
     lines = segments(3, chain_of(table))
-    half, middle = np.asarray(lines.half)[..., None], np.asarray(lines.middle)
+    half = np.asarray(lines.half)[..., None]
+    middle = np.asarray(lines.middle)
     reach = np.asarray(lines.direction) * half
     ends = np.stack([middle - reach, middle + reach], axis=2)[half[..., 0] > SHORTEST]
     order = [_PSI.index(name.removesuffix("_end")) for name in axes]

@@ -69,7 +69,8 @@ def source_place(
             for axes in panels:
                 theme.message(axes, "no rows yet")
             return figure
-        shares, drawn = places_of(table), {}
+        shares = places_of(table)
+        drawn = {}
         room = (theme.width_of(theme.PAGE) - (_BESIDE if across == len(x) else 0.7)) / across
         legs = int(shares["leg"].to_numpy().max())
         most = max(float(shares["source"].to_numpy().max()), 0.01)
@@ -95,7 +96,8 @@ def _panel(axes: Any, shares: pd.DataFrame, name: str, legs: int, most: float) -
 
     Starts spread over many legs, so the colours of sources end at the largest share of all panels, `most`.
     """
-    across, down = np.unique(shares[name]), np.arange(1, legs + 1)
+    across = np.unique(shares[name])
+    down = np.arange(1, legs + 1)
     grid = CellGrid((name, "leg"), (across, down), (cell_edges(across), np.arange(legs + 1) + 0.5))
     drawn = {}
     for column_name, (cmap, label) in _SHOWN.items():

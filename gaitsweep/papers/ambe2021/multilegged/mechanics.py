@@ -45,7 +45,8 @@ def fastest_motions(
         Two arrays of ten numbers for each mass, (10 n,): decaying motions, then oscillations on the ground
         and in the air.
     """
-    m, none = masses, jnp.zeros_like(masses[:1])
+    m = masses
+    none = jnp.zeros_like(masses[:1])
     before = jnp.concatenate([none, kappa]), jnp.concatenate([none, jnp.broadcast_to(sigma, kappa.shape)])
     after = tuple(jnp.concatenate([values[1:], none]) for values in before)
     rates, damping = [], []
@@ -154,7 +155,8 @@ def balance_and_rate(
     _, unit, compliance = _springs(kappa, l.shape[0])
     weights = jnp.cumsum(m * g / unit)
     hang, place = _from_the_first(weights[:-1] * compliance), _from_the_first(compliance)
-    front, rear = jnp.zeros_like(l), jnp.zeros_like(l) - weights[-1]
+    front = jnp.zeros_like(l)
+    rear = jnp.zeros_like(l) - weights[-1]
     front_rate, rear_rate = jnp.zeros_like(rate), jnp.zeros_like(rate)
     for apart in range(1, l.shape[0]):
         share = 1.0 / (place[apart:] - place[:-apart])

@@ -17,21 +17,15 @@ import dataclasses
 from collections.abc import Callable, Mapping
 from typing import ClassVar
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Real
 
 from gaitsweep.contract import Chart, FixedStepDynamics, Quantity, Rates, Recommended, Simultaneous
-from gaitsweep.dynamics import wrapped
+from gaitsweep.dynamics import TWO_PI, wrapped
 from gaitsweep.papers.ambe2021.multilegged.chart import ReducedChart
-from gaitsweep.papers.ambe2021.multilegged.mechanics import balance, obstacle_problem
+from gaitsweep.papers.ambe2021.multilegged.mechanics import balance, balance_and_rate, obstacle_problem
 from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
-from gaitsweep.papers.ambe2021.multilegged.next_event_steps import NextEventSteps
-from gaitsweep.papers.ambe2021.multilegged.reduced_state import (
-    TOUCHING,
-    State,
-    after_events,
-    with_legs_reversed,
-)
 from gaitsweep.papers.ambe2021.multilegged.state import (
     LANDING,
     STANCE,
@@ -41,6 +35,112 @@ from gaitsweep.papers.ambe2021.multilegged.state import (
     leg_lengths,
     segment_of,
 )
+
+# A leg closer than this to the ground (m) touches it, so that simultaneous touchdowns stay simultaneous in
+# spite of rounding.
+TOUCHING = 1e-13
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class State:
+    """Phases phi (N+1,), rad, and the modes.
+
+    `segment` (N+1,) is the segment of each leg's length: stance, takeoff or landing; `held` (N+1,): the leg
+    has been on the ground since before its landing segment, and so cannot touch down; `psi` (N,), rad, are
+    the relative phases at the last crossing of section 1; `landed`: leg 1 touched down there; `late` (s) is
+    the time by which fixed steps are ahead of this state.
+    """
+
+    phi: jax.Array
+    segment: jax.Array
+    held: jax.Array
+    psi: jax.Array
+    landed: jax.Array
+    late: jax.Array
+
+
+def after_events(s: State, corner: jax.Array, touches: jax.Array, lifts: jax.Array) -> State:
+    """The state after legs (N+1,) reach the end of a segment (`corner`), touch down (`touches`), or lift off.
+
+    A leg begins its landing segment as held; if it is not, it lifts off at the same instant.
+    """
+    landing = s.segment == LANDING
+    resets = touches & landing
+    wraps = corner & landing & ~resets
+    ends = resets | wraps
+    segment = jnp.where(ends, STANCE, jnp.where(corner, s.segment + 1, s.segment))
+    crosses = ends[0]
+    psi = wrapped(s.phi[1:] - s.phi[:-1])  # eq. (7), before the reset
+    return State(
+        phi=jnp.where(resets, 0.0, jnp.where(wraps, s.phi - TWO_PI, s.phi)),
+        segment=segment,
+        held=jnp.where(corner | ends, (segment == LANDING), s.held & ~lifts),
+        psi=jnp.where(crosses, psi, s.psi),
+        landed=jnp.where(crosses, resets[0], s.landed),
+        late=s.late,
+    )
+
+
+def with_legs_reversed(params: Params, s: State) -> State:
+    """The state of the chain with its legs in reversed order."""
+    phi = s.phi[::-1]
+    psi = wrapped(phi[1:] - phi[:-1])
+    return dataclasses.replace(s, phi=phi, segment=s.segment[::-1], held=s.held[::-1], psi=psi)
+
+
+# Steps of a cycle for each spring; with fewer, crossings are detected ever later.
+STEPS_A_LEG = 6.25
+
+
+@dataclasses.dataclass(frozen=True)
+class NextEventSteps(FixedStepDynamics):
+    """Steps that end at the next event at the latest; later steps catch up with the time.
+
+    The balance of a landing leg is rising and concave: extrapolation at its current rate never overshoots the
+    touchdown and reaches it in a few steps, without a search. Results do not depend on dt, except the times
+    of crossings: they are late by `late`, less than a step if steps are shorter than a sixteenth of a cycle
+    divided by N, the number of springs.
+    """
+
+    N: int
+
+    def step(self, params: Params, state: State, dt: Float[Array, ""]) -> State:
+        p, s = params, state
+        landing = s.segment == LANDING
+        length, rate = leg_lengths(p, s.phi, s.segment)
+        balance, rise = balance_and_rate(length, p.masses, p.kappa, p.g, rate)
+        lifts = s.held & (balance < -TOUCHING)
+        armed = landing & ~(s.held & ~lifts)
+        due = armed & (balance >= -TOUCHING)
+
+        corner_at = corner_of(p, s.segment)
+        to_corner = corner_at - s.phi
+        approaching = armed & (rise > 0.0)
+        to_touch = jnp.where(approaching, -balance / jnp.where(approaching, rise, 1.0), jnp.inf)
+        room = (s.late + dt) * p.omega
+        ahead = jnp.minimum(room, jnp.min(jnp.minimum(to_corner, to_touch)))
+        ahead = jnp.where(jnp.any(due), 0.0, ahead)
+        corner = to_corner <= ahead
+        moved = dataclasses.replace(
+            s, phi=jnp.where(corner, corner_at, s.phi + ahead), late=s.late + dt - ahead / p.omega
+        )
+        return after_events(moved, corner, due, lifts)
+
+    def longest_step(self, params: Params) -> Float[Array, ""]:
+        """A sixth of the time between two touchdowns, so that steps soon catch up with `late`."""
+        return 2.0 * jnp.pi / params.omega / (STEPS_A_LEG * self.N)
+
+    def events(self, params: Params, before: State, after: State) -> Bool[Array, " events"]:
+        """Whether leg 1 has ended its cycle; the step itself has applied the jump."""
+        return ((before.segment[0] == LANDING) & (after.segment[0] == STANCE))[None]
+
+    def jump(self, params: Params, state: State, fired: Bool[Array, " events"]) -> State:
+        return state
+
+    def section(self, params: Params, before: State, fired: Bool[Array, " events"]) -> Bool[Array, ""]:
+        return fired[0]
+
 
 # A leg leaves the ground if its load is negative; with this offset 0 is still contact.
 STRICTLY = 1e-300

@@ -187,7 +187,9 @@ class Takeoffs(NamedTuple):
 
 def takeoffs(N: int, chain: Chain) -> Takeoffs:
     """The phases of neighbours in takeoff that follow from eq. (12) for each leg."""
-    k, a, D = springs(N, chain), amplitudes(N, chain), reset(chain)
+    k = springs(N, chain)
+    a = amplitudes(N, chain)
+    D = reset(chain)
     head, tail = end_resets(chain)
     weight = (1.0 - chain.beta) * jnp.pi * chain.m * chain.g  # a number, or (N-1,) with a profile
     needed = (k[:-1] + k[1:]) * a[1:-1] * D - weight

@@ -109,7 +109,8 @@ def locked_state(chain: Chain) -> jax.Array:
     legs 2 and 3 are in takeoff, at 2 beta pi + (m - m_B) b. Unequal ends are replaced by their means, since
     legs 2 and 3 then do not stay in phase; legs 2 and 3 of a profile likewise.
     """
-    k, a = springs(3, chain), amplitudes(3, chain)
+    k = springs(3, chain)
+    a = amplitudes(3, chain)
     if chain.has_profile:
         chain = chain._replace(m=jnp.mean(jnp.asarray(chain.m)), a=jnp.mean(jnp.asarray(chain.a)))
     ends = chain._replace(kappa=0.5 * (k[0] + k[-1]))

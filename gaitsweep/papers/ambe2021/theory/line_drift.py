@@ -36,7 +36,8 @@ def drift_on_ground(N: int, chain: Chain, K: Scalar) -> jax.Array:
 
     Source: eqs. (30) to (32), with the springs of the ground from eq. (1).
     """
-    m, a = masses(N, chain), amplitudes(N, chain)
+    m = masses(N, chain)
+    a = amplitudes(N, chain)
     sunk = (m[-1] + m[-2]) / a[-1] - (m[0] + m[1]) / a[0]
     return drift(chain) + (1.0 - chain.beta) * jnp.pi * chain.g * sunk / K
 

@@ -50,7 +50,8 @@ def touchdown_order(
 
     Source: Fig. 9.
     """
-    theta, circle = np.asarray(_places(rule_of(N, branch, chain), s)), float(touchdown_phase(chain))
+    theta = np.asarray(_places(rule_of(N, branch, chain), s))
+    circle = float(touchdown_phase(chain))
     return order_of_places(theta, circle, section or branch.k)
 
 
@@ -118,7 +119,8 @@ def jumps(N: int, branch: Branch, chain: Chain = TABLE_1, section: int | None = 
     Source: Fig. 11 and the text above it; each jump has the size m_B b.
     """
     leg = branch.k if section is None else section
-    rule, circle = rule_of(N, branch, chain), touchdown_phase(chain)
+    rule = rule_of(N, branch, chain)
+    circle = touchdown_phase(chain)
     exchanges = []
     for number, s in enumerate(np.asarray(_meetings(rule, circle, leg)), start=1):
         if float(rule.low) + APART < s < float(rule.high) - APART:

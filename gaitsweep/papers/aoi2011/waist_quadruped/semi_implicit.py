@@ -18,8 +18,7 @@ from gaitsweep.dynamics import worked_in
 from gaitsweep.papers.aoi2011.waist_quadruped.bodies import WaistBody
 from gaitsweep.papers.aoi2011.waist_quadruped.fastest_motion import fastest_motion
 from gaitsweep.papers.aoi2011.waist_quadruped.foot_path import LATE
-from gaitsweep.papers.aoi2011.waist_quadruped.ground import RELEASE
-from gaitsweep.papers.aoi2011.waist_quadruped.mechanics import WaistMechanics
+from gaitsweep.papers.aoi2011.waist_quadruped.mechanics import RELEASE, WaistMechanics
 from gaitsweep.papers.aoi2011.waist_quadruped.rhythm import (
     Transitions,
     after_events,
@@ -43,7 +42,10 @@ class SemiImplicit(FixedStepDynamics):
     body: WaistBody
 
     def step(self, params: Params, state: State, dt: Float[Array, ""]) -> State:
-        p, s, m, dt = params, state, params.mechanics, jnp.asarray(dt)
+        p = params
+        s = state
+        m = params.mechanics
+        dt = jnp.asarray(dt)
         at, speed = self.body.feet(m, s, dt)
         seen = _crossings(p, s, at, speed, dt)
         actual = worked_in(dt.dtype, WaistMechanics.from_hips)(m, s.q, p.landing_actual)

@@ -134,7 +134,8 @@ class _Stances:
         fore, hind, period = fore[recorded], hind[recorded], period[recorded]
         if not len(fore):
             return {}
-        first, late = np.minimum(fore, hind), LATE * period
+        first = np.minimum(fore, hind)
+        late = LATE * period
         measures: dict[str, Float[np.ndarray, " cycles"]] = {}
         measures["load_together"] = self._difference(legs, (first, first), late)
         measures["tilt_together"] = self.over("pitch", first - late, first) / late
@@ -167,7 +168,8 @@ def _paired(
     none = np.zeros(0)
     if len(fore) < 2 or not len(hind):
         return none, none, none
-    period, fore = np.diff(fore), fore[1:]
+    period = np.diff(fore)
+    fore = fore[1:]
     due = fore + delta * period
     nearest = hind[np.abs(hind[None, :] - due[:, None]).argmin(axis=1)]
     belongs = np.abs(nearest - due) < _NEAR * period

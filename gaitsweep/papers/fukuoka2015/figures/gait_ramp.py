@@ -147,7 +147,8 @@ def _panel(
                 at = scipy.optimize.isotonic_regression(at, increasing=not falls).x
             _bar(axes, at, part["t"].to_numpy(float), part["gait"].astype(str).tolist(), height, areas)
             if len(part):
-                arrow, side = "\u2190" if falls else "\u2192", axes.get_yaxis_transform()
+                arrow = "\u2190" if falls else "\u2192"
+                side = axes.get_yaxis_transform()
                 axes.annotate(arrow, (0.0, height), (-3, 0), side, "offset points", **look)
     axes.set_yticks(range(len(rows)), [name for _, name in rows])
     axes.tick_params(axis="y", length=0, pad=16)
@@ -170,7 +171,8 @@ def _bar(
     if len(at) < 2:
         return
     letters = (theme.width_of(theme.PAGE) - _BESIDE) / np.ptp(axes.get_xlim()) / _LETTER  # in a unit of x
-    middle, step = 0.5 * (at[1:] + at[:-1]), np.diff(t)
+    middle = 0.5 * (at[1:] + at[:-1])
+    step = np.diff(t)
     missing = step > 2.0 * np.median(step)
     begins = np.r_[at[0], np.where(missing, at[1:], middle)]
     ends = np.r_[np.where(missing, at[:-1], middle), at[-1]]

@@ -202,7 +202,8 @@ def _bouts(axes: Axes, part: pd.DataFrame, along: pd.DataFrame, wide: float) -> 
     low, high = float(part["t"].iloc[0]), float(part["t"].iloc[-1])
     axes.set_xlim(low, high)
     width = (wide - _BESIDE) / (high - low)  # inches a second
-    areas, drawn = areas_of(along["gait"].astype(str)), set()
+    areas = areas_of(along["gait"].astype(str))
+    drawn = set()
     for bout in gait_bouts(of_row, "gait", _LEAST).to_dict("records"):
         begin, end = max(float(bout["begin"]), low), min(float(bout["end"]), high)
         if end <= begin:

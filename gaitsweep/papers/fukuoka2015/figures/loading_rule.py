@@ -116,7 +116,8 @@ def _panel(axes: Axes, pairs: pd.DataFrame, name: str, agreement: Mapping[Any, A
             look: dict[str, Any] = {"color": colour_of(gait), "marker": marker_of(gait), "ms": 3.4, "ls": ""}
             axes.plot(part[name], part["delta"], mew=0.5, alpha=0.8, **look)
     x, delta = np.abs(pairs[name].to_numpy(float)), np.abs(pairs["delta"].to_numpy(float))
-    reach, height = 1.08 * np.nanmax(x, initial=1e-9), max(0.3, 1.1 * np.nanmax(delta, initial=0.0))
+    reach = 1.08 * np.nanmax(x, initial=1e-9)
+    height = max(0.3, 1.1 * np.nanmax(delta, initial=0.0))
     axes.set_xlim(-reach, reach)
     axes.set_ylim(-height, height)
     for x, low in ((-reach, THRESHOLD), (0.0, -height)):

@@ -155,8 +155,11 @@ class PlanarQuadruped(PlanarDrawing, SteppedModel):
         height = leg * math.cos(LEAN) + m.foot_radius + ABOVE
         q = jnp.zeros((NQ,), hip.dtype).at[Z].set(height).at[HIP].set(hip)
         q = q.at[KNEE].set(params.motors.l_st)
-        u, zero = u + start["scatter"] * perturbation(start["seed"]), jnp.zeros_like(q)
-        warm, load, read = zero[: self._mover.warm], zero[:4], cycle.initial_cycle(q[X], q[PITCH])
+        u = u + start["scatter"] * perturbation(start["seed"])
+        zero = jnp.zeros_like(q)
+        warm = zero[: self._mover.warm]
+        load = zero[:4]
+        read = cycle.initial_cycle(q[X], q[PITCH])
         return State(q=q, v=zero, warm=warm, u=u, f=f, load=load, cycle=read)
 
     def step(self, params: Params, state: State, dt: Float[Array, ""]) -> State:

@@ -109,7 +109,8 @@ SIGNALS = (
 def observed(params: Params, state: State) -> dict[str, jax.Array]:
     """The observables of a state at the end of LF's cycle."""
     c = state.cycle
-    shifts, (mean, landed) = c.shifts()[0], c.average.shifts()
+    shifts = c.shifts()[0]
+    (mean, landed) = c.average.shifts()
     lengths = c.average.lengths().min(axis=1)
     once, twice = c.average.pitch_shares()
     of_legs = {
@@ -119,7 +120,8 @@ def observed(params: Params, state: State) -> dict[str, jax.Array]:
         "late_pitch": c.late_pitch,
         "stance_pitch": c.stance_pitch,
     }
-    weight, travelled = params.mechanics.total_mass() * params.mechanics.g, jnp.abs(c.speed)
+    weight = params.mechanics.total_mass() * params.mechanics.g
+    travelled = jnp.abs(c.speed)
     moves = travelled > 0.0
     cost = jnp.where(moves, c.power.sum() / (weight * jnp.where(moves, travelled, 1.0)), 0.0)
     between = mean[2] + 0.5 * (mean[1] - mean[0])
