@@ -1,4 +1,10 @@
-"""Ambe et al. 2021: a chain of legs with phase resetting, its theory, its waves and basins."""
+"""Ambe et al. 2021: a chain of legs with phase resetting, its theory, its waves and basins.
+
+`multilegged/` has the model, its reduced form, and the chain of a table; `theory/` the analytic
+solutions; `analysis/` what is computed from tables, `figures/` what is drawn of it, and `analyses.py` the
+commands `gaitsweep analyse`. The measures of the claims are in `*_measures.py`: of equations, of the theory,
+of settled states, and of waves.
+"""
 
 import gaitsweep as gs
 from gaitsweep.papers import CLAIMS, CONFIGS, JOBS

@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pandas as pd
-from jaxtyping import Bool, Float
+from jaxtyping import Array, Bool, Float
 
 from gaitsweep.claims import MeasureError, defaults, measure, numbers, one_row
 from gaitsweep.expression import evaluate
@@ -18,6 +18,7 @@ from gaitsweep.papers.ambe2021.multilegged.chain_of_table import springs_of
 from gaitsweep.papers.ambe2021.multilegged.mechanics import obstacle_problem
 from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
 from gaitsweep.papers.ambe2021.multilegged.parameters import PARAMETERS
+from gaitsweep.papers.ambe2021.multilegged.state import State
 
 
 @functools.cache
@@ -42,7 +43,11 @@ def equation_of_motion() -> float:
     params = model.params(_arrays(values))
     start = _arrays({f"psi_{i}": 1.0 for i in range(1, N + 1)} | {"phi_1": float("nan")})
     rest = model.init(params, start)
-    acceleration = jax.jit(lambda state: model.flow(params, state)["v"])
+
+    @jax.jit
+    def acceleration(state: State) -> Float[Array, " legs"]:
+        return model.flow(params, state)["v"]
+
     largest = 0.0
     for _ in range(20):
         x, v = random.uniform(0.5, 1.1, N + 1), random.uniform(-1.0, 1.0, N + 1)
@@ -52,8 +57,8 @@ def equation_of_motion() -> float:
         segment = np.digitize(phi, [2 * values["beta"] * np.pi, (1 + values["beta"]) * np.pi])
         leaves = {"x": x, "v": v, "phi": phi, "y": y, "contact": contact, "segment": segment}
         state = dataclasses.replace(rest, **{name: jnp.asarray(leaf) for name, leaf in leaves.items()})
-        theirs = _printed_acceleration(x, v, length, rate * (values["omega"] + y), contact, values)
-        largest = max(largest, float(np.abs(np.asarray(acceleration(state)) - theirs).max()))
+        printed = _printed_acceleration(x, v, length, rate * (values["omega"] + y), contact, values)
+        largest = max(largest, float(np.abs(np.asarray(acceleration(state)) - printed).max()))
     return largest
 
 
@@ -114,11 +119,11 @@ def leg_length_error(table: pd.DataFrame) -> float:
 def contact_as_printed(table: pd.DataFrame) -> float:
     """Share of the traced contacts that are those of eq. (2) (1)."""
     legs = range(1, springs_of(table) + 2)
-    right = [
-        (numbers(table, f"contact_{i}") > 0.5) == (numbers(table, f"l_{i}") >= numbers(table, f"x_{i}"))
-        for i in legs
-    ]
-    return float(np.mean(right))
+    agree = []
+    for i in legs:
+        by_lengths = numbers(table, f"l_{i}") >= numbers(table, f"x_{i}")
+        agree.append((numbers(table, f"contact_{i}") > 0.5) == by_lengths)
+    return float(np.mean(agree))
 
 
 @measure
@@ -179,7 +184,11 @@ def _equilibrium(legs: int) -> Callable[[Float[np.ndarray, "states legs"]], tupl
     masses = jnp.asarray(_masses(legs))
     kappa = jnp.full(legs - 1, values["kappa"])
     g = jnp.asarray(values["g"])
-    return jax.jit(jax.vmap(lambda length: obstacle_problem(length, masses, kappa, g)))
+
+    def heights_and_loads(length: Float[Array, " legs"]) -> tuple[jax.Array, jax.Array]:
+        return obstacle_problem(length, masses, kappa, g)
+
+    return jax.jit(jax.vmap(heights_and_loads))
 
 
 @measure

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 
 import numpy as np
@@ -32,11 +33,11 @@ def three_gaits(table: pd.DataFrame, *, where: Condition | None = None) -> float
 def no_gaits(table: pd.DataFrame, *, where: Condition, less: Condition) -> float:
     """Share of sets of parameters without any of the three gaits: of one condition minus of another (1)."""
     shares = gait_shares(table)
-    one, other = (
-        float(np.mean((np.asarray(records(shares, condition)[list(WAVES)]) == 0.0).all(axis=1)))
-        for condition in (where, less)
-    )
-    return one - other
+
+    def share_without(condition: Condition) -> float:
+        return float(np.mean((np.asarray(records(shares, condition)[list(WAVES)]) == 0.0).all(axis=1)))
+
+    return share_without(where) - share_without(less)
 
 
 @measure
@@ -54,12 +55,18 @@ def distance_share(table: pd.DataFrame) -> float:
 
 @measure
 def distance_over_lag(table: pd.DataFrame, *, low: float, high: float) -> float:
-    """Largest distance from the analytic solutions at one tau over that at another (1)."""
-    at_low, at_high = (
-        value(masked(table, table["tau"] == tau), column="distance", where="status == 'settled'", take="max")
-        for tau in (low, high)
-    )
-    return at_low / at_high
+    """Largest distance from the analytic solutions at one tau over that at another (1).
+
+    Args:
+        table: a settle table in which tau varies.
+        low, high: the two values of tau, s.
+    """
+
+    def largest(tau: float) -> float:
+        rows = masked(table, table["tau"] == tau)
+        return value(rows, column="distance", where="status == 'settled'", take="max")
+
+    return largest(low) / largest(high)
 
 
 @measure
@@ -92,7 +99,8 @@ def _parts(mask: Bool[np.ndarray, "rows columns"]) -> Int[np.ndarray, " parts"]:
     if not mask.any():
         raise MeasureError("A gait does not occur on the slice.")
     cell = np.arange(mask.size).reshape(mask.shape)
-    shifts = [(down, right) for down in range(3) for right in range(-2, 3) if (down, right) > (0, 0)]
+    # to all cells with at most one cell between, half of them: the others are the same pairs
+    shifts = [shift for shift in itertools.product(range(3), range(-2, 3)) if shift > (0, 0)]
     pairs = []
     for shift in shifts:
         back = tuple(-cells for cells in shift)  # np.roll moves the neighbour at `shift` to the cell itself

@@ -105,7 +105,7 @@ def sideways_share(table: pd.DataFrame) -> float:
 
 
 # Largest deviation of the times between touchdowns from one cycle, where a foot lands once a cycle
-_ONCE = 0.2
+_CYCLE_TOLERANCE = 0.2
 
 
 @measure
@@ -160,7 +160,7 @@ def touchdown_lags(
         first, second = _touchdowns(table, row, i), _touchdowns(table, row, j)
         cycle = float(np.median(np.diff(first)))
         for foot, times in ((i, first), (j, second)):
-            if np.max(np.abs(np.diff(times) / cycle - 1.0)) > _ONCE:
+            if np.max(np.abs(np.diff(times) / cycle - 1.0)) > _CYCLE_TOLERANCE:
                 raise AnalysisError(f"Foot {foot} of row {row} does not touch down once a cycle.")
         after = second[:, None] - first[None, :]
         lag = np.asarray(mean_direction(TURN * (after / cycle).ravel()))

@@ -1,4 +1,9 @@
-"""Fukuoka et al. 2015: a planar quadruped with Matsuoka oscillators and leg loading, and its nine gaits."""
+"""Fukuoka et al. 2015: a planar quadruped with Matsuoka oscillators and leg loading, and its nine gaits.
+
+`planar_quadruped/` has the model and the names of the nine gaits; `analysis/` what is computed from tables,
+`figures/` what is drawn of it, and `analyses.py` the commands `gaitsweep analyse`. The measures of the claims
+are in `*_measures.py`: of equations, of gaits, of legs, and of ramps.
+"""
 
 import gaitsweep as gs
 from gaitsweep.papers import CLAIMS, CONFIGS, JOBS

@@ -218,8 +218,8 @@ def _outcomes(table: pd.DataFrame) -> tuple[list[dict[str, Any]], Int[np.ndarray
     hollow = np.zeros(len(table), bool)
     suffix = ""
     if "stable" in table.columns:
-        hollow = np.asarray(table["stable"].astype(object) == False)
-        suffix = "unstable"  # noqa: E712 - also missing values
+        hollow = np.asarray(table["stable"].astype(object) == False)  # noqa: E712 - also missing values
+        suffix = "unstable"
     elif "settled" in table.columns:
         hollow = ~table["settled"].to_numpy(bool)
         suffix = Outcome.NOT_SETTLED

@@ -1,7 +1,11 @@
-"""The theory of the multi-legged chain in figures: touchdowns, their order, the free phase, all sets (Figs. 8 to 11)."""
+"""The theory of the multi-legged chain in figures (Ambe 2021, Figs. 8 to 11).
+
+They show the phases at touchdowns, the order of touchdowns, the free phase, and all sets of solutions.
+"""
 
 from __future__ import annotations
 
+import functools
 import itertools
 from collections.abc import Iterator, Sequence
 from typing import Annotated, Any, Literal
@@ -19,7 +23,7 @@ from matplotlib.patches import Patch, Rectangle
 
 from gaitsweep.papers.ambe2021.multilegged.chain_of_table import chain_of, springs_of
 from gaitsweep.papers.ambe2021.theory.chain import Chain, leg_length, touchdown_phase
-from gaitsweep.papers.ambe2021.theory.gaits import GAITS, gait_of
+from gaitsweep.papers.ambe2021.theory.gaits import GAITS, WAVES, gait_of
 from gaitsweep.papers.ambe2021.theory.order import jumps, reset_sets, touchdown_order
 from gaitsweep.papers.ambe2021.theory.solution_sets import Branch, branches, places, rule_of, solution
 from gaitsweep.plot import (
@@ -79,7 +83,12 @@ def chain_theory(
 def theory_figure(
     N: int, chain: Chain, *, show: str, k: int | None = None, at: float = 0.3, title: str | None = None
 ) -> Figure:
-    """The figure `chain_theory` of N + 1 legs, without a table; arguments and errors as there."""
+    """The figure `chain_theory` without a table; other arguments and errors as there.
+
+    Args:
+        N: springs; the chain has N + 1 legs.
+        chain: its parameters.
+    """
     k = max(3, (N + 3) // 2) if k is None else k
     if show not in SHOWN:
         raise PlotError(f"show is {show}. Allowed: {', '.join(SHOWN)}.")
@@ -97,10 +106,19 @@ def theory_figure(
         return draw_touchdowns(N, chain, k, title)
     if show == "order":
         return draw_order(N, chain, k, at, title)
-    return draw_free_phase(N, chain, k, title) if show == "free_phase" else draw_sets(N, chain, title)
+    if show == "free_phase":
+        return draw_free_phase(N, chain, k, title)
+    return draw_sets(N, chain, title)
 
 
 _TOUCHING, _FRONT, _REAR = "#000000", "#E69F00", "#0072B2"
+# of a relative phase, by whether its front leg and whether its rear leg was reset
+_RESET_COLOURS = {
+    (True, True): "#BBBBBB",
+    (True, False): _FRONT,
+    (False, True): _REAR,
+    (False, False): "white",
+}
 
 
 def draw_touchdowns(N: int, chain: Chain, k: int, title: str | None) -> Figure:
@@ -111,13 +129,16 @@ def draw_touchdowns(N: int, chain: Chain, k: int, title: str | None) -> Figure:
         chain: its parameters, without a profile.
         k: the boundary leg of the source wave.
     """
-    legs = [(leg, text) for leg, text in (
-        (k - 1, "in the direct region"), (k, "the boundary leg k"),
-        (k + 1, "in the retrograde region")) if 2 <= leg <= N]  # fmt: skip
+    regions = {
+        k - 1: "in the direct region",
+        k: "the boundary leg k",
+        k + 1: "in the retrograde region",
+    }
+    legs = [(leg, text) for leg, text in regions.items() if 2 <= leg <= N]
     rule = rule_of(N, Branch("B", k), chain)
     circle = float(touchdown_phase(chain))
     free = np.linspace(float(rule.low), float(rule.high), 41)
-    theta = np.asarray(jax.vmap(lambda s: places(rule, s))(jnp.asarray(free)))
+    theta = np.asarray(jax.vmap(functools.partial(places, rule))(jnp.asarray(free)))
     down, across = theme.shape(len(legs), theme.PAGE, 2.0)
     with theme.canvas(theme.PAGE, 1.9 * down + 0.8, title) as figure:
         panels = theme.panels(figure, (down, across), len(legs), sharey=True)
@@ -128,8 +149,8 @@ def draw_touchdowns(N: int, chain: Chain, k: int, title: str | None) -> Figure:
                 ends = np.array([phi[:, neighbour].min(), phi[:, neighbour].max()])
                 if np.ptp(ends) > 1e-6:
                     along = np.linspace(ends[0], ends[1], 200)
-                    look: dict[str, Any] = {"lw": 5, "alpha": 0.55, "solid_capstyle": "butt"}
-                    axes.plot(along, leg_length(along, chain), color=colour, **look)
+                    style: dict[str, Any] = {"lw": 5, "alpha": 0.55, "solid_capstyle": "butt"}
+                    axes.plot(along, leg_length(along, chain), color=colour, **style)
                 else:
                     axes.plot(ends[:1], leg_length(ends[:1], chain), marker, color=colour, ms=8, zorder=4)
             axes.plot([circle], leg_length(np.array([circle]), chain), "o", color=_TOUCHING, ms=7, zorder=5)
@@ -219,12 +240,13 @@ def _touchdown_times(
     for turn in (-1, 0, 1):
         axes.barh(legs, stance, left=when + turn, height=0.6, color="#444444")
     axes.plot(when, legs, "o", ms=8.5, mfc="white", mec="black", mew=0.8, zorder=4, clip_on=False)
-    look: dict[str, Any] = {"ha": "center", "va": "center", "fontsize": theme.points(7), "zorder": 5}
+    style: dict[str, Any] = {"ha": "center", "va": "center", "fontsize": theme.points(7), "zorder": 5}
     for leg, at_leg, number in zip(legs, when, reset_numbers, strict=True):
-        axes.text(at_leg, leg, str(order.index(leg) + 1), **look)
+        axes.text(at_leg, leg, str(order.index(leg) + 1), **style)
         axes.text(1.03, leg, f"$S_{{{number}}}$", va="center", fontsize=theme.points(8))
     axes.set_xlim(0, 1)
-    axes.set_yticks(legs, [f"Leg {leg}" + (" = k" if leg == order[0] else "") for leg in legs])
+    names = {leg: f"Leg {leg}" for leg in legs} | {order[0]: f"Leg {order[0]} = k"}
+    axes.set_yticks(legs, list(names.values()))
     axes.set_ylim(len(when) + 0.6, 0.4)
     axes.tick_params(axis="y", pad=6.0)  # beyond a mark at 0
     axes.set_xlabel("time after the touchdown of leg k (cycles)")
@@ -236,8 +258,7 @@ def _resets(axes: Axes, N: int, order: tuple[int, ...]) -> None:
     touched_down: set[int] = set()
     for column, leg in enumerate(order):
         for link in range(1, N + 1):
-            front, rear = link in touched_down, link + 1 in touched_down
-            colour = "#BBBBBB" if front and rear else _FRONT if front else _REAR if rear else "white"
+            colour = _RESET_COLOURS[link in touched_down, link + 1 in touched_down]
             cell = {"fc": colour, "ec": "#DDDDDD", "lw": 0.5, "zorder": 1}
             axes.add_patch(Rectangle((column - 0.5, link - 0.5), 1, 1, **cell))
             if leg in (link, link + 1):
@@ -261,11 +282,11 @@ def draw_free_phase(N: int, chain: Chain, k: int, title: str | None) -> Figure:
         k: the boundary leg of the source wave.
     """
     circle = touchdown_phase(chain)
-    names = {"A": "#D55E00", "B": "#0072B2"}
+    colours: dict[Literal["A", "B"], str] = {"A": "#D55E00", "B": "#0072B2"}
     with theme.canvas(theme.COLUMN + 0.9, 3.0, title) as figure:
         axes = figure.subplots()
-        for kind, colour in names.items():
-            rule = rule_of(N, Branch(kind, k), chain)  # pyright: ignore[reportArgumentType]
+        for kind, colour in colours.items():
+            rule = rule_of(N, Branch(kind, k), chain)
             ends = np.array([float(rule.low) + 1e-9, float(rule.high) - 1e-9])
             psi = np.stack([np.asarray(solution(rule, jnp.asarray(s), circle, k)) for s in ends])
             label = f"solution set {kind}"
@@ -287,8 +308,8 @@ def draw_free_phase(N: int, chain: Chain, k: int, title: str | None) -> Figure:
 def _mark(axes: Axes, value: float, text: str, height: float) -> None:
     """A vertical line with its name beside it."""
     axes.axvline(value, color="#AAAAAA", lw=0.7, ls="--", zorder=0)
-    look = {"xycoords": ("data", "axes fraction"), "textcoords": "offset points"}
-    axes.annotate(text, (value, height), (5, 0), fontsize=theme.points(7.5), **look)
+    style = {"xycoords": ("data", "axes fraction"), "textcoords": "offset points"}
+    axes.annotate(text, (value, height), (5, 0), fontsize=theme.points(7.5), **style)
 
 
 def draw_sets(N: int, chain: Chain, title: str | None) -> Figure:
@@ -313,8 +334,8 @@ def draw_sets(N: int, chain: Chain, title: str | None) -> Figure:
         axes.set_ylabel("relative phases on section 1 (rad)")
         which = sorted({0, N // 2, N - 1}) if N > 5 else range(N)
         handles: list[Any] = [Line2D([], [], color=shades[i], label=rf"$\psi_{{{i + 1}}}$") for i in which]
-        handles += [Patch(color=theme.colours([gait])[gait], alpha=0.3, label=f"{gait} wave")
-                    for gait in ("direct", "source", "retrograde")]  # fmt: skip
+        for gait, colour in theme.colours(WAVES).items():
+            handles.append(Patch(color=colour, alpha=0.3, label=f"{gait} wave"))
         handles.append(Patch(color="#777777", alpha=0.6, label="darker: sets A"))
         if jumped:
             label = "a leg passes leg 1: jump by $m_Bb$"
@@ -345,7 +366,12 @@ def _draw_set(
     circle = touchdown_phase(chain)
     low, high = float(rule.low), float(rule.high)
     rate = float(np.abs(np.sum(np.asarray(rule.slope))))
-    psi_of = jax.jit(jax.vmap(lambda s: solution(rule, s, circle, 1)))
+
+    @jax.jit
+    @jax.vmap
+    def psi_of(s: jax.Array) -> jax.Array:
+        return solution(rule, s, circle, 1)
+
     begin, way = (high, -rate) if branch.kind == "direct" else (low, rate)
     for start, stop in itertools.pairwise([low, *breaks, high]):
         s = np.linspace(start + 1e-7, stop - 1e-7, 60)
@@ -360,6 +386,6 @@ def _draw_set(
     axes.axvspan(place, place + width, color=theme.colours([gait])[gait], alpha=dark, lw=0, zorder=-1)
     if branch.kind != "A":
         name = "direct" if branch.kind == "direct" else f"k = {branch.k}"
-        look: dict[str, Any] = {"ha": "center", "va": "bottom", "fontsize": theme.points(7)}
-        axes.text(place + width / 2, 1.015, name, transform=axes.get_xaxis_transform(), **look)
+        style: dict[str, Any] = {"ha": "center", "va": "bottom", "fontsize": theme.points(7)}
+        axes.text(place + width / 2, 1.015, name, transform=axes.get_xaxis_transform(), **style)
     return place + width

@@ -26,7 +26,7 @@ from gaitsweep.plot import (
     theme,
 )
 
-_BESIDE = 1.6  # inches; of labels and colour bars beside the panels
+_COLOURBAR_ROOM = 1.6  # inches; of labels and colour bars beside the panels
 _SHOWN = {"source": ("Blues", "source at this leg"), "meeting": ("Oranges", "waves meet there (hatched)")}
 
 
@@ -71,7 +71,7 @@ def source_place(
             return figure
         shares = places_of(table)
         drawn = {}
-        room = (theme.width_of(theme.PAGE) - (_BESIDE if across == len(x) else 0.7)) / across
+        room = (theme.width_of(theme.PAGE) - (_COLOURBAR_ROOM if across == len(x) else 0.7)) / across
         legs = int(shares["leg"].to_numpy().max())
         most = max(float(shares["source"].to_numpy().max()), 0.01)
         for axes, name in zip(panels, x, strict=True):
@@ -102,8 +102,8 @@ def _panel(axes: Any, shares: pd.DataFrame, name: str, legs: int, most: float) -
     drawn = {}
     for column_name, (cmap, label) in _SHOWN.items():
         cells = grid.placed(shares, shares[column_name].to_numpy(float))
-        look = {"cmap": cmap, "vmin": 0.0, "vmax": most if column_name == "source" else 1.0}
-        mesh = axes.pcolormesh(*grid.edges, np.ma.masked_equal(cells, 0.0), rasterized=True, **look)
+        style = {"cmap": cmap, "vmin": 0.0, "vmax": most if column_name == "source" else 1.0}
+        mesh = axes.pcolormesh(*grid.edges, np.ma.masked_equal(cells, 0.0), rasterized=True, **style)
         drawn[column_name] = mesh, label
     hatch_cells(axes, grid, shares, shares["meeting"] > 0.0, "////", "white")
     neither = shares.groupby(name)["neither"].first().to_numpy(float)[None]

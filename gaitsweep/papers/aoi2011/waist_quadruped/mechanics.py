@@ -1,4 +1,4 @@
-"""The quadruped's rigid-body mechanics: the tree with a row's values, feet, joint torques, and ground forces."""
+"""The quadruped's rigid-body mechanics: the tree with a row's values, feet, torques, ground forces."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from gaitsweep.papers.aoi2011.waist_quadruped.sizes import LIMBS, body, displace
 
 # Height above the ground (m) at which a foot lifts off, 1/2000 of its depth in stance. At zero, contact could
 # chatter without end: the damper lifts a foot on the ground, and in the air it falls at once.
-RELEASE = 1e-7
+RELEASE_HEIGHT = 1e-7
 
 
 def anchored_force(

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 
 # Limits of a fall: height as a share of that in stance, and angles of tilt and twist (rad).
-LOW, TILTED, TWISTED = 0.4, 1.2, 1.5
+FALL_HEIGHT, FALL_TILT, FALL_TWIST = 0.4, 1.2, 1.5
 # Indices in q; those in v, which has no quaternion, are one less.
 WAIST, HIP, KNEE = 11, (7, 9, 12, 14), (8, 10, 13, 15)
 
@@ -22,10 +22,10 @@ def tilt(q: jax.Array) -> tuple[jax.Array, jax.Array]:
 def fallen(q: jax.Array, standing: jax.Array) -> jax.Array:
     """Whether the front body is far below its height `standing` (m) or tilted, or the waist is twisted."""
     ahead, side, up, norm = _rises(q)
-    rolled = jnp.abs(side) > math.tan(TILTED) * up
-    pitched = jnp.abs(ahead) > math.sin(TILTED) * norm
-    twisted = jnp.abs(q[WAIST]) > TWISTED
-    return (q[2] < LOW * standing) | rolled | pitched | twisted
+    rolled = jnp.abs(side) > math.tan(FALL_TILT) * up
+    pitched = jnp.abs(ahead) > math.sin(FALL_TILT) * norm
+    twisted = jnp.abs(q[WAIST]) > FALL_TWIST
+    return (q[2] < FALL_HEIGHT * standing) | rolled | pitched | twisted
 
 
 def _rises(q: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array, jax.Array]:

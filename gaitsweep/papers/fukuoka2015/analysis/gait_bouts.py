@@ -1,4 +1,4 @@
-"""Gait bouts: the sequence of gaits along a row of a four-legged model, and the speeds at which they change."""
+"""Gait bouts: the sequence of gaits along a row of a four-legged model, and the speeds of transitions."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import FAMILIES, S
 
 # The period is not steady while a parameter moves, so only the shifts are tested. Complete cycles of all legs
 # are not required, since the first of two onsets between crossings, as in a trot, is not known.
-PASSING = Steadiness(variation=math.inf, skipped=0.3, cycles=0)
+WHILE_RAMPING = Steadiness(variation=math.inf, skipped=0.3, cycles=0)
 
 
 def gaits_along(
@@ -50,7 +50,7 @@ def gaits_along(
     along = windows.assign(t=0.5 * (windows["begin"] + windows["end"]))
     if not len(along):
         return along.assign(delta_1=0.0, delta_2=0.0, gait="", family="")
-    named_cycles = gait_of(inside, rows=range(len(windows)), thresholds=thresholds, steadiness=PASSING)
+    named_cycles = gait_of(inside, rows=range(len(windows)), thresholds=thresholds, steadiness=WHILE_RAMPING)
     named = [name for name in named_cycles.columns if name.startswith(("delta_", "gait"))]
     along = pd.concat([along, named_cycles[named]], axis=1)
     along["family"] = [family(gait) for gait in along["gait"].astype(str)]
@@ -138,7 +138,7 @@ def _beside(table: pd.DataFrame, along: pd.DataFrame) -> dict[str, Float[np.ndar
     return columns if speed is None else columns | {"speed": speed}
 
 
-LEAST = 3  # windows of a bout
+MIN_WINDOWS = 3  # windows of a bout
 
 
 def speed_transitions(table: pd.DataFrame, by: Sequence[str] = (), cycles: int = 3) -> pd.DataFrame:
@@ -173,7 +173,7 @@ def speed_transitions(table: pd.DataFrame, by: Sequence[str] = (), cycles: int =
         raise AnalysisError("The table has no speeds (speed_n, or x of a trace).")
     records = []
     for row, cycles_of_row in along.loc[along["family"].isin(FAMILIES)].groupby("row"):
-        bouts = gait_bouts(cycles_of_row, least=LEAST)
+        bouts = gait_bouts(cycles_of_row, least=MIN_WINDOWS)
         turn = cycles_of_row.loc[cycles_of_row["pass"] == 1, "t"].min()
         for slower, faster in itertools.pairwise(FAMILIES):
             up, down = _up_and_down(bouts, FAMILIES.index(faster), turn)

@@ -102,7 +102,7 @@ def repertoire(
 
 
 THRESHOLDS = (0.03, 0.04, 0.05, 0.06, 0.07, 0.08, 0.09, 0.1)  # cycles
-_WIDTH = 0.01  # cycles
+_BIN_WIDTH = 0.01  # cycles
 
 
 def gaits_by_threshold(
@@ -158,7 +158,7 @@ def shift_sizes(gaits: pd.DataFrame, threshold: float = THRESHOLD) -> pd.DataFra
         shifts (their number) and, where `gaits` has them, by_touchdowns (the number of those by touchdowns,
         in rows with one of the nine gaits by them).
     """
-    edges = _WIDTH * np.arange(round(0.5 / _WIDTH) + 1)
+    edges = _BIN_WIDTH * np.arange(round(0.5 / _BIN_WIDTH) + 1)
     counts = {}
     for number, gait, shifts in (
         ("shifts", "gait", ["delta_1", "delta_2"]),
@@ -167,7 +167,7 @@ def shift_sizes(gaits: pd.DataFrame, threshold: float = THRESHOLD) -> pd.DataFra
         if gait in gaits.columns:
             sizes = gaits.loc[gaits[gait].isin(CHART), shifts].abs().to_numpy(float)
             counts[number] = np.histogram(sizes, edges)[0]
-    sides = np.where(edges[1:] <= threshold + 0.5 * _WIDTH, "in phase", "shifted")
+    sides = np.where(edges[1:] <= threshold + 0.5 * _BIN_WIDTH, "in phase", "shifted")
     sizes = pd.DataFrame({"low": edges[:-1], "high": edges[1:], "read_as": sides, **counts})
     last = int(np.flatnonzero(sizes[list(counts)].any(axis=1)).max(initial=-1))
     return sizes.iloc[: last + 1]

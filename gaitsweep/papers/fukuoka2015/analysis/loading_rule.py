@@ -133,8 +133,8 @@ def load_prediction(table: pd.DataFrame, feedback: str = "k2") -> pd.DataFrame:
     return rows.assign(pair_number=0)[["row", *axes, "gait", "pair_number", "delta", *names]]
 
 
-_DRAWS = 4000  # draws of the bootstrap
-_AT_ONCE = 2_000_000  # cases drawn at once
+_BOOTSTRAP_DRAWS = 4000  # draws of the bootstrap
+_CASES_PER_PART = 2_000_000  # cases drawn at once
 
 
 def wilson(share: float, draws: int, level: float = LEVEL) -> tuple[float, float]:
@@ -177,8 +177,8 @@ def correlation(
 
 def _parts(count: int) -> list[int]:
     """The numbers of bootstrap draws in each part, so that a part takes little memory."""
-    most = max(_AT_ONCE // count, 1)
-    return [min(most, _DRAWS - first) for first in range(0, _DRAWS, most)]
+    most = max(_CASES_PER_PART // count, 1)
+    return [min(most, _BOOTSTRAP_DRAWS - first) for first in range(0, _BOOTSTRAP_DRAWS, most)]
 
 
 def _counts(count: int, draws: int, seed: int) -> Int[np.ndarray, "draws cases"]:
