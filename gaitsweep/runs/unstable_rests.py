@@ -72,7 +72,8 @@ def unstable_rests(
     records = records.assign(place=place, sample=records.groupby("row").cumcount())
     crossing = records["crossing"].to_numpy(np.int64)
     of_sample = sum(int(crossing[place == row].max()) for row in range(rows.size))
-    budget = of_sample if in_fixed_steps else max(of_sample, LEAST_CROSSINGS)
+    # a crossing of a simulator takes long: the least number suffices for one state
+    budget = max(of_sample, FOLLOWED * (1 + DIRECTIONS) if in_fixed_steps else LEAST_CROSSINGS)
     suspects = _suspects(model, records, begun)
     if not len(suspects):
         return rows[:0]

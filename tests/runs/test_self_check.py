@@ -16,7 +16,9 @@ import pandas as pd
 import pytest
 
 import gaitsweep as gs
+from double_well import DoubleWell
 from gaitsweep.cli import main
+from gaitsweep.contract import Model
 from gaitsweep.job import Job
 from gaitsweep.kinds.run_kind import RunKind
 from gaitsweep.runs import concurrent_self_check, execute
@@ -420,6 +422,7 @@ class MergingLegs(gs.DeclaredModel):
 SLOW = pytest.mark.slow
 UP, DOWN = [0.5, 0.1], [0.5, -0.5]
 OVER: dict[str, Any] = {"parameter": "K", "path": [0.1, -0.1], "step": 0.02, "dwell": 40.0}
+WELLS: dict[str, Any] = {"max_cycles": 2000, "tolerance": 1e-6}
 PUSHED = gs.Perturb(push=["first"], max_cycles=60)
 
 
@@ -438,12 +441,13 @@ PUSHED = gs.Perturb(push=["first"], max_cycles=60)
         pytest.param(MergingLegs, gs.Staircase(**OVER), {}, 1, marks=SLOW),
         pytest.param(MergingLegs, gs.Staircase(**{**OVER, "path": [0.1, 0.05]}), {}, 0, marks=SLOW),
         pytest.param(TwoOscillators, PUSHED, {"K": [-0.2, 0.2], "push_first": [0.0]}, 1, marks=SLOW),
+        pytest.param(DoubleWell, gs.Settle(**WELLS), {"x_0": [0.0, 0.5]}, 1, marks=SLOW),
     ],
 )
 def test_rows_that_stay_on_an_unstable_gait_are_marked(
-    model: type[gs.DeclaredModel], run: RunKind, axes: Any, unstable: int
+    model: type[Model], run: RunKind, axes: Any, unstable: int
 ) -> None:
-    """Of two, a displacement grows by exp(-2 K) in a cycle in phase, and by exp(2 K) in antiphase."""
+    """Two move apart by exp(-2 K) in a cycle in phase, by exp(2 K) in antiphase; 0 lies between the wells."""
     wrong = pytest.warns(UserWarning, match="unstable gait") if unstable else contextlib.nullcontext()
     with wrong:
         result = gs.sweep(model, run=run, verify=4, **axes)
