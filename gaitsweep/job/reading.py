@@ -28,8 +28,22 @@ if TYPE_CHECKING:
     from gaitsweep.job.job import Job
 
 FITS = ("search", "sensitivity")  # fields of jobs that a command of the same name reads
-_OF_VALUES = ("config", "model", "structure", "params", "start", "vary")  # fields that decide a row's values
-_READ_HERE = ("params", "start", "vary", "structure")  # parts of a job that pydantic gets as they were read
+_OF_VALUES = (
+    "config",
+    "model",
+    "structure",
+    "ground",
+    "params",
+    "start",
+    "vary",
+)  # fields that decide a row's values
+_READ_HERE = (
+    "params",
+    "start",
+    "vary",
+    "structure",
+    "ground",
+)  # parts of a job that pydantic gets as they were read
 
 
 def read_job(
@@ -59,7 +73,7 @@ def read_job(
     spec = None
     if "model" in raw:
         of_model = (raw["model"], raw.get("structure"), raw.get("params"))
-        spec, wrong = read_model_spec(*of_model, [folder], raw.get("run"))
+        spec, wrong = read_model_spec(*of_model, [folder], raw.get("run"), raw.get("ground"))
         diagnostics.extend(wrong)
     fields = {key: value for key, value in raw.items() if key not in _READ_HERE}
     settings = {} if spec is None else _read_values(raw, spec, fields, diagnostics)
