@@ -105,10 +105,12 @@ def wider_job(table: pd.DataFrame, trust: bool = False) -> Job:
         trust: as for `stored_job`.
 
     Raises:
-        ArgumentError: another kind of run made the table.
+        ArgumentError: another kind of run made the table, or it is not complete.
         JobError: as for `stored_job`.
     """
     job = stored_job(table.attrs, trust)
     if not isinstance(job.run, Atlas):
         raise ArgumentError(f"This table is of a run of the kind {job.run.kind_name}, but must be an atlas.")
+    if missing := table.attrs.get("rows_missing"):
+        raise ArgumentError(f"This table lacks {missing} rows: run its job again before you continue it.")
     return job.model_copy(update={"run": job.run.wider(table)})

@@ -175,15 +175,15 @@ class Atlas(FollowsFixedPoints):
         """The run that continues a table: twice the starts, patience and branches, one bifurcation deeper.
 
         Args:
-            table: the table of this run; one in memory is kept.
+            table: the table of this run; one in memory is kept. One of an older version has no points, and
+                all is computed again.
         """
         fields = {name: 2 * getattr(self, name) for name in ("budget", "patience", "branches")}
-        path, fields["depth"] = table.attrs.get("path"), self.depth + 1
-        wider = self.model_copy(
-            update={**fields, "after": None if path is None else str(Path(path).resolve())}
-        )
-        if path is None:
-            wider._before = table
+        fields["depth"] = self.depth + 1
+        has_points, path = "stored_point" in table, table.attrs.get("path")
+        after = str(Path(path).resolve()) if has_points and path is not None else None
+        wider = self.model_copy(update={**fields, "after": after})
+        wider._before = table if has_points and path is None else None
         return wider
 
     @property
