@@ -18,7 +18,7 @@ SETTLE_WINDOW = 10
 TOLERANCE = 1.0e-3
 # The smallest scale of an observable without a scale of its own: a share of its magnitude (integration errors
 # and rounding are relative to that), and a number in its unit, so that an observable at 0 settles.
-MIN_SHARE = 1.0e-5
+MIN_RELATIVE_SCALE = 1.0e-5
 MIN_SCALE = 1.0e-9
 # Differences of the observables between a crossing and those before it, or their values at these.
 Crossings = Float[Array, "crossings observables"]
@@ -44,13 +44,24 @@ def _unscaled(model: Model) -> list[int]:
 
 
 def first_span(model: Model, like: Observed) -> Span:
-    """The least and largest values (2, n) of no crossing, of the observables without a scale."""
+    """The least and largest values (2, n) of no crossing, of the observables without a scale.
+
+    Args:
+        model: the model.
+        like: observables, whose dtype the span has.
+    """
     none = jnp.full((len(_unscaled(model)),), jnp.inf, like.dtype)
     return jnp.stack([none, -none])
 
 
 def widened(span: Span, model: Model, now: Observed) -> Span:
-    """The span (2, n) with the observables of one more crossing; NaN and infinities are left out."""
+    """The span (2, n) with one more crossing; NaN and infinities are left out.
+
+    Args:
+        span: the least and largest values so far.
+        model: the model.
+        now: the observables (k,) of the crossing.
+    """
     if span.size == 0:
         return span
     own = now[np.asarray(_unscaled(model))]
@@ -63,8 +74,8 @@ def bounds(model: Model, tolerance: float | tuple[float, ...], latest: Crossings
     """The largest change of each observable (n,) of a settled state over the window, in its unit; above 0.
 
     It is `SETTLE_WINDOW` times its tolerance times its scale: 1 rad for angles, `Quantity.scale` if defined,
-    else the range of its values over the row, from their `span`. That scale is at least `MIN_SHARE` of the
-    magnitude at the `latest` crossings (w, n), and `MIN_SCALE`.
+    else the range of its values over the row, from their `span`. That scale is at least `MIN_RELATIVE_SCALE`
+    of the magnitude at the `latest` crossings (w, n), and `MIN_SCALE`.
 
     Args:
         model: the model.
@@ -79,7 +90,7 @@ def bounds(model: Model, tolerance: float | tuple[float, ...], latest: Crossings
     scales = jnp.asarray([0.0 if scale is None else scale for scale in sizes], latest.dtype)
     if not (unscaled := _unscaled(model)):
         return share * scales
-    size = MIN_SHARE * jnp.max(jnp.abs(latest[:, np.asarray(unscaled)]), axis=0)
+    size = MIN_RELATIVE_SCALE * jnp.max(jnp.abs(latest[:, np.asarray(unscaled)]), axis=0)
     of_span = jnp.maximum(jnp.maximum(span[1] - span[0], size), MIN_SCALE)
     return share * scales.at[np.asarray(unscaled)].set(of_span)
 

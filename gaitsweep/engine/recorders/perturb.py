@@ -11,8 +11,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from gaitsweep.contract import Params, State, Status
-from gaitsweep.engine.carry import Carry, Halt, select
-from gaitsweep.engine.pushed_model import PushedModel, restarted
+from gaitsweep.engine.carry import Carry, Halt, restarted, select
+from gaitsweep.engine.pushed_model import PushedModel
 from gaitsweep.engine.recorders.bounds import change
 from gaitsweep.engine.recorders.orbits import from_first_crossing
 from gaitsweep.engine.recorders.recorder import (
