@@ -61,6 +61,7 @@ def _pad(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
 
 
 def _dot_general(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
+    """Products summed over the contracted axes in order; axes of the result: batch, free of a, free of b."""
     (contract_a, contract_b), (batch_a, batch_b) = equation.params["dimension_numbers"]
     a, b = args
     free_a = [i for i in range(a.ndim) if i not in (*contract_a, *batch_a)]
@@ -77,7 +78,8 @@ def _dot_general(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes
     if count == 0:
         return [np.full(shape, program.constant(0.0, kind), np.int64)]
     # a product of float32 arrays may accumulate in float64
-    left, right = (tracer.write(lambda w, x: arithmetic.converted(w, x, kind), x) for x in (left, right))
+    left = tracer.write(lambda w, x: arithmetic.converted(w, x, kind), left)
+    right = tracer.write(lambda w, x: arithmetic.converted(w, x, kind), right)
     left = left.reshape(math.prod(batch), math.prod(rows), 1, count)
     right = right.reshape(math.prod(batch), 1, math.prod(columns), count)
     products = tracer.apply("mul", left, right)
@@ -99,13 +101,15 @@ def _sort(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
             def later(*pairs: int) -> int:
                 # lexicographic: the first key that differs decides
                 decided = program.constant(False, "bool")
-                for a, b in reversed(list(zip(pairs[::2], pairs[1::2], strict=True))):
+                keys_of_both = list(zip(pairs[::2], pairs[1::2], strict=True))
+                for a, b in reversed(keys_of_both):
                     w = Writer(program, a)
-                    equal = w("and", arithmetic.alike(w, a, b), decided)
+                    equal = w("and", arithmetic.same_rank(w, a, b), decided)
                     decided = w("or", arithmetic.before(w, b, a), equal)
                 return decided
 
-            swap = tracer.each(later, *(c[j] for c in columns[:keys] for j in (i, i + 1)))
+            neighbours = [c[j] for c in columns[:keys] for j in (i, i + 1)]
+            swap = tracer.each(later, *neighbours)
             for c in columns:
                 low = c[i].copy()
                 high = c[i + 1].copy()

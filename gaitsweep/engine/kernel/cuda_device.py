@@ -16,7 +16,7 @@ from gaitsweep.engine.kernel.gpu_program import THREADS
 _NUMBER = 8
 
 
-def missing() -> str | None:
+def unavailable() -> str | None:
     """The reason why kernels on the GPU are not available, or None."""
     for module, package in (("cuda.core", "cuda-core"), ("cuda.bindings", "cuda-bindings")):
         if not _is_installed(module):

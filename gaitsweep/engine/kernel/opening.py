@@ -37,6 +37,8 @@ class Opening(NamedTuple):
 
 
 def _of_one(lane: OneLane) -> Callable[..., tuple[Array, Array, Array]]:
+    """The function of one row that gives the numbers of `OpenedRows`, with the slots in one vector."""
+
     def of_one(values: Mapping[str, Array], starts: Mapping[str, Array]) -> tuple[Array, Array, Array]:
         constants, carry, record, sample, keep = lane.open(values, starts)
         flat = [jnp.ravel(leaf).astype(jnp.float64) for leaf in jax.tree.leaves((constants, carry, record))]
@@ -82,9 +84,10 @@ def opened_by_xla(lane: OneLane) -> Callable[[Columns, Columns], OpenedRows]:
         for first in range(0, rows, _BATCH):
             # the last batch is filled up with its own rows
             batch = np.resize(np.arange(first, min(first + _BATCH, rows)), _BATCH)
-            columns = [{k: v[batch] for k, v in by_name.items()} for by_name in (values, starts)]
+            values_of_batch = {name: column[batch] for name, column in values.items()}
+            starts_of_batch = {name: column[batch] for name, column in starts.items()}
             with jax.default_device(host_device()):
-                parts.append(jax.device_get(compiled(*columns)))
+                parts.append(jax.device_get(compiled(values_of_batch, starts_of_batch)))
         return OpenedRows(*(np.concatenate(output)[:rows] for output in zip(*parts, strict=True)))
 
     return open_rows

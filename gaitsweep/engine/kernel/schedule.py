@@ -31,8 +31,8 @@ def scheduled(program: Program, wanted: Sequence[int], known: Container[int]) ->
     needed = program.needed(wanted, known)
     own = [at for at in needed if at not in known and program.nodes[at].op != "constant"]
     other = from_the_end(program, own, wanted)
-    fewer = most_alive(program, other, wanted) < WORTHWHILE * most_alive(program, own, wanted)
-    return other if fewer else own
+    peak = most_alive(program, own, wanted)
+    return other if most_alive(program, other, wanted) < WORTHWHILE * peak else own
 
 
 def depth_first(program: Program, wanted: Sequence[int], known: Container[int]) -> list[int]:

@@ -61,10 +61,10 @@ def _obstacle(
     if device.platform not in KERNEL_POLLS_PER_CHUNK:
         return f"there are no kernels for {device.platform}"
     if device.platform == "gpu":
-        from gaitsweep.engine.kernel.cuda_device import missing
+        from gaitsweep.engine.kernel.cuda_device import unavailable
 
-        if (absent := missing()) is not None:
-            return absent
+        if (reason := unavailable()) is not None:
+            return reason
     from gaitsweep.engine.kernel.lanes import kernel_of
     from gaitsweep.engine.kernel.refusals import UnsupportedError
 

@@ -101,7 +101,7 @@ class OneLane:
             values: the parameters of its row, by name.
             starts: its initial conditions, by name; `STEP_FACTOR` is by default that of the numerics.
         """
-        zero = jnp.zeros((), self.numerics.carried)
+        zero = jnp.zeros((), self.numerics.dtype)
         params = self.at(values, zero)
         state = self.model.init(params, starts)
         factor = jnp.asarray(starts.get(STEP_FACTOR, self.numerics.factor), zero.dtype)
