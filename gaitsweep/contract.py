@@ -206,6 +206,7 @@ RENAMED_OF_CHARTS = {
 
 
 def _refuse_old_names(cls: type, renamed: Mapping[str, str]) -> None:
+    """Refuse a class that defines a member by its old name, which the engine would not call."""
     for old, new in renamed.items():
         # a field of the structure may have any name
         if old in vars(cls) and old not in vars(cls).get("__annotations__", {}):
@@ -265,10 +266,15 @@ class Jumps(abc.ABC):
 
     @abc.abstractmethod
     def jump(self, params: Params, state: State, fired: Bool[Array, " events"], /) -> State:
-        """The state after the events `fired` (a bool for each event); only a jump changes the modes.
+        """The state after some events; only a jump changes the modes.
 
         Events that are located in time jump one at a time, in the order of the guards; after each jump the
         guards are looked at again. Events of a scheme of steps jump together.
+
+        Args:
+            params: the parameters.
+            state: the state before the jump.
+            fired: a bool for each event.
         """
 
     @abc.abstractmethod

@@ -63,7 +63,11 @@ def verdict(claim: Claim, ours: Value) -> ClaimVerdict:
 
 
 def agrees(claim: Claim, ours: Value) -> bool:
-    """Whether a value is within a claim's tolerance and bounds, or equals its text; false for NaN."""
+    """Whether a value is within a claim's tolerance and bounds, or equals its text; false for NaN.
+
+    Args:
+        claim, ours: as for `verdict`.
+    """
     values = _items(ours)
     tolerance = claim.tolerance
     if tolerance is None and claim.interval is not None:
@@ -75,7 +79,8 @@ def agrees(claim: Claim, ours: Value) -> bool:
         return False
     if tolerance is None:
         return theirs == values
-    return all(_is_finite(b) and abs(a - b) <= tolerance for a, b in zip(theirs, values, strict=True))
+    pairs = zip(theirs, values, strict=True)
+    return all(_is_finite(value) and abs(expected - value) <= tolerance for expected, value in pairs)
 
 
 def _is_list(value: Value) -> bool:
