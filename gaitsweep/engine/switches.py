@@ -9,6 +9,7 @@ are, so that a pulse that begins and ends there is met.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -138,9 +139,8 @@ def may_switch(model: HybridModel, params: Params, state: State) -> bool:
         model, params: the model and its parameters.
         state: a state, of which only the shape counts.
     """
-    rates, at_state = jax.eval_shape(
-        lambda: (model.flow(params, state), switching(model.flow, params, state))
-    )
+    rates = jax.eval_shape(model.flow, params, state)
+    at_state = jax.eval_shape(partial(switching, model.flow), params, state)
     if at_state.levels.size + at_state.surfaces.size:
         return True
     with jax.disable_jit():

@@ -34,6 +34,30 @@ def _slice(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
     return [args[0][cut]]
 
 
+def _transpose(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
+    return [np.transpose(args[0], equation.params["permutation"])]
+
+
+def _concatenate(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
+    return [np.concatenate(args, axis=equation.params["dimension"])]
+
+
+def _stack(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
+    return [np.stack(args, axis=equation.params.get("axis", 0))]
+
+
+def _unstack(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
+    return list(np.moveaxis(args[0], equation.params["axis"], 0))
+
+
+def _tile(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
+    return [np.tile(args[0], equation.params["reps"])]
+
+
+def _rev(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
+    return [np.flip(args[0], equation.params["dimensions"])]
+
+
 def _split(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
     places = np.cumsum(equation.params["sizes"])[:-1]
     return list(np.split(args[0], places, axis=equation.params["axis"]))
@@ -121,14 +145,14 @@ def _sort(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
 RULES: dict[str, Rule] = {
     "broadcast_in_dim": _broadcast_in_dim,
     **dict.fromkeys(("reshape", "squeeze", "expand_dims"), _reshape),
-    "transpose": lambda tracer, equation, args: [np.transpose(args[0], equation.params["permutation"])],
+    "transpose": _transpose,
     "slice": _slice,
-    "concatenate": lambda tracer, equation, args: [np.concatenate(args, axis=equation.params["dimension"])],
-    "stack": lambda tracer, equation, args: [np.stack(args, axis=equation.params.get("axis", 0))],
-    "unstack": lambda tracer, equation, args: list(np.moveaxis(args[0], equation.params["axis"], 0)),
+    "concatenate": _concatenate,
+    "stack": _stack,
+    "unstack": _unstack,
     "split": _split,
-    "tile": lambda tracer, equation, args: [np.tile(args[0], equation.params["reps"])],
-    "rev": lambda tracer, equation, args: [np.flip(args[0], equation.params["dimensions"])],
+    "tile": _tile,
+    "rev": _rev,
     "pad": _pad,
     "iota": _iota,
     "dot_general": _dot_general,

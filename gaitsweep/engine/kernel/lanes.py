@@ -190,6 +190,10 @@ class CpuLanes(KernelLanes):
         tiles = self._slots.shape[0]
         self._run(self._slots.reshape(tiles, -1), self._buffers, polls)
         slots = self._slots.transpose(1, 0, 2)
-        output = self.output(lambda at: slots[at].reshape(at.stop - at.start, tiles * TILE)[:, : self.size])
+
+        def read(successive: slice) -> Real[np.ndarray, "slots lanes"]:
+            return slots[successive].reshape(successive.stop - successive.start, -1)[:, : self.size]
+
+        output = self.output(read)
         self._slots[:, self._filled] = 0.0
         return output._replace(buffers=self._buffers[: self.size])

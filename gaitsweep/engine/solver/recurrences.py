@@ -221,20 +221,23 @@ def _own_plus_one(operation: Operation, k: int, a: Series) -> Series:
 
 
 def _one_minus_square(operation: Operation, k: int, a: Series) -> Series:
+    """The slope 1 - c^2 of the hyperbolic tangent."""
     c = operation.results[0]
-    return _grown(
-        operation, "slope", k - 1, lambda n: 1.0 - c[0] * c[0] if n == 0 else _minus(None, _product(n, c, c))
-    )
+
+    def coefficient(n: int) -> Coefficient:
+        return 1.0 - c[0] * c[0] if n == 0 else _minus(None, _product(n, c, c))
+
+    return _grown(operation, "slope", k - 1, coefficient)
 
 
 def _own_times_rest(operation: Operation, k: int, a: Series) -> Series:
+    """The slope c (1 - c) of the logistic function."""
     c = operation.results[0]
-    return _grown(
-        operation,
-        "slope",
-        k - 1,
-        lambda n: c[0] * (1.0 - c[0]) if n == 0 else _minus(c[n], _product(n, c, c)),
-    )
+
+    def coefficient(n: int) -> Coefficient:
+        return c[0] * (1.0 - c[0]) if n == 0 else _minus(c[n], _product(n, c, c))
+
+    return _grown(operation, "slope", k - 1, coefficient)
 
 
 def _one_plus_square_of(operation: Operation, k: int, args: list[Series]) -> Series:
