@@ -13,7 +13,9 @@ from pydantic import BaseModel
 
 from gaitsweep import models, near_miss
 from gaitsweep.contract import Model, Quantity
+from gaitsweep.dynamics.ground import KINDS, asks_for_ground, check_ground, ground_profile
 from gaitsweep.engine.devices import refuse_missing_platform
+from gaitsweep.errors import ArgumentError
 from gaitsweep.expression import RESERVED
 from gaitsweep.kinds import RUN_KINDS
 from gaitsweep.models.conformity import fault
@@ -90,7 +92,12 @@ class ModelSpec:
 
 
 def read_model_spec(
-    name: Any, structure: Any, params: Any, folders: Sequence[FilePath], run: Any = None
+    name: Any,
+    structure: Any,
+    params: Any,
+    folders: Sequence[FilePath],
+    run: Any = None,
+    ground: Any = None,
 ) -> tuple[ModelSpec | None, list[Diagnostic]]:
     """The model that a job names, with the structure that `structure` and `params` set.
 
@@ -98,6 +105,7 @@ def read_model_spec(
         name, structure, params: these fields of the job as written.
         folders: folders with the user's modules.
         run: the run as written, or a run kind; it may add parameters to the model.
+        ground: the ground as written: a kind, or {"file": a path relative to the first of `folders`}.
 
     Returns:
         The spec, or None if there are errors; and the diagnostics.
@@ -110,6 +118,12 @@ def read_model_spec(
     fields = {field.name: field for field in dataclasses.fields(model_class) if field.init}  # type: ignore[arg-type]
     written += [(("params", key), key, value) for key, value in _items(params) if key in fields]
     diagnostics: list[Diagnostic] = []
+    if ground is not None:
+        if "ground" in fields:
+            written.append((("ground",), "ground", ground))
+        else:
+            text = f"is {quoted(ground)}, but {name} does not ask for the height of the ground: remove it."
+            diagnostics.append(Diagnostic(("ground",), text))
     shape: dict[str, Any] = {key: field.default for key, field in fields.items()}
     first: dict[str, Any] = {}  # the value that is written first, by field
     for path, key, value in written:
@@ -118,9 +132,13 @@ def read_model_spec(
             diagnostics.append(Diagnostic(path, text))
             continue
         try:
-            shape[key] = _read_size(value, fields[key], typing.get_type_hints(model_class).get(key))
+            if key == "ground" and asks_for_ground(model_class):
+                shape[key] = _read_ground(value, folders)
+            else:
+                shape[key] = _read_size(value, fields[key], typing.get_type_hints(model_class).get(key))
         except InvalidValue as error:
             diagnostics.append(Diagnostic(path, str(error)))
+            continue
         if first.setdefault(key, shape[key]) != shape[key]:
             text = f"is {quoted(value)}, but structure.{key} is {quoted(first[key])}: remove one of the two."
             diagnostics.append(Diagnostic(path, text))
@@ -168,6 +186,24 @@ def _read_size(value: Any, field: dataclasses.Field, hint: Any) -> bool | str | 
         return read_real(value, smallest, math.inf if high is None else high)
     smallest = 1 if low is None else low
     return read_whole(value, smallest, 10**6 if high is None else high)
+
+
+def _read_ground(value: Any, folders: Sequence[FilePath]) -> str:
+    """The kind of ground, or the profile in a file; raises InvalidValue."""
+    allowed = f"must be {', '.join(KINDS)}, or {{file: PATH}} with the path of a CSV file"
+    if isinstance(value, Mapping):
+        if list(value) != ["file"] or not isinstance(value["file"], str):
+            raise InvalidValue(f"is {quoted(value)}, but {allowed}.")
+        try:
+            return ground_profile((folders[0] if folders else FilePath()) / value["file"])
+        except ArgumentError as error:
+            raise InvalidValue(f"names a file: {error}") from None
+    if not isinstance(value, str):
+        raise InvalidValue(f"is {quoted(value)}, but {allowed}.")
+    try:
+        return check_ground(value)
+    except ArgumentError as error:
+        raise InvalidValue(str(error).removeprefix("ground ")) from None
 
 
 def _instance(

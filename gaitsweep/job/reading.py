@@ -30,9 +30,9 @@ if TYPE_CHECKING:
 # Fields of jobs that a command of the same name reads.
 FITTING_FIELDS = ("search", "sensitivity")
 # Fields that decide a row's values.
-_DECIDING_VALUES = ("config", "model", "structure", "params", "start", "vary")
+_DECIDING_VALUES = ("config", "model", "structure", "ground", "params", "start", "vary")
 # Fields that are read here, so that pydantic gets their normal form.
-_READ_HERE = ("params", "start", "vary", "structure")
+_READ_HERE = ("params", "start", "vary", "structure", "ground")
 
 
 def read_job(
@@ -62,7 +62,7 @@ def read_job(
     spec = None
     if "model" in raw:
         of_model = (raw["model"], raw.get("structure"), raw.get("params"))
-        spec, wrong = read_model_spec(*of_model, [folder], raw.get("run"))
+        spec, wrong = read_model_spec(*of_model, [folder], raw.get("run"), raw.get("ground"))
         diagnostics.extend(wrong)
     fields = {key: value for key, value in raw.items() if key not in _READ_HERE}
     settings = {} if spec is None else _read_values(raw, spec, fields, diagnostics)

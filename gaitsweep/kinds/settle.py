@@ -105,6 +105,17 @@ class SettlesRows(RunKind):
     def columns_of_block(self, model: Model, block: RowOutcome) -> list[Column]:
         return observed_on_orbits(model, block)
 
+    def rests(self, model: Model, records: pd.DataFrame) -> pd.DataFrame:
+        period = records["attractor_period"].to_numpy()
+        return pd.DataFrame(
+            {
+                "rests": (records["status"].astype(str) == Status.settled.name) & (period > 0),
+                "crossing": records["cycles"],
+                "period": np.maximum(period, 1),
+                **{q.name: records[f"{q.name}_end"] for q in model.observables},
+            }
+        )
+
     def check_settling(self, model: Model) -> list[Diagnostic]:
         """Diagnostics about the fields with which rows settle."""
         wrong = check_tolerance(self.tolerance, model)
@@ -202,17 +213,6 @@ class Settle(SettlesRows):
             text = f"is {self.exponents}, but the section of {model.name} has {count} coordinates."
             return [Diagnostic(("run", "exponents"), text)]
         return []
-
-    def rests(self, model: Model, records: pd.DataFrame) -> pd.DataFrame:
-        period = records["attractor_period"].to_numpy()
-        return pd.DataFrame(
-            {
-                "rests": (records["status"].astype(str) == Status.settled.name) & (period > 0),
-                "crossing": records["cycles"],
-                "period": np.maximum(period, 1),
-                **{q.name: records[f"{q.name}_end"] for q in model.observables},
-            }
-        )
 
     def refined(self, rows: Design) -> Grid | None:
         if self.refine is None:

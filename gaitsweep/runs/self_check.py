@@ -143,12 +143,12 @@ def compare_stored(
     check.stored_differs = int(differs.sum())
     rests = run.rests(context.model, records)
     if rests is not None:
-        rows = np.unique(records["row"].to_numpy(np.int64))
         rests["row"] = records["row"]
         if run.moved is not None:
             rests[run.moved] = records[run.moved]
+        begun = comparison.observed_at_starts(np.unique(records["row"].to_numpy(np.int64)))
         check.unstable = unstable_rests(
-            context.design, context.spec, rests, comparison.observed_at_starts(rows), run.moved
+            context, rests, begun, lambda rows, recorder: comparison.repeated(recorder, [(rows, 1.0, 0.0)])[0]
         ).size
 
 
