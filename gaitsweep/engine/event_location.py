@@ -66,8 +66,12 @@ def first_to_fire(near: Guards, far: Guards) -> tuple[Number, Number]:
         first = slice(0, half)
         second = slice(half, 2 * half)
         rest = slice(2 * half, None)
-        below1, below2, below_rest = below[first], below[second], below[rest]
-        above1, above2, above_rest = above[first], above[second], above[rest]
+        below1 = below[first]
+        below2 = below[second]
+        below_rest = below[rest]
+        above1 = above[first]
+        above2 = above[second]
+        above_rest = above[rest]
         is_second = below2 * above1 < below1 * above2
         below = jnp.concatenate([jnp.where(is_second, below2, below1), below_rest])
         above = jnp.concatenate([jnp.where(is_second, above2, above1), above_rest])
