@@ -51,7 +51,9 @@ class ResultCode(enum.IntEnum):
 
     def __new__(cls, number: int, sentence: str, verdict: Verdict = Verdict.undecided) -> Self:
         code = int.__new__(cls, number)
-        code._value_, code.sentence, code.verdict = number, sentence, verdict
+        code._value_ = number
+        code.sentence = sentence
+        code.verdict = verdict
         return code
 
 

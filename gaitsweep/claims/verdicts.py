@@ -19,7 +19,9 @@ class ClaimVerdict(enum.StrEnum):
 
     def __new__(cls, value: str, words: str, sentence: str) -> ClaimVerdict:
         member = str.__new__(cls, value)
-        member._value_, member.words, member.sentence = value, words, sentence
+        member._value_ = value
+        member.words = words
+        member.sentence = sentence
         return member
 
     reproduced = "reproduced", "reproduced", "our value agrees with the paper's within the tolerance"

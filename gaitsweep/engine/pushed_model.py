@@ -29,7 +29,9 @@ if TYPE_CHECKING:
 
 # The names of the parameters that are added: `push_` and the name of a variable or parameter, and these.
 PREFIX = "push_"
-PHASE, DURATION, CYCLES = "push_phase", "push_duration", "push_cycles"
+PHASE = "push_phase"
+DURATION = "push_duration"
+CYCLES = "push_cycles"
 # The modes that are added to a state: a force or step acts now; the next event of the push's kind is awaited;
 # it has come; the section has been crossed since the recorder last looked.
 MODES = ("push_acts", "push_awaited", "push_due", "push_crossed")

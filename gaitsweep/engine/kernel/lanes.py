@@ -116,7 +116,8 @@ class KernelLanes(Lanes):
     """
 
     def __init__(self, spec: SweepSpec) -> None:
-        self.size = self.at_a_time = spec.lanes
+        self.size = spec.lanes
+        self.at_a_time = spec.lanes
         self.kernel = kernel_of(spec.model, spec.recorder, spec.numerics, spec.drive)
         self._dtype = np.dtype(spec.numerics.dtype)
 

@@ -174,7 +174,8 @@ class _Writer:
     """Writer of the instructions of one function at its call."""
 
     def __init__(self, builder: Any, lanes: int, arguments: dict[str, Any]) -> None:
-        self.builder, self.lanes = builder, lanes
+        self.builder = builder
+        self.lanes = lanes
         self.double = vector(DOUBLE, lanes)
         self.single = vector(_SINGLE, lanes)
         self.flag = vector(_FLAG, lanes)

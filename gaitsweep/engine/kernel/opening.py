@@ -22,7 +22,7 @@ Columns = Mapping[str, Float[np.ndarray, " rows"]]
 
 
 class OpenedRows(NamedTuple):
-    """OpenedRows rows (n,): their slots, the first sample of each, and whether to keep that sample."""
+    """Opened rows (n,): their slots, the first sample of each, and whether to keep that sample."""
 
     slots: Float[np.ndarray, "rows slots"]
     samples: Float[np.ndarray, "rows width"]
@@ -36,7 +36,7 @@ class Opening(NamedTuple):
     slots: int
 
 
-def _of_one(lane: OneLane) -> Callable[..., tuple[Array, Array, Array]]:
+def _opening_of_one(lane: OneLane) -> Callable[..., tuple[Array, Array, Array]]:
     """The function of one row that gives the numbers of `OpenedRows`, with the slots in one vector."""
 
     def of_one(values: Mapping[str, Array], starts: Mapping[str, Array]) -> tuple[Array, Array, Array]:
@@ -57,7 +57,7 @@ def opening_of(lane: OneLane, values: Any, starts: Any) -> Opening:
     Raises:
         UnsupportedError: the model uses an operation that the scalar kernel does not have.
     """
-    traced = traced_function(_of_one(lane), (values, starts))
+    traced = traced_function(_opening_of_one(lane), (values, starts))
     slots, *_ = traced.arrays
     return Opening(row_kernel(traced), slots.size)
 
@@ -76,7 +76,7 @@ def opened_by_kernel(opening: Opening) -> Callable[[Columns, Columns], OpenedRow
 
 def opened_by_xla(lane: OneLane) -> Callable[[Columns, Columns], OpenedRows]:
     """As `opened_by_kernel`, of a model with operations that the scalar kernel does not have."""
-    compiled = jax.jit(jax.vmap(_of_one(lane)))
+    compiled = jax.jit(jax.vmap(_opening_of_one(lane)))
 
     def open_rows(values: Columns, starts: Columns) -> OpenedRows:
         rows = len(next(iter(values.values())))
@@ -88,6 +88,7 @@ def opened_by_xla(lane: OneLane) -> Callable[[Columns, Columns], OpenedRows]:
             starts_of_batch = {name: column[batch] for name, column in starts.items()}
             with jax.default_device(host_device()):
                 parts.append(jax.device_get(compiled(values_of_batch, starts_of_batch)))
-        return OpenedRows(*(np.concatenate(output)[:rows] for output in zip(*parts, strict=True)))
+        slots, samples, keeps = (np.concatenate(outputs)[:rows] for outputs in zip(*parts, strict=True))
+        return OpenedRows(slots, samples, keeps)
 
     return open_rows

@@ -27,14 +27,20 @@ Span = Float[Array, "2 unscaled"]
 
 
 def tolerances(model: Model, tolerance: float | Mapping[str, float]) -> float | tuple[float, ...]:
-    """The tolerance of each observable in order, from one for all or from some by name."""
+    """The tolerance of each observable in order.
+
+    Args:
+        model: the model.
+        tolerance: one for all observables, which is returned, or those of some by name; others have
+            `TOLERANCE`.
+    """
     if not isinstance(tolerance, Mapping):
         return tolerance
     return tuple(tolerance.get(quantity.name, TOLERANCE) for quantity in model.observables)
 
 
 def per_observable(tolerance: float | tuple[float, ...]) -> tuple[float, ...]:
-    """The tolerances of the observables; a single one is that of all."""
+    """The tolerances of the observables as a tuple, which has one number if it is that of all."""
     return tolerance if isinstance(tolerance, tuple) else (tolerance,)
 
 
@@ -64,10 +70,10 @@ def widened(span: Span, model: Model, now: Observed) -> Span:
     """
     if span.size == 0:
         return span
-    own = now[np.asarray(_unscaled(model))]
-    finite = jnp.abs(own) < jnp.inf
-    least = jnp.where(finite & (own < span[0]), own, span[0])
-    return jnp.stack([least, jnp.where(finite & (own > span[1]), own, span[1])])
+    values = now[np.asarray(_unscaled(model))]
+    finite = jnp.abs(values) < jnp.inf
+    lowest = jnp.where(finite & (values < span[0]), values, span[0])
+    return jnp.stack([lowest, jnp.where(finite & (values > span[1]), values, span[1])])
 
 
 def bounds(model: Model, tolerance: float | tuple[float, ...], latest: Crossings, span: Span) -> Observed:
@@ -83,22 +89,22 @@ def bounds(model: Model, tolerance: float | tuple[float, ...], latest: Crossings
         latest: the observables at the latest crossings (w, n).
         span: the least and largest values of the observables without a scale, from `widened`.
     """
-    own = per_observable(tolerance)
-    own = own * len(model.observables) if len(own) == 1 else own
-    share = jnp.asarray([SETTLE_WINDOW * one for one in own], latest.dtype)
-    sizes = [1.0 if q.circular else q.scale for q in model.observables]
-    scales = jnp.asarray([0.0 if scale is None else scale for scale in sizes], latest.dtype)
+    each = per_observable(tolerance)
+    each = each * len(model.observables) if len(each) == 1 else each
+    share = jnp.asarray([SETTLE_WINDOW * tolerance for tolerance in each], latest.dtype)
+    declared = [1.0 if q.circular else q.scale for q in model.observables]
+    scales = jnp.asarray([0.0 if scale is None else scale for scale in declared], latest.dtype)
     if not (unscaled := _unscaled(model)):
         return share * scales
-    size = MIN_RELATIVE_SCALE * jnp.max(jnp.abs(latest[:, np.asarray(unscaled)]), axis=0)
-    of_span = jnp.maximum(jnp.maximum(span[1] - span[0], size), MIN_SCALE)
+    smallest = MIN_RELATIVE_SCALE * jnp.max(jnp.abs(latest[:, np.asarray(unscaled)]), axis=0)
+    of_span = jnp.maximum(jnp.maximum(span[1] - span[0], smallest), MIN_SCALE)
     return share * scales.at[np.asarray(unscaled)].set(of_span)
 
 
 def slowest(moved: Crossings) -> Integer:
     """The number of the observable with the largest change (w, n), in units of its bound; -1 if unknown."""
-    most = jnp.max(moved, axis=0)
-    return jnp.where(jnp.any(jnp.isnan(most)), -1, jnp.argmax(most))
+    largest = jnp.max(moved, axis=0)
+    return jnp.where(jnp.any(jnp.isnan(largest)), -1, jnp.argmax(largest))
 
 
 def change(model: Model, difference: Crossings) -> Crossings:

@@ -53,11 +53,12 @@ class XlaLanes(Lanes):
     """
 
     def __init__(self, spec: SweepSpec, device: Device) -> None:
-        self.size = self.at_a_time = spec.lanes
+        self.size = spec.lanes
+        self.at_a_time = spec.lanes
         self._dtype = np.dtype(spec.numerics.dtype)
         self._device = device
-        self._programs = _programs(spec.model, spec.recorder, spec.numerics, spec.drive)
-        self._lanes: Any = None
+        self._programs = _compiled(spec.model, spec.recorder, spec.numerics, spec.drive)
+        self._lanes: Any = None  # constants, carry, record and samples of all lanes, once filled
 
     def fill(self, params: Values, starts: Values, fresh: Bool[np.ndarray, " lanes"]) -> None:
         opened = self._programs.open(self._columns(params), self._columns(starts))
@@ -86,7 +87,7 @@ class XlaLanes(Lanes):
 
 # cached for the process, so that a notebook that runs a job again does not compile again
 @cached_by_content(maxsize=16)
-def _programs(
+def _compiled(
     model: Model, recorder: Recorder, numerics: ResolvedNumerics, drive: RowDrive | None
 ) -> _Programs:
     """The programs of a sweep; each device compiles its own."""
