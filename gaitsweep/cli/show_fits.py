@@ -13,7 +13,7 @@ from rich.table import Table
 
 from gaitsweep.cli.show import aligned, counts, duration
 from gaitsweep.fitting.estimate import SearchEstimate
-from gaitsweep.fitting.identifiability import NEAR
+from gaitsweep.fitting.identifiability import NEAR_BEST_FACTOR
 from gaitsweep.fitting.indices import INDICES
 from gaitsweep.fitting.search import SearchResult
 from gaitsweep.fitting.sensitivity import FIGURE, INDICES_FILE, Sensitivity
@@ -64,7 +64,7 @@ def search_outcome(result: SearchResult) -> str:
     else:
         lines.append(
             f"No set meets all targets within their reading errors. The {len(near.best)} near-best sets have "
-            f"scores up to {NEAR:g} times the lowest:"
+            f"scores up to {NEAR_BEST_FACTOR:g} times the lowest:"
         )
     constants = [
         (constant.name, *constant.words, f"{100 * constant.spread:.0f} %", constant.verdict)
