@@ -7,6 +7,7 @@ from typing import ClassVar
 
 EXIT_FAILURE = 1  # exit code: the request is valid, but its execution failed, for example by a full disk
 EXIT_REFUSED = 2  # exit code: the request is invalid
+EXIT_DOUBTFUL = 3  # exit code with `--strict`: a self-check warned, or a claim was not reproduced
 
 
 class UserError(Exception):

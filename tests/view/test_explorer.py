@@ -741,10 +741,10 @@ def _check_chain(page: Page) -> None:
     counts = {True: [], False: []}
     for part in range(20):
         page.evaluate(f"clock.at = {part} / 20 * lengthOf(motion); paint()")
-        swings = page.evaluate("data.limbs.some((_, k) => !down(motion, k, clock.at))")
+        swings = page.evaluate("data.limbs.some((_, k) => !isOnGround(motion, k, clock.at))")
         counts[swings].append(page.evaluate(orange % "body"))
         if swings:
-            heights = "lifted(motion, bodyAt(motion, clock.at, 0).points)"
+            heights = "withLiftedFeet(motion, bodyAt(motion, clock.at, 0).points)"
             low = page.evaluate(heights)
             page.evaluate("document.getElementById('lift').value = '3'")
             high = page.evaluate(heights)
