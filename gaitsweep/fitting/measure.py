@@ -1,4 +1,4 @@
-"""The measure of a set of constants: the base classes of its kinds, their shared fields, and columns of rows."""
+"""The measure of a set of constants: base classes of its kinds, their shared fields, and columns of rows."""
 
 from __future__ import annotations
 

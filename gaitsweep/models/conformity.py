@@ -363,7 +363,7 @@ def _require_shape(name: str, value: Any, shape: tuple[int, ...]) -> None:
 
 
 def _require_names(name: str, returned: Any, kind: str, required: Iterable[str]) -> None:
-    """Refuse a result that lacks the name of a quantity of a kind, or whose values are not one number each."""
+    """Refuse a result that lacks the name of a quantity of a kind, or has a value that is not one number."""
     names = list(returned) if isinstance(returned, Mapping) else []
     for wanted_name in required:
         if wanted_name not in names:

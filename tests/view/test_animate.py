@@ -25,7 +25,7 @@ from gaitsweep.plot.limbs import limb_colours
 from gaitsweep.table import Snapshot
 from gaitsweep.view import row_motion
 from gaitsweep.view import row_movie as movie
-from gaitsweep.view.explorer.replays import SAMPLES_A_CYCLE, Crossings, ReplayedRow, Windows
+from gaitsweep.view.explorer.replays import SAMPLES_PER_CYCLE, Crossings, ReplayedRow, Windows
 from gaitsweep.view.movie import mujoco_movie, mujoco_painter
 from gaitsweep.view.movie.side_view import SWING
 from gaitsweep.view.row_motion import read_motion
@@ -216,7 +216,7 @@ def test_seconds_are_the_last_ones_of_a_row_that_is_simulated_again(
     folder = settled_toy(tmp_path / "toy")
     table = gs.load(folder)
     job = Job(**table.attrs["job"])
-    every, told = 0.2 / SAMPLES_A_CYCLE, []
+    every, told = 0.2 / SAMPLES_PER_CYCLE, []
 
     def replayed(windows: Windows) -> Iterator[ReplayedRow]:
         t = windows.first + every * np.arange(int(windows.length / every) + 2)
