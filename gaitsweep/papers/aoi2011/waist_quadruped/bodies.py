@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
 
 from gaitsweep.dynamics import worked_in
 from gaitsweep.dynamics.tree import PointForce, integrate
@@ -44,20 +43,12 @@ if TYPE_CHECKING:
 class WaistBody(abc.ABC):
     """The rigid-body dynamics of the quadruped: positions of the feet, a step, and values of a row."""
 
+    compiled_of: tuple[str, ...] = ()  # the parameters for whose values the host compiles the body
+
     @property
-    def compiled_of(self) -> tuple[str, ...]:
-        """The parameters that `on_host` needs."""
-        return ()
-
-    def on_host(
-        self, values: Mapping[str, Float[np.ndarray, " rows"]]
-    ) -> dict[str, Float[np.ndarray, "rows ..."]]:
-        """`Model.on_host` of the quadruped with this body."""
-        return dict(values)
-
-    def numbers(self, values: Mapping[str, jax.Array]) -> dict[str, jax.Array]:
-        """`WaistMechanics.numbers` of a row's values."""
-        return {}
+    @abc.abstractmethod
+    def variants(self) -> Variants | None:
+        """The bodies that the host compiles for rows' values; None where it compiles none."""
 
     @abc.abstractmethod
     def feet(self, m: WaistMechanics, s: State, dt: jax.Array) -> tuple[jax.Array, jax.Array]:
@@ -84,6 +75,10 @@ class WaistBody(abc.ABC):
 
 class WaistTreeBody(WaistBody):
     """The body as gaitsweep's articulated tree."""
+
+    @property
+    def variants(self) -> None:
+        return None
 
     def feet(self, m: WaistMechanics, s: State, dt: jax.Array) -> tuple[jax.Array, jax.Array]:
         return worked_in(dt.dtype, WaistMechanics.feet)(m, s.q, s.v)
@@ -122,19 +117,12 @@ class WaistMjxBody(WaistBody):
     """
 
     def __init__(self, *, level: bool) -> None:
-        self.level = level
+        self._level = level
+        self.compiled_of = tuple(_TABLE_1) if level else (*_TABLE_1, *HEIGHT_NAMES)
 
     @property
-    def compiled_of(self) -> tuple[str, ...]:
-        return tuple(_TABLE_1) if self.level else (*_TABLE_1, *HEIGHT_NAMES)
-
-    def on_host(
-        self, values: Mapping[str, Float[np.ndarray, " rows"]]
-    ) -> dict[str, Float[np.ndarray, "rows ..."]]:
-        return variants(level=self.level).on_host(values)
-
-    def numbers(self, values: Mapping[str, jax.Array]) -> dict[str, jax.Array]:
-        return variants(level=self.level).of_row(values)
+    def variants(self) -> Variants:
+        return compiled_variants(level=self._level)
 
     def feet(self, m: WaistMechanics, s: State, dt: jax.Array) -> tuple[jax.Array, jax.Array]:
         return mjx_body().points(_numbers(m), s.q, s.v)
@@ -165,7 +153,7 @@ def mjx_body() -> MjxBody:
 
 
 @cache
-def variants(*, level: bool) -> Variants:
+def compiled_variants(*, level: bool) -> Variants:
     """The bodies with other masses and lengths, and other heights where they are not level."""
     from gaitsweep.dynamics.mjx import Variants, rescale
 

@@ -149,16 +149,18 @@ class WaistQuadruped(WaistDrawing, HybridModel):
     def on_host(
         self, values: Mapping[str, Float[np.ndarray, " rows"]]
     ) -> dict[str, Float[np.ndarray, "rows ..."]]:
-        return self._rigid_body.on_host(values)
+        variants = self._rigid_body.variants
+        return dict(values) if variants is None else variants.on_host(values)
 
     def params(self, values: Mapping[str, Float[Array, " ..."]]) -> Params:
         v = {name: jnp.asarray(value) for name, value in values.items()}
+        variants = self._rigid_body.variants
         omega_w = TWO_PI * v["f"]
         mechanics = WaistMechanics(
             kappa_w=v["kappa_0"] * omega_w * omega_w,  # eq. (8)
             sigma_w=2.0 * v["kappa_0"] * v["zeta_0"] * omega_w,
             **{f.name: v[f.name] for f in dataclasses.fields(WaistMechanics) if f.name in v},
-            numbers=self._rigid_body.numbers(v),
+            numbers={} if variants is None else variants.of_row(v),
         )
         cycle = v["T_sw"] / (1.0 - v["beta"])  # eq. (3)
         return Params(

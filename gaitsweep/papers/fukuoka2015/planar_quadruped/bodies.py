@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float
 
 from gaitsweep.dynamics import ground_force
@@ -54,22 +53,17 @@ STABILITY_NUMBER = 1.5
 class PlanarBody(abc.ABC):
     """The rigid-body dynamics of the quadruped."""
 
-    compiled_of: ClassVar[tuple[str, ...]] = ()  # the parameters that `on_host` needs
+    compiled_of: ClassVar[tuple[str, ...]] = ()  # the parameters for whose values the host compiles the body
     warm: ClassVar[int] = 0  # length of `State.warm`
 
-    def on_host(
-        self, values: Mapping[str, Float[np.ndarray, " rows"]]
-    ) -> dict[str, Float[np.ndarray, "rows ..."]]:
-        """`Model.on_host` of the quadruped with this body."""
-        return dict(values)
+    @property
+    @abc.abstractmethod
+    def variants(self) -> Variants | None:
+        """The bodies that the host compiles for rows' values; None where it compiles none."""
 
-    def numbers(self, values: Mapping[str, jax.Array]) -> dict[str, jax.Array]:
-        """`PlanarMechanics.numbers` of a row's values."""
-        return {}
-
+    @abc.abstractmethod
     def longest_step(self, m: PlanarMechanics) -> Float[Array, ""]:
         """The longest step (s) with stable contacts."""
-        return jnp.full_like(m.g, jnp.inf)
 
     @abc.abstractmethod
     def stepped(self, m: PlanarMechanics, s: State, tau: jax.Array, dt: jax.Array) -> AfterStep:
@@ -84,6 +78,10 @@ class PlanarBody(abc.ABC):
 
 class PlanarTreeBody(PlanarBody):
     """The articulated tree with semi-implicit steps; joint damping and friction are implicit."""
+
+    @property
+    def variants(self) -> None:
+        return None
 
     def longest_step(self, m: PlanarMechanics) -> Float[Array, ""]:
         """The longest stable step (s) of a foot on a spring and a damper.
@@ -127,13 +125,12 @@ class PlanarMjxBody(PlanarBody):
     compiled_of = tuple(quantity.name for quantity in BODY)
     warm = NQ
 
-    def on_host(
-        self, values: Mapping[str, Float[np.ndarray, " rows"]]
-    ) -> dict[str, Float[np.ndarray, "rows ..."]]:
-        return variants().on_host(values)
+    @property
+    def variants(self) -> Variants:
+        return compiled_variants()
 
-    def numbers(self, values: Mapping[str, jax.Array]) -> dict[str, jax.Array]:
-        return variants().of_row(values)
+    def longest_step(self, m: PlanarMechanics) -> Float[Array, ""]:
+        return jnp.full_like(m.g, jnp.inf)  # MuJoCo's contacts are implicit
 
     def stepped(self, m: PlanarMechanics, s: State, tau: jax.Array, dt: jax.Array) -> AfterStep:
         from gaitsweep.dynamics.mjx import BodyState
@@ -163,7 +160,7 @@ def mjx_body() -> MjxBody:
 
 
 @cache
-def variants() -> Variants:
+def compiled_variants() -> Variants:
     """The bodies with other masses and lengths."""
     from gaitsweep.dynamics.mjx import Variants
 

@@ -126,10 +126,13 @@ class PlanarQuadruped(PlanarDrawing, SteppedModel):
     def on_host(
         self, values: Mapping[str, Float[np.ndarray, " rows"]]
     ) -> dict[str, Float[np.ndarray, "rows ..."]]:
-        return self._rigid_body.on_host(values)
+        variants = self._rigid_body.variants
+        return dict(values) if variants is None else variants.on_host(values)
 
     def params(self, values: Mapping[str, Float[Array, " ..."]]) -> Params:
         v = {name: jnp.asarray(value) for name, value in values.items()}
+        variants = self._rigid_body.variants
+        numbers = {} if variants is None else variants.of_row(v)
 
         def of(kind: type) -> dict[str, jax.Array]:
             return {field.name: v[field.name] for field in dataclasses.fields(kind) if field.name in v}
@@ -137,7 +140,7 @@ class PlanarQuadruped(PlanarDrawing, SteppedModel):
         return Params(
             network=Network(**of(Network)),
             motors=Motors(**of(Motors)),
-            mechanics=PlanarMechanics(**of(PlanarMechanics), numbers=self._rigid_body.numbers(v)),
+            mechanics=PlanarMechanics(**of(PlanarMechanics), numbers=numbers),
             threshold=v["threshold"],
             memory=v["memory"],
         )

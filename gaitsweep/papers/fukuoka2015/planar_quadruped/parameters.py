@@ -17,7 +17,7 @@ _PATH = "path over sigma: the supplement at 0.5, its ends by search"
 def _positive(
     name: str, unit: str, meaning: str, default: float | str, symbol: str, source: str = _SEARCH
 ) -> Quantity:
-    return Quantity(name, unit, meaning, default, low=0.0, open_ends=True, symbol=symbol, source=source)
+    return Quantity.positive(name, unit, meaning, default, symbol, source)
 
 
 def _at_least_0(
