@@ -17,7 +17,7 @@ from gaitsweep.contract import FixedStepDynamics, HybridModel, Model, Quantity
 from gaitsweep.dynamics.declared import Declared
 from gaitsweep.dynamics.declared_model import ARMING
 from gaitsweep.engine.content import cached_by_content
-from gaitsweep.engine.kernel.columns import over_rows
+from gaitsweep.engine.kernel.row_functions import over_rows
 from gaitsweep.expression import ExpressionError, resolve
 from gaitsweep.models.conformity import fault, quantity_faults, traced_fault
 

@@ -340,7 +340,7 @@ def test_legs_in_swing_are_coloured_and_lifted_on_request(chain: Path) -> None:
         with movie._prepared(motion, motion.t, "", "auto", lift, None) as (clip, draw):
             skeletons.append(clip.skeleton)
             figure = Figure()
-            draw(figure.add_axes((0, 0, 1, 1)), clip, True).show(20)
+            draw(figure.add_axes((0, 0, 1, 1)), clip, named=True).show(20)
     colours = [line.get_color() for line in figure.axes[0].lines if np.size(line.get_xdata()) == 2][: 3 * 4]
     swing = [bool(motion.signals[f"contact_{i}"][20] == 0.0) for i in range(1, 5)]
     assert [SWING in colours[i : i + 1] for i in range(0, 8, 2)] == swing
