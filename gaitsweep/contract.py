@@ -186,6 +186,13 @@ class Quantity:
     scale: float | None = None
     whole: bool = False
 
+    @classmethod
+    def positive(
+        cls, name: str, unit: str, meaning: str, default: float | str, symbol: str = "", source: str = ""
+    ) -> Quantity:
+        """A quantity above zero; arguments as of the fields with these names."""
+        return cls(name, unit, meaning, default, low=0.0, open_ends=True, symbol=symbol, source=source)
+
 
 def names_gait(label: str) -> bool:
     """Whether a label holds an index of a gait: `gait` itself, or a label field `gait_...`."""

@@ -63,8 +63,7 @@ class Atlas:
             )
 
     def __repr__(self) -> str:
-        counts = {name: len(getattr(self, name)) for name in ("gaits", "points")}
-        return f"Atlas({counts['gaits']} gaits, {counts['points']} bifurcations)"
+        return f"Atlas({len(self.gaits)} gaits, {len(self.points)} bifurcations)"
 
     @property
     def table(self) -> pd.DataFrame:
@@ -84,21 +83,19 @@ class Atlas:
     @property
     def points(self) -> pd.DataFrame:
         """The bifurcations on the branches, a record each; `special` is the kind."""
-        special, end = (self._table[name].astype(str) for name in ("special", "end"))
+        special = self._table["special"].astype(str)
+        end = self._table["end"].astype(str)
         # a flip of the parent is met again where its doubled gait ends, and a pitchfork that ends a branch
         # is on the symmetric branch as well
         parameter = self._table[self._table.attrs["job"]["run"]["parameter"]].round(9)
         places = list(zip(self._table["row"], special, parameter, strict=True))
         others = {place for place, why in zip(places, end, strict=True) if why != "pitchfork"}
-        again = np.array(
-            [
-                why == "flip" or (why == "pitchfork" and place in others)
-                for place, why in zip(places, end, strict=True)
-            ],
-            bool,
-        )
+        repeated = [
+            why == "flip" or (why == "pitchfork" and place in others)
+            for place, why in zip(places, end, strict=True)
+        ]
         named = ~special.isin(["", "nan", "kink"]).to_numpy(bool)
-        return self._where(self._of_branches & named & ~again)
+        return self._where(self._of_branches & named & ~np.array(repeated, bool))
 
     @property
     def curves(self) -> pd.DataFrame:

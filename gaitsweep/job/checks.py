@@ -19,7 +19,7 @@ from gaitsweep.job.model_spec import ModelSpec
 from gaitsweep.kinds import RUN_KINDS, RunKind
 from gaitsweep.kinds.run_kind import Movement, table_columns
 from gaitsweep.models.conformity import idle_starts, sets_starts
-from gaitsweep.models.value_faults import NAMED, faults_of_rows
+from gaitsweep.models.value_faults import MAX_NAMED, faults_of_rows
 from gaitsweep.plot.figure_style import FigureStyle
 from gaitsweep.plot.kind import FIGURES, FigureKind
 from gaitsweep.plot.planned_table import PlannedTable
@@ -147,13 +147,13 @@ def remarks_on_rows(design: Design, name: str) -> list[str]:
     rows = _some_rows(design)
     try:
         values, starts = design.values_in(rows)
-        varied = design.at(rows, design.names[:NAMED])
+        varied = design.at(rows, design.names[:MAX_NAMED])
     except (ExpressionError, JobError):
         return idle
 
     def where(place: int) -> str:
         at = ", ".join(f"{name} = {column[place]:.6g}" for name, column in varied.items())
-        more = ", ..." if len(design.names) > NAMED else ""
+        more = ", ..." if len(design.names) > MAX_NAMED else ""
         return f" at the start of row {rows[place]}" + (f" ({at}{more})" if at else "")
 
     return idle + [f"The model is {name}, {words}" for words in faults_of_rows(model, values, starts, where)]

@@ -99,7 +99,7 @@ def stored_job(attrs: Mapping[Any, Any], *, trust: bool = False) -> Job:
         JobError: the job cannot be read, or its model is not found.
     """
     try:
-        models.find_of_table(attrs, trust)
+        models.find_of_table(attrs, trust=trust)
     except models.ModelError as error:
         raise JobError([Diagnostic(("model",), str(error))]) from error
     return Job.model_validate(attrs["job"])
