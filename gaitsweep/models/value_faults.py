@@ -171,7 +171,7 @@ def _by_value(model: Model) -> Iterator[str]:
         yield "but its function failed returns True for its default start."
     if default.guards is not None:
         yield from _not_finite("guards", default.guards, lambda row: written(known, row))
-    yield from _sound(default, lambda row: written(known, row))
+    yield from _sound(model, default, lambda row: written(known, row))
     yield from _in_order(model, begun, points, lambda row: written(known, row))
 
 
@@ -187,7 +187,7 @@ def faults_of_rows(model: Model, values: Columns, starts: Columns, where: Where)
     """
     points = dict(model.on_host(values)), dict(starts)
     at_starts = _begun(model)(*points)
-    sentences = [*_sound(at_starts, where), *_in_order(model, at_starts, points, where)]
+    sentences = [*_sound(model, at_starts, where), *_in_order(model, at_starts, points, where)]
     if np.all(at_starts.fallen):
         sentences.append(f"but its function failed returns True{where(0)} and at all other starts tried.")
     has_guards = True if at_starts.guards is None else ~np.any(np.isnan(at_starts.guards), axis=1)
@@ -200,11 +200,12 @@ def faults_of_rows(model: Model, values: Columns, starts: Columns, where: Where)
     return sentences
 
 
-def _sound(at_starts: _Begun, where: Where) -> Iterator[str]:
+def _sound(model: Model, at_starts: _Begun, where: Where) -> Iterator[str]:
     """Faults of starts: numbers that are not finite, and changes although no event has fired."""
+    without_value = {quantity.name for quantity in model.observables if quantity.may_be_nan}
     numbers = {
         "init": at_starts.own_state,
-        "observe": at_starts.observed,
+        "observe": {k: values for k, values in at_starts.observed.items() if k not in without_value},
         "signal": at_starts.signals,
         "flow": at_starts.rates,
         "step": at_starts.stepped,

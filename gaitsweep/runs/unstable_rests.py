@@ -139,7 +139,8 @@ def _near(
     share: float,
 ) -> Bool[np.ndarray, " records"]:
     """Mask of records whose observables differ by less than a share of their magnitude, at least 1."""
-    return np.asarray(np.all(changes(model, one, other) < share * np.maximum(np.abs(one), 1.0), axis=1))
+    near = changes(model, one, other) < share * np.maximum(np.abs(one), 1.0)
+    return np.asarray(np.all(near | (np.isnan(one) & np.isnan(other)), axis=1))
 
 
 def _state_shape(

@@ -19,6 +19,7 @@ from gaitsweep.engine.recorders.bounds import (
     Span,
     bounds,
     change,
+    comparable,
     first_span,
     per_observable,
     slowest,
@@ -158,13 +159,15 @@ class SettleRecorder(Recorder):
 
     def record(self, params: Params, carry: Carry, record: LaneRecord) -> PollResult:
         crossed, memory = unlikely(carry.halt == Halt.CROSSING), record.memory
-        now = self.observables(params, carry.state)
-        before, times, steps = memory.window[:, :-2], memory.window[:, -2], memory.window[:, -1]
+        observed = self.observables(params, carry.state)
+        now, before = comparable(observed), comparable(memory.window[:, :-2])
+        times, steps = memory.window[:, -2], memory.window[:, -1]
         cycles = record.cycles + 1
-        # a row with NaN in its window does not settle
+        # a row with NaN for the times in its window does not settle
         free = carry.t >= self.model.free_after(params)
         span = widened(memory.span, self.model, now)
         moved = jnp.abs(change(self.model, now[None, :] - before))
+        moved = jnp.where(jnp.isnan(times)[:, None], jnp.nan, moved)
         latest = jnp.concatenate([now[None, :], before[:SETTLE_WINDOW]])
         bare_moves = moved
         # one division for each observable
@@ -205,13 +208,13 @@ class SettleRecorder(Recorder):
         timed = jnp.where(carry.halt == Halt.TIME, late, Status.running)
         status = jnp.where(crossed, ended, jnp.where(rests, Status.at_rest, timed))
         after = jnp.where(tested, jnp.stack([jnp.zeros_like(moves), moves]), memory.moves.at[0].set(moves))
-        first = jnp.concatenate([now, jnp.stack([carry.t.astype(now.dtype), distances[0]])])
+        first = jnp.concatenate([observed, jnp.stack([carry.t.astype(now.dtype), distances[0]])])
         window = jnp.concatenate([first[None, :], memory.window[:-1]])
         recorded = dataclasses.replace(
             record,
             status=status.astype(jnp.int32),
             cycles=jnp.where(crossed, cycles, record.cycles),
-            last=jnp.where(crossed | rests, now, record.last),
+            last=jnp.where(crossed | rests, observed, record.last),
             memory=Memory(
                 window=jnp.where(crossed, jnp.where(free, window, jnp.nan), memory.window),
                 moves=jnp.where(crossed, after, memory.moves),
