@@ -144,10 +144,11 @@ def check_model(
         raise ArgumentError(
             f"{name} has no MJCF: --against-c applies only to models that derive from MjcfModel."
         )
+    print_message("Evaluating the model's functions over the ranges of its parameters and starts.")
     _refuse_faults(name, faults(kind))
     from gaitsweep.runs.trial import trial  # of a model without faults
 
-    tried, model = trial(kind), kind()
+    tried, model = trial(kind, print_message), kind()
     _refuse_faults(name, tried.faults)
     print(f"{name}: valid, {show.extent_of(model)}")
     for remark in tried.remarks:
