@@ -151,7 +151,7 @@ def check_model(
     tried, model = trial(kind, print_message), kind()
     _refuse_faults(name, tried.faults)
     print(f"{name}: valid, {show.extent_of(model)}")
-    for remark in tried.remarks:
+    for remark in dict.fromkeys(tried.remarks):
         print(remark)
     if against_c:
         assert isinstance(model, MjcfModel)
