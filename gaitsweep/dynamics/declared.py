@@ -246,7 +246,7 @@ class Declared(Model):
     @property
     def parameters(self) -> tuple[Quantity, ...]:
         return tuple(
-            q for name, parameter in self._named(Parameter).items() for q in parameter.quantities(self, name)
+            q for name, parameter in self._named(Parameter).items() for q in parameter.parameters(self, name)
         )
 
     @property
