@@ -148,7 +148,8 @@ def check_model(
     _refuse_faults(name, faults(kind))
     from gaitsweep.runs.trial import trial  # of a model without faults
 
-    tried, model = trial(kind, print_message), kind()
+    tried = trial(kind, print_message)
+    model = kind()
     _refuse_faults(name, tried.faults)
     print(f"{name}: valid, {show.extent_of(model)}")
     for remark in dict.fromkeys(tried.remarks):

@@ -14,7 +14,7 @@ from gaitsweep import near_miss
 from gaitsweep.contract import Model, Status
 from gaitsweep.design import Design
 from gaitsweep.engine.recorders.bounds import TOLERANCE, tolerances
-from gaitsweep.engine.recorders.settle import FIRST_TEST, HOLD, MAX_PERIOD, SettleRecorder
+from gaitsweep.engine.recorders.settle import CONFIRMED_FOR, FIRST_TEST, MAX_PERIOD, SettleRecorder
 from gaitsweep.engine.solver import derivative_refusal
 from gaitsweep.engine.sweep.boundary_cells import Grid
 from gaitsweep.engine.tangents import coordinate_count
@@ -47,7 +47,7 @@ from gaitsweep.schema.numbers import (
 MOST_COARSE = 1024  # cells a side
 MOST_PERIOD = 64  # crossings of the longest orbits that may be asked for
 # Crossings after which an orbit settles at the earliest, in longest periods.
-SETTLING_PERIODS = FIRST_TEST + HOLD
+SETTLING_PERIODS = FIRST_TEST + CONFIRMED_FOR
 # Mean share of the allowed cycles that a settling row takes; a chain of three modules takes 0.37.
 LIKELY_SHARE = 0.4
 
