@@ -170,7 +170,8 @@ class Quantity:
     `circular` marks an angle in rad of period 2 pi. `symbol` is the paper's, in TeX, for the axes of figures.
     `scale` (in `unit`, above 0) is the reference size of an observable in the test of convergence of a run of
     kind settle, and in the self-check; an infinite one leaves it out of both. None: the range of its values
-    over the crossings of the row so far. Circular angles are compared in rad.
+    over the crossings of the row so far. Circular angles are compared in rad. `may_be_nan` marks one that has
+    no value in some states, as the lag of a foot that stands.
     """
 
     name: str
@@ -185,6 +186,7 @@ class Quantity:
     source: str = ""
     scale: float | None = None
     whole: bool = False
+    may_be_nan: bool = False
 
     @classmethod
     def positive(

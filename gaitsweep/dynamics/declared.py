@@ -253,7 +253,7 @@ class Declared(Model):
     @property
     def parameters(self) -> tuple[Quantity, ...]:
         declared = (
-            q for name, parameter in self._named(Parameter).items() for q in parameter.quantities(self, name)
+            q for name, parameter in self._named(Parameter).items() for q in parameter.parameters(self, name)
         )
         ground = self._ground()
         return (*declared, *(() if ground is None else ground_quantities(ground)))

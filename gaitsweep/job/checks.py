@@ -240,7 +240,7 @@ def check_figures(
     for index, figure in figures.items():
         path = ("figures", index)
         if not figure.suits(type(run)):
-            wrong.append(_unsuited(figure, path, run))
+            wrong.append(_unsuited(figure, path, table))
             continue
         unknown = [
             unknown_name((*path, field), column, "a column of this job's table", columns)
@@ -261,10 +261,14 @@ def check_figures(
     return wrong
 
 
-def _unsuited(figure: FigureKind, path: Path, run: RunKind) -> Diagnostic:
+def _unsuited(figure: FigureKind, path: Path, table: PlannedTable) -> Diagnostic:
     """The diagnostic of a figure that cannot show the table of a run of this kind."""
+    run = table.run
     others = [kind_of(part) for part in RUN_KINDS.values() if figure.kind_name in part.figures]
     suited = " or ".join(dict.fromkeys([*figure.runs, *others]))
     text = f"is {figure.kind_name}, which needs a run of kind {suited}, not {run.kind_name}."
-    allowed = ", ".join(name for name, kind in FIGURES.items() if kind.suits(type(run)))
-    return Diagnostic((*path, "kind"), f"{text} Figures of {run.kind_name}: {allowed}.")
+    suited_kinds = (
+        name for name, kind in FIGURES.items() if kind.suits(type(run)) and kind.needs_are_met(table)
+    )
+    known = f"Figures of {run.kind_name} for {table.model.name}: {', '.join(suited_kinds)}."
+    return Diagnostic((*path, "kind"), f"{text} {known}")
