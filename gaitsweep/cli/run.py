@@ -174,7 +174,7 @@ def atlas(
         bool,
         typer.Option(
             "--more",
-            help="Search with twice the starts and follow one bifurcation more than the atlas in DIR did.",
+            help="Continue the atlas in DIR: twice the starts, and one bifurcation more.",
         ),
     ] = False,
     trust: Trust = False,
@@ -199,7 +199,7 @@ def atlas(
         return
     if settings:
         raise typer.BadParameter("--set is for a job: --more takes the job of the result directory as it is.")
-    job = wider_job(load(target).attrs, trust=trust)
+    job = wider_job(load(target), trust=trust)
     out = out or target.with_name(f"{target.name}_more")
     with running(job.name, out, cluster=None) as (on_progress, _):
         path = run_job(job, out, on_progress=on_progress, on_message=print_message)
