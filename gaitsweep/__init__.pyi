@@ -40,6 +40,9 @@ from gaitsweep.dynamics.declarations import time as time
 from gaitsweep.dynamics.declarations import variable as variable
 from gaitsweep.dynamics.declared_model import DeclaredModel as DeclaredModel
 from gaitsweep.dynamics.footfalls import footfalls as footfalls
+from gaitsweep.dynamics.ground import Ground as Ground
+from gaitsweep.dynamics.ground import ground_field as ground_field
+from gaitsweep.dynamics.ground import ground_profile as ground_profile
 from gaitsweep.dynamics.map_model import MapModel as MapModel
 from gaitsweep.dynamics.mjx.mjcf_model import MjcfModel as MjcfModel
 from gaitsweep.dynamics.noise import normal as normal

@@ -1,4 +1,4 @@
-"""Mean steps to a fall: of walkers that fall seldom, on rough ground or with noise."""
+"""Falls on rough ground or with noise: mean steps to a fall, and the share of rows that walk so far."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import pandas as pd
+from jaxtyping import Bool
 
 from gaitsweep.analysis.basins.fractions import LEVEL, proportion_interval
 from gaitsweep.analysis.records import AnalysisError, panels_of, require, with_constants
@@ -54,20 +55,9 @@ def steps_to_fall(
         >>> gs.analyses.steps_to_fall(table, "roughness")["steps"].round(0).tolist()
         [40.0, 18.0]
     """
-    by = [by] if isinstance(by, str) else list(by)
-    if not 0.0 < level < 1.0:
-        raise AnalysisError(f"level is {level:g}, but must be between 0 and 1.")
     if after < 0:
         raise AnalysisError(f"after is {after}, but must be 0 or more.")
-    table = with_constants(table, by)
-    require(table, "status", "cycles", *by)
-    status = table["status"].astype(str).to_numpy()
-    fell, lasted = status == Status.fell.name, status == Status.complete.name
-    if len(wrong := np.flatnonzero(~fell & ~lasted)):
-        raise AnalysisError(
-            f"{len(wrong)} rows ended as {status[wrong[0]]}, neither by a fall nor after the whole time: use "
-            "a run of kind fixed_time, and see why these rows ended."
-        )
+    table, by, fell = _walks(table, by, level)
     walked = table["cycles"].to_numpy(int) - after
     records = []
     for place, rows in panels_of(table, by):
@@ -79,3 +69,66 @@ def steps_to_fall(
         ends = {"steps": steps, "low": 1.0 / high, "high": 1.0 / low if low > 0.0 else np.inf}
         records.append({**place, "rows": counted.size, "falls": falls, "tried": tried, **ends})
     return pd.DataFrame(records, columns=[*by, *_COLUMNS])
+
+
+def survival(
+    table: pd.DataFrame | Sequence[pd.DataFrame],
+    by: str | Sequence[str] = (),
+    *,
+    steps: int = 100,
+    level: float = LEVEL,
+) -> pd.DataFrame:
+    """The share of rows that walk for some steps, with its confidence interval.
+
+    Args:
+        table: a table of kind `fixed_time`, one row for each seed, or several such tables.
+        by: columns, or constants of the table's job, of which each combination of values is counted
+            separately.
+        steps: section crossings that a row has to make.
+        level: confidence level of the interval.
+
+    Returns:
+        One record for each combination: by, steps, rows, walked (rows that made so many steps), share, low
+        and high.
+
+    Raises:
+        AnalysisError: the table does not have a column, an argument is not allowed, rows failed in another way
+            than by a fall, or rows ended before so many steps without a fall.
+
+    Source: Clopper and Pearson 1934, Biometrika 26:404, of the interval.
+    """
+    if steps < 1:
+        raise AnalysisError(f"steps is {steps}, but must be 1 or more.")
+    table, by, fell = _walks(table, by, level)
+    made = table["cycles"].to_numpy(int)
+    if len(short := np.flatnonzero(~fell & (made < steps))):
+        raise AnalysisError(
+            f"{len(short)} rows ended before {steps} steps without a fall, the first after {made[short[0]]}: "
+            "run them for a longer time, or ask for fewer steps."
+        )
+    records = []
+    for place, rows in panels_of(table, by):
+        walked = int((made[rows] >= steps).sum())
+        low, high = proportion_interval(walked, len(rows), level, "clopper_pearson")
+        shares = {"share": walked / len(rows), "low": low, "high": high}
+        records.append({**place, "steps": steps, "rows": len(rows), "walked": walked, **shares})
+    return pd.DataFrame(records, columns=[*by, "steps", "rows", "walked", "share", "low", "high"])
+
+
+def _walks(
+    table: pd.DataFrame | Sequence[pd.DataFrame], by: str | Sequence[str], level: float
+) -> tuple[pd.DataFrame, list[str], Bool[np.ndarray, " rows"]]:
+    """The table of all tables, the names of `by`, and which rows fell; refuses rows with another end."""
+    by = [by] if isinstance(by, str) else list(by)
+    if not 0.0 < level < 1.0:
+        raise AnalysisError(f"level is {level:g}, but must be between 0 and 1.")
+    table = with_constants(table, by)
+    require(table, "status", "cycles", *by)
+    status = table["status"].astype(str).to_numpy()
+    fell, lasted = status == Status.fell.name, status == Status.complete.name
+    if len(wrong := np.flatnonzero(~fell & ~lasted)):
+        raise AnalysisError(
+            f"{len(wrong)} rows ended as {status[wrong[0]]}, neither by a fall nor after the whole time: use "
+            "a run of kind fixed_time, and see why these rows ended."
+        )
+    return table, by, fell

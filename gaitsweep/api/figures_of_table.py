@@ -60,3 +60,4 @@ class FiguresOfTable:
     shock = _method(plot.shock)
     recovery = _method(plot.recovery)
     phase_response = _method(plot.phase_response)
+    survival = _method(plot.survival)

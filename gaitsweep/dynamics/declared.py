@@ -30,6 +30,7 @@ from gaitsweep.dynamics.declarations import (
     faults_of_quantity,
 )
 from gaitsweep.dynamics.footfalls import Footfalls
+from gaitsweep.dynamics.ground import Ground, asks_for_ground, check_ground, ground_quantities
 from gaitsweep.expression import RESERVED
 from gaitsweep.near_miss import suggestion
 from gaitsweep.run_columns import COLUMNS
@@ -134,7 +135,11 @@ class Declared(Model):
     @classmethod
     def _other_parameters(cls) -> list[str]:
         """Fields of the parameters that are not declared."""
-        return []
+        return ["ground"] if asks_for_ground(cls) else []
+
+    def _ground(self) -> str | None:
+        """The kind of ground, or its profile; None: the model does not ask for it."""
+        return check_ground(getattr(self, "ground", "")) if asks_for_ground(type(self)) else None
 
     @classmethod
     @abc.abstractmethod
@@ -202,7 +207,9 @@ class Declared(Model):
             sizes: the fields of the structure by name.
         """
         # an instance cannot be made of a class that is not complete
-        model = SimpleNamespace(**sizes, _named=cls._named, _recorded=cls._recorded, _feet=cls._feet)
+        model = SimpleNamespace(
+            **sizes, _named=cls._named, _recorded=cls._recorded, _feet=cls._feet, _ground=lambda: None
+        )
         names = ("parameters", "initial_conditions", "signals", "observables")
         parameters, starts, signals, observables = (vars(Declared)[name].fget(model) for name in names)
         settable = [q.name for q in (*parameters, *starts)]
@@ -245,9 +252,11 @@ class Declared(Model):
 
     @property
     def parameters(self) -> tuple[Quantity, ...]:
-        return tuple(
+        declared = (
             q for name, parameter in self._named(Parameter).items() for q in parameter.quantities(self, name)
         )
+        ground = self._ground()
+        return (*declared, *(() if ground is None else ground_quantities(ground)))
 
     @property
     def initial_conditions(self) -> tuple[Quantity, ...]:
@@ -292,6 +301,8 @@ class Declared(Model):
             fields[name] = parameter.gathered(
                 [jnp.asarray(values[q.name]) for q in parameter.quantities(self, name)]
             )
+        if (ground := self._ground()) is not None:
+            fields["ground"] = Ground.of(ground, values)
         return fields
 
     def observe(self, params: Any, state: Any, /) -> dict[str, Real[Array, ""]]:

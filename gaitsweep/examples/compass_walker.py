@@ -1,22 +1,33 @@
 """A compass walker: two stiff legs with masses and a hip, which walk down a slope by gravity alone.
 
 Angles are those of the legs from the vertical, positive where the hip is in front of the foot. The swing foot
-scuffs through the ground when the legs pass each other, as in the source.
+scuffs through the ground when the legs pass each other, as in the source. On uneven ground (the key `ground`
+of a job), whose heights add to the slope, the foot strikes where the line between the feet is down on it.
 
 Source: Goswami, Thuilot and Espiau 1998, Int. J. Robotics Research 17:1282. Its gait takes two steps to
 repeat from a slope of about 4.39 degrees on, and then four.
 """
 
+import dataclasses
+
 import jax.numpy as jnp
 
-from gaitsweep import DeclaredModel, energy, event, observable, parameter, variable
+from gaitsweep import DeclaredModel, energy, event, ground_field, observable, parameter, variable
 
 
+CLOSE = (
+    1e-6  # feet that are closer than this (m) count as so far apart: the line between them needs two points
+)
+
+
+@dataclasses.dataclass(frozen=True)
 class CompassWalker(DeclaredModel):
     """The walker; the section is the heel strike, just after it."""
 
     source = "Goswami, Thuilot and Espiau 1998, Int. J. Robotics Research 17:1282"
     section_coordinates = ("stance", "stance_rate", "swing_rate")
+
+    ground: str = ground_field()
 
     slope = parameter("deg", "slope of the ground, downwards", 3.0, low=0.0, high=20.0, symbol=r"\phi")
     m = parameter("kg", "mass of a leg", 5.0, low=0.0, open_ends=True)
@@ -30,6 +41,8 @@ class CompassWalker(DeclaredModel):
     stance_rate = variable("rad/s", "rate of the stance leg", 1.0918, symbol=r"\dot\theta_s")
     swing_rate = variable("rad/s", "rate of the swing leg", 0.3772, symbol=r"\dot\theta_{ns}")
 
+    foot = variable("m", "place of the stance foot, horizontally", signal=False)
+
     def complete(self, p, s):
         return s.replace(swing=2.0 * jnp.deg2rad(p.slope) - s.stance)  # both feet are on the ground
 
@@ -42,9 +55,15 @@ class CompassWalker(DeclaredModel):
         stance, swing = _solved(mass, coupling, coupling, p.m * p.b**2, stance, swing)
         return {"stance": s.stance_rate, "swing": s.swing_rate, "stance_rate": stance, "swing_rate": swing}
 
-    @event("heel strikes", section=True)
+    # on uneven ground the swing foot may meet the line behind the stance foot, too, where it scuffs through
+    @event("heel strikes", section=True, when=lambda p, s: (p.ground.kind == "even") | (_ahead(p, s) > 0.0))
     def strike(self, p, s):
-        return s.stance + s.swing - 2.0 * jnp.deg2rad(p.slope)
+        if self.ground == "even":
+            return s.stance + s.swing - 2.0 * jnp.deg2rad(p.slope)
+        ahead = _ahead(p, s)
+        ahead = jnp.where(jnp.abs(ahead) > CLOSE, ahead, CLOSE)
+        rise = p.ground(s.foot + ahead) - p.ground(s.foot)
+        return s.stance + s.swing - 2.0 * jnp.arctan(jnp.tan(jnp.deg2rad(p.slope)) - rise / ahead)
 
     @strike.jump
     def exchange(self, p, s):
@@ -57,7 +76,8 @@ class CompassWalker(DeclaredModel):
         mass, coupling = _inertia(p, s.stance - s.swing)
         inertia = p.m * p.b**2
         stance, swing = _solved(mass + coupling, coupling + inertia, coupling, inertia, whole, leg)
-        return s.replace(stance=s.swing, swing=s.stance, stance_rate=stance, swing_rate=swing)
+        foot = s.foot + _ahead(p, s)
+        return s.replace(stance=s.swing, swing=s.stance, stance_rate=stance, swing_rate=swing, foot=foot)
 
     @observable("m", "length of the last step")
     def step_length(self, p, s):
@@ -77,6 +97,11 @@ class CompassWalker(DeclaredModel):
 
     def period(self, p):
         return 2.5 * jnp.sqrt((p.a + p.b) / p.g)
+
+
+def _ahead(p, s):
+    """The horizontal distance (m) of the swing foot from the stance foot."""
+    return (p.a + p.b) * (jnp.sin(s.stance) - jnp.sin(s.swing))
 
 
 def _inertia(p, between):

@@ -1,25 +1,31 @@
 """A spring-mass runner (SLIP): a point mass that bounces along on a massless spring.
 
 In flight the leg is held at a fixed angle of attack; in stance it pushes along the line to its foot. Energy
-is conserved, so at a given energy the height of an apex decides the next one.
+is conserved, so at a given energy the height of an apex decides the next one. On uneven ground (the key
+`ground` of a job) heights are those above x = 0, where the first apex is.
 
 Source: Seyfarth, Geyer and Herr 2003, J. Exp. Biol. 206:2547; Geyer, Seyfarth and Blickhan 2005, J. Theor.
 Biol. 232:315, eq. (1).
 """
 
+import dataclasses
+
 import jax.numpy as jnp
 
-from gaitsweep import DeclaredModel, energy, event, mode, parameter, variable
+from gaitsweep import DeclaredModel, energy, event, ground_field, mode, parameter, variable
 
 DESCENDING, STANCE, ASCENDING, FALLEN = range(4)
 
 
+@dataclasses.dataclass(frozen=True)
 class SlipRunner(DeclaredModel):
     """The runner; the section is the apex, whose height is the only coordinate."""
 
     source = "Seyfarth, Geyer and Herr 2003, J. Exp. Biol. 206:2547"
     gaits = ("running",)
     section_coordinates = ("z",)
+
+    ground: str = ground_field()
 
     alpha = parameter("deg", "angle of attack of the leg", 68.0, low=0.0, high=90.0, symbol=r"\alpha_0")
     k = parameter("N/m", "stiffness of the leg", 20000.0, low=0.0, open_ends=True)
@@ -32,6 +38,8 @@ class SlipRunner(DeclaredModel):
     z = variable("m", "height", 1.0, low=0.0)
     v_x = variable("m/s", "forward speed", observed=True)
     v_z = variable("m/s", "speed upwards")
+    origin = variable("m", "place from which x is measured", signal=False)
+    base = variable("m", "height of the foot on the ground", signal=False)
     phase = mode(DESCENDING, "descending, stance, ascending or fallen")
 
     def complete(self, p, s):
@@ -41,21 +49,22 @@ class SlipRunner(DeclaredModel):
         return s.replace(x=0.0, v_x=speed, v_z=0.0, phase=jnp.where(falls, FALLEN, s.phase))
 
     def flow(self, p, s):
-        r = jnp.sqrt(s.x**2 + s.z**2)
+        r = _leg(s)
         push = jnp.where(s.phase == STANCE, p.k / p.m * (p.l0 - r) / r, 0.0)
-        return {"x": s.v_x, "z": s.v_z, "v_x": push * s.x, "v_z": push * s.z - p.g}
+        return {"x": s.v_x, "z": s.v_z, "v_x": push * s.x, "v_z": push * (s.z - s.base) - p.g}
 
     @event("foot lands", during=lambda s: s.phase == DESCENDING)
     def touchdown(self, p, s):
-        return _touchdown(p) - s.z
+        return p.ground(_foothold(p, s)) + _touchdown(p) - s.z
 
     @touchdown.jump
     def land(self, p, s):
-        return s.replace(x=-p.l0 * jnp.cos(jnp.deg2rad(p.alpha)), phase=STANCE)
+        foot = _foothold(p, s)
+        return s.replace(x=-_reach(p), origin=foot, base=p.ground(foot), phase=STANCE)
 
     @event("foot lifts off", during=lambda s: s.phase == STANCE)
     def liftoff(self, p, s):
-        return jnp.sqrt(s.x**2 + s.z**2) - p.l0
+        return _leg(s) - p.l0
 
     @liftoff.jump
     def take_off(self, p, s):
@@ -64,7 +73,7 @@ class SlipRunner(DeclaredModel):
 
     @event("mass hits the ground", during=lambda s: s.phase == STANCE)
     def crash(self, p, s):
-        return -s.z
+        return s.base - s.z
 
     @crash.jump
     def fall(self, p, s):
@@ -76,12 +85,12 @@ class SlipRunner(DeclaredModel):
 
     @apex.jump
     def begin_step(self, p, s):
-        return s.replace(x=0.0, phase=jnp.where(s.z > _touchdown(p), DESCENDING, FALLEN))
+        clears = s.z > p.ground(_foothold(p, s)) + _touchdown(p)
+        return s.replace(x=0.0, origin=s.origin + s.x, phase=jnp.where(clears, DESCENDING, FALLEN))
 
     @energy("J", "energy", observed=True)
     def energy(self, p, s):
-        r = jnp.sqrt(s.x**2 + s.z**2)
-        spring = jnp.where(s.phase == STANCE, 0.5 * p.k * (p.l0 - r) ** 2, 0.0)
+        spring = jnp.where(s.phase == STANCE, 0.5 * p.k * (p.l0 - _leg(s)) ** 2, 0.0)
         return 0.5 * p.m * (s.v_x**2 + s.v_z**2) + p.m * p.g * s.z + spring
 
     def failed(self, p, s):
@@ -92,6 +101,21 @@ class SlipRunner(DeclaredModel):
         return jnp.pi * jnp.sqrt(p.m / p.k) + jnp.sqrt(2.0 * p.l0 / p.g)  # a stance and a flight, roughly
 
 
+def _leg(s):
+    """The length (m) of the leg in stance."""
+    return jnp.sqrt(s.x**2 + (s.z - s.base) ** 2)
+
+
+def _reach(p):
+    """The distance (m) of the foot ahead of the mass where it lands."""
+    return p.l0 * jnp.cos(jnp.deg2rad(p.alpha))
+
+
+def _foothold(p, s):
+    """The place (m) of the foot in flight."""
+    return s.origin + s.x + _reach(p)
+
+
 def _touchdown(p):
-    """The height (m) at which the foot lands."""
+    """The height (m) of the mass above the foot where it lands."""
     return p.l0 * jnp.sin(jnp.deg2rad(p.alpha))

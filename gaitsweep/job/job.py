@@ -25,6 +25,7 @@ from pydantic import (
 from gaitsweep import effort
 from gaitsweep.design.design import Design
 from gaitsweep.design.vary import vary_schema
+from gaitsweep.dynamics.ground import KINDS
 from gaitsweep.engine.numerics import ResolvedNumerics
 from gaitsweep.job.numerics import EngineChoice, NumericsSpec, rows_of_a_part
 from gaitsweep.job.reading import read_job
@@ -45,6 +46,18 @@ _NUMERICS = BeforeValidator(lambda value: {} if value == "auto" else value)
 _STRUCTURE = WithJsonSchema(
     {"type": "object", "additionalProperties": {"type": ["integer", "number", "string", "boolean"]}}
 )
+# short for a field of the structure, where the reading puts it
+_GROUND = {
+    "anyOf": [
+        {"enum": list(KINDS)},
+        {
+            "type": "object",
+            "properties": {"file": {"type": "string"}},
+            "required": ["file"],
+            "additionalProperties": False,
+        },
+    ]
+}
 _HASHED_FORM = 4  # raised when the meaning of a resolved job changes, so that no old directory is resumed
 
 
@@ -61,6 +74,11 @@ class Job(StrictModel):
     structure: Annotated[dict[str, Any], _STRUCTURE] = Field(
         default_factory=dict,
         description="fields that decide the size of the model, such as N; each value needs its own job",
+    )
+    ground: Annotated[None, WithJsonSchema(_GROUND)] = Field(
+        default=None,
+        description="ground of a model that asks for its height (params.ground): slope, steps, rough, or a "
+        "profile as {file: PATH}; its parameters, such as ground_seed, are set under params or vary",
     )
     config: Annotated[str | Path | None, _PATH, WithJsonSchema({"type": "string"})] = Field(
         default=None,
@@ -111,6 +129,7 @@ class Job(StrictModel):
             name: str,
             model: str,
             structure: Mapping[str, Any] = ...,
+            ground: str | Mapping[str, str] | None = ...,
             config: str | Path | None = ...,
             params: Mapping[str, Any] = ...,
             start: Mapping[str, Any] = ...,
@@ -159,7 +178,7 @@ class Job(StrictModel):
         Loading the result gives the same job. Formulas stay formulas, since they may depend on axes; starts
         that the model decides itself, and the parameter of a ramp or staircase, are left out.
         """
-        dumped = self.model_dump(mode="json", exclude={"config", "params", "start"})
+        dumped = self.model_dump(mode="json", exclude={"config", "ground", "params", "start"})
         moving = self.run.moved
         settings = {
             name: setting

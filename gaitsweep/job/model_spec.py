@@ -13,7 +13,9 @@ from pydantic import BaseModel
 
 from gaitsweep import models, near_miss
 from gaitsweep.contract import Model, Quantity
-from gaitsweep.engine.sweep.xla import refuse_missing_platform
+from gaitsweep.dynamics.ground import KINDS, asks_for_ground, check_ground, ground_profile
+from gaitsweep.engine.devices import refuse_missing_platform
+from gaitsweep.errors import ArgumentError
 from gaitsweep.expression import RESERVED
 from gaitsweep.kinds import RUN_KINDS
 from gaitsweep.models.conformity import fault
@@ -86,7 +88,12 @@ class ModelSpec:
 
 
 def read_model_spec(
-    name: Any, structure: Any, params: Any, folders: Sequence[FilePath], run: Any = None
+    name: Any,
+    structure: Any,
+    params: Any,
+    folders: Sequence[FilePath],
+    run: Any = None,
+    ground: Any = None,
 ) -> tuple[ModelSpec | None, list[Diagnostic]]:
     """The model that a job names, with the structure that `structure` and `params` set.
 
@@ -94,6 +101,7 @@ def read_model_spec(
         name, structure, params: these fields of the job as written.
         folders: folders with the user's modules.
         run: the run as written, or a run kind; it may add parameters to the model.
+        ground: the ground as written: a kind, or {"file": a path relative to the first of `folders`}.
 
     Returns:
         The spec, or None if there are errors; and the diagnostics.
@@ -106,6 +114,12 @@ def read_model_spec(
     fields = {field.name: field for field in dataclasses.fields(model_class) if field.init}  # type: ignore[arg-type]
     written += [(("params", key), key, value) for key, value in _items(params) if key in fields]
     diagnostics: list[Diagnostic] = []
+    if ground is not None:
+        if "ground" in fields:
+            written.append((("ground",), "ground", ground))
+        else:
+            text = f"is {quoted(ground)}, but {name} does not ask for the height of the ground: remove it."
+            diagnostics.append(Diagnostic(("ground",), text))
     shape: dict[str, Any] = {key: field.default for key, field in fields.items()}
     first: dict[str, Any] = {}  # the value that is written first, by field
     for path, key, value in written:
@@ -114,9 +128,13 @@ def read_model_spec(
             diagnostics.append(Diagnostic(path, text))
             continue
         try:
-            shape[key] = _read_size(value, fields[key], typing.get_type_hints(model_class).get(key))
+            if key == "ground" and asks_for_ground(model_class):
+                shape[key] = _read_ground(value, folders)
+            else:
+                shape[key] = _read_size(value, fields[key], typing.get_type_hints(model_class).get(key))
         except InvalidValue as error:
             diagnostics.append(Diagnostic(path, str(error)))
+            continue
         if first.setdefault(key, shape[key]) != shape[key]:
             text = f"is {quoted(value)}, but structure.{key} is {quoted(first[key])}: remove one of the two."
             diagnostics.append(Diagnostic(path, text))
@@ -154,12 +172,32 @@ def _read_size(value: Any, field: dataclasses.Field, hint: Any) -> bool | str | 
     if hint is bool:
         return read_flag(value)
     if hint is str:
-        text, allowed = read_text(value), field.metadata.get("allowed")
+        text = read_text(value)
+        allowed = field.metadata.get("allowed")
         return text if allowed is None else read_word(text, allowed)
-    low, high = field.metadata.get("low"), field.metadata.get("high")
+    low = field.metadata.get("low")
+    high = field.metadata.get("high")
     if hint is float:
         return read_real(value, -math.inf if low is None else low, math.inf if high is None else high)
     return read_whole(value, 1 if low is None else low, 10**6 if high is None else high)
+
+
+def _read_ground(value: Any, folders: Sequence[FilePath]) -> str:
+    """The kind of ground, or the profile in a file; raises InvalidValue."""
+    allowed = f"must be {', '.join(KINDS)}, or {{file: PATH}} with the path of a CSV file"
+    if isinstance(value, Mapping):
+        if list(value) != ["file"] or not isinstance(value["file"], str):
+            raise InvalidValue(f"is {quoted(value)}, but {allowed}.")
+        try:
+            return ground_profile((folders[0] if folders else FilePath()) / value["file"])
+        except ArgumentError as error:
+            raise InvalidValue(f"names a file: {error}") from None
+    if not isinstance(value, str):
+        raise InvalidValue(f"is {quoted(value)}, but {allowed}.")
+    try:
+        return check_ground(value)
+    except ArgumentError as error:
+        raise InvalidValue(str(error).removeprefix("ground ")) from None
 
 
 def _instance(
@@ -217,7 +255,8 @@ def _read_setting(value: Any, quantity: Quantity) -> float | str:
         raise InvalidValue(f"is {quoted(value)}, but must be true, false or a number from 0 to 1.")
     if isinstance(value, (list, tuple, Mapping)):
         raise InvalidValue(f"is {quoted(value)}, but must be one number; lists and axes belong under vary.")
-    read, default = read_number(value), quantity.default
+    read = read_number(value)
+    default = quantity.default
     # the same formula stays the same text, with which a job's hash was made
     if isinstance(read, str) and isinstance(default, str) and read == read_number(default):
         return default

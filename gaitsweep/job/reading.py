@@ -28,8 +28,22 @@ if TYPE_CHECKING:
     from gaitsweep.job.job import Job
 
 FITS = ("search", "sensitivity")  # fields of jobs that a command of the same name reads
-_OF_VALUES = ("config", "model", "structure", "params", "start", "vary")  # fields that decide a row's values
-_READ_HERE = ("params", "start", "vary", "structure")  # parts of a job that pydantic gets as they were read
+_OF_VALUES = (
+    "config",
+    "model",
+    "structure",
+    "ground",
+    "params",
+    "start",
+    "vary",
+)  # fields that decide a row's values
+_READ_HERE = (
+    "params",
+    "start",
+    "vary",
+    "structure",
+    "ground",
+)  # parts of a job that pydantic gets as they were read
 
 
 def read_job(
@@ -54,11 +68,12 @@ def read_job(
         text = f"belongs to another command: run this job with `gaitsweep {others[0]}`."
         raise JobError([Diagnostic((others[0],), text)])
     config = Config({str(key): _plain(value) for key, value in data.items() if value is not None}, folder)
-    raw, diagnostics = config.raw, list(config.diagnostics)
+    raw = config.raw
+    diagnostics = list(config.diagnostics)
     spec = None
     if "model" in raw:
         of_model = (raw["model"], raw.get("structure"), raw.get("params"))
-        spec, wrong = read_model_spec(*of_model, [folder], raw.get("run"))
+        spec, wrong = read_model_spec(*of_model, [folder], raw.get("run"), raw.get("ground"))
         diagnostics.extend(wrong)
     fields = {key: value for key, value in raw.items() if key not in _READ_HERE}
     settings = {} if spec is None else _read_values(raw, spec, fields, diagnostics)
@@ -72,7 +87,8 @@ def read_job(
         design = _design(spec, vary.groups, settings, moved, diagnostics)
     token = SCOPE.set(_scope(design, spec, moved))
     try:
-        job, places = handler(fields), None
+        job = handler(fields)
+        places = None
     except ValidationError as error:
         wrong = from_pydantic(error, sections, "")
         diagnostics.extend(wrong)
@@ -148,7 +164,8 @@ def _without(
 
     The job is None where it must have such a field.
     """
-    refused, figures = {diagnostic.path[:2] for diagnostic in wrong}, fields.get("figures")
+    refused = {diagnostic.path[:2] for diagnostic in wrong}
+    figures = fields.get("figures")
     places = range(len(figures)) if isinstance(figures, list | tuple) else ()
     places = [place for place in places if ("figures", place) not in refused]
     names = {path[0] for path in refused if path[1:] == () or path[0] != "figures"}

@@ -41,7 +41,7 @@ def test_the_swing_is_lagranges() -> None:
         inertia = jax.jacfwd(momenta, 2)(p, q, v)
         turned = jax.jacfwd(momenta, 1)(p, q, v) @ v
         true = jnp.linalg.solve(inertia, jax.grad(lagrangian, 1)(p, q, v) - turned)
-        state = model.State(q[0], q[1], v[0], v[1], None)
+        state = model.State(q[0], q[1], v[0], v[1], foot=None, arming=None)
         rates = model.flow(p, state)
         np.testing.assert_allclose([rates["stance_rate"], rates["swing_rate"]], true, rtol=1e-12)
 
@@ -62,7 +62,7 @@ def test_a_strike_keeps_angular_momentum() -> None:
     effect = model.exchange.effect
     assert effect is not None
     for _ in range(5):
-        before = model.State(*map(jnp.asarray, random.uniform(-1.0, 1.0, 4)), arming=None)
+        before = model.State(*map(jnp.asarray, random.uniform(-1.0, 1.0, 4)), foot=jnp.zeros(()), arming=None)
         after = effect(model, p, before)
         (mass, at, speed), (_, at_2, speed_2) = motion(before), motion(after)
         foot = at[0] - (p.a + p.b) * jnp.stack([jnp.sin(before.swing), jnp.cos(before.swing)])

@@ -188,7 +188,9 @@ def two_link_leg(m: Any, hip: str, knee: str, foot: str) -> TwoLinkLeg:
             "foot path needs a hip, a knee and a foot in a row."
         )
     if not np.array_equal(m.body_quat[[thigh_body, shin_body]], [[1.0, 0.0, 0.0, 0.0]] * 2):
-        raise ValueError(f"The bodies of '{hip}' and '{knee}' are turned, which a foot path does not support.")
+        raise ValueError(
+            f"The bodies of '{hip}' and '{knee}' are turned, which a foot path does not support."
+        )
     knee_at = m.body_pos[shin_body] + m.joint(knee).pos
     thigh = (knee_at - m.joint(hip).pos)[[0, 2]]
     shin = (m.geom(foot).pos - m.joint(knee).pos)[[0, 2]]

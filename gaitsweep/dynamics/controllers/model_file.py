@@ -1,15 +1,15 @@
 """Model files: a body of an MJCF and the controller of its legs in YAML, read as the class of a model.
 
-    body: biped.xml
-    controller:
-      oscillators: {kind: phase, omega: 6, coupling: 4, phases: {L: 0, R: pi}, sigma: 0.03}
-      joints:
-        hip: {swing: 0.25}
-        knee: {offset: 0.15, lift: 1}
-      legs:
-        L: {foot: foot_l, hip: hip_l, knee: knee_l}
-        R: {foot: foot_r, hip: hip_r, knee: knee_r}
-    fallen: 0.5
+body: biped.xml
+controller:
+  oscillators: {kind: phase, omega: 6, coupling: 4, phases: {L: 0, R: pi}, sigma: 0.03}
+  joints:
+    hip: {swing: 0.25}
+    knee: {offset: 0.15, lift: 1}
+  legs:
+    L: {foot: foot_l, hip: hip_l, knee: knee_l}
+    R: {foot: foot_r, hip: hip_r, knee: knee_r}
+fallen: 0.5
 """
 
 # MuJoCo's compiled modules come without types.
@@ -354,7 +354,9 @@ class _Builder:
         def height(model: Any, params: Any, state: Any) -> Float[Array, ""]:
             return trunk.place(model.positions(state))[2]
 
-        members["height"] = declarations.observable("m", "height of the trunk", scale=0.1, signal=True)(height)
+        members["height"] = declarations.observable("m", "height of the trunk", scale=0.1, signal=True)(
+            height
+        )
         if (lowest := self._file.fallen) is not None:
             members["failed"] = lambda model, params, state: height(model, params, state) < lowest
         return members

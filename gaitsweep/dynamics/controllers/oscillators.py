@@ -257,8 +257,12 @@ class MatsuokaOscillators(Oscillators):
     inhibited: list[tuple[Text, Text]] = Field(
         default_factory=list, description="pairs of legs that inhibit each other, such as [[L, R]]"
     )
-    between: Real = Field(default=-0.5, description="weight between the legs of a pair: the parameter between")
-    hip: Real | None = Field(default=None, description="feedback of the hip's angle, 1/rad: k1; left out: none")
+    between: Real = Field(
+        default=-0.5, description="weight between the legs of a pair: the parameter between"
+    )
+    hip: Real | None = Field(
+        default=None, description="feedback of the hip's angle, 1/rad: k1; left out: none"
+    )
     hip_rest: Real = Field(default=0.0, description="hip angle without feedback, rad: the parameter theta0")
     load: Real | None = Field(default=None, description="feedback of the load, 1/N: k2; left out: none")
 

@@ -1,0 +1,194 @@
+"""Uneven ground: its heights on all engines, a walker on it against SciPy, and what jobs may say."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import scipy
+
+import gaitsweep as gs
+from gaitsweep.dynamics.ground import RISER
+from gaitsweep.dynamics.noise import fraction
+from gaitsweep.engine.kernel.columns import over_rows
+from gaitsweep.examples.compass_walker import CompassWalker
+from gaitsweep.examples.hopper import Hopper
+from gaitsweep.examples.slip_runner import SlipRunner
+from gaitsweep.job import JobError
+
+WIDTH = 0.4
+EVEN_TO_ONE_STEP = np.array([-3.0, -0.1, 0.0])
+
+
+def drawn(kind: str, seed: float, roughness: float, x: Any) -> Any:
+    """The height at places x in NumPy: normal numbers at multiples of the width, and smooth rises."""
+
+    def at(index: Any) -> Any:
+        u, v = (fraction(*np.broadcast_arrays(seed, index, 0.0), half) for half in (0, 1))
+        return np.where(index > 0, roughness * np.sqrt(-2.0 * np.log(u)) * np.cos(2.0 * np.pi * v), 0.0)
+
+    index, share = np.floor(x / WIDTH), x / WIDTH - np.floor(x / WIDTH)
+    if kind == "steps":
+        share = np.clip((share - 1.0 + RISER) / RISER, 0.0, 1.0)
+    return at(index) + (at(index + 1.0) - at(index)) * share**2 * (3.0 - 2.0 * share)
+
+
+def height(kind: str) -> Any:
+    """The height of a kind of ground, as a function of a row's seed and a place."""
+
+    def of(seed: Any, x: Any) -> Any:
+        values = {"ground_seed": seed, "ground_roughness": 0.02, "ground_width": WIDTH, "ground_slope": 3.0}
+        return gs.Ground.of(kind, {**values, "ground_start": 0.5})(x)
+
+    return of
+
+
+@pytest.mark.slow("compiles for two engines")
+@pytest.mark.parametrize("kind", ["steps", "rough"])
+def test_heights_are_those_of_numpy_on_each_engine(kind: str) -> None:
+    """Logarithms and cosines of an engine's own agree to rounding, and so do heights of 2 cm."""
+    seed, x = np.repeat([3.0, 4.0], 200), np.tile(np.linspace(-1.0, 9.0, 200), 2)
+    expected = drawn(kind, seed, 0.02, x)
+    for found in (height(kind)(seed, x), over_rows(height(kind), all_rows=True)(seed, x)):
+        np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-14)
+    assert not expected[x <= 0.0].any()
+    assert np.std(expected[x > WIDTH]) > 0.01
+    assert np.abs(expected[:200] - expected[200:]).max() > 0.01
+
+
+def test_slopes_and_profiles_are_what_they_say(tmp_path: Path) -> None:
+    x = np.array([-1.0, 0.5, 2.0])
+    np.testing.assert_allclose(
+        height("slope")(0.0, x), np.tan(np.radians(3.0)) * np.maximum(x, 0.0), rtol=1e-15
+    )
+    file = tmp_path / "heights.csv"
+    file.write_text("x,z\n0,0.1\n1,0.2\n1.5,0.0\n")
+    profile = gs.ground_profile(file)
+    # rows start at 0.5 of the profile, where its height is 0.15
+    at = np.interp(x + 0.5, [0.0, 1.0, 1.5], [0.1, 0.2, 0.0]) - 0.15
+    np.testing.assert_allclose(height(profile)(0.0, x), np.where(x > 0.0, at, 0.0), atol=1e-16)
+    job = {"name": "g", "model": "gaitsweep.examples.slip_runner:SlipRunner", "run": {"kind": "settle"}}
+    by_file = gs.Job.model_validate({**job, "ground": {"file": str(file)}})
+    assert by_file.resolved()["structure"] == {"ground": profile}
+    assert gs.Job.model_validate(by_file.resolved()).hash() == by_file.hash()
+    # a job without the key is the one that it was before models asked for the ground
+    assert gs.Job.model_validate(job).resolved()["structure"] == {}
+    for text, reason in (("0,0\n", "1 points"), ("0,0\n0,1\n", "increase"), ("a,b\n0\n", "line 2")):
+        file.write_text(text)
+        with pytest.raises(gs.ArgumentError, match=reason):
+            gs.ground_profile(file)
+
+
+@pytest.mark.parametrize(
+    ("model", "ground", "reason"),
+    [
+        ("compass_walker:CompassWalker", "stps", "stps.*did you mean steps"),
+        ("compass_walker:CompassWalker", {"path": "a.csv"}, "file: PATH"),
+        ("compass_walker:CompassWalker", {"file": "nothing.csv"}, "nothing.csv"),
+        ("hopper:Hopper", "steps", "does not ask for the height of the ground"),
+    ],
+)
+def test_a_wrong_ground_is_refused(model: str, ground: Any, reason: str) -> None:
+    fields = {"name": "g", "model": f"gaitsweep.examples.{model}", "run": {"kind": "settle"}}
+    with pytest.raises(JobError, match=reason) as refused:
+        gs.Job.model_validate({**fields, "ground": ground})
+    assert [diagnostic.path for diagnostic in refused.value.diagnostics] == [("ground",)]
+    assert "ground_seed" not in {quantity.name for quantity in Hopper().parameters}
+
+
+def walked(kind: str, seed: float, roughness: float, most: int) -> list[float]:
+    """The rates of the stance leg after the strikes of the walker, by SciPy, until it trips or falls."""
+    heights = drawn(kind, seed, roughness, WIDTH * np.arange(60.0))
+
+    def ground(x: float) -> float:
+        index, share = int(np.floor(x / WIDTH)), x / WIDTH - np.floor(x / WIDTH)
+        share = np.clip((share - 1.0 + RISER) / RISER, 0.0, 1.0) if kind == "steps" else share
+        low, high = (heights[max(k, 0)] for k in (index, index + 1))
+        return low + (high - low) * share**2 * (3.0 - 2.0 * share)
+
+    m, hip, a, b, g, slope = 5.0, 10.0, 0.5, 0.5, 9.81, np.radians(3.0)
+    total = a + b
+
+    def inertia(between: float) -> Any:
+        coupling = -m * total * b * np.cos(between)
+        return np.array([[(hip + m) * total**2 + m * a**2, coupling], [coupling, m * b**2]])
+
+    def flow(_: float, y: Any) -> Any:
+        stance, swing, stance_rate, swing_rate = y
+        sine = m * total * b * np.sin(stance - swing)
+        weight = (hip * total + m * (2.0 * a + b)) * g
+        torque = [weight * np.sin(stance) + sine * swing_rate**2]
+        torque.append(-m * b * g * np.sin(swing) - sine * stance_rate**2)
+        return [stance_rate, swing_rate, *np.linalg.solve(inertia(stance - swing), torque)]
+
+    foot, y, rates = 0.0, np.array([-0.2187, 2.0 * slope + 0.2187, 1.0918, 0.3772]), []
+    for _ in range(most):
+
+        def ahead(y: Any) -> Any:
+            return total * (np.sin(y[0]) - np.sin(y[1]))
+
+        def clearance(_: float, y: Any, foot: float = foot) -> float:
+            """The slope of the line between the feet above the ground's own; behind it cannot strike."""
+            at = ahead(y)
+            rise = total * (np.cos(y[0]) - np.cos(y[1])) - ground(foot + at) + ground(foot)
+            return rise / at + np.tan(slope) if at > 1e-3 else 1.0
+
+        def falls(_: float, y: Any) -> float:
+            return 0.5 * np.pi - abs(y[0])
+
+        clearance.terminal, clearance.direction, falls.terminal = True, -1.0, True  # type: ignore[attr-defined]
+        step = scipy.integrate.solve_ivp(
+            flow, (0.0, 5.0), y, "DOP853", events=[clearance, falls], rtol=1e-10, atol=1e-11, max_step=0.02
+        )
+        if not step.t_events[0].size or ahead(step.y_events[0][0]) < 2e-3:
+            break
+        y = step.y_events[0][0]
+        foot = foot + ahead(y)
+        c, ab = np.cos(y[0] - y[1]), m * a * b
+        whole = (hip * total**2 + 2.0 * m * a * total) * c * y[2] - ab * (y[2] + y[3])
+        mass = inertia(y[0] - y[1])
+        after = np.linalg.solve([mass.sum(axis=0), mass[1]], [whole, -ab * y[2]])
+        y = np.array([y[1], y[0], *after])
+        rates.append(y[2])
+    return rates
+
+
+@pytest.mark.slow("a reference in SciPy")
+@pytest.mark.parametrize(("kind", "engine"), [("steps", "kernel"), ("rough", "kernel"), ("rough", "xla")])
+def test_a_walker_meets_the_ground_as_in_scipy(kind: str, engine: str) -> None:
+    """Errors of 1e-11 grow along a walk that is about to fall; 1e-7 would show a foothold 1 um off."""
+    seeds = np.array([0.0, 3.0])
+    table = gs.sweep(
+        CompassWalker(ground=kind), ground_seed=seeds, ground_roughness=0.002, ground_width=WIDTH,
+        run=gs.ReturnMap(crossings=8), numerics={"rtol": 1e-11, "atol": 1e-12}, engine=engine, verify=0,
+    ).table  # fmt: skip
+    for seed in seeds:
+        expected = walked(kind, seed, 0.002, 8)
+        rates = table[(table["ground_seed"] == seed) & (table["crossing"] > 0)]["stance_rate_n"].to_numpy()
+        assert len(expected) > 3
+        np.testing.assert_allclose(rates[: len(expected)], expected, rtol=0.0, atol=1e-7)
+
+
+@pytest.mark.slow("compiles")
+def test_the_ground_of_a_row_does_not_depend_on_other_rows_lanes_or_blocks() -> None:
+    run, model = gs.ReturnMap(crossings=8), CompassWalker(ground="steps")
+    values = {"ground_seed": np.arange(6), "ground_roughness": 0.002}
+    table = gs.sweep(model, **values, run=run, verify=0, engine="kernel").table
+    others = gs.sweep(model, **values, run=run, verify=0, engine={"name": "kernel", "lanes": 3, "block": 2})
+    assert table.equals(others.table)
+    alone = gs.sweep(model, **{**values, "ground_seed": 4}, run=run, verify=0, engine="kernel").table
+    shared = ["t", "stance_rate_n", "step_length_n"]
+    np.testing.assert_array_equal(alone[shared], table[table["ground_seed"] == 4][shared])
+
+
+@pytest.mark.slow("compiles")
+def test_a_runner_keeps_its_energy_on_any_ground_and_falls_where_it_is_rough() -> None:
+    run = gs.ReturnMap(crossings=30)
+    values = {"ground_roughness": [0.0, 0.001, 0.03], "ground_seed": np.arange(20)}
+    table = gs.sweep(SlipRunner(ground="rough"), **values, run=run, verify=0).table
+    assert np.ptp(table["energy_n"].to_numpy()) < 1e-4
+    last = table.groupby(["ground_roughness", "ground_seed"])["crossing"].max().unstack()
+    assert (last.loc[0.0] == 30).all()
+    assert last.loc[0.001].median() > last.loc[0.03].median() + 3
