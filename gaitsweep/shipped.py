@@ -40,7 +40,7 @@ def job_folders() -> list[Path]:
 def portable_text(file: Path) -> str:
     """The text of a shipped file for a user's folder.
 
-    It names shipped configs as `builtin:NAME`, and the model of an example as the module or file beside the job.
+    It names shipped configs as `builtin:NAME`, and an example's model as the module or file beside the job.
     """
     text = file.read_text(encoding="utf-8")
     if file.suffix != ".yaml":

@@ -180,7 +180,7 @@ def test_a_missing_model_file_is_refused_with_the_near_miss(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "biped.yaml").write_text("body: biped.xml\n")
-    with pytest.raises(gs.models.ModelError, match="no such file in .*; did you mean biped.yaml"):
+    with pytest.raises(gs.models.ModelError, match=r"no such file in .*; did you mean biped\.yaml"):
         gs.models.find("bipde.yaml")
 
 

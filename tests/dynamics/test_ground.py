@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 import scipy
-from gaitsweep.engine.kernel.columns import over_rows
 
 import gaitsweep as gs
 from gaitsweep.dynamics.ground import RISER
 from gaitsweep.dynamics.noise import fraction
+from gaitsweep.engine.kernel.columns import over_rows
 from gaitsweep.examples.compass_walker import CompassWalker
 from gaitsweep.examples.hopper import Hopper
 from gaitsweep.examples.slip_runner import SlipRunner

@@ -31,8 +31,8 @@ class OfMjcf(Model):
     Starts are the positions and velocities of slides and hinges by the joints' names, `JOINT_0` and
     `JOINT_rate_0`; the place and velocity of a free joint, `JOINT_x_0` and `JOINT_x_rate_0`; and the
     orientation of a free or ball joint, `JOINT_roll_0`, `JOINT_pitch_0` and `JOINT_yaw_0`, with the angular
-    velocity about the body's axes, `JOINT_w_x_0`, ... Their defaults are those of a keyframe, or of the joints
-    where the MJCF has none. Signals are `q_0`, `q_1`, ..., MuJoCo's qpos, and those that are declared.
+    velocity about the body's axes, `JOINT_w_x_0`, ... Their defaults are those of a keyframe, or of the
+    joints where the MJCF has none. Signals are `q_0`, `q_1`, ..., MuJoCo's qpos, and those that are declared.
     """
 
     body_file: ClassVar[str]  # the MJCF: a path from the folder of the model's module, or the XML itself
@@ -207,7 +207,7 @@ _ORIENTATION = 2  # stands for qpos and qvel's number where angles give several 
 
 
 def quaternion_of_angles(roll: Any, pitch: Any, yaw: Any) -> list[Any]:
-    """The quaternion (w, x, y, z) of a yaw about z, then a pitch about the new y, then a roll about the new x.
+    """The quaternion (w, x, y, z) of a yaw about z, a pitch about the new y, a roll about the new x.
 
     Args:
         roll, pitch, yaw: angles, rad; the body's x axis points at (cos yaw cos pitch, sin yaw cos pitch,
@@ -246,7 +246,7 @@ def _joint_name(m: Any, joint: int) -> str:
 
 
 def _coordinates(kind: type[OfMjcf]) -> list[tuple[int, int, Quantity]]:
-    """The starts of a body's joints: 0 for qpos, 1 for qvel or 2 for angles, the place there, and the quantity."""
+    """The starts of joints: 0 for qpos, 1 for qvel or 2 for angles, the place there, and the quantity."""
     import mujoco
 
     m = compiled_mjcf(kind)
