@@ -190,7 +190,8 @@ def test_a_stepped_model_file_moves_as_mujoco_c(tmp_path: Path) -> None:
     text = (WALKERS / "biped.yaml").read_text().replace("controller:", "dynamics: stepped\ncontroller:", 1)
     (tmp_path / "stepped.yaml").write_text(text)
     (tmp_path / "biped.xml").write_text((WALKERS / "biped.xml").read_text())
-    model = model_of_file(tmp_path / "stepped.yaml")(dynamics="mujoco")
+    kind: Any = model_of_file(tmp_path / "stepped.yaml")
+    model = kind(dynamics="mujoco")
     m = mujoco.MjModel.from_xml_path(str(WALKERS / "biped.xml"))
     dt = m.opt.timestep
     trace = gs.simulate(model, duration=400 * dt, every=400 * dt, numerics={"dt": dt})
@@ -213,7 +214,7 @@ def test_angles_of_a_start_are_the_quaternion_of_mujoco() -> None:
       <geom name="ball" size=".1" mass="1"/></body></worldbody></mujoco>"""
     members = {"control": lambda self, p, s: jnp.zeros(0), "period": lambda self, p: jnp.ones(())}
     model = type("Ball", (gs.BodyModel,), {"body_file": xml, **members})()
-    start = {q.name: float(q.default) for q in model.initial_conditions}
+    start: dict[str, Any] = {q.name: q.default for q in model.initial_conditions}
     start |= {"root_roll_0": 0.3, "root_pitch_0": 0.4, "root_yaw_0": 0.5, "root_w_y_0": 2.0}
     q, v = model.started_at(start)
     true = np.zeros(4)

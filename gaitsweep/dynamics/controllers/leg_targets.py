@@ -8,7 +8,7 @@ from __future__ import annotations
 import abc
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import jax.numpy as jnp
@@ -73,7 +73,7 @@ class JointPatterns(Targets):
         joints: the joint of each role, for each leg.
     """
 
-    def __init__(self, waveforms: Mapping[str, Waveform], joints: list[Mapping[str, str]]) -> None:
+    def __init__(self, waveforms: Mapping[str, Waveform], joints: Sequence[Mapping[str, str]]) -> None:
         self._waveforms, self._joints = waveforms, joints
 
     def declarations(self) -> dict[str, Any]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import copy
 import functools
 import types
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -33,7 +34,7 @@ class CBody:
         ValueError: the MJCF has a plugin or a delay, whose states are not kept.
     """
 
-    def __init__(self, model: mujoco.MjModel, keyframe: int | None = None) -> None:
+    def __init__(self, model: Any, keyframe: int | None = None) -> None:
         self.mj_model = copy.copy(model)
         # a row that blows up ends, and does not begin anew
         self.mj_model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
@@ -44,7 +45,7 @@ class CBody:
                 "The MJCF has a plugin, or a sensor or actuator with a delay, whose state is not kept."
             )
         self._start = self.at_start()
-        self._free: list[mujoco.MjData] = []  # data that no call is using
+        self._free: list[Any] = []  # data that no call is using
         self._rollout = rollout.Rollout(nthread=0)  # JAX has a thread for each core
         self._with_step = functools.lru_cache(_MODELS)(self._copy_with_step)
 
@@ -53,7 +54,7 @@ class CBody:
         act, time = jnp.asarray(self._start.act, q.dtype), jnp.full(1, self._start.time, q.dtype)
         return BodyState(q, v, act, jnp.zeros(v.size, q.dtype), time)
 
-    def at_start(self) -> mujoco.MjData:
+    def at_start(self) -> Any:
         """MuJoCo's own data at the start."""
         data = mujoco.MjData(self.mj_model)
         if self._keyframe is not None:
@@ -108,7 +109,7 @@ class CBody:
             ctrl = np.concatenate([ctrl, np.broadcast_to(mocap, (len(ctrl), mocap.size))], axis=1)
         data = self._free.pop() if self._free else mujoco.MjData(m)
         try:
-            states, sensors = self._rollout.rollout(
+            outputs: Any = self._rollout.rollout(
                 models if len(steps) > 1 else models[0],
                 data,
                 physics,
@@ -119,9 +120,10 @@ class CBody:
             )
         finally:
             self._free.append(data)
+        states, sensors = outputs
         return np.concatenate([states[:, 0], sensors[:, 0]] if m.nsensordata else [states[:, 0]], axis=1)
 
-    def _copy_with_step(self, step: float) -> mujoco.MjModel:
+    def _copy_with_step(self, step: float) -> Any:
         model = copy.copy(self.mj_model)
         model.opt.timestep = step
         return model
