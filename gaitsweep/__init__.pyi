@@ -39,6 +39,7 @@ from gaitsweep.dynamics.declarations import symmetry as symmetry
 from gaitsweep.dynamics.declarations import time as time
 from gaitsweep.dynamics.declarations import variable as variable
 from gaitsweep.dynamics.declared_model import DeclaredModel as DeclaredModel
+from gaitsweep.dynamics.diffusion import diffusion as diffusion
 from gaitsweep.dynamics.footfalls import footfalls as footfalls
 from gaitsweep.dynamics.ground import Ground as Ground
 from gaitsweep.dynamics.ground import ground_field as ground_field

@@ -53,9 +53,9 @@ _MARK = "asks for the ground"
 def ground_field() -> Any:
     """The field `ground: str = gs.ground_field()` of a model whose functions read `params.ground(x)`.
 
-    The field makes the key `ground` of a job, or the argument of the class, choose the kind of ground. With it
-    the model has the parameters of that kind: `ground_seed`, `ground_roughness` and `ground_width` for `steps`
-    and `rough`, `ground_slope` for `slope`, `ground_start` for a profile.
+    The key `ground` of a job, or the argument of the class, then chooses the kind of ground, and the model
+    has the parameters of that kind: `ground_seed`, `ground_roughness` and `ground_width` for `steps` and
+    `rough`, `ground_slope` for `slope`, `ground_start` for a profile.
 
     Example:
         >>> import dataclasses, gaitsweep as gs
@@ -198,7 +198,7 @@ class Ground:
         return jnp.where(x > 0.0, _along(self.kind, start + x) - _along(self.kind, start), 0.0)
 
     def _drawn(self, x: Float[Array, " ..."]) -> Float[Array, " ..."]:
-        """Heights that are drawn at multiples of `ground_width`, from 1 on, and a smooth rise between them."""
+        """Heights that are drawn at multiples of `ground_width`, from 1 on, with smooth rises between."""
         places = x / self.values["ground_width"]
         index = jnp.floor(places)
         share = places - index
