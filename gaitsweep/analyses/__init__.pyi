@@ -11,6 +11,7 @@ from gaitsweep.analysis.circular import unwrap_from as unwrap_from
 from gaitsweep.analysis.continuation.stable_ranges import stable_ranges as stable_ranges
 from gaitsweep.analysis.falls import steps_to_fall as steps_to_fall
 from gaitsweep.analysis.falls import survival as survival
+from gaitsweep.analysis.rare_falls import RareFalls as RareFalls
 from gaitsweep.analysis.records import AnalysisError as AnalysisError
 from gaitsweep.analysis.records import axes_of as axes_of
 from gaitsweep.analysis.records import in_order as in_order
