@@ -154,7 +154,7 @@ def _late(steps: int) -> range:
 
 
 def _hazard(chance: float, steps: int) -> float:
-    """The chance p of a fall in a step, from the mean chance p (1 - p)^k to fall after k steps of a window."""
+    """The chance p of a fall in a step, from the mean chance p (1 - p)^k to fall after k steps."""
     hazard = chance
     for _ in range(100):  # a contraction, since falls within a window are few
         hazard = chance / np.mean([(1.0 - hazard) ** k for k in _late(steps)])
