@@ -27,8 +27,8 @@ import numpy as np
 import gaitsweep as gs
 from benchmarks.bodies_alone import mjx_alone, mujoco_c
 from benchmarks.sweep_rate import Rate, sweep_rate
+from gaitsweep.engine.devices import local_devices
 from gaitsweep.engine.numerics import Numerics
-from gaitsweep.engine.sweep.xla import local_devices
 
 STEP = 2e-3  # s
 OMEGA = 12.0  # rad/s

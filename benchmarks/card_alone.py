@@ -17,13 +17,13 @@ import jax
 import numpy as np
 
 from gaitsweep.contract import Model
-from gaitsweep.engine.kernel.cuda import CudaLanes
+from gaitsweep.engine.devices import local_devices
+from gaitsweep.engine.kernel.cuda_lanes import CudaLanes
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.recorder import Recorder
 from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
-from gaitsweep.engine.sweep.xla import local_devices
 from gaitsweep.expression import evaluate
 from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
 from gaitsweep.papers.aoi2011.waist_quadruped import WaistQuadruped

@@ -7,13 +7,13 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from gaitsweep.engine.devices import local_devices
 from gaitsweep.engine.kernel.lanes import kernel_of
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.sweep.engines import EngineError, choose, default_lanes
 from gaitsweep.engine.sweep.sweep import Timings, sweep
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
-from gaitsweep.engine.sweep.xla import local_devices
 from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
 from gaitsweep.row_outcome import RowOutcome
 

@@ -22,8 +22,8 @@ import numpy as np
 
 from benchmarks.bodies_alone import mjx_alone, mujoco_c
 from benchmarks.sweep_rate import Rate, sweep_rate
+from gaitsweep.engine.devices import local_devices
 from gaitsweep.engine.numerics import Numerics
-from gaitsweep.engine.sweep.xla import local_devices
 from gaitsweep.papers.fukuoka2015.planar_quadruped import PlanarQuadruped
 from gaitsweep.papers.fukuoka2015.planar_quadruped.mechanics import HIP, KNEE, Z, mjcf
 

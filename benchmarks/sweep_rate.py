@@ -8,12 +8,12 @@ from typing import NamedTuple
 import numpy as np
 
 from gaitsweep.contract import HybridModel, SteppedModel
+from gaitsweep.engine.devices import local_devices
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.sweep.engines import default_lanes
 from gaitsweep.engine.sweep.sweep import Timings, sweep
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
-from gaitsweep.engine.sweep.xla import local_devices
 from gaitsweep.expression import evaluate
 
 Values = Mapping[str, np.ndarray]

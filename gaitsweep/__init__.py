@@ -16,7 +16,7 @@ import sys
 from typing import Any
 
 from gaitsweep.errors import refuse_windows
-from gaitsweep.lazy_names import attach_stub
+from gaitsweep.lazy_imports import attach_stub
 
 # float64 is the default of every model here; JAX reads this when it is first imported
 os.environ.setdefault("JAX_ENABLE_X64", "1")

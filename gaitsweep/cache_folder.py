@@ -13,6 +13,7 @@ import os
 import stat
 import tempfile
 import warnings
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 _DIGEST = 32  # bytes before the content of a file
@@ -69,9 +70,32 @@ def load_cached(file: Path) -> bytes | None:
     return content if hashlib.sha256(content).digest() == data[:_DIGEST] else None
 
 
+def compiled_once(suffix: str, key: Sequence[str], compile_: Callable[[], bytes]) -> bytes:
+    """The machine code that `compile_` makes, or that it has made before with the same key.
+
+    So a kernel is compiled once for a machine and not once for a run; a damaged file is compiled again.
+
+    Args:
+        suffix: the ending of the file's name, without the dot.
+        key: all that determines the code: the source, the options, the compiler's version.
+        compile_: compiles the source.
+    """
+    folder = cache_folder("kernels")
+    if folder is None:
+        return compile_()
+    digest = hashlib.sha256("\n".join(key).encode()).hexdigest()
+    file = folder / f"gaitsweep_kernel_{digest[:24]}.{suffix}"
+    code = load_cached(file)
+    if code is None:
+        code = compile_()
+        store_cached(file, code)
+    return code
+
+
 def _unsafe(folder: Path) -> str | None:
     """Return why code from a folder may be another user's, or None."""
-    status, user = folder.stat(), os.geteuid()
+    status = folder.stat()
+    user = os.geteuid()
     if status.st_uid not in (user, 0):
         return (
             f"it belongs to user {status.st_uid}, but this process runs as user {user}; set "
@@ -89,7 +113,8 @@ def _is_own_group(group: int, user: int) -> bool:
     import pwd
 
     try:
-        name, entry = pwd.getpwuid(user).pw_name, grp.getgrgid(group)
+        name = pwd.getpwuid(user).pw_name
+        entry = grp.getgrgid(group)
     except KeyError:
         return False
     return entry.gr_name == name and not set(entry.gr_mem) - {name}

@@ -10,7 +10,7 @@ from typing import Literal
 Kind = Literal["near misses", "expressions"]
 
 # A near miss takes about 1 ms, an expression 0.1 ms.
-MOST: dict[Kind, int] = {"near misses": 200, "expressions": 5_000}
+LIMITS: dict[Kind, int] = {"near misses": 200, "expressions": 5_000}
 # The remaining budget of the job that is being read, by kind; without one there is no limit.
 _LEFT: ContextVar[dict[Kind, int] | None] = ContextVar("_LEFT", default=None)
 
@@ -18,7 +18,7 @@ _LEFT: ContextVar[dict[Kind, int] | None] = ContextVar("_LEFT", default=None)
 @contextlib.contextmanager
 def limited() -> Iterator[None]:
     """A context in which one job is read; a nested context uses the budget of the outer one."""
-    token = _LEFT.set(_LEFT.get() or dict(MOST))
+    token = _LEFT.set(_LEFT.get() or dict(LIMITS))
     try:
         yield
     finally:

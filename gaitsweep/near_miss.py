@@ -12,7 +12,7 @@ __all__ = ["allowing", "nearest", "suggestion"]
 
 _LONGEST_LIST = 40
 _LONGEST_WORD = 60  # letters: longer words are not typing errors, and are slow to compare
-_MOST_COMPARED = 2000  # number of allowed words that are compared
+_MAX_COMPARED = 2000  # number of allowed words that are compared
 
 
 def nearest(word: str, allowed: Iterable[str]) -> str | None:
@@ -23,7 +23,7 @@ def nearest(word: str, allowed: Iterable[str]) -> str | None:
     if len(word) > _LONGEST_WORD or not effort.spend("near misses"):
         return None
     by_lower: dict[str, str] = {}
-    for name in itertools.islice(allowed, _MOST_COMPARED):
+    for name in itertools.islice(allowed, _MAX_COMPARED):
         if len(name) <= 2 * _LONGEST_WORD:
             by_lower.setdefault(name.lower(), name)
     matches = difflib.get_close_matches(word.lower(), list(by_lower), n=1, cutoff=0.6)

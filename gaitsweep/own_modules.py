@@ -62,7 +62,9 @@ def installed(module: ModuleType) -> bool:
 
 
 def folder_of_class(class_: type) -> Path | None:
-    """The folder from which the module of a user's class is imported; None for an installed one."""
+    """The folder of the module, or of the model file, of a user's class; None for an installed one."""
+    if (file := getattr(class_, "model_file", None)) is not None:
+        return None if _installed(file.parent) else file.parent
     module = sys.modules.get(class_.__module__)
     if module is None or installed(module):
         return None

@@ -79,8 +79,12 @@ class RowOutcome:
     samples: Float[np.ndarray, "records width"]
     labels: dict[str, Real[np.ndarray, " rows"]] = dataclasses.field(default_factory=dict)
     sample_labels: dict[str, Real[np.ndarray, " records"]] = dataclasses.field(default_factory=dict)
-    status, cycles, attempts = _Number(), _Number(), _Number()
-    t_end, last, fired = _Number(), _Number(), _Number()
+    status = _Number()
+    cycles = _Number()
+    attempts = _Number()
+    t_end = _Number()
+    last = _Number()
+    fired = _Number()
 
     @classmethod
     def empty(

@@ -55,7 +55,11 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     """Keep the mark `slow` of the cases that it names, and skip tests marked `gpu` without a CUDA device.
 
     `@pytest.mark.slow` marks a test, `@pytest.mark.slow("id", ...)` its cases that have these ids.
+
+    Raises:
+        pytest.UsageError: a mark names a case that its test lacks, while all cases were collected.
     """
+    _check_ids_of_slow_cases(config, items)
     for item in items:
         named = [mark for mark in item.own_markers if mark.name == "slow" and mark.args]
         callspec = getattr(item, "callspec", None)
@@ -66,6 +70,24 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         for item in items:
             if item.get_closest_marker("gpu"):
                 item.add_marker(pytest.mark.skip(reason="no CUDA device"))
+
+
+def _check_ids_of_slow_cases(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Refuse a mark `slow` with the id of no case, which would leave a long test in the default suite."""
+    cases: dict[tuple[str, ...], set[str]] = {}
+    for item in items:
+        for mark in item.own_markers:
+            if mark.name == "slow" and mark.args:
+                test = (item.nodeid.partition("[")[0], *mark.args)
+                callspec = getattr(item, "callspec", None)
+                cases.setdefault(test, set()).add("" if callspec is None else callspec.id)
+    if any("[" in str(argument) for argument in config.args):
+        return  # single cases were asked for
+    for (test, *ids), collected in cases.items():
+        if unknown := sorted(set(ids) - collected):
+            raise pytest.UsageError(
+                f"{test}: mark slow names {unknown}, and its cases are {sorted(collected)}."
+            )
 
 
 def pytest_collection_finish() -> None:

@@ -14,7 +14,7 @@ BASES_OF_USERS = {
     *("Declared", "DeclaredModel", "OfMjcf", "RunKind"),
 }
 # Variants of a paper's model, which replace what differs.
-VARIED_IN_PAPERS = {"Multilegged", "MultileggedChart", "WaistBody", "PlanarBody"}
+VARIED_IN_PAPERS = {"WaistBody", "PlanarBody"}
 
 
 def _classes() -> dict[str, list[ast.ClassDef]]:

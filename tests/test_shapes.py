@@ -37,7 +37,8 @@ WRONG = """
 import numpy as np
 from gaitsweep.analysis.circular import mean_direction
 from gaitsweep.engine.poincare.maps import Points, wrap_difference
-from gaitsweep.engine.recorders.recorder import Readings, unpacked
+from gaitsweep.engine.event_stall import unpacked
+from gaitsweep.engine.recorders.recorder import Readings
 from gaitsweep.row_outcome import RowOutcome
 import jaxtyping
 

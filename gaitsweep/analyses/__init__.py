@@ -6,7 +6,7 @@ import importlib
 from typing import Any
 
 from gaitsweep.extension import extensions
-from gaitsweep.lazy_names import attach_stub
+from gaitsweep.lazy_imports import attach_stub
 
 _public, _, __all__ = attach_stub(__name__, __file__)
 

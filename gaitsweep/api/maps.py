@@ -122,7 +122,8 @@ class FixedPointsOfModel(abc.ABC):
             8.3295
         """
         self._check()
-        points, conserved = self._points(x)[0], self.conserved if fix is None else fix
+        points = self._points(x)[0]
+        conserved = self.conserved if fix is None else fix
         return newton(self.mapping, points, self._values, fix=conserved, tolerance=tolerance, most=most)
 
     def continue_(
@@ -165,11 +166,13 @@ class FixedPointsOfModel(abc.ABC):
             3.556
         """
         self._check()
-        points, conserved = self._points(x)[0], self.conserved if fix is None else fix
+        points = self._points(x)[0]
+        conserved = self.conserved if fix is None else fix
         mapping: Map = self.mapping
         constrained: Sequence[str] | dict[str, float | None] = conserved
         if parameter in self.conserved:
-            mapping, constrained = LevelMap(mapping, parameter), {**dict.fromkeys(conserved), parameter: 0.0}
+            mapping = LevelMap(mapping, parameter)
+            constrained = {**dict.fromkeys(conserved), parameter: 0.0}
             images = self.mapping.linearised(points, self._values)
             begin = images.conserved_values[:, self.conserved.index(parameter)]
         else:

@@ -48,7 +48,8 @@ class Result:
 
     def __init__(self, path: str | Path | None = None, table: pd.DataFrame | None = None) -> None:
         """Keep the directory, or the table of a result in memory."""
-        self._path, self._table = None if path is None else Path(path), table
+        self._path = None if path is None else Path(path)
+        self._table = table
 
     if not TYPE_CHECKING:  # a type checker knows what a result has
 

@@ -34,7 +34,8 @@ class StationaryPoints(FixedPointsOfModel):
     def eigenvalues(self, x: SectionPoints | ArrayLike) -> Complex[np.ndarray, "*points coordinates"]:
         """Return the eigenvalues (1/s) of the flow at points, complex (n, size), largest real part first."""
         points, single = self._points(x)
-        values, program = self._flow.complete(self._values, len(points)), linearised_flow(self._flow)
+        values = self._flow.complete(self._values, len(points))
+        program = linearised_flow(self._flow)
         of_point = [{name: column[k] for name, column in values.items()} for k in range(len(points))]
         jacobians = [program(of_point[k], points.at[k], points[k].modes)[1] for k in range(len(points))]
         factors = np.array(np.linalg.eigvals(np.stack(jacobians)), complex)

@@ -24,7 +24,7 @@ Measure = TypeVar("Measure", bound=Callable[..., Value])
 
 MEASURES: dict[str, Callable[..., Value]] = {}
 
-BROKEN = 0.05  # s; a shorter loss of contact is a break of the stance, not a swing
+LONGEST_BREAK = 0.05  # s; a shorter loss of contact is a break of the stance, not a swing
 
 
 def measure(function: Measure) -> Measure:
@@ -177,16 +177,18 @@ def numbers(table: pd.DataFrame, column: str) -> Float[np.ndarray, " rows"]:
 def stances(
     t: Float[np.ndarray, " samples"], down: Bool[np.ndarray, " samples"]
 ) -> Int[np.ndarray, "stances 2"]:
-    """First sample of each stance and first sample after it, (n, 2); breaks up to `BROKEN` are ignored.
+    """First sample of each stance and first sample after it, (n, 2), without breaks of `LONGEST_BREAK`.
 
     Args:
         t: times of the samples (k,), s.
         down: whether the foot is on the ground (k,).
     """
     turns = np.flatnonzero(np.diff(np.concatenate([[False], down, [False]]).astype(int)))
-    lands, lifts = turns[::2], turns[1::2]
-    swings = t[lands[1:]] - t[lifts[:-1]] > BROKEN
-    first, last = np.ones(len(lands), bool), np.ones(len(lands), bool)
+    lands = turns[::2]
+    lifts = turns[1::2]
+    swings = t[lands[1:]] - t[lifts[:-1]] > LONGEST_BREAK
+    first = np.ones(len(lands), bool)
+    last = np.ones(len(lands), bool)
     first[1:], last[:-1] = swings, swings
     return np.stack([lands[first], lifts[last]], axis=1)
 

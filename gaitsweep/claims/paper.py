@@ -159,7 +159,8 @@ class Paper(StrictModel):
         Raises:
             ArgumentError: there is no claim of one of the names.
         """
-        wanted, known = set(names), [claim.id for claim in self.claims]
+        wanted = set(names)
+        known = [claim.id for claim in self.claims]
         for name in sorted(wanted - set(known)):
             raise ArgumentError(f"{name} is not a claim of {self.name}{near_miss.suggestion(name, known)}")
         return self.model_copy(update={"claims": [claim for claim in self.claims if claim.id in wanted]})

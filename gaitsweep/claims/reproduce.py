@@ -130,7 +130,8 @@ class _PaperRun:
 
     def result(self) -> Reproduction:
         """Run the jobs, judge the claims, and write the table and the page."""
-        paper, folder = self.paper, self.folder
+        paper = self.paper
+        folder = self.folder
         asked = [(claim, claim.as_quick() if self.quick else claim) for claim in paper.claims]
         needed = [name for name in paper.jobs if any(judged and name in judged.of for _, judged in asked)]
         for number, name in enumerate(needed, 1):
@@ -149,7 +150,8 @@ class _PaperRun:
 
     def _run(self, name: str) -> JobRun:
         """Run one job, or continue it; errors are stored as sentences."""
-        job, file = self.paper.jobs[name], self.paper.job_file(name)
+        job = self.paper.jobs[name]
+        file = self.paper.job_file(name)
         path = self.folder / ("quick" if self.quick else "jobs") / name
         # a quick job is small, so that its self-check would take longer than its rows
         fields = job.set_ | ({"verify": 0, **(job.quick or {})} if self.quick else {})

@@ -64,7 +64,8 @@ def verdict(claim: Claim, ours: Value) -> ClaimVerdict:
 
 def agrees(claim: Claim, ours: Value) -> bool:
     """Whether a value is within a claim's tolerance and bounds, or equals its text; false for NaN."""
-    values, tolerance = _items(ours), claim.tolerance
+    values = _items(ours)
+    tolerance = claim.tolerance
     if tolerance is None and claim.interval is not None:
         low, high = claim.interval
         return all(_is_finite(value) and low <= value <= high for value in values)

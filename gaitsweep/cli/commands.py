@@ -211,7 +211,8 @@ def atlas(
         return
     if settings:
         raise typer.BadParameter("--set is for a job: --more takes the job of the result directory as it is.")
-    job, out = wider_job(load(target).attrs, trust), out or target.with_name(f"{target.name}_more")
+    job = wider_job(load(target).attrs, trust)
+    out = out or target.with_name(f"{target.name}_more")
     with running(job.name, out, cluster=None) as (on_progress, _):
         path = run_job(job, out, on_progress=on_progress, on_message=print_message)
     wider = Snapshot.of(path)

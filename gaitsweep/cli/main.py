@@ -22,7 +22,7 @@ from gaitsweep.cache_folder import cache_folder
 from gaitsweep.cli.commands import app
 from gaitsweep.cli.running import STOPPED
 from gaitsweep.errors import EXIT_FAILURE, UserError, refuse_windows
-from gaitsweep.lazy_packages import lazy_packages
+from gaitsweep.lazy_imports import lazy_packages
 
 # Messages of JAX, Python and the loader of shared libraries when memory is exhausted.
 _NO_MEMORY = (

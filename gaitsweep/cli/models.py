@@ -147,7 +147,8 @@ def check_model(
     _refuse_faults(name, faults(kind))
     from gaitsweep.runs.trial import trial  # of a model without faults
 
-    tried, model = trial(kind), kind()
+    tried = trial(kind)
+    model = kind()
     _refuse_faults(name, tried.faults)
     print(f"{name}: valid, {show.extent_of(model)}")
     for remark in tried.remarks:

@@ -70,7 +70,8 @@ def _print_verdicts(judged: Reproduction) -> None:
     """Print the number of claims with each verdict, and those that are not reproduced."""
     from gaitsweep.claims.verdicts import ClaimVerdict
 
-    counts, total = judged.counts, len(judged.table)
+    counts = judged.counts
+    total = len(judged.table)
     others = [v for v in ClaimVerdict if v is not ClaimVerdict.reproduced and counts[v.value]]
     texts = [f"{counts[ClaimVerdict.reproduced.value]} of {total} claim{'s' * (total != 1)} reproduced"]
     print(", ".join([*texts, *(f"{counts[verdict.value]} {verdict.words}" for verdict in others)]) + ".")

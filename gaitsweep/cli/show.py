@@ -91,7 +91,8 @@ def distance(far: Mapping[str, Any]) -> str:
 
 def outcome(snapshot: Snapshot) -> str:
     """Format the results of a run on disk."""
-    rows, parts = snapshot.manifest["rows"], len(snapshot.files.footers)
+    rows = snapshot.manifest["rows"]
+    parts = len(snapshot.files.footers)
     so_far = "" if snapshot.complete else f" of {rows}"
     lines = [
         f"{snapshot.rows_done}{so_far} row{'s' * (rows != 1)}: {counts(snapshot.counts)}.",

@@ -34,7 +34,8 @@ def load_output(command: Sequence[str]) -> tuple[str, str] | None:
         return None
     try:
         stored = json.loads(load_cached(file) or b"")
-        folder, files = Path(stored["folder"]), stored["files"]
+        folder = Path(stored["folder"])
+        files = stored["files"]
         if set(_files_in(folder)) != {name for name in files if Path(name).is_relative_to(folder)}:
             return None
         if stored["program"] != _program() or any(_digest(Path(name)) != files[name] for name in files):

@@ -145,7 +145,8 @@ def explore(
     from gaitsweep.view.explorer.plotly_source import require_plotly
 
     require_plotly()  # before a large table is read
-    table, target = load(directory), out or directory / EXPLORE
+    table = load(directory)
+    target = out or directory / EXPLORE
     options: dict[str, Any] = {"x": x, "y": y, "replays": replays, "max_size": max_size, "trust": trust}
     with shown_progress("starts") as on_progress:
         write_explorer(table, target, **options, on_progress=on_progress, on_message=print_message)

@@ -17,7 +17,7 @@ from gaitsweep.schema.diagnostics import quoted
 from gaitsweep.schema.numbers import InvalidValue, Number, PointCount, Seed, Text, checked, word
 from gaitsweep.schema.strict_model import StrictModel
 
-MOST_LISTED = 10**6  # points of a list; more follow from a rule
+MAX_LISTED = 10**6  # points of a list; more follow from a rule
 _SOBOL_BITS = 30
 _SOBOL_CHUNK = 2**16  # points drawn at a time: a power of two, as the sequence asks
 
@@ -39,7 +39,7 @@ _SEED = "seed of the points, combined with the name of the axis"
 class Values(StrictModel):
     """Points listed one by one."""
 
-    values: list[Number] = Field(min_length=1, max_length=MOST_LISTED, description="the points")
+    values: list[Number] = Field(min_length=1, max_length=MAX_LISTED, description="the points")
 
     def axis(self, name: str) -> ListAxis:
         return ListAxis(tuple(self.values))
@@ -129,7 +129,8 @@ class ListAxis:
         """Points `index` (n,); `names` has a float or (n,) for each name in the formulas."""
         result = self._plain[index]
         for place in np.intersect1d(index, list(self._formula_at)):
-            formula, mask = self._formula_at[place], index == place
+            formula = self._formula_at[place]
+            mask = index == place
             used = {name: names[name] for name in names_in(formula)}
             used = {name: value if np.ndim(value) == 0 else value[mask] for name, value in used.items()}
             result[mask] = evaluate(formula, used)

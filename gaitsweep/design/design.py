@@ -23,8 +23,8 @@ from gaitsweep.schema.numbers import bound
 
 # A name is checked before a job runs if its axes have at most so many combinations, and these times the
 # letters of its formulas are at most so many.
-MOST_CHECKED, MOST_LETTERS = 1_000_000, 20_000_000
-MOST_CELLS = 200_000  # points of an axis whose distinct values are counted
+MAX_CHECKED, MAX_LETTERS = 1_000_000, 20_000_000
+MAX_CELLS = 200_000  # points of an axis whose distinct values are counted
 
 RowNumbers = Int[np.ndarray, " rows"]
 Columns = dict[str, Float[np.ndarray, " rows"]]  # the values of rows by name
@@ -175,7 +175,7 @@ class Design:
         if name not in self._places:
             return False
         axis = self.groups[self._places[name]].axes[name]
-        if axis.formulas or axis.length > MOST_CELLS:
+        if axis.formulas or axis.length > MAX_CELLS:
             return False
         regular = isinstance(axis, RangeAxis) and not axis.drawn
         return regular or np.unique(axis.at(np.arange(axis.length), {})).size <= 4
@@ -228,7 +228,7 @@ class Design:
         count = math.prod(self.groups[place].length for place in self.spans(name))
         texts = (self.settings.get(closed_name) for closed_name in self.closure([name]))
         letters = sum(len(text) for text in texts if isinstance(text, str))
-        return count <= MOST_CHECKED and count * letters <= MOST_LETTERS
+        return count <= MAX_CHECKED and count * letters <= MAX_LETTERS
 
     def _check_block(self, rows: RowNumbers, values: Columns) -> None:
         """Raise JobError for a value in `rows` (n,) that is not allowed; `checkable` names are left out."""

@@ -11,11 +11,11 @@ from pydantic import TypeAdapter
 
 from gaitsweep import near_miss
 from gaitsweep.contract import Quantity
-from gaitsweep.design.axes import AXIS_KINDS, MOST_LISTED, Axis, RangeAxis, Sample, Values
+from gaitsweep.design.axes import AXIS_KINDS, MAX_LISTED, Axis, RangeAxis, Sample, Values
 from gaitsweep.schema.diagnostics import Diagnostic, Path, quoted, read_model, unknown_field
 
-MOST_ROWS = 10**9
-MOST_DRAWN = 2 * 10**7  # numbers of random and sobol points, which are held while a job runs
+MAX_ROWS = 10**9
+MAX_DRAWN = 2 * 10**7  # numbers of random and sobol points, which are held while a job runs
 
 _LONG = 1000  # points of a list
 
@@ -105,19 +105,19 @@ def _check_size(vary: Vary) -> None:
         rows *= group.length
         if rows > 10**30:  # the product itself can grow past anything
             break
-    if rows > MOST_ROWS:
+    if rows > MAX_ROWS:
         number = f"{rows}" if rows < 10**30 else "more than 1e30"
-        vary.refuse(("vary",), f"gives {number} rows; at most {MOST_ROWS} are allowed.")
+        vary.refuse(("vary",), f"gives {number} rows; at most {MAX_ROWS} are allowed.")
     drawn = sum(group.length * len(group.axes) for group in vary.groups if group.drawn)
-    if drawn > MOST_DRAWN:
-        text = f"draws {drawn} numbers (points times names); at most {MOST_DRAWN} are allowed."
+    if drawn > MAX_DRAWN:
+        text = f"draws {drawn} numbers (points times names); at most {MAX_DRAWN} are allowed."
         vary.refuse(("vary",), text)
 
 
 def _read_axis(name: str, value: Any, path: Path, vary: Vary) -> tuple[Axis, dict[str, Any]] | None:
     """An axis and its normal form, or None with a diagnostic."""
     if isinstance(value, np.ndarray):
-        value = value.tolist() if value.ndim == 1 and len(value) <= MOST_LISTED else {"values": value}
+        value = value.tolist() if value.ndim == 1 and len(value) <= MAX_LISTED else {"values": value}
     if isinstance(value, (list, tuple)):
         value = {"values": list(value)}
     kinds = [kind for kind in AXIS_KINDS if isinstance(value, Mapping) and kind in value]
@@ -135,14 +135,15 @@ def _read_axis(name: str, value: Any, path: Path, vary: Vary) -> tuple[Axis, dic
     value = dict(value)
     if kinds == ["values"] and isinstance(value["values"], (list, tuple, np.ndarray)):
         listed = value["values"]
-        if len(listed) > MOST_LISTED:
+        if len(listed) > MAX_LISTED:
             text = (
-                f"has {len(listed)} points; a list may have at most {MOST_LISTED}: use linspace or a sample."
+                f"has {len(listed)} points; a list may have at most {MAX_LISTED}: use linspace or a sample."
             )
             vary.refuse((*path, "values"), text)
             return None
         value["values"] = [_switch(item, vary.quantities.get(name)) for item in listed]
-    kind, words = AXIS_KINDS[kinds[0]], f"an axis ({kinds[0]})"
+    kind = AXIS_KINDS[kinds[0]]
+    words = f"an axis ({kinds[0]})"
     written = _many_numbers(value) or read_model(kind, value, path, vary.diagnostics, words)
     if written is None:
         return None
@@ -222,7 +223,8 @@ def _read_sample(value: Any, path: Path, vary: Vary) -> dict[str, Any]:
 def _check_order(axis: Axis, path: Path, vary: Vary) -> None:
     """Refuse a random axis whose low end is above its high end; axes with equal steps may descend."""
     if isinstance(axis, RangeAxis) and axis.drawn and not axis.formulas:
-        low, high = float(axis.low), float(axis.high)
+        low = float(axis.low)
+        high = float(axis.high)
         if low > high:
             vary.refuse(path, f"goes from {low:g} to {high:g}, but the low end must come first.")
 

@@ -9,13 +9,9 @@ import jax
 import jax.numpy as jnp
 
 from gaitsweep.contract import HybridModel, Model, Params, State
-from gaitsweep.engine.shapes import Flag, GuardFlags, Guards, Integer, Number
+from gaitsweep.engine.shapes import Flag, Guards, Integer, Number
 
 T = TypeVar("T")  # a pytree
-
-# Jumps at one instant, for each guard, beyond which a row is stalled: far above most physical chains of
-# events.
-JUMPS_A_GUARD = 4
 
 
 class Halt:
@@ -32,18 +28,28 @@ class Halt:
 class Carry:
     """The state of a trajectory's integration.
 
-    `t` is the time (s); `h` the next step (s); `h_max` its upper bound (s), which grows after an event;
-    `near` the guards at the state; `far` the shortest step known to fire (infinite unless an event is being
-    located) and `far_guards` the guards there; at an instant with jumps it is >= 0 for all guards that have
-    fired, and infinite for those that wait for their jump; `weight` the Illinois weight of
-    the end that was kept (above zero: the near end, below: the far end); `trials` the attempts to locate this
-    event; `chain` the jumps at this instant; `attempts` their total number; `closed` whether the section was
-    crossed at this instant, before other guards that wait for their jump, and `shift` the time (s) of their
-    events after that crossing: zero, but for its derivative; `stop` the time (s) at which to halt; `halt` the
-    reason why the trajectory waits; `tangents` its derivatives along some directions (`tangents.Tangent`), if
-    they are followed. Constants of the trajectory: `dt` its longest step (s), `share` the factor on that
-    step, by which tolerances are finer as well, and `unit` the nominal period (s), the unit of the tolerance
-    on event times.
+    Attributes:
+        state: the state.
+        t: the time (s).
+        h: the next step (s).
+        h_max: the upper bound of `h` (s), which grows after an event.
+        near: the guards at the state.
+        far: the shortest step known to fire (s); infinite unless an event is being located.
+        far_guards: the guards there; at an instant with jumps >= 0 for all guards that have fired, and
+            infinite for those that wait for their jump.
+        weight: the Illinois weight of the end of the bracket that was kept: above zero the near end, below
+            zero the far end.
+        trials: the attempts to locate this event.
+        chain: the jumps at this instant.
+        attempts: the total number of attempts.
+        closed: whether the section was crossed at this instant, before other guards that wait for their jump.
+        shift: the time (s) of the events of these guards after that crossing: zero, but for its derivative.
+        stop: the time (s) at which to halt.
+        halt: the reason why the trajectory waits, one of `Halt`.
+        dt: the longest step (s), a constant of the trajectory.
+        step_factor: the factor on that step, by which tolerances are finer as well; a constant.
+        unit: the nominal period (s), the unit of the tolerance on event times; a constant.
+        tangents: derivatives along some directions, a list of `tangents.Tangent`, if they are followed.
     """
 
     state: State
@@ -62,7 +68,7 @@ class Carry:
     stop: Number
     halt: Integer
     dt: Number
-    share: Number
+    step_factor: Number
     unit: Number
     tangents: Any = ()
 
@@ -74,15 +80,15 @@ def start(
     *,
     dt: Number | float,
     stop: Number | float = jnp.inf,
-    share: Number | float = 1.0,
+    step_factor: Number | float = 1.0,
 ) -> Carry:
     """A trajectory at t = 0; the first attempt of a hybrid model has zero length and fires guards >= 0 there.
 
     Args:
         model, params, state: the model, its parameters and its initial state.
-        dt: its longest step (s), with the factor `share` applied.
+        dt: its longest step (s), with the factor `step_factor` applied.
         stop: the time (s) at which to halt.
-        share: see `Carry`.
+        step_factor: see `Carry`.
     """
     # the step of a stepped model is not shortened, since no event is located
     near = model.guards(params, state) if isinstance(model, HybridModel) else jnp.zeros((0,), jnp.float64)
@@ -107,7 +113,7 @@ def start(
         stop=zero + stop,
         halt=count,
         dt=zero + dt,
-        share=zero + share,
+        step_factor=zero + step_factor,
         unit=zero + unit,
     )
 
@@ -115,19 +121,3 @@ def start(
 def select(condition: Flag, yes: T, no: T) -> T:
     """`yes` or `no`, two pytrees of the same structure, leaf by leaf."""
     return jax.tree.map(lambda a, b: jnp.where(condition, a, b), yes, no)
-
-
-def stalled(model: Model, carry: Carry) -> Flag:
-    """Whether jumps follow each other at one instant without end (`HybridModel.longest_chain`)."""
-    return carry.chain > longest_chain(model, carry.near)
-
-
-def longest_chain(model: Model, guards: Guards) -> int:
-    """The most jumps at one instant (`HybridModel.longest_chain`)."""
-    longest = model.longest_chain if isinstance(model, HybridModel) else None
-    return JUMPS_A_GUARD * (guards.size + 1) if longest is None else longest
-
-
-def fired_last(carry: Carry) -> GuardFlags:
-    """Guards that fired at the last instant of an event, in any of its jumps (a bool each)."""
-    return carry.far_guards >= 0.0

@@ -24,27 +24,38 @@ from gaitsweep.own_modules import modules_beside
 P = ParamSpec("P")
 T = TypeVar("T")
 
-_FILES: dict[tuple[str, str, int], set[Path]] = {}
+ModelKey = tuple[str, str, int]  # the module, the name and the hash of a model
+
+# The files that the functions of a model read as they are traced.
+_FILES: dict[ModelKey, set[Path]] = {}
+# The latest content of each model.
+_LATEST: dict[ModelKey, str] = {}
+# Results that hold while models do not change; None outside of `held_contents`.
 _MEMO: ContextVar[dict[tuple[Any, ...], Any] | None] = ContextVar("memo", default=None)
-_LATEST: dict[tuple[str, str, int], str] = {}  # by module, name and structure
 
 
 def cached_by_content(maxsize: int) -> Callable[[Callable[P, T]], Callable[P, T]]:
-    """`functools.lru_cache`, keyed on the content of models too, and of the `model` of other arguments."""
+    """Cache a function as `functools.lru_cache` does, keyed on the content of models as well.
+
+    They are the models among the arguments, and those that other arguments have as their `model`.
+
+    Args:
+        maxsize: the largest number of results that are kept.
+    """
 
     def decorate(function: Callable[P, T]) -> Callable[P, T]:
         @functools.lru_cache(maxsize)
-        def cached(_: tuple[str, ...], args: Any, options: Any) -> T:
+        def cached(contents: tuple[str, ...], args: Any, options: Any) -> T:
             return function(*args, **dict(options))
 
         @functools.wraps(function)
         def call(*args: P.args, **options: P.kwargs) -> T:
-            models = (
-                argument if isinstance(argument, Model) else getattr(argument, "model", None)
-                for argument in args
-            )
-            contents = tuple(content_of(model) for model in models if isinstance(model, Model))
-            return cached(contents, args, tuple(sorted(options.items())))
+            contents = []
+            for argument in args:
+                model = argument if isinstance(argument, Model) else getattr(argument, "model", None)
+                if isinstance(model, Model):
+                    contents.append(content_of(model))
+            return cached(tuple(contents), args, tuple(sorted(options.items())))
 
         return call
 
@@ -52,14 +63,15 @@ def cached_by_content(maxsize: int) -> Callable[[Callable[P, T]], Callable[P, T]
 
 
 def content_of(model: Model) -> str:
-    """A digest of the functions of a model: their code, globals, closures and class attributes.
+    """Compute a digest of the functions of a model: their code, globals, closures and class attributes.
 
     Code of installed packages and of gaitsweep counts by name only. Another process has another digest.
     """
     memo = _MEMO.get()
     if memo is not None and (known := memo.get((type(model), model))) is not None:
         return known
-    reader, key = _read(model), _key(model)
+    reader = _read(model)
+    key = _key(model)
     reader.read(model.data_digest)
     for file in sorted(_FILES.get(key, ())):
         reader.read((str(file), (file.stat().st_mtime_ns, file.stat().st_size) if file.is_file() else None))
@@ -95,10 +107,13 @@ def held_result(key: tuple[Any, ...], compute: Callable[[], T]) -> T:
 
 
 def lasting_content(model: Model, *others: Any) -> str | None:
-    """A digest of a model and other objects that holds in other processes as well.
+    """Compute a digest of a model and other objects that holds in other processes as well.
 
-    It includes the sources of the model's modules. None for a model that may read what no digest holds:
-    files, the environment, a clock, packages other than JAX and NumPy, or a class without a source.
+    It includes the sources of the model's modules.
+
+    Returns:
+        The digest; None for a model that may read what no digest holds: files, the environment, a clock,
+        packages other than JAX and NumPy, or a class without a source.
     """
     if _FILES.get(_key(model)):
         return None
@@ -109,6 +124,7 @@ def lasting_content(model: Model, *others: Any) -> str | None:
 
 
 def _lasting(model: Model) -> str:
+    """The digest of a model that holds in other processes; empty if there is none."""
     module = sys.modules.get(type(model).__module__)
     # a model of steps with data files runs a simulator, of which no digest holds the code
     simulated = isinstance(model, SteppedModel) and bool(model.data_digest)
@@ -128,6 +144,7 @@ def _lasting(model: Model) -> str:
 
 
 def _read(model: Model) -> ContentReader:
+    """A reader that has read the class and the attributes of a model."""
     reader = ContentReader()
     reader.read(type(model))
     reader.attributes(model)
@@ -141,5 +158,5 @@ def depends_on(model: Model, files: Iterable[Path]) -> None:
         memo.pop((type(model), model), None)
 
 
-def _key(model: Model) -> tuple[str, str, int]:
+def _key(model: Model) -> ModelKey:
     return type(model).__module__, type(model).__qualname__, hash(model)

@@ -216,7 +216,8 @@ def _code(code: types.CodeType) -> tuple[bytes, tuple[str, ...], bool]:
     """The digest of a code object, the names that it and its inner code read, and whether these are known."""
     entry = _CODES.get(code)
     if entry is None:
-        names, digest = dict.fromkeys(code.co_names), hashlib.sha256()
+        names = dict.fromkeys(code.co_names)
+        digest = hashlib.sha256()
         known = _UNKNOWN.isdisjoint(code.co_names) and _IMPORTS not in code.co_code[::2]
         shape = code.co_argcount, code.co_posonlyargcount, code.co_kwonlyargcount, code.co_flags
         digest.update(repr((shape, code.co_names, code.co_varnames, code.co_freevars)).encode())

@@ -10,30 +10,40 @@ so guards whose roots are the same instant fire in the same trial.
 
 from __future__ import annotations
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Num
 
 from gaitsweep.contract import Rates, State
 from gaitsweep.engine.carry import Carry
 from gaitsweep.engine.rarity import likely
-from gaitsweep.engine.shapes import Flag, GuardFlags, Guards, Number
+from gaitsweep.engine.shapes import Flag, GuardFlags, Guards, Integer, Number
 from gaitsweep.engine.solver import euler_update
 
 # A guard's value before a step is limited to this multiple of its value after it: a model may disarm a guard
 # by a large negative number, with which the secant would locate nothing.
-STEEPEST = 1e9
+MAX_NEAR_RATIO = 1e9
 # Trials before the location of an event falls back to bisection (superlinear location takes 5 to 8), and
 # before its tolerance begins to grow (bisection of a whole step to 1e-12 s takes another 31).
-SECANT_TRIALS = 24
+BISECTION_AFTER = 24
 PATIENT_TRIALS = 60
-# Least distance of an event's trial from the root, as a share of the tolerance.
-LEAST_LATE = 0.25
+# Least time of an event's trial past the root, as a share of the tolerance.
+MIN_OVERSHOOT = 0.25
 # The largest time past a guard's root by its own rate, as a multiple of the tolerance: a guard that jumps
 # to a small number above zero looks nearer to its root by the secant than it is.
-LARGEST_LATE = 4.0
+MAX_OVERSHOOT = 4.0
 
-Bracket = dict[str, Num[Array, " ..."]]  # the fields of `Carry` that locate an event, by name
+
+@dataclasses.dataclass(frozen=True)
+class Bracket:
+    """The fields of `Carry` that locate an event."""
+
+    near: Guards
+    far: Number
+    far_guards: Guards
+    weight: Number
+    trials: Integer
 
 
 def first_to_fire(near: Guards, far: Guards) -> tuple[Number, Number]:
@@ -48,7 +58,7 @@ def first_to_fire(near: Guards, far: Guards) -> tuple[Number, Number]:
         return none + 1.0, none
     fires = far >= 0.0
     above = jnp.where(fires, far, 0.0)
-    steepest = STEEPEST * above
+    steepest = MAX_NEAR_RATIO * above
     below = jnp.where(fires, jnp.where(-near > steepest, steepest, -near), 1.0)
     while below.size > 1:
         half = below.size // 2
@@ -67,38 +77,44 @@ def secant_root(below: Number, above: Number) -> Number:
 
 
 def next_bracket(
-    carry: Carry, h: Number, guards: Guards, on: Flag, hit: Flag, land: Flag, keeps: GuardFlags
+    carry: Carry,
+    h: Number,
+    guards: Guards,
+    *,
+    accepted: Flag,
+    hit: Flag,
+    land: Flag,
+    keeps: GuardFlags,
 ) -> Bracket:
-    """The bracket after an attempt, with its far end (back) or its near end (on) at the trial.
+    """The bracket after an attempt: the trial becomes its near end, or its far end if a guard fired there.
 
     Args:
         carry: the trajectory before the attempt.
         h: the length of the trial (s).
         guards: the guards there.
-        on: whether the trial is accepted without an event.
+        accepted: whether the trial is accepted without an event.
         hit: whether a guard fired at the trial.
         land: whether the trial is the event.
         keeps: the guards whose values at the trial are kept: at an instant with jumps only that which jumps.
-
     """
     back = hit & ~land
     rest = carry.far - h
     # an accepted step that reaches the far end without firing (rounding) ends the location
     fresh = likely(carry.far == jnp.inf)
-    far = jnp.where(back, h, jnp.where(fresh, jnp.inf, jnp.where(on & (rest > 0.0), rest, jnp.inf)))
+    far = jnp.where(back, h, jnp.where(fresh, jnp.inf, jnp.where(accepted & (rest > 0.0), rest, jnp.inf)))
     stayed_near = jnp.where(carry.weight > 0.0, 0.5 * carry.weight, 1.0)
     stayed_far = jnp.where(carry.weight < 0.0, 0.5 * carry.weight, -1.0)
     weight = jnp.where(fresh, 1.0, jnp.where(back, stayed_near, stayed_far))
     # a location that ended without an event is continued: only an accepted step resets its trials
-    trials = jnp.where(land | (on & fresh), 0, carry.trials + 1)
-    waits = ~(on | hit)
-    return {
-        "near": jnp.where(on, guards, carry.near),
-        "far": jnp.where(waits, carry.far, far),
-        "far_guards": jnp.where(keeps, guards, carry.far_guards),
-        "weight": jnp.where(waits, carry.weight, weight),
-        "trials": jnp.where(waits, carry.trials, trials),
-    }
+    trials = jnp.where(land | (accepted & fresh), 0, carry.trials + 1)
+    waits = ~(accepted | hit)
+    return Bracket(
+        near=jnp.where(accepted, guards, carry.near),
+        far=jnp.where(waits, carry.far, far),
+        far_guards=jnp.where(keeps, guards, carry.far_guards),
+        weight=jnp.where(waits, carry.weight, weight),
+        trials=jnp.where(waits, carry.trials, trials),
+    )
 
 
 def next_trial(bracket: Bracket, below: Number, above: Number, tolerance: Number) -> Number:
@@ -109,12 +125,12 @@ def next_trial(bracket: Bracket, below: Number, above: Number, tolerance: Number
         below, above: the distances from zero of the guard that fires first, from `first_to_fire`.
         tolerance: of the event time (s).
     """
-    weight = bracket["weight"]
+    weight = bracket.weight
     below = below * jnp.where(weight > 0.0, weight, 1.0)
     above = above * jnp.where(weight < 0.0, -weight, 1.0)
-    far = jnp.where(bracket["far"] < jnp.inf, bracket["far"], 0.0)
+    far = jnp.where(bracket.far < jnp.inf, bracket.far, 0.0)
     secant = far * secant_root(below, above) + 0.5 * tolerance
-    guess = jnp.where(bracket["trials"] > SECANT_TRIALS, 0.5 * far, secant)
+    guess = jnp.where(bracket.trials > BISECTION_AFTER, 0.5 * far, secant)
     # so short a bracket is stepped as a whole: if rounding hides the event, the step reaches the far end
     # without firing and the location ends, instead of bisecting without end
     return jnp.where((far <= tolerance) | (guess > far), far, guess)
@@ -142,8 +158,9 @@ def implicit_event_time(
 
 def first_of(flags: GuardFlags) -> GuardFlags:
     """The first flag that is set, alone."""
-    taken, first = jnp.zeros((), bool), []
+    earlier = jnp.zeros((), bool)  # whether a flag before this one is set
+    first = []
     for i in range(flags.size):
-        first.append(flags[i] & ~taken)
-        taken = taken | flags[i]
+        first.append(flags[i] & ~earlier)
+        earlier = earlier | flags[i]
     return jnp.stack(first) if first else flags

@@ -14,14 +14,14 @@ from jaxtyping import Array, Float, Inexact
 from gaitsweep.contract import HybridModel, Params, State
 from gaitsweep.engine.solver import METHODS
 
-# Number of flags whose combinations are evaluated; each flag doubles the number of combinations.
-MOST_FLAGS = 8
+# Largest number of flags whose combinations are evaluated; each flag doubles the number of combinations.
+MAX_FLAGS = 8
 
 
 def flow_eigenvalues(model: HybridModel, params: Params, state: State) -> Inexact[np.ndarray, "modes fields"]:
     """The eigenvalues (1/s) of the flow's matrix for all combinations of a state's flags, (modes, n).
 
-    Modes other than bools, and flags after the first `MOST_FLAGS`, are those of `state`.
+    Modes other than bools, and flags after the first `MAX_FLAGS`, are those of `state`.
 
     Args:
         model: a model whose flow is linear between events.
@@ -29,12 +29,11 @@ def flow_eigenvalues(model: HybridModel, params: Params, state: State) -> Inexac
     """
     names = list(jax.eval_shape(model.flow, params, state))
     leaves, tree = jax.tree.flatten(state)
-    flags = [
-        (i, k)
-        for i, leaf in enumerate(leaves)
-        if jnp.issubdtype(jnp.result_type(leaf), jnp.bool_)
-        for k in range(int(np.size(leaf)))
-    ][:MOST_FLAGS]
+    flags: list[tuple[int, int]] = []  # the leaf of each flag, and its place in the flat leaf
+    for i, leaf in enumerate(leaves):
+        if jnp.issubdtype(jnp.result_type(leaf), jnp.bool_):
+            flags += [(i, k) for k in range(int(np.size(leaf)))]
+    flags = flags[:MAX_FLAGS]
 
     @jax.jit
     def matrix(state: State) -> Float[Array, "fields fields"]:
@@ -50,15 +49,20 @@ def flow_eigenvalues(model: HybridModel, params: Params, state: State) -> Inexac
 
     spectra = []
     for combination in itertools.product((False, True), repeat=len(flags)):
-        now = [np.array(leaf) for leaf in leaves]
+        numbers = [np.array(leaf) for leaf in leaves]
         for (i, k), flag in zip(flags, combination, strict=True):
-            now[i].reshape(-1)[k] = flag
-        spectra.append(np.linalg.eigvals(np.asarray(matrix(jax.tree.unflatten(tree, now)))))
+            numbers[i].reshape(-1)[k] = flag
+        spectra.append(np.linalg.eigvals(np.asarray(matrix(jax.tree.unflatten(tree, numbers)))))
     return np.array(spectra)
 
 
 def slowest_limit(model: HybridModel, params: Params, state: State, method: str) -> float:
-    """The longest accurate step (s) of a method of `METHODS` for all eigenvalues of a linear flow."""
+    """The longest accurate step (s) of a method for all eigenvalues of a linear flow.
+
+    Args:
+        model, params, state: as for `flow_eigenvalues`.
+        method: a name of `METHODS`, one that has `limits`.
+    """
     eigenvalues = flow_eigenvalues(model, params, state)
     rates = np.abs(eigenvalues)
     fast = rates > 0.0

@@ -37,7 +37,12 @@ RESOLVED = 0.1
 
 
 def guard_slopes(model: HybridModel, params: Params, state: State, rates: Rates) -> Guards:
-    """Time derivatives of the guards along a flow (their units per s), without derivatives of their own."""
+    """Time derivatives of the guards along a flow (their units per s), without derivatives of their own.
+
+    Args:
+        model, params: the model and its parameters.
+        state, rates: a state, and the flow's rates there.
+    """
     params = jax.lax.stop_gradient(params)
     return slopes_along(lambda s: model.guards(params, s), state, rates)
 
@@ -45,7 +50,12 @@ def guard_slopes(model: HybridModel, params: Params, state: State, rates: Rates)
 def slopes_along(
     function: Callable[[State], Float[Array, " values"]], state: State, rates: Rates
 ) -> Float[Array, " values"]:
-    """Time derivatives of a function of the state along a flow, without derivatives of their own."""
+    """Time derivatives of a function of the state along a flow, without derivatives of their own.
+
+    Args:
+        function: from a state to values (n,).
+        state, rates: a state, and the flow's rates there.
+    """
     still = jax.lax.stop_gradient(state)
     along = {name: jax.lax.stop_gradient(rate) for name, rate in rates.items()}
     zero = jnp.zeros_like(jax.tree.leaves(along)[0], shape=())
@@ -68,7 +78,7 @@ def may_hide(near: Guards, slopes: Guards, end: Guards, h: Number) -> Flag:
     return may_reach & jnp.any(passes)
 
 
-def between(state: State, rates: Rates, end: State, end_rates: Rates, h: Number, share: float) -> State:
+def interpolated(state: State, rates: Rates, end: State, end_rates: Rates, h: Number, share: float) -> State:
     """The state at a share of a step, on the cubic through its ends.
 
     Args:
@@ -100,11 +110,11 @@ def unresolved(
     size = jnp.maximum(jnp.abs(near), jnp.abs(end))
     for probe in inside:
         size = jnp.maximum(size, jnp.abs(probe))
-    apart = jnp.zeros(near.shape, bool)
+    suspect = jnp.zeros(near.shape, bool)
     for share, probe in zip(PROBES, inside, strict=True):
         deviation = jnp.abs(probe - _cubic(near, slopes, end, end_slopes, h, share))
-        apart = apart | (probe >= 0.0) | (deviation > RESOLVED * size)
-    return jnp.any(apart & (near < 0.0) & (end < 0.0))
+        suspect = suspect | (probe >= 0.0) | (deviation > RESOLVED * size)
+    return jnp.any(suspect & (near < 0.0) & (end < 0.0))
 
 
 def _cubic(

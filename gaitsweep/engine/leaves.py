@@ -33,15 +33,22 @@ def with_float_leaves(tree: Any, numbers: Iterable[Any]) -> Any:
 def tangent_of(tree: Any, numbers: Iterable[Any]) -> Any:
     """The tangent of a tree in JAX: `numbers` for its float leaves, float0 for its modes."""
     remaining = iter(numbers)
-    return jax.tree.map(
-        lambda leaf: next(remaining) if is_float(leaf) else np.zeros(np.shape(leaf), jax.dtypes.float0), tree
-    )
+
+    def tangent(leaf: Any) -> Any:
+        return next(remaining) if is_float(leaf) else np.zeros(np.shape(leaf), jax.dtypes.float0)
+
+    return jax.tree.map(tangent, tree)
 
 
 def vector(tree: Any) -> Float[Array, " values"]:
     """All leaves as one float64 vector (n,)."""
     leaves = [jnp.ravel(jnp.asarray(leaf)).astype(jnp.float64) for leaf in jax.tree.leaves(tree)]
     return jnp.concatenate([jnp.zeros(0), *leaves])
+
+
+def element_names(field: str, shape: tuple[int, ...]) -> list[str]:
+    """The names of the elements of a state's field: `angle` of a number, `phi_1`, `phi_2` of an array."""
+    return ["_".join([field, *(str(i + 1) for i in place)]) for place in np.ndindex(*shape)]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -56,8 +63,7 @@ class AllVariables(Chart):
         names: list[str] = []
         for path, leaf in jax.tree_util.tree_leaves_with_path(state):
             if is_float(leaf):
-                field = jax.tree_util.keystr(path, simple=True, separator="_")
-                names += ["_".join([field, *(str(i + 1) for i in at)]) for at in np.ndindex(*np.shape(leaf))]
+                names += element_names(jax.tree_util.keystr(path, simple=True, separator="_"), np.shape(leaf))
         return cls(tuple(names))
 
     @property

@@ -28,13 +28,13 @@ STEP_FACTOR = "numerics.share"
 # Order of the local error in the step, for methods with step control.
 ORDER = 5
 # The recommended share of the longest accurate step.
-SAFETY = 0.85
+RECOMMENDED_SHARE = 0.85
 # Number of adaptive steps in the longest step beyond which a row has too many steps.
-ADAPTIVE_STEPS = 64.0
+MAX_ADAPTIVE_STEPS = 64.0
 # Fewest steps in a nominal period: the default for adaptive methods, so that few events begin and end inside
 # a step (`hidden_events`), and the limit for a step that a job sets.
-SHORTEST_CYCLE = 32.0
-FEWEST_STEPS = 8.0
+DEFAULT_STEPS_PER_PERIOD = 32.0
+MIN_STEPS_PER_PERIOD = 8.0
 # Relative tolerance, and functions in the flow, with which taylor is faster than tsit5 (docs/performance.md).
 FINE_TOLERANCE = 1e-10
 _CIRCULAR = {"sin", "cos"}
@@ -126,7 +126,7 @@ class ResolvedNumerics:
     @property
     def steps_in_longest(self) -> float:
         """Steps that the limit on attempts allows in each longest step."""
-        return ADAPTIVE_STEPS if self.adaptive else 1.0
+        return MAX_ADAPTIVE_STEPS if self.adaptive else 1.0
 
     @property
     def carried(self) -> str:
@@ -151,14 +151,14 @@ def longest_step(model: Model, method: str, params: Params) -> Number | None:
         return steps.longest_step(params)
     assert isinstance(model, HybridModel)
     if METHODS[method].adaptive:
-        return model.period(params) / FEWEST_STEPS
+        return model.period(params) / MIN_STEPS_PER_PERIOD
     if (modes := model.fast_modes(params)) is None:
         return None
     rates, damping = modes
     ratios, limits = (jnp.asarray(column) for column in zip(*METHODS[method].limits, strict=True))
     allowed = jnp.interp(damping, ratios, limits)
     # even if all motions are slow, a step has to be short compared with a cycle
-    return jnp.minimum(jnp.min(allowed / rates), model.period(params) / FEWEST_STEPS)
+    return jnp.minimum(jnp.min(allowed / rates), model.period(params) / MIN_STEPS_PER_PERIOD)
 
 
 def recommended_step(model: Model, numerics: ResolvedNumerics, params: Params) -> Number | None:
@@ -174,8 +174,8 @@ def recommended_step(model: Model, numerics: ResolvedNumerics, params: Params) -
     if METHODS[numerics.method].series:
         return longest
     if numerics.adaptive:
-        return longest * (FEWEST_STEPS / SHORTEST_CYCLE)
-    return SAFETY * longest
+        return longest * (MIN_STEPS_PER_PERIOD / DEFAULT_STEPS_PER_PERIOD)
+    return RECOMMENDED_SHARE * longest
 
 
 def step_of(model: Model, numerics: ResolvedNumerics, params: Params) -> Number:

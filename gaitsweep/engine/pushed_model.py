@@ -19,6 +19,7 @@ from jaxtyping import Array, Bool, Float, Real
 from gaitsweep.contract import HybridModel, Model, Params, Quantity, Rates, Recommended, Simultaneous, State
 from gaitsweep.engine.carry import Carry, select
 from gaitsweep.engine.content import cached_by_content
+from gaitsweep.engine.leaves import element_names
 from gaitsweep.engine.shapes import Flag, Number
 from gaitsweep.engine.solver import METHODS
 
@@ -123,7 +124,8 @@ class PushedModel(HybridModel):
             symbol = rf"\Delta {quantity.symbol}" if quantity.symbol else ""
             meaning = f"change of {name} by the push"
             pushed.append(Quantity(f"{PREFIX}{name}", quantity.unit, meaning, 0.0, symbol=symbol))
-        when, lasts = [], []
+        when = []
+        lasts = []
         if self.event is None:
             meaning = "phase of the push: share of the gait's period after a section crossing"
             when = [Quantity(PHASE, "1", meaning, 0.0, low=0.0, high=1.0)]
@@ -217,7 +219,8 @@ class PushedModel(HybridModel):
 
     def params(self, values: Mapping[str, Float[Array, " ..."]], /) -> PushedParams:
         own = self._own(values)
-        plain, stepped = self.model.params(own), ()
+        plain = self.model.params(own)
+        stepped = ()
         if self.stepped is not None:
             stepped = self.model.params(
                 {**own, self.stepped: own[self.stepped] + values[f"{PREFIX}{self.stepped}"]}
@@ -282,17 +285,20 @@ class PushedModel(HybridModel):
         return self.model.guards(self._acting(params, state), _plain(state))
 
     def jump(self, params: PushedParams, state: State, fired: Bool[Array, " events"], /) -> State:
-        acting, plain = self._acting(params, state), _plain(state)
+        acting = self._acting(params, state)
+        plain = _plain(state)
         after = self.model.jump(acting, plain, fired)
         acts, awaited, due, crossed = (getattr(state, mode) for mode in MODES)
         if self.event is not None:
             crossed = crossed | ((awaited | due) & self.model.section(acting, plain, fired))
             comes = awaited & self._comes(acting, plain, fired)
-            due, awaited = due | comes, awaited & ~comes
+            due = due | comes
+            awaited = awaited & ~comes
         return _with_modes(after, (acts, awaited, due, crossed))
 
     def section(self, params: PushedParams, before: State, fired: Bool[Array, " events"], /) -> Flag:
-        acting, plain = self._acting(params, before), _plain(before)
+        acting = self._acting(params, before)
+        plain = _plain(before)
         closes = self.model.section(acting, plain, fired)
         if self.event is None:
             return closes
@@ -338,7 +344,8 @@ class PushedModel(HybridModel):
 
     def _along(self, state: State, amounts: Float[Array, " pushes"]) -> dict[str, Float[Array, " ..."]]:
         """Amounts (n,) of the pushed variables as arrays of the fields of a state."""
-        places, fields = flow_places(self.model), {}
+        places = flow_places(self.model)
+        fields = {}
         for variable, amount in zip(self.variables, amounts, strict=True):
             name, place = places[variable]
             mask = np.zeros(np.shape(getattr(state, name)), bool)
@@ -375,10 +382,11 @@ def flow_places(model: HybridModel) -> dict[str, Place]:
         state = model.init(params, start)
         return state, model.flow(params, state)
 
-    given = {
-        q.name: np.full(1, q.default if isinstance(q.default, int | float) else 1.0) for q in model.parameters
-    }
-    values = {k: jax.ShapeDtypeStruct(np.shape(v)[1:], jnp.float64) for k, v in model.on_host(given).items()}
+    row: dict[str, Float[np.ndarray, " rows"]] = {}
+    for quantity in model.parameters:
+        default = quantity.default if isinstance(quantity.default, int | float) else 1.0
+        row[quantity.name] = np.full(1, default)
+    values = {k: jax.ShapeDtypeStruct(np.shape(v)[1:], jnp.float64) for k, v in model.on_host(row).items()}
     start = {q.name: jax.ShapeDtypeStruct((), jnp.float64) for q in model.initial_conditions}
     state, rates = jax.eval_shape(shapes, values, start)
     return places_of(state, rates)
@@ -386,12 +394,12 @@ def flow_places(model: HybridModel) -> dict[str, Place]:
 
 def places_of(state: State, rates: Rates) -> dict[str, Place]:
     """The variables that rates move, by name; of shapes or of numbers."""
-    return {
-        "_".join([field.name, *(str(i + 1) for i in place)]): (field.name, place)
-        for field in dataclasses.fields(state)
-        if field.name in rates
-        for place in np.ndindex(*np.shape(getattr(state, field.name)))
-    }
+    places: dict[str, Place] = {}
+    for field in (field.name for field in dataclasses.fields(state) if field.name in rates):
+        shape = np.shape(getattr(state, field))
+        names = element_names(field, shape)
+        places |= {name: (field, place) for name, place in zip(names, np.ndindex(*shape), strict=True)}
+    return places
 
 
 @functools.lru_cache(maxsize=64)

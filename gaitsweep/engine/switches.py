@@ -22,7 +22,8 @@ from gaitsweep.engine.shapes import Flag, Number
 
 # Arguments below which exp is too small for step control (2e-9), and beyond which tanh and similar functions
 # are constant (within 2e-7).
-NEGLIGIBLE, SATURATION = -20.0, 8.0
+NEGLIGIBLE = -20.0
+SATURATION = 8.0
 # Operations whose results are constant between switches of a flow, and those whose arguments decide a switch
 # by the sign of their difference.
 _CAST = "convert_element_type"
@@ -54,7 +55,8 @@ def switching(flow: Callable[[Params, State], Rates], params: Params, state: Sta
     """Possible switches of a flow as its variables move, from its program without loops and branches."""
     with jax.disable_jit():  # the program of a jitted function is then inlined
         closed, rates = jax.make_jaxpr(flow, return_shape=True)(params, state)
-    program, inputs = closed.jaxpr, jax.tree.leaves((params, state))
+    program = closed.jaxpr
+    inputs = jax.tree.leaves((params, state))
     equations = [e for e, _ in _moving(program, state, rates) if e.primitive.name in _SWITCHES]
     variables = list(
         dict.fromkeys(v for e in equations for v in (*e.invars, e.outvars[0]) if not isinstance(v, Literal))
@@ -62,9 +64,11 @@ def switching(flow: Callable[[Params, State], Rates], params: Params, state: Sta
     names = program.debug_info and program.debug_info._replace(result_paths=None)
     part = ClosedJaxpr(program.replace(outvars=variables, debug_info=names), closed.consts)
     values = dict(zip(variables, jaxpr_as_fun(part)(*inputs), strict=True))
-    levels, surfaces = [jnp.zeros((0,))], [jnp.zeros((0,))]
+    levels = [jnp.zeros((0,))]
+    surfaces = [jnp.zeros((0,))]
     for equation in equations:
-        operation, result = equation.primitive.name, values[equation.outvars[0]]
+        operation = equation.primitive.name
+        result = values[equation.outvars[0]]
         args = [v.val if isinstance(v, Literal) else values[v] for v in equation.invars]
         if not all(jnp.issubdtype(jnp.result_type(argument), jnp.floating) for argument in args):
             continue
@@ -116,7 +120,8 @@ def may_switch(model: HybridModel, params: Params, state: State) -> bool:
         return True
     with jax.disable_jit():
         program = jax.make_jaxpr(model.guards)(params, state).jaxpr
-    needed, counted = {v for v in program.outvars if not isinstance(v, Literal)}, set()
+    needed = {v for v in program.outvars if not isinstance(v, Literal)}
+    counted = set()
     for equation in reversed(program.eqns):
         if needed.intersection(equation.outvars) and equation.primitive.name != "stop_gradient":
             needed.update(v for v in equation.invars if not isinstance(v, Literal))
@@ -188,7 +193,8 @@ def switches_within(
 
     # below zero at both ends, as a guard that may fire in between
     side = jnp.where(before.surfaces < 0.0, 1.0, -1.0)
-    near, end = side * before.surfaces, side * after.surfaces
+    near = side * before.surfaces
+    end = side * after.surfaces
     slopes, end_slopes = (
         side * slopes_along(surfaces, *state_and_rates) for state_and_rates in zip(ends, rates, strict=True)
     )

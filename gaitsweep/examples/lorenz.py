@@ -8,7 +8,7 @@ Source: Lorenz 1963, J. Atmos. Sci. 20:130, eq. (25) to (27).
 
 import jax.numpy as jnp
 
-from gaitsweep import DeclaredModel, event, parameter, variable
+from gaitsweep import DeclaredModel, event, parameter, symmetry, variable
 
 
 class Lorenz(DeclaredModel):
@@ -30,6 +30,10 @@ class Lorenz(DeclaredModel):
     @event("z falls through rho - 1", section=True)
     def falls(self, p, s):
         return p.rho - 1.0 - s.z
+
+    @symmetry("half a turn about the z axis")
+    def turned(self, p, s):
+        return s.replace(x=-s.x, y=-s.y)
 
     def period(self, p):
         return jnp.asarray(0.75) + 0.0 * p.rho

@@ -30,7 +30,8 @@ class ConcurrentBatches:
     """
 
     def __init__(self, threads: int, on_progress: Callable[[list[SweepProgress]], None]) -> None:
-        self._threads, self._on_progress = ThreadPoolExecutor(threads), on_progress
+        self._threads = ThreadPoolExecutor(threads)
+        self._on_progress = on_progress
         self._under_way: deque[tuple[Future[Batch], list[SweepProgress]]] = deque()
         self._stopped = threading.Event()
 

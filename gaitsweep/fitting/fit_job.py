@@ -184,7 +184,8 @@ def read_fit_job(
             raise _at_the_choices(error, fit) from None
         columns_of_job = table_columns(job.design, job.run)
         for name, measure in measures.items():
-            path, columns = fit.path_of(name), columns_of_job
+            path = fit.path_of(name)
+            columns = columns_of_job
             if (run := measure.own_run) is not None:
                 columns = _columns_of_run(fit, structure, run, (*path, "run"), wrong)
             method = job.integration.method

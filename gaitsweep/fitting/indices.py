@@ -77,15 +77,20 @@ def indices(design: SensitivityDesign, outputs: Mapping[str, Output], seed: int)
     """
     records = []
     for name, output in outputs.items():
-        values, note = unwrapped(output), _remark(output)
+        values = unwrapped(output)
+        note = _remark(output)
         if design.method == "one_at_a_time":
-            method, by_parameter = "one_at_a_time", _changes(design, output)
+            method = "one_at_a_time"
+            by_parameter = _changes(design, output)
         elif design.method == "morris":
-            method, by_parameter = "morris", _elementary_effects(design, values, seed)
+            method = "morris"
+            by_parameter = _elementary_effects(design, values, seed)
         elif np.isfinite(values).all():
-            method, by_parameter = "sobol", _variance_shares(design, values, seed)
+            method = "sobol"
+            by_parameter = _variance_shares(design, values, seed)
         else:
-            method, by_parameter = "rbd_fast", _given_data(design, values, seed)
+            method = "rbd_fast"
+            by_parameter = _given_data(design, values, seed)
         for parameter, by_index in sorted(by_parameter.items(), key=lambda item: -_importance(item[1])):
             for index in INDICES[method]:
                 if index not in by_index:
@@ -174,7 +179,8 @@ def _elasticity(x: float, y: float, dx: float, dy: float, circular: bool) -> _In
 def _elementary_effects(design: SensitivityDesign, y: PerSet, seed: int) -> IndicesByParameter:
     """Compute Morris's measures from whole trajectories; effects are changes over the whole range."""
     assert design.shares is not None
-    names, k = design.names, len(design.names)
+    names = design.names
+    k = len(design.names)
     complete = np.isfinite(y.reshape(-1, k + 1)).all(axis=1)
     rows = int(complete.sum()) * (k + 1)
     note = "" if complete.all() else f"{complete.sum()} of {complete.size} trajectories are whole"
@@ -204,7 +210,8 @@ def _given_data(design: SensitivityDesign, y: PerSet, seed: int) -> IndicesByPar
     between them share coordinates with them, and would make the intervals too narrow.
     """
     assert design.shares is not None
-    names, k = design.names, len(design.names)
+    names = design.names
+    k = len(design.names)
     place = np.arange(y.size) % (k + 2)
     independent = (place == 0) | (place == k + 1)
     used = independent & np.isfinite(y)

@@ -130,7 +130,8 @@ class _Strategy:
         self._scores: dict[int, float] = {}
 
     def ask(self) -> PointArray:
-        self._asked, self._scores = self._strategy.ask(), {}
+        self._asked = self._strategy.ask()
+        self._scores = {}
         return np.clip(np.array(self._asked)[:, : self._dimension], 0.0, 1.0)
 
     def tell(self, place: int, score: float) -> bool:
@@ -159,7 +160,8 @@ class Restarts:
         dimension = sobol.dimension
         self._least = 4 + int(3 * np.log(dimension))
         self._first = min(max(together, self._least), _MOST_A_DIMENSION * dimension)
-        self._dimension, self._rng = dimension, np.random.default_rng([seed, 1])
+        self._dimension = dimension
+        self._rng = np.random.default_rng([seed, 1])
         # whole batches, so that a strategy's generation is one batch where it has as many points
         self._sobol, self._start = sobol, -(-start // together) * together
         # scores, numbers and points of the Sobol start, the best first (a heap)
@@ -209,7 +211,8 @@ class Restarts:
         else:
             share = self._rng.random() ** 2
             size = int(self._least * (0.5 * self._first * 2**self._doublings / self._least) ** share)
-            width, regime = self._width * 10.0 ** (-2.0 * self._rng.random()), "small"
+            width = self._width * 10.0 ** (-2.0 * self._rng.random())
+            regime = "small"
         self._spent[regime] += size
         middle = heapq.heappop(self._begun)[2] if self._begun else self._rng.random(self._dimension)
         seed = int(self._rng.integers(2**63))

@@ -59,7 +59,9 @@ class Population:
         measures: Mapping[str, Measure],
         run: RunKind | None = None,
     ) -> None:
-        self._job_of, self._structure, self.measures = job_of, tuple(structure), measures
+        self._job_of = job_of
+        self._structure = tuple(structure)
+        self.measures = measures
         self._run = run
         self.run_elsewhere: Callable[[Job, OnProgress], pd.DataFrame] | None = None
         self._context: dict[tuple[Any, ...], RunContext] = {}
@@ -374,7 +376,8 @@ def _values(
     context: RunContext, constants: Values, conditions: Sequence[Condition], n: int
 ) -> tuple[Values, Values, Reasons]:
     """Return parameters and starts of the rows of n sets, set by set, and the reason of a refusal, or ""."""
-    per_set, model = len(conditions), context.model
+    per_set = len(conditions)
+    model = context.model
     params = {q.name: np.empty(n * per_set) for q in model.parameters}
     starts = {q.name: np.empty(n * per_set) for q in model.initial_conditions}
     refused = np.full(n, "", object)

@@ -62,7 +62,8 @@ class RampMeasure(Measure):
     def field_error(self, columns: Sequence[str], model: Model) -> FieldError:
         if self.run.parameter in self.at:
             return "at", f"sets {self.run.parameter}, which the ramp moves: take it out."
-        number, passes = getattr(self, "pass_", None), len(self.run.path) - 1
+        number = getattr(self, "pass_", None)
+        passes = len(self.run.path) - 1
         if number is not None and number >= passes:
             return "pass", f"is {number}, but the path has {passes} passes, of which the first is 0."
         return self.name_error(columns, model)

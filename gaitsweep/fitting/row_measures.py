@@ -51,7 +51,8 @@ class Value(RowMeasure):
             without_rows = np.zeros(len(values), bool)
         else:
             counts = within(self.among, rows)
-            unsound, without_rows = unsound & counts, ~counts.any(axis=1)
+            unsound = unsound & counts
+            without_rows = ~counts.any(axis=1)
             values = _mean(of_rows, counts, self.circular(model))
         why = _why_none(self.of_, rows["status"], unsound, np.isfinite(values))
         why = np.where(without_rows, _no_row(self.among), why)
@@ -129,7 +130,8 @@ class Coexistence(RowMeasure):
 
     def of_sets(self, rows: SetRows, model: Model) -> Measured:
         stands = ~Status.FAILED.among(rows["status"])
-        lengths, axis = [len(values) for values in self.at.values()], list(self.at).index(self.along)
+        lengths = [len(values) for values in self.at.values()]
+        axis = list(self.at).index(self.along)
         together = np.ones((len(stands), lengths[axis]), bool)
         for group in self.gaits:
             has = (np.isin(rows["gait"], group) & stands).reshape(-1, *lengths)

@@ -65,7 +65,8 @@ def _search() -> dict[str, Any]:
 
 def _target(kind: str) -> dict[str, Any]:
     """Return the schema of a measure with the fields of its target value."""
-    measure, target_value = MEASURES[kind].model_json_schema(), TargetValue.model_json_schema()
+    measure = MEASURES[kind].model_json_schema()
+    target_value = TargetValue.model_json_schema()
     properties = {**measure["properties"], **target_value["properties"]}
     required = [*measure["required"], *target_value["required"]]
     return {**measure, "properties": properties, "required": required}

@@ -122,7 +122,8 @@ def run_search(
     side_by_side = job.batches_side_by_side(context)
     batches = {"population": together, "side_by_side": side_by_side}
     job_hash = job.hash(device=platform, engine=context.engine, versions=versions, **batches)
-    model, layout = context.model, Layout(job_hash, job.options.budget, together)
+    model = context.model
+    layout = Layout(job_hash, job.options.budget, together)
     with open_directory(path, job.resolved(), layout, context, on_message) as directory:
         describe(context, directory, _quantities(job, model), versions)
         if cluster is not None:

@@ -126,7 +126,8 @@ def run_sensitivity(
     on_progress = on_progress or (lambda *_, **__: None)
     population = job.population()
     context = population.prepared({})
-    n, rows = job.design.n_rows, max(1, population.rows_of_a_set)  # a fixed point has no row
+    n = job.design.n_rows
+    rows = max(1, population.rows_of_a_set)  # a fixed point has no row
     block = min(n, max(1, rows_of_a_part(context.job.engine.block, n * rows) // rows))
     resolved = job.resolved(context.job, context.engine)
     layout = Layout(job.hash(context.job_hash, block), n, block)
@@ -161,7 +162,9 @@ def _blocks(
     on_progress: Progress,
 ) -> Iterator[tuple[int, pd.DataFrame]]:
     """Measure the sets of the missing blocks; those of `together` blocks are one batched run."""
-    n, sets, began = job.design.n_rows, job.design.sets, time.perf_counter()
+    n = job.design.n_rows
+    sets = job.design.sets
+    began = time.perf_counter()
     before = directory.rows_done
     on_progress(before, n, 0.0, before / n, "compiling")
     for place in range(0, len(missing), together):
@@ -227,8 +230,10 @@ def _at_half_the_step(
     on_progress: Progress,
 ) -> HalfStep | None:
     """Compare some sets with half the step, or return the stored comparison; None if not asked for."""
-    n, context = len(table), population.prepared({})
-    model, count = context.model, min(context.job.verify, n)
+    n = len(table)
+    context = population.prepared({})
+    model = context.model
+    count = min(context.job.verify, n)
     stored = directory.manifest.get("half_step")
     names = {field.name for field in dataclasses.fields(HalfStep)}
     if isinstance(stored, dict) and stored.keys() == names and stored["sets"] == count:
@@ -244,7 +249,8 @@ def _at_half_the_step(
     again = population.measure(sets, on_sweep_progress, 0.5)
     differ, largest = {}, {}
     for name, measure in job.outputs.items():
-        before, after = table[name].to_numpy(float)[rows], again[name].values
+        before = table[name].to_numpy(float)[rows]
+        after = again[name].values
         values = unwrapped(Output(table[name].to_numpy(float), "", measure.circular(model)))
         change = after - before
         if measure.circular(model):

@@ -13,7 +13,7 @@ from jaxtyping import Int
 from gaitsweep import near_miss
 from gaitsweep.contract import Quantity
 from gaitsweep.design.axes import RangeAxis
-from gaitsweep.design.design import MOST_CHECKED, Design, inside, requirement
+from gaitsweep.design.design import MAX_CHECKED, Design, inside, requirement
 from gaitsweep.expression import CONSTANTS, ExpressionError
 from gaitsweep.job.model_spec import ModelSpec
 from gaitsweep.kinds import RUN_KINDS, RunKind
@@ -30,7 +30,7 @@ from gaitsweep.schema.strict_model import kind_of
 _CHUNK = 50_000
 # Rows at which a model's functions are evaluated before a job runs, and axes whose corners are among them.
 _TRIED, _CORNERED = 64, 5
-_MOST_TURNS = 20  # of a path, at each of which formulas are checked; of a longer one at its ends alone
+_MAX_TURNS = 20  # of a path, at each of which formulas are checked; of a longer one at its ends alone
 
 
 def check_names(design: Design, spec: ModelSpec) -> list[Diagnostic]:
@@ -154,7 +154,8 @@ def remarks_on_rows(design: Design, name: str) -> list[str]:
 
 def _idle_starts(design: Design) -> list[str]:
     """The starts without effect that a job varies, or sets to another value than their default."""
-    idle, quantities = idle_starts(design.model.original), design.model.initial_conditions
+    idle = idle_starts(design.model.original)
+    quantities = design.model.initial_conditions
     used = design.closure(quantity.name for quantity in quantities if quantity.name not in idle)
     return [
         quantity.name
@@ -180,7 +181,8 @@ def _some_rows(design: Design) -> Int[np.ndarray, " rows"]:
 
 def _check_path(design: Design, spec: ModelSpec, run: RunKind, movement: Movement) -> list[Diagnostic]:
     """Diagnostics of values that a moving parameter, or one that follows it, must not have."""
-    moving, path = movement.parameter, movement.values
+    moving = movement.parameter
+    path = movement.values
     quantity = spec.parameters[moving]
     diagnostics = []
     for index, value in enumerate(path):
@@ -191,7 +193,7 @@ def _check_path(design: Design, spec: ModelSpec, run: RunKind, movement: Movemen
         return diagnostics
     for name in design.following(moving):
         rows = math.prod(design.groups[position].length for position in design.spans(name))
-        few = rows * len(path) <= MOST_CHECKED and len(path) <= _MOST_TURNS
+        few = rows * len(path) <= MAX_CHECKED and len(path) <= _MAX_TURNS
         turns = sorted(set(path)) if few else [min(path), max(path)]
         for value in turns:
             design_at_value = dataclasses.replace(design, settings={**design.settings, moving: value})

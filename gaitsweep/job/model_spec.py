@@ -14,7 +14,7 @@ from pydantic import BaseModel
 from gaitsweep import models, near_miss
 from gaitsweep.contract import Model, Quantity
 from gaitsweep.dynamics.ground import KINDS, asks_for_ground, check_ground, ground_profile
-from gaitsweep.engine.sweep.xla import refuse_missing_platform
+from gaitsweep.engine.devices import refuse_missing_platform
 from gaitsweep.errors import ArgumentError
 from gaitsweep.expression import RESERVED
 from gaitsweep.kinds import RUN_KINDS
@@ -172,9 +172,11 @@ def _read_size(value: Any, field: dataclasses.Field, hint: Any) -> bool | str | 
     if hint is bool:
         return read_flag(value)
     if hint is str:
-        text, allowed = read_text(value), field.metadata.get("allowed")
+        text = read_text(value)
+        allowed = field.metadata.get("allowed")
         return text if allowed is None else read_word(text, allowed)
-    low, high = field.metadata.get("low"), field.metadata.get("high")
+    low = field.metadata.get("low")
+    high = field.metadata.get("high")
     if hint is float:
         return read_real(value, -math.inf if low is None else low, math.inf if high is None else high)
     return read_whole(value, 1 if low is None else low, 10**6 if high is None else high)
@@ -253,7 +255,8 @@ def _read_setting(value: Any, quantity: Quantity) -> float | str:
         raise InvalidValue(f"is {quoted(value)}, but must be true, false or a number from 0 to 1.")
     if isinstance(value, (list, tuple, Mapping)):
         raise InvalidValue(f"is {quoted(value)}, but must be one number; lists and axes belong under vary.")
-    read, default = read_number(value), quantity.default
+    read = read_number(value)
+    default = quantity.default
     # the same formula stays the same text, with which a job's hash was made
     if isinstance(read, str) and isinstance(default, str) and read == read_number(default):
         return default

@@ -15,7 +15,7 @@ from gaitsweep.schema.strict_model import StrictModel
 
 # Each part takes some milliseconds, however few its rows, which add up on a GPU. But an unfinished block of
 # more than _LARGE rows takes much memory, and a worker of a cluster loses it as a whole.
-_SMALL, _LARGE, _PARTS, _MOST_PARTS = 1024, 32_768, 64, 500
+_SMALL, _LARGE, _PARTS, _MAX_PARTS = 1024, 32_768, 64, 500
 METHOD_NAMES = ("auto", "tsit5", "taylor", "rk4", "propagator6", "propagator", "semi_implicit")
 
 
@@ -36,7 +36,7 @@ def rows_of_a_part(block: int | str, n_rows: int) -> int:
     """
     if isinstance(block, int):
         return block
-    wanted = max(min(n_rows / _PARTS, _LARGE), n_rows / _MOST_PARTS, _SMALL)
+    wanted = max(min(n_rows / _PARTS, _LARGE), n_rows / _MAX_PARTS, _SMALL)
     return _SMALL * 2 ** math.ceil(math.log2(wanted / _SMALL))
 
 

@@ -68,7 +68,8 @@ def read_job(
         text = f"belongs to another command: run this job with `gaitsweep {others[0]}`."
         raise JobError([Diagnostic((others[0],), text)])
     config = Config({str(key): _plain(value) for key, value in data.items() if value is not None}, folder)
-    raw, diagnostics = config.raw, list(config.diagnostics)
+    raw = config.raw
+    diagnostics = list(config.diagnostics)
     spec = None
     if "model" in raw:
         of_model = (raw["model"], raw.get("structure"), raw.get("params"))
@@ -86,7 +87,8 @@ def read_job(
         design = _design(spec, vary.groups, settings, moved, diagnostics)
     token = SCOPE.set(_scope(design, spec, moved))
     try:
-        job, places = handler(fields), None
+        job = handler(fields)
+        places = None
     except ValidationError as error:
         wrong = from_pydantic(error, sections, "")
         diagnostics.extend(wrong)
@@ -162,7 +164,8 @@ def _without(
 
     The job is None where it must have such a field.
     """
-    refused, figures = {diagnostic.path[:2] for diagnostic in wrong}, fields.get("figures")
+    refused = {diagnostic.path[:2] for diagnostic in wrong}
+    figures = fields.get("figures")
     places = range(len(figures)) if isinstance(figures, list | tuple) else ()
     places = [place for place in places if ("figures", place) not in refused]
     names = {path[0] for path in refused if path[1:] == () or path[0] != "figures"}

@@ -17,10 +17,11 @@ from gaitsweep.contract import HybridModel, Model
 from gaitsweep.design.design import Design
 from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.dependence import dependences
+from gaitsweep.engine.devices import see_all_cores
 from gaitsweep.engine.flow_spectrum import slowest_limit
-from gaitsweep.engine.kernel.columns import over_rows
+from gaitsweep.engine.kernel.row_functions import over_rows
 from gaitsweep.engine.numerics import (
-    FEWEST_STEPS,
+    MIN_STEPS_PER_PERIOD,
     ResolvedNumerics,
     longest_step,
     recommended_step,
@@ -28,7 +29,6 @@ from gaitsweep.engine.numerics import (
 )
 from gaitsweep.engine.solver import METHODS, fixed_step_scheme, refusal
 from gaitsweep.engine.stored_programs import stored
-from gaitsweep.engine.sweep.xla import see_all_cores
 from gaitsweep.expression import functions_of, resolve
 from gaitsweep.job.numerics import NumericsSpec
 from gaitsweep.kinds import RunKind
@@ -38,11 +38,11 @@ Rows = Int[np.ndarray, " rows"]  # numbers of rows
 PerRow = Float[np.ndarray, " rows"]  # a number for each row
 # Largest number of sets of parameters whose steps are checked before a job runs. Of more sets, so many evenly
 # spaced ones are checked then, and the step of each row when its block begins.
-MOST_SETS = 1_000_000
+MAX_SETS = 1_000_000
 # Number of sets for the range of the steps that a model recommends, which need no check.
-MOST_RECOMMENDED = 65_536
+MAX_RECOMMENDED = 65_536
 # Number of sets if each needs a simulator's compiler, or eigenvalues.
-FEW_SETS = 64
+MAX_COSTLY_SETS = 64
 _CHUNK = 65_536
 # The largest tolerance on event times, as a share of the nominal period: well below the longest step.
 LARGEST_EVENT_TOLERANCE = 1e-3
@@ -114,8 +114,8 @@ def row_steps(design: Design, run: RunKind, numerics: ResolvedNumerics) -> RowSt
     names = _parameters_of_steps(model, numerics)
     spans = sorted({place for name in names for place in design.spans(name)})
     count = math.prod(design.groups[place].length for place in spans)
-    most = MOST_RECOMMENDED if numerics.dt is None else MOST_SETS
-    most = FEW_SETS if model.host_parameters else most
+    most = MAX_RECOMMENDED if numerics.dt is None else MAX_SETS
+    most = MAX_COSTLY_SETS if model.host_parameters else most
     sets = np.arange(count) if count <= most else np.linspace(0, count - 1, most).astype(np.int64)
     rows = design.rows_over(sets, spans)
     dt, longest = _steps(design, run, numerics, rows)
@@ -162,7 +162,8 @@ def refuse_long_steps(design: Design, run: RunKind, numerics: ResolvedNumerics, 
     dt, longest = _steps(design, run, numerics, rows)
     wrong = np.flatnonzero(dt > longest * _ROUNDING)
     if wrong.size:
-        row, limit = int(rows[wrong[0]]), _rounded_down(float(longest[wrong[0]]))
+        row = int(rows[wrong[0]])
+        limit = _rounded_down(float(longest[wrong[0]]))
         text = f"is {numerics.dt:g} s, too long for row {row}: use at most {limit:g} s, or remove it."
         raise JobError([Diagnostic(("numerics", "dt"), text)])
 
@@ -197,7 +198,7 @@ def _steps(design: Design, run: RunKind, numerics: ResolvedNumerics, rows: Rows)
         row_values = resolve(design.following(*place), row_values, functions_of(np))
         n = rows.size
         # few sizes are compiled: small sets one by one, many in chunks that are filled up
-        room = n if n <= FEW_SETS else _CHUNK
+        room = n if n <= MAX_COSTLY_SETS else _CHUNK
         padded = {
             k: np.resize(np.broadcast_to(v, rows.shape).astype(float), room) for k, v in row_values.items()
         }
@@ -250,14 +251,14 @@ def _from_spectrum(design: Design, numerics: ResolvedNumerics, steps: RowSteps) 
     They come from the flow's matrix where it is linear, and are a share of the nominal period elsewhere.
     """
     model = design.model
-    examined = np.unique(np.linspace(0, steps.rows.size - 1, FEW_SETS).astype(int))
+    examined = np.unique(np.linspace(0, steps.rows.size - 1, MAX_COSTLY_SETS).astype(int))
     longest = np.full(steps.rows.size, np.inf)
     for at in examined:
         values, starts = design.values_in(steps.rows[[at]])
         one = {name: jnp.asarray(value[0]) for name, value in model.on_host(values).items()}
         params = model.params(one)
         # a map may take one step a period
-        fewest = FEWEST_STEPS if isinstance(model, HybridModel) else 1.0
+        fewest = MIN_STEPS_PER_PERIOD if isinstance(model, HybridModel) else 1.0
         limit = float(model.period(params)) / fewest
         if isinstance(model, HybridModel) and model.linear and METHODS[numerics.method].limits:
             begun = {name: jnp.asarray(value[0]) for name, value in starts.items()}

@@ -11,7 +11,7 @@ import pandas as pd
 from jaxtyping import Bool, Float, Int, Real, Shaped
 
 from gaitsweep.contract import RECURRENT, HybridModel, Model, Quantity, Status, names_gait
-from gaitsweep.engine.recorders.recorder import unpacked
+from gaitsweep.engine.event_stall import unpacked
 from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.run_columns import COLUMNS
 from gaitsweep.table.frames import categorical, outcomes

@@ -12,7 +12,7 @@ from pydantic import Field
 from gaitsweep import near_miss
 from gaitsweep.contract import HybridModel, Model, Status
 from gaitsweep.design import Design
-from gaitsweep.design.design import MOST_CHECKED, inside, requirement
+from gaitsweep.design.design import MAX_CHECKED, inside, requirement
 from gaitsweep.engine.pushed_model import CYCLES, DURATION, PREFIX, PushedModel, flow_places
 from gaitsweep.engine.recorders.perturb import MEASURED, PerturbRecorder, Stage
 from gaitsweep.engine.solver import METHODS
@@ -160,7 +160,7 @@ class Perturb(SettlesRows):
             return [Diagnostic(("run", "step"), text)]
         spans = sorted({*rows.spans(stepped), *rows.spans(f"{PREFIX}{stepped}")})
         count = math.prod(rows.groups[place].length for place in spans)
-        points = np.unique(np.linspace(0, count - 1, min(count, MOST_CHECKED)).astype(np.int64))
+        points = np.unique(np.linspace(0, count - 1, min(count, MAX_CHECKED)).astype(np.int64))
         places = rows.rows_over(points, spans)
         values = rows.at(places, [stepped, f"{PREFIX}{stepped}"])
         reached = values[stepped] + values[f"{PREFIX}{stepped}"]

@@ -13,7 +13,7 @@ from pydantic import Field
 from gaitsweep.contract import Model
 from gaitsweep.design import Design
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
-from gaitsweep.engine.recorders.ramp import RampSchedule
+from gaitsweep.engine.recorders.schedules import RampSchedule
 from gaitsweep.kinds.columns import (
     CROSSING,
     GAIT,

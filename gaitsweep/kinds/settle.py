@@ -14,7 +14,7 @@ from gaitsweep import near_miss
 from gaitsweep.contract import Model, Status
 from gaitsweep.design import Design
 from gaitsweep.engine.recorders.bounds import TOLERANCE, tolerances
-from gaitsweep.engine.recorders.settle import FIRST_TEST, HOLD, MAX_PERIOD, SettleRecorder
+from gaitsweep.engine.recorders.settle import CONFIRMED_FOR, FIRST_TEST, MAX_PERIOD, SettleRecorder
 from gaitsweep.engine.solver import derivative_refusal
 from gaitsweep.engine.sweep.boundary_cells import Grid
 from gaitsweep.engine.tangents import coordinate_count
@@ -47,7 +47,7 @@ from gaitsweep.schema.numbers import (
 MOST_COARSE = 1024  # cells a side
 MOST_PERIOD = 64  # crossings of the longest orbits that may be asked for
 # Crossings after which an orbit settles at the earliest, in longest periods.
-SETTLING_PERIODS = FIRST_TEST + HOLD
+SETTLING_PERIODS = FIRST_TEST + CONFIRMED_FOR
 # Mean share of the allowed cycles that a settling row takes; a chain of three modules takes 0.37.
 LIKELY_SHARE = 0.4
 
@@ -104,6 +104,17 @@ class SettlesRows(RunKind):
 
     def columns_of_block(self, model: Model, block: RowOutcome) -> list[Column]:
         return observed_on_orbits(model, block)
+
+    def rests(self, model: Model, records: pd.DataFrame) -> pd.DataFrame:
+        period = records["attractor_period"].to_numpy()
+        return pd.DataFrame(
+            {
+                "rests": (records["status"].astype(str) == Status.settled.name) & (period > 0),
+                "crossing": records["cycles"],
+                "period": np.maximum(period, 1),
+                **{q.name: records[f"{q.name}_end"] for q in model.observables},
+            }
+        )
 
     def check_settling(self, model: Model) -> list[Diagnostic]:
         """Diagnostics about the fields with which rows settle."""
@@ -202,17 +213,6 @@ class Settle(SettlesRows):
             text = f"is {self.exponents}, but the section of {model.name} has {count} coordinates."
             return [Diagnostic(("run", "exponents"), text)]
         return []
-
-    def rests(self, model: Model, records: pd.DataFrame) -> pd.DataFrame:
-        period = records["attractor_period"].to_numpy()
-        return pd.DataFrame(
-            {
-                "rests": (records["status"].astype(str) == Status.settled.name) & (period > 0),
-                "crossing": records["cycles"],
-                "period": np.maximum(period, 1),
-                **{q.name: records[f"{q.name}_end"] for q in model.observables},
-            }
-        )
 
     def refined(self, rows: Design) -> Grid | None:
         if self.refine is None:

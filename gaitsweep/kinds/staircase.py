@@ -14,8 +14,8 @@ from pydantic import Field
 from gaitsweep.contract import Model
 from gaitsweep.design import Design
 from gaitsweep.engine.recorders.bounds import tolerances
+from gaitsweep.engine.recorders.schedules import StepSchedule
 from gaitsweep.engine.recorders.staircase import StepRecorder
-from gaitsweep.engine.recorders.stairs import StepSchedule
 from gaitsweep.kinds.columns import (
     CROSSING,
     GAIT,

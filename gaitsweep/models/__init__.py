@@ -19,11 +19,14 @@ from gaitsweep.engine.content import held_result
 from gaitsweep.errors import UserError
 from gaitsweep.extension import model_paths
 from gaitsweep.own_modules import Stamp, data_files, installed, modules_beside, modules_in, stamp_of
+from gaitsweep.schema.diagnostics import JobError
+from gaitsweep.shipped import EXAMPLES
 
-_OWN = "write your own model as package.module:attribute"
+_OWN = "write your own model as package.module:attribute, or as the path of a model file (.yaml)"
 # classes that no module gives, such as those of a notebook's cells, by the name that a job has for them
 _SESSION: weakref.WeakValueDictionary[str, type[Model]] = weakref.WeakValueDictionary()
 _OF_SESSION = "session:"
+_OF_MODEL_FILES = (".yaml", ".yml")  # endings of model files
 # the field of a manifest with the folder from which a user's model was imported, from the result directory
 MODEL_FOLDER = "model_folder"
 # when the files of users' modules were written, and their sizes, as they were loaded
@@ -65,6 +68,8 @@ def name_of(model_class: type[Model]) -> str:
     It is the registered name, or "package.module:attribute". A class that cannot be imported again, such as
     one of a notebook's cell, has a name that holds in this Python process only (see `importable`).
     """
+    if (file := getattr(model_class, "model_file", None)) is not None:
+        return str(file)
     name = _classes().get(model_class.__qualname__)
     if name is not None and find(name) is model_class:
         return name
@@ -86,16 +91,16 @@ def importable(name: str) -> bool:
 
 
 def find(name: str, folders: Sequence[Path] = ()) -> type[Model]:
-    """The class of a registered model, or of a user's model given as "package.module:attribute".
+    """The class of a registered model, or of a user's: "package.module:attribute", or a model file's path.
 
     Args:
-        name: a registered name, or the module and name of the user's class.
+        name: a registered name, the module and name of the user's class, or the path of a model file (.yaml).
         folders: folders whose modules may be imported, in addition to the working directory and installed
             packages.
 
     Raises:
         ModelError: the name is unknown (with the near miss), the module cannot be imported, or the attribute
-            is missing or not a model.
+            is missing or not a model; or the model file is missing or has errors.
 
     Example:
         >>> import gaitsweep as gs
@@ -109,6 +114,8 @@ def find(name: str, folders: Sequence[Path] = ()) -> type[Model]:
 def _find(name: str, folders: Sequence[Path]) -> type[Model]:
     if name in _SESSION:
         return _as_model(name, _SESSION[name])
+    if name.endswith(_OF_MODEL_FILES):
+        return _of_model_file(name, [*folders, Path.cwd()])
     paths = model_paths()
     path = paths.get(name, name)
     if ":" not in path:
@@ -131,6 +138,26 @@ def _find(name: str, folders: Sequence[Path]) -> type[Model]:
     return _as_model(name, getattr(module, attribute))
 
 
+def _of_model_file(name: str, folders: Sequence[Path]) -> type[Model]:
+    """The class of a model file, whose path is relative to one of these folders or of Python's path."""
+    from gaitsweep.dynamics.controllers.model_file import model_of_file
+
+    files = [folder / name for folder in [*folders, *map(Path, sys.path), EXAMPLES]]
+    file = next((file for file in files if file.is_file()), None)
+    if file is None:
+        own = list(dict.fromkeys(folder.resolve() for folder in folders))
+        places = " and ".join(map(str, own))
+        beside = [path.name for folder in own for path in folder.glob("*.yaml")]
+        near = near_miss.nearest(Path(name).name, beside)
+        raise ModelError(
+            f"is {name}, but there is no such file in {places}" + (f"; did you mean {near}?" if near else ".")
+        )
+    try:
+        return model_of_file(file)
+    except (JobError, ValueError, OSError) as error:
+        raise ModelError(f"is {name}, which cannot be read: {str(error).rstrip('.')}.") from error
+
+
 def find_of_table(attrs: Mapping[Any, Any], trust: bool = False) -> type[Model]:
     """The class of the model that made a table.
 
@@ -151,6 +178,10 @@ def find_of_table(attrs: Mapping[Any, Any], trust: bool = False) -> type[Model]:
     directory = Path(attrs.get("path", Path.cwd()))
     named = attrs.get("manifest", {}).get(MODEL_FOLDER)
     theirs = [*([directory / named] if isinstance(named, str) else []), directory]
+    if name.endswith(_OF_MODEL_FILES):  # data, which runs no code
+        # the manifest names the folder of the file itself
+        local = next((path for path in (Path(name).name, name) if _is_in(path, theirs)), name)
+        return find(local, theirs)
     top = name.partition(":")[0].partition(".")[0]
     if trust or name in model_paths() or name in _SESSION or top in sys.modules or not top.isidentifier():
         return find(name, [folder for folder in theirs if folder.is_dir()] if trust else ())
@@ -168,6 +199,11 @@ def find_of_table(attrs: Mapping[Any, Any], trust: bool = False) -> type[Model]:
             "the working directory or on PYTHONPATH."
         )
     return find(name)
+
+
+def _is_in(file: str, folders: Sequence[Path]) -> bool:
+    """Whether one of these folders has a file."""
+    return any((folder / file).is_file() for folder in folders)
 
 
 def _place_of(top: str, folders: list[str]) -> Path | None:

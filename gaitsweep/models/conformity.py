@@ -24,7 +24,8 @@ from gaitsweep.dynamics.map_model import MapModel
 from gaitsweep.engine.content import cached_by_content, held_result
 from gaitsweep.engine.dependence import dependences
 from gaitsweep.engine.kernel.program import Program
-from gaitsweep.engine.kernel.trace import Tracer, UnsupportedError
+from gaitsweep.engine.kernel.refusals import UnsupportedError
+from gaitsweep.engine.kernel.trace import Tracer
 from gaitsweep.engine.stored_programs import stored
 from gaitsweep.mathtext import can_be_set
 from gaitsweep.models.traced_program import unrepeatable
@@ -172,7 +173,8 @@ def _jump_functions(model: Declared, params: Any, state: Any) -> None:
     for event in model.declared_events():
         if event.effect is None:
             continue
-        name, single = f"for the jump of {event.name!r}", event.singles(model)[0]
+        name = f"for the jump of {event.name!r}"
+        single = event.singles(model)[0]
         after = _given(name, lambda p, s, single=single: single.jumped(model, p, s), params, state)
         if not isinstance(after, type(state)):
             raise _returns(name, _type_of(after), "a state, such as s.replace(...)")
@@ -181,14 +183,16 @@ def _jump_functions(model: Declared, params: Any, state: Any) -> None:
 def _events(model: Model, params: Any, state: Any) -> jax.ShapeDtypeStruct:
     """The shape of the flags of events."""
     if isinstance(model, HybridModel):
-        name, result = "guards", _given("guards", model.guards, params, state)
+        name = "guards"
+        result = _given("guards", model.guards, params, state)
     else:
         assert isinstance(model, FixedStepDynamics)
         if isinstance(model, MapModel):
             _image(state, _given("image", model.image, params, state))
         after = _given("step", model.step, params, state, _NUMBER)
         _alike("step", state, after)
-        name, result = "events", _given("events", model.events, params, state, after)
+        name = "events"
+        result = _given("events", model.events, params, state, after)
     if getattr(result, "ndim", None) != 1:
         shape = getattr(result, "shape", type(result).__name__)
         raise _returns(name, shape, "one number for each event, (n,): use jnp.stack")
@@ -260,7 +264,8 @@ def _moved_or_jumped(model: Model, params: Any, state: Any, events: Any, rates: 
     if not still:
         return
     # a scalar program has one node for equal values
-    tracer, before = Tracer(Program()), (params, state, events)
+    tracer = Tracer(Program())
+    before = (params, state, events)
     inputs = jax.tree.unflatten(jax.tree.structure(before), tracer.inputs(before, 0, steady=False))
     try:
         nodes = tracer.read(jax.make_jaxpr(model.jump)(*before), jax.tree.leaves(inputs))

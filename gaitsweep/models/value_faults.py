@@ -17,7 +17,7 @@ from gaitsweep.contract import FixedStepDynamics, HybridModel, Model, Quantity
 from gaitsweep.dynamics.declared import Declared
 from gaitsweep.dynamics.declared_model import ARMING
 from gaitsweep.engine.content import cached_by_content
-from gaitsweep.engine.kernel.columns import over_rows
+from gaitsweep.engine.kernel.row_functions import over_rows
 from gaitsweep.expression import ExpressionError, resolve
 from gaitsweep.models.conformity import fault, quantity_faults, traced_fault
 
@@ -122,12 +122,14 @@ def _begun(model: Model) -> Callable[[Any, Any], _Begun]:
         observed = model.observe(params, state)
         rates = guards = stepped = None
         if isinstance(model, HybridModel):
-            rates, guards = model.flow(params, state), model.guards(params, state)
+            rates = model.flow(params, state)
+            guards = model.guards(params, state)
             quiet = jnp.zeros(guards.shape, bool)
         else:
             assert isinstance(model, FixedStepDynamics)
             after = model.step(params, state, jnp.asarray(1e-6))
-            stepped, quiet = _by_path(after), jnp.zeros(model.events(params, state, after).shape, bool)
+            stepped = _by_path(after)
+            quiet = jnp.zeros(model.events(params, state, after).shape, bool)
         begun = _Begun(
             state=_by_path(state),
             observed=observed,
@@ -165,7 +167,8 @@ def _by_value(model: Model) -> Iterator[str]:
     costly = model.host_parameters or not isinstance(model, HybridModel)
     values, starts = sample(model, _SAMPLE // 8 if costly else _SAMPLE)
     points = dict(model.on_host(values)), dict(starts)
-    begun, known = _begun(model)(*points), {**values, **starts}
+    begun = _begun(model)(*points)
+    known = {**values, **starts}
     default = _Begun(**jax.tree.map(lambda leaf: leaf[:1], vars(begun)))
     if bool(default.fallen[0]):
         yield "but its function failed returns True for its default start."

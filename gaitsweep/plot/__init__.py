@@ -7,8 +7,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from gaitsweep.lazy_names import attach_stub
-from gaitsweep.lazy_packages import Lazy
+from gaitsweep.lazy_imports import Lazy, attach_stub
 from gaitsweep.plot.kind import FIGURES
 
 _public, _, __all__ = attach_stub(__name__, __file__)

@@ -7,7 +7,7 @@ from jaxtyping import Bool, Float
 
 from gaitsweep.contract import Model, Quantity
 from gaitsweep.engine.poincare.maps import wrap_difference
-from gaitsweep.engine.recorders.bounds import LEAST_SCALE
+from gaitsweep.engine.recorders.bounds import MIN_SCALE
 
 # The least size of an observable, as a share of its magnitude.
 LEAST_SIZE = 1e-2
@@ -36,13 +36,13 @@ def sizes(
     magnitude.
     """
     known = np.where(np.isfinite(values), values, np.nan).reshape(-1, len(quantities))
-    size = np.full(len(quantities), LEAST_SCALE)
+    size = np.full(len(quantities), MIN_SCALE)
     for i, quantity in enumerate(quantities):
         column = known[:, i][~np.isnan(known[:, i])]
         if quantity.circular or quantity.scale is not None:
             size[i] = 1.0 if quantity.scale is None or quantity.circular else quantity.scale
         elif column.size:
-            size[i] = max(np.ptp(column), LEAST_SIZE * np.abs(column).max(), LEAST_SCALE)
+            size[i] = max(np.ptp(column), LEAST_SIZE * np.abs(column).max(), MIN_SCALE)
     return size
 
 

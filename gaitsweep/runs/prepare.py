@@ -19,12 +19,12 @@ from jaxtyping import Float, Int
 from gaitsweep.contract import Model, Params
 from gaitsweep.design import Design
 from gaitsweep.engine.content import cached_by_content
-from gaitsweep.engine.kernel.columns import over_rows
+from gaitsweep.engine.devices import local_devices
+from gaitsweep.engine.kernel.row_functions import over_rows
 from gaitsweep.engine.numerics import ResolvedNumerics
 from gaitsweep.engine.sweep.engines import EngineError, choose, default_lanes
 from gaitsweep.engine.sweep.lane import Values
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
-from gaitsweep.engine.sweep.xla import local_devices
 from gaitsweep.errors import UserError
 from gaitsweep.expression import functions_of, resolve
 from gaitsweep.job import Job

@@ -20,7 +20,7 @@ from jaxtyping import Bool, Float, Int
 
 from gaitsweep.contract import RECURRENT, Model, Quantity, Status
 from gaitsweep.engine.content import cached_by_content
-from gaitsweep.engine.kernel.columns import over_rows
+from gaitsweep.engine.kernel.row_functions import over_rows
 from gaitsweep.engine.numerics import STEP_FACTOR, tolerance_scale
 from gaitsweep.engine.poincare.maps import wrap_difference
 from gaitsweep.engine.poincare.return_map import REFINED
@@ -144,12 +144,12 @@ def compare_stored(
     check.stored_differs = int(differs.sum())
     rests = run.rests(context.model, records)
     if rests is not None:
-        rows = np.unique(records["row"].to_numpy(np.int64))
         rests["row"] = records["row"]
         if run.moved is not None:
             rests[run.moved] = records[run.moved]
+        begun = comparison.observed_at_starts(np.unique(records["row"].to_numpy(np.int64)))
         check.unstable = unstable_rests(
-            context.design, context.spec, rests, comparison.observed_at_starts(rows), run.moved
+            context, rests, begun, lambda rows, recorder: comparison.repeated(recorder, [(rows, 1.0, 0.0)])[0]
         ).size
 
 

@@ -87,8 +87,9 @@ def advice(check: dict[str, Any], dt: float | None) -> str:
         return f"{text}: run the job into a new directory."
     if wrong == [UNSTABLE]:
         return (
-            "Such rows begin on that gait, or with legs that are alike to the last digit and stay alike: "
-            "move the start of one leg a little, or compare with kind: continuation, which tells stability."
+            "Such rows begin on that gait, or their legs are alike to the last digit, from the start or once "
+            "they have merged, and stay alike: let a parameter of one leg differ a little, or compare with "
+            "kind: continuation, which tells stability."
         )
     if dt is not None:
         return f"The table depends on the step: make numerics.dt shorter than {dt:g} s, or leave it out."

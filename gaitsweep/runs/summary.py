@@ -15,7 +15,7 @@ import pandas as pd
 from gaitsweep import models
 from gaitsweep.contract import Model, Status
 from gaitsweep.engine.content import cached_by_content
-from gaitsweep.engine.kernel.columns import over_rows
+from gaitsweep.engine.kernel.row_functions import over_rows
 from gaitsweep.kinds.columns import AT_REST
 from gaitsweep.kinds.run_kind import table_columns
 from gaitsweep.own_modules import folder_of_class

@@ -1,103 +1,124 @@
 """Rows of a self-check that rest on an unstable gait, which no finer step would show.
 
 Legs that are alike to the last digit stay alike, and a row that begins at a fixed point stays there, whether
-that gait is stable or not. Such rows are followed to their fixed points again, displaced, and followed on.
+that gait is stable or not. Such rows are rerun with the same steps; the states in which they rest are
+displaced and followed on.
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
+import jax
 import numpy as np
 import pandas as pd
 from jaxtyping import Bool, Float, Int
 
-from gaitsweep.contract import Model
-from gaitsweep.design import Design
+from gaitsweep.contract import Model, State
 from gaitsweep.engine.poincare.maps import Points, sizes
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
+from gaitsweep.engine.recorders.staircase import StepRecorder
+from gaitsweep.engine.recorders.states import StateRecorder, state_size, states_of
 from gaitsweep.engine.solver import fixed_step_scheme
-from gaitsweep.engine.sweep.sweep_spec import SweepSpec
+from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.runs.observable_changes import changes
+from gaitsweep.runs.prepare import RunContext
 
 # On a symmetric gait an angle is a part of a turn, within this many rad, or two observables of one unit are
 # equal, within this share of their magnitude.
 ALIKE, PARTS_OF_A_TURN = 1e-9, 24
 # A row that has moved by less than this from its start (of each observable's magnitude, at least 1) rests
-# where it began. A fixed point that differs by more from the stored one is another.
+# where it began. A state whose next crossing differs by more from the stored one does not rest.
 UNMOVED, SAME = 1e-6, 1e-3
-# Fixed points are displaced by this distance (of the scale of each coordinate), in so many directions.
+# States are displaced by this distance (of the scale of each coordinate), in so many directions.
 DISPLACED, DIRECTIONS = 1e-6, 3
-# Displaced points are followed for so many crossings. One has left if it is `LEFT` away, or `GROWN` times as
-# far as at the start and, over the second half, faster than along a neutral direction.
-FOLLOWED, LEFT, GROWN, FASTER = 200, 1e-3, 10.0, 2.5
-# The most crossings of a row up to a fixed point, and the least and the most fixed points of all rows: more
-# than the least only where they are followed for no more crossings than the rows themselves had.
-MOST_CROSSINGS, LEAST_POINTS, MOST_POINTS = 5000, 4, 192
+# Displaced states are followed for so many crossings at most. One has left if it is `LEFT` away, or `GROWN`
+# times as far as at the start and, over the second half, faster than along a neutral direction. It has
+# returned if its distance has decayed to a share `RETURNED`.
+FOLLOWED, LEFT, GROWN, FASTER, RETURNED = 200, 1e-3, 10.0, 2.5, 1e-4
+# In steps of fixed length a crossing falls on a step's end: a state has left if it is this many times farther
+# away than successive crossings of the resting row are from each other, over so many crossings.
+SCATTERED, SCATTER_CROSSINGS = 10.0, 8
+# States are followed for as many crossings in total as the sample's rows have, or for these; and so many
+# states at most, each for `SHORTEST` crossings at least.
+LEAST_CROSSINGS, MOST_STATES, SHORTEST = 4000, 64, 40
 
 
 def unstable_rests(
-    design: Design,
-    spec: SweepSpec,
+    context: RunContext,
     records: pd.DataFrame,
     begun: Float[np.ndarray, "rows observables"],
-    moving: str | None,
+    rerun: Callable[[Int[np.ndarray, " rows"], StateRecorder], RowOutcome],
 ) -> Int[np.ndarray, " unstable"]:
-    """Find the rows that rest on an unstable gait; none in steps of fixed length, in which a map has jumps.
+    """Find the rows that rest on an unstable gait.
 
     Args:
-        design: the job's rows.
-        spec: the specification of their sweep.
-        records: records of some rows in their order: `row`, whether it `rests` there, the number of the
+        context: the job's context.
+        records: all records of some rows in their order: `row`, whether it `rests` there, the number of the
             `crossing`, the `period` of its orbit in crossings, the observables by their names, and the
             parameter that moves.
         begun: the observables at the start of each row of the records, in the order of their numbers.
-        moving: the parameter that moves; None if none does.
+        rerun: reruns rows (n,) with the same steps and the given recorder.
 
     Returns:
-        The numbers of the rows.
+        The numbers of the rows. Rows whose rerun does not rest where they do are among them.
     """
-    model = spec.model
-    if fixed_step_scheme(spec.numerics.method, model) is not None:
-        return np.zeros(0, np.int64)
+    model, numerics = context.model, context.spec.numerics
+    in_fixed_steps = fixed_step_scheme(numerics.method, model) is not None
+    if in_fixed_steps and model.host_parameters:
+        return np.zeros(0, np.int64)  # a map has no parameters that the host computes
     rows, place = np.unique(records["row"].to_numpy(np.int64), return_inverse=True)
-    observed = records[[q.name for q in model.observables]].to_numpy(float)
+    records = records.assign(place=place, sample=records.groupby("row").cumcount())
     crossing = records["crossing"].to_numpy(np.int64)
-    suspect = symmetric(model, observed) | _near(model, observed, begun[place], UNMOVED)
-    suspect &= records["rests"].to_numpy(bool) & (crossing > 0) & (crossing <= MOST_CROSSINGS)
-    chosen = np.flatnonzero(suspect)
-    if not chosen.size:
+    of_sample = sum(int(crossing[place == row].max()) for row in range(rows.size))
+    # a crossing of a simulator takes long: the least number suffices for one state
+    budget = max(of_sample, FOLLOWED * (1 + DIRECTIONS) if in_fixed_steps else LEAST_CROSSINGS)
+    suspects = _suspects(model, records, begun)
+    if not len(suspects):
         return rows[:0]
-    crossings = sum(crossing[place == row].max() for row in range(rows.size))
-    count = crossings // (FOLLOWED * (1 + DIRECTIONS))
-    count = int(np.clip(count, LEAST_POINTS, MOST_POINTS))
-    chosen = chosen[np.unique(np.linspace(0, chosen.size - 1, count).astype(int))]
+    count = int(np.clip(budget // (SHORTEST * (1 + DIRECTIONS)), 1, MOST_STATES))
+    suspects = suspects.iloc[np.unique(np.linspace(0, len(suspects) - 1, count).astype(int))]
 
-    parameters, starts = design.values_in(rows)
-    following = design.following(moving) if moving is not None else {}
-    values = {name: column for name, column in parameters.items() if name not in following}
-    mapping = BatchedReturnMap(model, tuple(following.items()), spec.numerics, spec.engine)
-    levels = None if moving is None else (moving, records[moving].to_numpy(float))
-    points = _points_at(mapping, values, starts, place, crossing, levels, chosen)
-    values = {name: column[place[chosen]] for name, column in values.items()}
-    if levels is not None:
-        values[levels[0]] = levels[1][chosen]
+    parameters, starts = context.design.values_in(rows)
+    shape = _state_shape(context, parameters, starts)
+    again = np.unique(suspects["place"])
+    recorder = StateRecorder(model, context.spec.recorder, state_size(shape))
+    outcome = rerun(rows[again], recorder)
+    samples, same = _samples(recorder, outcome, np.searchsorted(again, suspects["place"]), suspects)
+    elsewhere, suspects = suspects.iloc[np.flatnonzero(~same)], suspects.iloc[np.flatnonzero(same)]
 
-    same, turn = np.zeros(chosen.size, bool), points
-    for _ in range(np.max(records["period"].to_numpy(np.int64))):
-        images = mapping.images(turn, values)
-        reached = np.stack([images.observed[q.name] for q in model.observables], axis=1)
-        # records of earlier cycles, such as those of lifted feet, may differ on the same symmetric gait
-        same |= _near(model, reached, observed[chosen], SAME) | symmetric(model, reached)
-        turn = images.points
-    return rows[np.unique(place[chosen[same & _leave(mapping, points, values)]])]
+    moving = context.job.run.moved
+    following = context.design.following(moving) if moving is not None else {}
+    values = {k: column[suspects["place"]] for k, column in parameters.items() if k not in following}
+    if moving is not None:
+        values[moving] = suspects[moving].to_numpy(float)
+    mapping = BatchedReturnMap(model, tuple(following.items()), numerics, context.spec.engine)
+    at_section = not isinstance(recorder.base, StepRecorder)
+    points = _points(mapping, values, states_of(samples[same], shape), at_section)
+    leaves = _leave(mapping, points, values, suspects, budget, smooth=not in_fixed_steps)
+    return rows[np.unique(np.concatenate([elsewhere["place"], suspects["place"][leaves]]))]
+
+
+def _suspects(
+    model: Model, records: pd.DataFrame, begun: Float[np.ndarray, "rows observables"]
+) -> pd.DataFrame:
+    """The records that rest on a symmetric gait, or where their row began."""
+    observed = records[[q.name for q in model.observables]].to_numpy(float)
+    suspect = symmetric(model, observed) | _near(model, observed, begun[records["place"]], UNMOVED)
+    suspect &= records["rests"].to_numpy(bool) & (records["crossing"].to_numpy(np.int64) > 0)
+    return records.iloc[np.flatnonzero(suspect)]
 
 
 def symmetric(
     model: Model, observed: Float[np.ndarray, "records observables"]
 ) -> Bool[np.ndarray, " records"]:
-    """Mask of observables as on a symmetric gait: an angle is a part of a turn, or two numbers are equal."""
+    """Mask of observables as on a symmetric gait: an angle is a part of a turn, or two numbers are equal.
+
+    Args:
+        model: the model.
+        observed: its observables in each record.
+    """
     part = 2.0 * np.pi / PARTS_OF_A_TURN
     alike = np.zeros(len(observed), bool)
     for i, quantity in enumerate(model.observables):
@@ -121,65 +142,121 @@ def _near(
     return np.asarray(np.all(changes(model, one, other) < share * np.maximum(np.abs(one), 1.0), axis=1))
 
 
-def _points_at(
-    mapping: BatchedReturnMap,
-    values: Mapping[str, Float[np.ndarray, " rows"]],
+def _state_shape(
+    context: RunContext,
+    parameters: Mapping[str, Float[np.ndarray, " rows"]],
     starts: Mapping[str, Float[np.ndarray, " rows"]],
-    place: Int[np.ndarray, " records"],
-    crossing: Int[np.ndarray, " records"],
-    levels: tuple[str, Float[np.ndarray, " records"]] | None,
-    chosen: Int[np.ndarray, " some"],
-) -> Points:
-    """The points of the `chosen` records, at their crossings.
+) -> State:
+    """The shapes and dtypes of the leaves of a row's state."""
+    model, drive = context.model, context.spec.drive
 
-    A parameter that moves has the level of a record since the crossing of the one before it.
+    def state(values: Mapping[str, jax.Array], start: Mapping[str, jax.Array]) -> State:
+        params = model.params(values) if drive is None else drive(values, jax.numpy.zeros(()))
+        return model.init(params, start)
+
+    given = model.on_host(parameters), starts
+    return jax.eval_shape(state, *jax.tree.map(lambda x: jax.ShapeDtypeStruct(x.shape[1:], x.dtype), given))
+
+
+def _samples(
+    recorder: StateRecorder,
+    outcome: RowOutcome,
+    place: Int[np.ndarray, " suspects"],
+    suspects: pd.DataFrame,
+) -> tuple[Float[np.ndarray, "suspects width"], Bool[np.ndarray, " suspects"]]:
+    """The samples of rerun rows at some records, and whether the rerun rests where these do.
+
+    Args:
+        recorder: the recorder of the rerun.
+        outcome: its results.
+        place: the place of each record's row among the rerun ones.
+        suspects: the records.
     """
-    own = [np.flatnonzero(place == row) for row in range(place.max() + 1)]
+    nth, names = suspects["sample"].to_numpy(), [q.name for q in recorder.model.observables]
+    exists = nth < outcome.kept[place]
+    first = np.cumsum(outcome.kept) - outcome.kept
+    samples = outcome.samples[np.where(exists, first[place] + nth, 0)]
+    now = outcome.last[place]
+    if recorder.base.names:
+        now = samples[:, [recorder.names.index(f"{name}_n") for name in names]]
+    return samples, exists & _near(recorder.model, now, suspects[names].to_numpy(float), SAME)
 
-    def values_at(number: int) -> dict[str, Float[np.ndarray, " rows"]]:
-        """The parameters of the rows on the way to a crossing."""
-        if levels is None:
-            return dict(values)
-        nearest = [k[min(np.searchsorted(crossing[k], number), k.size - 1)] for k in own]
-        return {**values, levels[0]: levels[1][nearest]}
 
-    at, _ = mapping.settled(starts, values_at(1), 1)
-    points = at[place[chosen]]
-    for number in range(2, int(crossing[chosen].max()) + 1):
-        at = mapping.images(at, values_at(number)).points
-        due = np.flatnonzero(crossing[chosen] == number)
-        if due.size:
-            points = points.merged(due, at[place[chosen[due]]])
-    return points
+def _points(
+    mapping: BatchedReturnMap,
+    values: Mapping[str, Float[np.ndarray, " states"]],
+    states: State,
+    at_section: bool,
+) -> Points:
+    """The points of states (n,) at a crossing of the section, or of the next crossings of states between."""
+
+    def one(own: Mapping[str, jax.Array], state: State) -> tuple[jax.Array, State]:
+        params = mapping.params(own)
+        crossed = state if at_section else mapping.state(params, state)[1]
+        return mapping.chart.to_coordinates(params, crossed), crossed
+
+    complete = mapping.complete(values, len(jax.tree.leaves(states)[0]))
+    return Points(*jax.tree.map(np.asarray, jax.jit(jax.vmap(one))(complete, states)))
 
 
 def _leave(
-    mapping: BatchedReturnMap, points: Points, values: Mapping[str, Float[np.ndarray, " points"]]
+    mapping: BatchedReturnMap,
+    points: Points,
+    values: Mapping[str, Float[np.ndarray, " points"]],
+    suspects: pd.DataFrame,
+    budget: int,
+    smooth: bool,
 ) -> Bool[np.ndarray, " points"]:
-    """Mask of the points (n,) that trajectories from some side leave."""
-    n, size = points.at.shape
-    directions = np.random.default_rng(0).uniform(-1.0, 1.0, (DIRECTIONS, 1, size))
-    displaced = points.at + DISPLACED * sizes(points.at) * directions
-    copies = np.tile(np.arange(n), 1 + DIRECTIONS)
-    batch = points[copies]
-    batch = Points(np.concatenate([points.at, displaced.reshape(-1, size)]), batch.modes)
-    values = {name: column[copies] for name, column in values.items()}
+    """Mask of the points (n,) where rows rest and that trajectories from some side leave.
 
-    left = np.zeros((DIRECTIONS, n), bool)
-    ends = np.zeros((DIRECTIONS, n), bool)  # a trajectory ended, or that of the point itself
-    first = mapping.distance(np.broadcast_to(points.at, displaced.shape), displaced)
-    halfway = distance = first
-    for number in range(1, FOLLOWED + 1):
-        images = mapping.images(batch, values)
-        sound = images.sound.reshape(1 + DIRECTIONS, n)
-        left |= ~ends & sound[0] & ~sound[1:]
-        ends |= ~sound[0] | ~sound[1:]
-        at = images.points.at.reshape(1 + DIRECTIONS, n, size)
-        distance = np.where(ends, 0.0, mapping.distance(np.broadcast_to(at[0], at[1:].shape), at[1:]))
-        left |= distance > LEFT
-        halfway = distance if number == FOLLOWED // 2 else halfway
-        batch = images.points
-        if np.all(left.any(axis=0) | ends.all(axis=0)):
+    Args:
+        mapping: the return map.
+        points: the points.
+        values: their parameters.
+        suspects: their records.
+        budget: crossings in which all points and their displaced copies are followed.
+        smooth: whether distances grow as under a smooth map, so that slow growth tells an unstable point.
+    """
+    n, period = len(points), int(np.max(suspects["period"].to_numpy(np.int64), initial=1))
+    observed = suspects[[q.name for q in mapping.model.observables]].to_numpy(float)
+    scattered_until = 0 if smooth else SCATTER_CROSSINGS * period
+    copies = 1 + DIRECTIONS
+    directions = np.random.default_rng(0).uniform(-1.0, 1.0, (DIRECTIONS, 1, points.at.shape[1]))
+    displaced = points.at + DISPLACED * sizes(points.at) * directions
+    batch = Points(np.concatenate([points.at, *displaced]), points[np.tile(np.arange(n), copies)].modes)
+    going, turn = np.arange(n), points.at  # the points whose trajectories are followed
+    rests, left, left_at = np.zeros(n, bool), np.zeros(n, bool), np.full(n, LEFT)
+    ended = np.zeros((DIRECTIONS, n), bool)
+    distances = [mapping.distance(np.broadcast_to(points.at, displaced.shape), displaced)]
+    while going.size and (number := len(distances)) <= FOLLOWED:
+        budget -= going.size * copies
+        if budget < 0 and number > SHORTEST:
             break
-    left |= (distance > GROWN * first) & (distance > FASTER * halfway)
-    return np.asarray(left.any(axis=0))
+        images = mapping.images(batch, {k: column[np.tile(going, copies)] for k, column in values.items()})
+        at = images.points.at.reshape(copies, going.size, -1)
+        if number <= period:
+            reached = np.stack([images.observed[q.name][:n] for q in mapping.model.observables], axis=1)
+            # records of earlier cycles, such as those of lifted feet, may differ on the same symmetric gait
+            rests |= _near(mapping.model, reached, observed, SAME) | symmetric(mapping.model, reached)
+        if number <= scattered_until and number % period == 0:
+            left_at, turn = np.maximum(left_at, SCATTERED * mapping.distance(turn, at[0])), at[0]
+        sound = images.sound.reshape(copies, going.size)
+        fails = ~ended[:, going] & sound[0] & ~sound[1:]
+        ended[:, going] |= ~sound[0] | ~sound[1:]
+        distance = distances[-1].copy()
+        distance[:, going] = mapping.distance(np.broadcast_to(at[0], at[1:].shape), at[1:])
+        distance[ended] = 0.0
+        distances.append(distance)
+        left[going] |= fails.any(axis=0)
+        if number >= max(period, scattered_until):
+            left |= (distance > left_at).any(axis=0)
+            away = np.any(distance > RETURNED * distances[0], axis=0)
+            stay = np.flatnonzero((away & ~left)[going])
+            batch = images.points[(np.arange(copies)[:, None] * going.size + stay).ravel()]
+            going = going[stay]
+        else:
+            batch = images.points
+    if smooth:
+        halfway, last = distances[len(distances) // 2], distances[-1]
+        left |= ((last > GROWN * distances[0]) & (last > FASTER * halfway)).any(axis=0)
+    return rests & left

@@ -223,7 +223,9 @@ def _from_details(
 ) -> Diagnostic:
     loc = tuple(details["loc"])
     path: Path = (*prefix, *_without_tags(loc, sections))
-    error, value, context = details["type"], details["input"], details.get("ctx", {})
+    error = details["type"]
+    value = details["input"]
+    context = details.get("ctx", {})
     enclosing = (_key(loc, place) for place in reversed(range(len(loc) - 1)))
     key = next((key for key in enclosing if key in sections), top)
     section = sections[key]

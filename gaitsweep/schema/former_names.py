@@ -16,7 +16,8 @@ METHODS = {"exact": "propagator", "stabilised": "propagator6"}
 
 def renamed(job: dict[str, Any]) -> dict[str, Any]:
     """A job with the present names; the same object if it has no older ones."""
-    run, numerics = job.get("run"), job.get("numerics")
+    run = job.get("run")
+    numerics = job.get("numerics")
     changed: dict[str, Any] = {}
     if isinstance(run, dict) and isinstance(run.get("kind"), str):
         fields = RUN_FIELDS.get(run["kind"], {})

@@ -35,7 +35,7 @@ class Scope:
 
 SCOPE: ContextVar[Scope | None] = ContextVar("SCOPE", default=None)
 
-MOST_POINTS = 10**7  # of an axis
+MAX_POINTS = 10**7  # of an axis
 
 _LONGEST_TEXT = 1000  # characters
 _STEM = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,99}")
@@ -75,7 +75,7 @@ def read_number(value: Any) -> float | str:
     """
     if isinstance(value, str):
         if not effort.spend("expressions"):  # the reading ends with one error, not one for each number
-            text = f"has more than {effort.MOST['expressions']} numbers written as text or expressions."
+            text = f"has more than {effort.LIMITS['expressions']} numbers written as text or expressions."
             raise JobError([Diagnostic((), text)])
         for trap, sentence in _TRAPS:
             if len(value) < 100 and trap.match(value):
@@ -271,7 +271,7 @@ Count = Annotated[int, PlainValidator(checked(read_whole, low=1, high=10**9)), _
 LaneCount = Annotated[int, PlainValidator(checked(read_whole, low=1, high=2**20)), _WHOLE]
 CountOrZero = Annotated[int, PlainValidator(checked(read_whole, low=0, high=10**9)), _WHOLE]
 VerifyCount = Annotated[int, PlainValidator(checked(read_whole, low=0, high=10_000)), _WHOLE]
-PointCount = Annotated[int, PlainValidator(checked(read_whole, low=1, high=MOST_POINTS)), _WHOLE]
+PointCount = Annotated[int, PlainValidator(checked(read_whole, low=1, high=MAX_POINTS)), _WHOLE]
 Seed = Annotated[int, PlainValidator(checked(read_whole, low=0, high=2**53)), _WHOLE]
 Text = Annotated[str, PlainValidator(checked(read_text)), _TEXT]
 Stem = Annotated[str, PlainValidator(checked(read_stem)), _TEXT]

@@ -25,10 +25,10 @@ from gaitsweep.shipped import job_folders, shipped_as
 # Size that PyYAML's reader in Python parses in a second; longer files need libyaml, if PyYAML has it.
 _SHORT = 64 * 1024  # bytes
 _LARGEST = 2 * 1024 * 1024 if hasattr(yaml, "CSafeLoader") else 4 * _SHORT
-_MOST_NODES = 100_000  # values of a file, with all that its aliases stand for
+_MAX_NODES = 100_000  # values of a file, with all that its aliases stand for
 _DEEPEST = 60  # lists and mappings inside each other
 _TOO_DEEP = f"is nested too deep: at most {_DEEPEST} levels of lists and mappings are allowed."
-_MOST_LISTED = 200  # names of a folder that are looked through for a near miss
+_MAX_LISTED = 200  # names of a folder that are looked through for a near miss
 _CORE = "tag:yaml.org,2002:"  # begins the tags of YAML's own types
 _TAGS = ("null", "bool", "int", "float", "str", "seq", "map")
 
@@ -52,8 +52,8 @@ class _Counted:
         self._nodes += 1
         self._depth += 1
         line = current_node.start_mark.line + 1 if current_node is not None else None
-        if self._nodes > _MOST_NODES:
-            raise _Limit(line, f"has more than {_MOST_NODES} values.")
+        if self._nodes > _MAX_NODES:
+            raise _Limit(line, f"has more than {_MAX_NODES} values.")
         if self._depth > _DEEPEST:
             raise _Limit(line, _TOO_DEEP)
 
@@ -250,7 +250,7 @@ def _yaml_files(folder: Path) -> list[str]:
     try:
         with os.scandir(folder) as entries:
             names = (entry.name for entry in entries if re.search(r"\.ya?ml\Z", entry.name))
-            return list(itertools.islice(names, _MOST_LISTED))
+            return list(itertools.islice(names, _MAX_LISTED))
     except OSError:
         return []
 
@@ -304,8 +304,8 @@ class _Reading:
             raise self._refused(line, _TOO_DEEP, ())
         self.places.setdefault(path, line)
         self._nodes += 1
-        if self._nodes > _MOST_NODES:
-            raise self._refused(line, f"has more than {_MOST_NODES} values.", path)
+        if self._nodes > _MAX_NODES:
+            raise self._refused(line, f"has more than {_MAX_NODES} values.", path)
         if id(node) in self._open:
             raise self._refused(line, "contains itself through an alias.", path)
         tag = node.tag.removeprefix(_CORE)

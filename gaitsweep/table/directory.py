@@ -77,7 +77,8 @@ class ResultDirectory:
 
     def __init__(self, path: Path, lock: Lock, manifest: dict[str, Any]) -> None:
         self.path = path
-        self.manifest, self.layout = manifest, Layout.of(manifest)
+        self.manifest = manifest
+        self.layout = Layout.of(manifest)
         self.notes: list[str] = []
         self._lock = lock
         self._footers: dict[int, Footer] = {}
@@ -402,7 +403,8 @@ class ResultDirectory:
         if not fields:
             return
         manifest = {k: v for k, v in (self.manifest | fields).items() if v is not None}
-        old, self.manifest = self.manifest, manifest
+        old = self.manifest
+        self.manifest = manifest
         try:
             with writing(f"{self.path / MANIFEST} could not be written"):
                 self._write_manifest()

@@ -53,7 +53,8 @@ class Examination:
     """
 
     def __init__(self, path: Path, layout: Layout) -> None:
-        self.path, self.folder = path, path / TABLE
+        self.path = path
+        self.folder = path / TABLE
         self.layout = layout
         self.footers: dict[int, Footer] = {}
         self.faults: dict[int, Fault] = {}
@@ -71,7 +72,8 @@ class Examination:
         self._numbers: list[int] = []
         self._open_numbers: list[int] = []
         for name in names:
-            number, opened = PARTS.number(name), OPEN_ROWS.number(name)
+            number = PARTS.number(name)
+            opened = OPEN_ROWS.number(name)
             if number is not None and number in self.layout.blocks:
                 self._numbers.append(number)
             elif opened is not None:

@@ -192,4 +192,5 @@ class Numbered(NamedTuple):
         return int(match[1]) if match and self.name(int(match[1])) == name else None
 
 
-PARTS, OPEN_ROWS = Numbered("part"), Numbered("open")
+PARTS = Numbered("part")
+OPEN_ROWS = Numbered("open")

@@ -27,7 +27,7 @@ Rows = slice | range | ArrayLike
 
 _LARGEST_JOB = 64 * 2**20  # bytes
 _WITHOUT_NUMBERS = ("name", "verify", "figures", "style")  # fields of a job that decide no number
-_DEEPEST, _MOST_EVENTS = 50, 400_000  # of an edited `job.yaml`
+_DEEPEST, _MAX_EVENTS = 50, 400_000  # of an edited `job.yaml`
 
 
 def figure_files(path: Path) -> list[Path]:
@@ -97,7 +97,8 @@ class Snapshot:
     @property
     def without_digests(self) -> str:
         """A clause on files without digests, in which damage may go undetected."""
-        n, consequence = len(self.files.undigested), "so some damage cannot be detected"
+        n = len(self.files.undigested)
+        consequence = "so some damage cannot be detected"
         again = "" if self.manifest["format"] == 1 else ". Run its job again to write the digests"
         have = "has" if n == 1 else "have"
         return f"{n} file{'s' * (n != 1)} of the table {have} no digests, {consequence}{again}"
@@ -175,7 +176,9 @@ class Selection:
         if self.rows is None or not row.size:
             return table
         if isinstance(self.rows, range):
-            first, stop, step = self.rows.start, self.rows.stop, self.rows.step
+            first = self.rows.start
+            stop = self.rows.stop
+            step = self.rows.step
             selected = (row >= first) & (row < stop) & ((row - first) % step == 0)
         else:
             of_part = slice(*np.searchsorted(self.rows, [row[0], row[-1] + 1]))
@@ -205,7 +208,8 @@ def _job_of(
     path: Path, manifest: dict[str, Any], digest: str | None
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """The job that was run, and the content of `job.yaml`: the same object if it was not edited."""
-    file, advice = path / JOB, f"Run the job of {path} again to rewrite it."
+    file = path / JOB
+    advice = f"Run the job of {path} again to rewrite it."
     known = manifest.get("job")
     try:
         data = read_file(file, _LARGEST_JOB)
@@ -235,7 +239,7 @@ def _parsed(text: str) -> Any:
         depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
         if depth > _DEEPEST:
             raise ValueError("it is nested too deep")
-        if number > _MOST_EVENTS:
+        if number > _MAX_EVENTS:
             raise ValueError("it has too many values")
     return yaml.safe_load(text)
 
@@ -327,7 +331,8 @@ def load_parts(path: str | Path, columns: Sequence[str]) -> Iterator[pd.DataFram
     Raises:
         TableError: as `load`; a damaged file is found when its part is read.
     """
-    path, selection = Path(path), Selection(decoded_columns(columns))
+    path = Path(path)
+    selection = Selection(decoded_columns(columns))
     examined = Examination(path, Layout.of(read_manifest(path)))
     parts = PartRecords(_TOGETHER)
     for number, table in examined.parts(True, selection.columns):

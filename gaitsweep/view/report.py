@@ -247,7 +247,8 @@ def _self_check(snapshot: Snapshot) -> str:
     look = ""
     if check.get("verdict") == "warned":
         dt = snapshot.job.get("numerics", {}).get("dt")
-        text, look = f"{text} {advice(check, dt if isinstance(dt, float) else None)}", ' class="warning"'
+        text = f"{text} {advice(check, dt if isinstance(dt, float) else None)}"
+        look = ' class="warning"'
     quantities = snapshot.manifest.get("quantities", {})
     lines = []
     for name, change in check.get("largest", {}).items():

@@ -218,7 +218,8 @@ def _prepared(
     if skeleton is None:
         raise PlotError(f"{motion.model.name} has no skeleton of this row: its function returned None.")
     if lift != 1.0:
-        skeleton, renderer = side_view.lifted(skeleton, lift), "matplotlib"
+        skeleton = side_view.lifted(skeleton, lift)
+        renderer = "matplotlib"
     heading = side_view.heading(skeleton)
     contact = motion.contact(len(skeleton.limbs))
     clip = Clip(times, side_view.turned(skeleton, heading), motion.t, contact, motion.period, "", pace)

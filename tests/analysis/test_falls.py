@@ -29,7 +29,7 @@ def by_matrix(roughness: float, cells: int) -> float:
     return 1.0 / (1.0 - np.abs(np.linalg.eigvals(np.diff(below, axis=1))).max())
 
 
-@pytest.mark.slow("half a million steps")
+@pytest.mark.slow
 def test_the_mean_of_a_wheel_is_that_of_its_transition_matrix() -> None:
     """Means over three orders of magnitude; an estimate from n falls has a relative error of 1 / sqrt(n)."""
     roughness, rows = [0.08, 0.06, 0.045], 400

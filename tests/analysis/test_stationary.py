@@ -173,6 +173,7 @@ def test_hopf_point_of_the_normal_form(n: float) -> None:
     np.testing.assert_allclose(cycle["m"], -n * 0.1**2, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_lorenz() -> None:
     """From the rolls: the pitchfork at rho = 1, and the subcritical Hopf point."""
     start = [np.sqrt(8.0 / 3.0 * 19.0)] * 2 + [19.0]
@@ -190,6 +191,7 @@ def test_lorenz() -> None:
     assert hopf["coefficient"] > 0.0
 
 
+@pytest.mark.slow
 def test_cycles_begin_at_a_hopf_point() -> None:
     """The return map's cycles shrink to it as the root of the distance, with the period 2 pi / A."""
     A = 1.5
@@ -218,6 +220,7 @@ def atlas(model: Any, **options: Any) -> gs.Atlas:
     return gs.atlas(model, stationary=True, settle=0, budget=64, batch=32, patience=1, verify=0, **options)
 
 
+@pytest.mark.slow
 def test_bogdanov_takens_point() -> None:
     """Fold: b1 = b2^2 / 4; Hopf: b1 = 0, b2 < 0; both end or pass at (0, 0)."""
     atlas_of = atlas(
@@ -287,6 +290,7 @@ def test_variables_that_never_rest() -> None:
         gs.sweep(Neuron(), run=run)
 
 
+@pytest.mark.slow
 def test_events_end_a_branch() -> None:
     """A neuron is at rest at x = current only below its threshold; a branch ends there."""
     rest = gs.stationary(Neuron(), without=["phase", "place"], current=[0.4, 1.2])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import jax.numpy as jnp
 import numpy as np
+import pytest
 from scipy.integrate import quad
 
 import gaitsweep as gs
@@ -48,6 +49,7 @@ def period(energy: float) -> float:
     return 4.0 * quad(lambda a: 1.0 / np.sqrt(1.0 + 0.5 * top**2 * (1.0 + np.sin(a) ** 2)), 0.0, np.pi / 2)[0]
 
 
+@pytest.mark.slow
 def test_a_family_is_followed_along_its_energy() -> None:
     """V = sqrt(2 E), the period is the quadrature's, and the second body turns by omega T in a cycle."""
     mapping = gs.return_map(TwoSprings(), numerics={"rtol": 1e-11, "atol": 1e-12})

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 import gaitsweep as gs
-from gaitsweep.engine.kernel import cuda
+from gaitsweep.engine.kernel import cuda_lanes
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from tests.support.host_card import HostCard, compiler
@@ -333,7 +333,7 @@ def test_the_code_for_a_card_moves_the_body_as_that_for_the_processor(
     starts = {"z_0": np.array([0.0, 0.03, 0.08]), "leg_0": np.array([0.0, 0.2, -0.1])}
     options: dict[str, Any] = {"numerics": Numerics(dt=5e-4, method="rk4"), "engine": "kernel"}
     here = run_rows(Swinging(), recorder, starts, **options)
-    monkeypatch.setattr(cuda, "CudaDevice", CudaDevice)
+    monkeypatch.setattr(cuda_lanes, "CudaDevice", CudaDevice)
     device = types.SimpleNamespace(platform="gpu")
     monkeypatch.setattr("tests.support.sweeping.devices_on", lambda platform, engine: [device])
     card = run_rows(Swinging(), recorder, starts, **options)

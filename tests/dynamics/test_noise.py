@@ -15,8 +15,8 @@ from scipy import stats
 
 import gaitsweep as gs
 from gaitsweep.dynamics.noise import fraction, philox_words
-from gaitsweep.engine.kernel import cuda
-from gaitsweep.engine.kernel.columns import over_rows
+from gaitsweep.engine.kernel import cuda_lanes
+from gaitsweep.engine.kernel.row_functions import over_rows
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.examples.rimless_wheel import RimlessWheel
@@ -43,7 +43,7 @@ def test_the_words_are_those_published(counter: Any, key: Any, words: Any) -> No
     assert tuple(int(word) for word in philox_words(*given)) == words
 
 
-@pytest.mark.slow("compiles")
+@pytest.mark.slow
 def test_numbers_are_equal_to_the_bit_in_numpy_xla_and_llvm() -> None:
     """Also of numbers that are no seeds, which count as 0."""
     expected = [fraction(ALL[0], ALL[1], ALL[2], half) for half in (0, 1)]
@@ -63,7 +63,7 @@ def test_numbers_are_equal_to_the_bit_in_numpy_xla_and_llvm() -> None:
     assert expected[0].max() < 1.0
 
 
-@pytest.mark.slow("compiles")
+@pytest.mark.slow
 def test_numbers_have_no_derivative_and_fit_single_precision() -> None:
     assert jax.jacfwd(lambda x: x * gs.normal(1.0, x))(2.0) == gs.normal(1.0, 2.0)
     single = gs.uniform(jnp.float32(3.0), jnp.arange(1000, dtype=jnp.float32))
@@ -71,7 +71,7 @@ def test_numbers_have_no_derivative_and_fit_single_precision() -> None:
     np.testing.assert_allclose(single, gs.uniform(3.0, np.arange(1000.0)), rtol=1e-7)
 
 
-@pytest.mark.slow("compiles")
+@pytest.mark.slow
 def test_numbers_are_uniform_normal_and_independent() -> None:
     """100 000 numbers: tests whose p-values were fixed with the generator; 1e-3 would show a broken one."""
     counters = np.arange(100_000.0)
@@ -99,7 +99,7 @@ ROUGH = {"seed": np.arange(12.0), "roughness": np.full(12, 0.02), "slope": np.fu
 FINE = Numerics(rtol=1e-11, atol=1e-12)
 
 
-@pytest.mark.slow("a program of each engine")
+@pytest.mark.slow
 def test_a_wheel_on_rough_ground_follows_its_markov_chain_on_each_engine() -> None:
     """Rates follow from the energies to the tolerance of the integration; both engines fall at one step."""
     recorder, starts = CrossingRecorder(RimlessWheel(), crossings=40), {"rate_0": np.full(12, 0.9)}
@@ -119,7 +119,7 @@ def test_a_wheel_on_rough_ground_follows_its_markov_chain_on_each_engine() -> No
     same(rows["kernel"], others)
 
 
-@pytest.mark.slow("compiles C++")
+@pytest.mark.slow
 @pytest.mark.skipif(compiler() is None, reason="no C++ compiler")
 def test_the_program_for_a_card_draws_the_same_numbers(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -127,7 +127,7 @@ def test_the_program_for_a_card_draws_the_same_numbers(
     class CudaDevice(HostCard):
         folder = tmp_path
 
-    monkeypatch.setattr(cuda, "CudaDevice", CudaDevice)
+    monkeypatch.setattr(cuda_lanes, "CudaDevice", CudaDevice)
     device = types.SimpleNamespace(platform="gpu")
     monkeypatch.setattr("tests.support.sweeping.devices_on", lambda platform, engine: [device])
     recorder, starts = CrossingRecorder(RimlessWheel(), crossings=40), {"rate_0": np.full(12, 0.9)}

@@ -8,7 +8,7 @@ import pytest
 
 from gaitsweep.engine.recorders.recorder import POLL_INTERVAL
 from gaitsweep.engine.sweep import chunk_sizer as module
-from gaitsweep.engine.sweep.chunk_sizer import FULL, LONGEST, ChunkSizer
+from gaitsweep.engine.sweep.chunk_sizer import MAX_CHUNK, NEARLY_FULL, ChunkSizer
 
 POLL, HOST = 2e-4, 3e-3  # s
 
@@ -50,7 +50,7 @@ def test_a_chunk_weighs_the_host_against_rows_that_wait(clock: Clock) -> None:
 def test_no_chunk_keeps_the_user_waiting(clock: Clock) -> None:
     sizer = ChunkSizer(4)
     run(sizer, clock, 60, 1e9)
-    assert sizer.polls * POLL == pytest.approx(LONGEST, rel=0.01)
+    assert sizer.polls * POLL == pytest.approx(MAX_CHUNK, rel=0.01)
 
 
 def test_short_rows_have_the_shortest_chunks(clock: Clock) -> None:
@@ -64,5 +64,5 @@ def test_chunks_shrink_where_buffers_fill(clock: Clock) -> None:
     sizer = ChunkSizer(4)
     run(sizer, clock, 60, 1e9)
     long = sizer.polls
-    run(sizer, clock, 1, 1e9, fullest=math.ceil(FULL) + 1)
+    run(sizer, clock, 1, 1e9, fullest=math.ceil(NEARLY_FULL) + 1)
     assert sizer.polls == long // 2

@@ -20,10 +20,10 @@ from gaitsweep import models
 from gaitsweep.cli import show
 from gaitsweep.contract import HybridModel, Status
 from gaitsweep.dynamics.event_surface import EventSurface
+from gaitsweep.engine.event_stall import packed, unpacked
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.fixed_time import FixedTimeRecorder
-from gaitsweep.engine.recorders.recorder import _packed, unpacked
 from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.engine.recorders.trace import TraceRecorder
 from gaitsweep.examples.lorenz import Lorenz
@@ -258,7 +258,7 @@ def test_more_guards_than_fit_in_one_number() -> None:
     """The chain of 65 legs has 130."""
     fired = np.zeros(130, bool)
     fired[[0, 31, 32, 63, 64, 129]] = True
-    words = np.asarray(_packed(jnp.asarray(fired)))
+    words = np.asarray(packed(jnp.asarray(fired)))
     # as a kernel's slots hold them
     words = words.astype(np.float64).astype(np.int64)
     np.testing.assert_array_equal(np.flatnonzero(unpacked(words[None, :])[0]), np.flatnonzero(fired))

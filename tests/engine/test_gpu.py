@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from gaitsweep.engine.kernel import gpu_program
-from gaitsweep.engine.kernel.card import CudaDevice, DeviceArray, missing
+from gaitsweep.engine.kernel.cuda_device import CudaDevice, DeviceArray, missing
 from gaitsweep.engine.kernel.lanes import kernel_of
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.crossings import CrossingRecorder

@@ -18,7 +18,7 @@ from gaitsweep.contract import Status
 from gaitsweep.dynamics.declarations import parameter, variable
 from gaitsweep.dynamics.map_model import MapModel
 from gaitsweep.engine.dependence import dependences
-from gaitsweep.engine.kernel import cuda, philox
+from gaitsweep.engine.kernel import cuda_lanes, philox
 from gaitsweep.engine.kernel.operations import OPERATIONS
 from gaitsweep.engine.kernel.program import Kind, Program
 from gaitsweep.engine.kernel.source import C, c_function, statements
@@ -127,7 +127,7 @@ def on_card(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
     class CudaDevice(HostCard):
         folder = tmp_path
 
-    monkeypatch.setattr(cuda, "CudaDevice", CudaDevice)
+    monkeypatch.setattr(cuda_lanes, "CudaDevice", CudaDevice)
     device = types.SimpleNamespace(platform="gpu")
     monkeypatch.setattr("tests.support.sweeping.devices_on", lambda platform, engine: [device] * 2)
     return partial(run_rows, engine="kernel")
@@ -144,7 +144,7 @@ def test_a_thread_for_each_lane_that_runs(on_card: Any, monkeypatch: pytest.Monk
     """Lanes that have ended take no thread, so that the others fill whole warps."""
     launched: list[int] = []
 
-    class CudaDevice(cuda.CudaDevice):  # the fixture's
+    class CudaDevice(cuda_lanes.CudaDevice):  # the fixture's
         def threads(self, kernel: Any) -> int:
             return 64
 
@@ -160,7 +160,7 @@ def test_a_thread_for_each_lane_that_runs(on_card: Any, monkeypatch: pytest.Monk
         return on_card(Toy(), recorder, starts, params=params, numerics=NUMERICS, lanes=32)
 
     of_three = run()
-    monkeypatch.setattr(cuda, "CudaDevice", CudaDevice)
+    monkeypatch.setattr(cuda_lanes, "CudaDevice", CudaDevice)
     monkeypatch.setattr(engines, "KERNEL_POLLS_PER_CHUNK", {"gpu": 1})
     same(of_three, run())
     assert max(launched) == 8  # two groups
@@ -265,13 +265,13 @@ def test_sweeps_that_vary_the_same_constants_share_a_kernel(
     """They share it whether or not their rows have equal values; results equal those of own kernels."""
     running: dict[frozenset[str], set[str]] = {}
 
-    class CudaDevice(cuda.CudaDevice):  # the fixture's
+    class CudaDevice(cuda_lanes.CudaDevice):  # the fixture's
         def module(self, source: str, *, contraction: bool = True) -> Any:
             if "KERNEL void run" in source:
                 running[varied].add(source)
             return super().module(source, contraction=contraction)
 
-    monkeypatch.setattr(cuda, "CudaDevice", CudaDevice)
+    monkeypatch.setattr(cuda_lanes, "CudaDevice", CudaDevice)
     recorder, starts = CrossingRecorder(Toy(), crossings=4), {"launch_1": np.full(8, 1.3)}
     results = {}
     for varied in (frozenset[str](), frozenset({"kick"})):

@@ -13,9 +13,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gaitsweep.cache_folder import cache_folder, load_cached, store_cached
+from gaitsweep.cache_folder import cache_folder, compiled_once, load_cached, store_cached
 from gaitsweep.engine.kernel import cpu_program, llvm_code
-from gaitsweep.engine.kernel.cache import binary_of
 from gaitsweep.engine.kernel.chunk import Chunk
 from gaitsweep.engine.kernel.lanes import kernel_of
 from gaitsweep.engine.numerics import Numerics
@@ -122,7 +121,7 @@ def test_damaged_code_of_a_card_is_compiled_again(cache: Path, damage: Callable[
             (file,) = (cache / "kernels").glob("*.cubin")
             file.write_bytes(change(file.read_bytes()))
         for _ in range(2):
-            assert binary_of("cubin", ("source",), compile_) == bytes(range(200))
+            assert compiled_once("cubin", ("source",), compile_) == bytes(range(200))
         assert len(compiled) == n + 1
 
 
@@ -137,7 +136,7 @@ def test_a_full_disk_costs_a_compilation(
     for count in (1, 2):
         _opened(chunk)
         assert len(compilations) == count
-    assert binary_of("cubin", ("source",), lambda: b"code") == b"code"
+    assert compiled_once("cubin", ("source",), lambda: b"code") == b"code"
     assert list((cache / "kernels").iterdir()) == []  # no drafts
 
 
@@ -158,7 +157,7 @@ def test_a_folder_of_another_user_is_not_used(cache: Path) -> None:
     with pytest.warns(UserWarning, match="belongs to user 12345"):
         assert cache_folder("kernels") is None
     with warnings.catch_warnings(action="error"):  # said once in a process
-        assert binary_of("cubin", ("source",), lambda: b"code") == b"code"
+        assert compiled_once("cubin", ("source",), lambda: b"code") == b"code"
 
 
 def test_without_a_home_there_is_no_cache(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -169,7 +168,7 @@ def test_without_a_home_there_is_no_cache(monkeypatch: pytest.MonkeyPatch) -> No
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setattr(Path, "home", homeless)
     assert cache_folder("kernels") is None
-    assert binary_of("cubin", ("source",), lambda: b"code") == b"code"
+    assert compiled_once("cubin", ("source",), lambda: b"code") == b"code"
 
 
 def test_cached_code_is_read_unchanged(tmp_path: Path) -> None:

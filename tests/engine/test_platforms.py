@@ -16,9 +16,9 @@ import numpy as np
 import pytest
 
 import gaitsweep as gs
+from gaitsweep.engine import devices
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
-from gaitsweep.engine.sweep import lane
 from tests.support.sweeping import devices_on, run_rows
 from toy_model import Toy, launches
 
@@ -43,7 +43,7 @@ class Hidden:
 def test_kernels_run_where_jax_may_not_use_the_cpu(monkeypatch: pytest.MonkeyPatch) -> None:
     """Starts are computed on the device that JAX may use."""
     hidden = Hidden(monkeypatch)
-    assert lane.host_device() is hidden.real[0]
+    assert devices.host_device() is hidden.real[0]
     result = run_rows(
         Toy(),
         CrossingRecorder(Toy(), crossings=4),
@@ -70,7 +70,7 @@ def test_starts_are_worked_out_on_the_cpu_where_jax_sees_one(monkeypatch: pytest
         monkeypatch.setattr(
             type(jax.config), "jax_platforms", property(lambda _, p=platforms: p), raising=False
         )
-        assert lane.host_device() is real[0]
+        assert devices.host_device() is real[0]
     assert set(asked) == {"cpu"}
     assert devices_on("cpu", "kernel")[0].platform == "cpu"
 
@@ -121,7 +121,7 @@ def test_reading_a_job_leaves_every_core_to_its_run(tmp_path: Any) -> None:
     )
     code = (
         "import os; from gaitsweep.job import load_job; "
-        "from gaitsweep.engine.sweep.xla import local_devices; "
+        "from gaitsweep.engine.devices import local_devices; "
         "load_job('job.yaml'); print(len(local_devices()) == len(os.sched_getaffinity(0)))"
     )
     environment = {**os.environ, "JAX_PLATFORMS": "cpu", "PYTHONPATH": str(Path(__file__).parents[2])}

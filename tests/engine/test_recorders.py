@@ -10,7 +10,7 @@ from gaitsweep.contract import Status
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.fixed_time import FixedTimeRecorder
-from gaitsweep.engine.recorders.ramp import RampSchedule
+from gaitsweep.engine.recorders.schedules import RampSchedule
 from gaitsweep.engine.recorders.trace import TraceRecorder
 from tests.support.sweeping import run_rows
 from toy_model import Toy, bounce_times, launches

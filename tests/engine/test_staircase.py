@@ -17,8 +17,8 @@ from scipy.integrate import solve_ivp
 from firing_neuron import Neuron
 from gaitsweep.contract import Quantity, Status, SteppedModel
 from gaitsweep.engine.numerics import Numerics
+from gaitsweep.engine.recorders.schedules import StepSchedule
 from gaitsweep.engine.recorders.staircase import StepRecorder
-from gaitsweep.engine.recorders.stairs import StepSchedule
 from gaitsweep.row_outcome import RowOutcome
 from tests.support.sweeping import run_rows
 from toy_model import Toy

@@ -16,7 +16,7 @@ import pytest
 from gaitsweep.cache_folder import cache_folder
 from gaitsweep.engine import stored_programs
 from gaitsweep.engine.content import depends_on, lasting_content
-from gaitsweep.engine.kernel.columns import over_rows
+from gaitsweep.engine.kernel.row_functions import over_rows
 from gaitsweep.engine.stored_programs import stored
 
 MODEL = """

@@ -106,6 +106,7 @@ class Orbit(DeclaredModel):
         return 2.0 * jnp.pi * jnp.ones(())
 
 
+@pytest.mark.slow("1e-06", "1e-12")
 @pytest.mark.parametrize("rtol", [1e-6, 1e-9, 1e-12])
 def test_an_orbit_closes_to_the_tolerance(rtol: float) -> None:
     numerics = {"method": "taylor", "rtol": rtol, "atol": rtol}
@@ -181,6 +182,7 @@ class Ball(DeclaredModel):
         return jnp.ones(())
 
 
+@pytest.mark.slow("20.0", "60.0")
 @pytest.mark.parametrize("wave", [20.0, 60.0, 200.0])
 def test_no_short_event_is_missed(wave: float) -> None:
     found = gs.sweep(
@@ -246,6 +248,7 @@ def test_zeros_within_a_step() -> None:
     assert first_zero(below, h) == jnp.inf
 
 
+@pytest.mark.slow
 def test_a_walkers_steps_are_those_of_a_runge_kutta_pair() -> None:
     tables = []
     for method in ("tsit5", "taylor"):

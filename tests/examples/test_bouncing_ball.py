@@ -75,6 +75,7 @@ def test_wrong_fields_are_refused(fields: dict[str, Any], words: list[str]) -> N
     assert all(word in str(error.value) for word in words), str(error.value)
 
 
+@pytest.mark.slow
 def test_a_row_without_a_gait_keeps_its_record() -> None:
     """Below the fold there is no gait that keeps the table's period."""
     ball = gs.atlas(

@@ -12,8 +12,8 @@ import pytest
 
 from benchmarks.reliability.mutated_jobs import Mutant
 from benchmarks.reliability.mutations import LATEST, MOST_MEMORY, check_all, check_one
-from gaitsweep.design.axes import MOST_LISTED
-from gaitsweep.design.vary import MOST_DRAWN
+from gaitsweep.design.axes import MAX_LISTED
+from gaitsweep.design.vary import MAX_DRAWN
 from gaitsweep.job import Job, JobError, load_job
 
 HEAD = "name: a\nmodel: multilegged\nrun: {kind: settle}\nstart: {psi_1: 1, psi_2: 1, psi_3: 1}\n"
@@ -112,11 +112,11 @@ PARAMETERS = ("psi_1", "psi_2", "beta", "kappa", "m_B")
     [
         (
             {"sample": {"n": 10**7, "of": {**BOX, "beta": [0.6, 0.7]}}},
-            rf"draws 30000000 numbers .*at most {MOST_DRAWN}",
+            rf"draws 30000000 numbers .*at most {MAX_DRAWN}",
         ),
         (
-            {"psi_1": [0.5] * (MOST_LISTED + 1), "psi_2": [1]},
-            rf"has {MOST_LISTED + 1} points; .* at most {MOST_LISTED}",
+            {"psi_1": [0.5] * (MAX_LISTED + 1), "psi_2": [1]},
+            rf"has {MAX_LISTED + 1} points; .* at most {MAX_LISTED}",
         ),
         ({name: {"linspace": [0.6, 0.7, 10**7]} for name in PARAMETERS}, "more than 1e30 rows"),
     ],

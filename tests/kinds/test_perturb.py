@@ -13,7 +13,7 @@ import pandas as pd
 import pytest
 
 import gaitsweep as gs
-from gaitsweep.engine.kernel import cuda
+from gaitsweep.engine.kernel import cuda_lanes
 from gaitsweep.engine.pushed_model import PushedModel
 from gaitsweep.engine.recorders.perturb import PerturbRecorder
 from gaitsweep.engine.recorders.settle import SettleRecorder
@@ -85,7 +85,7 @@ def pushed(model: Any, push: list[str], run: dict[str, Any] | None = None, **key
     return gs.perturb(model, push, run=run, verify=0, **keywords).table
 
 
-@pytest.mark.slow("two programs")
+@pytest.mark.slow
 def test_the_phase_shift_of_a_clock_is_that_of_its_angle() -> None:
     """Isochrons are the rays of the plane, for pushes of any size; settling has an error below 1e-9."""
     keywords: dict[str, Any] = {
@@ -137,7 +137,7 @@ def test_a_wheel_recovers_if_its_energy_is_above_the_barrier() -> None:
     assert table["cycles_back"][2] == 0.0
 
 
-@pytest.mark.slow("a program")
+@pytest.mark.slow
 def test_a_step_of_a_parameter_lasts_for_its_cycles() -> None:
     """Rates after each impact by energy: (cos 2a)^2 (rate^2 + 2 (cos of first angle - cos of last))."""
     run = {"step": "slope", "at": "spoke lands"}
@@ -155,7 +155,7 @@ def test_a_step_of_a_parameter_lasts_for_its_cycles() -> None:
         assert row.excursion == pytest.approx(away, abs=1e-6)
 
 
-@pytest.mark.slow("five programs")
+@pytest.mark.slow
 def test_an_event_is_phase_0_and_a_short_force_an_impulse() -> None:
     amounts = [-0.1, 0.2]
     by_phase = pushed(Wheel(), ["rate"], {"tolerance": 1e-9}, numerics=FINE, push_rate=amounts)
@@ -172,7 +172,7 @@ def test_an_event_is_phase_0_and_a_short_force_an_impulse() -> None:
     np.testing.assert_allclose(errors[:2].to_numpy() / errors[1:].to_numpy(), 2.0, atol=0.05)
 
 
-@pytest.mark.slow("compiles the chain's derivatives")
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("model", "variables", "method"),
     [
@@ -196,7 +196,7 @@ def test_pushes_of_the_chain_agree_with_the_adjoint(
         np.testing.assert_allclose((forth - back) / 2e-4, exact[f"response_{variable}"], atol=1e-6)
 
 
-@pytest.mark.slow("compiles derivatives")
+@pytest.mark.slow
 def test_the_adjoint_of_a_clock_and_of_gaits_of_two_steps() -> None:
     turns = gs.return_map(Clock(), numerics=FINE)
     gait = turns.fixed_points(turns.settled(cycles=20))
@@ -210,7 +210,7 @@ def test_the_adjoint_of_a_clock_and_of_gaits_of_two_steps() -> None:
     np.testing.assert_allclose(both["response_x"], np.tile(table["response_x"], 2) / 2.0, atol=1e-10)
 
 
-@pytest.mark.slow("compiles derivatives")
+@pytest.mark.slow
 def test_a_gait_of_two_steps_agrees_with_its_adjoint() -> None:
     slope, phase = 4.6, [0.2, 0.7]
     walk = gs.return_map(CompassWalker(), slope=slope, period=2)
@@ -236,7 +236,7 @@ def test_a_gait_of_two_steps_agrees_with_its_adjoint() -> None:
     assert min(errors) < 1e-3 * np.abs(measured).max()
 
 
-@pytest.mark.slow("a program")
+@pytest.mark.slow
 def test_rows_do_not_depend_on_lanes_and_name_the_other_gait() -> None:
     """The hopper's gaits 1:1 and 2:1 have launches of pi g / omega and twice that."""
     keywords: dict[str, Any] = {"launch_0": 2.5, "phase_0": 2.0, "push_launch": [0.0, 0.2, 2.57]}
@@ -290,7 +290,7 @@ def test_the_unstable_have_no_phase_response() -> None:
         hops.phase_response(unstable, ["lanch"])
 
 
-@pytest.mark.slow("compiles C++")
+@pytest.mark.slow
 @pytest.mark.skipif(compiler() is None, reason="no C++ compiler")
 def test_the_program_for_a_card_pushes_alike(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A processor stands in for the card; its compiler fuses no products, so numbers agree to rounding."""
@@ -303,7 +303,7 @@ def test_the_program_for_a_card_pushes_alike(tmp_path: Path, monkeypatch: pytest
     amounts = {"push_rate": np.array([-0.3, -0.1, 0.0, 0.2]), "push_phase": np.array([0.0, 0.3, 0.5, 0.7])}
     rows = partial(run_rows, model, recorder, {"rate_0": np.full(4, 0.5)}, params=amounts, engine="kernel")
     expected = rows()
-    monkeypatch.setattr(cuda, "CudaDevice", CudaDevice)
+    monkeypatch.setattr(cuda_lanes, "CudaDevice", CudaDevice)
     device = types.SimpleNamespace(platform="gpu")
     monkeypatch.setattr("tests.support.sweeping.devices_on", lambda platform, engine: [device])
     outcome = rows(lanes=3)

@@ -75,8 +75,8 @@ class FastestRecorder(Recorder):
     def readings(self, rows: RowOutcome) -> Readings | None:
         return self.settling.readings(rows)
 
-    def share(self, rows: RunningRows, typical: float) -> Float[np.ndarray, " rows"]:
-        return self.settling.share(rows, typical)
+    def progress(self, rows: RunningRows, typical: float) -> Float[np.ndarray, " rows"]:
+        return self.settling.progress(rows, typical)
 
 
 class Fastest(kinds.RunKind):

@@ -17,7 +17,7 @@ from gaitsweep.contract import Params, State, Status
 from gaitsweep.engine.advance import advance
 from gaitsweep.engine.carry import Halt, start
 from gaitsweep.engine.numerics import Numerics, step_of
-from gaitsweep.engine.poincare.poincare_return import LATEST, crossing_of
+from gaitsweep.engine.poincare.poincare_return import MAX_PERIODS, crossing_of
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.papers.ambe2021.multilegged.model import GAITS, Multilegged
@@ -198,7 +198,7 @@ def test_reversing_the_legs_reverses_the_motion(case: str) -> None:
     @jax.jit
     def jump(params: Params, state: State) -> tuple[jax.Array, State, jax.Array]:
         """Up to the first event of any kind, not only at the section."""
-        dt, stop = step_of(model, Numerics().resolve(model), params), LATEST * model.period(params)
+        dt, stop = step_of(model, Numerics().resolve(model), params), MAX_PERIODS * model.period(params)
         carry = jax.lax.while_loop(
             lambda carry: (carry.halt == Halt.GOING) & (carry.chain == 0),
             lambda carry: attempt(params, carry),

@@ -18,8 +18,8 @@ from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.papers.aoi2011.waist_quadruped import WaistQuadruped
 from gaitsweep.papers.aoi2011.waist_quadruped.foot_path import BEYOND, EARLY, LATE, STANCE, FootPath
-from gaitsweep.papers.aoi2011.waist_quadruped.ground import anchored_force
-from gaitsweep.papers.aoi2011.waist_quadruped.limb import joint_angles
+from gaitsweep.papers.aoi2011.waist_quadruped.mechanics import anchored_force
+from gaitsweep.papers.aoi2011.waist_quadruped.posture import joint_angles
 from gaitsweep.papers.aoi2011.waist_quadruped.posture import WAIST, fallen, tilt
 from tests.support.multilegged_crossings import wrapped
 from tests.support.sweeping import run_rows

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from gaitsweep import plot
-from gaitsweep.papers.ambe2021.figures.theory import SHOWN, theory_figure
+from gaitsweep.papers.ambe2021.figures.chain_theory import SHOWN, theory_figure
 from gaitsweep.papers.ambe2021.theory.chain import Chain, touchdown_phase
 from gaitsweep.papers.ambe2021.theory.solution_sets import Branch, places, rule_of
 from tests.support.plot_tables import rendered, settle_table, trace_table

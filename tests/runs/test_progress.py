@@ -31,8 +31,8 @@ def test_before_a_row_has_ended_its_limit_is_its_length() -> None:
     job = gs.Job(**HOPS)
     recorder = job.run.recorder(job.design.model)
     running = RunningRows(np.array([40, 100]), np.zeros(2, np.int64), np.zeros(2))
-    assert recorder.share(running, 0.0).tolist() == [0.1, 0.25]
-    assert recorder.share(running, 50.0).tolist() == [0.8, 0.95]
+    assert recorder.progress(running, 0.0).tolist() == [0.1, 0.25]
+    assert recorder.progress(running, 50.0).tolist() == [0.8, 0.95]
 
 
 def test_reports_of_a_run(tmp_path: Path) -> None:

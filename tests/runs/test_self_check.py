@@ -16,7 +16,9 @@ import pandas as pd
 import pytest
 
 import gaitsweep as gs
+from double_well import DoubleWell
 from gaitsweep.cli import main
+from gaitsweep.contract import Model
 from gaitsweep.job import Job
 from gaitsweep.kinds.run_kind import RunKind
 from gaitsweep.runs import concurrent_self_check, execute
@@ -390,23 +392,63 @@ class TwoOscillators(gs.DeclaredModel):
         return 2.0 * np.pi / p.omega
 
 
+class MergingLegs(gs.DeclaredModel):
+    """Four phases that start differently: a landing draws the others by K (sin d + sin(d)^3), d their lead.
+
+    In phase they merge if K > 0; at K = 0 a pitchfork makes this gait unstable.
+    """
+
+    omega = gs.parameter("rad/s", "frequency", 2.0 * np.pi)
+    K = gs.parameter("1", "coupling", 0.1)
+    phase = gs.variable("rad", "phase of leg {}", (0.0, 0.3, 0.6, 0.9), count=4, circular=True)
+
+    def flow(self, p: Any, s: Any) -> dict[str, Any]:
+        return {"phase": p.omega + 0.0 * s.phase}
+
+    @gs.event("leg {} lands", count=4, section="first")
+    def landing(self, p: Any, s: Any) -> Any:
+        return s.phase - 2.0 * jnp.pi
+
+    @landing.jump
+    def draw(self, p: Any, s: Any, leg: int) -> Any:
+        lead = s.phase - s.phase[leg]
+        drawn = s.phase - p.K * (jnp.sin(lead) + jnp.sin(lead) ** 3)
+        return s.replace(phase=jnp.where(jnp.arange(4) == leg, s.phase - 2.0 * jnp.pi, drawn))
+
+    def period(self, p: Any) -> Any:
+        return 2.0 * np.pi / p.omega
+
+
 SLOW = pytest.mark.slow
 UP, DOWN = [0.5, 0.1], [0.5, -0.5]
+OVER: dict[str, Any] = {"parameter": "K", "path": [0.1, -0.1], "step": 0.02, "dwell": 40.0}
+WELLS: dict[str, Any] = {"max_cycles": 2000, "tolerance": 1e-6}
+PUSHED = gs.Perturb(push=["first"], max_cycles=60)
 
 
 @pytest.mark.parametrize(
-    ("run", "axes", "unstable"),
+    ("model", "run", "axes", "unstable"),
     [
-        (gs.Settle(max_cycles=60), {"K": [-0.2, 0.2], "second_0": [0.0, np.pi]}, 2),
-        pytest.param(gs.Staircase(parameter="K", path=DOWN, step=0.25, dwell=30.0), {}, 1, marks=SLOW),
-        pytest.param(gs.Staircase(parameter="K", path=UP, step=0.2, dwell=30.0), {}, 0, marks=SLOW),
-        pytest.param(gs.Ramp(parameter="K", path=DOWN, rate=0.05), {}, 1, marks=SLOW),
-        pytest.param(gs.Ramp(parameter="K", path=UP, rate=0.05), {}, 0, marks=SLOW),
+        (TwoOscillators, gs.Settle(max_cycles=60), {"K": [-0.2, 0.2], "second_0": [0.0, np.pi]}, 2),
+        pytest.param(
+            TwoOscillators, gs.Staircase(parameter="K", path=DOWN, step=0.25, dwell=30.0), {}, 1, marks=SLOW
+        ),
+        pytest.param(
+            TwoOscillators, gs.Staircase(parameter="K", path=UP, step=0.2, dwell=30.0), {}, 0, marks=SLOW
+        ),
+        pytest.param(TwoOscillators, gs.Ramp(parameter="K", path=DOWN, rate=0.05), {}, 1, marks=SLOW),
+        pytest.param(TwoOscillators, gs.Ramp(parameter="K", path=UP, rate=0.05), {}, 0, marks=SLOW),
+        pytest.param(MergingLegs, gs.Staircase(**OVER), {}, 1, marks=SLOW),
+        pytest.param(MergingLegs, gs.Staircase(**{**OVER, "path": [0.1, 0.05]}), {}, 0, marks=SLOW),
+        pytest.param(TwoOscillators, PUSHED, {"K": [-0.2, 0.2], "push_first": [0.0]}, 1, marks=SLOW),
+        pytest.param(DoubleWell, gs.Settle(**WELLS), {"x_0": [0.0, 0.5]}, 1, marks=SLOW),
     ],
 )
-def test_rows_that_stay_on_an_unstable_gait_are_marked(run: RunKind, axes: Any, unstable: int) -> None:
-    """A displacement grows by exp(-2 K) in a cycle in phase, and by exp(2 K) in antiphase."""
+def test_rows_that_stay_on_an_unstable_gait_are_marked(
+    model: type[Model], run: RunKind, axes: Any, unstable: int
+) -> None:
+    """Two move apart by exp(-2 K) in a cycle in phase, by exp(2 K) in antiphase; 0 lies between the wells."""
     wrong = pytest.warns(UserWarning, match="unstable gait") if unstable else contextlib.nullcontext()
     with wrong:
-        result = gs.sweep(TwoOscillators, run=run, verify=4, **axes)
+        result = gs.sweep(model, run=run, verify=4, **axes)
     assert result.manifest["self_check"]["unstable"] == unstable

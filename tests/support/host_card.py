@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from gaitsweep.engine.kernel.card import DeviceArray
+from gaitsweep.engine.kernel.cuda_device import DeviceArray
 from gaitsweep.engine.kernel.gpu_program import HEAD
 
 # What `gpu_program.HEAD` defines, for a compiler of a host.

@@ -16,7 +16,15 @@ from jaxtyping import Bool, Float, Int
 
 from gaitsweep import near_miss
 from gaitsweep.contract import ResultCode
-from gaitsweep.engine.poincare.maps import Map, MapEvaluation, Points, Values, listed, sizes, wrap_difference
+from gaitsweep.engine.poincare.maps import (
+    Map,
+    MapEvaluation,
+    Points,
+    Values,
+    format_points,
+    sizes,
+    wrap_difference,
+)
 from gaitsweep.errors import ArgumentError
 
 Unknowns = Float[np.ndarray, "points unknowns"]  # coordinates and drifts
@@ -105,7 +113,7 @@ class FixedPoints:
     def __repr__(self) -> str:
         counts = zip(*np.unique(self.outcome, return_counts=True), strict=True)
         outcomes = ", ".join(f"{number} {NewtonOutcome(outcome).name}" for outcome, number in counts)
-        return f"FixedPoints({outcomes}: {listed(self.points.at[self.converged])})"
+        return f"FixedPoints({outcomes}: {format_points(self.points.at[self.converged])})"
 
 
 def residuals(

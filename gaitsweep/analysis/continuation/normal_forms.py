@@ -16,7 +16,7 @@ from jaxtyping import Complex, Float
 
 from gaitsweep.analysis.continuation.arclength import BranchPoints, ContinuationProblem
 from gaitsweep.engine.poincare.maps import Points, Values, sizes
-from gaitsweep.engine.poincare.stationary_map import StationaryMap, bent_flow, linearised_flow
+from gaitsweep.engine.poincare.stationary_map import StationaryMap, flow_derivatives, linearised_flow
 
 Matrix = Float[np.ndarray, "coordinates coordinates"]
 Vector = Float[np.ndarray, " coordinates"]
@@ -161,7 +161,7 @@ def hopf_form(mapping: StationaryMap, at: Points, values: Values) -> HopfForm:
     a, b, frequency = np.real(q), np.imag(q), factor.imag
 
     def bent(*directions: tuple[Vector, Vector, Vector]) -> tuple[np.ndarray, np.ndarray]:
-        second, third = bent_flow(mapping)(*here, *np.swapaxes(directions, 0, 1))
+        second, third = flow_derivatives(mapping)(*here, *np.swapaxes(directions, 0, 1))
         return np.asarray(second), np.asarray(third)
 
     (aa, bb, ab, *_), (aaa, bbb, abb, aab, *_) = bent(

@@ -94,6 +94,10 @@ class BodyModel(OfMjcf, DeclaredModel):
         """The velocity of a hinge (rad/s) or slide (m/s), by the joint's name."""
         return state.v[self.body.address(joint)[1]]
 
+    def length_factor(self, params: Any, joint: str) -> Float[Array, ""]:
+        """The factor (1) of the lengths of the body that a joint moves, by the joint's name."""
+        return params.body[f"{self.body.body_of_joint(joint)}_size"]
+
     def touches(self, state: Any, geom: str) -> Bool[Array, ""]:
         """Whether the ground pushes on a geom, by its name."""
         return jnp.any(jnp.stack([state.pushing[k] for k in self.body.stops_of(geom)]))

@@ -435,12 +435,25 @@ class LocatedBody:
         body = int(self._m.jnt_bodyid[joint])
         return self._links(body)[joint - int(self._m.body_jntadr[body])]
 
+    def _numbered(self, joint: str) -> int:
+        """The number of a hinge or slide, by its name.
+
+        Raises:
+            ValueError: there is none.
+        """
+        names = {self._joint(j): j for j in self._jointed()}
+        if (plain := identifier(joint)) not in names:
+            raise ValueError(f"The MJCF has no hinge or slide '{joint}'{suggestion(joint, names)}")
+        return names[plain]
+
     def address(self, joint: str) -> tuple[int, int]:
         """The places of a hinge or slide in q and in v, by its name."""
-        names = {self._joint(j): j for j in self._jointed()}
-        if joint not in names:
-            raise ValueError(f"The MJCF has no hinge or slide '{joint}'{suggestion(joint, names)}")
-        return int(self._m.jnt_qposadr[names[joint]]), int(self._m.jnt_dofadr[names[joint]])
+        j = self._numbered(joint)
+        return int(self._m.jnt_qposadr[j]), int(self._m.jnt_dofadr[j])
+
+    def body_of_joint(self, joint: str) -> str:
+        """The name in the parameters of the body that a hinge or slide moves, by the joint's name."""
+        return self.name_of_body(int(self._m.jnt_bodyid[self._numbered(joint)]))
 
     def stops_of(self, geom: str) -> list[int]:
         """The numbers of the stops of a geom, by its name.
@@ -448,7 +461,7 @@ class LocatedBody:
         Raises:
             ValueError: no geom of this name can touch a plane.
         """
-        numbers = [k for k, name in enumerate(self.geom_of_stop) if name == geom]
+        numbers = [k for k, name in enumerate(self.geom_of_stop) if name == identifier(geom)]
         if not numbers:
             names = dict.fromkeys(name for name in self.geom_of_stop if name)
             raise ValueError(f"No geom '{geom}' can touch a plane{suggestion(geom, names)}")

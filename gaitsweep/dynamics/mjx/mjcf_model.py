@@ -1,4 +1,4 @@
-"""A model of a body in an MJCF and declared oscillators that control its actuators, stepped by MJX.
+"""A model of a body in an MJCF and declared oscillators that control its actuators, stepped by MuJoCo.
 
 The body is MuJoCo's, with its contacts, actuators and sensors; oscillators and feedback are declared as in a
 `DeclaredModel`. Steps are of a fixed length: events are detected at the end of a step, not located in it.
@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 import jax
@@ -20,18 +21,25 @@ from jaxtyping import Array, Bool, Float
 from gaitsweep.contract import Quantity, SteppedModel
 from gaitsweep.dynamics.declarations import SingleEvent
 from gaitsweep.dynamics.declared import Declared, Values
-from gaitsweep.dynamics.mjcf.source import OfMjcf, compiled_content, content_key, keyframe_number
+from gaitsweep.dynamics.mjcf.source import (
+    OfMjcf,
+    compiled_content,
+    compiled_mjcf,
+    content_key,
+    keyframe_number,
+)
 from gaitsweep.near_miss import suggestion
 
 if TYPE_CHECKING:
     from gaitsweep.dynamics.mjx.body import MjxBody, Numbers
+    from gaitsweep.dynamics.mjx.c_body import CBody
 
 BODY, SENSORS = "body", "sensors"  # fields of a state besides those that are declared
 
 
 @dataclasses.dataclass(frozen=True)
 class MjcfModel(OfMjcf, Declared, SteppedModel):
-    """A body of an MJCF with oscillators, stepped by MJX.
+    """A body of an MJCF with oscillators, stepped by MuJoCo: in C on CPUs, by MJX on GPUs.
 
     1. A model gives `body_file`, `control` and `period`, and `rates` where it declares variables.
     2. It may give declarations, `keyframe`, and the optional members of a `DeclaredModel` that need no flow.
@@ -46,6 +54,11 @@ class MjcfModel(OfMjcf, Declared, SteppedModel):
     `BodyModel` can.
     """
 
+    # auto: mujoco on CPUs, where it compiles in seconds and steps faster, and mjx on GPUs
+    dynamics: str = dataclasses.field(
+        default="auto", kw_only=True, metadata={"allowed": ("auto", "mujoco", "mjx"), "later": True}
+    )
+
     @classmethod
     def _other_fields(cls) -> list[str]:
         return [BODY, SENSORS]
@@ -55,16 +68,81 @@ class MjcfModel(OfMjcf, Declared, SteppedModel):
 
     @property
     def mjx_body(self) -> MjxBody:
-        """The compiled MJCF."""
-        return _body(type(self))
+        """The compiled MJCF, for MJX."""
+        return _mjx_body(*content_key(type(self)), type(self).keyframe)
+
+    @property
+    def steps_in_c(self) -> bool:
+        """Whether MuJoCo C steps the body, not MJX."""
+        if self.dynamics == "auto":
+            return jax.default_backend() == "cpu"
+        return self.dynamics == "mujoco"
+
+    @property
+    def stepped_body(self) -> MjxBody | CBody:
+        """The compiled MJCF, for C or MJX."""
+        if self.steps_in_c:
+            return _c_body(*content_key(type(self)), type(self).keyframe)
+        return self.mjx_body
+
+    @property
+    def data_digest(self) -> str:
+        """A digest of the compiled MJCF, and of what steps it."""
+        return super().data_digest + (f"mujoco {version('mujoco')}" if self.steps_in_c else "")
 
     @property
     def initial_conditions(self) -> tuple[Quantity, ...]:
-        _ = self.mjx_body  # refuses what MJX lacks before anything is traced
+        _ = self.stepped_body  # refuses what MJX lacks before anything is traced
         return super().initial_conditions
 
     def positions(self, state: Any) -> Float[Array, " nq"]:
         return state.body.q
+
+    def position(self, state: Any, joint: str) -> Float[Array, ""]:
+        """The position of a hinge (rad) or slide (m), by the joint's name."""
+        return state.body.q[self._joint_address(joint)[0]]
+
+    def rate(self, state: Any, joint: str) -> Float[Array, ""]:
+        """The velocity of a hinge (rad/s) or slide (m/s), by the joint's name."""
+        return state.body.v[self._joint_address(joint)[1]]
+
+    def _joint_address(self, joint: str) -> tuple[int, int]:
+        """The places of a hinge or slide in q and in v."""
+        m = compiled_mjcf(type(self))
+        names = [m.jnt(j).name for j in range(m.njnt)]
+        if joint not in names:
+            raise ValueError(f"The MJCF has no joint '{joint}'{suggestion(joint, names)}")
+        j = names.index(joint)
+        return int(m.jnt_qposadr[j]), int(m.jnt_dofadr[j])
+
+    def length_factor(self, params: Any, joint: str) -> float:
+        """The factor (1) of the lengths of the body that a joint moves: lengths are the MJCF's."""
+        return 1.0
+
+    def load(self, params: Any, state: Any, geom: str) -> Float[Array, ""]:
+        """The force (N) of the ground on a geom at the beginning of the last step, by a sensor.
+
+        Raises:
+            ValueError: the MJCF has no touch sensor of the geom's name, or on a site of its body.
+        """
+        m = compiled_mjcf(type(self))
+        bodies = {m.geom(i).name: int(m.geom_bodyid[i]) for i in range(m.ngeom)}
+        if geom not in bodies:
+            raise ValueError(f"The MJCF has no geom '{geom}'{suggestion(geom, bodies)}")
+        import mujoco
+
+        for i in range(m.nsensor):
+            is_touch = m.sensor_type[i] == mujoco.mjtSensor.mjSENS_TOUCH
+            if is_touch and m.site_bodyid[m.sensor_objid[i]] == bodies[geom]:
+                return state.sensors[int(m.sensor_adr[i])]
+        raise ValueError(
+            f"The MJCF has no <touch> sensor at a site on the body of geom '{geom}', from which the load of "
+            "the foot is read."
+        )
+
+    def touches(self, state: Any, geom: str) -> Bool[Array, ""]:
+        """Whether the ground pushed on a geom at the beginning of the last step, by its touch sensor."""
+        return self.load(None, state, geom) > 0.0
 
     def sensor(self, state: Any, name: str) -> Float[Array, " ..."]:
         """Reading of a sensor of the MJCF at the beginning of the last step, a number or (n,); 0 before it.
@@ -72,7 +150,7 @@ class MjcfModel(OfMjcf, Declared, SteppedModel):
         Raises:
             ValueError: the MJCF has no such sensor.
         """
-        m = self.mjx_body.mj_model
+        m = compiled_mjcf(type(self))
         names = [m.sensor(i).name for i in range(m.nsensor)]
         if name not in names:
             raise ValueError(f"The MJCF has no sensor '{name}'{suggestion(name, names)}")
@@ -81,7 +159,7 @@ class MjcfModel(OfMjcf, Declared, SteppedModel):
         return state.sensors[first] if size == 1 else state.sensors[first : first + size]
 
     def init(self, params: Any, start: Values, /) -> Any:
-        body = self.mjx_body
+        body = self.stepped_body
         sensors = jnp.zeros(body.mj_model.nsensordata)
         return self.State(**self._started(start), body=body.start(*self.started_at(start)), sensors=sensors)
 
@@ -91,7 +169,7 @@ class MjcfModel(OfMjcf, Declared, SteppedModel):
     def step_with(self, numbers: Numbers, params: Any, state: Any, dt: Float[Array, ""]) -> Any:
         """The state one step later, with some numbers of mjx.Model replaced."""
         controls = self.checked_control(params, state)
-        moved, data = self.mjx_body.step(numbers, state.body, dt, ctrl=controls)
+        moved, data = self.stepped_body.step(numbers, state.body, dt, ctrl=controls)
         rates = self.rates(params, state)
         changes = {name: getattr(state, name) + dt * rate for name, rate in rates.items()}
         after = state.replace(**changes, body=moved, sensors=data.sensordata)
@@ -120,13 +198,13 @@ class MjcfModel(OfMjcf, Declared, SteppedModel):
 
     def longest_step(self, params: Any, /) -> Float[Array, ""]:
         """The MJCF's timestep."""
-        return jnp.asarray(self.mjx_body.mj_model.opt.timestep) + 0.0 * self.period(params)
+        return jnp.asarray(compiled_mjcf(type(self)).opt.timestep) + 0.0 * self.period(params)
 
     @property
     def caveats_notice(self) -> str:
         from gaitsweep.dynamics.mjx.against_c import compared_before
 
-        if compared_before(self):
+        if self.steps_in_c or compared_before(self):
             return ""
         return (
             "The MJCF is compared with MuJoCo C, once for each MJCF: this compiles for about a minute, and "
@@ -136,21 +214,25 @@ class MjcfModel(OfMjcf, Declared, SteppedModel):
     def caveats(self) -> list[str]:
         from gaitsweep.dynamics.mjx.against_c import at_first_use
 
-        return at_first_use(self)
-
-
-def _body(kind: type[MjcfModel]) -> MjxBody:
-    """The body of a model, compiled once for each content of its file.
-
-    Raises:
-        ValueError: MuJoCo refuses it, or MJX would ignore a part of it; the message says which.
-        FileNotFoundError: there is no such file.
-    """
-    return _compiled(*content_key(kind), kind.keyframe)
+        return [] if self.steps_in_c else at_first_use(self)
 
 
 @functools.lru_cache(maxsize=32)
-def _compiled(source: str, written: int | None, keyframe: str) -> MjxBody:
+def _c_body(source: str, written: int | None, keyframe: str) -> CBody:
+    """The body for C, made once for each content of its file."""
+    from gaitsweep.dynamics.mjx.c_body import CBody
+
+    model = compiled_content(source, written)
+    return CBody(model, keyframe_number(model, keyframe))
+
+
+@functools.lru_cache(maxsize=32)
+def _mjx_body(source: str, written: int | None, keyframe: str) -> MjxBody:
+    """The body for MJX, made once for each content of its file.
+
+    Raises:
+        ValueError: MJX would ignore a part of it; the message says which.
+    """
     from gaitsweep.dynamics.mjx.body import MjxBody
 
     model = compiled_content(source, written)

@@ -2,6 +2,6 @@
 
 from __future__ import annotations
 
-from gaitsweep.lazy_names import attach_stub
+from gaitsweep.lazy_imports import attach_stub
 
 __getattr__, __dir__, __all__ = attach_stub(__name__, __file__)

@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from gaitsweep.engine.kernel.trace import Build, Writer, refuse
+from gaitsweep.engine.kernel.refusals import refuse
+from gaitsweep.engine.kernel.trace import Build, Writer
 
 if TYPE_CHECKING:
     from gaitsweep.engine.kernel.program import Kind
@@ -151,7 +152,8 @@ def whole_power(w: Writer, x: int, power: int) -> int:
     """An integer power of x, by repeated squaring."""
     if power < 0:
         return w("div", 1.0, whole_power(w, x, -power))
-    total, base = w.number(1.0), x
+    total = w.number(1.0)
+    base = x
     while power:
         if power & 1:
             total = w("mul", total, base)

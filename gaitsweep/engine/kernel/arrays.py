@@ -13,7 +13,8 @@ from gaitsweep.engine.kernel.trace import Nodes, Rule, Tracer, Writer, kind_of
 
 
 def _broadcast_in_dim(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
-    shape, dims = equation.params["shape"], equation.params["broadcast_dimensions"]
+    shape = equation.params["shape"]
+    dims = equation.params["broadcast_dimensions"]
     spread = [1] * len(shape)
     for axis, to in enumerate(dims):
         spread[to] = args[0].shape[axis]
@@ -67,7 +68,8 @@ def _dot_general(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes
     left = np.transpose(a, [*batch_a, *free_a, *contract_a])
     right = np.transpose(b, [*batch_b, *free_b, *contract_b])
     batch = left.shape[: len(batch_a)]
-    rows, columns = [a.shape[i] for i in free_a], [b.shape[i] for i in free_b]
+    rows = [a.shape[i] for i in free_a]
+    columns = [b.shape[i] for i in free_b]
     shape = (*batch, *rows, *columns)
     count = math.prod(a.shape[i] for i in contract_a)
     program = tracer.program
@@ -87,7 +89,8 @@ def _dot_general(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes
 
 def _sort(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
     """A stable sorting network of neighbour exchanges; the first `num_keys` operands are the keys."""
-    axis, keys = equation.params["dimension"], equation.params["num_keys"]
+    axis = equation.params["dimension"]
+    keys = equation.params["num_keys"]
     program = tracer.program
     columns = [np.moveaxis(a, axis, 0).copy() for a in args]
     for end in range(columns[0].shape[0] - 1, 0, -1):
@@ -104,7 +107,8 @@ def _sort(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
 
             swap = tracer.each(later, *(c[j] for c in columns[:keys] for j in (i, i + 1)))
             for c in columns:
-                low, high = c[i].copy(), c[i + 1].copy()
+                low = c[i].copy()
+                high = c[i + 1].copy()
                 c[i] = tracer.apply("select", swap, high, low)
                 c[i + 1] = tracer.apply("select", swap, low, high)
     return [np.moveaxis(c, 0, axis) for c in columns]

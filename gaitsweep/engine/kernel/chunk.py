@@ -147,7 +147,8 @@ def chunk_of(lane: OneLane, values: Any, starts: Any) -> Chunk:
     inputs += record_nodes
     nodes_after = tracer.read(jax.make_jaxpr(lane.poll)(constants, carry, record), inputs)
     poll = changes((carry_leaves, record_leaves), nodes_after[:-2])
-    sample, keep = nodes_after[-2].ravel().tolist(), int(nodes_after[-1])
+    sample = nodes_after[-2].ravel().tolist()
+    keep = int(nodes_after[-1])
     polled = [*poll.values(), *sample, keep]
     quiet, eventful = _plain(program, polled)
     wanted = [*attempt.values(), *plain, unusual, *polled, *quiet, eventful]

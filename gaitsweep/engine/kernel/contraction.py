@@ -41,7 +41,8 @@ def contracted(chunk: Chunk) -> Chunk:
                 product = node.args[place]
                 if product in fusable:
                     factors = program.nodes[product].args
-                    op, args = _FUSED[op][place], (*(rewritten[a] for a in factors), args[1 - place])
+                    op = _FUSED[op][place]
+                    args = (*(rewritten[a] for a in factors), args[1 - place])
                     break
         rewritten[at] = program.write(op, *args)
 

@@ -7,10 +7,11 @@ from typing import Any
 import jax
 import numpy as np
 
-from gaitsweep.engine.kernel.trace import Nodes, Tracer, refuse
+from gaitsweep.engine.kernel.refusals import refuse
+from gaitsweep.engine.kernel.trace import Nodes, Tracer
 
 # Longest loop that is unrolled; a longer one would be too expensive for a model's step.
-MOST_TURNS = 256
+MAX_TURNS = 256
 
 
 def _call(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
@@ -48,10 +49,12 @@ def _cond(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
 
 def _while(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
     p = equation.params
-    n_cond, n_body = p["cond_nconsts"], p["body_nconsts"]
-    for_cond, for_body = args[:n_cond], args[n_cond : n_cond + n_body]
+    n_cond = p["cond_nconsts"]
+    n_body = p["body_nconsts"]
+    for_cond = args[:n_cond]
+    for_body = args[n_cond : n_cond + n_body]
     carry = args[n_cond + n_body :]
-    for _ in range(MOST_TURNS + 1):
+    for _ in range(MAX_TURNS + 1):
         (goes_on,) = tracer.read(p["cond_jaxpr"], [*for_cond, *carry])
         known = tracer.known(goes_on)
         if known is None:
@@ -59,7 +62,7 @@ def _while(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
         if not bool(known):
             return carry
         carry = tracer.read(p["body_jaxpr"], [*for_body, *carry])
-    raise refuse(f"the scalar kernel unrolls loops of at most {MOST_TURNS} turns")
+    raise refuse(f"the scalar kernel unrolls loops of at most {MAX_TURNS} turns")
 
 
 def _scan(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
@@ -68,10 +71,12 @@ def _scan(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
     if "ft_in" in p:  # JAX 0.11 and newer
         n_consts, n_carry = (len(list(part)) for part in p["ft_in"].unpack()[:2])
     else:
-        n_consts, n_carry = p["num_consts"], p["num_carry"]
-    if length > MOST_TURNS:
-        raise refuse(f"the scalar kernel unrolls loops of at most {MOST_TURNS} turns; this one has {length}")
-    consts, carry = args[:n_consts], args[n_consts : n_consts + n_carry]
+        n_consts = p["num_consts"]
+        n_carry = p["num_carry"]
+    if length > MAX_TURNS:
+        raise refuse(f"the scalar kernel unrolls loops of at most {MAX_TURNS} turns; this one has {length}")
+    consts = args[:n_consts]
+    carry = args[n_consts : n_consts + n_carry]
     columns = args[n_consts + n_carry :]
     rows: list[list[Nodes]] = []
     order = range(length - 1, -1, -1) if p["reverse"] else range(length)

@@ -22,8 +22,8 @@ import llvmlite.binding as llvm
 import numpy as np
 from llvmlite import ir
 
+from gaitsweep.cache_folder import compiled_once
 from gaitsweep.engine.kernel import llvm_code
-from gaitsweep.engine.kernel.cache import binary_of
 from gaitsweep.engine.kernel.chunk import Chunk
 from gaitsweep.engine.kernel.contraction import contracted
 from gaitsweep.engine.kernel.llvm_code import ARRAY, DOUBLE, INDEX, VOID, loop
@@ -94,7 +94,7 @@ def loaded_once(source: str, module: Callable[[], ir.Module], *kinds: Any) -> Ca
         if source not in _LOADED:
             own = [Path(__file__).with_name(f"{name}.py").read_text() for name in _DETERMINING]
             key = [source, *own, *llvm_code.processor(), version("llvmlite")]
-            code = binary_of("o", key, lambda: llvm_code.machine_code(module()))
+            code = compiled_once("o", key, lambda: llvm_code.machine_code(module()))
             _LOADED[source] = llvm_code.loaded(code, "run", *kinds)
         return _LOADED[source]
 
@@ -157,7 +157,8 @@ class Tile:
 
     def _poll(self) -> list[str]:
         """A poll, which computes the effects of events only if a lane of the tile needs them."""
-        chunk, program = self.chunk, self.chunk.program
+        chunk = self.chunk
+        program = self.chunk.program
         slots = [*chunk.poll, *range(self.sample, self.sample + chunk.width), self.keep]
 
         def lines(polled: Sequence[int]) -> list[str]:
@@ -191,9 +192,11 @@ class Tile:
             registers: values in registers at a time; None if the compiler chooses them.
         """
         program = self.chunk.program
-        nodes, names = program.nodes, {}
+        nodes = program.nodes
+        names = {}
         wanted = [*outputs.values(), *([] if flag is None else [flag])]
-        places, order = dict(at_hand), []
+        places = dict(at_hand)
+        order = []
         for at in program.needed(wanted, at_hand):
             if at not in at_hand and nodes[at].op == "input":
                 places[at] = self._place(self.chunk.slot_of(at), old)
@@ -252,7 +255,8 @@ class Tile:
     @property
     def layout(self) -> tuple[int, ...]:
         """The numbers that the loops around the stages depend on."""
-        record, halt = self.chunk.record, self.chunk.carry.halt.first
+        record = self.chunk.record
+        halt = self.chunk.carry.halt.first
         slots = record.status.first, record.filled.first, halt, int(halt in self.twice)
         return self.lanes, self.slots, self.apart, self.keep, self.sample, self.chunk.width, *slots
 
@@ -264,8 +268,10 @@ class Tile:
         run = ir.Function(module, ir.FunctionType(VOID, [ARRAY, INDEX, ARRAY, INDEX]), "run")
         tiles_array, tiles, samples, polls = run.args
         builder = ir.IRBuilder(run.append_basic_block("entry"))
-        side, apart = builder.alloca(INDEX), INDEX(self.apart * self.lanes)
-        record, halt = self.chunk.record, self.chunk.carry.halt.first
+        side = builder.alloca(INDEX)
+        apart = INDEX(self.apart * self.lanes)
+        record = self.chunk.record
+        halt = self.chunk.carry.halt.first
         row = BUFFER * self.chunk.width  # numbers that a lane may keep
         with loop(builder, tiles) as (tile, _):
             s = builder.gep(tiles_array, [builder.mul(tile, INDEX(self.slots * self.lanes))])

@@ -98,7 +98,8 @@ def cosine(w: Writer, x: int) -> int:
 
 def tangent(w: Writer, x: int) -> int:
     _, swapped, s, c = _quadrant(w, x)
-    top, bottom = w("select", swapped, c, s), w("select", swapped, s, c)
+    top = w("select", swapped, c, s)
+    bottom = w("select", swapped, s, c)
     return w("div", w("select", swapped, w("neg", top), top), bottom)
 
 
@@ -155,7 +156,8 @@ def hyperbolic_tangent(w: Writer, x: int) -> int:
     far = w("div", w("sub", 1.0, t), w("add", 1.0, t))
     # Lambert's continued fraction x / (1 + z/(3 + z/(5 + ...))) as one quotient
     z = w("mul", x, x)
-    top, bottom = w.number(1.0), w.number(17.0)
+    top = w.number(1.0)
+    bottom = w.number(17.0)
     for k in range(15, 0, -2):
         top, bottom = bottom, w("add", w("mul", bottom, float(k)), w("mul", z, top))
     near = w("div", w("mul", size, top), bottom)
@@ -196,7 +198,8 @@ def _signed(w: Writer, negative: int, value: int) -> int:
 
 def arctangent(w: Writer, x: int) -> int:
     size = w("abs", x)
-    flat, steep = w("lt", size, _FLAT), w("lt", 1 / _FLAT, size)
+    flat = w("lt", size, _FLAT)
+    steep = w("lt", 1 / _FLAT, size)
     top = w("select", flat, size, w("select", steep, -1.0, w("sub", size, 1.0)))
     bottom = w("select", flat, 1.0, w("select", steep, size, w("add", size, 1.0)))
     t = w("div", top, bottom)
@@ -214,12 +217,15 @@ def _minus(w: Writer, x: int) -> int:
 
 def angle_of_point(w: Writer, y: int, x: int) -> int:
     """The angle (rad) of the point (x, y) from the x axis, in [-pi, pi]; -0.0 is a small negative number."""
-    width, height = w("abs", x), w("abs", y)
+    width = w("abs", x)
+    height = w("abs", y)
     upright = w("lt", width, height)
-    small, large = w("select", upright, width, height), w("select", upright, height, width)
+    small = w("select", upright, width, height)
+    large = w("select", upright, height, width)
     # halved if the sum could overflow; otherwise enlarged, so that subnormal numbers keep their bits
     scale = w("select", w("lt", 2.0**60, large), 0.5, 16.0)
-    small, large = w("mul", small, scale), w("mul", large, scale)
+    small = w("mul", small, scale)
+    large = w("mul", large, scale)
     difference = w("sub", small, large)
     # true for two zeros and false for two infinities, whose difference is NaN
     flat = w("le", difference, w("mul", large, _FLAT - 1.0))

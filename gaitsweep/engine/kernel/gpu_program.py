@@ -39,7 +39,7 @@ _OF_POLL = {
     "carry": "const struct Carry",
 }
 # Statements of a poll after which a number of the record is read from memory again.
-READ_AGAIN = 60
+REREAD_AFTER = 60
 # Numbers of a lane that is filled, before its slots: the lane, and whether its first sample is kept.
 FILLING = 2
 _FORMATS: dict[Kind, Any] = {"f64": np.float64, "int": np.float64, "f32": np.float32, "bool": np.bool_}
@@ -142,7 +142,8 @@ def placing(chunk: Chunk, seen: Sequence[int], title: str) -> str:
         seen: the slots that the host reads.
         title: names the run in the first line.
     """
-    program, nodes = chunk.program, list(chunk.steady.values())
+    program = chunk.program
+    nodes = list(chunk.steady.values())
     lines, names = _loads(chunk, program.needed(nodes))
     more, results = statements(C, program, nodes, names)
     stores = [
@@ -272,7 +273,8 @@ class _Thread:
 
     def _carried_inputs(self) -> dict[int, int]:
         """The carry's inputs that some node reads or that an attempt or poll changes, with their slots."""
-        chunk, nodes = self.chunk, self.chunk.program.nodes
+        chunk = self.chunk
+        nodes = self.chunk.program.nodes
         read = set(chunk.program.needed([*chunk.attempt.values(), *chunk.polled, *chunk.quiet]))
         changed = {*chunk.attempt, *chunk.poll}
         inputs = {at: chunk.slot_of(at) for at, node in enumerate(nodes) if node.op == "input"}
@@ -321,7 +323,8 @@ class _Thread:
 
     def _polls(self) -> list[str]:
         """The function `poll`, and the two that it chooses from if there are quiet polls."""
-        chunk, arguments = self.chunk, ", ".join(_OF_POLL)
+        chunk = self.chunk
+        arguments = ", ".join(_OF_POLL)
         head = "PART struct Carry {}(" + ", ".join(f"{kind} {name}" for name, kind in _OF_POLL.items()) + ")"
         if chunk.program.value(chunk.eventful) is False:
             return [c_function(head.format("poll"), self._poll(chunk.polled))]
@@ -338,11 +341,14 @@ class _Thread:
 
     def _poll(self, polled: Sequence[int]) -> list[str]:
         """The lines of a poll whose nodes are those of `Chunk.polled`."""
-        chunk, program, names = self.chunk, self.chunk.program, dict(self._names)
+        chunk = self.chunk
+        program = self.chunk.program
+        names = dict(self._names)
         changed = {
             slot: at for slot, at in zip(chunk.poll, polled, strict=False) if not program.is_input(at, slot)
         }
-        sample, keep = polled[len(chunk.poll) : -1], polled[-1]
+        sample = polled[len(chunk.poll) : -1]
+        keep = polled[-1]
         wanted = [*changed.values(), *sample, keep]
         order = depth_first(program, wanted, names)
         last_use = {a: place for place, at in enumerate(order) for a in program.nodes[at].args}
@@ -354,7 +360,8 @@ class _Thread:
         def read(at: int, place: int) -> None:
             # a value that is read again needs no register in between; without `volatile` it would be read
             # once
-            slot, read_at[at] = chunk.slot_of(at), place
+            slot = chunk.slot_of(at)
+            read_at[at] = place
             names[at] = f"r{slot}_{place}"
             value = C.loaded(program.nodes[at].kind, f"((volatile const double*)S)[{slot} * n + i]")
             lines.append(C.definition(program.nodes[at].kind, names[at], value))
@@ -364,7 +371,7 @@ class _Thread:
                 read(at, place)
             else:
                 for a in program.nodes[at].args:
-                    if place - read_at.get(a, place) > READ_AGAIN:
+                    if place - read_at.get(a, place) > REREAD_AFTER:
                         read(a, place)
                 lines += name_all(C, program, [at], names)
             for slot, value in list(unwritten.items()):

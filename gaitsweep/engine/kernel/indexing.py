@@ -13,7 +13,8 @@ import numpy as np
 from jax.lax import GatherScatterMode
 
 from gaitsweep.engine.kernel import arithmetic
-from gaitsweep.engine.kernel.trace import Build, Nodes, Tracer, Writer, kind_of, refuse
+from gaitsweep.engine.kernel.refusals import refuse
+from gaitsweep.engine.kernel.trace import Build, Nodes, Tracer, Writer, kind_of
 
 # A selection among more indices than this would be too expensive for a model's step.
 MAX_INDICES = 64
@@ -30,7 +31,8 @@ _FILLING: dict[str, Callable[[np.dtype], float]] = {
 def _gather(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
     operand, indices = args
     p = equation.params
-    numbers, sizes = p["dimension_numbers"], p["slice_sizes"]
+    numbers = p["dimension_numbers"]
+    sizes = p["slice_sizes"]
     alone = {*numbers.collapsed_slice_dims, *numbers.operand_batching_dims}
     window = [size for axis, size in enumerate(sizes) if axis not in alone]
     batch = indices.shape[:-1]

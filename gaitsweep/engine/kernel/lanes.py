@@ -22,14 +22,14 @@ from gaitsweep.engine.kernel.cpu_program import TILE
 from gaitsweep.engine.kernel.llvm_code import processor
 from gaitsweep.engine.kernel.opening import (
     Columns,
-    Opened,
+    OpenedRows,
     Opening,
     opened_by_kernel,
     opened_by_xla,
     opening_of,
 )
+from gaitsweep.engine.kernel.refusals import UnsupportedError
 from gaitsweep.engine.kernel.row_kernel import RowKernel
-from gaitsweep.engine.kernel.trace import UnsupportedError
 from gaitsweep.engine.numerics import STEP_FACTOR, ResolvedNumerics
 from gaitsweep.engine.recorders.recorder import BUFFER, Recorder
 from gaitsweep.engine.stored_programs import stored
@@ -78,11 +78,12 @@ class Kernel:
         return stored(name, lane.model, deciding, compute)
 
     def _read_leaves(self) -> tuple[dict[str, tuple[int, tuple[int, ...]]], int]:
-        record, carry = self.chunk.record, self.chunk.carry
+        record = self.chunk.record
+        carry = self.chunk.carry
         leaves = {**record.results(carry), "filled": record.filled, "samples": record.samples}
         return {name: (leaf.first, leaf.shape) for name, leaf in leaves.items()}, self.chunk.width
 
-    def _opening(self) -> Callable[[Columns, Columns], Opened]:
+    def _opening(self) -> Callable[[Columns, Columns], OpenedRows]:
         try:
             opening = self.stored("opening", lambda: opening_of(self.lane, *self.shapes), TILE)
         except UnsupportedError:
@@ -118,7 +119,7 @@ class KernelLanes(Lanes):
         self._dtype = np.dtype(spec.numerics.carried)
 
     @abc.abstractmethod
-    def put(self, lanes: Int[np.ndarray, " opened"], opened: Opened) -> None:
+    def put(self, lanes: Int[np.ndarray, " opened"], opened: OpenedRows) -> None:
         """Write opened rows to lanes, and the samples that are kept to their buffers."""
 
     def open_rows(self, params: Values, starts: Values, fresh: Bool[np.ndarray, " lanes"]) -> None:
@@ -169,7 +170,8 @@ class CpuLanes(KernelLanes):
         self._run, slots = _compiled(self.kernel, spec.numerics.contraction)
         tiles = -(-self.size // TILE)
         self._slots = _aligned((tiles, slots, TILE))
-        leaves, width = self.kernel.leaves, self.kernel.width
+        leaves = self.kernel.leaves
+        width = self.kernel.width
         self._filled = leaves["filled"].first
         self._slots[:, leaves["status"].first] = Status.complete
         self._buffers = np.zeros((tiles * TILE, BUFFER if width else 0, width))
@@ -177,7 +179,7 @@ class CpuLanes(KernelLanes):
     def fill(self, params: Values, starts: Values, fresh: Bool[np.ndarray, " lanes"]) -> None:
         self.open_rows(params, starts, fresh)
 
-    def put(self, lanes: Int[np.ndarray, " opened"], opened: Opened) -> None:
+    def put(self, lanes: Int[np.ndarray, " opened"], opened: OpenedRows) -> None:
         tile, lane = np.divmod(lanes, TILE)
         self._slots[tile, : opened.slots.shape[1], lane] = opened.slots
         if self.kernel.width:

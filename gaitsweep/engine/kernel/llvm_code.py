@@ -21,9 +21,12 @@ from llvmlite import ir
 
 from gaitsweep.engine.kernel import philox
 
-DOUBLE, INDEX, VOID = ir.DoubleType(), ir.IntType(64), ir.VoidType()
+DOUBLE = ir.DoubleType()
+INDEX = ir.IntType(64)
+VOID = ir.VoidType()
 ARRAY = DOUBLE.as_pointer()
-_SINGLE, _FLAG = ir.FloatType(), ir.IntType(1)
+_SINGLE = ir.FloatType()
+_FLAG = ir.IntType(1)
 _ARITHMETIC = {ast.Add: "fadd", ast.Sub: "fsub", ast.Mult: "fmul", ast.Div: "fdiv"}
 _FLAGS = {ast.BitAnd: "and_", ast.BitOr: "or_"}
 _WHOLE = {ast.Add: "add", ast.Sub: "sub", ast.Mult: "mul"}
@@ -109,7 +112,8 @@ def assembly(module: ir.Module) -> str:
 
 
 def _optimised(module: ir.Module) -> llvm.ModuleRef:
-    parsed, machine = llvm.parse_assembly(str(module)), _target_machine()
+    parsed = llvm.parse_assembly(str(module))
+    machine = _target_machine()
     parsed.verify()
     options = llvm.create_pipeline_tuning_options(speed_level=3)
     options.loop_vectorization = options.slp_vectorization = False  # lanes fill the vectors already
@@ -145,7 +149,8 @@ def _target() -> llvm.Target:
 
 def _target_machine() -> llvm.TargetMachine:
     """A new description of this processor, since an engine takes its own."""
-    target, (name, features) = _target(), processor()
+    target = _target()
+    (name, features) = processor()
     relocation = "static" if target.name.startswith("x86") else "default"
     return target.create_target_machine(
         cpu=name, features=features, opt=3, reloc=relocation, codemodel="jitdefault", jit=True

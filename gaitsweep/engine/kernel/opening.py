@@ -10,9 +10,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from gaitsweep.engine.devices import host_device
 from gaitsweep.engine.kernel.row_kernel import RowKernel, row_kernel, running
 from gaitsweep.engine.kernel.trace import traced_function
-from gaitsweep.engine.sweep.lane import OneLane, host_device
+from gaitsweep.engine.sweep.lane import OneLane
 
 # Rows that XLA opens in one call: constant, since its last bits depend on it.
 _BATCH = 64
@@ -20,8 +21,8 @@ _BATCH = 64
 Columns = Mapping[str, Float[np.ndarray, " rows"]]
 
 
-class Opened(NamedTuple):
-    """Opened rows (n,): their slots, the first sample of each, and whether to keep that sample."""
+class OpenedRows(NamedTuple):
+    """OpenedRows rows (n,): their slots, the first sample of each, and whether to keep that sample."""
 
     slots: Float[np.ndarray, "rows slots"]
     samples: Float[np.ndarray, "rows width"]
@@ -59,29 +60,31 @@ def opening_of(lane: OneLane, values: Any, starts: Any) -> Opening:
     return Opening(row_kernel(traced), slots.size)
 
 
-def opened_by_kernel(opening: Opening) -> Callable[[Columns, Columns], Opened]:
+def opened_by_kernel(opening: Opening) -> Callable[[Columns, Columns], OpenedRows]:
     """The function `(values, starts) -> (slots, samples, keep)` of rows."""
-    of_rows, slots = running(opening.kernel), opening.slots
+    of_rows = running(opening.kernel)
+    slots = opening.slots
 
-    def open_rows(values: Columns, starts: Columns) -> Opened:
+    def open_rows(values: Columns, starts: Columns) -> OpenedRows:
         opened = of_rows(jax.tree.leaves((dict(values), dict(starts))))
-        return Opened(opened[:, :slots], opened[:, slots:-1], opened[:, -1] != 0.0)
+        return OpenedRows(opened[:, :slots], opened[:, slots:-1], opened[:, -1] != 0.0)
 
     return open_rows
 
 
-def opened_by_xla(lane: OneLane) -> Callable[[Columns, Columns], Opened]:
+def opened_by_xla(lane: OneLane) -> Callable[[Columns, Columns], OpenedRows]:
     """As `opened_by_kernel`, of a model with operations that the scalar kernel does not have."""
     compiled = jax.jit(jax.vmap(_of_one(lane)))
 
-    def open_rows(values: Columns, starts: Columns) -> Opened:
-        rows, parts = len(next(iter(values.values()))), []
+    def open_rows(values: Columns, starts: Columns) -> OpenedRows:
+        rows = len(next(iter(values.values())))
+        parts = []
         for first in range(0, rows, _BATCH):
             # the last batch is filled up with its own rows
             batch = np.resize(np.arange(first, min(first + _BATCH, rows)), _BATCH)
             columns = [{k: v[batch] for k, v in by_name.items()} for by_name in (values, starts)]
             with jax.default_device(host_device()):
                 parts.append(jax.device_get(compiled(*columns)))
-        return Opened(*(np.concatenate(output)[:rows] for output in zip(*parts, strict=True)))
+        return OpenedRows(*(np.concatenate(output)[:rows] for output in zip(*parts, strict=True)))
 
     return open_rows

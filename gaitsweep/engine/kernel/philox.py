@@ -76,7 +76,8 @@ def in_llvm(builder: Any, floor: Any, arguments: list[Any], half: int) -> Any:
         if turn:
             k0 = builder.and_(builder.add(k0, word(WEYL[0])), word(_MASK))
             k1 = builder.and_(builder.add(k1, word(WEYL[1])), word(_MASK))
-        first, second = builder.mul(c[0], word(MULTIPLIERS[0])), builder.mul(c[2], word(MULTIPLIERS[1]))
+        first = builder.mul(c[0], word(MULTIPLIERS[0]))
+        second = builder.mul(c[2], word(MULTIPLIERS[1]))
         c = [
             builder.xor(builder.xor(builder.lshr(second, word(32)), c[1]), k0),
             builder.and_(second, word(_MASK)),

@@ -20,11 +20,11 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from gaitsweep.contract import Params, State, Status
+from gaitsweep.engine.devices import usable_cores
 from gaitsweep.engine.kernel import cpu_program
 from gaitsweep.engine.kernel.chunk import Leaf, chunk_of
 from gaitsweep.engine.leaves import float_leaves, tangent_of, vector, with_float_leaves
 from gaitsweep.engine.poincare.poincare_return import PoincareReturn, Returned, ReturnState
-from gaitsweep.engine.sweep.xla import usable_cores
 
 # Polls in one call of the kernel: every return ends long before.
 _POLLS = 1 << 40
@@ -77,7 +77,8 @@ class _Lane:
         return constants, lane, _Ends(none, none), jnp.zeros((0,)), jnp.zeros((), bool)
 
     def attempt(self, constants: Any, lane: _LaneState) -> _LaneState:
-        (params, along), trajectory = constants, lane.trajectory
+        (params, along) = constants
+        trajectory = lane.trajectory
         if not lane.rate:
             return _LaneState(self.crossing.attempt(params, trajectory), [])
         return _with_tangent(self.crossing.attempt, (params, trajectory), (along, lane.rate))

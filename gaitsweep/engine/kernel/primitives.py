@@ -10,7 +10,8 @@ import numpy as np
 
 from gaitsweep.engine import rarity
 from gaitsweep.engine.kernel import arithmetic, arrays, control, elementary, indexing
-from gaitsweep.engine.kernel.trace import Build, Nodes, Rule, Tracer, kind_of, refuse
+from gaitsweep.engine.kernel.refusals import refuse
+from gaitsweep.engine.kernel.trace import Build, Nodes, Rule, Tracer, kind_of
 
 
 def rule_for(name: str) -> Rule:
@@ -85,7 +86,8 @@ def _reduction(build: Build, neutral: float | None = None) -> Rule:
     """A reduction along axes; `neutral` is the result for no elements."""
 
     def rule(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
-        (array,), axes = args, equation.params["axes"]
+        (array,) = args
+        axes = equation.params["axes"]
         remaining = [i for i in range(array.ndim) if i not in axes]
         shape = [array.shape[i] for i in remaining]
         flat = np.transpose(array, [*remaining, *axes]).reshape(

@@ -20,7 +20,7 @@ from gaitsweep.engine.kernel.schedule import arguments
 Step = tuple[Literal["load", "compute", "store", "write"], int]
 
 # A value that is in memory, and so need not be stored, counts as needed this many statements later.
-CHEAP = 60
+RELOAD_DISTANCE = 60
 
 
 def steps(  # noqa: C901 - one pass over the program, whose cases share all of its state
@@ -56,7 +56,8 @@ def steps(  # noqa: C901 - one pass over the program, whose cases share all of i
             last.append(at)
     for at in [*last, *([] if flag is None else [flag])]:
         uses.setdefault(at, []).insert(0, len(order))
-    memory, at_hand = set(in_memory), set()
+    memory = set(in_memory)
+    at_hand = set()
     sequence: list[Step] = []
 
     def load(at: int) -> None:
@@ -80,7 +81,9 @@ def steps(  # noqa: C901 - one pass over the program, whose cases share all of i
             at_hand.add(at)
         in_registers = [a for a in at_hand if program.nodes[a].kind != "bool"]
         while registers is not None and len(in_registers) > registers:
-            farthest = max(in_registers, key=lambda a: (uses[a][-1] + (CHEAP if a in memory else 0), a))
+            farthest = max(
+                in_registers, key=lambda a: (uses[a][-1] + (RELOAD_DISTANCE if a in memory else 0), a)
+            )
             in_registers.remove(farthest)
             at_hand.discard(farthest)
             if farthest not in memory:

@@ -29,7 +29,9 @@ class RowKernel(NamedTuple):
 
 def row_kernel(traced: TracedFunction) -> RowKernel:
     """The kernel of a traced function of one row."""
-    program, inputs, outputs = traced.program, traced.inputs, traced.outputs
+    program = traced.program
+    inputs = traced.inputs
+    outputs = traced.outputs
     names = {at: f"x{i}" for i, at in enumerate(inputs)}
     lines, results = statements(PYTHON, program, outputs, names)
     loads = [
@@ -45,7 +47,8 @@ def row_kernel(traced: TracedFunction) -> RowKernel:
 
 def running(kernel: RowKernel) -> Callable[[Columns], Float[np.ndarray, "rows outputs"]]:
     """The function of many rows: from a column for each input to the outputs of each row."""
-    source, size = kernel.source, kernel.inputs + kernel.outputs
+    source = kernel.source
+    size = kernel.inputs + kernel.outputs
     run = loaded_once(source, lambda: _module(source, size), ctypes.c_void_p, ctypes.c_int64)
 
     def of_rows(columns: Columns) -> Float[np.ndarray, "rows outputs"]:

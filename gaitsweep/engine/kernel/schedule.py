@@ -13,7 +13,7 @@ from gaitsweep.engine.kernel.program import Program
 
 # The share of values below which another order than the program's own is better: of the chain's tsit5, with
 # 0.986 times as many values, the compiler spills twice the bytes.
-CLEARLY = 0.98
+WORTHWHILE = 0.98
 
 
 def scheduled(program: Program, wanted: Sequence[int], known: Container[int]) -> list[int]:
@@ -31,7 +31,7 @@ def scheduled(program: Program, wanted: Sequence[int], known: Container[int]) ->
     needed = program.needed(wanted, known)
     own = [at for at in needed if at not in known and program.nodes[at].op != "constant"]
     other = from_the_end(program, own, wanted)
-    fewer = most_alive(program, other, wanted) < CLEARLY * most_alive(program, own, wanted)
+    fewer = most_alive(program, other, wanted) < WORTHWHILE * most_alive(program, own, wanted)
     return other if fewer else own
 
 

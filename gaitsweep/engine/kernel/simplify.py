@@ -179,7 +179,8 @@ def _through_select(program: Program, op: str, args: tuple[int, ...]) -> int | N
         if any(program.value(a) is None for a in node.args[1:]):
             continue
         sides = [list(args), list(args)]
-        sides[0][place], sides[1][place] = node.args[1], node.args[2]
+        sides[0][place] = node.args[1]
+        sides[1][place] = node.args[2]
         yes, no = (program.apply(op, *side) for side in sides)
         return program.apply("select", node.args[0], yes, no)
     return None

@@ -15,17 +15,10 @@ import numpy as np
 from jax.extend.core import ClosedJaxpr, Jaxpr, Literal
 
 from gaitsweep.engine.kernel.program import Kind, Program
+from gaitsweep.engine.kernel.refusals import Refusal, UnsupportedError, place_of, refuse
 
 # Of int64: the nodes of the program that represent the elements of an array of the same shape.
 Nodes = np.ndarray
-
-
-class UnsupportedError(Exception):
-    """A model uses an operation that the scalar kernel does not have; the message names it and its place."""
-
-
-class _Refusal(UnsupportedError):
-    """A rule cannot translate an equation, whose place in the source it does not know; see `refuse`."""
 
 
 class Writer:
@@ -87,8 +80,8 @@ class Tracer:
         for equation in jaxpr.eqns:
             try:
                 outputs = rule_for(equation.primitive.name)(self, equation, [get(a) for a in equation.invars])
-            except _Refusal as refusal:
-                place = _place(equation)
+            except Refusal as refusal:
+                place = place_of(equation)
                 if not place:  # inside a function of JAX: the calling equation may have a place
                     raise
                 raise UnsupportedError(f"{refusal}{place}") from refusal
@@ -106,7 +99,8 @@ class Tracer:
         """
         arrays = []
         for leaf in jax.tree.leaves(tree):
-            size, kind = int(np.prod(leaf.shape)), kind_of(leaf.dtype)
+            size = int(np.prod(leaf.shape))
+            kind = kind_of(leaf.dtype)
             nodes = [self.program.input(first + i, kind, steady=steady) for i in range(size)]
             arrays.append(np.array(nodes, np.int64).reshape(leaf.shape))
             first += size
@@ -191,11 +185,6 @@ def traced_function(function: Callable[..., Any], shapes: Any, *, simplify: bool
 Rule = Callable[[Tracer, Any, list[Nodes]], list[Nodes]]
 
 
-def refuse(reason: str) -> UnsupportedError:
-    """The error to raise if a rule cannot translate its equation; the tracer adds the place in the source."""
-    return _Refusal(reason)
-
-
 def kind_of(dtype: Any) -> Kind:
     """The kind of node that represents scalars of a dtype."""
     if not jnp.issubdtype(dtype, jax.dtypes.extended):  # such as random number keys
@@ -204,14 +193,3 @@ def kind_of(dtype: Any) -> Kind:
         if (kind := kinds.get(scalar.str[1:] if scalar.kind == "f" else scalar.kind)) is not None:
             return kind
     raise refuse(f"numbers of type {dtype} cannot run in the scalar kernel")
-
-
-def _place(equation: Any) -> str:
-    """The line of the model's source that an equation comes from, if JAX knows it."""
-    try:
-        from jax._src import source_info_util
-
-        frame = source_info_util.user_frame(equation.source_info.traceback)
-    except (ImportError, AttributeError, TypeError):
-        return ""
-    return "" if frame is None else f" ({frame.file_name}, line {frame.start_line})"

@@ -16,12 +16,12 @@ from gaitsweep.engine.numerics import ResolvedNumerics
 from gaitsweep.engine.poincare.poincare_return import crossing_of
 
 # Events of one guard between two crossings that have a time.
-MOST = 3
+MAX_TIMED_EVENTS = 3
 # The fields with which a state keeps the record: the time (s), and for each guard the times of its first
 # events and their number.
 FIELDS = ("event_clock", "event_times", "event_counts")
 
-# the times (MOST, guards) in s, NaN where there was none, and the number of each guard's events (guards,)
+# The times (MAX_TIMED_EVENTS, guards) in s, NaN where there was none, and the number of each guard's events.
 EventRecord: TypeAlias = "tuple[Float[Array, 'most guards'], Int[Array, ' guards']]"
 
 
@@ -50,7 +50,7 @@ def recorded_return(
         def jump(params: Params, before: State, fired: Bool[Array, " guards"]) -> State:
             clock, times, counts = (getattr(before, name) for name in FIELDS)
             happened = model.occurred(params, before, fired)
-            place = jnp.arange(MOST)[:, None] == counts[None]
+            place = jnp.arange(MAX_TIMED_EVENTS)[:, None] == counts[None]
             times = jnp.where(happened[None] & place, clock, times)
             after = model.jump(params, before, fired)
             return with_record(after, clock, times, counts + happened.astype(counts.dtype))
@@ -58,10 +58,10 @@ def recorded_return(
         recording = copy.copy(model)
         vars(recording).update(flow=flow, jump=jump)
         crossing = crossing_of.__wrapped__(recording, numerics, engine)  # type: ignore[attr-defined]
-        empty = jnp.zeros(()), jnp.zeros((MOST, *guards)), jnp.zeros(guards, jnp.int32)
+        empty = jnp.zeros(()), jnp.zeros((MAX_TIMED_EVENTS, *guards)), jnp.zeros(guards, jnp.int32)
         _, end, _ = crossing(params, with_record(state, *empty))
         _, times, counts = (getattr(end, name) for name in FIELDS)
-        return jnp.where(jnp.arange(MOST)[:, None] < counts[None], times, jnp.nan), counts
+        return jnp.where(jnp.arange(MAX_TIMED_EVENTS)[:, None] < counts[None], times, jnp.nan), counts
 
     return one
 

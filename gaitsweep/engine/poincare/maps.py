@@ -5,7 +5,7 @@ from __future__ import annotations
 import abc
 import dataclasses
 import functools
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Self
 
 import jax
@@ -15,15 +15,15 @@ from jaxtyping import Array, Bool, Float, Int, Real
 
 from gaitsweep.contract import Quantity, State
 from gaitsweep.engine.content import cached_by_content
-from gaitsweep.engine.fork import refuse_fork
+from gaitsweep.engine.devices import refuse_fork
 from gaitsweep.engine.poincare.poincare_return import ReturnStatus
 from gaitsweep.engine.shapes import Integer
 
 # Batch sizes for which programs are compiled. A larger batch is split; a smaller one is filled up to the next
 # size by repeating its last point, which costs kernels nothing.
 BATCH_SIZES = (1, 8, 64, 1024)
-SHOWN = 3  # points in a `repr`
-FLOOR = 0.1  # least scale of a coordinate (in its unit); larger coordinates are scaled by their magnitude
+POINTS_SHOWN = 3  # in a `repr`
+MIN_SCALE = 0.1  # least scale of a coordinate (in its unit); larger coordinates are scaled by their magnitude
 
 Values = Mapping[str, Any]  # a parameter's name: a number, or one for each point (n,)
 Events = list[tuple[float, str]]  # the time (s) and the name of each event, in their order
@@ -56,10 +56,10 @@ class Batch:
         return jax.tree.map(replaced, self, others)
 
 
-def listed(at: Any) -> str:
+def format_points(at: Any) -> str:
     """Format the first of some points (n, size), for a short `repr`."""
-    first = [f"[{', '.join(f'{coordinate:.6g}' for coordinate in point)}]" for point in at[:SHOWN]]
-    return ", ".join([*first, "..."] if len(at) > SHOWN else first)
+    first = [f"[{', '.join(f'{coordinate:.6g}' for coordinate in point)}]" for point in at[:POINTS_SHOWN]]
+    return ", ".join([*first, "..."] if len(at) > POINTS_SHOWN else first)
 
 
 @jax.tree_util.register_dataclass
@@ -74,7 +74,7 @@ class Points(Batch):
         return len(self.at)
 
     def __repr__(self) -> str:
-        return f"Points({len(self)}: {listed(self.at)})"
+        return f"Points({len(self)}: {format_points(self.at)})"
 
 
 @jax.tree_util.register_dataclass
@@ -189,19 +189,19 @@ class Map(abc.ABC):
 
     @abc.abstractmethod
     def _evaluated(
-        self, points: Points, values: Values, over: str | None, derivatives: bool
+        self, points: Points, values: Values, over: str | None, *, derivatives: bool
     ) -> MapEvaluation:
-        """The images of many points, with derivatives where they are asked for."""
+        """The images of many points; arguments as of `linearised`, and whether derivatives are computed."""
 
 
 class FollowedMap(Map):
     """A map whose images are those of `follow`, by programs that are compiled for batches of points."""
 
     def _evaluated(
-        self, points: Points, values: Values, over: str | None, derivatives: bool
+        self, points: Points, values: Values, over: str | None, *, derivatives: bool
     ) -> MapEvaluation:
         refuse_fork()
-        program = _program(self, over, derivatives)
+        program = _program(self, over, derivatives=derivatives)
         complete = self.complete(values, len(points))
         batches = []
         for first in range(0, len(points), BATCH_SIZES[-1]):
@@ -292,21 +292,22 @@ class IteratedMap(DerivedMap):
             for so_far, new, start in zip(events, self.base.events(points, values), begun, strict=True):
                 so_far += [(start + t, name) for t, name in new]
             images = self.base.images(points, values)
-            points, begun = images.points, begun + images.observed.get("time", 0.0)
+            points = images.points
+            begun = begun + images.observed.get("time", 0.0)
         return events
 
     def _evaluated(
-        self, points: Points, values: Values, over: str | None, derivatives: bool
+        self, points: Points, values: Values, over: str | None, *, derivatives: bool
     ) -> MapEvaluation:
         values = self.base.complete(values, len(points))
-        total = self.base._evaluated(points, values, over, derivatives)
+        total = self.base._evaluated(points, values, over, derivatives=derivatives)
         for _ in range(self.count - 1):
             rows = np.flatnonzero(total.sound)
             if not rows.size:
                 break
             before = total[rows]
             at = {name: column[rows] for name, column in values.items()}
-            after = self.base._evaluated(before.points, at, over, derivatives)
+            after = self.base._evaluated(before.points, at, over, derivatives=derivatives)
             summed = {name: before.observed[name] + after.observed[name] for name in self.durations}
             chained = dataclasses.replace(
                 before,
@@ -321,7 +322,7 @@ class IteratedMap(DerivedMap):
 
 
 @cached_by_content(maxsize=64)
-def _program(mapping: Map, over: str | None, derivatives: bool) -> Any:
+def _program(mapping: Map, over: str | None, *, derivatives: bool) -> Callable[..., Any]:
     """The map of a batch of points and its derivatives, compiled for each batch size."""
 
     def one(values: Any, at: Coordinates, modes: State) -> Any:
@@ -347,7 +348,7 @@ def _program(mapping: Map, over: str | None, derivatives: bool) -> Any:
 
 def sizes(at: ManyCoordinates) -> ManyCoordinates:
     """The scale of each coordinate (..., size)."""
-    return FLOOR + np.abs(at)
+    return MIN_SCALE + np.abs(at)
 
 
 def wrap_difference(

@@ -17,7 +17,7 @@ from jaxtyping import Array, Bool, Float, Int
 from gaitsweep import near_miss
 from gaitsweep.contract import Chart, Model, Params, Quantity, State
 from gaitsweep.engine.content import cached_by_content
-from gaitsweep.engine.fork import refuse_fork
+from gaitsweep.engine.devices import refuse_fork
 from gaitsweep.engine.poincare.maps import Coordinates, FollowedMap, Image, Points, Values
 from gaitsweep.engine.poincare.poincare_return import Returned, ReturnStatus
 from gaitsweep.engine.poincare.symmetry_group import group_of

@@ -16,8 +16,9 @@ from jaxtyping import Array, Bool, Float, Int
 
 from gaitsweep.contract import HybridModel, Model, Params, ResultCode, State
 from gaitsweep.engine.advance import advance
-from gaitsweep.engine.carry import Carry, Halt, stalled, start
+from gaitsweep.engine.carry import Carry, Halt, start
 from gaitsweep.engine.content import cached_by_content
+from gaitsweep.engine.event_stall import is_stalled
 from gaitsweep.engine.leaves import float_leaves
 from gaitsweep.engine.numerics import ResolvedNumerics, step_of
 from gaitsweep.engine.poincare.stagewise import Stages, begin, stagewise
@@ -26,7 +27,7 @@ from gaitsweep.engine.solver import derivative_refusal
 from gaitsweep.errors import ArgumentError
 
 # Nominal periods within which a return has to end.
-LATEST = 4.0
+MAX_PERIODS = 4.0
 
 Returned = tuple[Float[Array, ""], State, Int[Array, ""]]  # the time (s), the state, and the `ReturnStatus`
 Crossing = Callable[[Params, State], Returned]
@@ -76,7 +77,8 @@ class PoincareReturn:
         self._attempt: Callable[[Params, Any], tuple[Carry, Any]]
         if self.differentiable and numerics.method == "rk4":
             assert isinstance(model, HybridModel)
-            self._begin, self._attempt = partial(begin, model), stagewise(model, numerics)
+            self._begin = partial(begin, model)
+            self._attempt = stagewise(model, numerics)
         else:
             step = advance(model, numerics, sensitivities=self.differentiable)
             self._begin = lambda params, carry: (carry, ())
@@ -86,8 +88,8 @@ class PoincareReturn:
         """The trajectory that starts from a state just after the jump of a crossing."""
         # the step length depends on the parameters, but the result does not depend on the step length
         dt = self.numerics.factor * jax.lax.stop_gradient(step_of(self.model, self.numerics, params))
-        stop = LATEST * self.model.period(params)
-        carry = start(self.model, params, state, dt=dt, stop=stop, share=self.numerics.factor)
+        stop = MAX_PERIODS * self.model.period(params)
+        carry = start(self.model, params, state, dt=dt, stop=stop, step_factor=self.numerics.factor)
         limit = ATTEMPTS_PER_STEP * (carry.stop / dt * self.numerics.steps_in_longest + 1000.0)
         limit = jnp.where(limit < jnp.inf, limit, 0.0)  # also NaN, which no number of attempts exceeds
         return ReturnState(*self._begin(params, carry), limit)
@@ -99,14 +101,16 @@ class PoincareReturn:
     def ended(self, trajectory: ReturnState) -> Bool[Array, ""]:
         """Whether the return has ended, by a crossing or otherwise."""
         carry = trajectory.carry
-        return (carry.halt != Halt.GOING) | stalled(self.model, carry) | (carry.attempts > trajectory.limit)
+        return (
+            (carry.halt != Halt.GOING) | is_stalled(self.model, carry) | (carry.attempts > trajectory.limit)
+        )
 
     def status(self, trajectory: ReturnState) -> Int[Array, ""]:
         """The `ReturnStatus` of a return that has ended."""
         carry = trajectory.carry
         numbers = [carry.t, carry.unit, *float_leaves(carry.state)]
         sound = jnp.all(jnp.stack([jnp.all(jnp.isfinite(x)) for x in numbers]))
-        stuck = stalled(self.model, carry) | (carry.attempts > trajectory.limit)
+        stuck = is_stalled(self.model, carry) | (carry.attempts > trajectory.limit)
         late = jnp.where(carry.halt == Halt.FELL, ReturnStatus.fell, ReturnStatus.late)
         missed = jnp.where(stuck, ReturnStatus.stalled, late)
         crossed = jnp.where(carry.halt == Halt.CROSSING, ReturnStatus.crossed, missed)
@@ -151,7 +155,7 @@ def crossing_of(model: Model, numerics: ResolvedNumerics, engine: str = "auto") 
 
     def by_kernel(params: Params, state: State) -> Returned:
         from gaitsweep.engine.kernel.poincare_returns import KernelReturns
-        from gaitsweep.engine.kernel.trace import UnsupportedError
+        from gaitsweep.engine.kernel.refusals import UnsupportedError
 
         shapes = jax.tree.map(
             lambda x: jax.ShapeDtypeStruct(jnp.shape(x), jnp.result_type(x)), (params, state)

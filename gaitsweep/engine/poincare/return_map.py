@@ -7,12 +7,13 @@ the same map in a larger space, with a multiplier 0 for each variable that the s
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cached_property
 from typing import Any
 
 import jax
 import numpy as np
+from jaxtyping import Float, Int
 
 from gaitsweep.contract import Chart, HybridModel, Params, State
 from gaitsweep.engine.content import cached_by_content
@@ -71,23 +72,32 @@ class BatchedReturnMap(ModelMap):
     def events(self, points: Points, values: Values) -> list[Events]:
         if self._is_step:
             return [[] for _ in range(len(points))]
-        complete, pieces = self.complete(values, len(points)), []
+        complete = self.complete(values, len(points))
+        batches: list[EventRecord] = []
         for first in range(0, len(points), BATCH_SIZES[-1]):
             # one size of batches, for which the program is compiled once
             order = np.minimum(first + np.arange(BATCH_SIZES[-1]), len(points) - 1)
-            batch, own = points[order], {name: column[order] for name, column in complete.items()}
-            pieces.append(jax.tree.map(np.asarray, _recorder(self)(own, batch.at, batch.modes)))
-        times, counts = (np.concatenate(leaves)[: len(points)] for leaves in zip(*pieces, strict=True))
+            batch = points[order]
+            parameters = {name: column[order] for name, column in complete.items()}
+            record = _recorder(self)(parameters, batch.at, batch.modes)
+            batches.append(jax.tree.map(np.asarray, record))
+        times = np.concatenate([batch_times for batch_times, _ in batches])[: len(points)]
+        counts = np.concatenate([batch_counts for _, batch_counts in batches])[: len(points)]
         declared = self.model.guard_names if isinstance(self.model, HybridModel) else ()
         names = declared or [f"guard {guard + 1}" for guard in range(counts.shape[1])]
-        events: list[Events] = []
-        for own, of_guards in zip(times, counts, strict=True):
-            timed = [(float(own[k, g]), names[g]) for g in range(len(names)) for k in range(len(own))]
-            # later events of a guard have no time: they are listed after its last one that has
-            more = np.maximum(of_guards - len(own), 0)
-            untimed = [(float(own[-1, g]), names[g]) for g in range(len(names)) for _ in range(more[g])]
-            events.append(sorted([event for event in timed if event[0] >= 0.0] + untimed))
-        return events
+        return [_in_order(*point, names) for point in zip(times, counts, strict=True)]
+
+
+def _in_order(
+    times: Float[np.ndarray, "timed guards"], counts: Int[np.ndarray, " guards"], names: Sequence[str]
+) -> Events:
+    """The events of one point in their order, from its `EventRecord` and the names of the guards."""
+    events: Events = []
+    for times_of_guard, count, name in zip(times.T, counts, names, strict=True):
+        events += [(float(t), name) for t in times_of_guard if t >= 0.0]
+        # later events of a guard have no time: they are listed after its last one that has
+        events += [(float(times_of_guard[-1]), name)] * max(int(count) - len(times_of_guard), 0)
+    return sorted(events)
 
 
 @cached_by_content(maxsize=16)

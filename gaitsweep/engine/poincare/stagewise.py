@@ -16,7 +16,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Int
 
 from gaitsweep.contract import HybridModel, Params, Rates
-from gaitsweep.engine.advance import advance
+from gaitsweep.engine.advance import Precomputed, advance
 from gaitsweep.engine.carry import Carry, select
 from gaitsweep.engine.numerics import ResolvedNumerics
 from gaitsweep.engine.solver import euler_update
@@ -58,7 +58,7 @@ def stagewise(model: HybridModel, numerics: ResolvedNumerics) -> Callable[[Param
         stage_state = dataclasses.replace(carry.state, **s.at)
         rates = model.flow(params, stage_state)
         tried = s.stage == TRIAL
-        precomputed = (lambda *_: stage_state), (lambda *_: s.first), (lambda *_: rates)
+        precomputed = Precomputed(lambda *_: stage_state, lambda *_: s.first, lambda *_: rates)
         conclude = advance(model, numerics, sensitivities=True, precomputed=precomputed)
         fired = jnp.any(model.guards(params, stage_state) >= 0.0)
         after = conclude(params, carry)

@@ -24,13 +24,14 @@ from jaxtyping import Array, Bool, Complex, Float
 from gaitsweep import near_miss
 from gaitsweep.contract import Chart, HybridModel, Params, Quantity, State
 from gaitsweep.engine.content import cached_by_content
-from gaitsweep.engine.poincare.maps import FLOOR, Coordinates, Events, Points, Values
+from gaitsweep.engine.leaves import element_names
+from gaitsweep.engine.poincare.maps import MIN_SCALE, Coordinates, Events, Points, Values
 from gaitsweep.engine.poincare.model_map import ModelMap
 from gaitsweep.engine.poincare.poincare_return import Returned, ReturnStatus
 from gaitsweep.errors import ArgumentError
 
 # Bound of h |lambda| / 2.
-BOUND = 0.75
+MAX_HALF_STEP = 0.75
 # Displacements of a start, relative to the sizes of its variables, with which the flow is checked.
 DISPLACED = 0.1
 
@@ -67,7 +68,8 @@ class FlowVariables(Chart):
 
     def rates(self, params: Params, state: State) -> Coordinates:
         """The rates (n,) of the coordinates."""
-        rates, shapes = self.model.flow(params, state), {name: getattr(state, name) for name in self.fields}
+        rates = self.model.flow(params, state)
+        shapes = {name: getattr(state, name) for name in self.fields}
         full = (jnp.broadcast_to(jnp.asarray(rates[name]), jnp.shape(x)) for name, x in shapes.items())
         return self._joined(*full)[jnp.array(self.places)]
 
@@ -109,18 +111,16 @@ class StationaryMap(ModelMap):
         rates = jax.eval_shape(lambda v, s: model.flow(self.params(v), s), values, shapes)
         fields = tuple(field.name for field in dataclasses.fields(shapes) if field.name in rates)
         known = {q.name: q for q in (*model.signals, *model.observables)}
-        names = [
-            "_".join([field, *(str(i + 1) for i in place)])
-            for field in fields
-            for place in np.ndindex(*np.shape(getattr(shapes, field)))
-        ]
+        names = [name for field in fields for name in element_names(field, getattr(shapes, field).shape)]
         for name in self.without:
             if name not in names:
                 near = near_miss.suggestion(name, names)
                 raise ArgumentError(f"{name} is no variable of the flow of {model.name}{near}")
         places = tuple(place for place, name in enumerate(names) if name not in self.without)
-        chosen = (known.get(names[k], Quantity(names[k], "", f"{names[k]} of the state")) for k in places)
-        return FlowVariables(model, fields, places, tuple(chosen))
+        quantities = []
+        for name in (names[place] for place in places):
+            quantities.append(known.get(name, Quantity(name, "", f"{name} of the state")))
+        return FlowVariables(model, fields, places, tuple(quantities))
 
     def rates(self, values: Values, at: Coordinates, modes: State) -> Coordinates:
         """The rates (n,) of the coordinates at one point, in JAX; arguments as of `follow`."""
@@ -134,10 +134,11 @@ class StationaryMap(ModelMap):
         def rates(at: Coordinates) -> Coordinates:
             return flow.rates(params, flow.from_coordinates(params, at, state))
 
-        f, jacobian = rates(at), jax.jacfwd(rates)(at)
-        scale = jnp.sqrt(FLOOR**2 + at**2)
+        f = rates(at)
+        jacobian = jax.jacfwd(rates)(at)
+        scale = jnp.sqrt(MIN_SCALE**2 + at**2)
         size = jnp.sum((jacobian * scale[None] / scale[:, None]) ** 2)
-        step = 2.0 * BOUND / jnp.sqrt((2.0 * jnp.pi / self.model.period(params)) ** 2 + size)
+        step = 2.0 * MAX_HALF_STEP / jnp.sqrt((2.0 * jnp.pi / self.model.period(params)) ** 2 + size)
         moved = at + step * jnp.linalg.solve(jnp.eye(at.size) - 0.5 * step * jacobian, f)
         status = jnp.where(self._is_past(params, state), ReturnStatus.elsewhere, ReturnStatus.crossed)
         sound = jnp.all(jnp.isfinite(moved)) & jnp.isfinite(step)
@@ -146,7 +147,8 @@ class StationaryMap(ModelMap):
 
     def _is_past(self, params: Params, state: State) -> Bool[Array, ""]:
         """Whether a state is beyond an event whose jump changes its variables or their rates."""
-        flow, (params, state) = self.flow, jax.lax.stop_gradient((params, state))
+        flow = self.flow
+        (params, state) = jax.lax.stop_gradient((params, state))
         past = flow.model.guards(params, state) > 0.0
         if not past.size:
             return jnp.zeros((), bool)
@@ -159,14 +161,24 @@ class StationaryMap(ModelMap):
         return jnp.any(past & jax.vmap(changes)(jnp.eye(past.size, dtype=bool)))
 
     def refusal(self, points: Points, values: Values) -> str | None:
-        """The reason why no point near the first of some points is an isolated stationary point, or None."""
-        at, name = points.at[0], self.model.name
-        away = np.random.default_rng(0).uniform(-DISPLACED, DISPLACED, (2, at.size)) * (FLOOR + np.abs(at))
+        """The reason why no point near the first of some points is an isolated stationary point, or None.
+
+        Args:
+            points: the points.
+            values: parameters by name, numbers or (n,).
+        """
+        at = points.at[0]
+        name = self.model.name
+        away = np.random.default_rng(0).uniform(-DISPLACED, DISPLACED, (2, at.size)) * (
+            MIN_SCALE + np.abs(at)
+        )
         parameters = {name: column[0] for name, column in self.complete(values, len(points)).items()}
         near = [linearised_flow(self)(parameters, at + shift, points[0].modes) for shift in away]
-        rates, jacobians = (np.stack([pair[k] for pair in near]) for k in (0, 1))
+        rates = np.stack([flow_rates for flow_rates, _ in near])
+        jacobians = np.stack([jacobian for _, jacobian in near])
         for k, quantity in enumerate(self.coordinates):
-            what, leave_out = f"{quantity.name} of {name}", "name it in `without`."
+            what = f"{quantity.name} of {name}"
+            leave_out = "name it in `without`."
             if rates[:, k].all() and not jacobians[:, k].any():
                 rate = f"{rates[0, k]:g} {quantity.unit or '1'}/s"
                 return f"{what} always changes by {rate}, so it is never at rest: {leave_out}"
@@ -186,8 +198,13 @@ def linearised_flow(mapping: StationaryMap) -> Callable[..., Any]:
 
 
 @cached_by_content(maxsize=16)
-def bent_flow(mapping: StationaryMap) -> Callable[..., Any]:
-    """The function `(values, at, modes, u, v, w) -> (D^2 f u v, D^3 f u v w)` of one point; u (n, size)."""
+def flow_derivatives(mapping: StationaryMap) -> Callable[..., Any]:
+    """The second and third derivatives of a flow along directions.
+
+    Returns:
+        The function `(values, at, modes, u, v, w) -> (D^2 f u v, D^3 f u v w)` of one point and of n triples
+        of directions u, v, w, (n, size) each.
+    """
 
     def one(values: Any, at: Coordinates, modes: State, u: Any, v: Any, w: Any) -> Any:
         def first(x: Coordinates) -> Coordinates:

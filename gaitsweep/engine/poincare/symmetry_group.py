@@ -14,10 +14,10 @@ from gaitsweep.errors import ArgumentError
 
 Action: TypeAlias = "Callable[[Params, State], State]"
 # Largest number of elements besides the identity.
-MOST = 47
+MAX_ELEMENTS = 47
 SEED = 20
 # Images of one state are the same if they differ by less.
-SAME = 1e-9
+SAME_IMAGE = 1e-9
 
 
 def group_of(
@@ -51,15 +51,15 @@ def group_of(
                 combined = _after(outer, inner)
                 image = np.asarray(read(combined(params, generic)))
                 # a named symmetry may be the identity at these parameters alone
-                if before and any(np.allclose(image, known, rtol=0.0, atol=SAME) for known in images):
+                if before and any(np.allclose(image, known, rtol=0.0, atol=SAME_IMAGE) for known in images):
                     continue
                 images.append(image)
                 later[f"{name} after {before}" if before else name] = combined
         elements |= later
-        if len(elements) > MOST:
+        if len(elements) > MAX_ELEMENTS:
             raise ArgumentError(
-                f"The symmetries {', '.join(generators)} generate more than {MOST} others: each has to be of "
-                "finite order (angles are compared as numbers, so wrap them with jnp.mod)."
+                f"The symmetries {', '.join(generators)} generate more than {MAX_ELEMENTS} others: each has "
+                "to be of finite order (angles are compared as numbers, so wrap them with jnp.mod)."
             )
         new = later
     return elements

@@ -18,8 +18,8 @@ SETTLE_WINDOW = 10
 TOLERANCE = 1.0e-3
 # The smallest scale of an observable without a scale of its own: a share of its magnitude (integration errors
 # and rounding are relative to that), and a number in its unit, so that an observable at 0 settles.
-LEAST_SHARE = 1.0e-5
-LEAST_SCALE = 1.0e-9
+MIN_SHARE = 1.0e-5
+MIN_SCALE = 1.0e-9
 # Differences of the observables between a crossing and those before it, or their values at these.
 Crossings = Float[Array, "crossings observables"]
 # The least and the largest value of each observable without a scale.
@@ -63,8 +63,8 @@ def bounds(model: Model, tolerance: float | tuple[float, ...], latest: Crossings
     """The largest change of each observable (n,) of a settled state over the window, in its unit; above 0.
 
     It is `SETTLE_WINDOW` times its tolerance times its scale: 1 rad for angles, `Quantity.scale` if defined,
-    else the range of its values over the row, from their `span`. That scale is at least `LEAST_SHARE` of the
-    magnitude at the `latest` crossings (w, n), and `LEAST_SCALE`.
+    else the range of its values over the row, from their `span`. That scale is at least `MIN_SHARE` of the
+    magnitude at the `latest` crossings (w, n), and `MIN_SCALE`.
 
     Args:
         model: the model.
@@ -79,8 +79,8 @@ def bounds(model: Model, tolerance: float | tuple[float, ...], latest: Crossings
     scales = jnp.asarray([0.0 if scale is None else scale for scale in sizes], latest.dtype)
     if not (unscaled := _unscaled(model)):
         return share * scales
-    size = LEAST_SHARE * jnp.max(jnp.abs(latest[:, np.asarray(unscaled)]), axis=0)
-    of_span = jnp.maximum(jnp.maximum(span[1] - span[0], size), LEAST_SCALE)
+    size = MIN_SHARE * jnp.max(jnp.abs(latest[:, np.asarray(unscaled)]), axis=0)
+    of_span = jnp.maximum(jnp.maximum(span[1] - span[0], size), MIN_SCALE)
     return share * scales.at[np.asarray(unscaled)].set(of_span)
 
 

@@ -93,7 +93,7 @@ class CrossingRecorder(Recorder):
         recorded = dataclasses.replace(counted(recorded, keep), status=status.astype(jnp.int32))
         return PollResult(dataclasses.replace(carry, halt=halt), recorded, sample, keep)
 
-    def share(self, rows: RunningRows, typical: float) -> Float[np.ndarray, " rows"]:
+    def progress(self, rows: RunningRows, typical: float) -> Float[np.ndarray, " rows"]:
         if self.crossings is None:
             return rows.t / (self.duration or 1.0)
         return rows.cycles / (self.after_cycles + self.crossings)

@@ -19,14 +19,14 @@ from jaxtyping import Array, Float
 from gaitsweep.contract import FixedStepDynamics, Model, Params, Quantity, Status
 from gaitsweep.engine.carry import Carry
 from gaitsweep.engine.shapes import Integer, Number, Observed
-from gaitsweep.engine.tangents import from_section, on_section, orthonormalised
+from gaitsweep.engine.tangents import Tangent, from_section, on_section, orthonormalised
 from gaitsweep.row_outcome import RowNumber
 
 # Batches in a span of crossings, and the first crossing at which one ends.
 BATCHES = 16
 FIRST_SPAN = 8
 # Crossings before which no row is chaotic or quasi-periodic.
-LEAST_CROSSINGS = 64
+MIN_CROSSINGS = 64
 # Standard errors by which the largest exponent of a chaotic row is positive.
 ERRORS = 3.0
 # The logarithm of the factor by which neighbours of a chaotic row separate over the spans at least. On a
@@ -75,9 +75,17 @@ class Exponents:
 
     @classmethod
     def begun(cls, count: int, observed: Observed, window: int) -> Exponents:
-        """Those of a row at its start."""
+        """The sums of a row at its start.
+
+        Args:
+            count: the number of exponents.
+            observed: the observables of the start.
+            window: the number of the latest crossings whose logarithms are kept.
+        """
         dtype = observed.dtype
-        one, pair, pairs = jnp.ones((), jnp.int32), jnp.zeros((2,), dtype), jnp.zeros((2, count), dtype)
+        one = jnp.ones((), jnp.int32)
+        pair = jnp.zeros((2,), dtype)
+        pairs = jnp.zeros((2, count), dtype)
         return cls(
             sums=pairs,
             time=pair,
@@ -98,13 +106,14 @@ class Exponents:
     def after(
         self,
         logs: list[Number],
+        *,
         duration: Number,
         step: Number,
         shares: Observed,
         cycles: Integer,
         now: Observed,
     ) -> Exponents:
-        """Those after one more crossing.
+        """The sums after one more crossing.
 
         Args:
             logs: the logarithms of the lengths of the k tangents.
@@ -161,7 +170,8 @@ class Exponents:
 
     def rates(self) -> tuple[Float[Array, " exponents"], Float[Array, " exponents"]]:
         """The exponents (k,) in 1/s, and their standard errors (k,); NaN where no span is complete."""
-        time, complete = jnp.sum(self.time), self.batches[0] >= BATCHES
+        time = jnp.sum(self.time)
+        complete = self.batches[0] >= BATCHES
         duration = jnp.where(complete, time, 1.0)
         variance = self.squares[0] / (BATCHES * (BATCHES - 1.0))
         # the current span is too short for an error of its own: its variance is inverse to its duration
@@ -179,7 +189,8 @@ class Exponents:
             ago: (w,) the times (s) since the crossings before this one, the latest first.
         """
         rates, errors = self.rates()
-        place, turn = jnp.arange(len(ago)), jnp.maximum(period, 1)
+        place = jnp.arange(len(ago))
+        turn = jnp.maximum(period, 1)
         last = len(ago) // turn * turn
         duration = jnp.sum(jnp.where(place == last - 1, ago, 0.0))
         turns = jnp.sum(jnp.where((place < last)[:, None], self.logs, 0.0), axis=0) / duration
@@ -191,7 +202,7 @@ class Exponents:
         named = {f"lyapunov_{i + 1}": rate for i, rate in enumerate(rates)}
         return named | {f"lyapunov_{i + 1}_error": error for i, error in enumerate(errors)}
 
-    def status(self, cycles: Integer, turns: bool) -> Integer:
+    def status(self, cycles: Integer, *, may_turn: bool) -> Integer:
         """`chaotic` or `quasi_periodic`, of a row that has not settled, or `cycle_limit`.
 
         1. Chaotic: the largest exponent is positive by `ERRORS` standard errors, and neighbours separate by a
@@ -202,12 +213,13 @@ class Exponents:
 
         Args:
             cycles: the number of this crossing.
-            turns: see `may_turn`.
+            may_turn: see the function `may_turn`.
         """
-        (rates, errors), known = self.rates(), cycles >= LEAST_CROSSINGS
+        (rates, errors) = self.rates()
+        known = cycles >= MIN_CROSSINGS
         growth = rates[0] * jnp.sum(self.time)
         chaotic = (rates[0] > ERRORS * errors[0]) & (growth > SEPARATION)
-        if not turns:
+        if not may_turn:
             return jnp.where(known & chaotic, Status.chaotic, Status.cycle_limit)
         means = self.steps / jnp.maximum(self.crossings, 1.0)
         # the current span counts once it has a quarter of the crossings of the last one
@@ -239,8 +251,13 @@ def exponent_numbers(model: Model, count: int) -> tuple[RowNumber, ...]:
     return tuple(numbers)
 
 
-def separated(model: Model, params: Params, carry: Carry) -> tuple[list[Number], Carry]:
-    """The logarithms of the lengths of the tangents at a crossing, and the carry with orthonormal ones."""
+def separated(model: Model, params: Params, carry: Carry) -> tuple[list[Number], list[Tangent]]:
+    """The logarithms of the lengths of a trajectory's tangents at a crossing, and orthonormal tangents.
+
+    Args:
+        model, params: the model and its parameters.
+        carry: the trajectory just after the crossing.
+    """
     lengths, units = orthonormalised(on_section(model, params, carry))
     tangents = from_section(model, params, carry.state, units)
-    return [jnp.log(length) for length in lengths], dataclasses.replace(carry, tangents=tangents)
+    return [jnp.log(length) for length in lengths], tangents

@@ -48,7 +48,8 @@ class FixedTimeRecorder(Recorder):
         return self.unsampled(params, carry)
 
     def record(self, params: Params, carry: Carry, record: LaneRecord) -> PollResult:
-        crossed, ends = carry.halt == Halt.CROSSING, carry.halt == Halt.TIME
+        crossed = carry.halt == Halt.CROSSING
+        ends = carry.halt == Halt.TIME
         now = self.observables(params, carry.state)
         status = jnp.where(ends, Status.complete, Status.running)
         recorded = counted(self.crossed(params, carry, record, crossed), ends)
@@ -59,7 +60,7 @@ class FixedTimeRecorder(Recorder):
     def readings(self, rows: RowOutcome) -> Readings:
         return readings_at_the_end(rows)
 
-    def share(self, rows: RunningRows, typical: float) -> Float[np.ndarray, " rows"]:
+    def progress(self, rows: RunningRows, typical: float) -> Float[np.ndarray, " rows"]:
         return rows.t / self.duration
 
 

@@ -37,7 +37,9 @@ def from_first_crossing(observables: Sequence[Quantity], rows: RowOutcome) -> Ro
     """The rows, with `last` at the `first_crossing` of an orbit and `orbit` at those after it."""
     if "orbit" not in rows.numbers:
         return rows
-    periods, last, others = rows.numbers["period"], rows.last.copy(), rows.numbers["orbit"].copy()
+    periods = rows.numbers["period"]
+    last = rows.last.copy()
+    others = rows.numbers["orbit"].copy()
     k = len(observables)
     for p in np.unique(periods[periods > 1]).tolist():
         on = np.flatnonzero(periods == p)
@@ -45,7 +47,8 @@ def from_first_crossing(observables: Sequence[Quantity], rows: RowOutcome) -> Ro
         orbits = np.concatenate([last[on], others[on, : (p - 1) * k]], axis=1).reshape(on.size, p, k)[:, ::-1]
         order = (first_crossing(observables, orbits)[:, None] + np.arange(p)) % p
         orbits = np.take_along_axis(orbits, order[:, :, None], axis=1).reshape(on.size, p * k)
-        last[on], others[on] = orbits[:, :k], np.nan
+        last[on] = orbits[:, :k]
+        others[on] = np.nan
         others[on, : (p - 1) * k] = orbits[:, k:]
     return dataclasses.replace(rows, numbers={**rows.numbers, "last": last, "orbit": others})
 

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import final
+from typing import NamedTuple, final
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from gaitsweep.contract import Params, Status
+from gaitsweep.contract import Params, State, Status
 from gaitsweep.engine.carry import Carry, Halt, select
 from gaitsweep.engine.pushed_model import PushedModel, restarted
 from gaitsweep.engine.recorders.bounds import change
@@ -26,11 +26,11 @@ from gaitsweep.engine.recorders.recorder import (
     readings_at_the_end,
 )
 from gaitsweep.engine.recorders.settle import Memory, SettleRecorder
-from gaitsweep.engine.shapes import Integer, Number, Observed
+from gaitsweep.engine.shapes import Flag, Integer, Number, Observed
 from gaitsweep.row_outcome import RowNumber, RowOutcome
 
 # Least size of an observable without a scale, in its unit; larger ones are scaled by their magnitude.
-FLOOR = 0.1
+MIN_SIZE = 0.1
 # The numbers of a row that was pushed, as the columns of a table have them.
 MEASURED = ("t_push", "cycles_back", "time_back", "excursion", "phase_shift")
 # Periods of the gait for which the event of a push is awaited.
@@ -70,6 +70,86 @@ class PushMemory:
     def results(self) -> dict[str, Array]:
         """Numbers of a row that has ended."""
         return {**self.settle.results, "before": self.gait}
+
+
+@dataclasses.dataclass(frozen=True)
+class _Stages:
+    """Whether a row is in each stage of `Stage`."""
+
+    settling: Flag
+    waiting: Flag
+    acting: Flag
+    returning: Flag
+
+    @classmethod
+    def of(cls, stage: Integer) -> _Stages:
+        order = (Stage.SETTLES, Stage.WAITS, Stage.ACTS, Stage.RETURNS)
+        return cls(*(stage == other for other in order))
+
+
+@dataclasses.dataclass(frozen=True)
+class _Settling:
+    """The record of the recorder that settles the row, and the status with which it ends.
+
+    `arrives`: the row settles now for the first time; `period` is that of its gait (crossings).
+    """
+
+    polled: LaneRecord
+    ended: Integer
+    settled: Flag
+    arrives: Flag
+    period: Integer
+
+
+@dataclasses.dataclass(frozen=True)
+class _Gait:
+    """The gait that the push leaves: see `PushMemory.gait`; `duration` is that of its period (s)."""
+
+    observed: Float[Array, "period observables"]
+    times: Float[Array, " period"]
+    period: Integer
+    duration: Number
+
+
+@dataclasses.dataclass(frozen=True)
+class _Push:
+    """The push at a poll: it comes (`hits`), begins to act, is over, or did not come in time (`given_up`).
+
+    `returns`: the row begins to settle again; `time`, `since` and `stage` are as in `PushMemory`.
+    """
+
+    hits: Flag
+    given_up: Flag
+    begins: Flag
+    over: Flag
+    returns: Flag
+    time: Number
+    since: Integer
+    stage: Integer
+
+
+@dataclasses.dataclass(frozen=True)
+class _Distance:
+    """The observables `now` of the latest crossing, the `nearest` crossing of the gait, and the distance.
+
+    `far`: it is more than the recorder allows; `outside` and `time_back` are as in `PushMemory`, `excursion`
+    the largest distance after the push.
+    """
+
+    now: Observed
+    nearest: Integer
+    far: Flag
+    outside: Integer
+    time_back: Number
+    excursion: Number
+
+
+class _Moved(NamedTuple):
+    """A state after a poll, whether it changed by the push, and the time (s) at which it halts next."""
+
+    state: State
+    restarts: Flag
+    stop: Number
 
 
 @final
@@ -112,7 +192,8 @@ class PerturbRecorder(Recorder):
         record, sample, keep = self.settle.begin(params, carry)
         # this recorder's own numbers
         record = dataclasses.replace(record, numbers=self.unsampled(params, carry)[0].numbers)
-        none, unknown = jnp.zeros((), jnp.int32), jnp.full((), jnp.nan, record.last.dtype)
+        none = jnp.zeros((), jnp.int32)
+        unknown = jnp.full((), jnp.nan, record.last.dtype)
         longest = self.settle.max_period
         memory = PushMemory(
             settle=record.memory,
@@ -129,122 +210,168 @@ class PerturbRecorder(Recorder):
         return dataclasses.replace(record, memory=memory), sample, keep
 
     def record(self, params: Params, carry: Carry, record: LaneRecord) -> PollResult:
-        model, memory = self.model, record.memory
-        due = carry.state.push_due
+        memory: PushMemory = record.memory
         # an event at which the push comes halts the row as a crossing of the section does
+        due = carry.state.push_due
         crossed = (carry.halt == Halt.CROSSING) & (~due | carry.state.push_crossed)
         timed = carry.halt == Halt.TIME
-        settling, waiting = memory.stage == Stage.SETTLES, memory.stage == Stage.WAITS
-        acting, returning = memory.stage == Stage.ACTS, memory.stage == Stage.RETURNS
-
-        # the row settles, before the push or after it
-        tested = settling | returning
-        inner = dataclasses.replace(record, cycles=memory.crossings, memory=memory.settle)
-        times_before = memory.settle.window[:, -2]
-        seen_halt = jnp.where((carry.halt == Halt.CROSSING) & ~crossed, Halt.GOING, carry.halt)
-        polled = self.settle.record(params, dataclasses.replace(carry, halt=seen_halt), inner).record
-        polled = select(tested, polled, inner)
-        ended = jnp.where(tested, polled.status, Status.running)
-        settled = ended == Status.settled
-        arrives = settling & settled
-        period = polled.numbers["period"]
-
-        # the gait that the push will leave
-        length = self.settle.max_period
-        on_gait = jnp.arange(length) < period
-        gait = jnp.where(on_gait[:, None], polled.memory.window[:length, :-2], jnp.nan)
-        gait = jnp.where(arrives, gait, memory.gait)
-        times = jnp.where(on_gait, polled.memory.window[:length, -2], jnp.nan)
-        times = jnp.where(arrives, times, memory.times)
-        left = jnp.where(arrives, period, memory.period)
-        duration = carry.t - _at(times_before, left - 1)
-
-        # the push itself
-        hits = waiting & (timed if model.event is None else due & (carry.halt == Halt.CROSSING))
-        given_up = waiting & timed & ~hits
-        lasts = model.forced or model.stepped is not None
-        begins = hits & jnp.asarray(lasts)
-        pushed_at = jnp.where(hits, carry.t, memory.pushed)
-        since = jnp.where(crossed & (acting | returning), memory.since + 1, memory.since)
-        over = acting & timed if model.forced else acting & crossed & (since >= params.cycles)
-        returns = over | (hits & ~begins)
-        stage = jnp.where(arrives, Stage.WAITS, memory.stage)
-        stage = jnp.where(begins, Stage.ACTS, jnp.where(returns, Stage.RETURNS, stage))
-
-        # the distance from the gait
-        now = jnp.where(crossed, self.observables(params, carry.state), record.last)
-        distances = self._distances(now, gait)
-        nearest, distance = jnp.argmin(distances), jnp.min(distances)
-        counts = crossed & (acting | returning)
-        far = ~(distance <= self.within)
-        outside = jnp.where(counts & far, since, memory.outside)
-        comes_back = counts & ~far & (outside > 0) & (outside == since - 1)
-        time_back = jnp.where(comes_back, carry.t - pushed_at, memory.back)
-        numbers = record.numbers
-        excursion = jnp.where(counts, jnp.fmax(numbers["excursion"], distance), numbers["excursion"])
+        stages = _Stages.of(memory.stage)
+        settling = self._settling(params, carry, record, stages, crossed)
+        gait = self._gait_left(carry, memory, settling)
+        push = self._push(params, carry, memory, stages, settling, crossed=crossed, timed=timed)
+        distance = self._distance(params, carry, record, stages, gait, push, crossed)
 
         # a row that has settled again
-        final = returning & settled
-        recovered = final & ~far
-        ahead = (_at(times, nearest) - carry.t) / duration
+        final = stages.returning & settling.settled
+        recovered = final & ~distance.far
+        ahead = (_value_at(gait.times, distance.nearest) - carry.t) / gait.duration
         # NaN where the gait has more crossings than there were since the push
-        ahead = jnp.where(memory.crossings >= left, ahead - jnp.round(ahead), jnp.nan)
-        status = jnp.where(arrives, Status.running, ended)
-        status = jnp.where(given_up, Status.time_limit, status)
+        ahead = jnp.where(memory.crossings >= gait.period, ahead - jnp.round(ahead), jnp.nan)
+        status = jnp.where(settling.arrives, Status.running, settling.ended)
+        status = jnp.where(push.given_up, Status.time_limit, status)
         back = {
-            "cycles_back": jnp.where(outside > 0, outside + 1, 0).astype(ahead.dtype),
-            "time_back": time_back,
+            "cycles_back": jnp.where(distance.outside > 0, distance.outside + 1, 0).astype(ahead.dtype),
+            "time_back": distance.time_back,
             "phase_shift": ahead,
         }
 
-        state = dataclasses.replace(
-            carry.state, push_crossed=carry.state.push_crossed & (carry.halt != Halt.CROSSING)
-        )
-        if model.event is not None:
-            state = model.awaiting(state, arrives)
-        state = model.released(model.pushed(params, state, hits), over)
-        restarts = hits | over
-        limit = self.settle.stop(params)
-        wait = (params.phase if model.event is None else AWAITED) * duration
-        stop = jnp.where(arrives, carry.t + wait, carry.stop)
-        stop = jnp.where(begins, carry.t + (params.duration if model.forced else limit), stop)
-        stop = jnp.where(returns, carry.t + limit, stop)
-        expired = acting & timed & ~over
+        moved = self._pushed(params, carry, settling, gait, push)
+        expired = stages.acting & timed & ~push.over
         status = jnp.where(expired, Status.time_limit, status)
-        fresh = self._fresh(params, dataclasses.replace(carry, state=state), polled, now)
+        fresh = self._fresh(
+            params, dataclasses.replace(carry, state=moved.state), settling.polled, distance.now
+        )
         moved = dataclasses.replace(
-            restarted(carry, restarts), state=state, stop=stop, halt=jnp.zeros_like(carry.halt)
+            restarted(carry, moved.restarts),
+            state=moved.state,
+            stop=moved.stop,
+            halt=jnp.zeros_like(carry.halt),
         )
         recorded = dataclasses.replace(
             record,
             status=status.astype(jnp.int32),
             cycles=jnp.where(crossed, record.cycles + 1, record.cycles),
-            last=jnp.where(crossed, now, polled.last),
+            last=jnp.where(crossed, distance.now, settling.polled.last),
             memory=PushMemory(
-                settle=select(returns, fresh, polled.memory),
-                crossings=jnp.where(returns, 0, polled.cycles).astype(jnp.int32),
-                stage=stage.astype(jnp.int32),
-                gait=gait,
-                times=times,
-                period=left.astype(jnp.int32),
-                pushed=pushed_at,
-                since=since.astype(jnp.int32),
-                outside=outside.astype(jnp.int32),
-                back=time_back,
+                settle=select(push.returns, fresh, settling.polled.memory),
+                crossings=jnp.where(push.returns, 0, settling.polled.cycles).astype(jnp.int32),
+                stage=push.stage.astype(jnp.int32),
+                gait=gait.observed,
+                times=gait.times,
+                period=gait.period.astype(jnp.int32),
+                pushed=push.time,
+                since=push.since.astype(jnp.int32),
+                outside=distance.outside.astype(jnp.int32),
+                back=distance.time_back,
             ),
             numbers={
-                **numbers,
+                **record.numbers,
                 **{name: jnp.where(recovered, value, jnp.nan) for name, value in back.items()},
-                "period": jnp.where(final, period, 0).astype(jnp.int32),
-                "slowest": polled.numbers["slowest"],
-                "period_before": left.astype(jnp.int32),
-                "stage": stage.astype(jnp.int32),
+                "period": jnp.where(final, settling.period, 0).astype(jnp.int32),
+                "slowest": settling.polled.numbers["slowest"],
+                "period_before": gait.period.astype(jnp.int32),
+                "stage": push.stage.astype(jnp.int32),
                 "recovered": recovered.astype(jnp.int32),
-                "t_push": pushed_at,
-                "excursion": excursion,
+                "t_push": push.time,
+                "excursion": distance.excursion,
             },
         )
         return PollResult(moved, recorded, jnp.zeros((0,), record.last.dtype), jnp.asarray(False))
+
+    def _settling(
+        self, params: Params, carry: Carry, record: LaneRecord, stages: _Stages, crossed: Flag
+    ) -> _Settling:
+        """Poll the recorder that settles the row, before the push or after it."""
+        memory: PushMemory = record.memory
+        tested = stages.settling | stages.returning
+        inner = dataclasses.replace(record, cycles=memory.crossings, memory=memory.settle)
+        # a halt for the push is no crossing
+        halt = jnp.where((carry.halt == Halt.CROSSING) & ~crossed, Halt.GOING, carry.halt)
+        polled = self.settle.record(params, dataclasses.replace(carry, halt=halt), inner).record
+        polled = select(tested, polled, inner)
+        ended = jnp.where(tested, polled.status, Status.running)
+        settled = ended == Status.settled
+        return _Settling(polled, ended, settled, stages.settling & settled, polled.numbers["period"])
+
+    def _gait_left(self, carry: Carry, memory: PushMemory, settling: _Settling) -> _Gait:
+        """The gait that the push leaves: that on which the row has settled now, or had settled before."""
+        length = self.settle.max_period
+        window = settling.polled.memory.window[:length]
+        on_gait = jnp.arange(length) < settling.period
+        observed = jnp.where(on_gait[:, None], window[:, :-2], jnp.nan)
+        observed = jnp.where(settling.arrives, observed, memory.gait)
+        times = jnp.where(on_gait, window[:, -2], jnp.nan)
+        times = jnp.where(settling.arrives, times, memory.times)
+        period = jnp.where(settling.arrives, settling.period, memory.period)
+        times_before = memory.settle.window[:, -2]
+        return _Gait(observed, times, period, carry.t - _value_at(times_before, period - 1))
+
+    def _push(
+        self,
+        params: Params,
+        carry: Carry,
+        memory: PushMemory,
+        stages: _Stages,
+        settling: _Settling,
+        *,
+        crossed: Flag,
+        timed: Flag,
+    ) -> _Push:
+        """The push itself: whether it comes or ends now, and the stage after this poll."""
+        model = self.model
+        comes = timed
+        if model.event is not None:
+            comes = carry.state.push_due & (carry.halt == Halt.CROSSING)
+        hits = stages.waiting & comes
+        given_up = stages.waiting & timed & ~hits
+        begins = hits & jnp.asarray(model.forced or model.stepped is not None)
+        time = jnp.where(hits, carry.t, memory.pushed)
+        since = jnp.where(crossed & (stages.acting | stages.returning), memory.since + 1, memory.since)
+        ends = stages.acting & timed if model.forced else stages.acting & crossed & (since >= params.cycles)
+        returns = ends | (hits & ~begins)
+        stage = jnp.where(settling.arrives, Stage.WAITS, memory.stage)
+        stage = jnp.where(begins, Stage.ACTS, jnp.where(returns, Stage.RETURNS, stage))
+        return _Push(hits, given_up, begins, ends, returns, time, since, stage)
+
+    def _distance(
+        self,
+        params: Params,
+        carry: Carry,
+        record: LaneRecord,
+        stages: _Stages,
+        gait: _Gait,
+        push: _Push,
+        crossed: Flag,
+    ) -> _Distance:
+        """The distance from the gait, which counts at crossings after the push."""
+        memory: PushMemory = record.memory
+        now = jnp.where(crossed, self.observables(params, carry.state), record.last)
+        distances = self._distances(now, gait.observed)
+        nearest = jnp.argmin(distances)
+        distance = jnp.min(distances)
+        counts = crossed & (stages.acting | stages.returning)
+        far = ~(distance <= self.within)
+        outside = jnp.where(counts & far, push.since, memory.outside)
+        comes_back = counts & ~far & (outside > 0) & (outside == push.since - 1)
+        time_back = jnp.where(comes_back, carry.t - push.time, memory.back)
+        largest = record.numbers["excursion"]
+        excursion = jnp.where(counts, jnp.fmax(largest, distance), largest)
+        return _Distance(now, nearest, far, outside, time_back, excursion)
+
+    def _pushed(self, params: Params, carry: Carry, settling: _Settling, gait: _Gait, push: _Push) -> _Moved:
+        """The state with the push switched on or off, and the time at which it halts next."""
+        model = self.model
+        crossed_before = carry.state.push_crossed & (carry.halt != Halt.CROSSING)
+        state = dataclasses.replace(carry.state, push_crossed=crossed_before)
+        if model.event is not None:
+            state = model.awaiting(state, settling.arrives)
+        state = model.released(model.pushed(params, state, push.hits), push.over)
+        restarts = push.hits | push.over
+        limit = self.settle.stop(params)
+        wait = (params.phase if model.event is None else AWAITED) * gait.duration
+        stop = jnp.where(settling.arrives, carry.t + wait, carry.stop)
+        stop = jnp.where(push.begins, carry.t + (params.duration if model.forced else limit), stop)
+        return _Moved(state, restarts, jnp.where(push.returns, carry.t + limit, stop))
 
     def _fresh(self, params: Params, carry: Carry, record: LaneRecord, now: Observed) -> Memory:
         """The memory of the settling recorder where a row begins to settle again."""
@@ -262,12 +389,13 @@ class PerturbRecorder(Recorder):
         model = self.model
         given = [1.0 if q.circular else q.scale for q in model.observables]
         known = jnp.asarray([np.nan if scale is None else scale for scale in given], now.dtype)
-        size = jnp.where(jnp.isnan(known), FLOOR + jnp.abs(gait), known[None, :])
+        size = jnp.where(jnp.isnan(known), MIN_SIZE + jnp.abs(gait), known[None, :])
         distance = jnp.max(jnp.abs(change(model, now[None, :] - gait)) / size, axis=1)
         return jnp.where(jnp.isnan(distance), jnp.inf, distance)
 
     def readings(self, rows: RowOutcome) -> Readings:
-        left, k = rows.numbers["before"], len(self.model.observables)
+        left = rows.numbers["before"]
+        k = len(self.model.observables)
         orbits = {"period": rows.numbers["period_before"], "last": left[:, :k], "orbit": left[:, k:]}
         before = from_first_crossing(
             self.model.observables, dataclasses.replace(rows, numbers={**rows.numbers, **orbits})
@@ -276,11 +404,11 @@ class PerturbRecorder(Recorder):
         earlier = Readings(np.arange(rows.row.size), rows.t_end, before.last, known)
         return dataclasses.replace(readings_at_the_end(rows), earlier=earlier)
 
-    def share(self, rows: RunningRows, typical: float) -> Float[np.ndarray, " rows"]:
+    def progress(self, rows: RunningRows, typical: float) -> Float[np.ndarray, " rows"]:
         return np.minimum(rows.cycles / (typical or 2.0 * self.settle.max_cycles), 0.95)
 
 
-def _at(values: Float[Array, " n"], place: Integer) -> Number:
+def _value_at(values: Float[Array, " n"], place: Integer) -> Number:
     """The value at a place, which changes along a trajectory."""
     return jnp.sum(
         jnp.where(jnp.arange(values.size) == place, jnp.where(jnp.isnan(values), 0.0, values), 0.0)

@@ -20,8 +20,9 @@ from jaxtyping import Array, Bool, Float, Int, Real
 from gaitsweep.contract import HybridModel, Model, Params, State, Status
 from gaitsweep.dynamics.declarations import Variable
 from gaitsweep.dynamics.declared import Declared
-from gaitsweep.engine.carry import Carry, Halt, fired_last, select, stalled
-from gaitsweep.engine.shapes import Flag, GuardFlags, Integer, Number, Observed
+from gaitsweep.engine.carry import Carry, Halt, select
+from gaitsweep.engine.event_stall import fired_guards, is_stalled
+from gaitsweep.engine.shapes import Flag, Integer, Number, Observed
 from gaitsweep.row_outcome import RowNumber, RowOutcome
 
 # Attempts between two polls of a trajectory. Results depend on it (a failed row ends at a multiple of it), so
@@ -35,8 +36,6 @@ DIVERGED = 1.0e9
 SPARE_CYCLES = 10
 # The allowed attempts of a row for each longest step in its allowed time.
 ATTEMPTS_PER_STEP = 8.0
-# Guards in one number of `LaneRecord.fired`: a slot of a kernel is a float64 with 53 bits.
-GUARDS_A_WORD = 32
 
 
 @jax.tree_util.register_dataclass
@@ -149,7 +148,7 @@ class Recorder(abc.ABC):
         """Places at which the gaits of ended rows are read; None where this recorder keeps no gaits."""
 
     @abc.abstractmethod
-    def share(self, rows: RunningRows, typical: float) -> Float[np.ndarray, " rows"]:
+    def progress(self, rows: RunningRows, typical: float) -> Float[np.ndarray, " rows"]:
         """The progress of running rows (n,), 0 to 1, for the progress bar.
 
         Args:
@@ -189,7 +188,7 @@ class Recorder(abc.ABC):
                 for n in self.numbers
                 if not n.crossings
             },
-            fired=jnp.zeros_like(_packed(fired_last(carry))),
+            fired=jnp.zeros_like(fired_guards(carry)),
         )
         return record, jnp.zeros((self.width,), last.dtype), jnp.asarray(False)
 
@@ -199,7 +198,7 @@ class Recorder(abc.ABC):
         recorded_carry, recorded, sample, keep = self.record(params, carry, record)
         failure = self._failure_status(params, carry, dt)
         status = jnp.where(failure != Status.running, failure, recorded.status)
-        fired = jnp.where(failure == Status.event_stall, _packed(fired_last(carry)), record.fired)
+        fired = jnp.where(failure == Status.event_stall, fired_guards(carry), record.fired)
         new = select(running, dataclasses.replace(recorded, status=status, fired=fired), record)
         new = dataclasses.replace(new, last=jnp.where(failure != Status.running, record.last, new.last))
         halt = jnp.where(status != Status.running, Halt.FINISHED, recorded_carry.halt)
@@ -220,7 +219,7 @@ class Recorder(abc.ABC):
         unknown = unknown | ~(jnp.abs(carry.unit) < jnp.inf)
         endless = (carry.attempts > limit) | (limit == jnp.inf)
         status = jnp.where(endless, Status.step_limit, Status.running)
-        status = jnp.where(stalled(self.model, carry), Status.event_stall, status)
+        status = jnp.where(is_stalled(self.model, carry), Status.event_stall, status)
         status = jnp.where(self.model.failed(params, carry.state), Status.fell, status)
         status = jnp.where(jnp.any(jnp.abs(flat) > DIVERGED), Status.diverged, status)
         unknown = unknown | jnp.any(jnp.isnan(flat))
@@ -250,20 +249,3 @@ def counted(record: LaneRecord, keep: Flag) -> LaneRecord:
     """The record with one more sample in its buffer if `keep`."""
     more = keep.astype(record.filled.dtype)
     return dataclasses.replace(record, filled=record.filled + more, samples=record.samples + more)
-
-
-def _packed(fired: GuardFlags) -> Int[Array, " words"]:
-    """The guards (n,) that fired, as integers of `GUARDS_A_WORD` bits; (0,) without guards."""
-    bits = jnp.asarray([1 << (i % GUARDS_A_WORD) for i in range(fired.size)], jnp.int64)
-    words = [
-        jnp.sum(jnp.where(fired[i : i + GUARDS_A_WORD], bits[i : i + GUARDS_A_WORD], 0))
-        for i in range(0, fired.size, GUARDS_A_WORD)
-    ]
-    return jnp.stack(words) if words else jnp.zeros((0,), jnp.int64)
-
-
-def unpacked(words: Int[np.ndarray, "rows words"]) -> Bool[np.ndarray, "rows guards"]:
-    """The guards that fired (rows, guards), from `LaneRecord.fired` (rows, words); padded with False."""
-    bits = np.arange(GUARDS_A_WORD)
-    bits_of_words = (words[:, :, None].astype(np.int64) >> bits) & 1
-    return bits_of_words.astype(bool).reshape(len(words), words.shape[1] * bits.size)

@@ -36,7 +36,8 @@ from gaitsweep.engine.recorders.recorder import (
     attempts_until,
     readings_at_the_end,
 )
-from gaitsweep.engine.shapes import Flag, Integer, Number
+from gaitsweep.engine.shapes import Flag, Integer, Number, Observed
+from gaitsweep.engine.tangents import Tangent
 from gaitsweep.row_outcome import RowNumber, RowOutcome
 
 # The longest period (crossings) of an attractor that is detected, by default. The test is made at every
@@ -45,9 +46,9 @@ MAX_PERIOD = 8
 # The first crossing of the test, in longest periods.
 FIRST_TEST = 3
 # Longest periods for which an orbit that was found has to be found again: as many as the test looks at.
-HOLD = 2
+CONFIRMED_FOR = 2
 # Smallest ratio of the distance between an orbit's points to the remaining motion.
-APART = 10.0
+ORBIT_SEPARATION = 10.0
 # Largest motion over all cycles of a row that counts as rest, as a share of the bound: event times have
 # errors.
 NO_MOTION = 1.0e-3
@@ -57,16 +58,16 @@ LEAVING = 2.0
 # crossings accumulate if the limit of that length is less than a share of the present one. Lengths that
 # change by less than `STEADY` of themselves do not. They have accumulated if that length is a `NEGLIGIBLE`
 # share of the mean over the row.
-SPAN = 3
+CROSSINGS_PER_SPAN = 3
 ACCUMULATED = 0.1
 STEADY = 1.0e-3
 NEGLIGIBLE = 1.0e-4
 # A row is at rest if all rates of its flow, each as a share of the largest that it had, are below `REST` at
 # all polls in two successive spans of `REST_PERIODS` nominal periods, and not larger in the second one. A
-# rate by which a variable changes in a period by `LEAST_RATE` (in its unit, or as a share) is rounding.
+# rate by which a variable changes in a period by `MIN_RATE` (in its unit, or as a share) is rounding.
 REST = 1.0e-6
 REST_PERIODS = 10.0
-LEAST_RATE = 1.0e-12
+MIN_RATE = 1.0e-12
 
 
 @jax.tree_util.register_dataclass
@@ -99,6 +100,63 @@ class Memory:
         return {"window": self.window}
 
 
+@dataclasses.dataclass(frozen=True)
+class _Crossing:
+    """The present state as one more crossing, compared with the w crossings before it.
+
+    It counts only if the trajectory is at a crossing. `now` (n,) are its observables, `cycles` its number,
+    `free` is whether the gait is no longer constrained from outside; `span` and `calm` are as in `Memory`;
+    `latest` (w, n) are the observables at the latest crossings; `moves` (w, n) their absolute changes since
+    each of those before, `moved` (w, n) the same in units of the bound, and `distances` (w,) the largest of
+    these. `still`: all are within the bound; `leaves`: the state is about to leave a fixed point.
+    """
+
+    now: Observed
+    cycles: Integer
+    free: Flag
+    span: Span
+    latest: Float[Array, "window observables"]
+    moves: Float[Array, "window observables"]
+    moved: Float[Array, "window observables"]
+    distances: Float[Array, " window"]
+    still: Flag
+    calm: Integer
+    leaves: Flag
+
+    def next_window(self, carry: Carry, memory: Memory) -> Float[Array, "window numbers"]:
+        """`Memory.window` with this crossing."""
+        head = jnp.stack([carry.t.astype(self.now.dtype), self.distances[0]])
+        first = jnp.concatenate([self.now, head])
+        return jnp.concatenate([first[None, :], memory.window[:-1]])
+
+
+@dataclasses.dataclass(frozen=True)
+class _OrbitTest:
+    """The period of the attractor that a row has reached (crossings), 0 if none.
+
+    `tested`: the test for orbits is made at this crossing; `moves` and `orbit` are as in `Memory`.
+    """
+
+    period: Integer
+    tested: Flag
+    moves: Float[Array, " lags"]
+    orbit: Int[Array, " 2"]
+
+    def next_moves(self, memory: Memory) -> Float[Array, "2 lags"]:
+        """`Memory.moves` after this crossing: a new span begins where the test has been made."""
+        next_span = jnp.stack([jnp.zeros_like(self.moves), self.moves])
+        return jnp.where(self.tested, next_span, memory.moves.at[0].set(self.moves))
+
+
+@dataclasses.dataclass(frozen=True)
+class _Rest:
+    """`Memory.fastest` and `Memory.rest` after a poll, and whether the row is at rest."""
+
+    fastest: Float[Array, " rates"]
+    span: Float[Array, " 3"]
+    rests: Flag
+
+
 @final
 @dataclasses.dataclass(frozen=True)
 class SettleRecorder(Recorder):
@@ -107,8 +165,9 @@ class SettleRecorder(Recorder):
     Settled with period 1: each observable differs from its values at the last `SETTLE_WINDOW` crossings by
     less than `SETTLE_WINDOW` times its `tolerance`, in units of its scale (see `bounds`). A state that is
     about to leave (`LEAVING`) has to do so for as many more crossings. Settled with period p: see `_period`;
-    the orbit is found again for `HOLD` of the longest periods. Crossings that accumulate do not settle. At
-    rest: all rates of the flow vanish (`REST`). `tolerance` is one for all observables, or one for each.
+    the orbit is found again for `CONFIRMED_FOR` of the longest periods. Crossings that accumulate do not
+    settle. At rest: all rates of the flow vanish (`REST`). `tolerance` is one for all observables, or one for
+    each.
     `max_time` (s) is by default four nominal periods for each of `max_cycles`. With `exponents`, a number of
     Lyapunov exponents, rows may end as chaotic or quasi-periodic (`Exponents.status`).
     """
@@ -140,7 +199,8 @@ class SettleRecorder(Recorder):
 
     def begin(self, params: Params, carry: Carry) -> Beginning:
         record, sample, keep = self.unsampled(params, carry)
-        last, dtype = record.last, record.last.dtype
+        last = record.last
+        dtype = record.last.dtype
         length = max(SETTLE_WINDOW, self.max_period)
         observed = jnp.broadcast_to(last, (length, *last.shape))
         none = jnp.zeros((), jnp.int32)
@@ -157,83 +217,114 @@ class SettleRecorder(Recorder):
         return dataclasses.replace(record, memory=memory), sample, keep
 
     def record(self, params: Params, carry: Carry, record: LaneRecord) -> PollResult:
-        crossed, memory = unlikely(carry.halt == Halt.CROSSING), record.memory
-        now = self.observables(params, carry.state)
-        before, times, steps = memory.window[:, :-2], memory.window[:, -2], memory.window[:, -1]
-        cycles = record.cycles + 1
-        # a row with NaN in its window does not settle
-        free = carry.t >= self.model.free_after(params)
-        span = widened(memory.span, self.model, now)
-        moved = jnp.abs(change(self.model, now[None, :] - before))
-        latest = jnp.concatenate([now[None, :], before[:SETTLE_WINDOW]])
-        bare_moves = moved
-        # one division for each observable
-        moved = moved * (1.0 / bounds(self.model, self.tolerance, latest, span))[None, :]
-        still = (cycles >= SETTLE_WINDOW) & jnp.all(moved[:SETTLE_WINDOW] < 1.0)
-        calm = jnp.where(still, memory.calm + 1, 0)
-        distances = jnp.max(moved, axis=1)
-        leaves = (distances[0] > LEAVING * jnp.min(steps[: SETTLE_WINDOW - 1])) & (distances[0] > NO_MOTION)
-        fixed = still & (~leaves | (calm > SETTLE_WINDOW)) & ~_accumulate(cycles, carry.t, times)
-
-        moves = jnp.maximum(memory.moves[0], distances[: self.max_period])
-        tested = cycles % self.max_period == 0
-        repeats = jnp.where(cycles >= FIRST_TEST * self.max_period, self._period(moves, memory.moves[1]), 0)
-        begun = jnp.where(repeats == memory.orbit[0], memory.orbit[1], cycles)
-        lasted = tested & (repeats > 0) & ~still & (cycles - begun >= HOLD * self.max_period)
-        orbit = jnp.where(tested, jnp.stack([repeats, begun]), memory.orbit)
-        period = jnp.where(fixed, 1, jnp.where(lasted, repeats, 0))
+        crossed = unlikely(carry.halt == Halt.CROSSING)
+        memory = record.memory
+        crossing = self._compared(params, carry, record)
+        test = self._tested(carry, memory, crossing)
         # crossings at one instant are not cycles
-        settled = (period > 0) & (carry.chain < SETTLE_WINDOW)
-        given_up = cycles >= self.max_cycles
-        unsettled, late = jnp.asarray(Status.cycle_limit), jnp.asarray(Status.time_limit)
-        exponents, named = memory.exponents, {}
+        settled = (test.period > 0) & (carry.chain < SETTLE_WINDOW)
+        given_up = crossing.cycles >= self.max_cycles
+        unsettled = jnp.asarray(Status.cycle_limit)
+        late = jnp.asarray(Status.time_limit)
+        named: dict[str, Number] = {}
+        exponents = memory.exponents
         if isinstance(exponents, Exponents):
-            scales = bounds(self.model, 1.0 / SETTLE_WINDOW, latest, span)
-            away = jnp.abs(change(self.model, now[None, :] - exponents.begin)) / scales[None, :]
-            logs, spread = separated(self.model, params, carry)
-            step = jnp.max(bare_moves[0] / scales)
-            later = exponents.after(logs, carry.t - times[0], step, jnp.max(away, axis=1), cycles, now)
-            exponents = select(crossed, later, exponents)
-            unsettled = exponents.status(jnp.where(crossed, cycles, record.cycles), may_turn(self.model))
+            exponents, tangents = self._followed(params, carry, memory, crossing, crossed)
+            cycles = jnp.where(crossed, crossing.cycles, record.cycles)
+            unsettled = exponents.status(cycles, may_turn=may_turn(self.model))
             late = jnp.where(unsettled == Status.cycle_limit, late, unsettled)
-            carry = dataclasses.replace(carry, tangents=select(crossed, spread.tangents, carry.tangents))
-            named = exponents.numbers(period, carry.t - times)
+            carry = dataclasses.replace(carry, tangents=select(crossed, tangents, carry.tangents))
+            named = exponents.numbers(test.period, carry.t - memory.window[:, -2])
         ended = jnp.where(settled, Status.settled, jnp.where(given_up, unsettled, Status.running))
 
-        fastest, rest, rests = self._rest(params, carry, memory)
-        rests = rests & free & ~crossed
+        rest = self._rest(params, carry, memory)
+        rests = rest.rests & crossing.free & ~crossed
         timed = jnp.where(carry.halt == Halt.TIME, late, Status.running)
         status = jnp.where(crossed, ended, jnp.where(rests, Status.at_rest, timed))
-        after = jnp.where(tested, jnp.stack([jnp.zeros_like(moves), moves]), memory.moves.at[0].set(moves))
-        first = jnp.concatenate([now, jnp.stack([carry.t.astype(now.dtype), distances[0]])])
-        window = jnp.concatenate([first[None, :], memory.window[:-1]])
+        moves = test.next_moves(memory)
+        window = crossing.next_window(carry, memory)
         recorded = dataclasses.replace(
             record,
             status=status.astype(jnp.int32),
-            cycles=jnp.where(crossed, cycles, record.cycles),
-            last=jnp.where(crossed | rests, now, record.last),
+            cycles=jnp.where(crossed, crossing.cycles, record.cycles),
+            last=jnp.where(crossed | rests, crossing.now, record.last),
             memory=Memory(
-                window=jnp.where(crossed, jnp.where(free, window, jnp.nan), memory.window),
-                moves=jnp.where(crossed, after, memory.moves),
-                span=jnp.where(crossed, span, memory.span),
-                calm=jnp.where(crossed, calm, memory.calm).astype(jnp.int32),
-                orbit=jnp.where(crossed, orbit, memory.orbit).astype(jnp.int32),
-                fastest=fastest,
-                rest=rest.astype(now.dtype),
+                window=jnp.where(crossed, jnp.where(crossing.free, window, jnp.nan), memory.window),
+                moves=jnp.where(crossed, moves, memory.moves),
+                span=jnp.where(crossed, crossing.span, memory.span),
+                calm=jnp.where(crossed, crossing.calm, memory.calm).astype(jnp.int32),
+                orbit=jnp.where(crossed, test.orbit, memory.orbit).astype(jnp.int32),
+                fastest=rest.fastest,
+                rest=rest.span.astype(crossing.now.dtype),
                 exponents=exponents,
             ),
             numbers={
                 **record.numbers,
                 # rows that fail have none
                 **{name: jnp.where(status == Status.running, jnp.nan, x) for name, x in named.items()},
-                "period": jnp.where(crossed & settled, period, 0).astype(jnp.int32),
+                "period": jnp.where(crossed & settled, test.period, 0).astype(jnp.int32),
                 "slowest": jnp.where(
-                    crossed & given_up & ~settled, slowest(moved[:SETTLE_WINDOW]), -1
+                    crossed & given_up & ~settled, slowest(crossing.moved[:SETTLE_WINDOW]), -1
                 ).astype(jnp.int32),
             },
         )
         carry = dataclasses.replace(carry, halt=jnp.zeros_like(carry.halt))
         return PollResult(carry, recorded, jnp.zeros((0,), record.last.dtype), jnp.asarray(False))
+
+    def _compared(self, params: Params, carry: Carry, record: LaneRecord) -> _Crossing:
+        """The present state as one more crossing, compared with those before it."""
+        memory = record.memory
+        now = self.observables(params, carry.state)
+        before = memory.window[:, :-2]
+        steps = memory.window[:, -1]
+        cycles = record.cycles + 1
+        # a row with NaN in its window does not settle
+        free = carry.t >= self.model.free_after(params)
+        span = widened(memory.span, self.model, now)
+        moves = jnp.abs(change(self.model, now[None, :] - before))
+        latest = jnp.concatenate([now[None, :], before[:SETTLE_WINDOW]])
+        # one division for each observable
+        moved = moves * (1.0 / bounds(self.model, self.tolerance, latest, span))[None, :]
+        still = (cycles >= SETTLE_WINDOW) & jnp.all(moved[:SETTLE_WINDOW] < 1.0)
+        calm = jnp.where(still, memory.calm + 1, 0)
+        distances = jnp.max(moved, axis=1)
+        leaves = (distances[0] > LEAVING * jnp.min(steps[: SETTLE_WINDOW - 1])) & (distances[0] > NO_MOTION)
+        return _Crossing(now, cycles, free, span, latest, moves, moved, distances, still, calm, leaves)
+
+    def _tested(self, carry: Carry, memory: Memory, crossing: _Crossing) -> _OrbitTest:
+        """The test whether a row has settled at a fixed point, or on a periodic orbit."""
+        cycles, still, times = crossing.cycles, crossing.still, memory.window[:, -2]
+        stays = ~crossing.leaves | (crossing.calm > SETTLE_WINDOW)
+        fixed = still & stays & ~_accumulate(cycles, carry.t, times)
+        moves = jnp.maximum(memory.moves[0], crossing.distances[: self.max_period])
+        tested = cycles % self.max_period == 0
+        repeats = jnp.where(cycles >= FIRST_TEST * self.max_period, self._period(moves, memory.moves[1]), 0)
+        begun = jnp.where(repeats == memory.orbit[0], memory.orbit[1], cycles)
+        is_orbit = tested & (repeats > 0) & ~still
+        lasted = is_orbit & (cycles - begun >= CONFIRMED_FOR * self.max_period)
+        orbit = jnp.where(tested, jnp.stack([repeats, begun]), memory.orbit)
+        period = jnp.where(fixed, 1, jnp.where(lasted, repeats, 0))
+        return _OrbitTest(period, tested, moves, orbit)
+
+    def _followed(
+        self, params: Params, carry: Carry, memory: Memory, crossing: _Crossing, crossed: Flag
+    ) -> tuple[Exponents, list[Tangent]]:
+        """The sums of the Lyapunov exponents after a crossing, and its orthonormal tangents."""
+        exponents = memory.exponents
+        assert isinstance(exponents, Exponents)
+        scales = bounds(self.model, 1.0 / SETTLE_WINDOW, crossing.latest, crossing.span)
+        away = jnp.abs(change(self.model, crossing.now[None, :] - exponents.begin)) / scales[None, :]
+        logs, tangents = separated(self.model, params, carry)
+        step = jnp.max(crossing.moves[0] / scales)
+        later = exponents.after(
+            logs,
+            duration=carry.t - memory.window[0, -2],
+            step=step,
+            shares=jnp.max(away, axis=1),
+            cycles=crossing.cycles,
+            now=crossing.now,
+        )
+        return select(crossed, later, exponents), tangents
 
     def _rates(self, params: Params, carry: Carry) -> tuple[Float[Array, " rates"], Float[Array, " rates"]]:
         """The absolute rates (m,) of the flow and the magnitudes of its variables; none without a flow."""
@@ -245,26 +336,27 @@ class SettleRecorder(Recorder):
         flat = [jnp.ravel(jnp.broadcast_to(rate, getattr(carry.state, k).shape)) for k, rate in rates.items()]
         return jnp.abs(jnp.concatenate([none, *flat])), jnp.abs(jnp.concatenate([none, *sizes]))
 
-    def _rest(
-        self, params: Params, carry: Carry, memory: Memory
-    ) -> tuple[Float[Array, " rates"], Float[Array, " 3"], Flag]:
-        """`Memory.fastest` and `Memory.rest` after a poll, and whether the row is at rest."""
+    def _rest(self, params: Params, carry: Carry, memory: Memory) -> _Rest:
+        """The test whether all rates of the flow have vanished."""
         rates, sizes = self._rates(params, carry)
         if rates.size == 0:
-            return memory.fastest, memory.rest, jnp.asarray(False)
+            return _Rest(memory.fastest, memory.rest, jnp.asarray(False))
         period = self.model.period(params)
         fastest = jnp.where(rates > memory.fastest, rates, memory.fastest)
-        moves = rates * period > LEAST_RATE * jnp.maximum(sizes, 1.0)
+        moves = rates * period > MIN_RATE * jnp.maximum(sizes, 1.0)
         share = jnp.max(jnp.where(moves, rates / jnp.where(moves, fastest, 1.0), 0.0))
         slow = (share < REST) & ~unlikely(carry.halt == Halt.CROSSING)
-        begun, largest, before = memory.rest[0], memory.rest[1], memory.rest[2]
+        begun = memory.rest[0]
+        largest = memory.rest[1]
+        before = memory.rest[2]
         largest = jnp.maximum(largest, share)
         over = carry.t - begun >= REST_PERIODS * period
         rests = slow & over & (largest <= before)
         next_span = jnp.stack([carry.t, 0.0 * largest, largest])
-        goes_on = jnp.where(over, next_span, jnp.stack([begun, largest, before]))
-        restless = jnp.stack([carry.t, 0.0 * largest, 0.0 * largest - 1.0])
-        return fastest, jnp.where(slow, goes_on, restless), rests
+        same_span = jnp.stack([begun, largest, before])
+        continued = jnp.where(over, next_span, same_span)
+        no_span = jnp.stack([carry.t, 0.0 * largest, 0.0 * largest - 1.0])
+        return _Rest(fastest, jnp.where(slow, continued, no_span), rests)
 
     def _period(self, newest: Float[Array, " lags"], before: Float[Array, " lags"]) -> Integer:
         """The period, 2 to `max_period` crossings, of the periodic orbit that the state has reached; else 0.
@@ -274,8 +366,9 @@ class SettleRecorder(Recorder):
         period is p under three conditions:
 
         1. This distance, summed over the cycles of a whole row, is below the bound.
-        2. It decays, and the remaining motion, extrapolated by a geometric series, is `APART` times shorter
-           than the distance between the points of the orbit; or it cannot be distinguished from rest.
+        2. It decays, and the remaining motion, extrapolated by a geometric series, is `ORBIT_SEPARATION`
+           times shorter than the distance between the points of the orbit; or it cannot be distinguished from
+           rest.
         3. No divisor of p satisfies these conditions.
 
         So neither a slowly converging spiral, whose remaining motion is that distance, nor a slow drift
@@ -284,24 +377,28 @@ class SettleRecorder(Recorder):
         eps = 64.0 * float(jnp.finfo(newest.dtype).eps) / min(per_observable(self.tolerance))
         period = jnp.zeros((), jnp.int32)
         for p in range(self.max_period, 1, -1):
-            spans, in_all = self.max_period / p, self.max_cycles / p
-            now, then = newest[p - 1], before[p - 1]
-            within = _maximal_divisors(p)
-            way = newest[within[0] - 1]
-            for q in within[1:]:
-                way = jnp.minimum(way, newest[q - 1])
-            slow = jnp.maximum(now, then) * in_all < 1.0
-            # the geometric series now * (1 + r + r^2 + ...), r = now / then, times the periods of a span
-            dies_away = APART * spans * now * then < way * (then - now)
-            rests = now < max(NO_MOTION / in_all, eps)
-            repeats = slow & (APART * now < way) & (dies_away | rests)
+            periods_per_span = self.max_period / p
+            periods_per_row = self.max_cycles / p
+            latest = newest[p - 1]
+            earlier = before[p - 1]
+            divisors = _maximal_divisors(p)
+            spacing = newest[divisors[0] - 1]
+            for q in divisors[1:]:
+                spacing = jnp.minimum(spacing, newest[q - 1])
+            slow = jnp.maximum(latest, earlier) * periods_per_row < 1.0
+            # the geometric series latest * (1 + r + r^2 + ...), r = latest / earlier, times the periods of a
+            # span
+            remaining = ORBIT_SEPARATION * periods_per_span * latest * earlier
+            decays = remaining < spacing * (earlier - latest)
+            rests = latest < max(NO_MOTION / periods_per_row, eps)
+            repeats = slow & (ORBIT_SEPARATION * latest < spacing) & (decays | rests)
             period = jnp.where(repeats, p, period)
         return period
 
     def readings(self, rows: RowOutcome) -> Readings:
         return readings_at_the_end(rows)
 
-    def share(self, rows: RunningRows, typical: float) -> Float[np.ndarray, " rows"]:
+    def progress(self, rows: RunningRows, typical: float) -> Float[np.ndarray, " rows"]:
         return np.minimum(rows.cycles / (typical or self.max_cycles), 0.95)
 
 
@@ -315,9 +412,10 @@ def _accumulate(cycles: Integer, t: Number, times: Float[Array, " window"]) -> F
 
     The lengths a > b > c of three successive spans tend to c - (b - c)^2 / ((a - b) - (b - c)).
     """
-    newest = t - times[SPAN - 1]
-    first = times[SPAN - 1] - times[2 * SPAN - 1] - newest
-    second = times[2 * SPAN - 1] - times[3 * SPAN - 1] - newest - first
+    span = CROSSINGS_PER_SPAN
+    newest = t - times[span - 1]
+    first = times[span - 1] - times[2 * span - 1] - newest
+    second = times[2 * span - 1] - times[3 * span - 1] - newest - first
     shrinks = (first > STEADY * newest) & (second > 0.0)
-    accumulated = newest * cycles < NEGLIGIBLE * SPAN * t
+    accumulated = newest * cycles < NEGLIGIBLE * span * t
     return accumulated | shrinks & (first * first > (1.0 - ACCUMULATED) * newest * (second - first))

@@ -32,7 +32,7 @@ from gaitsweep.engine.recorders.recorder import (
     attempts_until,
     counted,
 )
-from gaitsweep.engine.recorders.stairs import StepSchedule
+from gaitsweep.engine.recorders.schedules import StepSchedule
 from gaitsweep.engine.shapes import Integer, Number
 from gaitsweep.row_outcome import RowOutcome
 
@@ -82,11 +82,13 @@ class StepRecorder(Recorder):
         return dataclasses.replace(record, memory=memory), sample, keep
 
     def record(self, params: Params, carry: Carry, record: LaneRecord) -> PollResult:
-        crossed, (window, span) = carry.halt == Halt.CROSSING, record.memory
+        crossed = carry.halt == Halt.CROSSING
+        (window, span) = record.memory
         due = (carry.halt == Halt.TIME) & (record.filled < BUFFER)
         waits = (carry.halt == Halt.TIME) & ~due
         recorded = self.crossed(params, carry, record, crossed)
-        cycles, last = recorded.cycles, recorded.last
+        cycles = recorded.cycles
+        last = recorded.last
         widest = jnp.where(crossed, widened(span, self.model, last), span)
         next_window = jnp.where(_slot(cycles) & crossed, last, window)
         # crossings that a stair has not had yet are NaN, which is near no number
@@ -115,7 +117,7 @@ class StepRecorder(Recorder):
         )
         return PollResult(carry, recorded, sample, due)
 
-    def share(self, rows: RunningRows, typical: float) -> Float[np.ndarray, " rows"]:
+    def progress(self, rows: RunningRows, typical: float) -> Float[np.ndarray, " rows"]:
         return rows.t / self.stairs.duration
 
 
@@ -131,6 +133,7 @@ def _emptied(record: LaneRecord) -> Float[Array, "window observables"]:
 
 def _readable(samples: Float[np.ndarray, "records width"]) -> Bool[np.ndarray, " records"]:
     """Mask of a block's records (n, width), in the order of rows, that have a crossing on their stair."""
-    stair, crossing = samples[:, 0], samples[:, 1]
+    stair = samples[:, 0]
+    crossing = samples[:, 1]
     before = np.where(stair == 0, 0.0, np.roll(crossing, 1))
     return crossing > before

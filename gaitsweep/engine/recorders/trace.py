@@ -86,5 +86,5 @@ class TraceRecorder(Recorder):
     def readings(self, rows: RowOutcome) -> Readings:
         return readings_at_the_end(rows)
 
-    def share(self, rows: RunningRows, typical: float) -> Float[np.ndarray, " rows"]:
+    def progress(self, rows: RunningRows, typical: float) -> Float[np.ndarray, " rows"]:
         return (rows.cycles + rows.samples) / (self.after_cycles + self.samples)

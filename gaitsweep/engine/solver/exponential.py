@@ -71,9 +71,11 @@ def exponential(shares: Shares) -> Callable[[HybridModel], Step]:
 
             names = list(jax.eval_shape(model.flow, params, state))
             term, times_a = jax.linearize(flow, {name: getattr(state, name) for name in names})
-            end, power = euler_update(state, term, h), h
+            end = euler_update(state, term, h)
+            power = h
             for k, share in enumerate(shares[1:], start=2):
-                term, power = times_a(term), power * h
+                term = times_a(term)
+                power = power * h
                 end = euler_update(end, term, power * (share / math.factorial(k)))
             return end
 

@@ -130,7 +130,8 @@ def _div(operation: Operation, k: int, args: list[Series]) -> Series:
 def _dot(operation: Operation, k: int, args: list[Series]) -> Series:
     total = None
     for j in range(k + 1):
-        a, b = args[0][j], args[1][k - j]
+        a = args[0][j]
+        b = args[1][k - j]
         if a is not None and b is not None:
             total = _plus(total, operation.bind(a, b))
     return [total]
@@ -229,7 +230,8 @@ def _own_times_rest(operation: Operation, k: int, a: Series) -> Series:
 
 def _one_plus_square_of(operation: Operation, k: int, args: list[Series]) -> Series:
     """The arctangent: (1 + a^2) c' = a'."""
-    a, c = args[0], operation.results[0]
+    a = args[0]
+    c = operation.results[0]
     d = _grown(operation, "slope", k - 1, lambda n: 1.0 + a[0] * a[0] if n == 0 else _product(n, a, a))
     top = _minus(a[k], _moment(k, c, d, last=False) if k > 1 else None)
     return [None if top is None else top / d[0]]
@@ -239,7 +241,9 @@ def _trigonometric(sine: bool, sign: float) -> Rule:
     """Sine or cosine (`sign` -1), or their hyperbolic forms (+1), with the other one as an auxiliary."""
 
     def rule(operation: Operation, k: int, args: list[Series]) -> Series:
-        a, own, other = args[0], operation.results[0], operation.auxiliary.setdefault("other", [])
+        a = args[0]
+        own = operation.results[0]
+        other = operation.auxiliary.setdefault("other", [])
         first = (jnp.cos if sine else jnp.sin) if sign < 0.0 else (jnp.cosh if sine else jnp.sinh)
         if not other:
             other.append(first(a[0]))
@@ -285,10 +289,12 @@ def _extreme_of(operation: Operation, k: int, args: list[Series]) -> Series:
         jnp.reshape(jnp.moveaxis(x, axes, range(len(axes))), (-1, *operation.results[0][0].shape))
         for x in (a[0], a[k])
     )
-    best, of_best = values[0], coefficients[0]
+    best = values[0]
+    of_best = coefficients[0]
     for value, coefficient in zip(values[1:], coefficients[1:], strict=True):
         better = value > best if operation.name == "reduce_max" else value < best
-        best, of_best = jnp.where(better, value, best), jnp.where(better, coefficient, of_best)
+        best = jnp.where(better, value, best)
+        of_best = jnp.where(better, coefficient, of_best)
     return [of_best]
 
 

@@ -22,16 +22,16 @@ from gaitsweep.engine.solver.taylor_series import along, solution
 
 # The ratio of a term to the one before at the step that meets the tolerance and costs least (Jorba, Zou).
 TERM_RATIO = math.exp(-2.0)
-LEAST_ORDER, HIGHEST_ORDER = 4, 20
+MIN_ORDER, MAX_ORDER = 4, 20
 # Largest error of a guard's polynomial, as a share of its largest value in the step.
 RESOLVED = 1e-3
 # Newton steps towards the zero of a guard, whose bracket is a step: bisection where Newton leaves it.
-ITERATIONS = 8
+NEWTON_STEPS = 8
 
 
 def order_of(rtol: float) -> int:
     """The order with which a relative tolerance is met at least cost."""
-    return min(max(math.ceil(1.0 - 0.5 * math.log(rtol)), LEAST_ORDER), HIGHEST_ORDER)
+    return min(max(math.ceil(1.0 - 0.5 * math.log(rtol)), MIN_ORDER), MAX_ORDER)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -53,7 +53,8 @@ class Expansion:
 
         `rates` are those of a flow that may switch: a switch within the step shows in the rates at its end.
         """
-        p, power = self.order, h ** (self.order - 1)
+        p = self.order
+        power = h ** (self.order - 1)
         # odd or even solutions lack every other term
         terms = {
             name: jnp.maximum(jnp.abs(c[p] * (power * h)), TERM_RATIO * jnp.abs(c[p - 1] * power))
@@ -121,7 +122,8 @@ def bends_back(coefficients: list[Guards], h: Number) -> Flag:
         h: its length (s).
     """
     order = len(coefficients) - 1
-    scaled, power = [], jnp.ones_like(h)
+    scaled = []
+    power = jnp.ones_like(h)
     for coefficient in coefficients:
         scaled.append(coefficient * power)
         power = power * h
@@ -130,26 +132,33 @@ def bends_back(coefficients: list[Guards], h: Number) -> Flag:
         sum((float(_WEIGHTS[order][j, i]) * scaled[i] for i in range(1, j + 1)), scaled[0])
         for j in range(order + 1)
     ]
-    risen, fallen, size = jnp.zeros(error.shape, bool), jnp.zeros(error.shape, bool), jnp.zeros_like(error)
+    risen = jnp.zeros(error.shape, bool)
+    fallen = jnp.zeros(error.shape, bool)
+    size = jnp.zeros_like(error)
     for value in bernstein:
         above = value >= -error
-        fallen, risen = fallen | (risen & ~above), risen | above
+        fallen = fallen | (risen & ~above)
+        risen = risen | above
         size = jnp.maximum(size, jnp.abs(value))
     return jnp.any((fallen | (error > RESOLVED * size)) & (coefficients[0] < 0.0))
 
 
 def first_zero(coefficients: list[Guards], h: Number) -> Number:
     """The first time (s) within a step at which a guard rises above zero; infinite if none does."""
-    near, end = coefficients[0], polynomial(coefficients, h)
+    near = coefficients[0]
+    end = polynomial(coefficients, h)
     if near.size == 0:  # a flow without events
         return jnp.full_like(h, jnp.inf)
     slopes = _derivative(coefficients)
     rises = (near < 0.0) & (end >= 0.0)
-    low, high = jnp.zeros_like(near), jnp.full_like(near, h)
+    low = jnp.zeros_like(near)
+    high = jnp.full_like(near, h)
     at = h * jnp.where(rises, near / jnp.where(rises, near - end, 1.0), 0.0)
-    for _ in range(ITERATIONS):
-        value, slope = polynomial(coefficients, at), polynomial(slopes, at)
-        low, high = jnp.where(value < 0.0, at, low), jnp.where(value < 0.0, high, at)
+    for _ in range(NEWTON_STEPS):
+        value = polynomial(coefficients, at)
+        slope = polynomial(slopes, at)
+        low = jnp.where(value < 0.0, at, low)
+        high = jnp.where(value < 0.0, high, at)
         newton = at - value / jnp.where(slope == 0.0, 1.0, slope)
         at = jnp.where((newton >= low) & (newton <= high), newton, 0.5 * (low + high))
     return jnp.min(jnp.where(rises, at, jnp.inf), initial=jnp.inf)
@@ -159,5 +168,5 @@ _WEIGHTS = {
     order: np.array(
         [[math.comb(j, i) / math.comb(order, i) for i in range(order + 1)] for j in range(order + 1)]
     )
-    for order in range(LEAST_ORDER, HIGHEST_ORDER + 1)
+    for order in range(MIN_ORDER, MAX_ORDER + 1)
 }

@@ -8,15 +8,15 @@ import time
 from gaitsweep.engine.recorders.recorder import BUFFER, POLL_INTERVAL
 
 # Longest duration of a chunk (s), so that progress is shown and Ctrl-C is answered.
-LONGEST = 0.25
+MAX_CHUNK = 0.25
 # Weight of the newest chunk in the exponential averages of durations.
-NEWEST = 0.2
+NEWEST_WEIGHT = 0.2
 # If a buffer has more records than this after a chunk, the next one is shorter: a full one stops its row.
-FULL = 0.75 * BUFFER
+NEARLY_FULL = 0.75 * BUFFER
 # The share of the waiting lanes that may start during a chunk.
-USED = 0.75
+STARTED_SHARE = 0.75
 # Longest duration of a chunk of XLA (s), whose chunks have `shortest` polls unless they take longer.
-LONGEST_XLA = 1.0
+MAX_CHUNK_XLA = 1.0
 
 
 class ChunkSizer:
@@ -59,20 +59,20 @@ class ChunkSizer:
         if math.isnan(self._host) or self._poll <= 0.0:
             return
         row = row_attempts / POLL_INTERVAL
-        best = max(math.sqrt(2.0 * self._host / self._poll * row), USED * waiting * row)
-        most = min(best, LONGEST / self._poll, 2.0 * self.polls)
-        if fullest > FULL:
+        best = max(math.sqrt(2.0 * self._host / self._poll * row), STARTED_SHARE * waiting * row)
+        most = min(best, MAX_CHUNK / self._poll, 2.0 * self.polls)
+        if fullest > NEARLY_FULL:
             most = min(most, 0.5 * self.polls)
         self.polls = max(self.shortest, int(most))
 
     def limit(self) -> None:
-        """Set the number of polls in XLA's next chunk: `shortest`, or what fits into `LONGEST_XLA`."""
+        """Set the number of polls in XLA's next chunk: `shortest`, or what fits into `MAX_CHUNK_XLA`."""
         if self._poll > 0.0:
-            self.polls = max(1, min(self.shortest, int(LONGEST_XLA / self._poll), 4 * self.polls))
+            self.polls = max(1, min(self.shortest, int(MAX_CHUNK_XLA / self._poll), 4 * self.polls))
 
 
 def _smoothed(old: float, new: float) -> float:
     """The exponential average after a new value; the new value itself if the average is unknown."""
     if math.isnan(old) or math.isnan(new):
         return new
-    return old + NEWEST * (new - old)
+    return old + NEWEST_WEIGHT * (new - old)

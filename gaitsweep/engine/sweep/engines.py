@@ -7,10 +7,11 @@ import math
 from collections.abc import Sequence
 
 from gaitsweep.contract import Model
+from gaitsweep.engine.devices import Device
 from gaitsweep.engine.numerics import ResolvedNumerics
 from gaitsweep.engine.recorders.recorder import Recorder
 from gaitsweep.engine.sweep import xla
-from gaitsweep.engine.sweep.lane import Device, Lanes, RowDrive
+from gaitsweep.engine.sweep.lane import Lanes, RowDrive
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.errors import UserError
 
@@ -60,12 +61,12 @@ def _obstacle(
     if device.platform not in KERNEL_POLLS_PER_CHUNK:
         return f"there are no kernels for {device.platform}"
     if device.platform == "gpu":
-        from gaitsweep.engine.kernel.card import missing
+        from gaitsweep.engine.kernel.cuda_device import missing
 
         if (absent := missing()) is not None:
             return absent
     from gaitsweep.engine.kernel.lanes import kernel_of
-    from gaitsweep.engine.kernel.trace import UnsupportedError
+    from gaitsweep.engine.kernel.refusals import UnsupportedError
 
     try:
         kernel_of(model, recorder, numerics, drive)
@@ -82,7 +83,7 @@ def groups_on(device: Device, spec: SweepSpec) -> Sequence[Lanes]:
     if spec.engine == "xla":
         return [xla.XlaLanes(spec, device)]
     if device.platform == "gpu":
-        from gaitsweep.engine.kernel.cuda import CudaLanes
+        from gaitsweep.engine.kernel.cuda_lanes import CudaLanes
 
         halves = (spec.lanes + 1) // 2, spec.lanes // 2
         return [CudaLanes(dataclasses.replace(spec, lanes=half), device) for half in halves if half]

@@ -11,7 +11,7 @@ from jaxtyping import Array, Int, Real
 
 from gaitsweep.contract import Model, names_gait
 from gaitsweep.engine.content import cached_by_content
-from gaitsweep.engine.kernel.columns import over_rows
+from gaitsweep.engine.kernel.row_functions import over_rows
 from gaitsweep.engine.recorders.orbits import from_first_crossing
 from gaitsweep.engine.recorders.recorder import Readings
 from gaitsweep.engine.shapes import Number, Observed
@@ -52,9 +52,11 @@ def _read_labels(
         part = slice(first, first + width)
         count = readings.rows[part].size
         # batches are filled up with the first row, so that their size is constant
-        rows, times = np.zeros(width, np.int64), np.zeros(width)
+        rows = np.zeros(width, np.int64)
+        times = np.zeros(width)
         observed = np.zeros((width, readings.observed.shape[1]))
-        rows[:count], times[:count] = readings.rows[part], readings.t[part]
+        rows[:count] = readings.rows[part]
+        times[:count] = readings.t[part]
         observed[:count] = np.where(readings.readable[part, None], readings.observed[part], 0.0)
         labels = label({name: column[rows] for name, column in values.items()}, times, observed)
         batches.append({name: np.asarray(column)[:count] for name, column in labels.items()})

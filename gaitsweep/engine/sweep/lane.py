@@ -5,9 +5,8 @@ from __future__ import annotations
 import abc
 import dataclasses
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple, final
+from typing import NamedTuple, final
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, Real
@@ -25,15 +24,20 @@ from gaitsweep.engine.tangents import coordinate_count, first_directions, from_s
 RowDrive = Callable[[Mapping[str, Float[Array, " ..."]], Number], Params]
 
 Values = Mapping[str, Real[np.ndarray, "rows ..."]]
-Device = Any  # a jax.Device, which type checkers do not accept as a type
 
 
-def host_device() -> Device:
-    """The device of computations other than rows: the CPU, unless JAX may not use it (JAX_PLATFORMS=cuda)."""
-    platforms: str | None = jax.config.jax_platforms  # pyright: ignore[reportAttributeAccessIssue]
-    if platforms and "cpu" not in platforms.split(","):
-        return jax.local_devices()[0]
-    return jax.local_devices(backend="cpu")[0]
+class Opened(NamedTuple):
+    """A trajectory at its start.
+
+    `constants` are what does not change along it, `sample` (width,) is its first sample, and `keep` whether
+    to keep that sample.
+    """
+
+    constants: Params
+    carry: Carry
+    record: LaneRecord
+    sample: Float[Array, " width"]
+    keep: Flag
 
 
 class ChunkOutput(NamedTuple):
@@ -60,16 +64,26 @@ class Lanes(abc.ABC):
 
     @abc.abstractmethod
     def fill(self, params: Values, starts: Values, fresh: Bool[np.ndarray, " lanes"]) -> None:
-        """Start new trajectories in the lanes marked `fresh` (bool, (size,)); values are (size,) each."""
+        """Start new trajectories.
+
+        Args:
+            params, starts: the parameters and the initial conditions of all lanes, (size,) each, by name.
+            fresh: mask of the lanes in which a trajectory starts, (size,).
+        """
 
     @abc.abstractmethod
     def run_chunk(self, polls: int) -> ChunkOutput:
-        """Advance all running lanes by up to `polls * POLL_INTERVAL` attempts."""
+        """Advance all running lanes by up to `polls * POLL_INTERVAL` attempts, without waiting lanes."""
 
 
 @final
 class OneLane:
-    """Opening, an attempt and a poll of one trajectory: pure functions of scalars and small arrays."""
+    """Opening, an attempt and a poll of one trajectory: pure functions of scalars and small arrays.
+
+    Args:
+        model, recorder, numerics: those of the sweep.
+        drive: the parameters at a time, for a ramp or a staircase.
+    """
 
     def __init__(
         self, model: Model, recorder: Recorder, numerics: ResolvedNumerics, drive: RowDrive | None = None
@@ -80,23 +94,27 @@ class OneLane:
         attempt = advance(model, numerics, drive=drive, sensitivities=recorder.exponents > 0)
         self._advance = with_tangents(attempt) if recorder.exponents else attempt
 
-    def open(
-        self, values: Mapping[str, Float[Array, " ..."]], starts: Mapping[str, Number]
-    ) -> tuple[Params, Carry, LaneRecord, Float[Array, " width"], Flag]:
-        """A trajectory's constants, carry, record, its first sample (width,), and whether to keep it."""
+    def open(self, values: Mapping[str, Float[Array, " ..."]], starts: Mapping[str, Number]) -> Opened:
+        """Open a trajectory.
+
+        Args:
+            values: the parameters of its row, by name.
+            starts: its initial conditions, by name; `STEP_FACTOR` is by default that of the numerics.
+        """
         zero = jnp.zeros((), self.numerics.carried)
         params = self.at(values, zero)
         state = self.model.init(params, starts)
-        share = jnp.asarray(starts.get(STEP_FACTOR, self.numerics.factor), zero.dtype)
-        dt = share * self._longest_step(values, params)
-        carry = start(self.model, params, state, dt=dt, stop=self.recorder.stop(params), share=share)
+        factor = jnp.asarray(starts.get(STEP_FACTOR, self.numerics.factor), zero.dtype)
+        dt = factor * self._longest_step(values, params)
+        stop = self.recorder.stop(params)
+        carry = start(self.model, params, state, dt=dt, stop=stop, step_factor=factor)
         if count := self.recorder.exponents:
             directions = first_directions(coordinate_count(self.model), count)
             tangents = from_section(self.model, params, state, directions)
             carry = dataclasses.replace(carry, tangents=tangents)
         # constants of a trajectory are computed once
         constants = values if self.driven else params
-        return constants, carry, *self.recorder.begin(params, carry)
+        return Opened(constants, carry, *self.recorder.begin(params, carry))
 
     def _longest_step(self, values: Mapping[str, Float[Array, " ..."]], params: Params) -> Number:
         """The longest step of a row (s); for a moving parameter, the smallest over its values."""
@@ -107,9 +125,10 @@ class OneLane:
         return dt
 
     def attempt(self, constants: Params, carry: Carry) -> Carry:
+        """The trajectory after one more attempt."""
         return self._advance(constants, carry)
 
     def poll(self, constants: Params, carry: Carry, record: LaneRecord) -> PollResult:
-        """Poll the recorder."""
+        """Poll the recorder; a moving parameter has its present value."""
         params = self.at(constants, carry.t) if self.driven else constants
         return self.recorder.poll(params, carry, record, carry.dt / self.numerics.steps_in_longest)

@@ -11,7 +11,7 @@ from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Int, Real
+from jaxtyping import Bool, Int, Real
 
 from gaitsweep.contract import Status
 from gaitsweep.engine.recorders.recorder import RunningRows
@@ -37,11 +37,13 @@ class Group:
     """Some lanes of a device, the rows in them, and their progress."""
 
     def __init__(self, lanes: Lanes, spec: SweepSpec) -> None:
-        self.lanes, self.size = lanes, lanes.size
+        self.lanes = lanes
+        self.size = lanes.size
         self.block_of = np.full(self.size, -1)
         self.row_of = np.zeros(self.size, np.int64)
-        self.share = 0.0  # of their work that the running rows have done, added up
-        self.attempts = 0  # of running rows
+        # sums over the running rows: the share of its work that each has done, and their attempts
+        self.progress = 0.0
+        self.attempts = 0
         self.sizer = ChunkSizer(polls_per_chunk(spec))
         if spec.engine == "xla":
             self.sizer.polls = FIRST_POLLS
@@ -68,17 +70,21 @@ class Group:
             rows: their numbers (n,) in the block.
             lanes: their lanes (n,) in this group.
         """
-        self.block_of[lanes], self.row_of[lanes], self._fresh[lanes] = block.number, rows, True
+        self.block_of[lanes] = block.number
+        self.row_of[lanes] = rows
+        self._fresh[lanes] = True
         columns: tuple[Mapping[str, Real[np.ndarray, "rows ..."]], ...] = (block.params, block.starts)
         if not self._values:
-            # idle lanes are computed too, with the values of the first row
-            self._values = [
-                {k: np.repeat(v[:1], self.size, axis=0) for k, v in column_by_name.items()}
-                for column_by_name in columns
-            ]
+            self._values = [self._repeated(by_name) for by_name in columns]
         for lane_values, column_by_name in zip(self._values, columns, strict=True):
             for name, column in lane_values.items():
                 column[lanes] = column_by_name[name][rows]
+
+    def _repeated(
+        self, columns: Mapping[str, Real[np.ndarray, "rows ..."]]
+    ) -> dict[str, Real[np.ndarray, "lanes ..."]]:
+        """The values of the first row in all lanes: idle lanes are computed as well."""
+        return {name: np.repeat(column[:1], self.size, axis=0) for name, column in columns.items()}
 
     def open_again(self) -> None:
         """Open the rows of all lanes again, as if none of them had begun."""
@@ -99,6 +105,19 @@ class Group:
         return _Chunk(output, began)
 
 
+def _complete(
+    spec: SweepSpec, blocks: Sequence[int], restored: Callable[[int], RowOutcome | None]
+) -> dict[int, RowOutcome]:
+    """The restored rows by block, without rows that lack a number: another version stored them."""
+    declared = {row_number.name for row_number in (*ENGINE_NUMBERS, *spec.recorder.numbers)}
+    rows_by_block: dict[int, RowOutcome] = {}
+    for number in blocks:
+        rows = restored(number)
+        if rows and declared <= rows.numbers.keys():
+            rows_by_block[number] = rows
+    return rows_by_block
+
+
 class LaneScheduler:
     """Assigns rows to lanes, and collects the results of open blocks.
 
@@ -115,12 +134,7 @@ class LaneScheduler:
         restored: Callable[[int], RowOutcome | None] | None = None,
     ) -> None:
         self.spec = spec
-        restored_rows = {} if restored is None else {number: restored(number) for number in blocks}
-        # rows that another version of gaitsweep stored may lack a number: they are run again
-        declared = {row_number.name for row_number in (*ENGINE_NUMBERS, *spec.recorder.numbers)}
-        self._restored = {
-            k: rows for k, rows in restored_rows.items() if rows and declared <= rows.numbers.keys()
-        }
+        self._restored = {} if restored is None else _complete(spec, blocks, restored)
         self.total = sum(min(spec.block, spec.n_rows - b * spec.block) for b in blocks)
         self.total -= sum(rows.row.size for rows in self._restored.values())
         # a device without rows would have nothing to run
@@ -144,8 +158,9 @@ class LaneScheduler:
 
     def begin(self) -> None:
         """Open the first rows; the programs are compiled."""
-        which = np.repeat(np.arange(len(self.groups)), [group.size for group in self.groups])
-        lanes = np.concatenate([np.zeros(0, np.int64), *(np.arange(group.size) for group in self.groups)])
+        sizes = [group.size for group in self.groups]
+        which = np.repeat(np.arange(len(sizes)), sizes)
+        lanes = np.concatenate([np.zeros(0, np.int64), *map(np.arange, sizes)])
         # consecutive rows go to different groups, so that a few rows use all devices
         order = np.lexsort((which, lanes))
         self._fill(which[order], lanes[order])
@@ -219,10 +234,20 @@ class LaneScheduler:
 
     def _collect(self, group: Group, output: ChunkOutput) -> None:
         """Collect the output of a group's chunk."""
-        cycles, attempts = output.numbers["cycles"], output.numbers["attempts"]
         busy = group.block_of >= 0
         running = busy & (output.numbers["status"] == Status.running)
         ended = busy & ~running
+        self._collect_rows(group, output, busy, ended)
+        self._count(group, output, running, ended)
+
+    def _collect_rows(
+        self,
+        group: Group,
+        output: ChunkOutput,
+        busy: Bool[np.ndarray, " lanes"],
+        ended: Bool[np.ndarray, " lanes"],
+    ) -> None:
+        """Pass samples and ended rows to their blocks, and free the lanes of ended rows."""
         changed = np.flatnonzero(busy & (ended | (output.filled > 0)))
         changed = changed[np.argsort(group.block_of[changed], kind="stable")]
         numbers, first = np.unique(group.block_of[changed], return_index=True)
@@ -233,17 +258,28 @@ class LaneScheduler:
             block.end(group.row_of, output, lanes[ended[lanes]])
             if block.missing == 0:
                 self.complete.append(int(number))
+        group.block_of[ended] = -1
+
+    def _count(
+        self,
+        group: Group,
+        output: ChunkOutput,
+        running: Bool[np.ndarray, " lanes"],
+        ended: Bool[np.ndarray, " lanes"],
+    ) -> None:
+        """Count the ended rows, estimate the progress of running ones, and size the group's next chunk."""
+        cycles = output.numbers["cycles"]
+        attempts = output.numbers["attempts"]
         self.done += int(np.count_nonzero(ended))
         self.attempts += int(attempts[ended].sum())
         self.cycles += int(cycles[ended].sum())
-        group.block_of[ended] = -1
         # the first rows that end are short ones, so running rows count in the estimate as well
         typical = self.cycles / self.done if self.done else 0.0
         if running.any() and self.done:
             typical = max(typical, float(np.mean(cycles[running])))
         rows = RunningRows(cycles, output.samples, output.numbers["t_end"])
-        share = self.spec.recorder.share(rows, typical)
-        group.share = float(np.sum(share[running]))
+        progress = self.spec.recorder.progress(rows, typical)
+        group.progress = float(np.sum(progress[running]))
         group.attempts = int(np.sum(attempts[running]))
         if self.spec.engine == "kernel":
             of_ended = self.attempts / self.done if self.done else 0.0
@@ -269,9 +305,9 @@ class LaneScheduler:
         """Whether an open block has ended rows that are not on disk."""
         return any(bool(np.any(block.ended & ~block.stored)) for block in self.open.values())
 
-    def ended(self, but: Container[int] = ()) -> list[RowOutcome]:
-        """The ended rows of open blocks that are not on disk, by block, without the blocks `but`."""
-        unstored = [block.unstored() for number, block in self.open.items() if number not in but]
+    def ended(self, except_blocks: Container[int] = ()) -> list[RowOutcome]:
+        """The ended rows of open blocks that are not on disk, by block, without some blocks."""
+        unstored = [block.unstored() for number, block in self.open.items() if number not in except_blocks]
         return [rows for rows in unstored if rows.row.size]
 
     def mark_stored(self, ended: Sequence[RowOutcome]) -> None:
@@ -282,6 +318,8 @@ class LaneScheduler:
                 block.mark_stored(rows.row)
 
     def progress(self, seconds: float) -> SweepProgress:
-        share = (self.done + sum(group.share for group in self.groups)) / self.total if self.total else 1.0
+        """The progress of the sweep, `seconds` after its start."""
+        done = self.done + sum(group.progress for group in self.groups)
+        share = done / self.total if self.total else 1.0
         attempts = self.attempts + sum(group.attempts for group in self.groups)
         return SweepProgress(self.done, self.total, share, attempts, seconds)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import functools
 import sys
 import time
 from collections import deque
@@ -78,8 +79,8 @@ def sweep(
         labelled(spec, next(iter(scheduler.open.values())))
     timings.compile_s = time.perf_counter() - began
     scheduler.start()
-    disk = _Disk(scheduler.close, len(spec.devices) if spec.devices[0].platform == "gpu" else 1)
-    keeper = _Keeper(scheduler, open_rows, disk)
+    disk = _Writer(scheduler.close, len(spec.devices) if spec.devices[0].platform == "gpu" else 1)
+    keeper = _OpenRowsKeeper(scheduler, open_rows, disk)
     try:
         while scheduler.busy or scheduler.complete:
             if scheduler.busy:
@@ -87,12 +88,8 @@ def sweep(
             for number in list(scheduler.complete):
                 keeper.store_if_due()
                 block = scheduler.take(number)
-                disk.write(
-                    number,
-                    lambda block=block: _encoded(spec, block, encode),
-                    lambda encoded, block=block: write(block.number, encoded),
-                    last=not scheduler.busy,
-                )
+                encoding = functools.partial(_encoded, spec, block, encode)
+                disk.write(number, encoding, functools.partial(write, number), last=not scheduler.busy)
             keeper.store_if_due(keeper.chunk_s)
             timings.attempts = scheduler.attempts
             timings.run_s = time.perf_counter() - began - timings.compile_s
@@ -118,7 +115,7 @@ def _encoded(spec: SweepSpec, block: Block, encode: Callable[[int, RowOutcome], 
     return result if encode is None else encode(block.number, result)
 
 
-class _Disk:
+class _Writer:
     """A thread that writes blocks one after the other while rows continue; others encode the next blocks.
 
     Args:
@@ -126,21 +123,22 @@ class _Disk:
         cards: number of GPUs that end rows.
     """
 
-    # blocks that may wait for each card
-    MOST = 8
-    # threads for each card that label and encode, since that takes as long as the rows do on a card
+    # Blocks that may wait for each card.
+    MAX_WAITING = 8
+    # Threads for each card that label and encode, since that takes as long as the rows do on a card
     ENCODING = 2
 
     def __init__(self, written: Callable[[int], None], cards: int = 1) -> None:
-        self._thread, self._written = ThreadPoolExecutor(1), written
-        self._most = self.MOST * cards
+        self._thread = ThreadPoolExecutor(1)
+        self._written = written
+        self._most = self.MAX_WAITING * cards
         self._encoding = ThreadPoolExecutor(self.ENCODING * cards)
         # writes in progress, each with the function to call when it is on disk
         self._pending: deque[tuple[Future[None], Callable[[], None]]] = deque()
         self._longest_s = 1.0  # s of writing a block; the first time it loads libraries
 
     def write(
-        self, number: int, encode: Callable[[], Any], write: Callable[[Any], None], last: bool = False
+        self, number: int, encode: Callable[[], Any], write: Callable[[Any], None], *, last: bool = False
     ) -> None:
         """Queue a block for encoding and writing; raises errors of earlier blocks.
 
@@ -200,10 +198,10 @@ class _Disk:
         self._longest_s = time.perf_counter() - began
 
 
-class _Keeper:
+class _OpenRowsKeeper:
     """Stores ended rows of open blocks before the oldest of them has waited `SAFE_WITHIN` s."""
 
-    def __init__(self, scheduler: LaneScheduler, open_rows: OpenRows | None, disk: _Disk) -> None:
+    def __init__(self, scheduler: LaneScheduler, open_rows: OpenRows | None, disk: _Writer) -> None:
         self._scheduler, self._open_rows, self._disk = scheduler, open_rows, disk
         self.chunk_s = 0.0
         self._store_s = 0.1
@@ -228,7 +226,7 @@ class _Keeper:
         age = time.perf_counter() - self._oldest
         if age + ahead + self._disk.ahead_s + self._store_s > SAFE_WITHIN - _SPARE:
             # the rows of blocks that are being written are safe before these
-            ended = self._scheduler.ended(but=self._scheduler.being_written)
+            ended = self._scheduler.ended(self._scheduler.being_written)
             self._oldest = None
             if ended:
                 self._storing = True

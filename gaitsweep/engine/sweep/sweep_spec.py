@@ -6,21 +6,29 @@ import dataclasses
 from collections.abc import Callable
 
 from gaitsweep.contract import Model
+from gaitsweep.engine.devices import Device
 from gaitsweep.engine.numerics import ResolvedNumerics
 from gaitsweep.engine.recorders.recorder import Recorder
-from gaitsweep.engine.sweep.lane import Device, RowDrive, Values
+from gaitsweep.engine.sweep.lane import RowDrive, Values
 
 
 @dataclasses.dataclass(frozen=True)
 class SweepSpec:
     """The specification of a sweep: its rows and their model, recorder, numerics and engine.
 
-    `values(first, last)` returns the parameters and the initial conditions of rows first..last-1, arrays of
-    that length by name; `drive` returns the parameters at a time from a row's values, for ramps and
-    staircases; `engine` is xla or kernel; `block` is the number of rows in a block, `lanes` that of lanes on
-    each device. The initial conditions may contain `STEP_FACTOR`, the factor on a row's step lengths.
-    `varied` are names of parameters that may differ between rows even where those of this sweep do not:
-    sweeps that vary the same ones share a kernel of a GPU, whatever their rows are.
+    Attributes:
+        model, recorder, numerics: those of all rows.
+        n_rows: the number of rows.
+        block: the number of rows in a block.
+        lanes: the number of lanes on each device.
+        devices: the devices of the run.
+        values: `values(first, last)` returns the parameters and the initial conditions of rows first..last-1,
+            arrays of that length by name. The initial conditions may contain `STEP_FACTOR`, the factor on a
+            row's step lengths.
+        drive: the parameters at a time from a row's values, for ramps and staircases.
+        engine: xla or kernel.
+        varied: names of parameters that may differ between rows even where those of this sweep do not: sweeps
+            that vary the same ones share a kernel of a GPU, whatever their rows are.
     """
 
     model: Model
@@ -38,7 +46,16 @@ class SweepSpec:
 
 @dataclasses.dataclass(frozen=True)
 class SweepProgress:
-    """Progress: rows done, all rows, fraction done (0 to 1), attempts, seconds since the start, a remark."""
+    """The progress of a sweep.
+
+    Attributes:
+        done: rows that have ended.
+        rows: all rows.
+        share: the fraction of the work that is done, 0 to 1.
+        attempts: attempts of all rows so far.
+        seconds: time since the start (s).
+        note: a remark.
+    """
 
     done: int
     rows: int

@@ -7,10 +7,7 @@ XLA compiles it differently for one and for two devices, which changes the last 
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
-import os
-import resource
 from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any, final
@@ -23,80 +20,19 @@ from jaxtyping import Array, Bool, Float, Shaped
 from gaitsweep.contract import Model, Params, Status
 from gaitsweep.engine.carry import Carry, select
 from gaitsweep.engine.content import cached_by_content
-from gaitsweep.engine.fork import refuse_fork
+from gaitsweep.engine.devices import Device
 from gaitsweep.engine.numerics import ResolvedNumerics
 from gaitsweep.engine.recorders.recorder import BUFFER, POLL_INTERVAL, LaneRecord, Recorder
 from gaitsweep.engine.shapes import Flag, Integer
-from gaitsweep.engine.sweep.lane import ChunkOutput, Device, Lanes, OneLane, RowDrive, Values
+from gaitsweep.engine.sweep.lane import ChunkOutput, Lanes, OneLane, RowDrive, Values
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
-from gaitsweep.errors import ArgumentError, UnsupportedSystem
 
 # Polls of the recorder in one call of the device: 4 096 attempts, a fraction of a second. Between two calls
 # the host shows progress, stores ended rows and refills lanes.
 POLLS_PER_CHUNK = 64
-# Below this limit of virtual memory LLVM ends the process (measured on two cores), bytes.
-LEAST_MEMORY = 2_300_000_000
 
 Scalars = Mapping[str, Float[Array, " ..."]]  # the values of one row by name
 Buffer = Float[Array, "buffer width"]  # the samples of one trajectory that wait for the host
-
-
-def usable_cores() -> int:
-    """The number of CPU cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
-def see_all_cores() -> None:
-    """Make each usable core a JAX device, which is possible only before JAX's first computation.
-
-    Enables float64, gaitsweep's default.
-    """
-    jax.config.update("jax_enable_x64", True)
-    cores = usable_cores()
-    # after the first computation the number of devices is fixed
-    with contextlib.suppress(RuntimeError):
-        if jax.config.jax_num_cpu_devices < cores:  # pyright: ignore
-            jax.config.update("jax_num_cpu_devices", cores)
-
-
-def local_devices(count: int | None = None) -> list[Device]:
-    """The devices of a run: all local devices, or the first `count`; on a CPU one for each usable core.
-
-    Raises:
-        ArgumentError: more devices are requested than there are.
-    """
-    refuse_fork()
-    see_all_cores()
-    devices = jax.local_devices()
-    if count is not None and count > len(devices):
-        raise ArgumentError(f"engine.devices is {count}, but JAX finds only {len(devices)} devices here.")
-    return devices[:count]
-
-
-def refuse_missing_platform() -> None:
-    """Raise UnsupportedSystem if JAX cannot compute here.
-
-    The reasons are missing devices (JAX_PLATFORMS=cuda), a forked process, and a limit of memory that is too
-    low for compilers.
-    """
-    refuse_fork()
-    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
-    if limit != resource.RLIM_INFINITY and limit < LEAST_MEMORY:
-        raise UnsupportedSystem(
-            f"This process may use {limit / 1e9:.1f} GB of virtual memory (ulimit -v), but compiling and "
-            f"running a model takes at least {LEAST_MEMORY / 1e9:.1f} GB: raise the limit."
-        )
-    platforms: str | None = jax.config.jax_platforms  # pyright: ignore[reportAttributeAccessIssue]
-    if not platforms or platforms == "cpu":
-        return
-    see_all_cores()
-    try:
-        jax.local_devices()
-    except (AssertionError, RuntimeError) as error:  # which of them depends on the version of JAX
-        raise UnsupportedSystem(
-            f"JAX_PLATFORMS is {platforms}, but JAX finds no such device here. On an NVIDIA GPU install "
-            "'gaitsweep[cuda]'; without JAX_PLATFORMS, JAX uses the available devices."
-        ) from error
 
 
 @final

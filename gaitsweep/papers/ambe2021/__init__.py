@@ -1,4 +1,10 @@
-"""Ambe et al. 2021: a chain of legs with phase resetting, its theory, its waves and basins."""
+"""Ambe et al. 2021: a chain of legs with phase resetting, its theory, its waves and basins.
+
+`multilegged/` has the model, its reduced form, and the chain of a table; `theory/` the analytic
+solutions; `analysis/` what is computed from tables, `figures/` what is drawn of it, and `analyses.py` the
+commands `gaitsweep analyse`. The measures of the claims are in `*_measures.py`: of equations, of the theory,
+of settled states, and of waves.
+"""
 
 import gaitsweep as gs
 from gaitsweep.papers import CLAIMS, CONFIGS, JOBS
@@ -24,11 +30,7 @@ extension = gs.Extension(
         "gaitsweep.papers.ambe2021.equation_measures",
         "gaitsweep.papers.ambe2021.theory_measures",
         "gaitsweep.papers.ambe2021.settled_measures",
-        "gaitsweep.papers.ambe2021.basin_measures",
         "gaitsweep.papers.ambe2021.wave_measures",
-        "gaitsweep.papers.ambe2021.touchdown_measures",
-        "gaitsweep.papers.ambe2021.drift_measures",
-        "gaitsweep.papers.ambe2021.gait_measures",
     ),
     jobs=JOBS,
     configs=CONFIGS,

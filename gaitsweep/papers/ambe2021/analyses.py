@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 import gaitsweep as gs
 from gaitsweep.cli import Directory, print_table
+
+if TYPE_CHECKING:
+    from gaitsweep.papers.ambe2021.theory.chain import Chain
 
 app = typer.Typer()
 
@@ -80,25 +84,32 @@ def multilegged_theory(
     """
     import jax
 
+    from gaitsweep.papers.ambe2021.analysis.theory_summary import theory_summary
+
+    jax.config.update("jax_enable_x64", True)
+    chain = _chain_of_settings(settings or ())
+    print(theory_summary(springs, omega, chain))
+    if figures is not None:
+        from gaitsweep.papers.ambe2021.figures.chain_theory import SHOWN, theory_figure
+
+        figures.mkdir(parents=True, exist_ok=True)
+        for show in SHOWN:
+            file = figures / f"{show}.png"
+            theory_figure(springs, chain, show=show, k=k).savefig(file)
+            print(f"Figure: {file}")
+
+
+def _chain_of_settings(settings: Iterable[str]) -> Chain:
+    """The chain of Table 1 with the parameters that the options `--set NAME=VALUE` give."""
     from gaitsweep import ArgumentError, near_miss
     from gaitsweep.expression import evaluate
-    from gaitsweep.papers.ambe2021.analysis.theory_summary import theory_summary
     from gaitsweep.papers.ambe2021.theory.chain import Chain
 
     values = {}
-    for setting in settings or ():
+    for setting in settings:
         name, _, value = setting.partition("=")
         if name not in Chain._fields:
             near = near_miss.suggestion(name, Chain._fields)
             raise ArgumentError(f"{name} is not a parameter of the chain{near}")
         values[name] = evaluate(value, {})
-    jax.config.update("jax_enable_x64", True)
-    print(theory_summary(springs, omega, Chain(**values)))
-    if figures is not None:
-        from gaitsweep.papers.ambe2021.figures.theory import SHOWN, theory_figure
-
-        figures.mkdir(parents=True, exist_ok=True)
-        for show in SHOWN:
-            file = figures / f"{show}.png"
-            theory_figure(springs, Chain(**values), show=show, k=k).savefig(file)
-            print(f"Figure: {file}")
+    return Chain(**values)

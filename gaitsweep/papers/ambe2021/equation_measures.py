@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pandas as pd
-from jaxtyping import Bool, Float
+from jaxtyping import Array, Bool, Float
 
 from gaitsweep.claims import MeasureError, defaults, measure, numbers, one_row
 from gaitsweep.expression import evaluate
@@ -18,6 +18,7 @@ from gaitsweep.papers.ambe2021.multilegged.chain_of_table import springs_of
 from gaitsweep.papers.ambe2021.multilegged.mechanics import obstacle_problem
 from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
 from gaitsweep.papers.ambe2021.multilegged.parameters import PARAMETERS
+from gaitsweep.papers.ambe2021.multilegged.state import State
 
 
 @functools.cache
@@ -35,11 +36,18 @@ def chain_parameter(*, formula: str) -> float:
 @measure
 def equation_of_motion() -> float:
     """Largest difference of the model's accelerations from eq. (1) at random states (m/s2)."""
-    values, random, N = chain_defaults(), np.random.default_rng(1), 3
+    values = chain_defaults()
+    random = np.random.default_rng(1)
+    N = 3
     model = Multilegged(N=N)
     params = model.params(_arrays(values))
     start = _arrays({f"psi_{i}": 1.0 for i in range(1, N + 1)} | {"phi_1": float("nan")})
-    rest, acceleration = model.init(params, start), jax.jit(lambda state: model.flow(params, state)["v"])
+    rest = model.init(params, start)
+
+    @jax.jit
+    def acceleration(state: State) -> Float[Array, " legs"]:
+        return model.flow(params, state)["v"]
+
     largest = 0.0
     for _ in range(20):
         x, v = random.uniform(0.5, 1.1, N + 1), random.uniform(-1.0, 1.0, N + 1)
@@ -49,8 +57,8 @@ def equation_of_motion() -> float:
         segment = np.digitize(phi, [2 * values["beta"] * np.pi, (1 + values["beta"]) * np.pi])
         leaves = {"x": x, "v": v, "phi": phi, "y": y, "contact": contact, "segment": segment}
         state = dataclasses.replace(rest, **{name: jnp.asarray(leaf) for name, leaf in leaves.items()})
-        theirs = _printed_acceleration(x, v, length, rate * (values["omega"] + y), contact, values)
-        largest = max(largest, float(np.abs(np.asarray(acceleration(state)) - theirs).max()))
+        printed = _printed_acceleration(x, v, length, rate * (values["omega"] + y), contact, values)
+        largest = max(largest, float(np.abs(np.asarray(acceleration(state)) - printed).max()))
     return largest
 
 
@@ -99,7 +107,8 @@ def _printed_acceleration(
 @measure
 def leg_length_error(table: pd.DataFrame) -> float:
     """Largest difference of the traced leg lengths from eq. (3) of the traced phases (m)."""
-    values, largest = chain_defaults(), 0.0
+    values = chain_defaults()
+    largest = 0.0
     for leg in range(1, springs_of(table) + 2):
         length, _ = _printed_leg(numbers(table, f"phase_{leg}"), values)
         largest = max(largest, float(np.abs(length - numbers(table, f"l_{leg}")).max()))
@@ -110,17 +119,18 @@ def leg_length_error(table: pd.DataFrame) -> float:
 def contact_as_printed(table: pd.DataFrame) -> float:
     """Share of the traced contacts that are those of eq. (2) (1)."""
     legs = range(1, springs_of(table) + 2)
-    right = [
-        (numbers(table, f"contact_{i}") > 0.5) == (numbers(table, f"l_{i}") >= numbers(table, f"x_{i}"))
-        for i in legs
-    ]
-    return float(np.mean(right))
+    agree = []
+    for i in legs:
+        by_lengths = numbers(table, f"l_{i}") >= numbers(table, f"x_{i}")
+        agree.append((numbers(table, f"contact_{i}") > 0.5) == by_lengths)
+    return float(np.mean(agree))
 
 
 @measure
 def air_in_swing(table: pd.DataFrame) -> float:
     """Share of takeoff and landing in which a leg is in the air, the smallest of all legs and rows (1)."""
-    beta, shares = chain_defaults()["beta"], []
+    beta = chain_defaults()["beta"]
+    shares = []
     for _, part in table.groupby("row"):
         for leg in range(1, springs_of(table) + 2):
             swing = part[part[f"phase_{leg}"] > 2 * beta * np.pi]
@@ -131,8 +141,10 @@ def air_in_swing(table: pd.DataFrame) -> float:
 @measure
 def phase_gain(table: pd.DataFrame) -> float:
     """Gain of leg 1's phase on omega t from just before a touchdown to ten tau after it (rad)."""
-    part, values = one_row(table, 0), chain_defaults()
-    t, contact = numbers(part, "t"), numbers(part, "contact_1") > 0.5
+    part = one_row(table, 0)
+    values = chain_defaults()
+    t = numbers(part, "t")
+    contact = numbers(part, "contact_1") > 0.5
     phase = np.unwrap(numbers(part, "phase_1"))
     down = np.flatnonzero(~contact[:-1] & contact[1:] & (np.mod(phase[:-1], 2 * np.pi) > 1.8 * np.pi))
     if not len(down) or t[down[0]] + 10 * values["tau"] > t[-1]:
@@ -144,8 +156,11 @@ def phase_gain(table: pd.DataFrame) -> float:
 @measure
 def force_balance_error() -> float:
     """Largest residual of the force balance, eq. (8), of heights and loads at random leg lengths (N)."""
-    values, random, legs = chain_defaults(), np.random.default_rng(1), 4
-    masses, heights = _masses(legs), _equilibrium(legs)
+    values = chain_defaults()
+    random = np.random.default_rng(1)
+    legs = 4
+    masses = _masses(legs)
+    heights = _equilibrium(legs)
     largest = 0.0
     for _ in range(50):
         length = values["L"] - random.uniform(0.0, values["a"], legs)
@@ -165,9 +180,15 @@ def _masses(legs: int) -> Float[np.ndarray, " legs"]:
 
 def _equilibrium(legs: int) -> Callable[[Float[np.ndarray, "states legs"]], tuple[jax.Array, jax.Array]]:
     """Heights and loads from leg lengths (n, legs), by eq. (8)."""
-    values, masses = chain_defaults(), jnp.asarray(_masses(legs))
-    kappa, g = jnp.full(legs - 1, values["kappa"]), jnp.asarray(values["g"])
-    return jax.jit(jax.vmap(lambda length: obstacle_problem(length, masses, kappa, g)))
+    values = chain_defaults()
+    masses = jnp.asarray(_masses(legs))
+    kappa = jnp.full(legs - 1, values["kappa"])
+    g = jnp.asarray(values["g"])
+
+    def heights_and_loads(length: Float[Array, " legs"]) -> tuple[jax.Array, jax.Array]:
+        return obstacle_problem(length, masses, kappa, g)
+
+    return jax.jit(jax.vmap(heights_and_loads))
 
 
 @measure

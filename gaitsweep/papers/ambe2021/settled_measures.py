@@ -1,17 +1,115 @@
-"""Measures of settled states: lines and planes of solutions, and the parts of basins."""
+"""Measures of settled states: their gaits, basins, lines of solutions, and distance from the theory."""
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 
 import numpy as np
 import pandas as pd
-from jaxtyping import Float
+from jaxtyping import Bool, Float, Int
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 
 from gaitsweep.analyses import wrapped_difference
-from gaitsweep.claims import MeasureError, masked, measure, numbers, records
+from gaitsweep.claims import Condition, MeasureError, masked, measure, numbers, records, value
+from gaitsweep.papers.ambe2021.analysis.gait_shares import gait_shares
 from gaitsweep.papers.ambe2021.multilegged.chain_of_table import psi_columns
-from gaitsweep.papers.ambe2021.theory.gaits import WAVES
+from gaitsweep.papers.ambe2021.theory.gaits import GAITS, WAVES
+
+
+@measure
+def three_gaits(table: pd.DataFrame, *, where: Condition | None = None) -> float:
+    """Share of the sets of parameters at which all three gaits occur, among those of a condition (1).
+
+    Args:
+        where: a condition over the columns of `gait_shares`, such as `conditions`.
+    """
+    chosen = records(gait_shares(table), where)
+    return float(np.mean((np.asarray(chosen[list(WAVES)]) > 0.0).all(axis=1)))
+
+
+@measure
+def no_gaits(table: pd.DataFrame, *, where: Condition, less: Condition) -> float:
+    """Share of sets of parameters without any of the three gaits: of one condition minus of another (1)."""
+    shares = gait_shares(table)
+
+    def share_without(condition: Condition) -> float:
+        return float(np.mean((np.asarray(records(shares, condition)[list(WAVES)]) == 0.0).all(axis=1)))
+
+    return share_without(where) - share_without(less)
+
+
+@measure
+def gaits_left(table: pd.DataFrame, *, where: Condition) -> list[str]:
+    """The gaits in which the settled rows of a condition end, in the order of the gaits."""
+    ends = set(records(records(table, where), "status == 'settled'")["gait"].astype(str))
+    return [gait for gait in GAITS if gait in ends]
+
+
+@measure
+def distance_share(table: pd.DataFrame) -> float:
+    """Largest distance from the analytic solutions as a share of 2 pi (%)."""
+    return float(100.0 * numbers(table, "distance").max() / (2 * np.pi))
+
+
+@measure
+def distance_over_lag(table: pd.DataFrame, *, low: float, high: float) -> float:
+    """Largest distance from the analytic solutions at one tau over that at another (1).
+
+    Args:
+        table: a settle table in which tau varies.
+        low, high: the two values of tau, s.
+    """
+
+    def largest(tau: float) -> float:
+        rows = masked(table, table["tau"] == tau)
+        return value(rows, column="distance", where="status == 'settled'", take="max")
+
+    return largest(low) / largest(high)
+
+
+@measure
+def slice_shares(table: pd.DataFrame, *, slice: int) -> list[float]:
+    """Shares of direct, source and retrograde waves on one slice of psi_3, in their order, from 0 (1)."""
+    gaits = np.asarray(_slice(table, slice)["gait"], str)
+    return [float(np.mean(gaits == gait)) for gait in WAVES]
+
+
+@measure
+def largest_part(table: pd.DataFrame, *, slice: int) -> list[float]:
+    """Shares of the starts of direct, source, retrograde in one connected part, on the torus (1).
+
+    Parts with at most one cell between them count as one, since the grid does not resolve the gap.
+    """
+    cells = _slice(table, slice).pivot(index="psi_2", columns="psi_1", values="gait").to_numpy()
+    return [float(max(_parts(cells == gait)) / np.count_nonzero(cells == gait)) for gait in WAVES]
+
+
+def _slice(table: pd.DataFrame, number: int) -> pd.DataFrame:
+    """The rows of one value of psi_3, numbered in ascending order."""
+    values = np.unique(table["psi_3"])
+    if number >= len(values):
+        raise MeasureError(f"The table has no slice {number}: psi_3 has {len(values)} values.")
+    return masked(table, table["psi_3"] == values[number])
+
+
+def _parts(mask: Bool[np.ndarray, "rows columns"]) -> Int[np.ndarray, " parts"]:
+    """The numbers of cells of the connected parts of a mask on the torus; gaps of one cell do not part."""
+    if not mask.any():
+        raise MeasureError("A gait does not occur on the slice.")
+    cell = np.arange(mask.size).reshape(mask.shape)
+    # to all cells with at most one cell between, half of them: the others are the same pairs
+    shifts = [shift for shift in itertools.product(range(3), range(-2, 3)) if shift > (0, 0)]
+    pairs = []
+    for shift in shifts:
+        back = tuple(-cells for cells in shift)  # np.roll moves the neighbour at `shift` to the cell itself
+        both = mask & np.roll(mask, back, (0, 1))
+        pairs.append((cell[both], np.roll(cell, back, (0, 1))[both]))
+    i, j = (np.concatenate(ends) for ends in zip(*pairs, strict=True))
+    graph = coo_matrix((np.ones(len(i)), (i, j)), shape=(mask.size, mask.size))
+    _, labels = connected_components(graph, directed=False)
+    return np.unique(labels[mask.ravel()], return_counts=True)[1]
 
 
 @measure

@@ -174,7 +174,9 @@ def order_sets_agree(*, N: int = 9) -> float:
 @measure
 def chain_of_sets(table: pd.DataFrame) -> float:
     """Largest gap between the end of a set and the beginning of the next in the chain of sets (rad)."""
-    rules, circle, gaps = lag_rules(springs_of(table), Chain()), float(touchdown_phase(Chain())), []
+    rules = lag_rules(springs_of(table), Chain())
+    circle = float(touchdown_phase(Chain()))
+    gaps = []
     for i in range(len(rules.low) - 1):
         one, other = (jax.tree.map(lambda leaf, at=at: leaf[at], rules) for at in (i, i + 1))
         ends = [np.asarray(places(one, s)) for s in (one.low, one.high)]

@@ -1,4 +1,4 @@
-"""Measures of waves: lags, orders of touchdown, drifts, sources, and shares of gaits."""
+"""Measures of simulated waves: lags, touchdowns, drift, and the place of their source."""
 
 from __future__ import annotations
 
@@ -7,12 +7,17 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
-from gaitsweep.claims import Condition, measure, numbers, one_row, records
+from gaitsweep.analyses import wrapped_difference
+from gaitsweep.claims import Condition, masked, measure, numbers, one_row, records
+from gaitsweep.papers.ambe2021.analysis.source_place import source_drift, source_place
 from gaitsweep.papers.ambe2021.analysis.travelling_wave import passages, waves
 from gaitsweep.papers.ambe2021.equation_measures import chain_defaults
 from gaitsweep.papers.ambe2021.multilegged.chain_of_table import relative_phases, springs_of
+from gaitsweep.papers.ambe2021.multilegged.state import LANDING, STANCE, TAKEOFF
+from gaitsweep.papers.ambe2021.settled_measures import last_steps
 from gaitsweep.papers.ambe2021.theory.chain import Chain, wavelength
 from gaitsweep.papers.ambe2021.theory.gaits import free_link, nearest_set
+from gaitsweep.papers.ambe2021.theory.order import sets_of_order
 
 
 @measure
@@ -24,7 +29,8 @@ def settled_phases(table: pd.DataFrame, *, row: int) -> list[float]:
 @measure
 def leads(table: pd.DataFrame, *, row: int, links: Sequence[int] | None = None) -> list[float]:
     """The time by which each leg swings before the one in front of it, times omega (rad)."""
-    part, N = one_row(table, row), springs_of(table)
+    part = one_row(table, row)
+    N = springs_of(table)
     swings = passages(part, N)
     return [float(swings.leads[link - 1]) * chain_defaults()["omega"] for link in links or range(1, N + 1)]
 
@@ -32,7 +38,8 @@ def leads(table: pd.DataFrame, *, row: int, links: Sequence[int] | None = None) 
 @measure
 def directions(table: pd.DataFrame, *, row: int) -> list[str]:
     """Direction in which swings pass over each link: forwards, backwards, or free where the lag is free."""
-    part, N = one_row(table, row), springs_of(table)
+    part = one_row(table, row)
+    N = springs_of(table)
     swings = passages(part, N)
     branch, _ = nearest_set(N, Chain(), relative_phases(part, N))
     words = ["forwards" if lead < swings.period / 2 else "backwards" for lead in swings.leads]
@@ -56,7 +63,9 @@ def one_swing_share(table: pd.DataFrame, *, row: int, of: Sequence[int]) -> floa
         row: its row.
         of: legs that follow one another in a wave; a wavelength is the next smaller whole number of legs.
     """
-    part, beta, width = one_row(table, row), chain_defaults()["beta"], int(wavelength())
+    part = one_row(table, row)
+    beta = chain_defaults()["beta"]
+    width = int(wavelength())
     # a foot may leave the ground for a moment after its touchdown: this is part of the stance
     air = np.stack(
         [
@@ -81,3 +90,132 @@ def smallest_rise(table: pd.DataFrame, *, column: str) -> float:
     """Smallest rise of a column of measured waves from one duty factor to the next, in its unit."""
     means = waves(table).groupby("beta")[[column]].mean()
     return float(np.diff(numbers(pd.DataFrame(means), column)).min())
+
+
+@measure
+def simulated_order(table: pd.DataFrame, *, row: int, legs: Sequence[int]) -> str:
+    """Legs in their order of passing mid-stance in a simulated cycle that begins with the first of them."""
+    return " ".join(map(str, _order(table, row, legs)))
+
+
+def _order(table: pd.DataFrame, row: int, legs: Sequence[int]) -> list[int]:
+    """Legs in their order of passing mid-stance after the first of them."""
+    swings = passages(one_row(table, row), springs_of(table))
+    behind = np.mod(-np.append(0.0, np.cumsum(swings.leads)), swings.period)  # of leg 1, s
+    after = {leg: np.mod(behind[leg - 1] - behind[legs[0] - 1] + 1e-9, swings.period) for leg in legs}
+    return sorted(legs, key=lambda leg: after[leg])
+
+
+@measure
+def reset_set_numbers(table: pd.DataFrame, *, row: int, k: int) -> list[float]:
+    """The number 1 to 8 of the set S of each leg, by the simulated order of a cycle from leg k on (1)."""
+    others = [leg for leg in range(1, springs_of(table) + 2) if leg != k]
+    return [float(reset_set.number) for reset_set in sets_of_order(_order(table, row, [k, *others]))]
+
+
+@measure
+def neighbours_at_touchdown(table: pd.DataFrame, *, row: int, k: int) -> float:
+    """Share of touchdowns at which both neighbours are in the segments of Fig. 8, in a source wave (1).
+
+    Args:
+        table: a trace.
+        row: its row.
+        k: the leg at the boundary of the source wave.
+    """
+    part = one_row(table, row)
+    N = springs_of(table)
+    beta = chain_defaults()["beta"]
+    phase = part[[f"phase_{leg}" for leg in range(1, N + 2)]].to_numpy(float)
+    segment = np.digitize(np.mod(phase, 2 * np.pi), [2 * beta * np.pi, (1 + beta) * np.pi])
+    agree = []
+    for leg in range(1, N + 2):
+        down = numbers(part, f"contact_{leg}") > 0.5
+        lands = np.flatnonzero(~down[:-1] & down[1:] & (segment[:-1, leg - 1] == LANDING))
+        # a foot that bounces lands again within its landing segment
+        lands = lands[np.diff(lands, prepend=-len(down)) > len(down) / 20]
+        before = {leg - 1: {TAKEOFF} if leg < k else {STANCE, TAKEOFF} if leg == k else {STANCE}}
+        before[leg + 1] = {STANCE} if leg < k else {TAKEOFF}
+        if leg in (1, N + 1):  # an end's neighbour is in stance
+            before = {2 if leg == 1 else N: {STANCE}}
+        agree += [all(segment[at, j - 1] in allowed for j, allowed in before.items()) for at in lands]
+    return float(np.mean(agree))
+
+
+@measure
+def touchdown_phases_apart(table: pd.DataFrame) -> float:
+    """Largest difference of the legs' times from one passage of mid-stance to the next, times omega (rad)."""
+    N = springs_of(table)
+    omega = chain_defaults()["omega"]
+    periods = []
+    for _, part in table.groupby("row"):
+        part = part.sort_values(by="t")
+        for leg in range(1, N + 2):
+            pair = {"t": part["t"], "phase_1": part[f"phase_{leg}"], "phase_2": part[f"phase_{leg}"]}
+            periods.append(passages(pd.DataFrame(pair), 1).period)
+    return float(omega * (max(periods) - min(periods)))
+
+
+@measure
+def period_in_phase(table: pd.DataFrame) -> list[float]:
+    """Smallest and largest omega T over the rows, T the time between the last two crossings (rad).
+
+    A leg touches down at this phase, since it is reset from there to 2 pi.
+    """
+    periods = last_steps(table, ["t"])
+    omega = chain_defaults()["omega"]
+    return [float(omega * periods.min()), float(omega * periods.max())]
+
+
+@measure
+def drift_of_sum(table: pd.DataFrame, *, row: int) -> float:
+    """Mean change of E, the sum of the relative phases, in a cycle over the last cycles of a row (rad)."""
+    return float(numbers(source_drift(one_row(table, row)), "drift")[0])
+
+
+@measure
+def drift_over_law(table: pd.DataFrame, *, where: Condition | None = None) -> list[float]:
+    """Smallest and largest drift of E over that of the law on a ground of finite stiffness (1).
+
+    Args:
+        table: a return_map table.
+        where: a condition over the columns of `source_drift`, such as `m_slope != 0`.
+    """
+    drifts = records(source_drift(table), where)
+    ratios = numbers(drifts, "drift") / numbers(drifts, "law_on_ground")
+    return [float(ratios.min()), float(ratios.max())]
+
+
+@measure
+def largest_drift(table: pd.DataFrame, *, where: Condition | None = None) -> float:
+    """Largest absolute drift of E in a cycle over the rows of a condition (rad)."""
+    return float(np.abs(numbers(records(source_drift(table), where), "drift")).max())
+
+
+@measure
+def fewest_source_legs(table: pd.DataFrame, *, where: Condition | None = None) -> float:
+    """The number of legs at which the source settles, the smallest over the sets of a condition (1).
+
+    Args:
+        table: a settle table, several starts for each set of parameters.
+        where: a condition over the table's columns.
+    """
+    places = source_place(records(table, where))
+    names = [name for name in places.columns if name not in ("leg", "source", "meeting", "neither", "starts")]
+    sets = [part for _, part in places.groupby(names)] if names else [places]
+    return float(min(np.count_nonzero(part["source"] > 0) for part in sets))
+
+
+@measure
+def meeting_share(table: pd.DataFrame, *, leg: int, where: Condition | None = None) -> float:
+    """Share of the starts whose waves meet at a leg, the smallest over the sets of a condition (1)."""
+    places = source_place(records(table, where))
+    return float(numbers(masked(places, places["leg"] == leg), "meeting").min())
+
+
+@measure
+def mirror_error(table: pd.DataFrame) -> float:
+    """Largest difference of the phases of row 0 from those of row 1 with the legs in reversed order (rad)."""
+    legs = springs_of(table) + 1
+    one = one_row(table, 0)[[f"phase_{i}" for i in range(1, legs + 1)]].to_numpy(float)
+    other = one_row(table, 1)[[f"phase_{i}" for i in range(legs, 0, -1)]].to_numpy(float)
+    return float(np.abs(wrapped_difference(one - other)).max())

@@ -1,4 +1,8 @@
-"""Aoi et al. 2011: a quadruped with a passive waist joint, and the hysteresis of its gaits."""
+"""Aoi et al. 2011: a quadruped with a passive waist joint, and the hysteresis of its gaits.
+
+`waist_quadruped/` has the model. The measures of the claims are in `*_measures.py`: of equations, of steady
+motions, and of transitions between gaits.
+"""
 
 import gaitsweep as gs
 from gaitsweep.papers import CLAIMS, CONFIGS, JOBS
@@ -13,9 +17,7 @@ extension = gs.Extension(
     measures=(
         "gaitsweep.papers.aoi2011.equation_measures",
         "gaitsweep.papers.aoi2011.transition_measures",
-        "gaitsweep.papers.aoi2011.fixed_point_measures",
         "gaitsweep.papers.aoi2011.motion_measures",
-        "gaitsweep.papers.aoi2011.footfall_measures",
     ),
     jobs=JOBS,
     configs=CONFIGS,

@@ -54,12 +54,14 @@ def nominal_gait(*, beta: float) -> list[float]:
 @measure
 def phase_rate_error() -> float:
     """Largest difference (rad/s) of the oscillators' rates from eq. (2) with eq. (6)."""
-    rng, worst = np.random.default_rng(1), 0.0
+    rng = np.random.default_rng(1)
+    worst = 0.0
     pairs = [(i, j) for i in range(4) for j in range(4) if i != j]
     for _ in range(STATES):
         gains = dict(zip((f"K_{i + 1}{j + 1}" for i, j in pairs), rng.uniform(0.0, 20.0, 12), strict=True))
         leads = {f"delta_star_{i + 1}{j + 1}": rng.uniform(0.0, TURN) for i, j in pairs if i < j}
-        p, phi = _params(**gains, **leads), rng.uniform(0.0, TURN, 4)
+        p = _params(**gains, **leads)
+        phi = rng.uniform(0.0, TURN, 4)
         expected = np.full(4, float(p.omega))
         for i, j in pairs:
             lead = leads[f"delta_star_{min(i, j) + 1}{max(i, j) + 1}"] * (1.0 if i < j else -1.0)
@@ -72,7 +74,8 @@ def phase_rate_error() -> float:
 @measure
 def reset_error() -> float:
     """Largest difference (rad) of the phase after a landing from phi_AEP, eq. (7)."""
-    p, worst = _params(), 0.0
+    p = _params()
+    worst = 0.0
     aep = float(p.phi_AEP)
     for phase in np.linspace(0.51, 0.99, STATES) * aep:
         s = _state(phi=jnp.full(4, phase), segment=jnp.full(4, LATE), lifted=jnp.ones(4, bool))
@@ -85,7 +88,8 @@ def reset_error() -> float:
 @measure
 def waist_constants(*, f: float) -> list[float]:
     """Stiffness and damping of the waist as shares of kappa_0 (2 pi f)^2 and 2 kappa_0 zeta_0 (2 pi f)."""
-    p, values = _params(f=f), _defaults()
+    p = _params(f=f)
+    values = _defaults()
     rate = TURN * f
     spring, damper = values["kappa_0"] * rate**2, 2.0 * values["kappa_0"] * values["zeta_0"] * rate
     return [float(p.mechanics.kappa_w) / spring, float(p.mechanics.sigma_w) / damper]
@@ -94,7 +98,8 @@ def waist_constants(*, f: float) -> list[float]:
 @measure
 def torque_error(*, joints: str) -> float:
     """Largest difference (N m) of the torques of the `waist`, eq. (A6), or the `limbs`, eq. (4)."""
-    m, worst = _params().mechanics, 0.0
+    m = _params().mechanics
+    worst = 0.0
     # of each joint: its place in q, the desired angle, the spring and the damper
     driven = [(WAIST, 0.0, m.kappa_w, m.sigma_w)]
     if joints != "waist":
@@ -114,7 +119,9 @@ def torque_error(*, joints: str) -> float:
 @measure
 def ground_force_error() -> float:
     """Largest difference (N) of the force on a foot from eq. (A8), in contact and off the ground."""
-    p, rng, worst = _params(), np.random.default_rng(3), 0.0
+    p = _params()
+    rng = np.random.default_rng(3)
+    worst = 0.0
     m = p.mechanics
     for _ in range(STATES):
         at, speed = rng.normal(0.0, 1e-3, (4, 3)), rng.normal(0.0, 0.1, (4, 3))
@@ -130,13 +137,16 @@ def ground_force_error() -> float:
 @measure
 def angular_velocity_error() -> float:
     """Largest error (1/s) of the quaternion's rate against the 3-1-2 Euler angles of eq. (A1) and (A2)."""
-    rng, step, worst = np.random.default_rng(4), 1e-6, 0.0
+    rng = np.random.default_rng(4)
+    step = 1e-6
+    worst = 0.0
 
     def quaternion(angles: Float[np.ndarray, 3]) -> Float[np.ndarray, 4]:
         return Rotation.from_euler("ZXY", angles[[2, 0, 1]]).as_quat(scalar_first=True)
 
     for _ in range(STATES):
-        angles, turning = rng.uniform(-1.0, 1.0, 3), rng.normal(0.0, 2.0, 3)
+        angles = rng.uniform(-1.0, 1.0, 3)
+        turning = rng.normal(0.0, 2.0, 3)
         (s1, c1), (s2, c2) = ((math.sin(a), math.cos(a)) for a in angles[:2])
         b = np.array([[c2, 0.0, -c1 * s2], [0.0, 1.0, s1], [s2, 0.0, c1 * c2]])
         q = np.concatenate([np.zeros(3), quaternion(angles), np.zeros(9)])
@@ -153,9 +163,11 @@ def mechanics_error(*, of: str) -> float:
     Eq. (A3), (A7), (1). Accelerations are those under gravity, joint torques and forces on the feet.
     """
     p = _params()
-    m, rng = p.mechanics, np.random.default_rng(5)
+    m = p.mechanics
+    rng = np.random.default_rng(5)
     model = mujoco.MjModel.from_xml_string(scaled_mjcf(_defaults()))
-    data, worst = mujoco.MjData(model), 0.0
+    data = mujoco.MjData(model)
+    worst = 0.0
     functions = _mechanics()
     for q, v in _moments():
         data.qpos, data.qvel = q, v
@@ -163,18 +175,21 @@ def mechanics_error(*, of: str) -> float:
         mujoco.mj_forward(model, data)
         if of == "kinetic_energy":
             mujoco.mj_energyVel(model, data)
-            computed, expected = functions[of](m, q, v), data.energy[1]
+            computed = functions[of](m, q, v)
+            expected = data.energy[1]
         elif of == "feet":
             computed = functions[of](m, q, v)
             expected = np.stack([data.site(f"foot_{i + 1}").xpos for i in LIMBS])
         else:
             data.qfrc_applied = tau
             for i in LIMBS:
-                site, jacobian = data.site(f"foot_{i + 1}").id, np.zeros((3, model.nv))
+                site = data.site(f"foot_{i + 1}").id
+                jacobian = np.zeros((3, model.nv))
                 mujoco.mj_jacSite(model, data, jacobian, None, site)
                 data.qfrc_applied += jacobian.T @ forces[i]
             mujoco.mj_forward(model, data)
-            computed, expected = functions["accelerations"](m, q, v, tau, forces), data.qacc
+            computed = functions["accelerations"](m, q, v, tau, forces)
+            expected = data.qacc
         worst = max(worst, _largest(computed, expected) / _largest(expected, 0.0))
     return worst
 
@@ -202,9 +217,11 @@ def _mechanics() -> dict[str, Any]:
 
 def _kinetic_energy(geometry: Any, q: Any, v: Any) -> Any:
     """The kinetic energy of the bodies and links, J."""
-    placed, total = places(body()[0], geometry, q), 0.0
+    placed = places(body()[0], geometry, q)
+    total = 0.0
     for i, (place, moving) in enumerate(zip(placed, movements(body()[0], placed, v), strict=True)):
-        speed, w = velocity(place, moving, geometry.com[i]), moving.angular
+        speed = velocity(place, moving, geometry.com[i])
+        w = moving.angular
         spin = w @ turned(place.turn, geometry.inertia[i]) @ w
         total = total + 0.5 * (geometry.mass[i] * (speed @ speed) + spin)
     return total
@@ -233,7 +250,8 @@ def _state(**changed: Any) -> State:
 
 def _moments() -> list[tuple[Float[np.ndarray, 16], Float[np.ndarray, 15]]]:
     """Random positions and velocities of the whole body."""
-    rng, moments = np.random.default_rng(2), []
+    rng = np.random.default_rng(2)
+    moments = []
     for _ in range(STATES):
         turn = Rotation.from_euler("ZXY", rng.uniform(-0.5, 0.5, 3)).as_quat(scalar_first=True)
         q = np.concatenate([rng.normal(0.0, 0.2, 3), turn, rng.uniform(-0.8, 0.8, 9)])

@@ -1,4 +1,9 @@
-"""Fukuoka et al. 2015: a planar quadruped with Matsuoka oscillators and leg loading, and its nine gaits."""
+"""Fukuoka et al. 2015: a planar quadruped with Matsuoka oscillators and leg loading, and its nine gaits.
+
+`planar_quadruped/` has the model and the names of the nine gaits; `analysis/` what is computed from tables,
+`figures/` what is drawn of it, and `analyses.py` the commands `gaitsweep analyse`. The measures of the claims
+are in `*_measures.py`: of equations, of gaits, of legs, and of ramps.
+"""
 
 import gaitsweep as gs
 from gaitsweep.papers import CLAIMS, CONFIGS, JOBS
@@ -24,16 +29,15 @@ extension = gs.Extension(
         "gait_bouts": "gaitsweep.papers.fukuoka2015.analysis.gait_bouts:gait_bouts",
         "gaits_along": "gaitsweep.papers.fukuoka2015.analysis.gait_bouts:gaits_along",
         "gait_measures": "gaitsweep.papers.fukuoka2015.analysis.gait_summaries:gait_measures",
-        "gaits_by_threshold": "gaitsweep.papers.fukuoka2015.analysis.threshold_effect:gaits_by_threshold",
+        "gaits_by_threshold": "gaitsweep.papers.fukuoka2015.analysis.gait_summaries:gaits_by_threshold",
         "gaits_in": "gaitsweep.papers.fukuoka2015.analysis.gait_tables:gaits_in",
         "loading_rule": "gaitsweep.papers.fukuoka2015.analysis.loading_rule:loading_rule",
         "repertoire": "gaitsweep.papers.fukuoka2015.analysis.gait_summaries:repertoire",
-        "speed_transitions": "gaitsweep.papers.fukuoka2015.analysis.speed_transitions:speed_transitions",
+        "speed_transitions": "gaitsweep.papers.fukuoka2015.analysis.gait_bouts:speed_transitions",
     },
     measures=(
-        "gaitsweep.papers.fukuoka2015.footfall_measures",
+        "gaitsweep.papers.fukuoka2015.leg_measures",
         "gaitsweep.papers.fukuoka2015.gait_measures",
-        "gaitsweep.papers.fukuoka2015.loading_measures",
         "gaitsweep.papers.fukuoka2015.model_measures",
         "gaitsweep.papers.fukuoka2015.ramp_measures",
     ),

@@ -108,8 +108,8 @@ def gait_thresholds(directory: Directory, window: Window = (-math.inf, math.inf)
 
     Count the shifts by size too, and the gaits by touchdowns.
     """
+    from gaitsweep.papers.fukuoka2015.analysis.gait_summaries import gaits_by_threshold, shift_sizes
     from gaitsweep.papers.fukuoka2015.analysis.gait_tables import gaits_in
-    from gaitsweep.papers.fukuoka2015.analysis.threshold_effect import gaits_by_threshold, shift_sizes
 
     table = gs.load(directory)
     print_table(gaits_by_threshold(table, window=window))

@@ -12,8 +12,7 @@ import pandas as pd
 from gaitsweep.analyses import require
 from gaitsweep.claims import Condition, MeasureError, measure, numbers, records
 from gaitsweep.papers.fukuoka2015.analysis.body_oscillation import oscillation_along
-from gaitsweep.papers.fukuoka2015.analysis.gait_bouts import gait_bouts, gaits_along
-from gaitsweep.papers.fukuoka2015.analysis.speed_transitions import after_dwell
+from gaitsweep.papers.fukuoka2015.analysis.gait_bouts import after_dwell, gait_bouts, gaits_along
 
 # The mirror images of gaits with a left lead.
 RIGHT = {"L-canter": "R-canter", "LT-gallop": "RT-gallop", "uL-canter": "uR-canter"}

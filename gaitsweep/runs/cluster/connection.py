@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from gaitsweep import near_miss
-from gaitsweep.engine.sweep.xla import usable_cores
+from gaitsweep.engine.devices import usable_cores
 from gaitsweep.errors import ArgumentError
 from gaitsweep.runs.prepare import RunError
 from gaitsweep.table.files import reason

@@ -61,9 +61,16 @@ def difference(worker: Identity, client: Identity) -> str | None:
 
 
 def own_modules(context: RunContext) -> tuple[tuple[str, str], ...]:
-    """Return the user's modules that a job needs, with the folders from which they are imported."""
+    """Return the user's modules that a job needs, with the folders from which they are imported.
+
+    A model file has no module, but an empty name, and the folder from which its path begins.
+    """
     folders: dict[str, str] = {}
     for own in (type(context.model.original), type(context.job.run)):
+        if (model_file := getattr(own, "model_file", None)) is not None:
+            begins = (path for path in model_file.parents if (path / context.job.model).is_file())
+            folders[""] = str(next(begins, model_file.parent))
+            continue
         module = inspect.getmodule(own)
         file = getattr(module, "__file__", None)
         if module is None or file is None or module.__name__.startswith("gaitsweep.") or installed(module):

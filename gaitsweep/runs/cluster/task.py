@@ -234,6 +234,8 @@ def _context_of(ticket: JobTicket) -> RunContext:
     for module, folder in ticket.modules:
         if module not in sys.modules and folder not in sys.path:
             sys.path.append(folder)
+        if not module:  # of a model file
+            continue
         try:
             importlib.import_module(module)
         except Exception as error:

@@ -102,7 +102,8 @@ def write_explorer(
 
 def _job_of(table: pd.DataFrame, trust: bool) -> Job:
     """The job that made a table, even if `job.yaml` was edited since."""
-    fields, where = table.attrs["job"], table.attrs.get("path", "This result")
+    fields = table.attrs["job"]
+    where = table.attrs.get("path", "This result")
     for other in ("search", "sensitivity"):
         if other in fields:
             raise ArgumentError(
@@ -177,8 +178,10 @@ def _labelled(table: pd.DataFrame, context: RunContext) -> pd.DataFrame:
         table.attrs = attrs
     if run.kind_name == "atlas":
         table = rows_where(table, (table["part"] == "branch") & table["stable"].notna())
-        gait, period = table["gait"].astype(str), "period " + table["period"].astype(str)
-        attrs, table = table.attrs, table.assign(gait=gait.mask(gait == "none", period))
+        gait = table["gait"].astype(str)
+        period = "period " + table["period"].astype(str)
+        attrs = table.attrs
+        table = table.assign(gait=gait.mask(gait == "none", period))
         table.attrs = attrs
         return table
     if run.kind_name == "return_map":

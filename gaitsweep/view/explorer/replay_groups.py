@@ -149,7 +149,8 @@ class ReplayMap(ReplayGroup):
         begun, ended = (np.array([f(t) for t in times]) for f in (np.min, np.max))
         # rows reach the first and the last crossing at times of their own
         length = (FIRST_CYCLES + _SPARE_CYCLES) * period + max(float(np.ptp(begun)), float(np.ptp(ended)))
-        first, last = float(begun.min()), float(ended.max()) + period
+        first = float(begun.min())
+        last = float(ended.max()) + period
         if last - first < 2.5 * length:
             return Windows(last - first, first)
         return Windows(length, first, last - length, more=1)
@@ -218,7 +219,8 @@ class ReplayStairs(ReplayGroup):
         return _up_to(end, replayed, "the end of this stair", period)
 
     def around(self, record: int, replayed: ReplayedRow) -> Crossings:
-        schedule, stair = self._kind.schedule(), np.asarray(self.number(record, "stair"))
+        schedule = self._kind.schedule()
+        stair = np.asarray(self.number(record, "stair"))
         begin = 0.0 if stair == 0.0 else float(schedule.end(stair - 1.0))
         t = replayed.crossings.t
         return replayed.crossings.where((t >= begin) & (t <= float(schedule.end(stair)) + _SLACK))
@@ -278,7 +280,8 @@ class ReplayBranches(ReplayGroup):
         return Windows(longest + 0.1 * period)
 
     def stretches(self, record: int, replayed: ReplayedRow, period: float) -> list[Stretch]:
-        t, period = replayed.crossings.t, int(self.number(record, "period")) if "period" in self.table else 1
+        t = replayed.crossings.t
+        period = int(self.number(record, "period")) if "period" in self.table else 1
         return [Stretch("the steady gait", 0.0, float(t[period]), loops=True)] if len(t) > period else []
 
     def around(self, record: int, replayed: ReplayedRow) -> Crossings:

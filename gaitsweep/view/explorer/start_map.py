@@ -147,7 +147,8 @@ def _points(shown: StartMap, job: Job, drawn: list[int], most: int) -> StartMap:
 def with_next(table: pd.DataFrame, y: str) -> pd.DataFrame:
     """A return map's table with an observable at the next crossing, and its change until then."""
     table = table.sort_values(["row", "crossing"], kind="stable")
-    attrs, circular = table.attrs, is_angle(table, y)
+    attrs = table.attrs
+    circular = is_angle(table, y)
     after = table.groupby("row")[y].shift(-1)
     change = after - table[y]
     change = np.pi - np.mod(np.pi - change, 2.0 * np.pi) if circular else change  # the shorter way round
@@ -214,11 +215,14 @@ def _outcomes(table: pd.DataFrame) -> tuple[list[dict[str, Any]], Int[np.ndarray
     In rows with several records each record has its own outcome: its gait, hollow if a stair had not settled
     or a steady gait is unstable, and `failed` for the last crossings before a fall.
     """
-    hollow, suffix = np.zeros(len(table), bool), ""
+    hollow = np.zeros(len(table), bool)
+    suffix = ""
     if "stable" in table.columns:
-        hollow, suffix = np.asarray(table["stable"].astype(object) == False), "unstable"  # noqa: E712 - also missing values
+        hollow = np.asarray(table["stable"].astype(object) == False)  # noqa: E712 - also missing values
+        suffix = "unstable"
     elif "settled" in table.columns:
-        hollow, suffix = ~table["settled"].to_numpy(bool), Outcome.NOT_SETTLED
+        hollow = ~table["settled"].to_numpy(bool)
+        suffix = Outcome.NOT_SETTLED
     if "cycles" in table.columns:  # one record a row
         shown = outcome_labels(table, "gait")
     else:
@@ -245,7 +249,8 @@ def _outcomes(table: pd.DataFrame) -> tuple[list[dict[str, Any]], Int[np.ndarray
 
 def _slices(table: pd.DataFrame, job: Job, drawn: Sequence[int], few: int | None = None) -> list[Slice]:
     """The axes that are not drawn; with `few`, only parameters with at most that many values."""
-    design, row = job.design, table["row"].to_numpy(np.int64)
+    design = job.design
+    row = table["row"].to_numpy(np.int64)
     parameters = {q.name for q in design.model.parameters}
     groups = [(place, group) for place, group in enumerate(design.groups) if group.length > 1]
     slices = []

@@ -147,7 +147,8 @@ def frames(
         )
         progress = _time_bar(bar, clip)
         drawn = scene(view, clip, True)
-        shown, first = _CYCLES_SHOWN * clip.period, float(clip.t[0])
+        shown = _CYCLES_SHOWN * clip.period
+        first = float(clip.t[0])
         for k, t in enumerate(clip.t):
             drawn.show(k)
             low = max(first, float(t) - shown)

@@ -96,7 +96,8 @@ class Painter:
     def _read(self) -> UInt8[np.ndarray, "height width 3"]:
         """The next frame; raises NoOpenGL with the last message of the process if there is none."""
         assert self._process.stdout is not None
-        length, picture = int(np.prod(self._shape)), bytearray()
+        length = int(np.prod(self._shape))
+        picture = bytearray()
         deadline = time.monotonic() + _PATIENCE
         while len(picture) < length:
             ready, _, _ = select.select([self._process.stdout], [], [], max(deadline - time.monotonic(), 0.0))

@@ -48,14 +48,12 @@ def gait_shares(
     sets = pd.DataFrame(wide.index.to_frame(index=False))
     # the high end of the interval of a gait that no start reached
     most_without = proportion_interval(0, int(counted["of"].to_numpy().min()), level)[1]
+    # of each column of `fractions`: its suffix here, and its value where no start has the gait
+    columns = {"fraction": ("", 0.0), "low": ("_low", 0.0), "high": ("_high", most_without)}
     for gait in WAVES:
-        for part, suffix, otherwise in (
-            ("fraction", "", 0.0),
-            ("low", "_low", 0.0),
-            ("high", "_high", most_without),
-        ):
+        for part, (suffix, without_gait) in columns.items():
             occurs = (part, gait) in wide.columns
-            sets[gait + suffix] = wide[part, gait].fillna(otherwise).to_numpy() if occurs else otherwise
+            sets[gait + suffix] = wide[part, gait].fillna(without_gait).to_numpy() if occurs else without_gait
     sets["elsewhere"] = (1.0 - sets[list(WAVES)].sum(axis=1)).clip(lower=0.0).round(12)
     return sets.assign(**_conditions(table, pd.DataFrame(sets[names])))
 
@@ -73,11 +71,15 @@ def sets_by_conditions(table: pd.DataFrame) -> pd.DataFrame:
     """
     shares = gait_shares(table)
     occurs = shares[list(WAVES)] > 0.0
-    kinds = ["conditions", *(f"{gait}_hold" for gait in WAVES)]
-    groups = shares.assign(with_all=occurs.all(axis=1), with_any=occurs.any(axis=1)).groupby(kinds)
-    counts = {"sets": groups.size(), **{name: groups[name].sum() for name in ("with_all", "with_any")}}
-    means = {gait: groups[gait].mean() for gait in WAVES}
-    return pd.DataFrame({**counts, **means}).iloc[::-1].reset_index()
+    conditions = ["conditions", *(f"{gait}_hold" for gait in WAVES)]
+    groups = shares.assign(with_all=occurs.all(axis=1), with_any=occurs.any(axis=1)).groupby(conditions)
+    columns = {
+        "sets": groups.size(),
+        "with_all": groups["with_all"].sum(),
+        "with_any": groups["with_any"].sum(),
+        **{gait: groups[gait].mean() for gait in WAVES},
+    }
+    return pd.DataFrame(columns).iloc[::-1].reset_index()  # sets at which all conditions hold come first
 
 
 def existence(N: int, chains: Chain, L: Float[np.ndarray, " sets"]) -> dict[str, Bool[np.ndarray, " sets"]]:
@@ -108,7 +110,8 @@ def _hold(N: int, chains: Chain, L: Float[np.ndarray, " sets"]) -> tuple[jax.Arr
 
 def _conditions(table: pd.DataFrame, sets: pd.DataFrame) -> dict[str, Bool[np.ndarray, " sets"]]:
     """The columns `conditions` and NAME_hold of sets of parameters, as `gait_shares` returns them."""
-    values, chains = parameters_of(table, sets), chains_of(table, sets)
+    values = parameters_of(table, sets)
+    chains = chains_of(table, sets)
     L = np.broadcast_to(values["L"], (len(sets),))
     m_B = np.maximum(chains.m_1, chains.m_end)
     # with a profile the printed conditions are those of every inner leg, so of the extreme ones

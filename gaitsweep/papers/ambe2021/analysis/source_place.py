@@ -41,12 +41,14 @@ def source_place(table: pd.DataFrame) -> pd.DataFrame:
     meeting = np.where(settled & (np.asarray(table["gait"], str) == "none"), _meetings(phases), 0)
     rows = []
     groups = table.groupby(names, sort=True).indices if names else {(): np.arange(len(table))}
-    for values, at in groups.items():
-        parameters = dict(zip(names, values if isinstance(values, tuple) else (values,), strict=True))
-        neither = float(np.mean((source[at] == 0) & (meeting[at] == 0)))
+    for values, starts in groups.items():
+        # pandas gives the value itself, not a tuple, where a set has one parameter
+        of_set = values if isinstance(values, tuple) else (values,)
+        parameters = dict(zip(names, of_set, strict=True))
+        neither = float(np.mean((source[starts] == 0) & (meeting[starts] == 0)))
         for leg in range(1, phases.shape[1] + 2):
-            shares = {"source": np.mean(source[at] == leg), "meeting": np.mean(meeting[at] == leg)}
-            rows.append({**parameters, "leg": leg, **shares, "neither": neither, "starts": len(at)})
+            shares = {"source": np.mean(source[starts] == leg), "meeting": np.mean(meeting[starts] == leg)}
+            rows.append({**parameters, "leg": leg, **shares, "neither": neither, "starts": len(starts)})
     return pd.DataFrame(rows)
 
 
@@ -68,25 +70,25 @@ def source_drift(table: pd.DataFrame, cycles: int = 20) -> pd.DataFrame:
         AnalysisError: the table is not of the chain, or a row has fewer than two crossings.
     """
     _phases(table, "_n")
-    names, records = set_columns(table), []
+    names = set_columns(table)
+    records = []
     for row, part in table.groupby("row", sort=True):
         part = part.sort_values(by="crossing").tail(cycles + 1)
         psi = _phases(part, "_n")
         if len(psi) < 2:
             raise AnalysisError(f"Row {row} has fewer than two crossings.")
-        N, first = psi.shape[1], pd.DataFrame(part.head(1))
-        chain, K = chain_of(table, first), np.ravel(parameters_of(table, first)["K"])[0]
+        N = psi.shape[1]
+        first = pd.DataFrame(part.head(1))
+        chain = chain_of(table, first)
+        K = np.ravel(parameters_of(table, first)["K"])[0]
         rate = float(np.mean(wrapped_difference(np.diff(psi.sum(axis=1)))))
-        records.append(
-            {"row": row}
-            | {name: first[name].iloc[0] for name in names}
-            | {
-                "place": int(np.abs(wrapped_difference(psi[-1])).argmax()) + 1,
-                "drift": rate,
-                "law": float(drift(chain)),
-                "law_on_ground": float(drift_on_ground(N, chain, float(K))),
-            }
-        )
+        drifts = {
+            "place": int(np.abs(wrapped_difference(psi[-1])).argmax()) + 1,
+            "drift": rate,
+            "law": float(drift(chain)),
+            "law_on_ground": float(drift_on_ground(N, chain, float(K))),
+        }
+        records.append({"row": row, **{name: first[name].iloc[0] for name in names}, **drifts})
     return pd.DataFrame(records)
 
 
@@ -94,8 +96,8 @@ def _phases(table: pd.DataFrame, suffix: str) -> Float[np.ndarray, "records spri
     """The relative phases of each record, rad."""
     names = psi_columns(table, suffix)
     if not names:
-        needs = f"a table of the multi-legged chain with the columns psi_1{suffix}, ..."
-        raise AnalysisError(f"A source needs {needs}")
+        columns = f"the columns psi_1{suffix}, ..."
+        raise AnalysisError(f"A source needs a table of the multi-legged chain with {columns}")
     return table[names].to_numpy(float)
 
 

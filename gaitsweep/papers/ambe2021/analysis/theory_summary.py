@@ -46,23 +46,27 @@ def theory_summary(N: int, omega: float, chain: Chain) -> str:
         rule = rule_of(N, branch, chain)
         # not the middle itself, where two legs of set A touch down together
         s = float(rule.low + 0.45 * (rule.high - rule.low))
-        sets = ", ".join(f"{name} = {_listed(legs)}" for name, legs in
-                         zip(("T_1", "T_2"), order_sets(N, branch, s, chain), strict=True))  # fmt: skip
-        at = [f"leg {jump.leg} at {jump.s:.3f}" for jump in jumps(N, branch, chain)]
+        T_1, T_2 = order_sets(N, branch, s, chain)
+        jumps_of_set = [f"leg {jump.leg} at {jump.s:.3f}" for jump in jumps(N, branch, chain)]
         name = "direct wave" if branch.kind == "direct" else f"set {branch.kind}, k = {branch.k}"
         lines += [
             "",
             f"{name}: {free_phase(N, branch, chain)}",
             f"  touchdowns   {' '.join(map(str, touchdown_order(N, branch, s, chain)))}",
-            f"  S            {' '.join(str(i) for i, *_ in reset_sets(N, branch, s, chain))}; {sets}",
-            f"  jumps        {', '.join(at) or 'none'}",
+            f"  S            {' '.join(str(i) for i, *_ in reset_sets(N, branch, s, chain))}; "
+            f"T_1 = {_listed(T_1)}, T_2 = {_listed(T_2)}",
+            f"  jumps        {', '.join(jumps_of_set) or 'none'}",
             f"  eigenvalues  {_counted(eigenvalues(linear_map(N, branch, s, chain)))}",
         ]
     return "\n".join(lines)
 
 
 def free_phase(N: int, branch: Branch, chain: Chain) -> str:
-    """The range of a set's free relative phase, as the paper has it: psi_{k-1} on section k, or psi_N."""
+    """The range of a set's free relative phase, as the paper has it: psi_{k-1} on section k, or psi_N.
+
+    Args:
+        N, branch, chain: as in `rule_of`.
+    """
     rule = rule_of(N, branch, chain)
     low, high = float(rule.low), float(rule.high)
     if branch.kind == "direct":
@@ -77,10 +81,9 @@ def _listed(legs: frozenset[int]) -> str:
 
 def _counted(values: Inexact[np.ndarray, " springs"]) -> str:
     """Eigenvalues in falling order, equal ones once with their number."""
-    texts = collections.Counter(
-        re.sub(
-            r"\.?0+\Z", "", f"{value.real:.6f}" + (f"{value.imag:+.6f}i" if abs(value.imag) > 1e-9 else "")
-        )
-        for value in values
-    )
-    return ", ".join(f"{text} ({n})" if n > 1 else text for text, n in texts.items())
+    texts = []
+    for value in values:
+        imaginary = f"{value.imag:+.6f}i" if abs(value.imag) > 1e-9 else ""
+        texts.append(re.sub(r"\.?0+\Z", "", f"{value.real:.6f}{imaginary}"))
+    counts = collections.Counter(texts)
+    return ", ".join(text if n == 1 else f"{text} ({n})" for text, n in counts.items())

@@ -74,7 +74,8 @@ def waves(table: pd.DataFrame) -> pd.DataFrame:
 
 def _wave(part: pd.DataFrame, N: int, chain: Chain, omega: float) -> dict[str, object]:
     """The measured wave of one row, and the theory's wavelength and speeds, as `waves` returns them."""
-    swings, psi = passages(part, N), relative_phases(part, N)
+    swings = passages(part, N)
+    psi = relative_phases(part, N)
     branch, distance = nearest_set(N, chain, psi)
     lags = np.minimum(swings.leads, swings.period - swings.leads)[links_of_wave(N, branch) - 1]
     # eqs. (27), (28) are of equal inner legs; with a profile each pair has a lag of its own
@@ -83,7 +84,7 @@ def _wave(part: pd.DataFrame, N: int, chain: Chain, omega: float) -> dict[str, o
     printed = np.nan if chain.has_profile else float(wavelength(chain))
     return {
         "gait": GAITS[gait_of(branch)],
-        "k": branch.k if branch.kind != "direct" else 0,
+        "k": 0 if branch.kind == "direct" else branch.k,
         "distance": distance,
         "free_link": free_link(N, branch),
         "period": swings.period,
@@ -99,8 +100,10 @@ def _wave(part: pd.DataFrame, N: int, chain: Chain, omega: float) -> dict[str, o
 
 def links_of_wave(N: int, branch: Branch) -> Int[np.ndarray, " links"]:
     """The links whose lag is that of the wave: not the free one, nor link k of set A, which moves with it."""
-    others = {free_link(N, branch)} | ({branch.k} if branch.kind == "A" else set())
-    return np.array([link for link in range(1, N + 1) if link not in others])
+    left_out = {free_link(N, branch)}
+    if branch.kind == "A":
+        left_out.add(branch.k)
+    return np.array([link for link in range(1, N + 1) if link not in left_out])
 
 
 def passages(part: pd.DataFrame, N: int) -> Passages:
@@ -127,6 +130,7 @@ def _times_of_mid_stance(
 ) -> Float[np.ndarray, " passages"]:
     """The times at which a phase (rad, any turns) passes `MID_STANCE`."""
     # the phase wraps far from MID_STANCE
-    before = np.flatnonzero((phase[:-1] < MID_STANCE) & (phase[1:] >= MID_STANCE) & (np.diff(phase) < 1.0))
+    passes = (phase[:-1] < MID_STANCE) & (phase[1:] >= MID_STANCE) & (np.diff(phase) < 1.0)
+    before = np.flatnonzero(passes)  # the last samples before the passages
     share = (MID_STANCE - phase[before]) / (phase[before + 1] - phase[before])
     return t[before] + share * (t[before + 1] - t[before])

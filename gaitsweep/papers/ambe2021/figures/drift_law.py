@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 from typing import Annotated, Any, Literal
 
@@ -30,9 +31,9 @@ from gaitsweep.plot import (
     word,
 )
 
-EQUAL = 1e-9  # largest difference between equal ends, in the unit of the parameter
+EQUAL_WITHIN = 1e-9  # largest difference between equal ends, in the unit of the parameter
 ENDS = {"m": ("m_1", "m_end"), "kappa": ("kappa_1", "kappa_end"), "a": ("a_1", "a_end")}
-APART = {
+ASYMMETRY_LABELS = {
     "m": "difference of head's and tail's mass, $|m_{N+1} - m_1|$ (kg)",
     **dict.fromkeys(("kappa", "a", "ends"), "drift of the sum of relative phases, $E$ (rad per cycle)"),
 }
@@ -72,14 +73,14 @@ def drift_law(
     Raises:
         PlotError: the table lacks a column, `of` is unknown, or a profile varies.
     """
-    if of not in APART:
-        raise PlotError(f"of is {of}, but must be one of {', '.join(APART)}.")
+    if of not in ASYMMETRY_LABELS:
+        raise PlotError(f"of is {of}, but must be one of {', '.join(ASYMMETRY_LABELS)}.")
     require_columns(table, "cycles", hue)
-    ends = [column(table, name) for pair in _columns(table, of) for name in pair]
+    ends = [column(table, name) for name in itertools.chain(*_columns(table, of))]
     settled = rows_where(table, ~outcome(table, hue).isin([Outcome.NOT_SETTLED, Outcome.FAILED, "none"]))
     with theme.canvas(theme.COLUMN + 0.9, 3.1, title) as figure:
         axes = figure.subplots()
-        axes.set_xlabel(theme.wrapped(APART[of], theme.width_of(theme.COLUMN + 0.9) - 0.8, 8.5))
+        axes.set_xlabel(theme.wrapped(ASYMMETRY_LABELS[of], theme.width_of(theme.COLUMN + 0.9) - 0.8, 8.5))
         axes.set_ylabel("cycles until settled")
         pairs = _pairs(table, settled, ends, hue, by_mass=of == "m")
         if not len(pairs):
@@ -90,24 +91,27 @@ def drift_law(
         for name in names:
             points = pairs[pairs[hue] == name]
             for field in _FIELDS:
-                look: dict[str, Any] = {"marker": marker[name], "s": 16, "linewidths": 0.8}
-                look |= {"facecolors": colour[name] if field == "max" else "none", "edgecolors": colour[name]}
-                axes.scatter(points["apart"], points[field], **look)
-        law = pairs.groupby("apart")["law"].first().sort_index()
+                style: dict[str, Any] = {"marker": marker[name], "s": 16, "linewidths": 0.8}
+                style |= {
+                    "facecolors": colour[name] if field == "max" else "none",
+                    "edgecolors": colour[name],
+                }
+                axes.scatter(points["asymmetry"], points[field], **style)
+        law = pairs.groupby("asymmetry")["law"].first().sort_index()
         axes.plot(law.index, law, color="black", lw=0.9)
-        for axis, scale in ((axes.xaxis, axes.set_xscale), (axes.yaxis, axes.set_yscale)):
-            scale("log")
+        axes.set(xscale="log", yscale="log")
+        for axis in (axes.xaxis, axes.yaxis):
             _ticks(axis)
         theme.legend(figure, _key({name: (colour[name], marker[name]) for name in names}), ncols=6)
     return figure
 
 
-def _key(looks: dict[str, tuple[str, str]]) -> list[Line2D]:
+def _key(styles: dict[str, tuple[str, str]]) -> list[Line2D]:
     """The legend: the colour and marker of each gait, what filled and open markers are, and the law."""
     point: dict[str, Any] = {"ls": "", "ms": 4.5, "mew": 0.8}
     gaits = [
         Line2D([], [], color=colour, marker=marker, label=theme.named(name), **point)
-        for name, (colour, marker) in looks.items()
+        for name, (colour, marker) in styles.items()
     ]
     grey = {"color": "#555555", "marker": "o"}
     fields = [
@@ -132,20 +136,23 @@ def _ticks(axis: Axis) -> None:
     """Ticks at round numbers, more of them where the axis covers less than a decade."""
     low, high = axis.get_view_interval()
     subs = (1.0, 2.0, 5.0) if high > 8.0 * low else (1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0)
-    axis.set_major_locator(LogLocator(subs=subs) if high > 1.5 * low else MaxNLocator(2))
+    # below a factor of 1.5 a logarithmic axis may have no round number at all
+    locator = LogLocator(subs=subs) if high > 1.5 * low else MaxNLocator(2)
+    axis.set_major_locator(locator)
     axis.set_minor_locator(NullLocator())
     axis.set_major_formatter(StrMethodFormatter("{x:g}"))
 
 
 def _pairs(
-    table: pd.DataFrame, settled: pd.DataFrame, ends: list[str], hue: str, by_mass: bool
+    table: pd.DataFrame, settled: pd.DataFrame, ends: list[str], hue: str, *, by_mass: bool
 ) -> pd.DataFrame:
     """Per drifting pair of ends and gait: median and largest cycles, asymmetry, cycles of the law."""
     profile = [name for name in profile_parameters_of(table) if name in table]
     moving = [name for name in profile if len(table[name].unique()) > 1]
     if moving:
         raise PlotError(f"{moving[0]} varies, but the law needs a single profile of the inner legs.")
-    springs, chain = springs_of(table), chain_of(table)
+    springs = springs_of(table)
+    chain = chain_of(table)
     groups = settled.groupby([*ends, settled[hue].astype(str)])["cycles"].agg(["median", "max"])
     pairs = groups.reset_index()
     chains = [
@@ -153,5 +160,5 @@ def _pairs(
     ]
     pairs["law"] = [float(worst_case_cycles(springs, chain_of_pair)) for chain_of_pair in chains]
     drifts = np.round([abs(float(drift(chain_of_pair))) for chain_of_pair in chains], 9)
-    pairs["apart"] = np.abs(pairs[ends[1]] - pairs[ends[0]]).round(9) if by_mass else drifts
-    return rows_where(pairs, pairs["apart"] > EQUAL)
+    pairs["asymmetry"] = np.abs(pairs[ends[1]] - pairs[ends[0]]).round(9) if by_mass else drifts
+    return rows_where(pairs, pairs["asymmetry"] > EQUAL_WITHIN)

@@ -40,7 +40,7 @@ from gaitsweep.plot import (
 )
 
 _SHARES = (*WAVES, "elsewhere")
-_BINNED, _OF_A_BIN = 1000, 4  # sets from which a map has bins, and their mean number in one
+_BINNED_FROM, _SETS_PER_BIN = 1000, 4  # sets from which a map has bins, and their mean number in one
 _EDGE: dict[str, Any] = {"color": "black", "lw": 0.9, "ls": "--"}
 _EXACT: dict[str, Any] = {"color": "#D55E00", "lw": 1.1}
 _LINES = {
@@ -99,7 +99,7 @@ def gait_shares(
         for axes, gait in zip(panels, _SHARES, strict=True):
             log_axes(axes, table, x=x, y=y)
             drawn = _map(axes, shares, table, x, y, gait)
-            axes.set_title(theme.named(gait) if gait in WAVES else "none of these")
+            axes.set_title(_label(gait))
             axes.set_xlabel(axis_label(table, x))
             _edges(axes, table, x, y)
             if gait in WAVES:
@@ -115,16 +115,21 @@ def gait_shares(
     return figure
 
 
+def _label(gait: str) -> str:
+    """The name of a gait in figures, or of starts without one of the three."""
+    return theme.named(gait) if gait in WAVES else "none of these"
+
+
 def _map(axes: Axes, shares: pd.DataFrame, table: pd.DataFrame, x: str, y: str, gait: str) -> Any:
     """Cells with the means of their sets if these form a grid; else a point for each set, or bins of many."""
-    look = {"cmap": "viridis", "vmin": 0.0, "vmax": 1.0, "rasterized": True}
+    style = {"cmap": "viridis", "vmin": 0.0, "vmax": 1.0, "rasterized": True}
     cells = pd.DataFrame(shares.groupby([x, y])[gait].mean()).reset_index()
     grid = cell_grid(cells, x, y, table)
     if grid is not None:
-        return axes.pcolormesh(*grid.edges, grid.placed(cells, cells[gait]), **look)
+        return axes.pcolormesh(*grid.edges, grid.placed(cells, cells[gait]), **style)
     at = cells[[x, y]].to_numpy(float)
-    if len(cells) >= _BINNED:
-        number = int(np.sqrt(len(cells) / _OF_A_BIN))
+    if len(cells) >= _BINNED_FROM:
+        number = int(np.sqrt(len(cells) / _SETS_PER_BIN))
         scales = (axes.get_xscale(), axes.get_yscale())
         edges = [
             _along((low, high), number + 1, scale)
@@ -132,9 +137,9 @@ def _map(axes: Axes, shares: pd.DataFrame, table: pd.DataFrame, x: str, y: str, 
         ]
         sums = np.histogram2d(at[:, 0], at[:, 1], edges, weights=cells[gait].to_numpy(float))[0]
         sets = np.ma.masked_equal(np.histogram2d(at[:, 0], at[:, 1], edges)[0], 0.0)
-        return axes.pcolormesh(*edges, (sums / sets).T, **look)
+        return axes.pcolormesh(*edges, (sums / sets).T, **style)
     size = float(np.clip(2e3 / len(cells), 3.0, 30.0))
-    return axes.scatter(cells[x], cells[y], c=cells[gait], s=size, linewidths=0.0, **look)
+    return axes.scatter(cells[x], cells[y], c=cells[gait], s=size, linewidths=0.0, **style)
 
 
 def _curves(table: pd.DataFrame, x: str, title: str | None) -> Figure:
@@ -151,9 +156,8 @@ def _curves(table: pd.DataFrame, x: str, title: str | None) -> Figure:
         colour = {**theme.colours(WAVES), "elsewhere": theme.COLOURS["none"]}
         marker = {**theme.markers(WAVES), "elsewhere": "x"}
         for gait in _SHARES:
-            label = theme.named(gait) if gait in WAVES else "none of these"
-            look = {"color": colour[gait], "marker": marker[gait], "ms": 3.5}
-            axes.plot(shares[x], shares[gait], label=label, **look)
+            style = {"color": colour[gait], "marker": marker[gait], "ms": 3.5}
+            axes.plot(shares[x], shares[gait], label=_label(gait), **style)
             if gait in WAVES:
                 band = (shares[x], shares[f"{gait}_low"], shares[f"{gait}_high"])
                 axes.fill_between(*band, color=colour[gait], alpha=0.18, lw=0)
@@ -194,24 +198,33 @@ def _edges(axes: Axes, table: pd.DataFrame, x: str, y: str | None) -> None:
 
 def _along(limits: tuple[float, float], number: int, scale: str) -> Float[np.ndarray, " places"]:
     """Places of an axis, evenly spread on the page."""
-    return (np.geomspace if scale == "log" else np.linspace)(*limits, number)
+    if scale == "log":
+        return np.geomspace(*limits, number)
+    return np.linspace(*limits, number)
+
+
+def _above_zero(limits: tuple[float, float]) -> tuple[float, float]:
+    """The limits of an axis, of which parameters are above zero and a figure's margin may not be."""
+    return max(limits[0], 1e-3 * limits[1]), limits[1]
 
 
 def _exact(axes: Axes, table: pd.DataFrame, x: str, y: str | None, gait: str) -> None:
     """The limits of existence of each gait; other parameters as in the job, or as in Table 1."""
     low, high = axes.get_xlim(), axes.get_ylim()
-    # parameters are above zero, where a figure's margin may not be
-    above = [(max(limits[0], 1e-3 * limits[1]), limits[1]) for limits in (low, high)]
-    along = _along(above[0], 241 if y is None else 161, axes.get_xscale())
-    up = _along(above[1], 161, axes.get_yscale()) if y else np.zeros(1)
-    grid = np.stack([places.ravel() for places in np.meshgrid(along, up)], axis=1)
-    sets = pd.DataFrame(grid[:, : 2 if y else 1], columns=[x, y] if y else [x])
+    if y is None:
+        along, up = _along(_above_zero(low), 241, axes.get_xscale()), np.zeros(1)
+        sets = pd.DataFrame({x: along})
+    else:
+        along = _along(_above_zero(low), 161, axes.get_xscale())
+        up = _along(_above_zero(high), 161, axes.get_yscale())
+        across, upwards = np.meshgrid(along, up)
+        sets = pd.DataFrame({x: across.ravel(), y: upwards.ravel()})
     L = np.broadcast_to(parameters_of(table, sets)["L"], (len(sets),))
     exists = existence(springs_of(table), chains_of(table, sets), L)[gait].reshape(len(up), len(along))
     if y:
         if exists.any() and not exists.all():
-            look = {"colors": _EXACT["color"], "linewidths": _EXACT["lw"]}
-            axes.contour(along, up, exists.astype(float), [0.5], **look)
+            style = {"colors": _EXACT["color"], "linewidths": _EXACT["lw"]}
+            axes.contour(along, up, exists.astype(float), [0.5], **style)
     else:
         drawn = [float(np.asarray(line.get_xdata(), float)[0]) for line in axes.get_lines()]
         for turn in np.flatnonzero(np.diff(exists[0].astype(int))):

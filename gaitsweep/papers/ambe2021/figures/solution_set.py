@@ -22,7 +22,7 @@ from gaitsweep.papers.ambe2021.multilegged.chain_of_table import (
     profile_parameters_of,
 )
 from gaitsweep.papers.ambe2021.theory.chain import Chain
-from gaitsweep.papers.ambe2021.theory.gaits import SHORTEST, segments
+from gaitsweep.papers.ambe2021.theory.gaits import SHORTEST_PIECE, segments
 from gaitsweep.plot import (
     Flag,
     Hue,
@@ -40,8 +40,8 @@ from gaitsweep.plot import (
     theme,
 )
 
-_Three = Field(min_length=3, max_length=3)
-_AWAY = 11.0  # points from a marked point to its name
+_ThreeEntries = Field(min_length=3, max_length=3)
+_NAME_DISTANCE = 11.0  # points from a marked point to its name
 _PSI = ("psi_1", "psi_2", "psi_3")
 Planes = list[tuple[Any, list[int]]]  # the axes of each projection, and the two observables along them
 
@@ -50,13 +50,13 @@ Planes = list[tuple[Any, list[int]]]  # the axes of each projection, and the two
 def solution_set(
     table: pd.DataFrame,
     *,
-    axes: Annotated[Sequence[Observable], _Three, "three observables of the model"],
+    axes: Annotated[Sequence[Observable], _ThreeEntries, "three observables of the model"],
     hue: Hue = "gait",
     theory: Annotated[
         Flag, "whether to draw the analytic solutions, which are known for psi_1, psi_2, psi_3"
     ] = True,
     points: Annotated[
-        Mapping[Text, Annotated[Sequence[Real], _Three]], "points to mark, by name, three numbers each"
+        Mapping[Text, Annotated[Sequence[Real], _ThreeEntries]], "points to mark, by name, three numbers each"
     ] = MappingProxyType({}),
     title: Title = None,
 ) -> Figure:
@@ -88,7 +88,8 @@ def solution_set(
         _label(table, names, space, planes)
         if not len(settled):
             theme.message(planes[0][0], "No row has settled yet.")
-        _legend(figure, table, hue, shown, _named(table) if len(lines) else None, remark)
+        theory_label = _named(table) if len(lines) else None
+        _legend(figure, table, hue, shown, theory_label, remark)
         if points:
             along = np.linspace(lines[:, 0], lines[:, 1], 20).reshape(-1, 3)
             _mark(points, np.concatenate([settled, along]), space, planes)
@@ -122,11 +123,11 @@ def _scatter(
         circular = [is_angle(table, observable) for observable in names]
         place = np.where(circular, np.mod(place, 2 * np.pi), place)
         width = 0.8 if marker[name] == "x" else 0
-        look = {"color": colour[name], "marker": marker[name], "linewidths": width, "clip_on": False}
+        style = {"color": colour[name], "marker": marker[name], "linewidths": width, "clip_on": False}
         size = float(np.clip(3e3 / len(rows), 9.0, 16.0))  # larger than the width of the lines over them
-        space.scatter(*place.T, s=size, depthshade=False, **look)
+        space.scatter(*place.T, s=size, depthshade=False, **style)
         for plane, pair in planes:
-            plane.scatter(*place[:, pair].T, s=size, rasterized=True, **look)
+            plane.scatter(*place[:, pair].T, s=size, rasterized=True, **style)
         places.append(place)
     return np.concatenate(places)
 
@@ -157,7 +158,7 @@ def _name(
     """Write names beside their places, far from each other and from what is drawn."""
     text = {"fontsize": theme.points(9), "fontweight": "bold", "ha": "center", "va": "center", "zorder": 9}
     turns = np.linspace(0.0, 2 * np.pi, 8, endpoint=False)
-    sides = _AWAY * np.stack([np.cos(turns), np.sin(turns)], axis=1)
+    sides = _NAME_DISTANCE * np.stack([np.cos(turns), np.sin(turns)], axis=1)
     occupied = axes.transData.transform(np.concatenate([places, drawn])) * 72 / axes.figure.dpi
     for name, place, point in zip(names, places, occupied[: len(places)], strict=True):
         room = np.linalg.norm((point + sides)[:, None] - occupied, axis=2).min(axis=1)
@@ -191,9 +192,11 @@ def _legend(
     colour, marker = theme.colours(order), theme.markers(order)
     handles = []
     for name in order:
-        face = "none" if name in (Outcome.NOT_SETTLED, Outcome.FAILED) else colour[name]
-        label, count = theme.named(name), int((shown == name).sum())
-        label = f"{label} ({count})" if face != "none" else f"{label}: {count}, not shown"
+        count = int((shown == name).sum())
+        if name in (Outcome.NOT_SETTLED, Outcome.FAILED):
+            face, label = "none", f"{theme.named(name)}: {count}, not shown"
+        else:
+            face, label = colour[name], f"{theme.named(name)} ({count})"
         handles.append(Line2D([], [], ls="", marker=marker[name], color=face, label=label, ms=5))
     if theory:
         handles.append(Line2D([], [], color="black", lw=0.9, label=theory))
@@ -220,8 +223,9 @@ def _theory(table: pd.DataFrame, axes: list[str]) -> tuple[Float[np.ndarray, "pi
     if varied:
         return none, f"{', '.join(varied)} varies."
     lines = segments(3, chain_of(table))
-    half, middle = np.asarray(lines.half)[..., None], np.asarray(lines.middle)
+    half = np.asarray(lines.half)[..., None]
+    middle = np.asarray(lines.middle)
     reach = np.asarray(lines.direction) * half
-    ends = np.stack([middle - reach, middle + reach], axis=2)[half[..., 0] > SHORTEST]
+    ends = np.stack([middle - reach, middle + reach], axis=2)[half[..., 0] > SHORTEST_PIECE]
     order = [_PSI.index(name.removesuffix("_end")) for name in axes]
     return ends[:, :, order], None

@@ -26,7 +26,7 @@ from gaitsweep.plot import (
     theme,
 )
 
-_BESIDE = 1.6  # inches; of labels and colour bars beside the panels
+_COLOURBAR_ROOM = 1.6  # inches; of labels and colour bars beside the panels
 _SHOWN = {"source": ("Blues", "source at this leg"), "meeting": ("Oranges", "waves meet there (hatched)")}
 
 
@@ -69,8 +69,9 @@ def source_place(
             for axes in panels:
                 theme.message(axes, "no rows yet")
             return figure
-        shares, drawn = places_of(table), {}
-        room = (theme.width_of(theme.PAGE) - (_BESIDE if across == len(x) else 0.7)) / across
+        shares = places_of(table)
+        drawn = {}
+        room = (theme.width_of(theme.PAGE) - (_COLOURBAR_ROOM if across == len(x) else 0.7)) / across
         legs = int(shares["leg"].to_numpy().max())
         most = max(float(shares["source"].to_numpy().max()), 0.01)
         for axes, name in zip(panels, x, strict=True):
@@ -95,13 +96,14 @@ def _panel(axes: Any, shares: pd.DataFrame, name: str, legs: int, most: float) -
 
     Starts spread over many legs, so the colours of sources end at the largest share of all panels, `most`.
     """
-    across, down = np.unique(shares[name]), np.arange(1, legs + 1)
+    across = np.unique(shares[name])
+    down = np.arange(1, legs + 1)
     grid = CellGrid((name, "leg"), (across, down), (cell_edges(across), np.arange(legs + 1) + 0.5))
     drawn = {}
     for column_name, (cmap, label) in _SHOWN.items():
         cells = grid.placed(shares, shares[column_name].to_numpy(float))
-        look = {"cmap": cmap, "vmin": 0.0, "vmax": most if column_name == "source" else 1.0}
-        mesh = axes.pcolormesh(*grid.edges, np.ma.masked_equal(cells, 0.0), rasterized=True, **look)
+        style = {"cmap": cmap, "vmin": 0.0, "vmax": most if column_name == "source" else 1.0}
+        mesh = axes.pcolormesh(*grid.edges, np.ma.masked_equal(cells, 0.0), rasterized=True, **style)
         drawn[column_name] = mesh, label
     hatch_cells(axes, grid, shares, shares["meeting"] > 0.0, "////", "white")
     neither = shares.groupby(name)["neither"].first().to_numpy(float)[None]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -25,9 +25,17 @@ from gaitsweep.plot import (
     theme,
 )
 
-_PANELS: dict[str, Any] = {
-    "wavelength": ("wavelength (legs)", {"wavelength_27": ("eq. (27)", "-")}),
-    "speed": (
+
+class Panel(NamedTuple):
+    """A panel: its vertical axis, and the label and the line of each column of the theory in it."""
+
+    label: str
+    curves: dict[str, tuple[str, str]]
+
+
+_PANELS = {
+    "wavelength": Panel("wavelength (legs)", {"wavelength_27": ("eq. (27)", "-")}),
+    "speed": Panel(
         "speed of the wave (legs/s)",
         {"speed_exact": ("with the reset's shorter cycle", "-"), "speed_28": ("eq. (28) as printed", "--")},
     ),
@@ -65,16 +73,16 @@ def wave_speed(
     down, across = theme.shape(2, theme.PAGE, 2.5)
     with theme.canvas(theme.PAGE, 2.9 * down, title) as figure:
         grid = figure.subplots(down, across)
-        for axes, (name, (label, curves)) in zip(grid, _PANELS.items(), strict=True):
-            for curve, (text, line) in curves.items():
+        for axes, (name, panel) in zip(grid, _PANELS.items(), strict=True):
+            for curve, (text, line) in panel.curves.items():
                 axes.plot(theory[x], theory[curve], line, color="black", lw=0.9, label=text)
             for gait in names:
                 rows = measured[np.asarray(measured["gait"] == gait)]
-                look = {"s": 30, "linewidths": 1.2, "zorder": 4, "label": f"simulated: {theme.named(gait)}"}
+                style = {"s": 30, "linewidths": 1.2, "zorder": 4, "label": f"simulated: {theme.named(gait)}"}
                 open_ring = {"facecolors": "none", "edgecolors": colour[gait], "marker": marker[gait]}
-                axes.scatter(rows[x], rows[name], **look, **open_ring)
+                axes.scatter(rows[x], rows[name], **style, **open_ring)
             axes.set_xlabel(described(table, x))
-            axes.set_ylabel(label)
+            axes.set_ylabel(panel.label)
             axes.set_ylim(bottom=0)
             axes.legend(loc="upper left")
     return figure

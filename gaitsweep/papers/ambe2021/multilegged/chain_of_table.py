@@ -31,9 +31,9 @@ def chain_of(table: pd.DataFrame, part: pd.DataFrame | None = None) -> Chain:
     Raises:
         AnalysisError: the job's parameters cannot be read.
     """
-    chains = chains_of(table, (table if part is None else part).head(1))
-    fields = [np.asarray(field, float)[0] for field in chains]
-    return Chain(*(field if field.ndim else float(field) for field in fields))
+    part = table if part is None else part
+    fields = [np.asarray(field, float)[0] for field in chains_of(table, part.head(1))]
+    return Chain(*(field if field.ndim else float(field) for field in fields))  # an array with a profile
 
 
 def chains_of(table: pd.DataFrame, sets: pd.DataFrame) -> Chain:

@@ -11,23 +11,34 @@ from jaxtyping import Array, Bool, Float
 
 from gaitsweep.contract import Chart, Quantity
 from gaitsweep.dynamics import wrapped
+from gaitsweep.papers.ambe2021.multilegged.state import CONTACT_DEPTH, Params
 
 # A leg farther than this (m) from its touchdown height is not on the section.
-CLOSE = 1e-8
-# Leg 1 is compressed by a picometre, so that it stays on the ground in spite of rounding.
-PRESSED = 1e-12
+SECTION_TOLERANCE = 1e-8
 
 
 @dataclasses.dataclass(frozen=True)
-class MultileggedChart(Chart):
+class _ChainChart(Chart):
+    """Coordinates on section 1 of a chain with N springs, of which the first N are the relative phases."""
+
+    N: int
+
+    @property
+    def conserved(self) -> tuple[Quantity, ...]:
+        return (Quantity("E", "rad", "sum of the relative phases, eq. (29)", circular=True),)
+
+    def conserved_values(self, params: Any, at: Float[Array, " coordinates"]) -> Float[Array, " conserved"]:
+        return jnp.sum(at[: self.N])[None]
+
+
+@dataclasses.dataclass(frozen=True)
+class MultileggedChart(_ChainChart):
     """4 N + 3 coordinates; the height of mass 1 follows from its phase, since its leg just touches.
 
     If both ends have the same touchdown phase, E = psi_1 + ... + psi_N is conserved up to terms that the
     reduced theory neglects (eq. 29), also if the inner legs have a profile: fixed points form lines along
     which E varies.
     """
-
-    N: int
 
     @property
     def coordinates(self) -> tuple[Quantity, ...]:
@@ -44,10 +55,6 @@ class MultileggedChart(Chart):
             *(Quantity(f"y_{i}", "rad/s", f"lag of oscillator {i}") for i in legs),
         )
 
-    @property
-    def conserved(self) -> tuple[Quantity, ...]:
-        return (Quantity("E", "rad", "sum of the relative phases, eq. (29)", circular=True),)
-
     def to_coordinates(self, params: Any, state: Any) -> Float[Array, " coordinates"]:
         psi = wrapped(state.phi[1:] - state.phi[:-1])
         return jnp.concatenate([psi, state.phi[:1], state.x[1:], state.v, state.y])
@@ -56,20 +63,17 @@ class MultileggedChart(Chart):
         n = self.N
         psi, phi_1, x, v, y = jnp.split(at, [n, n + 1, 2 * n + 1, 3 * n + 2])
         phi = _in_segments(jnp.cumsum(jnp.concatenate([phi_1, psi])), modes)
-        touching = _touching(params, phi[:1]) - PRESSED
+        touching = _touching(params, phi[:1]) - CONTACT_DEPTH
         return dataclasses.replace(modes, phi=phi, x=jnp.concatenate([touching, x]), v=v, y=y)
 
     def covers(self, params: Any, state: Any) -> Bool[Array, ""]:
         """Whether leg 1 has landed; its phase can also pass 2 pi without a landing."""
         gap = state.x[0] - _touching(params, state.phi[0])
-        return state.landed & (jnp.abs(gap) < CLOSE)
-
-    def conserved_values(self, params: Any, at: Float[Array, " coordinates"]) -> Float[Array, " conserved"]:
-        return jnp.sum(at[: self.N])[None]
+        return state.landed & (jnp.abs(gap) < SECTION_TOLERANCE)
 
 
 @dataclasses.dataclass(frozen=True)
-class ReducedChart(MultileggedChart):
+class ReducedChart(_ChainChart):
     """The N relative phases just after the reset of leg 1, whose phase is 0.
 
     psi_1 is its value on section 1 before the reset plus leg 1's touchdown phase; the others are the same.
@@ -106,6 +110,6 @@ def _in_segments(phi: jax.Array, modes: Any) -> jax.Array:
     return modes.phi + wrapped(phi - modes.phi + jnp.pi) - jnp.pi
 
 
-def _touching(p: Any, phi: jax.Array) -> jax.Array:
+def _touching(p: Params, phi: jax.Array) -> jax.Array:
     """Length (m) of leg 1 in its landing segment, eq. (3)."""
     return p.L - p.a[0] * (2.0 * jnp.pi - phi) / ((1.0 - p.beta) * jnp.pi)

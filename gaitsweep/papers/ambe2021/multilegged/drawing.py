@@ -11,7 +11,8 @@ from jaxtyping import Float
 from gaitsweep import Limb, Skeleton
 
 # Drawn distance of neighbours and half size of masses, in leg lengths; the model has neither.
-_APART, _HALF = 0.6, 0.075
+_SPACING, _HALF_SIZE = 0.6, 0.075
+# Corners of a box in halves of its size.
 _CORNERS = np.array([(x, y, z) for y in (-1.0, 1.0) for x in (-1.0, 1.0) for z in (-1.0, 1.0)])
 
 
@@ -27,11 +28,11 @@ class MultileggedDrawing:
         masses, feet = [], []
         for i in range(self.N + 1):
             height, length = signals[f"x_{i + 1}"], signals[f"l_{i + 1}"]
-            along = np.full_like(height, -_APART * values["L"] * i)
+            along = np.full_like(height, -_SPACING * values["L"] * i)
             level = np.zeros_like(height)
             masses.append(np.stack([along, level, height], axis=1))
             feet.append(np.stack([along, level, height - length], axis=1))
-        size = _HALF * values["L"] * _CORNERS
+        size = _HALF_SIZE * values["L"] * _CORNERS
         return Skeleton(
             limbs=tuple(
                 Limb(f"leg {i + 1}", np.stack([masses[i], feet[i]], axis=1), pair=1)

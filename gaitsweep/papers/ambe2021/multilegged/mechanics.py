@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -45,7 +46,8 @@ def fastest_motions(
         Two arrays of ten numbers for each mass, (10 n,): decaying motions, then oscillations on the ground
         and in the air.
     """
-    m, none = masses, jnp.zeros_like(masses[:1])
+    m = masses
+    none = jnp.zeros_like(masses[:1])
     before = jnp.concatenate([none, kappa]), jnp.concatenate([none, jnp.broadcast_to(sigma, kappa.shape)])
     after = tuple(jnp.concatenate([values[1:], none]) for values in before)
     rates, damping = [], []
@@ -87,10 +89,10 @@ def obstacle_problem(
     """
     kappa, unit, compliance = _springs(kappa, l.shape[0])
     slopes = jnp.cumsum(m * g / unit)
-    q = _from_the_first(slopes[:-1] * compliance)
+    q = _cumulated(slopes[:-1] * compliance)
     h = l - q
 
-    place = _from_the_first(compliance)
+    place = _cumulated(compliance)
     run = place[None, :] - place[:, None]  # run[i, j]: from i to j
     level = jnp.max(jnp.where(run >= 0, h[None, :], -jnp.inf), axis=1)
     falling = jnp.max(jnp.where(run <= 0, h[None, :] + run * slopes[-1], -jnp.inf), axis=1)
@@ -104,14 +106,26 @@ def obstacle_problem(
     return x, jnp.where(touches, jnp.maximum(load, 0.0), 0.0)
 
 
-def _springs(kappa: jax.Array, n: int) -> tuple[jax.Array, jax.Array, jax.Array]:
-    """The springs (n-1,), N/m, the middle one, and compliances in its units: exactly 1 in a uniform chain."""
+class _Springs(NamedTuple):
+    """The springs of a chain.
+
+    `kappa` (n-1,) N/m; `unit` is the middle one; `compliance` (n-1,) in its units: exactly 1 if all are
+    equal.
+    """
+
+    kappa: jax.Array
+    unit: jax.Array
+    compliance: jax.Array
+
+
+def _springs(kappa: jax.Array, n: int) -> _Springs:
+    """The springs of a chain of n masses, from one value or from each spring's, N/m."""
     kappa = jnp.broadcast_to(kappa, (n - 1,))
     unit = kappa[(n - 1) // 2]
-    return kappa, unit, unit / kappa
+    return _Springs(kappa, unit, unit / kappa)
 
 
-def _from_the_first(steps: jax.Array) -> jax.Array:
+def _cumulated(steps: jax.Array) -> jax.Array:
     """Cumulative sums (n,) of the steps (n-1,), beginning with 0."""
     return jnp.concatenate([jnp.zeros_like(steps[:1]), jnp.cumsum(steps)])
 
@@ -153,8 +167,10 @@ def balance_and_rate(
     """
     _, unit, compliance = _springs(kappa, l.shape[0])
     weights = jnp.cumsum(m * g / unit)
-    hang, place = _from_the_first(weights[:-1] * compliance), _from_the_first(compliance)
-    front, rear = jnp.zeros_like(l), jnp.zeros_like(l) - weights[-1]
+    hang = _cumulated(weights[:-1] * compliance)
+    place = _cumulated(compliance)
+    front = jnp.zeros_like(l)
+    rear = jnp.zeros_like(l) - weights[-1]
     front_rate, rear_rate = jnp.zeros_like(rate), jnp.zeros_like(rate)
     for apart in range(1, l.shape[0]):
         share = 1.0 / (place[apart:] - place[:-apart])

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -28,8 +28,9 @@ from gaitsweep.papers.ambe2021.multilegged.mechanics import (
     neighbour_force,
     obstacle_problem,
 )
-from gaitsweep.papers.ambe2021.multilegged.parameters import PARAMETERS, SPRINGS, profile_parameters
+from gaitsweep.papers.ambe2021.multilegged.parameters import SPRINGS, chain_parameters
 from gaitsweep.papers.ambe2021.multilegged.state import (
+    CONTACT_DEPTH,
     LANDING,
     STANCE,
     Params,
@@ -42,16 +43,26 @@ from gaitsweep.papers.ambe2021.multilegged.state import (
 from gaitsweep.papers.ambe2021.theory.chain import Chain
 from gaitsweep.papers.ambe2021.theory.gaits import GAITS, classify, free_link, nearest_set
 
-# Leg 1 is initially compressed by a picometre (1e-7 N), so that it touches in spite of rounding. Another leg
-# that is compressed by less is in the air, so that it touches down at once if it is landing.
-TOUCH = 1e-12
 # Multiple of the machine epsilon, relative to the terms of x - l, that bounds the rounding error of a gap.
-ROUNDING = 4.0
+ROUNDING_FACTOR = 4.0
+
+
+class Transitions(NamedTuple):
+    """What events do to each leg, (N+1,).
+
+    `corner`: its segment ends; `segment`: the segment after that; `wraps`: its phase passes 2 pi; `resets`:
+    it touches down in its landing segment, which resets its phase.
+    """
+
+    corner: jax.Array
+    segment: jax.Array
+    wraps: jax.Array
+    resets: jax.Array
 
 
 @dataclasses.dataclass(frozen=True)
-class Multilegged(MultileggedDrawing, HybridModel):
-    """The chain of N + 1 legs, with equal inner legs or with a profile of them."""
+class ChainModel(MultileggedDrawing, HybridModel):
+    """What the full and the reduced chain of N + 1 legs share: parameters, observables, gaits and labels."""
 
     N: int = dataclasses.field(
         default=SPRINGS, metadata={"meaning": "springs; the chain has N + 1 legs", "low": 3, "high": 64}
@@ -64,7 +75,6 @@ class Multilegged(MultileggedDrawing, HybridModel):
         },
     )
 
-    name: ClassVar[str] = "multilegged"
     source: ClassVar[str] = "Ambe, Aoi, Tsuchiya, Matsuno 2021, Front. Neural Circuits 15:706064"
     bibtex: ClassVar[str] = """\
 @article{ambe2021,
@@ -78,12 +88,6 @@ class Multilegged(MultileggedDrawing, HybridModel):
   doi = {10.3389/fncir.2021.706064}
 }"""
     gaits: ClassVar[tuple[str, ...]] = GAITS
-    linear: ClassVar[bool] = True  # except the kink of `clamp`, an error of 1e-5 rad if it is above zero
-    simultaneous: ClassVar[Simultaneous] = "independent"  # a guard's jump changes its own leg alone
-
-    @property
-    def parameters(self) -> tuple[Quantity, ...]:
-        return (*PARAMETERS, *profile_parameters(self.N)) if self.profile else PARAMETERS
 
     @property
     def initial_conditions(self) -> tuple[Quantity, ...]:
@@ -115,8 +119,8 @@ class Multilegged(MultileggedDrawing, HybridModel):
             for i in range(1, self.N + 1)
         )
 
-    @property
-    def signals(self) -> tuple[Quantity, ...]:
+    def _signals_of_legs(self) -> tuple[Quantity, ...]:
+        """Phases, heights, lengths and contacts of the legs."""
         legs = range(1, self.N + 2)
         return (
             *(
@@ -137,8 +141,9 @@ class Multilegged(MultileggedDrawing, HybridModel):
 
     def params(self, values: Mapping[str, Float[Array, " ..."]]) -> Params:
         def along(name: str, first: str, last: str, n: int) -> jax.Array:
-            own = [values[f"{name}_{i}"] for i in range(2, n)] if self.profile else None
-            inner = [values[name]] * (n - 2) if own is None else own
+            """The values (n,) from head to tail: of both ends, and of all inner legs or springs."""
+            names = [f"{name}_{i}" if self.profile else name for i in range(2, n)]
+            inner = [values[inner_name] for inner_name in names]
             return jnp.stack([jnp.asarray(value) for value in (values[first], *inner, values[last])])
 
         arrays = {
@@ -146,8 +151,60 @@ class Multilegged(MultileggedDrawing, HybridModel):
             "kappa": along("kappa", "kappa_1", "kappa_end", self.N),
             "a": along("a", "a_1", "a_end", self.N + 1),
         }
-        names = [field.name for field in dataclasses.fields(Params) if field.name not in arrays]
-        return Params(**arrays, **{name: jnp.asarray(values[name]) for name in names})
+        scalars = [field.name for field in dataclasses.fields(Params) if field.name not in arrays]
+        return Params(**arrays, **{name: jnp.asarray(values[name]) for name in scalars})
+
+    @property
+    def guard_names(self) -> tuple[str, ...]:
+        legs = range(1, self.N + 2)
+        ends = (f"phase of leg {i} reaches the end of its segment" for i in legs)
+        return (*ends, *(f"leg {i} touches or lifts" for i in legs))
+
+    def label(
+        self, params: Params, observations: Mapping[str, Real[Array, ""]]
+    ) -> dict[str, Real[Array, ""]]:
+        p = params
+        psi = jnp.stack([observations[f"psi_{i}"] for i in range(1, self.N + 1)])
+        inner = slice(1, -1) if self.profile else 1
+        m = p.masses[inner] if self.profile else p.m
+        chain = Chain(p.beta, p.kappa[inner], m, p.masses[0], p.masses[-1], p.a[inner], p.g)
+        chain = chain._replace(kappa_1=p.kappa[0], kappa_end=p.kappa[-1], a_1=p.a[0], a_end=p.a[-1])
+        gait, k, distance = classify(self.N, psi, chain)
+        return {"gait": gait, "k": k, "distance": distance}
+
+    def period(self, params: Params) -> Float[Array, ""]:
+        return TWO_PI / params.omega
+
+    def free_link(self, trace: pd.DataFrame, legs: int) -> int | None:
+        """The link whose lag is free by the theory, 1 .. N; None for traces that are too short."""
+        if not {"phase_1", "x_1", "l_1", f"phase_{legs}"} <= set(trace.columns) or legs < 3:
+            return None
+        try:
+            branch, _ = nearest_set(legs - 1, chain_of(trace), relative_phases(trace, legs - 1))
+        except AnalysisError:
+            return None
+        return free_link(legs - 1, branch)
+
+    def analytic_distance(self, table: pd.DataFrame) -> tuple[float, int] | None:
+        """The largest distance (rad) of settled states from the theory's solutions, and its row."""
+        return largest_distance(table)
+
+
+@dataclasses.dataclass(frozen=True)
+class Multilegged(ChainModel):
+    """The chain of N + 1 legs, with equal inner legs or with a profile of them."""
+
+    name: ClassVar[str] = "multilegged"
+    linear: ClassVar[bool] = True  # except the kink of `clamp`, an error of 1e-5 rad if it is above zero
+    simultaneous: ClassVar[Simultaneous] = "independent"  # a guard's jump changes its own leg alone
+
+    @property
+    def parameters(self) -> tuple[Quantity, ...]:
+        return chain_parameters(self.N, profile=self.profile)
+
+    @property
+    def signals(self) -> tuple[Quantity, ...]:
+        return self._signals_of_legs()
 
     def init(self, params: Params, start: Mapping[str, Float[Array, ""]]) -> State:
         p = params
@@ -159,8 +216,8 @@ class Multilegged(MultileggedDrawing, HybridModel):
         length, _ = leg_lengths(p, phi, segment)
         x, load = obstacle_problem(length, p.masses, p.kappa, p.g)
         leg_1 = touching & (jnp.arange(self.N + 1) == 0)
-        contact = (load > p.K * TOUCH) | leg_1
-        x = jnp.where(contact, length - load / p.K - jnp.where(leg_1, TOUCH, 0.0), x)
+        contact = (load > p.K * CONTACT_DEPTH) | leg_1
+        x = jnp.where(contact, length - load / p.K - jnp.where(leg_1, CONTACT_DEPTH, 0.0), x)
         return State(
             x=x,
             v=jnp.zeros_like(x),
@@ -196,41 +253,35 @@ class Multilegged(MultileggedDrawing, HybridModel):
         length, _ = leg_lengths(p, s.phi, s.segment)
         gap = s.x - length
         # without this, two legs that lift off at one instant touch again by rounding, and so without end
-        error = ROUNDING * jnp.finfo(gap.dtype).eps * (p.L + 2.0 * p.a / (1.0 - p.beta))
+        error = ROUNDING_FACTOR * jnp.finfo(gap.dtype).eps * (p.L + 2.0 * p.a / (1.0 - p.beta))
         return jnp.concatenate([s.phi - end, jnp.where(s.contact, gap, -gap) - error])  # eq. (2)
-
-    @property
-    def guard_names(self) -> tuple[str, ...]:
-        legs = range(1, self.N + 2)
-        ends = (f"phase of leg {i} reaches the end of its segment" for i in legs)
-        return (*ends, *(f"leg {i} touches or lifts" for i in legs))
 
     def jump(self, params: Params, state: State, fired: Bool[Array, " events"]) -> State:
         p, s = params, state
-        corner, segment, wraps, kicked = self._transitions(s, fired)
+        after = self._transitions(s, fired)
         return State(
             x=s.x,
             v=s.v,
-            phi=jnp.where(wraps, s.phi - TWO_PI, s.phi),
-            y=jnp.where(kicked, s.y + lagged_reset(s.phi, p.tau), s.y),  # eq. (5), (6)
+            phi=jnp.where(after.wraps, s.phi - TWO_PI, s.phi),
+            y=jnp.where(after.resets, s.y + lagged_reset(s.phi, p.tau), s.y),  # eq. (5), (6)
             contact=s.contact ^ fired[self.N + 1 :],
-            segment=jnp.where(corner, segment, s.segment),
-            landed=(s.landed | kicked[0]) & ~wraps[0],
+            segment=jnp.where(after.corner, after.segment, s.segment),
+            landed=(s.landed | after.resets[0]) & ~after.wraps[0],
         )
 
     def section(self, params: Params, before: State, fired: Bool[Array, " events"]) -> Bool[Array, ""]:
         """Leg 1's first landing contact of a cycle, or the wrap of its phase if there was none."""
-        _, _, wraps, kicked = self._transitions(before, fired)
-        return ~before.landed & (kicked[0] | wraps[0])
+        after = self._transitions(before, fired)
+        return ~before.landed & (after.resets[0] | after.wraps[0])
 
-    def _transitions(self, s: State, fired: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array, jax.Array]:
-        """End of each leg's segment, the segment after it, wrap of its phase, and phase reset."""
+    def _transitions(self, s: State, fired: jax.Array) -> Transitions:
+        """The transitions of the legs whose guards have fired, (2N + 2,)."""
         corner, touched = fired[: self.N + 1], fired[self.N + 1 :]
         following = jnp.where(s.segment == LANDING, STANCE, s.segment + 1)
         segment = jnp.where(corner, following, s.segment)
         wraps = corner & (s.segment == LANDING)
-        kicked = touched & ~s.contact & (segment == LANDING)  # eq. (6), from the segment's beginning on
-        return corner, segment, wraps, kicked
+        resets = touched & ~s.contact & (segment == LANDING)  # eq. (6), from the segment's beginning on
+        return Transitions(corner, segment, wraps, resets)
 
     def observe(self, params: Params, state: State) -> dict[str, Real[Array, ""]]:
         psi = wrapped(state.phi[1:] - state.phi[:-1])  # eq. (7)
@@ -242,38 +293,9 @@ class Multilegged(MultileggedDrawing, HybridModel):
         rows = {"phase": state.phi, "x": state.x, "l": length, "contact": state.contact.astype(length.dtype)}
         return {f"{name}_{i + 1}": row[i] for name, row in rows.items() for i in range(self.N + 1)}
 
-    def label(
-        self, params: Params, observations: Mapping[str, Real[Array, ""]]
-    ) -> dict[str, Real[Array, ""]]:
-        p = params
-        psi = jnp.stack([observations[f"psi_{i}"] for i in range(1, self.N + 1)])
-        inner = slice(1, -1) if self.profile else 1
-        m = p.masses[inner] if self.profile else p.m
-        chain = Chain(p.beta, p.kappa[inner], m, p.masses[0], p.masses[-1], p.a[inner], p.g)
-        chain = chain._replace(kappa_1=p.kappa[0], kappa_end=p.kappa[-1], a_1=p.a[0], a_end=p.a[-1])
-        gait, k, distance = classify(self.N, psi, chain)
-        return {"gait": gait, "k": k, "distance": distance}
-
     def failed(self, params: Params, state: State) -> Bool[Array, ""]:
         """Whether a mass has reached the ground."""
         return jnp.any(state.x <= 0.0)
 
-    def period(self, params: Params) -> Float[Array, ""]:
-        return TWO_PI / params.omega
-
     def chart(self) -> Chart | None:
         return MultileggedChart(self.N)
-
-    def free_link(self, trace: pd.DataFrame, legs: int) -> int | None:
-        """The link whose lag is free by the theory, 1 .. N; None for traces that are too short."""
-        if not {"phase_1", "x_1", "l_1", f"phase_{legs}"} <= set(trace.columns) or legs < 3:
-            return None
-        try:
-            branch, _ = nearest_set(legs - 1, chain_of(trace), relative_phases(trace, legs - 1))
-        except AnalysisError:
-            return None
-        return free_link(legs - 1, branch)
-
-    def analytic_distance(self, table: pd.DataFrame) -> tuple[float, int] | None:
-        """The largest distance (rad) of settled states from the theory's solutions, and its row."""
-        return largest_distance(table)

@@ -60,6 +60,11 @@ _PLURALS = {"m": "masses", "kappa": "springs", "a": "amplitudes"}
 _SOURCE = "beyond the paper; its sec. 4.3"
 
 
+def chain_parameters(N: int, *, profile: bool) -> tuple[Quantity, ...]:
+    """The parameters of a chain with N springs, with or without a profile of its inner legs."""
+    return (*PARAMETERS, *profile_parameters(N)) if profile else PARAMETERS
+
+
 def profile_parameters(N: int) -> tuple[Quantity, ...]:
     """The parameters that a profile adds: m_slope, m_bend, ..., then m_2 .. m_N, kappa_2 .., a_2 ..
 

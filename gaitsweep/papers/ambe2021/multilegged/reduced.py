@@ -17,21 +17,16 @@ import dataclasses
 from collections.abc import Callable, Mapping
 from typing import ClassVar
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Real
 
 from gaitsweep.contract import Chart, FixedStepDynamics, Quantity, Rates, Recommended, Simultaneous
-from gaitsweep.dynamics import wrapped
+from gaitsweep.dynamics import TWO_PI, wrapped
 from gaitsweep.papers.ambe2021.multilegged.chart import ReducedChart
-from gaitsweep.papers.ambe2021.multilegged.mechanics import balance, obstacle_problem
-from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
-from gaitsweep.papers.ambe2021.multilegged.next_event_steps import NextEventSteps
-from gaitsweep.papers.ambe2021.multilegged.reduced_state import (
-    TOUCHING,
-    State,
-    after_events,
-    with_legs_reversed,
-)
+from gaitsweep.papers.ambe2021.multilegged.mechanics import balance, balance_and_rate, obstacle_problem
+from gaitsweep.papers.ambe2021.multilegged.model import ChainModel
+from gaitsweep.papers.ambe2021.multilegged.parameters import chain_parameters
 from gaitsweep.papers.ambe2021.multilegged.state import (
     LANDING,
     STANCE,
@@ -42,13 +37,124 @@ from gaitsweep.papers.ambe2021.multilegged.state import (
     segment_of,
 )
 
-# A leg leaves the ground if its load is negative; with this offset 0 is still contact.
-STRICTLY = 1e-300
-_UNREAD = ("sigma", "K", "D", "tau", "clamp")
+# A leg closer than this to the ground (m) touches it, so that simultaneous touchdowns stay simultaneous in
+# spite of rounding.
+CONTACT_TOLERANCE = 1e-13
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class State:
+    """Phases phi (N+1,), rad, and the modes.
+
+    `segment` (N+1,) is the segment of each leg's length: stance, takeoff or landing; `held` (N+1,): the leg
+    has been on the ground since before its landing segment, and so cannot touch down; `psi` (N,), rad, are
+    the relative phases at the last crossing of section 1; `landed`: leg 1 touched down there; `late` (s) is
+    the time by which fixed steps are ahead of this state.
+    """
+
+    phi: jax.Array
+    segment: jax.Array
+    held: jax.Array
+    psi: jax.Array
+    landed: jax.Array
+    late: jax.Array
+
+
+def after_events(s: State, corner: jax.Array, touches: jax.Array, lifts: jax.Array) -> State:
+    """The state after legs (N+1,) reach the end of a segment (`corner`), touch down (`touches`), or lift off.
+
+    A leg begins its landing segment as held; if it is not, it lifts off at the same instant.
+
+    Args:
+        s: the state before the events.
+        corner, touches, lifts: whether each leg does so, (N+1,) bool.
+    """
+    landing = s.segment == LANDING
+    resets = touches & landing
+    wraps = corner & landing & ~resets
+    ends = resets | wraps
+    segment = jnp.where(ends, STANCE, jnp.where(corner, s.segment + 1, s.segment))
+    crosses = ends[0]
+    psi = wrapped(s.phi[1:] - s.phi[:-1])  # eq. (7), before the reset
+    return State(
+        phi=jnp.where(resets, 0.0, jnp.where(wraps, s.phi - TWO_PI, s.phi)),
+        segment=segment,
+        held=jnp.where(corner | ends, (segment == LANDING), s.held & ~lifts),
+        psi=jnp.where(crosses, psi, s.psi),
+        landed=jnp.where(crosses, resets[0], s.landed),
+        late=s.late,
+    )
+
+
+def with_legs_reversed(params: Params, s: State) -> State:
+    """The state of the chain with its legs in reversed order."""
+    phi = s.phi[::-1]
+    psi = wrapped(phi[1:] - phi[:-1])
+    return dataclasses.replace(s, phi=phi, segment=s.segment[::-1], held=s.held[::-1], psi=psi)
+
+
+# Steps of a cycle for each spring; with fewer, crossings are detected ever later.
+STEPS_PER_SPRING = 6.25
 
 
 @dataclasses.dataclass(frozen=True)
-class MultileggedReduced(Multilegged):
+class NextEventSteps(FixedStepDynamics):
+    """Steps that end at the next event at the latest; later steps catch up with the time.
+
+    The balance of a landing leg is rising and concave: extrapolation at its current rate never overshoots the
+    touchdown and reaches it in a few steps, without a search. Results do not depend on dt, except the times
+    of crossings: they are late by `late`, less than a step if steps are shorter than a sixteenth of a cycle
+    divided by N, the number of springs.
+    """
+
+    N: int
+
+    def step(self, params: Params, state: State, dt: Float[Array, ""]) -> State:
+        p, s = params, state
+        landing = s.segment == LANDING
+        length, rate = leg_lengths(p, s.phi, s.segment)
+        balance, rise = balance_and_rate(length, p.masses, p.kappa, p.g, rate)
+        lifts = s.held & (balance < -CONTACT_TOLERANCE)
+        armed = landing & ~(s.held & ~lifts)
+        due = armed & (balance >= -CONTACT_TOLERANCE)
+
+        corner_at = corner_of(p, s.segment)
+        to_corner = corner_at - s.phi
+        approaching = armed & (rise > 0.0)
+        to_touch = jnp.where(approaching, -balance / jnp.where(approaching, rise, 1.0), jnp.inf)
+        room = (s.late + dt) * p.omega
+        ahead = jnp.minimum(room, jnp.min(jnp.minimum(to_corner, to_touch)))
+        ahead = jnp.where(jnp.any(due), 0.0, ahead)
+        corner = to_corner <= ahead
+        moved = dataclasses.replace(
+            s, phi=jnp.where(corner, corner_at, s.phi + ahead), late=s.late + dt - ahead / p.omega
+        )
+        return after_events(moved, corner, due, lifts)
+
+    def longest_step(self, params: Params) -> Float[Array, ""]:
+        """A sixth of the time between two touchdowns, so that steps soon catch up with `late`."""
+        return 2.0 * jnp.pi / params.omega / (STEPS_PER_SPRING * self.N)
+
+    def events(self, params: Params, before: State, after: State) -> Bool[Array, " events"]:
+        """Whether leg 1 has ended its cycle; the step itself has applied the jump."""
+        return ((before.segment[0] == LANDING) & (after.segment[0] == STANCE))[None]
+
+    def jump(self, params: Params, state: State, fired: Bool[Array, " events"]) -> State:
+        return state
+
+    def section(self, params: Params, before: State, fired: Bool[Array, " events"]) -> Bool[Array, ""]:
+        return fired[0]
+
+
+# A leg leaves the ground if its load is negative; with this offset 0 is still contact.
+SMALLEST_LOAD = 1e-300
+# Parameters of the full model alone, which stay among those of the reduced one so that jobs suit both.
+_UNUSED = ("sigma", "K", "D", "tau", "clamp")
+
+
+@dataclasses.dataclass(frozen=True)
+class MultileggedReduced(ChainModel):
     """The reduced chain of N + 1 legs, with the parameters, observables and gaits of the full model."""
 
     name: ClassVar[str] = "multilegged_reduced"
@@ -59,17 +165,17 @@ class MultileggedReduced(Multilegged):
 
     @property
     def parameters(self) -> tuple[Quantity, ...]:
-        return tuple(
-            dataclasses.replace(quantity, meaning=f"{quantity.meaning}; without effect here")
-            if quantity.name in _UNREAD
-            else quantity
-            for quantity in super().parameters
-        )
+        parameters = []
+        for quantity in chain_parameters(self.N, profile=self.profile):
+            if quantity.name in _UNUSED:
+                quantity = dataclasses.replace(quantity, meaning=f"{quantity.meaning}; without effect here")
+            parameters.append(quantity)
+        return tuple(parameters)
 
     @property
     def signals(self) -> tuple[Quantity, ...]:
         legs = range(1, self.N + 2)
-        return (*super().signals, *(Quantity(f"load_{i}", "N", f"load on leg {i}") for i in legs))
+        return (*self._signals_of_legs(), *(Quantity(f"load_{i}", "N", f"load on leg {i}") for i in legs))
 
     def chart(self) -> Chart | None:
         return ReducedChart(self.N)
@@ -81,7 +187,7 @@ class MultileggedReduced(Multilegged):
     def fixed_step_scheme(self) -> FixedStepDynamics:
         return NextEventSteps(self.N)
 
-    def init(self, params: Params, start: Mapping[str, Float[Array, ""]]) -> State:  # type: ignore[override]
+    def init(self, params: Params, start: Mapping[str, Float[Array, ""]]) -> State:
         p = params
         touching = jnp.isnan(start["phi_1"])
         touchdown = first_touchdown(p)
@@ -95,13 +201,13 @@ class MultileggedReduced(Multilegged):
         return State(
             phi=jnp.where(leg_1, 0.0, phi),
             segment=segment,
-            held=(segment == LANDING) & (balance(length, p.masses, p.kappa, p.g) > TOUCHING),
+            held=(segment == LANDING) & (balance(length, p.masses, p.kappa, p.g) > CONTACT_TOLERANCE),
             psi=wrapped(psi),
             landed=touching,
             late=jnp.zeros_like(touchdown),
         )
 
-    def flow(self, params: Params, state: State) -> Rates:  # type: ignore[override]
+    def flow(self, params: Params, state: State) -> Rates:
         return {"phi": jnp.broadcast_to(params.omega, state.phi.shape)}  # eq. (9)
 
     @property
@@ -113,37 +219,37 @@ class MultileggedReduced(Multilegged):
         rate = 20.0 / NextEventSteps(self.N).longest_step(params)
         return rate[None], jnp.ones((1,), rate.dtype)
 
-    def guards(self, params: Params, state: State) -> Float[Array, " guards"]:  # type: ignore[override]
+    def guards(self, params: Params, state: State) -> Float[Array, " guards"]:
         """Each leg's phase relative to the end of its segment, then its touchdown, or lift-off if held."""
         p, s = params, state
         length, _ = leg_lengths(p, s.phi, s.segment)
         load = balance(length, p.masses, p.kappa, p.g)
-        touch = jnp.where(s.held, -load - STRICTLY, load)
+        touch = jnp.where(s.held, -load - SMALLEST_LOAD, load)
         return jnp.concatenate(
             [s.phi - corner_of(p, s.segment), jnp.where(s.segment == LANDING, touch, -1.0)]
         )
 
-    def jump(self, params: Params, state: State, fired: Bool[Array, " events"]) -> State:  # type: ignore[override]
+    def jump(self, params: Params, state: State, fired: Bool[Array, " events"]) -> State:
         corner, switched = fired[: self.N + 1], fired[self.N + 1 :]
         return after_events(state, corner, switched & ~state.held, switched & state.held)
 
-    def section(self, params: Params, before: State, fired: Bool[Array, " events"]) -> Bool[Array, ""]:  # type: ignore[override]
+    def section(self, params: Params, before: State, fired: Bool[Array, " events"]) -> Bool[Array, ""]:
         """Leg 1's touchdown, or the wrap of its phase if there was none."""
         resets = fired[self.N + 1] & ~before.held[0]
         return (before.segment[0] == LANDING) & (resets | fired[0])
 
-    def observe(self, params: Params, state: State) -> dict[str, Real[Array, ""]]:  # type: ignore[override]
+    def observe(self, params: Params, state: State) -> dict[str, Real[Array, ""]]:
         observed = {f"psi_{i + 1}": state.psi[i] for i in range(self.N)}
         return {**observed, "landed": state.landed.astype(state.psi.dtype)}
 
-    def signal(self, params: Params, state: State) -> dict[str, Real[Array, ""]]:  # type: ignore[override]
+    def signal(self, params: Params, state: State) -> dict[str, Real[Array, ""]]:
         length, _ = leg_lengths(params, state.phi, state.segment)
         x, load = obstacle_problem(length, params.masses, params.kappa, params.g)
         contact = (load > 0.0).astype(x.dtype)
         rows = {"phase": state.phi, "x": x, "l": length, "contact": contact, "load": load}
         return {f"{name}_{i + 1}": row[i] for name, row in rows.items() for i in range(self.N + 1)}
 
-    def failed(self, params: Params, state: State) -> Bool[Array, ""]:  # type: ignore[override]
+    def failed(self, params: Params, state: State) -> Bool[Array, ""]:
         """Never: a mass cannot be below the tip of its leg.
 
         Legs of zero length (a >= L) are allowed, unlike in the full model, since no equation depends on them.

@@ -10,6 +10,9 @@ import jax.numpy as jnp
 from gaitsweep.dynamics import TWO_PI
 
 STANCE, TAKEOFF, LANDING = 0, 1, 2
+# m. Leg 1 is initially compressed by a picometre (1e-7 N), so that it touches in spite of rounding. Another
+# leg that is compressed by less is in the air, so that it touches down at once if it is landing.
+CONTACT_DEPTH = 1e-12
 
 
 @jax.tree_util.register_dataclass
@@ -80,6 +83,11 @@ def leg_lengths(p: Params, phi: jax.Array, segment: jax.Array) -> tuple[jax.Arra
 
     Each segment is a straight line, `origin + rate * phi`. `origin` and `rate` are selected independently
     of the phase, so once for all stages of a step.
+
+    Args:
+        p: parameters.
+        phi: phases of the legs, (N+1,) rad.
+        segment: segments of the legs, (N+1,).
     """
     slope = p.a / ((1.0 - p.beta) * jnp.pi)
     takeoff = p.L + slope * (2.0 * p.beta * jnp.pi)

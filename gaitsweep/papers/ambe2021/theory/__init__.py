@@ -1,4 +1,9 @@
-"""The analytic theory of the multi-legged chain (Ambe 2021, sec. 3): `gs.analyses.multilegged_theory`."""
+"""The analytic theory of the multi-legged chain (Ambe 2021, sec. 3): `gs.analyses.multilegged_theory`.
+
+`chain.py` has the parameters and what follows from the force balance alone; `solution_sets.py` the periodic
+solutions, `order.py` their touchdown orders, `stability.py` their eigenvalues, `conditions.py` their
+existence, `line_drift.py` the drift along them, and `gaits.py` the gait of a state by the nearest solution.
+"""
 
 from __future__ import annotations
 

@@ -57,7 +57,7 @@ class Chain(NamedTuple):
         """Whether inner legs have values of their own."""
         return any(jnp.ndim(values) > 0 for values in (self.m, self.kappa, self.a))
 
-    def equal_inner_legs(self, result: str) -> None:
+    def require_equal_inner_legs(self, result: str) -> None:
         """Raise an ArgumentError if the chain has a profile, for which `result` is unknown."""
         if self.has_profile:
             raise ArgumentError(f"{result} requires equal inner legs, but this chain has a profile.")
@@ -96,12 +96,17 @@ def _along(n: int, inner: Scalar, first: Scalar | None, last: Scalar | None) -> 
 
 
 def shift(chain: Chain) -> jax.Array:
-    """b, rad/kg: the advance of an inner leg's touchdown phase by mass; below eq. (17)."""
-    chain.equal_inner_legs("b")
+    """b, rad/kg: the advance of an inner leg's touchdown phase by mass; below eq. (17).
+
+    Raises:
+        ArgumentError: the chain has a profile.
+    """
+    chain.require_equal_inner_legs("b")
     return _shift(chain, chain.kappa, chain.a)
 
 
 def _shift(chain: Chain, kappa: Scalar, a: Scalar) -> jax.Array:
+    """`shift` with another spring (N/m) and another amplitude (m)."""
     return jnp.asarray((1.0 - chain.beta) * chain.g * jnp.pi / (kappa * a))
 
 
@@ -116,6 +121,7 @@ def end_resets(chain: Chain) -> tuple[jax.Array, jax.Array]:
 
 
 def _or(value: Scalar | None, otherwise: Scalar) -> Scalar:
+    """A value of an end, or that of the inner legs if it is not given."""
     if value is None and jnp.ndim(otherwise) > 0:
         raise ArgumentError("A chain with a profile must have kappa_1, kappa_end, a_1 and a_end.")
     return otherwise if value is None else value
@@ -140,7 +146,7 @@ def lag(chain: Chain) -> jax.Array:
     Raises:
         ArgumentError: the chain has a profile, with a lag for each pair (`lag_rules`).
     """
-    chain.equal_inner_legs("the lag of eq. (17)")
+    chain.require_equal_inner_legs("the lag of eq. (17)")
     return jnp.asarray(2.0 * (1.0 - chain.beta) * jnp.pi - 3.0 * reset(chain) + chain.m * shift(chain))
 
 
@@ -160,6 +166,9 @@ def wave_speed(omega: Scalar, chain: Chain = TABLE_1) -> Speeds:
     """The speeds of the wave for the basic frequency omega (rad/s).
 
     Eq. (28) uses the period 2 pi / omega; with the reset it is (2 pi - m_B b) / omega.
+
+    Raises:
+        ArgumentError: the chain has a profile.
     """
     waves = wavelength(chain)
     return Speeds(printed=waves * omega / TWO_PI, exact=waves * omega / touchdown_phase(chain))
@@ -187,7 +196,9 @@ class Takeoffs(NamedTuple):
 
 def takeoffs(N: int, chain: Chain) -> Takeoffs:
     """The phases of neighbours in takeoff that follow from eq. (12) for each leg."""
-    k, a, D = springs(N, chain), amplitudes(N, chain), reset(chain)
+    k = springs(N, chain)
+    a = amplitudes(N, chain)
+    D = reset(chain)
     head, tail = end_resets(chain)
     weight = (1.0 - chain.beta) * jnp.pi * chain.m * chain.g  # a number, or (N-1,) with a profile
     needed = (k[:-1] + k[1:]) * a[1:-1] * D - weight

@@ -103,7 +103,10 @@ def _takeoff_beside_ends(N: int, chain: Chain) -> tuple[jax.Array, jax.Array]:
 
 def _touchdowns(N: int, chain: Chain) -> tuple[_Touchdowns, _Touchdowns]:
     """The margins with the neighbour towards the head in takeoff, and with that towards the tail."""
-    k, a, D, segment = springs(N, chain), amplitudes(N, chain), reset(chain), _segment(chain)
+    k = springs(N, chain)
+    a = amplitudes(N, chain)
+    D = reset(chain)
+    segment = _segment(chain)
     since_takeoff = takeoffs(N, chain)
     weights = segment * masses(N, chain) * chain.g
     inner_mass = jnp.mean(jnp.asarray(chain.m))

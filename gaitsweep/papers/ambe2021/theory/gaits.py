@@ -27,7 +27,7 @@ GAITS = (*WAVES, "locked", "none")
 DIRECT, SOURCE, RETROGRADE, LOCKED, NONE = range(len(GAITS))
 LOCKED_WITHIN = 0.05  # rad, from the locked state (N = 3), or of some psi_i from 0 (other N)
 NONE_BEYOND = 0.2  # rad, from every analytic solution
-SHORTEST = 1e-9  # rad: shorter pieces are rounding errors between equal cuts
+SHORTEST_PIECE = 1e-9  # rad: shorter pieces are rounding errors between equal cuts
 
 
 class Segments(NamedTuple):
@@ -77,18 +77,28 @@ def distance_from(lines: Segments, psi: jax.Array) -> jax.Array:
     along = jnp.sum(away * lines.direction, axis=1)
     nearest = jnp.clip(along, -lines.half, lines.half)
     apart = jnp.sqrt(jnp.sum((away - nearest[:, None] * lines.direction) ** 2, axis=1))
-    return jnp.min(jnp.where(lines.half > SHORTEST, apart, jnp.inf))
+    return jnp.min(jnp.where(lines.half > SHORTEST_PIECE, apart, jnp.inf))
 
 
 def distances(N: int, chain: Chain, psi: jax.Array) -> jax.Array:
-    """Distance on the torus of psi on section 1, rad, shape (N,), from each of `branches(N)`, rad."""
+    """Distance on the torus of a state on section 1 from each of `branches(N)`, rad, shape (2 N - 1,).
+
+    Args:
+        N: springs; the chain has N + 1 legs.
+        chain: parameters; may be traced.
+        psi: relative phases on section 1, rad, shape (N,).
+    """
     circle = touchdown_phase(chain)
     # sequential, so that memory for the pieces is needed for one set at a time
     return jax.lax.map(lambda rule: distance_from(pieces(rule, circle), psi), lag_rules(N, chain))
 
 
 def nearest_set(N: int, chain: Chain, psi: Float[np.ndarray, " springs"]) -> tuple[Branch, float]:
-    """The set of analytic solutions nearest to psi (rad) on section 1, and its distance, rad."""
+    """The set of analytic solutions nearest to a state on section 1, and its distance, rad.
+
+    Args:
+        N, chain, psi: as in `distances`.
+    """
     away = np.asarray(_distances(N, chain, psi))
     return branches(N)[int(away.argmin())], float(away.min())
 
@@ -109,7 +119,8 @@ def locked_state(chain: Chain) -> jax.Array:
     legs 2 and 3 are in takeoff, at 2 beta pi + (m - m_B) b. Unequal ends are replaced by their means, since
     legs 2 and 3 then do not stay in phase; legs 2 and 3 of a profile likewise.
     """
-    k, a = springs(3, chain), amplitudes(3, chain)
+    k = springs(3, chain)
+    a = amplitudes(3, chain)
     if chain.has_profile:
         chain = chain._replace(m=jnp.mean(jnp.asarray(chain.m)), a=jnp.mean(jnp.asarray(chain.a)))
     ends = chain._replace(kappa=0.5 * (k[0] + k[-1]))
@@ -126,7 +137,19 @@ def _locking(N: int, chain: Chain, psi: jax.Array) -> jax.Array:
     return jnp.min(jnp.abs(wrapped_difference(psi)))
 
 
-def classify(N: int, psi: jax.Array, chain: Chain = TABLE_1) -> tuple[jax.Array, jax.Array, jax.Array]:
+class GaitOfState(NamedTuple):
+    """The gait of a state on section 1, scalars.
+
+    `gait` is an index into GAITS; `k` the boundary leg of a source wave, 0 for other gaits; `distance` that
+    to the nearest analytic solution, rad.
+    """
+
+    gait: jax.Array
+    k: jax.Array
+    distance: jax.Array
+
+
+def classify(N: int, psi: jax.Array, chain: Chain = TABLE_1) -> GaitOfState:
     """The gait of a state on section 1: that of the nearest analytic solution on the torus.
 
     It is `locked` if two neighbouring legs are in phase and psi is nearer to that than to any solution;
@@ -136,10 +159,6 @@ def classify(N: int, psi: jax.Array, chain: Chain = TABLE_1) -> tuple[jax.Array,
         N: springs; the chain has N + 1 legs.
         psi: relative phases on section 1, rad, any turns, shape (N,).
         chain: parameters; may be traced.
-
-    Returns:
-        gait (int, index into GAITS), k (int, the boundary leg of a source wave, 0 for other gaits) and the
-        distance to the nearest analytic solution, rad.
     """
     sets = branches(N)
     apart = distances(N, chain, psi)
@@ -150,4 +169,4 @@ def classify(N: int, psi: jax.Array, chain: Chain = TABLE_1) -> tuple[jax.Array,
     gait = jnp.where(distance <= NONE_BEYOND, gait, NONE)
     gait = jnp.where((locking <= LOCKED_WITHIN) & (locking < distance), LOCKED, gait)
     k = jnp.where(gait == SOURCE, jnp.asarray([branch.k for branch in sets])[nearest], 0)
-    return gait, k, distance
+    return GaitOfState(gait, k, distance)

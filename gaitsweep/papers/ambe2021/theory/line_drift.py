@@ -34,9 +34,15 @@ def drift_on_ground(N: int, chain: Chain, K: Scalar) -> jax.Array:
     reset is (1 - beta) pi g (m_1/kappa_1 + (m_1 + m_2)/K)/a_1. Equal ends with unequal neighbours then drift:
     the theory of rigid legs leaves out this small term, but nothing else decides where a source goes.
 
+    Args:
+        N: springs; the chain has N + 1 legs.
+        chain: its parameters.
+        K: stiffness of the ground, N/m.
+
     Source: eqs. (30) to (32), with the springs of the ground from eq. (1).
     """
-    m, a = masses(N, chain), amplitudes(N, chain)
+    m = masses(N, chain)
+    a = amplitudes(N, chain)
     sunk = (m[-1] + m[-2]) / a[-1] - (m[0] + m[1]) / a[0]
     return drift(chain) + (1.0 - chain.beta) * jnp.pi * chain.g * sunk / K
 

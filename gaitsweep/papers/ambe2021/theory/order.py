@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -23,7 +24,7 @@ from gaitsweep.papers.ambe2021.theory.solution_sets import (
     touches_early,
 )
 
-APART = 1e-6  # rad of the free phase, distance from a jump at which psi is evaluated on both sides
+JUMP_MARGIN = 1e-6  # rad of the free phase, distance from a jump at which psi is evaluated on both sides
 
 
 class Jump(NamedTuple):
@@ -50,7 +51,8 @@ def touchdown_order(
 
     Source: Fig. 9.
     """
-    theta, circle = np.asarray(_places(rule_of(N, branch, chain), s)), float(touchdown_phase(chain))
+    theta = np.asarray(_places(rule_of(N, branch, chain), s))
+    circle = float(touchdown_phase(chain))
     return order_of_places(theta, circle, section or branch.k)
 
 
@@ -82,7 +84,7 @@ def order_sets(
 
     Source: eq. (18).
     """
-    chain.equal_inner_legs("the threshold of eq. (18)")
+    chain.require_equal_inner_legs("the threshold of eq. (18)")
     circle = touchdown_phase(chain)
     psi = _solution(rule_of(N, branch, chain), jnp.asarray(s), circle, branch.k)
     threshold = 2.0 * chain.beta * jnp.pi + 2.0 * reset(chain) - chain.m * shift(chain)
@@ -95,6 +97,11 @@ def meetings(rule: LagRule, circle: jax.Array, section: Leg) -> jax.Array:
 
     A leg's place on the circle moves relative to that of the section's leg at the rate 0, 1 or 2 with s, and
     so meets it at most once; `rule.high` if it does not.
+
+    Args:
+        rule: lag rule of the set.
+        circle: the touchdown phase, rad.
+        section: leg, 1 .. N+1.
     """
     start = places(rule, jnp.zeros_like(rule.low))
     rate = jnp.concatenate([jnp.zeros_like(rule.slope[:1]), jnp.cumsum(rule.slope)])
@@ -118,14 +125,17 @@ def jumps(N: int, branch: Branch, chain: Chain = TABLE_1, section: int | None = 
     Source: Fig. 11 and the text above it; each jump has the size m_B b.
     """
     leg = branch.k if section is None else section
-    rule, circle = rule_of(N, branch, chain), touchdown_phase(chain)
+    rule = rule_of(N, branch, chain)
+    circle = touchdown_phase(chain)
     exchanges = []
     for number, s in enumerate(np.asarray(_meetings(rule, circle, leg)), start=1):
-        if float(rule.low) + APART < s < float(rule.high) - APART:
-            above, below = (_solution(rule, jnp.asarray(s + side), circle, leg) for side in (APART, -APART))
-            change = np.asarray(above - below) - 2.0 * APART * np.asarray(rule.slope)
+        if float(rule.low) + JUMP_MARGIN < s < float(rule.high) - JUMP_MARGIN:
+            above, below = (
+                _solution(rule, jnp.asarray(s + side), circle, leg) for side in (JUMP_MARGIN, -JUMP_MARGIN)
+            )
+            change = np.asarray(above - below) - 2.0 * JUMP_MARGIN * np.asarray(rule.slope)
             exchanges.append(Jump(float(s), number, wrapped_difference(change)))
-    return tuple(sorted(exchanges, key=lambda jump: jump.s))
+    return tuple(sorted(exchanges, key=operator.attrgetter("s")))
 
 
 # whether the neighbours in front (i - 1) and behind (i + 1) are reset; None where there is no such leg
@@ -186,7 +196,7 @@ def touchdown_residuals(
 
     Source: eqs. (3), (13), (14).
     """
-    chain.equal_inner_legs("the balance of eq. (14)")
+    chain.require_equal_inner_legs("the balance of eq. (14)")
     circle = float(touchdown_phase(chain))
     theta = _places(rule_of(N, branch, chain), s)
     phi = np.asarray(phases_on_section(theta, touchdown_phase(chain), branch.k))  # on section k
@@ -198,7 +208,7 @@ def touchdown_residuals(
             for j, reset in ((i - 1, reset_set.front), (i + 1, reset_set.rear))
             if reset is not None
         ]
-        mass = chain.m_1 if i == 1 else chain.m_end if i == N + 1 else chain.m
+        mass = {1: chain.m_1, N + 1: chain.m_end}.get(i, chain.m)
         mean = sum(leg_length(np.array(neighbour_phases), chain)) / len(neighbour_phases)
         sag = float(mass) * float(chain.g) / len(neighbour_phases) / float(chain.kappa)
         residuals.append(leg_length(np.array(circle), chain) - (mean - sag))

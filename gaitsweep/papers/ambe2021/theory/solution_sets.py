@@ -55,7 +55,13 @@ def relative(phi: jax.Array) -> jax.Array:
 
 
 def phases_from_relative(psi: jax.Array, touchdown: jax.Array, leg: Leg) -> jax.Array:
-    """The phase of each leg in [0, 2 pi), rad, shape (N+1,), from psi, with `leg` at `touchdown`."""
+    """The phase of each leg in [0, 2 pi), rad, shape (N+1,), from the relative phases on a section.
+
+    Args:
+        psi: relative phases, rad, shape (N,).
+        touchdown: phase of `leg`, rad.
+        leg: the leg of the section, 1 .. N+1.
+    """
     phi = jnp.concatenate([jnp.zeros_like(psi[:1]), jnp.cumsum(psi)])
     return jnp.mod(phi - phi[leg - 1] + touchdown, TWO_PI).at[leg - 1].set(touchdown)
 
@@ -136,7 +142,12 @@ def lag_rules(N: int, chain: Chain) -> LagRule:
 
 
 def rule_of(N: int, branch: Branch, chain: Chain) -> LagRule:
-    """The lag rule of one set, one of `branches(N)`.
+    """The lag rule of one set.
+
+    Args:
+        N: springs; the chain has N + 1 legs.
+        branch: the set, one of `branches(N)`.
+        chain: parameters of the chain.
 
     Raises:
         ArgumentError: the chain has no such set.
@@ -151,6 +162,7 @@ def rule_of(N: int, branch: Branch, chain: Chain) -> LagRule:
 
 @functools.partial(jax.jit, static_argnums=0)
 def _row_of_rules(N: int, row: int, chain: Chain) -> LagRule:
+    """The lag rule of the set with a number in `branches(N)`."""
     return jax.tree.map(lambda column: column[row], lag_rules(N, chain))
 
 

@@ -20,7 +20,7 @@ from gaitsweep.papers.ambe2021.theory.chain import TABLE_1, Chain, amplitudes, s
 from gaitsweep.papers.ambe2021.theory.order import order_of_places
 from gaitsweep.papers.ambe2021.theory.solution_sets import Branch, LagRule, branches, places, rule_of
 
-NOTHING = 1e-12  # an element of a linear map below this is a rounding error
+ROUNDING_ERROR = 1e-12  # an element of a linear map below this is a rounding error
 
 
 def multipliers(N: int, branch: Branch) -> Float[np.ndarray, " springs"]:
@@ -61,7 +61,7 @@ def eigenvalues(matrix: Float[np.ndarray, "n n"]) -> Inexact[np.ndarray, " n"]:
     those of the whole matrix do, whose 2/3 is defective.
     """
     _, block = scipy.sparse.csgraph.connected_components(
-        np.abs(matrix) > NOTHING, directed=True, connection="strong"
+        np.abs(matrix) > ROUNDING_ERROR, directed=True, connection="strong"
     )
     of_blocks = [np.linalg.eigvals(matrix[np.ix_(block == i, block == i)]) for i in np.unique(block)]
     values = np.concatenate(of_blocks)
@@ -109,5 +109,7 @@ def _of_cycle(N: int, rule: LagRule, s: float, chain: Chain) -> tuple[jax.Array,
 def _slope(phi: float, chain: Chain) -> float:
     """Derivative of a leg's length by its phase, in units of that in landing; eq. (3)."""
     if phi <= 2.0 * float(chain.beta) * np.pi:
-        return 0.0
-    return -1.0 if phi < (1.0 + float(chain.beta)) * np.pi else 1.0
+        return 0.0  # stance
+    if phi < (1.0 + float(chain.beta)) * np.pi:
+        return -1.0  # takeoff
+    return 1.0

@@ -19,7 +19,7 @@ from gaitsweep.dynamics.tree import tilt_and_heading, tilted
 from gaitsweep.papers.aoi2011.waist_quadruped.sizes import LIMBS
 
 # If foot 3 is farther than this (m) from the ground, its limb has landed by its phase, not by a touchdown.
-CLOSE = 1e-8
+SECTION_TOLERANCE = 1e-8
 _JOINTS = ("hip_1", "knee_1", "hip_2", "knee_2", "waist", "hip_3", "knee_3", "hip_4", "knee_4")
 # Lengths of the parts of the coordinates, in order.
 _PARTS = (4, 2, 9, 3, 3, 9, 8, 4, 4)
@@ -96,4 +96,4 @@ class LandingChart(Chart):
 
     def covers(self, params: Any, state: Any) -> Bool[Array, ""]:
         height = params.mechanics.feet(state.q, state.v)[0][2, 2]
-        return state.contact[2] & (jnp.abs(height) < CLOSE) & ~state.held & ~state.growing
+        return state.contact[2] & (jnp.abs(height) < SECTION_TOLERANCE) & ~state.held & ~state.growing

@@ -56,7 +56,8 @@ class FootPath:
             landing: desired x and z at the last landing (LP), m.
         """
         standing, swinging = segment == STANCE, (segment == EARLY) | (segment == LATE)
-        turn, progress = TWO_PI * (phi / self.phi_AEP), self.progress(phi)
+        turn = TWO_PI * (phi / self.phi_AEP)
+        progress = self.progress(phi)
         # one angle serves both curves, since a limb follows one of them
         cycloids = self.swing in ("cycloid", "two_cycloids")
         swung = turn if cycloids else 0.5 * turn

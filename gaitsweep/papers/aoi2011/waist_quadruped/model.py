@@ -32,8 +32,7 @@ from gaitsweep.papers.aoi2011.waist_quadruped.chart import LandingChart
 from gaitsweep.papers.aoi2011.waist_quadruped.drawing import WaistDrawing
 from gaitsweep.papers.aoi2011.waist_quadruped.fastest_motion import fastest_motion
 from gaitsweep.papers.aoi2011.waist_quadruped.foot_path import SWINGS
-from gaitsweep.papers.aoi2011.waist_quadruped.ground import RELEASE
-from gaitsweep.papers.aoi2011.waist_quadruped.mechanics import WaistMechanics
+from gaitsweep.papers.aoi2011.waist_quadruped.mechanics import RELEASE_HEIGHT, WaistMechanics
 from gaitsweep.papers.aoi2011.waist_quadruped.parameters import FRICTION, HEIGHTS, PARAMETERS
 from gaitsweep.papers.aoi2011.waist_quadruped.posture import fallen
 from gaitsweep.papers.aoi2011.waist_quadruped.readings import OBSERVABLES, SIGNALS, observed, signalled
@@ -48,8 +47,7 @@ from gaitsweep.papers.aoi2011.waist_quadruped.rhythm import (
 )
 from gaitsweep.papers.aoi2011.waist_quadruped.semi_implicit import SemiImplicit
 from gaitsweep.papers.aoi2011.waist_quadruped.sizes import body
-from gaitsweep.papers.aoi2011.waist_quadruped.start import initial_state
-from gaitsweep.papers.aoi2011.waist_quadruped.state import Params, State
+from gaitsweep.papers.aoi2011.waist_quadruped.state import Params, State, initial_state
 
 BODIES = ("tree", "mjx")
 DAMPINGS = ("joint_rate", "rate_error")
@@ -109,7 +107,8 @@ class WaistQuadruped(WaistDrawing, HybridModel):
 
     def __post_init__(self) -> None:
         for field in dataclasses.fields(self):
-            word, allowed = getattr(self, field.name), field.metadata["allowed"]
+            word = getattr(self, field.name)
+            allowed = field.metadata["allowed"]
             if word not in allowed:
                 raise ValueError(f"{field.name} is '{word}'{suggestion(word, allowed)}")
 
@@ -213,7 +212,7 @@ class WaistQuadruped(WaistDrawing, HybridModel):
         """Phases relative to the ends of their segments, foot contacts, ends of growth and hold, (10,)."""
         p, s = params, state
         height = p.mechanics.feet(s.q, s.v)[0][:, 2]
-        foot = jnp.where(s.contact, height - RELEASE, -height)
+        foot = jnp.where(s.contact, height - RELEASE_HEIGHT, -height)
         grown = jnp.where(s.growing, s.clock - p.T_grow, -1.0)
         free = jnp.where(s.held, s.clock - p.T_hold, -1.0)
         return jnp.concatenate([s.phi - corner(p, s.segment), foot, jnp.stack([grown, free])])

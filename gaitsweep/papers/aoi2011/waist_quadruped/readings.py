@@ -70,7 +70,8 @@ def observed(state: State) -> dict[str, Float[Array, ""]]:
 
 def signalled(state: State) -> dict[str, Float[Array, ""]]:
     """The signals of a state."""
-    s, contact = state, state.contact.astype(state.phi.dtype)
+    s = state
+    contact = state.contact.astype(state.phi.dtype)
     roll, pitch = tilt(s.q)
     return {
         **{f"phase_{i + 1}": wrapped(s.phi)[i] for i in LIMBS},

@@ -91,7 +91,8 @@ def landing_points(
         desired: desired x and z (4,) of the feet at their landings.
         actual: their actual x and z (4,), times `landing_actual`.
     """
-    path, onwards = p.path(s.clock, s.growing), late & (p.late_reset <= 0.0)
+    path = p.path(s.clock, s.growing)
+    onwards = late & (p.late_reset <= 0.0)
     x, z = ((1.0 - p.landing_actual) * one + other for one, other in zip(desired, actual, strict=True))
     return jnp.where(onwards, path.PEP + path.D, x), jnp.where(onwards, -path.H, z)
 

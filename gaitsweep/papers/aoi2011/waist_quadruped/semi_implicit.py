@@ -18,8 +18,7 @@ from gaitsweep.dynamics import worked_in
 from gaitsweep.papers.aoi2011.waist_quadruped.bodies import WaistBody
 from gaitsweep.papers.aoi2011.waist_quadruped.fastest_motion import fastest_motion
 from gaitsweep.papers.aoi2011.waist_quadruped.foot_path import LATE
-from gaitsweep.papers.aoi2011.waist_quadruped.ground import RELEASE
-from gaitsweep.papers.aoi2011.waist_quadruped.mechanics import WaistMechanics
+from gaitsweep.papers.aoi2011.waist_quadruped.mechanics import RELEASE_HEIGHT, WaistMechanics
 from gaitsweep.papers.aoi2011.waist_quadruped.rhythm import (
     Transitions,
     after_events,
@@ -33,7 +32,7 @@ from gaitsweep.papers.aoi2011.waist_quadruped.rhythm import (
 from gaitsweep.papers.aoi2011.waist_quadruped.state import Params, State
 
 # Largest value of dt times the fastest rate.
-STEPS_TO_RATE = 1.25
+MAX_STEP_RATE = 1.25
 
 
 @dataclasses.dataclass(frozen=True)
@@ -43,7 +42,10 @@ class SemiImplicit(FixedStepDynamics):
     body: WaistBody
 
     def step(self, params: Params, state: State, dt: Float[Array, ""]) -> State:
-        p, s, m, dt = params, state, params.mechanics, jnp.asarray(dt)
+        p = params
+        s = state
+        m = params.mechanics
+        dt = jnp.asarray(dt)
         at, speed = self.body.feet(m, s, dt)
         seen = _crossings(p, s, at, speed, dt)
         actual = worked_in(dt.dtype, WaistMechanics.from_hips)(m, s.q, p.landing_actual)
@@ -76,7 +78,7 @@ class SemiImplicit(FixedStepDynamics):
     def longest_step(self, params: Params) -> Float[Array, ""]:
         """The longest step (s), below the stability limit at which dt times the fastest rate is 2."""
         rate, _ = fastest_motion(params)
-        return STEPS_TO_RATE / rate
+        return MAX_STEP_RATE / rate
 
     def events(self, params: Params, before: State, after: State) -> Bool[Array, " events"]:
         """Whether limb 3 has landed; the step itself has applied the jump."""
@@ -106,7 +108,7 @@ class _Crossings(NamedTuple):
 def _crossings(p: Params, s: State, at: jax.Array, speed: jax.Array, dt: jax.Array) -> _Crossings:
     """The events of the last step of `dt` (s); positions and velocities of the feet (4, 3) are after it."""
     height = at[:, 2]
-    switched = jnp.where(s.contact, height > RELEASE, height <= 0.0)
+    switched = jnp.where(s.contact, height > RELEASE_HEIGHT, height <= 0.0)
     past = s.phi - corner(p, s.segment)
     now = transitions(s, past >= 0.0, switched)
     touches = now.contact & ~s.contact
@@ -115,7 +117,7 @@ def _crossings(p: Params, s: State, at: jax.Array, speed: jax.Array, dt: jax.Arr
     drop = jnp.where(sunk != 0.0, sunk, 1.0)
     rest = jnp.where(touches, -height / drop, 0.0)
     lifts = s.contact & ~now.contact
-    since = dt * jnp.where(lifts, (RELEASE - height) / drop, rest)
+    since = dt * jnp.where(lifts, (RELEASE_HEIGHT - height) / drop, rest)
     # of a touchdown and a segment's end in one step, the later one is the landing; but in the second half
     # of the swing a touchdown alone is a landing
     since_touch = jnp.where(touches, rest * s.gain, jnp.inf)

@@ -25,7 +25,8 @@ from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import (
 )
 
 GAITS = (*CHART, "unsteady", "none")
-_UNSTEADY, _NONE = len(CHART), len(CHART) + 1
+_UNSTEADY = len(CHART)
+_NONE = len(CHART) + 1
 # by their names the deltas would be taken for radians
 IN_CYCLES = {name: {"unit": "cycles", "circular": False} for name in ("delta_1", "delta_2")}
 

@@ -14,10 +14,10 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from jaxtyping import Int
+import scipy
+from jaxtyping import Float, Int
 
-from gaitsweep.analyses import AnalysisError, require
-from gaitsweep.papers.fukuoka2015.analysis.case_intervals import correlation, wilson
+from gaitsweep.analyses import LEVEL, AnalysisError, require
 from gaitsweep.papers.fukuoka2015.analysis.pair_loads import MEASURES, pairs_in
 from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import THRESHOLD
 
@@ -77,7 +77,8 @@ def axes_of_pairs(pairs: pd.DataFrame) -> list[str]:
 
 def _judged(pairs: pd.DataFrame, name: str, case: Int[np.ndarray, " pairs"], least: float) -> dict[str, Any]:
     """The agreement of one measure with the rule, as `loading_rule` returns it; `case` of each pair."""
-    x, delta = pairs[name].to_numpy(float), pairs["delta"].to_numpy(float)
+    x = pairs[name].to_numpy(float)
+    delta = pairs["delta"].to_numpy(float)
     finite = np.isfinite(x)
     x, delta, case = x[finite], delta[finite], case[finite]
     r, r_low, r_high = correlation(x, delta, case)
@@ -86,7 +87,8 @@ def _judged(pairs: pd.DataFrame, name: str, case: Int[np.ndarray, " pairs"], lea
     result = {"pairs": len(x), "cases": len(np.unique(case)), "r": r, "r_low": r_low, "r_high": r_high}
     result |= {"shifted": int(shifted.sum()), "right": np.nan, "right_low": np.nan, "right_high": np.nan}
     if shifted.any():
-        share, draws = float(right.mean()), len(np.unique(case[shifted]))
+        share = float(right.mean())
+        draws = len(np.unique(case[shifted]))
         low, high = wilson(share, draws)
         result |= {"right": share, "right_low": low, "right_high": high}
     return result
@@ -129,3 +131,65 @@ def load_prediction(table: pd.DataFrame, feedback: str = "k2") -> pd.DataFrame:
     rows = walks.merge(loads, left_on=places, right_index=True).reset_index(drop=True)
     rows.insert(0, "row", np.arange(len(rows)))
     return rows.assign(pair_number=0)[["row", *axes, "gait", "pair_number", "delta", *names]]
+
+
+_BOOTSTRAP_DRAWS = 4000  # draws of the bootstrap
+_CASES_PER_PART = 2_000_000  # cases drawn at once
+
+
+def wilson(share: float, draws: int, level: float = LEVEL) -> tuple[float, float]:
+    """Wilson's score interval of a share of so many independent draws.
+
+    The share times the draws need not be a whole number, as SciPy's interval asks.
+
+    Source: Wilson 1927, J. Am. Stat. Assoc. 22:209.
+    """
+    z = scipy.stats.norm.ppf(0.5 + 0.5 * level)
+    middle = (share + z**2 / (2 * draws)) / (1 + z**2 / draws)
+    half = z / (1 + z**2 / draws) * np.sqrt(share * (1 - share) / draws + z**2 / (4 * draws**2))
+    # rounding would put the ends beside 0 and 1
+    return 0.0 if share == 0 else float(middle - half), 1.0 if share == 1 else float(middle + half)
+
+
+def correlation(
+    x: Float[np.ndarray, " records"], y: Float[np.ndarray, " records"], case: Int[np.ndarray, " records"]
+) -> tuple[float, float, float]:
+    """Pearson's r with the ends of its bootstrap interval over cases; NaN for fewer than three cases.
+
+    Args:
+        x, y: the two quantities of each record.
+        case: the case of each record; records of a case are drawn together.
+    """
+    _, case = np.unique(case, return_inverse=True)
+    count = int(case.max(initial=-1)) + 1
+    if count < 3:
+        return np.nan, np.nan, np.nan
+    x, y = x - x.mean(), y - y.mean()  # avoids cancellation
+    terms = (np.ones_like(x), x, y, x * x, y * y, x * y)
+    sums = np.stack([np.bincount(case, term, count) for term in terms], axis=1)
+    parts = enumerate(_parts(count))
+    drawn = np.concatenate([_counts(count, draws, number) @ sums for number, draws in parts])
+    r = _pearson(sums.sum(axis=0)[None])[0]
+    tails = 50.0 * (1.0 - LEVEL)
+    low, high = np.nanpercentile(_pearson(drawn), [tails, 100.0 - tails])
+    return float(r), float(low), float(high)
+
+
+def _parts(count: int) -> list[int]:
+    """The numbers of bootstrap draws in each part, so that a part takes little memory."""
+    most = max(_CASES_PER_PART // count, 1)
+    return [min(most, _BOOTSTRAP_DRAWS - first) for first in range(0, _BOOTSTRAP_DRAWS, most)]
+
+
+def _counts(count: int, draws: int, seed: int) -> Int[np.ndarray, "draws cases"]:
+    """The number of times that each of `count` cases occurs in each draw."""
+    drawn = np.random.default_rng(seed).integers(count, size=(draws, count))
+    drawn += count * np.arange(draws)[:, None]
+    return np.bincount(drawn.ravel(), minlength=draws * count).reshape(draws, count)
+
+
+def _pearson(sums: Float[np.ndarray, "draws 6"]) -> Float[np.ndarray, " draws"]:
+    """Pearson's r from sums of 1, x, y, x2, y2 and xy."""
+    n, x, y, xx, yy, xy = sums.T
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return (n * xy - x * y) / np.sqrt((n * xx - x * x) * (n * yy - y * y))

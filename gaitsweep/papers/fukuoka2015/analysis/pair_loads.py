@@ -14,8 +14,8 @@ from gaitsweep.papers.fukuoka2015.analysis.gait_tables import gaits_in
 from gaitsweep.papers.fukuoka2015.analysis.swing_onsets import FLEXORS, onsets_of
 from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import CHART, LEGS, PAIRS
 
-LATE = 0.15  # the share of a cycle that is late stance
-_NEAR = 0.25  # cycles; largest distance of an onset from its expected time
+LATE_STANCE = 0.15  # the share of a cycle that is late stance
+_MAX_ONSET_LAG = 0.25  # cycles; largest distance of an onset from its expected time
 
 
 class Measure(NamedTuple):
@@ -134,7 +134,8 @@ class _Stances:
         fore, hind, period = fore[recorded], hind[recorded], period[recorded]
         if not len(fore):
             return {}
-        first, late = np.minimum(fore, hind), LATE * period
+        first = np.minimum(fore, hind)
+        late = LATE_STANCE * period
         measures: dict[str, Float[np.ndarray, " cycles"]] = {}
         measures["load_together"] = self._difference(legs, (first, first), late)
         measures["tilt_together"] = self.over("pitch", first - late, first) / late
@@ -167,8 +168,9 @@ def _paired(
     none = np.zeros(0)
     if len(fore) < 2 or not len(hind):
         return none, none, none
-    period, fore = np.diff(fore), fore[1:]
+    period = np.diff(fore)
+    fore = fore[1:]
     due = fore + delta * period
     nearest = hind[np.abs(hind[None, :] - due[:, None]).argmin(axis=1)]
-    belongs = np.abs(nearest - due) < _NEAR * period
+    belongs = np.abs(nearest - due) < _MAX_ONSET_LAG * period
     return fore[belongs], nearest[belongs], period[belongs]

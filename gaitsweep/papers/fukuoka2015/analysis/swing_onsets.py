@@ -13,7 +13,7 @@ from gaitsweep.analyses import AnalysisError, require
 from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import LEGS
 
 SINCE = "since_{}_n"  # the column of a leg's time since its last onset
-_SAME = 1e-6  # s; two records of one onset differ by rounding errors alone
+_ONSET_TOLERANCE = 1e-6  # s; two records of one onset differ by rounding errors alone
 
 
 def onsets_in(
@@ -73,7 +73,7 @@ def onsets_of_crossings(table: pd.DataFrame) -> pd.DataFrame:
         t = crossed["t"].to_numpy(float) - crossed[SINCE.format(leg)].to_numpy(float)
         part = crossed[copied].assign(leg=leg, t=t)
         part = part.loc[np.isfinite(t) & (t > 0.0)].sort_values(["row", "t"], kind="stable")
-        again = part.groupby("row")["t"].diff() < _SAME
+        again = part.groupby("row")["t"].diff() < _ONSET_TOLERANCE
         parts.append(part.loc[~again])
     return pd.concat(parts, ignore_index=True).sort_values(["row", "t"], kind="stable", ignore_index=True)
 

@@ -24,7 +24,7 @@ def colour_of(gait: str) -> str:
 
 
 def areas_of(gaits: Iterable[str]) -> dict[str, dict[str, Any]]:
-    """The look of an area of each gait that occurs; the two sides of a gait share their colour and hatch."""
+    """The style of an area of each gait that occurs; the two sides of a gait share their colour and hatch."""
     present = set(gaits)
     firsts: dict[str, str] = {}
     for gait in [gait for gait in ORDER if gait in present]:

@@ -36,8 +36,8 @@ from gaitsweep.plot import (
 )
 
 _BAR = 0.36
-_BESIDE = 1.4  # inches; of rows' names beside the bars
-_LETTER = 0.065  # inches; width of a letter of a gait's name
+_LABEL_ROOM = 1.4  # inches; of rows' names beside the bars
+_LETTER_WIDTH = 0.065  # inches; width of a letter of a gait's name
 
 
 def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
@@ -136,7 +136,7 @@ def _panel(
     areas: Mapping[str, dict[str, Any]],
 ) -> None:
     """The bars of named rows, over the parameter or the measured speed, and the direction of each pass."""
-    look: dict[str, Any] = {"fontsize": theme.points(11), "va": "center", "ha": "right", "weight": "bold"}
+    style: dict[str, Any] = {"fontsize": theme.points(11), "va": "center", "ha": "right", "weight": "bold"}
     for place, (row, _) in enumerate(rows):
         for down in (0, 1):
             part = along.loc[(along["row"] == row) & (along["pass"] == down)]
@@ -147,8 +147,9 @@ def _panel(
                 at = scipy.optimize.isotonic_regression(at, increasing=not falls).x
             _bar(axes, at, part["t"].to_numpy(float), part["gait"].astype(str).tolist(), height, areas)
             if len(part):
-                arrow, side = "\u2190" if falls else "\u2192", axes.get_yaxis_transform()
-                axes.annotate(arrow, (0.0, height), (-3, 0), side, "offset points", **look)
+                arrow = "\u2190" if falls else "\u2192"
+                side = axes.get_yaxis_transform()
+                axes.annotate(arrow, (0.0, height), (-3, 0), side, "offset points", **style)
     axes.set_yticks(range(len(rows)), [name for _, name in rows])
     axes.tick_params(axis="y", length=0, pad=16)
     axes.set_ylim(len(rows) - 0.45, -0.55)
@@ -169,8 +170,11 @@ def _bar(
     """
     if len(at) < 2:
         return
-    letters = (theme.width_of(theme.PAGE) - _BESIDE) / np.ptp(axes.get_xlim()) / _LETTER  # in a unit of x
-    middle, step = 0.5 * (at[1:] + at[:-1]), np.diff(t)
+    letters = (
+        (theme.width_of(theme.PAGE) - _LABEL_ROOM) / np.ptp(axes.get_xlim()) / _LETTER_WIDTH
+    )  # in a unit of x
+    middle = 0.5 * (at[1:] + at[:-1])
+    step = np.diff(t)
     missing = step > 2.0 * np.median(step)
     begins = np.r_[at[0], np.where(missing, at[1:], middle)]
     ends = np.r_[np.where(missing, at[:-1], middle), at[-1]]
@@ -181,6 +185,6 @@ def _bar(
         low, colour = begins[first], areas[gaits[first]]["facecolor"]
         bar = axes.barh(height, ends[last - 1] - low, _BAR, left=low, **areas[gaits[first]])
         if abs(ends[last - 1] - low) * letters > len(kinds[first]):
-            look: dict[str, Any] = {"fontsize": theme.points(7), "color": theme.ink_on(colour)}
-            look["path_effects"] = [withStroke(linewidth=2.5, foreground=colour)]  # read over a hatch
-            axes.bar_label(bar, [kinds[first]], label_type="center", **look)
+            style: dict[str, Any] = {"fontsize": theme.points(7), "color": theme.ink_on(colour)}
+            style["path_effects"] = [withStroke(linewidth=2.5, foreground=colour)]  # read over a hatch
+            axes.bar_label(bar, [kinds[first]], label_type="center", **style)

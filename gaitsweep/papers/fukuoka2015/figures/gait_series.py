@@ -45,12 +45,12 @@ from gaitsweep.plot import (
     theme,
 )
 
-_MOST_STRIPS = 12
-_MOST_COLUMNS, _LONG = 2, 4  # more strips than _LONG are in two columns
-_BESIDE = 1.0  # inches; of names and labels beside a strip
+_MAX_STRIPS = 12
+_MAX_COLUMNS, _ONE_COLUMN_STRIPS = 2, 4  # more strips than _ONE_COLUMN_STRIPS are in two columns
+_LABEL_ROOM = 1.0  # inches; of names and labels beside a strip
 _HEIGHTS = {"gait": 0.4, "flexor": 0.75, "load": 0.75, "feet": 0.8, "pitch": 0.7}  # inches
-_LEAST = 3  # least number of windows of a named gait bout
-_LETTER = 0.075  # inches; width of a letter of a gait's name
+_MIN_WINDOWS = 3  # least number of windows of a named gait bout
+_LETTER_WIDTH = 0.075  # inches; width of a letter of a gait's name
 
 
 def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
@@ -60,8 +60,8 @@ def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
     if figure.row is not None and figure.row >= table.rows.n_rows:
         yield ("row",), f"is {figure.row}, but the job has rows 0 to {table.rows.n_rows - 1}."
     yield from check_window(figure)
-    if figure.strip_columns is not None and figure.strip_columns > _MOST_COLUMNS:
-        yield ("strip_columns",), f"is {figure.strip_columns}, but must be 1 or {_MOST_COLUMNS}."
+    if figure.strip_columns is not None and figure.strip_columns > _MAX_COLUMNS:
+        yield ("strip_columns",), f"is {figure.strip_columns}, but must be 1 or {_MAX_COLUMNS}."
     if figure.strip is not None and isinstance(table.run, Trace):
         strips = table.run.duration / figure.strip
         if strips > 10_000 or math.isinf(strips):
@@ -97,8 +97,8 @@ def gait_series(
     """
     require_columns(table, "row", "t", "pitch", *FLEXORS.values(), *(f"F_{leg}" for leg in LEGS if loads))
     table = table if row is None else rows_where(table, table["row"] == row)
-    parts, title = theme.first_of(_strips(table, window, strip), _MOST_STRIPS, title, "strips")
-    most = strip_columns or (_MOST_COLUMNS if len(parts) > _LONG else 1)
+    parts, title = theme.first_of(_strips(table, window, strip), _MAX_STRIPS, title, "strips")
+    most = strip_columns or (_MAX_COLUMNS if len(parts) > _ONE_COLUMN_STRIPS else 1)
     down, columns = theme.shape(len(parts), theme.PAGE, 3.0, most)
     kinds = [kind for kind in _HEIGHTS if (kind != "gait" or strip) and (kind != "load" or loads)]
     heights = [_HEIGHTS[kind] for kind in kinds]
@@ -201,21 +201,22 @@ def _bouts(axes: Axes, part: pd.DataFrame, along: pd.DataFrame, wide: float) -> 
     of_row = rows_where(along, along["row"] == part["row"].iloc[0])
     low, high = float(part["t"].iloc[0]), float(part["t"].iloc[-1])
     axes.set_xlim(low, high)
-    width = (wide - _BESIDE) / (high - low)  # inches a second
-    areas, drawn = areas_of(along["gait"].astype(str)), set()
-    for bout in gait_bouts(of_row, "gait", _LEAST).to_dict("records"):
+    width = (wide - _LABEL_ROOM) / (high - low)  # inches a second
+    areas = areas_of(along["gait"].astype(str))
+    drawn = set()
+    for bout in gait_bouts(of_row, "gait", _MIN_WINDOWS).to_dict("records"):
         begin, end = max(float(bout["begin"]), low), min(float(bout["end"]), high)
         if end <= begin:
             continue
         name = str(bout["gait"])
         drawn.add(name)
         axes.barh(0.15, end - begin, 0.26, left=begin, **areas[name])
-        if (end - begin) * width > _LETTER * len(name):
-            look: dict[str, Any] = {"ha": "center", "va": "bottom", "fontsize": theme.points(7)}
-            axes.text(0.5 * (begin + end), 0.3, name, **look)
+        if (end - begin) * width > _LETTER_WIDTH * len(name):
+            style: dict[str, Any] = {"ha": "center", "va": "bottom", "fontsize": theme.points(7)}
+            axes.text(0.5 * (begin + end), 0.3, name, **style)
     if "speed" in of_row.columns and len(of_row):
-        look = {"va": "top", "fontsize": theme.points(7), "color": "#444444"}
+        style = {"va": "top", "fontsize": theme.points(7), "color": "#444444"}
         for at, side in ((low, "left"), (high, "right")):
             speed = np.interp(at, of_row["t"].to_numpy(float), of_row["speed"].to_numpy(float))
-            axes.text(at, 1.0, f"{speed:.2f} m/s", ha=side, **look)
+            axes.text(at, 1.0, f"{speed:.2f} m/s", ha=side, **style)
     return drawn

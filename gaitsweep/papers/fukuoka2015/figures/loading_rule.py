@@ -41,8 +41,8 @@ from gaitsweep.plot import (
     written,
 )
 
-_ACROSS = 3
-_OF_THE_RULE = "#F0F0F0"
+_PANELS_ACROSS = 3
+_RULE_COLOUR = "#F0F0F0"
 
 
 def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
@@ -94,7 +94,7 @@ def loading_rule(
     missing = [name for name in names if name not in agreement]
     if missing:
         raise PlotError(f"{missing[0]} is not a measure of this table. Allowed: {', '.join(agreement)}.")
-    down, across = theme.shape(len(names), theme.PAGE, 1.9, _ACROSS)
+    down, across = theme.shape(len(names), theme.PAGE, 1.9, _PANELS_ACROSS)
     present = set(pairs["gait"].astype(str))
     heading = title if only is None else f"{title or ''} {written(table, only, value)}".strip()
     with theme.canvas(theme.PAGE, (2.25 if across > 1 else 1.75) * down + 0.6, heading) as figure:
@@ -103,7 +103,7 @@ def loading_rule(
             _panel(axes, pairs, name, agreement[name])
         label = "shift of the pair, $\\delta$ (cycles)\nhind leg late: positive"
         theme.label_panels(figure, grid, across, y=label)
-        quadrants = Patch(color=_OF_THE_RULE, label="sign as the rule says")
+        quadrants = Patch(color=_RULE_COLOUR, label="sign as the rule says")
         theme.legend(figure, [*gait_key(present), quadrants], ncols=6)
     return figure
 
@@ -113,15 +113,16 @@ def _panel(axes: Axes, pairs: pd.DataFrame, name: str, agreement: Mapping[Any, A
     for gait in theme.ordered(ORDER):
         part = rows_where(pairs, pairs["gait"].astype(str) == gait)
         if len(part):
-            look: dict[str, Any] = {"color": colour_of(gait), "marker": marker_of(gait), "ms": 3.4, "ls": ""}
-            axes.plot(part[name], part["delta"], mew=0.5, alpha=0.8, **look)
+            style: dict[str, Any] = {"color": colour_of(gait), "marker": marker_of(gait), "ms": 3.4, "ls": ""}
+            axes.plot(part[name], part["delta"], mew=0.5, alpha=0.8, **style)
     x, delta = np.abs(pairs[name].to_numpy(float)), np.abs(pairs["delta"].to_numpy(float))
-    reach, height = 1.08 * np.nanmax(x, initial=1e-9), max(0.3, 1.1 * np.nanmax(delta, initial=0.0))
+    reach = 1.08 * np.nanmax(x, initial=1e-9)
+    height = max(0.3, 1.1 * np.nanmax(delta, initial=0.0))
     axes.set_xlim(-reach, reach)
     axes.set_ylim(-height, height)
     for x, low in ((-reach, THRESHOLD), (0.0, -height)):
-        look = {"facecolor": _OF_THE_RULE, "linewidth": 0, "zorder": 0}
-        axes.fill_between([x, x + reach], low, low + height - THRESHOLD, **look)
+        style = {"facecolor": _RULE_COLOUR, "linewidth": 0, "zorder": 0}
+        axes.fill_between([x, x + reach], low, low + height - THRESHOLD, **style)
     for line in (axes.axhline, axes.axvline):
         line(0.0, color="#AAAAAA", lw=0.5, zorder=1)
     measure = MEASURES[name]

@@ -25,8 +25,8 @@ from gaitsweep.plot import (
     theme,
 )
 
-_NOTE = 1.5  # inches; width of the description of a cell
-_NARROW = 5.0  # inches; below, cells have their speed alone, and the first column names the legs
+_NOTE_WIDTH = 1.5  # inches; width of the description of a cell
+_NARROW_WIDTH = 5.0  # inches; below, cells have their speed alone, and the first column names the legs
 _TILTS = ("hind leg first\n(tilted down)", "together\n(level)", "fore leg first\n(tilted up)")
 _PAIRS = ("left fore and right hind leg", "right fore and left hind leg")  # of the columns and of the rows
 
@@ -56,7 +56,7 @@ def nine_gaits(
     """
     require_columns(table, "row", "t", *FLEXORS.values())
     gaits = gaits_in(table)
-    narrow = theme.width_of(theme.PAGE) < _NARROW
+    narrow = theme.width_of(theme.PAGE) < _NARROW_WIDTH
     with theme.canvas(theme.PAGE, 4.9, title) as figure:
         grid = figure.subplots(3, 3)
         for place, gait in enumerate(CHART):
@@ -68,13 +68,13 @@ def nine_gaits(
                 _name(axes, gait)
                 _empty(axes, "no row" if narrow else "no row has it")
             if place // 3 == 0:
-                look: dict[str, Any] = {"ha": "center", "fontsize": theme.points(7.5)}
-                look |= {"xycoords": "axes fraction", "textcoords": "offset points"}
+                style: dict[str, Any] = {"ha": "center", "fontsize": theme.points(7.5)}
+                style |= {"xycoords": "axes fraction", "textcoords": "offset points"}
                 above = 32 if narrow else 42
-                axes.annotate(_TILTS[place], (0.5, 1.0), (0, above), **look)
+                axes.annotate(_TILTS[place], (0.5, 1.0), (0, above), **style)
                 if place == 1:  # a line above all three, which is wider than its column
-                    axes.annotate(_PAIRS[0], (0.5, 1.0), (0, above + 22), in_layout=False, **look)
-                    axes.annotate(" ", (0.5, 1.0), (0, above + 22), **look)
+                    axes.annotate(_PAIRS[0], (0.5, 1.0), (0, above + 22), in_layout=False, **style)
+                    axes.annotate(" ", (0.5, 1.0), (0, above + 22), **style)
             if place % 3 == 0:
                 axes.set_ylabel(_TILTS[place // 3], fontsize=theme.points(7.5), labelpad=4)
             elif narrow:
@@ -96,7 +96,7 @@ def _example(
     footfalls(axes, samples)
     axes.set_xlim(0.0, end)
     words = in_words(table, record, samples)
-    _name(axes, gait, theme.wrapped(", ".join(words), _NOTE, 7.0) if not narrow else words[0])
+    _name(axes, gait, theme.wrapped(", ".join(words), _NOTE_WIDTH, 7.0) if not narrow else words[0])
     last = float(f"{0.8 * end:.1g}")
     axes.set_xticks([0.0, last], ["0", f"{last:g}"])
 
@@ -112,9 +112,9 @@ def _empty(axes: Axes, text: str) -> None:
 
 def _name(axes: Axes, gait: str, note: str = "") -> None:
     """The name of the gait above its cell, and below it a description of the example."""
-    look: dict[str, Any] = {"xycoords": "axes fraction", "textcoords": "offset points"}
+    style: dict[str, Any] = {"xycoords": "axes fraction", "textcoords": "offset points"}
     above = 3 + 9 * (note.count("\n") + 1)
-    look |= {"fontsize": theme.points(8.5), "weight": "bold"}
-    axes.annotate(label_of(gait), (0.0, 1.0), (0, above), color=colour_of(gait), **look)
-    look |= {"fontsize": theme.points(7), "weight": "normal"}
-    axes.annotate(note, (0.0, 1.0), (0, 3), color="#444444", **look)
+    style |= {"fontsize": theme.points(8.5), "weight": "bold"}
+    axes.annotate(label_of(gait), (0.0, 1.0), (0, above), color=colour_of(gait), **style)
+    style |= {"fontsize": theme.points(7), "weight": "normal"}
+    axes.annotate(note, (0.0, 1.0), (0, 3), color="#444444", **style)

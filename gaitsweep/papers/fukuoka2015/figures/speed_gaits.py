@@ -39,7 +39,9 @@ from gaitsweep.plot import (
 )
 
 _SPREAD = 0.62  # spread of rows of one speed, as a share of the distance between bands
-_SAME = 0.02  # distance below which points would hide each other, as a share of the range of speeds
+_HIDING_DISTANCE = (
+    0.02  # distance below which points would hide each other, as a share of the range of speeds
+)
 
 
 def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
@@ -106,13 +108,13 @@ def _bands(axes: Axes, part: pd.DataFrame, y: str, bands: list[Any], speed: str,
         rows = rows_where(part, part[y] == band)
         at = rows[speed].to_numpy(float)
         moving = Status.UNDECIDED.among(rows["status"])
-        offset = _stacked(at, _SAME * extent) * _SPREAD
+        offset = _stacked(at, _HIDING_DISTANCE * extent) * _SPREAD
         for gait in theme.ordered(ORDER):
             which = (rows["gait"] == gait).to_numpy()
-            look = {"color": colour_of(gait), "marker": marker_of(gait), "ms": 3.2, "mew": 0.6, "ls": ""}
+            style = {"color": colour_of(gait), "marker": marker_of(gait), "ms": 3.2, "mew": 0.6, "ls": ""}
             for some, face in ((which & ~moving, colour_of(gait)), (which & moving, "white")):
                 if some.any():
-                    axes.plot(at[some], place + offset[some], mfc=face, **look)
+                    axes.plot(at[some], place + offset[some], mfc=face, **style)
 
 
 def _stacked(at: Float[np.ndarray, " points"], same: float) -> Float[np.ndarray, " points"]:

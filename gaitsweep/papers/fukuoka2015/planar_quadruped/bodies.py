@@ -23,7 +23,7 @@ from gaitsweep.dynamics.tree import (
     velocity_at,
 )
 from gaitsweep.expression import evaluate
-from gaitsweep.papers.fukuoka2015.planar_quadruped.mechanics import NQ, SIDE, PlanarMechanics, body, mjcf
+from gaitsweep.papers.fukuoka2015.planar_quadruped.mechanics import HIP_SIGNS, NQ, PlanarMechanics, body, mjcf
 from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import LEGS
 from gaitsweep.papers.fukuoka2015.planar_quadruped.parameters import BODY
 from gaitsweep.papers.fukuoka2015.planar_quadruped.rhythm import swinging
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 AfterStep = tuple[jax.Array, jax.Array, jax.Array, jax.Array]  # q, v, warm and loads
 
 # Largest value of the stability number of `PlanarTreeBody.longest_step`, whose limit is 2.
-STABLE = 1.5
+STABILITY_NUMBER = 1.5
 
 
 class PlanarBody(abc.ABC):
@@ -72,7 +72,7 @@ class PlanarTreeBody(PlanarBody):
         Semi-implicit steps are stable if (D dt + K dt^2 / 2) w < 2, with w the foot's inverse effective mass.
         """
         w = 1.0 / (m.lower_mass + m.foot_mass) + 0.5 / (m.upper_mass + m.lower_mass + m.foot_mass)
-        root = jnp.sqrt(m.D_foot * m.D_foot + 2.0 * STABLE * m.K_foot / w)
+        root = jnp.sqrt(m.D_foot * m.D_foot + 2.0 * STABILITY_NUMBER * m.K_foot / w)
         return (root - m.D_foot) / m.K_foot
 
     def moved(self, m: PlanarMechanics, s: State, tau: jax.Array, dt: jax.Array) -> AfterStep:
@@ -167,7 +167,7 @@ def edit(spec: Any, values: Mapping[str, float]) -> None:
     # only the inertia about y has an effect; the others are scaled, so that MuJoCo accepts them
     torso.inertia = values["torso_inertia"] / torso.inertia[1] * torso.inertia
     radius = values["foot_radius"]
-    for leg, side in zip(LEGS, SIDE, strict=True):
+    for leg, side in zip(LEGS, HIP_SIGNS, strict=True):
         upper, lower = spec.body(f"upper_{leg}"), spec.body(f"lower_{leg}")
         upper.pos = [side * values["hip_x"], upper.pos[1], 0.0]
         lower.pos = [0.0, 0.0, -values["l_0"]]

@@ -1,9 +1,10 @@
 """Online measurement of gait cycles: swing onsets, touchdowns, and mean loads and pitch in stance.
 
 A leg's cycle is from one swing onset (u_f crosses 0 upwards) to the next. It touches down where its foot
-bears load after `BREAK` or more in the air; shorter breaks of contact belong to one stance. Where it does
-so twice in a cycle, or not at all, it has no phase by touchdowns. Late stance is its last part, of the
-share `LATE`, if the cycle is as long as the one before it: so no history of loads has to be stored.
+bears load after `MIN_AIR_TIME` or more in the air; shorter breaks of contact belong to one stance. Where it
+does so twice in a cycle, or not at all, it has no phase by touchdowns. Late stance is the last part of the
+cycle, of the share `LATE_STANCE`, if the cycle is as long as the one before it: so no history of loads has to
+be stored.
 """
 
 from __future__ import annotations
@@ -15,12 +16,121 @@ import jax.numpy as jnp
 
 from gaitsweep.dynamics import TWO_PI
 from gaitsweep.dynamics.matsuoka import FLEXOR
-from gaitsweep.papers.fukuoka2015.planar_quadruped.cycle_means import Average, Sums
 from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import LEGS, PAIRS
 
-LATE = 0.15  # of a cycle
-BREAK = 0.06  # s
-RECENT, SHORT = 1.5, 0.5  # cycles of LF
+STEADY_PITCH = 1.0e-6  # rad; a pitch with a smaller root mean square does not oscillate
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Sums:
+    """Integrals over a part of each leg's cycle: `time` (4,) s, `load` (4,) N s, `pitch` (4,) rad s."""
+
+    time: jax.Array
+    load: jax.Array
+    pitch: jax.Array
+
+    def with_step(self, part: jax.Array, load: jax.Array, pitch: jax.Array, dt: jax.Array) -> Sums:
+        """The integrals after a step.
+
+        Args:
+            part: whether each leg is in this part of its cycle, (4,).
+            load: loads on the feet during the step, (4,) N.
+            pitch: pitch of the torso, rad.
+            dt: duration of the step, s.
+        """
+        h = jnp.where(part, dt, 0.0)
+        return Sums(self.time + h, self.load + h * load, self.pitch + h * pitch)
+
+    def without(self, legs: jax.Array) -> Sums:
+        """The integrals with zeros for these legs (4,)."""
+        return jax.tree.map(lambda sum_: jnp.where(legs, 0.0, sum_), self)
+
+    def means(self) -> tuple[jax.Array, jax.Array]:
+        """Mean load (4,) N and pitch (4,) rad; 0 if the time is 0."""
+        per_time = jnp.where(self.time > 0.0, 1.0 / jnp.where(self.time > 0.0, self.time, 1.0), 0.0)
+        return self.load * per_time, self.pitch * per_time
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Average:
+    """Exponentially weighted averages over the last cycles; weights decay by 1/memory a cycle.
+
+    `weight` is the sum of all weights, which tends to 1; `cosines` and `sines` (2, 3) are those of delta_1,
+    delta_2 and the fore legs' shift, by swing onsets and by touchdowns; `period` s; `square` s2, of the
+    period; `pitch` (6,) the means of the pitch (rad), of its square (rad2), and of its products (rad) with
+    the cosine and the sine of the phase in LF's cycle and of twice that phase.
+    """
+
+    weight: jax.Array
+    cosines: jax.Array
+    sines: jax.Array
+    period: jax.Array
+    square: jax.Array
+    pitch: jax.Array
+
+    def with_cycle(
+        self, shifts: jax.Array, counts: jax.Array, period: jax.Array, pitch: jax.Array, share: jax.Array
+    ) -> Average:
+        """The averages with one more cycle.
+
+        Args:
+            shifts: its shifts by swing onsets and by touchdowns, (2, 3) cycles.
+            counts: how often the shifts of each kind count, 1 or 0, (2, 1).
+            period: its duration, s.
+            pitch: its means, (6,), as in `Average.pitch`.
+            share: its weight, 0 to 1.
+        """
+        new = Average(
+            weight=jnp.ones_like(period),
+            cosines=counts * jnp.cos(TWO_PI * shifts),
+            sines=counts * jnp.sin(TWO_PI * shifts),
+            period=period,
+            square=period * period,
+            pitch=pitch,
+        )
+        return jax.tree.map(lambda old, now: old + share * (now - old), self, new)
+
+    def _per_weight(self) -> jax.Array:
+        """The factor by which a weighted sum is a mean; 0 before the first cycle."""
+        return jnp.where(self.weight > 0.0, 1.0 / jnp.where(self.weight > 0.0, self.weight, 1.0), 0.0)
+
+    def lengths(self) -> jax.Array:
+        """Resultant lengths (2, 3) of the shifts, 0 to 1."""
+        squared = self.cosines * self.cosines + self.sines * self.sines
+        return self._per_weight() * jnp.sqrt(squared)
+
+    def shifts(self) -> jax.Array:
+        """Mean shifts (2, 3), cycles in [-0.5, 0.5)."""
+        return jnp.arctan2(self.sines, self.cosines) / TWO_PI
+
+    def variation(self) -> jax.Array:
+        """Coefficient of variation of the period."""
+        mean, square = self._per_weight() * self.period, self._per_weight() * self.square
+        begun = mean > 0.0
+        spread = jnp.sqrt(jnp.maximum(square - mean * mean, 0.0))
+        return jnp.where(begun, spread / jnp.where(begun, mean, 1.0), 0.0)
+
+    def pitch_shares(self) -> jax.Array:
+        """Shares (2,) of the pitch's variance that go once and twice a cycle, at the same phase in each.
+
+        An oscillation that is not locked to the cycles, or goes round in several of them, has no share. A
+        body at rest has none either.
+        """
+        mean, square, *waves = self._per_weight() * self.pitch
+        variance = square - mean * mean
+        cosines, sines = jnp.stack(waves[::2]), jnp.stack(waves[1::2])
+        powers = 2.0 * (cosines * cosines + sines * sines)
+        moves = variance > STEADY_PITCH * STEADY_PITCH
+        # the sum of a cycle has an error of a step, by which a share may exceed 1
+        return jnp.where(moves, jnp.minimum(powers / jnp.where(moves, variance, 1.0), 1.0), 0.0)
+
+
+LATE_STANCE = 0.15  # of a cycle
+MIN_AIR_TIME = 0.06  # s
+RECENT_CYCLES = 1.5  # cycles of LF for which an irregular touchdown keeps a cycle out of the averages
+SHORTEST_CYCLE = 0.5  # cycles of LF: an onset so soon after the last one begins no cycle
 LF = LEGS.index("LF")
 (FORE_1, HIND_1), (FORE_2, HIND_2) = ((LEGS.index(fore), LEGS.index(hind)) for fore, hind in PAIRS)
 
@@ -74,20 +184,24 @@ class Cycle:
         The first of (2, 3) are by swing onsets, the second by touchdowns.
         """
         pairs = ((HIND_1, FORE_1), (HIND_2, FORE_2), (FORE_2, FORE_1))
-        late = jnp.stack([jnp.stack([at[i] - at[j] for i, j in pairs]) for at in (self.onset, self.landed)])
+        by_onsets = jnp.stack([self.onset[i] - self.onset[j] for i, j in pairs])
+        by_touchdowns = jnp.stack([self.landed[i] - self.landed[j] for i, j in pairs])
+        delays = jnp.stack([by_onsets, by_touchdowns])
         period = self.period[LF]
-        shift = late / jnp.where(period > 0.0, period, 1.0)
+        shift = delays / jnp.where(period > 0.0, period, 1.0)
         return shift - jnp.floor(shift + 0.5)
 
 
 def initial_cycle(x: jax.Array, pitch: jax.Array) -> Cycle:
     """The initial measurements, with the torso at `x` (m) and its `pitch` (rad)."""
-    zero, four = jnp.zeros_like(x), jnp.zeros((4,), x.dtype)
+    zero = jnp.zeros_like(x)
+    four = jnp.zeros((4,), x.dtype)
     two, six = jnp.zeros((2,), x.dtype), jnp.zeros((6,), x.dtype)
     shifts = jnp.zeros((2, 3), x.dtype)
     none = Sums(four, four, four)
     return Cycle(
-        clock=zero, onset=four, period=four, loaded=four - BREAK, landed=four - BREAK, irregular=four - 1.0,
+        clock=zero, onset=four, period=four,
+        loaded=four - MIN_AIR_TIME, landed=four - MIN_AIR_TIME, irregular=four - 1.0,
         stance=none, late=none, stance_load=four, stance_pitch=four, late_load=four, late_pitch=four,
         begin_x=x, pitch_sum=zero, pitch_low=pitch, pitch_high=pitch,
         pitch_sums=six, aloft=zero, speed=zero, flight=zero, pitch_mean=zero, pitch_range=zero,
@@ -127,8 +241,10 @@ def _with_step(
     c: Cycle, stands: jax.Array, load: jax.Array, pitch: jax.Array, work: jax.Array, dt: jax.Array
 ) -> Cycle:
     """The measurements with the sums of a step, in which some legs stand, `stands` (4,)."""
-    down, now = load > 0.0, c.clock + dt
-    lands, first = down & (c.clock - c.loaded >= BREAK), c.landed < c.onset
+    down = load > 0.0
+    now = c.clock + dt
+    lands = down & (c.clock - c.loaded >= MIN_AIR_TIME)
+    first = c.landed < c.onset
     return dataclasses.replace(
         c,
         clock=now,
@@ -136,7 +252,7 @@ def _with_step(
         landed=jnp.where(lands & first, now, c.landed),
         irregular=jnp.where(lands & ~first, now, c.irregular),
         stance=c.stance.with_step(stands, load, pitch, dt),
-        late=c.late.with_step(stands & (c.clock >= c.onset + (1.0 - LATE) * c.period), load, pitch, dt),
+        late=c.late.with_step(stands & _in_late_part(c), load, pitch, dt),
         pitch_sum=c.pitch_sum + dt * pitch,
         pitch_low=jnp.minimum(c.pitch_low, pitch),
         pitch_high=jnp.maximum(c.pitch_high, pitch),
@@ -146,13 +262,18 @@ def _with_step(
     )
 
 
+def _in_late_part(c: Cycle) -> jax.Array:
+    """Whether each leg is in the last part of its cycle, if that is as long as the one before, (4,)."""
+    return c.clock >= c.onset + (1.0 - LATE_STANCE) * c.period
+
+
 def _with_onsets(c: Cycle, before: jax.Array, after: jax.Array, dt: jax.Array) -> Cycle:
     """The measurements after the swing onsets of a step, in which flexors' potentials (4,) change."""
     begins = (before <= 0.0) & (after > 0.0)
     rise = after - before
     onset = c.clock - dt * jnp.where(begins, after / jnp.where(begins, rise, 1.0), 0.0)
     # the touch of a foot may make a flexor silent again for some steps, which does not end a cycle
-    new_cycle = begins & (c.clock - c.onset > SHORT * c.period[LF])
+    new_cycle = begins & (c.clock - c.onset > SHORTEST_CYCLE * c.period[LF])
     stance_load, stance_pitch = c.stance.means()
     late_load, late_pitch = c.late.means()
     return dataclasses.replace(
@@ -190,7 +311,7 @@ def _closed(c: Cycle, x: jax.Array, pitch: jax.Array, share: jax.Array) -> Cycle
     period = jnp.where(c.closed & (c.period[LF] > 0.0), c.period[LF], 1.0)
     deviation, square, *waves = c.pitch_sums / period
     mean = c.pitch_mean  # the mean of `pitch_sums`
-    regular = jnp.all(c.irregular < c.clock - RECENT * period)
+    regular = jnp.all(c.irregular < c.clock - RECENT_CYCLES * period)
     counts = jnp.stack([jnp.ones_like(period), jnp.where(regular, 1.0, 0.0)])[:, None]
     pitch_means = jnp.stack([mean + deviation, mean * mean + 2.0 * mean * deviation + square, *waves])
     ended = dataclasses.replace(

@@ -18,7 +18,7 @@ X, Z, PITCH = 0, 1, 2
 HIP, KNEE = np.array([3, 5, 7, 9]), np.array([4, 6, 8, 10])
 NQ = 11
 # Positions of the hips relative to their midpoint, in units of hip_x.
-SIDE = tuple(1.0 if leg.endswith("F") else -1.0 for leg in LEGS)
+HIP_SIGNS = tuple(1.0 if leg.endswith("F") else -1.0 for leg in LEGS)
 # Radii of the legs' capsules, m, for their moments of inertia only.
 UPPER_RADIUS, LOWER_RADIUS = 0.015, 0.008
 
@@ -72,7 +72,7 @@ class PlanarMechanics:
         rows["inertia"][tree.index("torso")] = _about_y(self.torso_inertia)
         upper = capsule_inertia(self.upper_mass, self.upper_length, UPPER_RADIUS)
         lower_mass, lower_com, lower = self._lower()
-        for leg, side in zip(LEGS, SIDE, strict=True):
+        for leg, side in zip(LEGS, HIP_SIGNS, strict=True):
             i = tree.index(f"upper_{leg}")
             rows["mass"][i] = self.upper_mass
             rows["com"][i] = _along(2, -0.5 * self.upper_length)

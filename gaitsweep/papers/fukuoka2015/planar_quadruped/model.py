@@ -51,18 +51,18 @@ from gaitsweep.papers.fukuoka2015.planar_quadruped.state import Params, State
 
 BODIES = ("tree", "mjx")
 # Limits of a fall: height as a share of the standing height, and pitch (rad).
-LOW, TILTED = 0.45, 1.0
+FALL_HEIGHT, FALL_TILT = 0.45, 1.0
 # Limits of a steady gait: resultant length of the shifts, coefficient of variation of the period.
-LEAST_LENGTH, MOST_VARIATION = 0.95, 0.05
+MIN_LENGTH, MAX_VARIATION = 0.95, 0.05
 DEFINED_STEP = 1.0e-3  # s
-APART = 0.25  # cycles: largest deviation of the pairs from antiphase
+MAX_ANTIPHASE_ERROR = 0.25  # cycles: largest deviation of the pairs from antiphase
 UNSTEADY = len(CHART)
 # Of a start: m, between the lowest foot and the ground; rad, by which the hips of standing legs point forward
 # and those of swinging legs backward; potentials and fatigue.
-ABOVE, LEAN = 0.005, 0.2
-ACTIVE, SILENT, TIRED = 1.0, -0.5, 0.1
+START_CLEARANCE, START_LEAN = 0.005, 0.2
+START_ACTIVE, START_SILENT, START_FATIGUE = 1.0, -0.5, 0.1
 # Multipliers of the seed for each potential: the fractional parts are uniform in a cube.
-_ROOTS = np.sqrt([[2.0, 3.0, 5.0, 7.0], [11.0, 13.0, 17.0, 19.0]])
+_WEYL_ROOTS = np.sqrt([[2.0, 3.0, 5.0, 7.0], [11.0, 13.0, 17.0, 19.0]])
 
 
 @dataclasses.dataclass(frozen=True)
@@ -148,15 +148,20 @@ class PlanarQuadruped(PlanarDrawing, SteppedModel):
         m = params.mechanics
         first = np.array([leg in PAIRS[0] for leg in LEGS])
         swings = jnp.where(start["pair"] < 0.5, first, ~first)
-        u = jnp.stack([jnp.where(swings, SILENT, ACTIVE), jnp.where(swings, ACTIVE, SILENT)])
-        f = jnp.stack([jnp.where(swings, 0.0, TIRED), jnp.where(swings, TIRED, 0.0)])
-        hip = jnp.where(swings, -LEAN, LEAN)
+        u = jnp.stack(
+            [jnp.where(swings, START_SILENT, START_ACTIVE), jnp.where(swings, START_ACTIVE, START_SILENT)]
+        )
+        f = jnp.stack([jnp.where(swings, 0.0, START_FATIGUE), jnp.where(swings, START_FATIGUE, 0.0)])
+        hip = jnp.where(swings, -START_LEAN, START_LEAN)
         leg = m.l_0 + params.motors.l_st - m.foot_radius
-        height = leg * math.cos(LEAN) + m.foot_radius + ABOVE
+        height = leg * math.cos(START_LEAN) + m.foot_radius + START_CLEARANCE
         q = jnp.zeros((NQ,), hip.dtype).at[Z].set(height).at[HIP].set(hip)
         q = q.at[KNEE].set(params.motors.l_st)
-        u, zero = u + start["scatter"] * perturbation(start["seed"]), jnp.zeros_like(q)
-        warm, load, read = zero[: self._mover.warm], zero[:4], cycle.initial_cycle(q[X], q[PITCH])
+        u = u + start["scatter"] * perturbation(start["seed"])
+        zero = jnp.zeros_like(q)
+        warm = zero[: self._mover.warm]
+        load = zero[:4]
+        read = cycle.initial_cycle(q[X], q[PITCH])
         return State(q=q, v=zero, warm=warm, u=u, f=f, load=load, cycle=read)
 
     def step(self, params: Params, state: State, dt: Float[Array, ""]) -> State:
@@ -198,11 +203,11 @@ class PlanarQuadruped(PlanarDrawing, SteppedModel):
     ) -> dict[str, Real[Array, ""]]:
         """One of the nine gaits, by swing onsets and by touchdowns; unsteady if shifts or period vary."""
         o = observations
-        steady = (o["variation"] <= MOST_VARIATION) & (jnp.abs(o["antiphase"] - 0.5) <= APART)
+        steady = (o["variation"] <= MAX_VARIATION) & (jnp.abs(o["antiphase"] - 0.5) <= MAX_ANTIPHASE_ERROR)
 
         def gait(by: str, length: jax.Array) -> jax.Array:
             named = place(o[f"delta_1_{by}"], o[f"delta_2_{by}"], params.threshold)
-            return jnp.where(steady & (length >= LEAST_LENGTH), named, UNSTEADY)
+            return jnp.where(steady & (length >= MIN_LENGTH), named, UNSTEADY)
 
         return {
             "gait": gait("mean", o["length"]),
@@ -213,7 +218,7 @@ class PlanarQuadruped(PlanarDrawing, SteppedModel):
     def failed(self, params: Params, state: State) -> Bool[Array, ""]:
         """Whether the torso is too low or tilted."""
         standing = params.mechanics.l_0 + params.motors.l_st
-        return (state.q[Z] < LOW * standing) | (jnp.abs(state.q[PITCH]) > TILTED)
+        return (state.q[Z] < FALL_HEIGHT * standing) | (jnp.abs(state.q[PITCH]) > FALL_TILT)
 
     def period(self, params: Params) -> Float[Array, ""]:
         """The approximate period: ten times the rise time of a half-centre, 0.85 to 0.2 s."""
@@ -225,5 +230,5 @@ def perturbation(seed: jax.Array) -> jax.Array:
 
     A Weyl sequence: the fractional parts of (seed + 1) times roots of primes.
     """
-    turns = (seed + 1.0) * _ROOTS
+    turns = (seed + 1.0) * _WEYL_ROOTS
     return 2.0 * (turns - jnp.floor(turns)) - 1.0

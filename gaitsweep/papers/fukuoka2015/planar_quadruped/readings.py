@@ -7,7 +7,7 @@ import jax.numpy as jnp
 
 from gaitsweep.contract import Quantity
 from gaitsweep.dynamics.matsuoka import FLEXOR
-from gaitsweep.papers.fukuoka2015.planar_quadruped.cycle import BREAK, LF
+from gaitsweep.papers.fukuoka2015.planar_quadruped.cycle import LF, MIN_AIR_TIME
 from gaitsweep.papers.fukuoka2015.planar_quadruped.mechanics import (
     HIP,
     KNEE,
@@ -23,7 +23,7 @@ from gaitsweep.papers.fukuoka2015.planar_quadruped.rhythm import swinging
 from gaitsweep.papers.fukuoka2015.planar_quadruped.state import Params, State
 
 # A scale so large that no run waits for a quantity to settle: what it follows from has its own.
-_FOLLOWS = 1.0e9
+_NEVER_AWAITED = 1.0e9
 
 _PAIRS = {i: f"{hind} less that of {fore}" for i, (fore, hind) in enumerate(PAIRS, 1)}
 
@@ -55,32 +55,32 @@ OBSERVABLES = (
     ),
     *(
         Quantity(f"delta_{i}_touchdown", "cycles", f"phase of {legs} by touchdowns, not swing onsets: of "
-                 f"feet that were in the air for {1e3 * BREAK:g} ms or more",
-                 symbol=rf"\bar\delta_{i}^\mathrm{{td}}", scale=_FOLLOWS)
+                 f"feet that were in the air for {1e3 * MIN_AIR_TIME:g} ms or more",
+                 symbol=rf"\bar\delta_{i}^\mathrm{{td}}", scale=_NEVER_AWAITED)
         for i, legs in _PAIRS.items()
     ),
     Quantity("antiphase", "cycles", "phase between the pairs' middles, 0 to 1, averaged likewise", scale=1.0),
     Quantity("length", "1", "least resultant length of both shifts and that of the fore legs", scale=1.0),
     Quantity("length_touchdown", "1", "the same of touchdowns; a leg that does not touch down once a cycle "
-             "lowers it", scale=_FOLLOWS),
+             "lowers it", scale=_NEVER_AWAITED),
     Quantity("variation", "1", "coefficient of variation of the period over the last cycles", scale=1.0),
     Quantity("pitch_mean", "rad", "pitch over the last cycle, nose down positive", scale=1.0),
     Quantity("pitch_range", "rad", "largest less smallest pitch in the last cycle", scale=1.0),
     Quantity("pitch_once", "1", "share of the pitch's variance over the last cycles that goes once a cycle",
-             scale=_FOLLOWS),
+             scale=_NEVER_AWAITED),
     Quantity("pitch_twice", "1", "share of the pitch's variance likewise that goes twice a cycle",
-             scale=_FOLLOWS),
+             scale=_NEVER_AWAITED),
     *_of_legs("since", "s", "time since {}'s last swing onset", r"t", scale=1.0),
     *_of_legs("late_load", "N", "mean load on {} in late stance", r"F_\mathrm{late}"),
     *_of_legs("stance_load", "N", "mean load on {} in stance", "F"),
     *_of_legs("late_pitch", "rad", "mean pitch in {}'s late stance", r"\phi_\mathrm{late}", scale=1.0),
     *_of_legs("stance_pitch", "rad", "mean pitch in {}'s stance", r"\phi", scale=1.0),
     Quantity("power_hip", "W", "mean positive mechanical power of the hips over LF's last cycle",
-             symbol=r"P_\mathrm{hip}", scale=_FOLLOWS),
+             symbol=r"P_\mathrm{hip}", scale=_NEVER_AWAITED),
     Quantity("power_knee", "W", "mean positive mechanical power of the knees over LF's last cycle",
-             symbol=r"P_\mathrm{knee}", scale=_FOLLOWS),
+             symbol=r"P_\mathrm{knee}", scale=_NEVER_AWAITED),
     Quantity("cost_of_transport", "1", "both powers over weight times speed", symbol="c",
-             scale=_FOLLOWS),
+             scale=_NEVER_AWAITED),
 )  # fmt: skip
 
 LABEL_FIELDS = (
@@ -109,7 +109,8 @@ SIGNALS = (
 def observed(params: Params, state: State) -> dict[str, jax.Array]:
     """The observables of a state at the end of LF's cycle."""
     c = state.cycle
-    shifts, (mean, landed) = c.shifts()[0], c.average.shifts()
+    shifts = c.shifts()[0]
+    (mean, landed) = c.average.shifts()
     lengths = c.average.lengths().min(axis=1)
     once, twice = c.average.pitch_shares()
     of_legs = {
@@ -119,7 +120,8 @@ def observed(params: Params, state: State) -> dict[str, jax.Array]:
         "late_pitch": c.late_pitch,
         "stance_pitch": c.stance_pitch,
     }
-    weight, travelled = params.mechanics.total_mass() * params.mechanics.g, jnp.abs(c.speed)
+    weight = params.mechanics.total_mass() * params.mechanics.g
+    travelled = jnp.abs(c.speed)
     moves = travelled > 0.0
     cost = jnp.where(moves, c.power.sum() / (weight * jnp.where(moves, travelled, 1.0)), 0.0)
     between = mean[2] + 0.5 * (mean[1] - mean[0])

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from gaitsweep.lazy_packages import LAZY, Lazy
+from gaitsweep.lazy_imports import LAZY, Lazy
 
 ROOT = Path(__file__).parents[2]
 COMMAND = """
@@ -39,8 +39,8 @@ def test_jax_is_imported_without_reading_the_metadata_of_all_packages() -> None:
     program = """
 import importlib.metadata, sys
 every = importlib.metadata.distributions
-from gaitsweep import lazy_packages
-with lazy_packages.lazy_packages():
+from gaitsweep import lazy_imports
+with lazy_imports.lazy_packages():
     from gaitsweep import contract
 assert "jax" in sys.modules
 assert importlib.metadata.distributions is every

@@ -1,24 +1,65 @@
-"""Large packages that a command imports when it first uses a name of them, not at the heads of modules.
+"""Lazy imports: of the public names of a package (`attach_stub`), and of large packages (`lazy_packages`).
 
-A job is read without drawing its figures, and most commands need one or two of these packages. Python 3.15
-has `lazy import` for this (PEP 810). JAX, which every model needs, is imported without its search for ROCm.
+Most commands need one or two of the large packages, and reading a job draws none of its figures, so a command
+loads such a package when it first uses a name of it. Python 3.15 has `lazy import` for this (PEP 810). JAX,
+which every model needs, is imported without its search for ROCm.
 """
 
 from __future__ import annotations
 
+import ast
 import builtins
 import contextlib
+import gc
 import importlib
 import sys
 import threading
-from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
 
 LAZY = frozenset({"matplotlib", "mpl_toolkits", "pandas", "pyarrow", "scipy"})
 
 _import = builtins.__import__
 _LOCK = threading.Lock()
 _contexts = 0  # in all threads
+
+
+class LazyModule(NamedTuple):
+    """The functions and names by which a package imports its public names when they are first used."""
+
+    getattr: Callable[[str], Any]
+    dir: Callable[[], list[str]]
+    all: list[str]
+
+
+def attach_stub(package: str, file: str) -> LazyModule:
+    """Return the `__getattr__`, `__dir__` and `__all__` of a package, from the imports of its stub.
+
+    Type checkers read the same stub. This is the scheme of Scientific Python's SPEC 1.
+
+    Args:
+        package: its `__name__`.
+        file: its `__file__`; the stub `__init__.pyi` stands beside it.
+    """
+    stub = ast.parse(Path(file).with_suffix(".pyi").read_text(encoding="utf-8"))
+    imports = [node for node in stub.body if isinstance(node, ast.ImportFrom)]
+    sources = {alias.name: node.module for node in imports for alias in node.names if alias.asname}
+
+    def get(name: str) -> Any:
+        source = sources.get(name)
+        if source is None:
+            raise AttributeError(f"module {package!r} has no attribute {name!r}")
+        thresholds = gc.get_threshold()
+        # imports make few cycles and many objects, which would be searched again and again
+        gc.set_threshold(max(50_000, thresholds[0]) if thresholds[0] else 0, *thresholds[1:])
+        try:
+            members = vars(importlib.import_module(source))
+            return members[name] if name in members else importlib.import_module(f"{source}.{name}")
+        finally:
+            gc.set_threshold(*thresholds)
+
+    return LazyModule(get, lambda: sorted(sources), sorted(sources))
 
 
 class Lazy:
@@ -104,9 +145,9 @@ def _without_rocm() -> Iterator[None]:
     It looks for a plugin of ROCm, an eighth of its import's time.
     """
     from importlib import metadata  # which `--help` does not need
-    from pathlib import Path
 
-    every, thread = metadata.distributions, threading.get_ident()
+    every = metadata.distributions
+    thread = threading.get_ident()
 
     def none_here(**context: Any) -> Any:
         return iter(()) if threading.get_ident() == thread else every(**context)

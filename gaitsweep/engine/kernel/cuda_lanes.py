@@ -12,12 +12,13 @@ from jaxtyping import Array, Bool, Float, Int
 
 from gaitsweep.contract import Params, Status
 from gaitsweep.engine.dependence import dependences
+from gaitsweep.engine.devices import Device
 from gaitsweep.engine.kernel import gpu_program
-from gaitsweep.engine.kernel.card import CudaDevice, DeviceArray
+from gaitsweep.engine.kernel.cuda_device import CudaDevice, DeviceArray
 from gaitsweep.engine.kernel.lanes import Kernel, KernelLanes
-from gaitsweep.engine.kernel.opening import Opened
+from gaitsweep.engine.kernel.opening import OpenedRows
 from gaitsweep.engine.recorders.recorder import BUFFER
-from gaitsweep.engine.sweep.lane import ChunkOutput, Device, Values
+from gaitsweep.engine.sweep.lane import ChunkOutput, Values
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 
 
@@ -65,7 +66,9 @@ class CudaLanes(KernelLanes):
             module.get_kernel(name) for name in ("put", "collect", "trajectory")
         )
         self._steady = UniformConstants(varying_slots(self.kernel, spec.varied))
-        n_slots, size, width = self.chunk.n_slots, self.size, self.chunk.width
+        n_slots = self.chunk.n_slots
+        size = self.size
+        width = self.chunk.width
         self._slots = DeviceArray(self.card, (n_slots, size))
         self._kept = DeviceArray(self.card, (BUFFER, size, width))
         self._output = DeviceArray(self.card, (max(len(self._seen) * size, n_slots),))
@@ -78,7 +81,8 @@ class CudaLanes(KernelLanes):
     def fill(self, params: Values, starts: Values, fresh: Bool[np.ndarray, " lanes"]) -> None:
         """Start new trajectories; all of them are copied to the card together."""
         self.card.use()
-        count, width = int(np.count_nonzero(fresh)), self._filling.shape[1]
+        count = int(np.count_nonzero(fresh))
+        width = self._filling.shape[1]
         self._staged = self._filling.host(count * width).reshape(count, width)
         self.open_rows(params, starts, fresh)
         self._filling.to_card(self._staged.size)
@@ -86,7 +90,8 @@ class CudaLanes(KernelLanes):
         self._under_way |= fresh
         first = gpu_program.FILLING
         if self._steady.differs(self._staged[:, first : first + self.chunk.first_of_carry]):
-            lane, n_slots = int(self._staged[0, 0]), self.chunk.n_slots
+            lane = int(self._staged[0, 0])
+            n_slots = self.chunk.n_slots
             self.card.launch(self._trajectory, n_slots, self._slots, self.size, lane, self._output)
             slots = self._output.from_card(n_slots)
             source = _running(self.kernel, self._steady.varying)
@@ -98,7 +103,7 @@ class CudaLanes(KernelLanes):
             self.at_a_time = min(self.size, self.card.threads(self.run))
         self.card.wait()
 
-    def put(self, lanes: Int[np.ndarray, " opened"], opened: Opened) -> None:
+    def put(self, lanes: Int[np.ndarray, " opened"], opened: OpenedRows) -> None:
         head = np.stack([lanes, opened.keeps], axis=1)
         self._staged[:] = np.concatenate([head, opened.slots, opened.samples], axis=1)
 
@@ -114,7 +119,8 @@ class CudaLanes(KernelLanes):
     def run_chunk(self, polls: int) -> ChunkOutput:
         """Let each thread make up to `polls * POLL_INTERVAL` attempts, of running lanes in turn."""
         self.card.use()
-        size, width = self.size, self.chunk.width
+        size = self.size
+        width = self.chunk.width
         self.advance(polls)
         self.card.launch(self._collect, size, self._slots, size, self._turn, self._output)
         seen = self._output.from_card(len(self._seen) * size).reshape(-1, size)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from gaitsweep.engine.kernel.cache import binary_of
+from gaitsweep.cache_folder import compiled_once
 from gaitsweep.engine.kernel.gpu_program import THREADS
 
 # A number on a card is float64.
@@ -161,7 +161,7 @@ class CudaDevice:
 
         _, major, minor = nvrtc.nvrtcVersion()
         key = (source, f"NVRTC {major}.{minor}", self._architecture, f"contraction {contraction}")
-        return self._core.ObjectCode.from_cubin(binary_of("cubin", key, compile_))
+        return self._core.ObjectCode.from_cubin(compiled_once("cubin", key, compile_))
 
     def set_constant(self, module: Any, name: str, value: bytes) -> None:
         """Set a variable of a module in the card's constant memory.

@@ -1,4 +1,4 @@
-"""A parameter that moves in steps along a path and is constant between them."""
+"""Schedules of a parameter that moves along a path while a row runs: at a constant rate, or in steps."""
 
 from __future__ import annotations
 
@@ -10,12 +10,55 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int, Real
 
-from gaitsweep.engine.recorders.ramp import PARTS
-
+# Parts of a pass at whose ends the length of steps is evaluated; it changes smoothly with a parameter.
+PARTS_OF_A_PASS = 4
 # A distance may be longer than its whole number of steps by this share of a step: rounding, no stair more.
 _ROUNDING = 1e-9
 # Resolutions of the longest time by which a time may lie before a change and count as the change itself.
-_SLACK = 16
+_EARLY = 16
+
+
+@dataclasses.dataclass(frozen=True)
+class RampSchedule:
+    """Straight passes between the `values` at `rate` (units of the parameter per second).
+
+    The first value is kept for `initial_dwell` s before the first pass.
+    """
+
+    values: tuple[float, ...]
+    rate: float
+    initial_dwell: float = 0.0
+
+    @property
+    def knots(self) -> Float[np.ndarray, " values"]:
+        """Times (s) at which a pass begins or ends, one for each value."""
+        lengths = [abs(b - a) / self.rate for a, b in itertools.pairwise(self.values)]
+        return self.initial_dwell + np.concatenate([[0.0], np.cumsum(lengths)])
+
+    @property
+    def duration(self) -> float:
+        return float(self.knots[-1])
+
+    @property
+    def times(self) -> tuple[float, ...]:
+        """The knots, and instants that divide each pass in `PARTS_OF_A_PASS` equal ones."""
+        inner = [
+            np.linspace(since, until, PARTS_OF_A_PASS + 1) for since, until in itertools.pairwise(self.knots)
+        ]
+        return tuple(float(t) for t in np.unique(np.concatenate(inner)))
+
+    def at(self, t: Float[Array, " *times"]) -> Float[Array, " *times"]:
+        """The parameter at time `t` (s); the ends are kept before and after."""
+        knots = self.knots
+        value = jnp.full_like(t, self.values[0])
+        # a sum of clipped straight lines: a search over the knots would not be straight-line code
+        for (a, b), since, until in zip(itertools.pairwise(self.values), knots[:-1], knots[1:], strict=True):
+            value = value + np.sign(b - a) * self.rate * jnp.clip(t - since, 0.0, until - since)
+        return value
+
+    def passes(self, t: Float[np.ndarray, " *times"]) -> Int[np.ndarray, " *times"]:
+        """The pass (0, 1, ...) in which each time falls; the initial dwell belongs to pass 0."""
+        return np.clip(np.searchsorted(self.knots[1:-1], t, side="right"), 0, len(self.values) - 2)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -62,17 +105,17 @@ class StepSchedule:
     def stair(self, t: Float[Array, " *times"]) -> Float[Array, " *times"]:
         """The stair at time `t` (s), a whole number in the dtype of `t`; a change counts as after it."""
         # the end of a stair is a product, so that this quotient may lie by rounding below the whole number
-        slack = _SLACK * float(jnp.finfo(t.dtype).eps) * self.duration / self.dwell
+        slack = _EARLY * float(jnp.finfo(t.dtype).eps) * self.duration / self.dwell
         begun = jnp.floor((t - self.first) / self.dwell + slack)
         return jnp.clip(begun + 1.0, 0.0, self.count - 1.0)
 
     @property
     def times(self) -> tuple[float, ...]:
-        """Instants on the stairs that divide each pass in `PARTS` equal parts at most."""
+        """Instants on the stairs that divide each pass in `PARTS_OF_A_PASS` equal parts at most."""
         stairs: list[Float[np.ndarray, " stairs"]] = [np.zeros(1)]
         before = 0
         for length in self.lengths:
-            stairs.append(np.unique(np.round(np.linspace(before, before + length, PARTS + 1))))
+            stairs.append(np.unique(np.round(np.linspace(before, before + length, PARTS_OF_A_PASS + 1))))
             before += length
         return tuple(float(t) for t in self.middle(np.unique(np.concatenate(stairs))))
 

@@ -1,0 +1,230 @@
+"""Targets of the joints of legs from the pattern of oscillators: waveforms of joints, or a path of the foot."""
+
+# MuJoCo's compiled modules come without types.
+# pyright: reportAttributeAccessIssue=false
+
+from __future__ import annotations
+
+import abc
+import dataclasses
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+from pydantic import Field
+
+from gaitsweep.dynamics.declarations import parameter
+from gaitsweep.near_miss import suggestion
+from gaitsweep.schema.numbers import NotNegative, Positive, Real
+from gaitsweep.schema.strict_model import StrictModel
+
+_STRAIGHT = 1.0 - 1e-9  # cosine of a knee's angle beyond which a leg counts as straight, for finite slopes
+
+
+class Waveform(StrictModel):
+    """A joint's target: offset + swing times the leg's place (1 ahead, -1 back) + lift times its lift (0 to 1)."""
+
+    offset: Real = Field(default=0.0, description="target without a pattern, rad or m")
+    swing: Real = Field(default=0.0, description="amplitude with the leg's place, rad or m")
+    lift: Real = Field(default=0.0, description="amplitude with the leg's lift in swing, rad or m")
+
+
+class FootPath(StrictModel):
+    """A path of the foot relative to the hip, in the trunk's frame; hip and knee follow by inverse kinematics."""
+
+    stride: NotNegative = Field(description="length of the path, m")
+    lift: NotNegative = Field(description="height of the foot's lift in swing, m")
+    height: Positive = Field(description="height of the hip above the foot in stance, m")
+    ahead: Real = Field(default=0.0, description="place of the path's middle ahead of the hip, m")
+
+
+class Targets(abc.ABC):
+    """Targets of joints: their parameters, and their values from the pattern."""
+
+    @abc.abstractmethod
+    def declarations(self) -> dict[str, Any]:
+        """The parameters, by name."""
+
+    @abc.abstractmethod
+    def of_joints(
+        self,
+        model: Any,
+        params: Any,
+        place: Float[Array, " legs"],
+        lift: Float[Array, " legs"],
+    ) -> dict[str, Float[Array, ""]]:
+        """The target (rad, m) of each joint, by its name.
+
+        Args:
+            model, params: the model of a body and its parameters.
+            place: the place of each leg, from -1 (back) to 1 (ahead).
+            lift: the lift of each leg, from 0 to 1.
+        """
+
+
+class JointPatterns(Targets):
+    """Waveforms of joints.
+
+    Args:
+        waveforms: by role, such as hip and knee.
+        joints: the joint of each role, for each leg.
+    """
+
+    def __init__(self, waveforms: Mapping[str, Waveform], joints: list[Mapping[str, str]]) -> None:
+        self._waveforms, self._joints = waveforms, joints
+
+    def declarations(self) -> dict[str, Any]:
+        words = {"offset": "target without a pattern", "swing": "amplitude of the swing", "lift": "lift"}
+        return {
+            f"{role}_{part}": parameter("rad", f"{words[part]} of the joints {role}", getattr(waveform, part))
+            for role, waveform in self._waveforms.items()
+            for part in words
+        }
+
+    def of_joints(
+        self, model: Any, params: Any, place: Float[Array, " legs"], lift: Float[Array, " legs"]
+    ) -> dict[str, Float[Array, ""]]:
+        targets = {}
+        for i, joints in enumerate(self._joints):
+            for role, joint in joints.items():
+                offset, swing, rise = (
+                    getattr(params, f"{role}_{part}") for part in ("offset", "swing", "lift")
+                )
+                targets[joint] = offset + swing * place[i] + rise * lift[i]
+        return targets
+
+
+@dataclasses.dataclass(frozen=True)
+class TwoLinkLeg:
+    """A leg of two hinges about y.
+
+    `thigh` and `shin` (2,) m are the vectors from hip to knee and from knee to foot, forward and up, at zero
+    angles; `turns` (2,) are 1 or -1, the signs of the axes of hip and knee; `bend` is 1 or -1, the sign of the
+    knee's bend that inverse kinematics chooses.
+    """
+
+    hip: str
+    knee: str
+    thigh: Float[np.ndarray, " 2"]
+    shin: Float[np.ndarray, " 2"]
+    turns: Float[np.ndarray, " 2"]
+    bend: float
+
+    def angles(
+        self, x: Float[Array, ""], z: Float[Array, ""], thigh_size: Any = 1.0, shin_size: Any = 1.0
+    ) -> tuple[Float[Array, ""], Float[Array, ""]]:
+        """The angles (rad) of hip and knee with the foot at x, z (m) from the hip; straight if out of reach.
+
+        A turn by q about y takes a vector w = x + i z to w exp(-i q), so that the foot is at
+        exp(-i hip) (thigh + exp(-i knee) shin).
+        """
+        a, b = self.thigh, self.shin
+        long_a, long_b = thigh_size * math.hypot(*a), shin_size * math.hypot(*b)
+        between = math.atan2(a[0] * b[1] - a[1] * b[0], a[0] * b[0] + a[1] * b[1])
+        cosine = (x * x + z * z - long_a**2 - long_b**2) / (2.0 * long_a * long_b)
+        turn = self.bend * jnp.arccos(jnp.clip(cosine, -_STRAIGHT, _STRAIGHT))  # from thigh to shin
+        angle_a = math.atan2(a[1], a[0])
+        reach = jnp.arctan2(long_b * jnp.sin(turn), long_a + long_b * jnp.cos(turn))
+        hip = angle_a + reach - jnp.arctan2(z, x)
+        hip = hip - 2.0 * jnp.pi * jnp.round(hip / (2.0 * jnp.pi))
+        return self.turns[0] * hip, self.turns[1] * (between - turn)
+
+
+class FootPaths(Targets):
+    """A path of each foot.
+
+    Args:
+        path: the path as in the file.
+        legs: the legs.
+    """
+
+    def __init__(self, path: FootPath, legs: list[TwoLinkLeg]) -> None:
+        self._path, self._legs = path, legs
+
+    def declarations(self) -> dict[str, Any]:
+        path = self._path
+        return {
+            "stride": parameter("m", "length of the feet's path", path.stride),
+            "foot_lift": parameter("m", "lift of the feet in swing", path.lift),
+            "hip_height": parameter("m", "height of the hips above the feet", path.height, low=0.0),
+            "foot_ahead": parameter("m", "place of the feet ahead of the hips", path.ahead),
+        }
+
+    def of_joints(
+        self, model: Any, params: Any, place: Float[Array, " legs"], lift: Float[Array, " legs"]
+    ) -> dict[str, Float[Array, ""]]:
+        targets = {}
+        for i, leg in enumerate(self._legs):
+            sizes = [model.length_factor(params, joint) for joint in (leg.hip, leg.knee)]
+            x = params.foot_ahead + 0.5 * params.stride * place[i]
+            targets[leg.hip], targets[leg.knee] = leg.angles(
+                x, params.foot_lift * lift[i] - params.hip_height, *sizes
+            )
+        return targets
+
+
+def two_link_leg(m: Any, hip: str, knee: str, foot: str) -> TwoLinkLeg:
+    """The leg of these joints and of the geom `foot`, from the compiled MJCF.
+
+    Raises:
+        ValueError: a joint is no hinge about y, the knee's body is not carried by the hip's, or the foot not by
+            the knee's; the message names it.
+    """
+    import mujoco
+
+    turns = []
+    for joint in (hip, knee):
+        axis = m.joint(joint).axis
+        if m.joint(joint).type[0] != mujoco.mjtJoint.mjJNT_HINGE or abs(abs(axis[1]) - 1.0) > 1e-9:
+            raise ValueError(f"Joint '{joint}' is no hinge about y, which a foot path needs: use joints:.")
+        turns.append(float(np.sign(axis[1])))
+    thigh_body, shin_body = (int(m.joint(joint).bodyid[0]) for joint in (hip, knee))
+    if m.body_parentid[shin_body] != thigh_body or m.geom(foot).bodyid[0] != shin_body:
+        raise ValueError(
+            f"Foot '{foot}' is not on the body of '{knee}', or that is not carried by the body of '{hip}': a "
+            "foot path needs a hip, a knee and a foot in a row."
+        )
+    if not np.array_equal(m.body_quat[[thigh_body, shin_body]], [[1.0, 0.0, 0.0, 0.0]] * 2):
+        raise ValueError(
+            f"The bodies of '{hip}' and '{knee}' are turned, which a foot path does not support."
+        )
+    knee_at = m.body_pos[shin_body] + m.joint(knee).pos
+    thigh = (knee_at - m.joint(hip).pos)[[0, 2]]
+    shin = (m.geom(foot).pos - m.joint(knee).pos)[[0, 2]]
+    leg = TwoLinkLeg(hip, knee, thigh, shin, np.array(turns), 1.0)
+    return dataclasses.replace(leg, bend=_bend(m, leg))
+
+
+def _bend(m: Any, leg: TwoLinkLeg) -> float:
+    """The bend whose knee is nearer to the middle of its range, or to its place in the first keyframe."""
+    low, high = m.joint(leg.knee).range
+    limited = bool(m.jnt_limited[m.joint(leg.knee).id])
+    at = int(m.joint(leg.knee).qposadr[0])
+    middle = 0.5 * (low + high) if limited else m.key_qpos[0][at] if m.nkey else 0.0
+    length = 0.8 * (math.hypot(*leg.thigh) + math.hypot(*leg.shin))
+    knees = {
+        bend: float(dataclasses.replace(leg, bend=bend).angles(jnp.zeros(()), jnp.asarray(-length))[1])
+        for bend in (1.0, -1.0)
+    }
+    return min(knees, key=lambda bend: abs(knees[bend] - middle))
+
+
+def actuator_of(m: Any, joint: str) -> int:
+    """The number of the actuator that acts on a joint.
+
+    Raises:
+        ValueError: there is no such joint, or not one actuator of it; the message names the near miss.
+    """
+    names = [m.jnt(j).name for j in range(m.njnt)]
+    if joint not in names:
+        raise ValueError(f"The MJCF has no joint '{joint}'{suggestion(joint, names)}")
+    numbers = [k for k in range(m.nu) if m.actuator_trnid[k, 0] == m.joint(joint).id]
+    if len(numbers) != 1:
+        raise ValueError(
+            f"Joint '{joint}' has {len(numbers)} actuators, but a leg's joint needs one: <position> follows "
+            "the target, a <motor> needs kp and kd in the model file."
+        )
+    return numbers[0]

@@ -1,0 +1,114 @@
+"""The devices on which this process computes: its cores, its accelerators, and the systems without any.
+
+JAX fixes its devices at its first computation, and a fork of a process that has computed with JAX lacks JAX's
+threads, so that a computation there would never end.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import resource
+from typing import Any
+
+import jax
+from jax._src import xla_bridge
+
+from gaitsweep.errors import ArgumentError, UnsupportedSystem
+
+Device = Any  # a jax.Device, which type checkers do not accept as a type
+
+# Below this limit of virtual memory LLVM ends the process (measured on two cores), bytes.
+MIN_VIRTUAL_MEMORY = 2_300_000_000
+
+_computed_before = False  # whether JAX had computed when this process was forked
+
+
+def _note_fork() -> None:
+    global _computed_before
+    _computed_before |= xla_bridge.backends_are_initialized()
+
+
+os.register_at_fork(after_in_child=_note_fork)
+
+
+def refuse_fork() -> None:
+    """Refuse to compute in a fork of a process that has computed with JAX, whose threads it lacks.
+
+    Raises:
+        UnsupportedSystem: this process is such a fork.
+    """
+    if _computed_before:
+        raise UnsupportedSystem(
+            "This process is a fork of one that has computed with JAX, and lacks the threads of JAX, so the "
+            "computation would never end. Use one call with all values, which uses all cores; or start "
+            "processes by multiprocessing.get_context('spawn'), or pass a Dask client as client=."
+        )
+
+
+def host_device() -> Device:
+    """The device of computations other than rows: the CPU, unless JAX may not use it (JAX_PLATFORMS=cuda)."""
+    platforms: str | None = jax.config.jax_platforms  # pyright: ignore[reportAttributeAccessIssue]
+    if platforms and "cpu" not in platforms.split(","):
+        return jax.local_devices()[0]
+    return jax.local_devices(backend="cpu")[0]
+
+
+def usable_cores() -> int:
+    """The number of CPU cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def see_all_cores() -> None:
+    """Make each usable core a JAX device, which is possible only before JAX's first computation.
+
+    Enables float64, gaitsweep's default.
+    """
+    jax.config.update("jax_enable_x64", True)
+    cores = usable_cores()
+    # after the first computation the number of devices is fixed
+    with contextlib.suppress(RuntimeError):
+        if jax.config.jax_num_cpu_devices < cores:  # pyright: ignore[reportAttributeAccessIssue]
+            jax.config.update("jax_num_cpu_devices", cores)
+
+
+def local_devices(count: int | None = None) -> list[Device]:
+    """The devices of a run: all local devices, or the first `count`; on a CPU one for each usable core.
+
+    Raises:
+        ArgumentError: more devices are requested than there are.
+        UnsupportedSystem: as for `refuse_fork`.
+    """
+    refuse_fork()
+    see_all_cores()
+    devices = jax.local_devices()
+    if count is not None and count > len(devices):
+        raise ArgumentError(f"engine.devices is {count}, but JAX finds only {len(devices)} devices here.")
+    return devices[:count]
+
+
+def refuse_missing_platform() -> None:
+    """Refuse to compute where JAX cannot.
+
+    Raises:
+        UnsupportedSystem: JAX finds no device of JAX_PLATFORMS, this process is a fork of one that has
+            computed with JAX, or its limit of virtual memory is too low for compilers.
+    """
+    refuse_fork()
+    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
+    if limit != resource.RLIM_INFINITY and limit < MIN_VIRTUAL_MEMORY:
+        raise UnsupportedSystem(
+            f"This process may use {limit / 1e9:.1f} GB of virtual memory (ulimit -v), but compiling and "
+            f"running a model takes at least {MIN_VIRTUAL_MEMORY / 1e9:.1f} GB: raise the limit."
+        )
+    platforms: str | None = jax.config.jax_platforms  # pyright: ignore[reportAttributeAccessIssue]
+    if not platforms or platforms == "cpu":
+        return
+    see_all_cores()
+    try:
+        jax.local_devices()
+    except (AssertionError, RuntimeError) as error:  # which of them depends on the version of JAX
+        raise UnsupportedSystem(
+            f"JAX_PLATFORMS is {platforms}, but JAX finds no such device here. On an NVIDIA GPU install "
+            "'gaitsweep[cuda]'; without JAX_PLATFORMS, JAX uses the available devices."
+        ) from error

@@ -1,0 +1,99 @@
+"""The recorder that keeps whole states beside the records of another one."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import final
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from gaitsweep.contract import Model, Params, State, Status
+from gaitsweep.engine.carry import Carry
+from gaitsweep.engine.recorders.recorder import (
+    Beginning,
+    LaneRecord,
+    PollResult,
+    Readings,
+    Recorder,
+    RunningRows,
+    counted,
+)
+from gaitsweep.engine.shapes import Number
+from gaitsweep.row_outcome import RowNumber, RowOutcome
+
+
+@final
+@dataclasses.dataclass(frozen=True)
+class StateRecorder(Recorder):
+    """Records what another recorder does, and the state of the trajectory there.
+
+    A recorder without samples gets one where its row ends, if the row did not fail. The trajectory is that
+    of the other recorder to the last bit.
+
+    Args:
+        model: the model.
+        base: the other recorder.
+        size: how many numbers a state of the model has, modes included.
+    """
+
+    model: Model
+    base: Recorder
+    size: int
+
+    @property
+    def numbers(self) -> tuple[RowNumber, ...]:  # pyright: ignore[reportIncompatibleVariableOverride]
+        return self.base.numbers
+
+    @property
+    def exponents(self) -> int:  # pyright: ignore[reportIncompatibleVariableOverride]
+        return self.base.exponents
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return (*self.base.names, *(f"state {place}" for place in range(self.size)))
+
+    def stop(self, params: Params) -> Number:
+        return self.base.stop(params)
+
+    def max_attempts(self, params: Params, dt: Number | float) -> Number:
+        return self.base.max_attempts(params, dt)
+
+    def begin(self, params: Params, carry: Carry) -> Beginning:
+        record, sample, keep = self.base.begin(params, carry)
+        return record, self._extended(sample, carry), keep
+
+    def record(self, params: Params, carry: Carry, record: LaneRecord) -> PollResult:
+        polled = self.base.record(params, carry, record)
+        recorded, keep = polled.record, polled.keep
+        if not self.base.names:
+            keep = recorded.status != Status.running
+            recorded = counted(recorded, keep)
+        return PollResult(polled.carry, recorded, self._extended(polled.sample, carry), keep)
+
+    def _extended(self, sample: Float[Array, " numbers"], carry: Carry) -> Float[Array, " width"]:
+        leaves = [jnp.ravel(leaf).astype(sample.dtype) for leaf in jax.tree.leaves(carry.state)]
+        return jnp.concatenate([sample, *leaves])
+
+    def readings(self, rows: RowOutcome) -> Readings | None:
+        return None
+
+    def share(self, rows: RunningRows, typical: float) -> Float[np.ndarray, " rows"]:
+        return self.base.share(rows, typical)
+
+
+def state_size(shape: State) -> int:
+    """How many numbers a state has, from the shapes of its leaves."""
+    return sum(int(np.prod(leaf.shape)) for leaf in jax.tree.leaves(shape))
+
+
+def states_of(samples: Float[np.ndarray, "samples width"], shape: State) -> State:
+    """The states (n,) in samples of a `StateRecorder`, from the shapes of a state's leaves."""
+    leaves, structure = jax.tree.flatten(shape)
+    sizes = [int(np.prod(leaf.shape)) for leaf in leaves]
+    numbers = samples[:, samples.shape[1] - sum(sizes) :]
+    pieces = np.split(numbers, np.cumsum(sizes)[:-1], axis=1)
+    shaped = [p.reshape(len(p), *x.shape).astype(x.dtype) for p, x in zip(pieces, leaves, strict=True)]
+    return jax.tree.unflatten(structure, shaped)

@@ -1,0 +1,391 @@
+"""The theory of the multi-legged chain in figures (Ambe 2021, Figs. 8 to 11).
+
+They show the phases at touchdowns, the order of touchdowns, the free phase, and all sets of solutions.
+"""
+
+from __future__ import annotations
+
+import functools
+import itertools
+from collections.abc import Iterator, Sequence
+from typing import Annotated, Any, Literal
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pandas as pd
+from jaxtyping import Float
+from matplotlib import colormaps
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch, Rectangle
+
+from gaitsweep.papers.ambe2021.multilegged.chain_of_table import chain_of, springs_of
+from gaitsweep.papers.ambe2021.theory.chain import Chain, leg_length, touchdown_phase
+from gaitsweep.papers.ambe2021.theory.gaits import GAITS, WAVES, gait_of
+from gaitsweep.papers.ambe2021.theory.order import jumps, reset_sets, touchdown_order
+from gaitsweep.papers.ambe2021.theory.solution_sets import Branch, branches, places, rule_of, solution
+from gaitsweep.plot import (
+    CountOrZero,
+    PlannedTable,
+    PlotError,
+    Positive,
+    Refusal,
+    Title,
+    figure_kind,
+    theme,
+    word,
+)
+
+SHOWN = ("touchdowns", "order", "free_phase", "sets")
+
+
+def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
+    N = getattr(table.model, "N", None)
+    if N is None or not {"psi_1_end", "psi_1_n", "phase_1"} & set(table.columns):
+        yield figure.needs(table, "the multi-legged chain's psi_1 or phase_1")
+    elif figure.k is not None and not 2 <= figure.k <= N:
+        yield ("k",), f"is {figure.k}, but a chain of {N + 1} legs has source waves of k = 2 to {N}."
+    if figure.at >= 1.0:
+        yield ("at",), f"is {figure.at:g}, but must be a fraction of the range of the free phase, below 1."
+
+
+@figure_kind("settle", "fixed_time", "return_map", "trace", check=_check)
+def chain_theory(
+    table: pd.DataFrame,
+    *,
+    show: Annotated[
+        Literal["touchdowns", "order", "free_phase", "sets"],
+        word(*SHOWN),
+        "touchdowns (Fig. 8 of Ambe 2021), order (Fig. 9), free_phase (Fig. 10) or sets (Fig. 11)",
+    ],
+    k: Annotated[CountOrZero | None, "boundary leg of the source wave; 2: the retrograde wave"] = None,
+    at: Annotated[Positive, "place in the range of the free phase, as a fraction of it; for order"] = 0.3,
+    title: Title = None,
+) -> Figure:
+    """The analytic solutions of the multi-legged chain: touchdowns, their order, the free phase, all sets.
+
+    Args:
+        table: a table of the chain; the first row's values of varying parameters are used.
+
+    Raises:
+        PlotError: the table is not of the chain, show, k or at are out of range, or show is touchdowns for a
+            chain with a profile.
+    """
+    N = springs_of(table)
+    if N < 2:
+        columns = "the columns psi_1_end, ... or phase_1, ..."
+        raise PlotError(f"The theory needs a table of the multi-legged chain with {columns}")
+    return theory_figure(N, chain_of(table), show=show, k=k, at=at, title=title)
+
+
+def theory_figure(
+    N: int, chain: Chain, *, show: str, k: int | None = None, at: float = 0.3, title: str | None = None
+) -> Figure:
+    """The figure `chain_theory` without a table; other arguments and errors as there.
+
+    Args:
+        N: springs; the chain has N + 1 legs.
+        chain: its parameters.
+    """
+    k = max(3, (N + 3) // 2) if k is None else k
+    if show not in SHOWN:
+        raise PlotError(f"show is {show}. Allowed: {', '.join(SHOWN)}.")
+    if not 2 <= k <= N:
+        raise PlotError(f"k is {k}, but a chain of {N + 1} legs has source waves of k = 2 to {N}.")
+    if not 0.0 < at < 1.0:
+        raise PlotError(
+            f"at is {at}, but must be a fraction of the range of the free phase, between 0 and 1."
+        )
+    if show == "touchdowns" and chain.has_profile:
+        raise PlotError(
+            "show: touchdowns draws one curve of leg length, but the legs of a chain with a profile differ."
+        )
+    if show == "touchdowns":
+        return draw_touchdowns(N, chain, k, title)
+    if show == "order":
+        return draw_order(N, chain, k, at, title)
+    if show == "free_phase":
+        return draw_free_phase(N, chain, k, title)
+    return draw_sets(N, chain, title)
+
+
+_TOUCHING, _FRONT, _REAR = "#000000", "#E69F00", "#0072B2"
+# of a relative phase, by whether its front leg and whether its rear leg was reset
+_RESET_COLOURS = {
+    (True, True): "#BBBBBB",
+    (True, False): _FRONT,
+    (False, True): _REAR,
+    (False, False): "white",
+}
+
+
+def draw_touchdowns(N: int, chain: Chain, k: int, title: str | None) -> Figure:
+    """The phases of a leg and its neighbours at its touchdown, on the curve of leg length (Fig. 8).
+
+    Args:
+        N: springs; the chain has N + 1 legs.
+        chain: its parameters, without a profile.
+        k: the boundary leg of the source wave.
+    """
+    regions = {
+        k - 1: "in the direct region",
+        k: "the boundary leg k",
+        k + 1: "in the retrograde region",
+    }
+    legs = [(leg, text) for leg, text in regions.items() if 2 <= leg <= N]
+    rule = rule_of(N, Branch("B", k), chain)
+    circle = float(touchdown_phase(chain))
+    free = np.linspace(float(rule.low), float(rule.high), 41)
+    theta = np.asarray(jax.vmap(functools.partial(places, rule))(jnp.asarray(free)))
+    down, across = theme.shape(len(legs), theme.PAGE, 2.0)
+    with theme.canvas(theme.PAGE, 1.9 * down + 0.8, title) as figure:
+        panels = theme.panels(figure, (down, across), len(legs), sharey=True)
+        for axes, (leg, text) in zip(panels, legs, strict=True):
+            _segments(axes, chain)
+            phi = circle - np.mod(theta[:, leg - 1 : leg] - theta + 1e-12, circle)
+            for neighbour, colour, marker in ((leg - 2, _FRONT, "<"), (leg, _REAR, ">")):
+                ends = np.array([phi[:, neighbour].min(), phi[:, neighbour].max()])
+                if np.ptp(ends) > 1e-6:
+                    along = np.linspace(ends[0], ends[1], 200)
+                    style: dict[str, Any] = {"lw": 5, "alpha": 0.55, "solid_capstyle": "butt"}
+                    axes.plot(along, leg_length(along, chain), color=colour, **style)
+                else:
+                    axes.plot(ends[:1], leg_length(ends[:1], chain), marker, color=colour, ms=8, zorder=4)
+            axes.plot([circle], leg_length(np.array([circle]), chain), "o", color=_TOUCHING, ms=7, zorder=5)
+            axes.set_title(f"touchdown of leg {leg}:\n{text}", loc="left")
+            axes.set_xlabel("phase (rad)")
+            theme.angle_axis(axes, "x")
+        for axes in panels[::across]:
+            axes.set_ylabel(r"leg length less $L$ (m)")
+        handles = [
+            Line2D([], [], ls="", marker="o", color=_TOUCHING, label="leg that touches down"),
+            Line2D([], [], ls="", marker="<", color=_FRONT, label="leg in front of it, towards the head"),
+            Line2D([], [], ls="", marker=">", color=_REAR, label="leg behind it"),
+            Line2D([], [], color=_FRONT, lw=5, alpha=0.55, label="any phase of this range: the lag is free"),
+        ]
+        theme.legend(figure, handles, ncols=2)
+    return figure
+
+
+def _segments(axes: Axes, chain: Chain) -> None:
+    """The curve of leg length, eq. (3), its three segments named."""
+    beta = float(chain.beta)
+    ends = np.array([0.0, 2 * beta * np.pi, (1 + beta) * np.pi, 2 * np.pi])
+    axes.plot(ends, leg_length(ends, chain), color="#888888", lw=1.0)
+    low = 1.22 * leg_length(np.array([(1 + beta) * np.pi]), chain)[0]
+    for name, left, right, turn in (("stance", 0, 1, 0), ("takeoff", 1, 2, 90), ("landing", 2, 3, 90)):
+        middle = 0.5 * (ends[left] + ends[right])
+        height = 0.5 * low if name == "stance" else 0.995 * low
+        axes.text(middle, height, name, ha="center", va="center" if name == "stance" else "bottom",
+                  rotation=turn, fontsize=theme.points(7), color="#555555")  # fmt: skip
+    for end in ends[1:3]:
+        axes.axvline(end, color="#CCCCCC", lw=0.6, zorder=0)
+    axes.set_ylim(1.25 * low, -0.18 * low)
+
+
+def draw_order(N: int, chain: Chain, k: int, at: float, title: str | None) -> Figure:
+    """The order of touchdowns, and which relative phases are changed by them before a leg's own (Fig. 9).
+
+    Args:
+        N: springs; the chain has N + 1 legs.
+        chain: its parameters.
+        k: the boundary leg of the source wave.
+        at: place in the range of the free phase, as a fraction of it.
+    """
+    branch = Branch("B", k)
+    rule = rule_of(N, branch, chain)
+    circle = float(touchdown_phase(chain))
+    s = float(rule.low + at * (rule.high - rule.low))
+    order = touchdown_order(N, branch, s, chain)
+    theta = np.asarray(places(rule, s))
+    when = np.mod(theta[k - 1] - theta, circle) / circle  # cycles after the touchdown of leg k
+    down, across = theme.shape(2, theme.PAGE, 2.5)
+    height = (0.7 + 0.2 * (N + 1)) * down + 0.8
+    with theme.canvas(theme.PAGE, height, title) as figure:
+        left, right = figure.subplots(down, across, width_ratios=(1.15, 1.0)[:across])
+        numbers = [reset_set.number for reset_set in reset_sets(N, branch, s, chain)]
+        _touchdown_times(left, when, 2 * float(chain.beta) * np.pi / circle, order, numbers)
+        _resets(right, N, order)
+        right.set_title("relative phases at each touchdown", loc="left")
+        handles = [
+            Patch(color="#444444", label="phase in stance"),
+            Patch(color=_FRONT, label=r"$\psi_i$ is less by $m_Bb$: leg i was reset"),
+            Patch(color=_REAR, label=r"$\psi_i$ is more by $m_Bb$: leg i + 1 was reset"),
+            Patch(color="#BBBBBB", label="both were"),
+            Patch(facecolor="none", edgecolor="black", label="beside the leg that touches"),
+        ]
+        theme.legend(figure, handles, ncols=3)
+    return figure
+
+
+def _touchdown_times(
+    axes: Axes,
+    when: Float[np.ndarray, " legs"],
+    stance: float,
+    order: tuple[int, ...],
+    reset_numbers: list[int],
+) -> None:
+    """Each leg's stance from its touchdown on, with its place in the order and the number of its set S.
+
+    Args:
+        axes: the axes, over time in cycles.
+        when: the touchdowns, cycles after that of the first leg in `order`, the boundary leg.
+        stance: the duration of stance, cycles.
+        order: the legs in their order of touchdown.
+        reset_numbers: the number of each leg's set.
+    """
+    legs = range(1, len(when) + 1)
+    for turn in (-1, 0, 1):
+        axes.barh(legs, stance, left=when + turn, height=0.6, color="#444444")
+    axes.plot(when, legs, "o", ms=8.5, mfc="white", mec="black", mew=0.8, zorder=4, clip_on=False)
+    style: dict[str, Any] = {"ha": "center", "va": "center", "fontsize": theme.points(7), "zorder": 5}
+    for leg, at_leg, number in zip(legs, when, reset_numbers, strict=True):
+        axes.text(at_leg, leg, str(order.index(leg) + 1), **style)
+        axes.text(1.03, leg, f"$S_{{{number}}}$", va="center", fontsize=theme.points(8))
+    axes.set_xlim(0, 1)
+    names = {leg: f"Leg {leg}" for leg in legs} | {order[0]: f"Leg {order[0]} = k"}
+    axes.set_yticks(legs, list(names.values()))
+    axes.set_ylim(len(when) + 0.6, 0.4)
+    axes.tick_params(axis="y", pad=6.0)  # beyond a mark at 0
+    axes.set_xlabel("time after the touchdown of leg k (cycles)")
+    axes.set_title("order of touchdowns, and the set S of each leg", loc="left")
+
+
+def _resets(axes: Axes, N: int, order: tuple[int, ...]) -> None:
+    """A cell for each relative phase and touchdown: coloured where one of its legs was reset before."""
+    touched_down: set[int] = set()
+    for column, leg in enumerate(order):
+        for link in range(1, N + 1):
+            colour = _RESET_COLOURS[link in touched_down, link + 1 in touched_down]
+            cell = {"fc": colour, "ec": "#DDDDDD", "lw": 0.5, "zorder": 1}
+            axes.add_patch(Rectangle((column - 0.5, link - 0.5), 1, 1, **cell))
+            if leg in (link, link + 1):
+                frame = {"fc": "none", "ec": "black", "lw": 1.3, "zorder": 3}
+                axes.add_patch(Rectangle((column - 0.45, link - 0.45), 0.9, 0.9, **frame))
+        touched_down.add(leg)
+    axes.set_xlim(-0.5, len(order) - 0.5)
+    axes.set_ylim(N + 0.5, 0.5)
+    axes.set_xticks(range(len(order)), [str(leg) for leg in order])
+    axes.set_yticks(range(1, N + 1), [rf"$\psi_{{{link}}}$" for link in range(1, N + 1)])
+    axes.tick_params(length=0)
+    axes.set_xlabel("leg that touches down, in order")
+
+
+def draw_free_phase(N: int, chain: Chain, k: int, title: str | None) -> Figure:
+    """psi_k over psi_{k-1} along the solution sets A and B (Fig. 10).
+
+    Args:
+        N: springs; the chain has N + 1 legs.
+        chain: its parameters.
+        k: the boundary leg of the source wave.
+    """
+    circle = touchdown_phase(chain)
+    colours: dict[Literal["A", "B"], str] = {"A": "#D55E00", "B": "#0072B2"}
+    with theme.canvas(theme.COLUMN + 0.9, 3.0, title) as figure:
+        axes = figure.subplots()
+        for kind, colour in colours.items():
+            rule = rule_of(N, Branch(kind, k), chain)
+            ends = np.array([float(rule.low) + 1e-9, float(rule.high) - 1e-9])
+            psi = np.stack([np.asarray(solution(rule, jnp.asarray(s), circle, k)) for s in ends])
+            label = f"solution set {kind}"
+            axes.plot(psi[:, k - 2], psi[:, k - 1], "o-", color=colour, lw=2.4, ms=4, label=label)
+            if kind == "A":
+                for value, text, height in zip(ends, (r"$\psi_A$", r"$\psi_B$"), (0.03, 0.12), strict=True):
+                    label = f"{text} = {theme.in_pi(value, fractions=False)}"
+                    _mark(axes, value, label, height)
+        axes.set_xlim(0.0, 2 * np.pi)
+        theme.angle_axis(axes, "x")
+        theme.angle_ticks(axes, "y")
+        axes.set_xlabel(rf"$\psi_{{{k - 1}}}$ on section {k} (rad)")
+        axes.set_ylabel(rf"$\psi_{{{k}}}$ on section {k} (rad)")
+        _mark(axes, 2 * float(chain.beta) * np.pi, r"$2\beta\pi$", 0.03)
+        theme.legend(figure, ncols=2)
+    return figure
+
+
+def _mark(axes: Axes, value: float, text: str, height: float) -> None:
+    """A vertical line with its name beside it."""
+    axes.axvline(value, color="#AAAAAA", lw=0.7, ls="--", zorder=0)
+    style = {"xycoords": ("data", "axes fraction"), "textcoords": "offset points"}
+    axes.annotate(text, (value, height), (5, 0), fontsize=theme.points(7.5), **style)
+
+
+def draw_sets(N: int, chain: Chain, title: str | None) -> Figure:
+    """The relative phases along the chain of all solution sets, on section 1 (Fig. 11).
+
+    Args:
+        N: springs; the chain has N + 1 legs.
+        chain: its parameters.
+    """
+    shades = colormaps["viridis"](np.linspace(0.0, 0.92, N))
+    with theme.canvas(theme.PAGE, 3.6, title) as figure:
+        axes = figure.subplots()
+        place = 0.0
+        jumped = False
+        for branch in branches(N):
+            breaks = [jump.s for jump in jumps(N, branch, chain, 1)]
+            jumped |= bool(breaks)
+            place = _draw_set(axes, N, branch, chain, breaks, place, shades)
+        axes.set_xlim(0, place)
+        theme.angle_axis(axes, "y")
+        axes.set_xlabel("way along the chain of sets: change of E (rad)")
+        axes.set_ylabel("relative phases on section 1 (rad)")
+        which = sorted({0, N // 2, N - 1}) if N > 5 else range(N)
+        handles: list[Any] = [Line2D([], [], color=shades[i], label=rf"$\psi_{{{i + 1}}}$") for i in which]
+        for gait, colour in theme.colours(WAVES).items():
+            handles.append(Patch(color=colour, alpha=0.3, label=f"{gait} wave"))
+        handles.append(Patch(color="#777777", alpha=0.6, label="darker: sets A"))
+        if jumped:
+            label = "a leg passes leg 1: jump by $m_Bb$"
+            handles.append(Line2D([], [], color="#D55E00", ls=":", label=label))
+        theme.legend(figure, handles, ncols=5)
+    return figure
+
+
+def _draw_set(
+    axes: Axes,
+    N: int,
+    branch: Branch,
+    chain: Chain,
+    breaks: Sequence[float],
+    place: float,
+    shades: Float[np.ndarray, "springs 4"],
+) -> float:
+    """The relative phases of one set, cut at its jumps; returns the place at which the next set begins.
+
+    Args:
+        axes: the axes, over the change of E (rad).
+        N, branch, chain: as in `rule_of`.
+        breaks: the free phases (rad) of its jumps.
+        place: the set's beginning along the axis, rad.
+        shades: the colour of each relative phase.
+    """
+    rule = rule_of(N, branch, chain)
+    circle = touchdown_phase(chain)
+    low, high = float(rule.low), float(rule.high)
+    rate = float(np.abs(np.sum(np.asarray(rule.slope))))
+
+    @jax.jit
+    @jax.vmap
+    def psi_of(s: jax.Array) -> jax.Array:
+        return solution(rule, s, circle, 1)
+
+    begin, way = (high, -rate) if branch.kind == "direct" else (low, rate)
+    for start, stop in itertools.pairwise([low, *breaks, high]):
+        s = np.linspace(start + 1e-7, stop - 1e-7, 60)
+        psi = np.asarray(psi_of(jnp.asarray(s)))
+        for link in range(N):
+            axes.plot(place + way * (s - begin), psi[:, link], color=shades[link], lw=1.3)
+    for s in breaks:
+        axes.axvline(place + way * (s - begin), color="#D55E00", lw=0.7, ls=":", zorder=0)
+    width = rate * (high - low)
+    gait = GAITS[gait_of(branch)]
+    dark = 0.45 if branch.kind == "A" else 0.13
+    axes.axvspan(place, place + width, color=theme.colours([gait])[gait], alpha=dark, lw=0, zorder=-1)
+    if branch.kind != "A":
+        name = "direct" if branch.kind == "direct" else f"k = {branch.k}"
+        style: dict[str, Any] = {"ha": "center", "va": "bottom", "fontsize": theme.points(7)}
+        axes.text(place + width / 2, 1.015, name, transform=axes.get_xaxis_transform(), **style)
+    return place + width
