@@ -145,7 +145,8 @@ def rare_falls(
     way_out = way_out.iloc[:-1]
     # steps without an end may be falls
     ends = (chance, chance * np.exp(-width), chance * np.exp(width) + found.undecided)
-    return RareFalls(*(_hazard(end, steps) for end in ends), found.falls, best, walk.simulated, way_out)
+    hazard, low, high = (_hazard(float(end), steps) for end in ends)
+    return RareFalls(hazard, low, high, found.falls, best, walk.simulated, way_out)
 
 
 def _late(steps: int) -> range:
@@ -157,8 +158,8 @@ def _hazard(chance: float, steps: int) -> float:
     """The chance p of a fall in a step, from the mean chance p (1 - p)^k to fall after k steps."""
     hazard = chance
     for _ in range(100):  # a contraction, since falls within a window are few
-        hazard = chance / np.mean([(1.0 - hazard) ** k for k in _late(steps)])
-    return float(hazard)
+        hazard = chance / float(np.mean((1.0 - hazard) ** np.array(_late(steps))))
+    return hazard
 
 
 class _Walk:
@@ -224,7 +225,7 @@ class _Walk:
             for _ in range(self._steps):
                 self._walk_on()
             states, walks = self._states, np.ones(ROWS, bool)
-            logarithm, drawn, chance = np.zeros(ROWS), [], 0.0
+            now, logarithm, drawn, chance = ~walks, np.zeros(ROWS), [], 0.0
             for step in range(self._steps):
                 states, status, numbers = self._moved(states, scale, walks)
                 now, lost = (walks & (status == code) for code in (ReturnStatus.fell, ReturnStatus.late))

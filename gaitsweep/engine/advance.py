@@ -560,7 +560,7 @@ def _advance_stepped(model: FixedStepDynamics, numerics: ResolvedNumerics, drive
         timed = carry.stop - carry.t <= 0.5 * dt
         params_within = params if drive is None else drive(params, carry.t + 0.5 * dt)
         length = jnp.asarray(dt, numerics.stepped)
-        factor = (carry.share,) if model.stochastic else ()
+        factor = (carry.step_factor,) if model.stochastic else ()
         trial = model.step(params_within, carry.state, length, *factor)
         fired = model.events(params_within, carry.state, trial)
         hit = jnp.any(fired)

@@ -51,7 +51,7 @@ def drawn(p, s):
     return (s.ahead - p.slope) / p.roughness
 
 
-@pytest.mark.slow("millions of steps")
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("roughness", "rounds", "decade"), [(0.06, 16, 1), (0.03, 64, 4), (0.02, 200, 8), (0.018, 32, 9)]
 )

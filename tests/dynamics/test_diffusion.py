@@ -62,7 +62,7 @@ def ends(dt: float, share: float, n: int) -> np.ndarray:
     return run_rows(Relaxation(), recorder, starts, params=seeds, numerics=numerics, engine="kernel").samples
 
 
-@pytest.mark.slow("forty thousand paths")
+@pytest.mark.slow
 def test_the_ornstein_uhlenbeck_process_has_its_mean_variance_and_orders() -> None:
     """Means and variances within 4 standard errors of the exact ones of the scheme, and their order.
 
@@ -88,7 +88,7 @@ def test_the_ornstein_uhlenbeck_process_has_its_mean_variance_and_orders() -> No
     np.testing.assert_allclose(order, [1.0, 1.0, 0.5], atol=0.15)
 
 
-@pytest.mark.slow("compiles for two engines")
+@pytest.mark.slow
 def test_events_between_noisy_steps_have_errors_of_second_order_and_engines_agree() -> None:
     run, even = gs.FixedTime(duration=20.0), {"rate_0": 0.9, "slope": 0.2, "run": gs.FixedTime(duration=20.0)}
     exact = gs.sweep(RimlessWheel(), **even, verify=0).table["margin_end"].item()
