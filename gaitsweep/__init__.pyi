@@ -18,6 +18,8 @@ from gaitsweep.api.maps import PoincareMap as PoincareMap
 from gaitsweep.api.maps import return_map as return_map
 from gaitsweep.api.result import Result as Result
 from gaitsweep.api.result import run as run
+from gaitsweep.api.simulator import Simulator as Simulator
+from gaitsweep.api.simulator import simulator as simulator
 from gaitsweep.api.stationary import StationaryPoints as StationaryPoints
 from gaitsweep.api.stationary import stationary as stationary
 from gaitsweep.api.trajectories import perturb as perturb
