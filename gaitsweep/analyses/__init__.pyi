@@ -4,6 +4,7 @@ from gaitsweep.analysis.basins.fractions import LEVEL as LEVEL
 from gaitsweep.analysis.basins.fractions import fractions as fractions
 from gaitsweep.analysis.basins.fractions import proportion_interval as proportion_interval
 from gaitsweep.analysis.basins.measures import basins as basins
+from gaitsweep.analysis.basins.measures import least_fatal_push as least_fatal_push
 from gaitsweep.analysis.basins.wada import Wada as Wada
 from gaitsweep.analysis.basins.wada import wada as wada
 from gaitsweep.analysis.circular import mean_direction as mean_direction
