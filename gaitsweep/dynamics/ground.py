@@ -17,12 +17,15 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from gaitsweep.contract import Quantity
+from gaitsweep.contract import Model, Quantity
 from gaitsweep.dynamics.noise import normal
 from gaitsweep.errors import ArgumentError
 from gaitsweep.near_miss import suggestion
 
-__all__ = ["Ground", "check_ground", "ground_field", "ground_profile", "ground_quantities", "is_random"]
+__all__ = [
+    *("Ground", "asks_for_ground", "check_ground", "ground_field", "ground_profile"),
+    *("ground_quantities", "is_uneven"),
+]
 
 # The kinds that a job names; a profile is read from a file.
 KINDS = ("even", "slope", "steps", "rough")
@@ -155,9 +158,9 @@ def _points(text: str) -> tuple[Float[np.ndarray, " points"], Float[np.ndarray, 
     return x, z
 
 
-def is_random(ground: str) -> bool:
-    """Whether the heights of this kind are drawn by a seed."""
-    return ground in ("steps", "rough")
+def is_uneven(model: Model) -> bool:
+    """Whether a model asks for the ground, and it is not even."""
+    return asks_for_ground(type(model)) and getattr(model, "ground", "even") != "even"
 
 
 def ground_quantities(ground: str) -> tuple[Quantity, ...]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import types
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,11 +14,16 @@ import scipy
 import gaitsweep as gs
 from gaitsweep.dynamics.ground import RISER
 from gaitsweep.dynamics.noise import fraction
+from gaitsweep.engine.kernel import cuda_lanes
 from gaitsweep.engine.kernel.row_functions import over_rows
+from gaitsweep.engine.numerics import Numerics
+from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.examples.compass_walker import CompassWalker
 from gaitsweep.examples.hopper import Hopper
 from gaitsweep.examples.slip_runner import SlipRunner
 from gaitsweep.job import JobError
+from tests.support.host_card import HostCard, compiler
+from tests.support.sweeping import run_rows, same
 
 WIDTH = 0.4
 EVEN_TO_ONE_STEP = np.array([-3.0, -0.1, 0.0])
@@ -59,6 +66,7 @@ def test_heights_are_those_of_numpy_on_each_engine(kind: str) -> None:
     assert np.abs(expected[:200] - expected[200:]).max() > 0.01
 
 
+@pytest.mark.slow
 def test_slopes_and_profiles_are_what_they_say(tmp_path: Path) -> None:
     x = np.array([-1.0, 0.5, 2.0])
     np.testing.assert_allclose(
@@ -97,6 +105,41 @@ def test_a_wrong_ground_is_refused(model: str, ground: Any, reason: str) -> None
         gs.Job.model_validate({**fields, "ground": ground})
     assert [diagnostic.path for diagnostic in refused.value.diagnostics] == [("ground",)]
     assert "ground_seed" not in {quantity.name for quantity in Hopper().parameters}
+
+
+def test_no_fixed_point_is_sought_on_uneven_ground() -> None:
+    gait = gs.return_map(CompassWalker(ground="rough"), ground_roughness=0.001)
+    with pytest.raises(gs.ArgumentError, match="no step repeats another"):
+        gait.fixed_points([-0.2187, 1.0918, 0.3772])
+    run = {"kind": "continuation", "parameter": "slope", "path": [2.0, 3.0]}
+    job = {"name": "g", "model": "gaitsweep.examples.compass_walker:CompassWalker", "run": run}
+    with pytest.raises(JobError, match="no step repeats another"):
+        gs.Job.model_validate({**job, "ground": "rough"})
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(compiler() is None, reason="no C++ compiler")
+def test_the_program_for_a_card_meets_the_same_ground(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The C of a card, compiled for this processor, beside its kernels: rounding, grown over six strikes."""
+
+    class CudaDevice(HostCard):
+        folder = tmp_path
+
+    model, recorder = CompassWalker(ground="steps"), CrossingRecorder(CompassWalker(ground="steps"), 6)
+    params = {"ground_seed": np.arange(6.0), "ground_roughness": np.full(6, 0.001)}
+    start = {"stance_0": np.full(6, -0.2187)}
+    numerics = Numerics(rtol=1e-10, atol=1e-11)
+    rows = partial(run_rows, model, recorder, start, params=params, numerics=numerics)
+    here = rows()
+    monkeypatch.setattr(cuda_lanes, "CudaDevice", CudaDevice)
+    device = types.SimpleNamespace(platform="gpu")
+    monkeypatch.setattr("tests.support.sweeping.devices_on", lambda platform, engine: [device])
+    on_card = rows(lanes=5)
+    np.testing.assert_array_equal(on_card.owner, here.owner)
+    np.testing.assert_allclose(on_card.samples, here.samples, rtol=0.0, atol=1e-9)
+    same(on_card, rows(lanes=3, block=4))
 
 
 def walked(kind: str, seed: float, roughness: float, most: int) -> list[float]:

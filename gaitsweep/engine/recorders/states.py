@@ -80,8 +80,8 @@ class StateRecorder(Recorder):
     def readings(self, rows: RowOutcome) -> Readings | None:
         return None
 
-    def share(self, rows: RunningRows, typical: float) -> Float[np.ndarray, " rows"]:
-        return self.base.share(rows, typical)
+    def progress(self, rows: RunningRows, typical: float) -> Float[np.ndarray, " rows"]:
+        return self.base.progress(rows, typical)
 
 
 def state_size(shape: State) -> int:
