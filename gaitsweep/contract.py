@@ -490,6 +490,9 @@ class FixedStepDynamics(Jumps):
 
     # whether every step ends on the section: the step is the return map, has its derivative and no error
     is_return_map: ClassVar[bool] = False
+    # whether steps draw random numbers: `step` then has a fourth argument, the factor on the step's length
+    # (1, or 1/2 in the self-check, along the same path of noise)
+    stochastic: ClassVar[bool] = False
 
     @abc.abstractmethod
     def step(self, params: Params, state: State, dt: Float[Array, ""], /) -> State:
