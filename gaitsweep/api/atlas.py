@@ -64,8 +64,7 @@ class Atlas:
             )
 
     def __repr__(self) -> str:
-        counts = {name: len(getattr(self, name)) for name in ("gaits", "points")}
-        return f"Atlas({counts['gaits']} gaits, {counts['points']} bifurcations)"
+        return f"Atlas({len(self.gaits)} gaits, {len(self.points)} bifurcations)"
 
     @property
     def table(self) -> pd.DataFrame:
