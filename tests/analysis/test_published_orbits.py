@@ -114,6 +114,7 @@ def test_the_gaits_of_the_simplest_walker() -> None:
     flips = walks.points.query("special == 'flip'")
     assert flips["period"].tolist() == [1, 2, 4]
     np.testing.assert_allclose(flips["gamma"].iloc[0], 0.0151, atol=5e-5)  # as printed
+    np.testing.assert_allclose(flips["gamma"].to_numpy(float), [0.015088, 0.017669, 0.018160], atol=1e-6)
 
 
 def after_steps(theta: float, rate: float, gamma: float, steps: int) -> tuple[float, float]:
