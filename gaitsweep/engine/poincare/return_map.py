@@ -39,8 +39,8 @@ REFINED = 0.5
 class EventRecord(NamedTuple):
     """The events of one return.
 
-    `times` (MAX_TIMED_EVENTS, guards) are the times (s) of the first events of each guard, NaN where there was
-    none; `counts` (guards,) are the numbers of their events.
+    `times` (MAX_TIMED_EVENTS, guards) are the times (s) of the first events of each guard, NaN where there
+    was none; `counts` (guards,) are the numbers of their events.
     """
 
     times: Float[Array, "timed guards"]
