@@ -170,7 +170,8 @@ class Quantity:
     `circular` marks an angle in rad of period 2 pi. `symbol` is the paper's, in TeX, for the axes of figures.
     `scale` (in `unit`, above 0) is the reference size of an observable in the test of convergence of a run of
     kind settle, and in the self-check; an infinite one leaves it out of both. None: the range of its values
-    over the crossings of the row so far. Circular angles are compared in rad.
+    over the crossings of the row so far. Circular angles are compared in rad. `may_be_nan` marks one that has
+    no value in some states, as the lag of a foot that stands.
     """
 
     name: str
@@ -185,6 +186,14 @@ class Quantity:
     source: str = ""
     scale: float | None = None
     whole: bool = False
+    may_be_nan: bool = False
+
+    @classmethod
+    def positive(
+        cls, name: str, unit: str, meaning: str, default: float | str, symbol: str = "", source: str = ""
+    ) -> Quantity:
+        """A quantity above zero; arguments as of the fields with these names."""
+        return cls(name, unit, meaning, default, low=0.0, open_ends=True, symbol=symbol, source=source)
 
 
 def names_gait(label: str) -> bool:
@@ -481,6 +490,9 @@ class FixedStepDynamics(Jumps):
 
     # whether every step ends on the section: the step is the return map, has its derivative and no error
     is_return_map: ClassVar[bool] = False
+    # whether steps draw random numbers: `step` then has a fourth argument, the factor on the step's length
+    # (1, or 1/2 in the self-check, along the same path of noise)
+    stochastic: ClassVar[bool] = False
 
     @abc.abstractmethod
     def step(self, params: Params, state: State, dt: Float[Array, ""], /) -> State:

@@ -585,7 +585,9 @@ def _advance_stepped(model: FixedStepDynamics, numerics: ResolvedNumerics, drive
         # a simulator's step cannot be shortened, so a stop is at the nearest end of a step
         timed = carry.stop - carry.t <= 0.5 * dt
         params_within = params if drive is None else drive(params, carry.t + 0.5 * dt)
-        trial = model.step(params_within, carry.state, jnp.asarray(dt, numerics.step_dtype))
+        length = jnp.asarray(dt, numerics.step_dtype)
+        factor = (carry.step_factor,) if model.stochastic else ()
+        trial = model.step(params_within, carry.state, length, *factor)
         fired = model.events(params_within, carry.state, trial)
         hit = jnp.any(fired)
         closed = hit & model.section(params_within, trial, fired)

@@ -19,7 +19,7 @@ from gaitsweep.job.model_spec import ModelSpec
 from gaitsweep.kinds import RUN_KINDS, RunKind
 from gaitsweep.kinds.run_kind import Movement, table_columns
 from gaitsweep.models.conformity import idle_starts, sets_starts
-from gaitsweep.models.value_faults import NAMED, faults_of_rows
+from gaitsweep.models.value_faults import MAX_NAMED, faults_of_rows
 from gaitsweep.plot.figure_style import FigureStyle
 from gaitsweep.plot.kind import FIGURES, FigureKind
 from gaitsweep.plot.planned_table import PlannedTable
@@ -147,13 +147,13 @@ def remarks_on_rows(design: Design, name: str) -> list[str]:
     rows = _some_rows(design)
     try:
         values, starts = design.values_in(rows)
-        varied = design.at(rows, design.names[:NAMED])
+        varied = design.at(rows, design.names[:MAX_NAMED])
     except (ExpressionError, JobError):
         return idle
 
     def where(place: int) -> str:
         at = ", ".join(f"{name} = {column[place]:.6g}" for name, column in varied.items())
-        more = ", ..." if len(design.names) > NAMED else ""
+        more = ", ..." if len(design.names) > MAX_NAMED else ""
         return f" at the start of row {rows[place]}" + (f" ({at}{more})" if at else "")
 
     return idle + [f"The model is {name}, {words}" for words in faults_of_rows(model, values, starts, where)]
@@ -240,7 +240,7 @@ def check_figures(
     for index, figure in figures.items():
         path = ("figures", index)
         if not figure.suits(type(run)):
-            wrong.append(_unsuited(figure, path, run))
+            wrong.append(_unsuited(figure, path, table))
             continue
         unknown = [
             unknown_name((*path, field), column, "a column of this job's table", columns)
@@ -261,10 +261,14 @@ def check_figures(
     return wrong
 
 
-def _unsuited(figure: FigureKind, path: Path, run: RunKind) -> Diagnostic:
+def _unsuited(figure: FigureKind, path: Path, table: PlannedTable) -> Diagnostic:
     """The diagnostic of a figure that cannot show the table of a run of this kind."""
+    run = table.run
     others = [kind_of(part) for part in RUN_KINDS.values() if figure.kind_name in part.figures]
     suited = " or ".join(dict.fromkeys([*figure.runs, *others]))
     text = f"is {figure.kind_name}, which needs a run of kind {suited}, not {run.kind_name}."
-    allowed = ", ".join(name for name, kind in FIGURES.items() if kind.suits(type(run)))
-    return Diagnostic((*path, "kind"), f"{text} Figures of {run.kind_name}: {allowed}.")
+    suited_kinds = (
+        name for name, kind in FIGURES.items() if kind.suits(type(run)) and kind.needs_are_met(table)
+    )
+    known = f"Figures of {run.kind_name} for {table.model.name}: {', '.join(suited_kinds)}."
+    return Diagnostic((*path, "kind"), f"{text} {known}")

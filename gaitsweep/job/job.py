@@ -52,7 +52,7 @@ _GROUND = {
         {"enum": list(KINDS)},
         {
             "type": "object",
-            "properties": {"file": {"type": "string"}},
+            "properties": {"file": {"type": "string", "description": "CSV file of places and heights, in m"}},
             "required": ["file"],
             "additionalProperties": False,
         },

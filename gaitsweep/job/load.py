@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
+
 from gaitsweep import effort, models
 from gaitsweep.errors import ArgumentError
 from gaitsweep.job.job import Job
@@ -99,24 +101,26 @@ def stored_job(attrs: Mapping[Any, Any], *, trust: bool = False) -> Job:
         JobError: the job cannot be read, or its model is not found.
     """
     try:
-        models.find_of_table(attrs, trust)
+        models.find_of_table(attrs, trust=trust)
     except models.ModelError as error:
         raise JobError([Diagnostic(("model",), str(error))]) from error
     return Job.model_validate(attrs["job"])
 
 
-def wider_job(attrs: Mapping[Any, Any], *, trust: bool = False) -> Job:
-    """The job of an atlas that goes further than the one that made a table.
+def wider_job(table: pd.DataFrame, *, trust: bool = False) -> Job:
+    """The job of an atlas that continues the one that made a table.
 
     Args:
-        attrs: the table's `.attrs`.
+        table: the table, with its `.attrs`.
         trust: as for `stored_job`.
 
     Raises:
-        ArgumentError: another kind of run made the table.
+        ArgumentError: another kind of run made the table, or it is not complete.
         JobError: as for `stored_job`.
     """
-    job = stored_job(attrs, trust=trust)
+    job = stored_job(table.attrs, trust=trust)
     if not isinstance(job.run, Atlas):
         raise ArgumentError(f"This table is of a run of the kind {job.run.kind_name}, but must be an atlas.")
-    return job.model_copy(update={"run": job.run.wider()})
+    if missing := table.attrs.get("rows_missing"):
+        raise ArgumentError(f"This table lacks {missing} rows: run its job again before you continue it.")
+    return job.model_copy(update={"run": job.run.wider(table)})

@@ -114,7 +114,9 @@ def read_model_spec(
         model_class = models.find(read_text(name), folders)
     except (models.ModelError, InvalidValue) as error:
         return None, [Diagnostic(("model",), str(error))]
-    written = [(("structure", key), key, value) for key, value in _items(structure)]
+    written: list[tuple[Path, str, Any]] = [
+        (("structure", key), key, value) for key, value in _items(structure)
+    ]
     fields = {field.name: field for field in dataclasses.fields(model_class) if field.init}  # type: ignore[arg-type]
     written += [(("params", key), key, value) for key, value in _items(params) if key in fields]
     diagnostics: list[Diagnostic] = []

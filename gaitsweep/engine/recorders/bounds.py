@@ -107,6 +107,11 @@ def slowest(moved: Crossings) -> Integer:
     return jnp.where(jnp.any(jnp.isnan(largest)), -1, jnp.argmax(largest))
 
 
+def comparable(observed: Float[Array, "*crossings observables"]) -> Float[Array, "*crossings observables"]:
+    """Observables for comparison: those that have no value (NaN), as the lag of a standing foot, are 0."""
+    return jnp.where(jnp.isnan(observed), 0.0, observed)
+
+
 def change(model: Model, difference: Crossings) -> Crossings:
     """Differences of observables; differences of angles are wrapped to [-pi, pi)."""
     circular = jnp.asarray([q.circular for q in model.observables])

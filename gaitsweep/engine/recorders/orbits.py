@@ -66,7 +66,7 @@ def first_crossing(
     """
     columns = []
     for i, quantity in enumerate(observables):
-        x = orbits[:, :, i]
+        x = np.nan_to_num(orbits[:, :, i])
         size = quantity.scale or np.abs(x).max(axis=1, keepdims=True)
         columns += [np.cos(x), np.sin(x)] if quantity.circular else [x / np.where(size > 0.0, size, 1.0)]
     equal = SAME_VALUE * np.max([np.ptp(column, axis=1) for column in columns], axis=0)

@@ -13,7 +13,7 @@ from jaxtyping import Array, Float
 from gaitsweep.contract import Params, State, Status
 from gaitsweep.engine.carry import Carry, Halt, restarted, select
 from gaitsweep.engine.pushed_model import PushedModel
-from gaitsweep.engine.recorders.bounds import change
+from gaitsweep.engine.recorders.bounds import change, comparable
 from gaitsweep.engine.recorders.orbits import from_first_crossing
 from gaitsweep.engine.recorders.recorder import (
     Beginning,
@@ -378,9 +378,10 @@ class PerturbRecorder(Recorder):
         model = self.model
         given = [1.0 if q.circular else q.scale for q in model.observables]
         known = jnp.asarray([np.nan if scale is None else scale for scale in given], now.dtype)
-        size = jnp.where(jnp.isnan(known), MIN_SIZE + jnp.abs(gait), known[None, :])
-        distance = jnp.max(jnp.abs(change(model, now[None, :] - gait)) / size, axis=1)
-        return jnp.where(jnp.isnan(distance), jnp.inf, distance)
+        size = jnp.where(jnp.isnan(known), MIN_SIZE + jnp.abs(comparable(gait)), known[None, :])
+        missing = jnp.all(jnp.isnan(gait), axis=1)  # crossings that the gait has not
+        moved = jnp.abs(change(model, comparable(now)[None, :] - comparable(gait)))
+        return jnp.where(missing, jnp.inf, jnp.max(moved / size, axis=1))
 
     def readings(self, rows: RowOutcome) -> Readings:
         left = rows.numbers["before"]

@@ -16,6 +16,7 @@ from gaitsweep.engine.recorders.bounds import (
     TOLERANCE,
     bounds,
     change,
+    comparable,
     first_span,
     slowest,
     widened,
@@ -94,8 +95,10 @@ class StepRecorder(Recorder):
         widest = jnp.where(crossed, widened(span, self.model, last), span)
         next_window = jnp.where(_slot(cycles) & crossed, last, window)
         # crossings that a stair has not had yet are NaN, which is near no number
-        moved = jnp.abs(change(self.model, last[None, :] - window))
-        bound = bounds(self.model, self.tolerance, window, span)[None, :]
+        missing = jnp.all(jnp.isnan(window), axis=1)[:, None]
+        moved = jnp.abs(change(self.model, comparable(last)[None, :] - comparable(window)))
+        moved = jnp.where(missing, jnp.nan, moved)
+        bound = bounds(self.model, self.tolerance, comparable(window), span)[None, :]
         settled = jnp.all(moved < bound)
         head = (record.samples, cycles, carry.t, settled, jnp.where(settled, -1, slowest(moved / bound)))
         sample = jnp.concatenate([jnp.stack([x.astype(last.dtype) for x in head]), last])

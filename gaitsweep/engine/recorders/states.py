@@ -78,6 +78,9 @@ class StateRecorder(Recorder):
         leaves = [jnp.ravel(leaf).astype(sample.dtype) for leaf in jax.tree.leaves(carry.state)]
         return jnp.concatenate([sample, *leaves])
 
+    def progress(self, rows: RunningRows, typical: float) -> Float[np.ndarray, " rows"]:
+        return self.base.progress(rows, typical)
+
     def readings(self, rows: RowOutcome) -> Readings | None:
         return None
 

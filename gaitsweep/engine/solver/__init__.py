@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 
 from gaitsweep.contract import FixedStepDynamics, HybridModel, Model
+from gaitsweep.dynamics.ground import is_uneven
 from gaitsweep.engine.solver.exponential import PROPAGATOR, PROPAGATOR6, exponential
 from gaitsweep.engine.solver.method import Method, Step, euler_update
 from gaitsweep.engine.solver.runge_kutta import rk4, tsit5
@@ -101,6 +102,11 @@ def derivative_refusal(name: str, model: Model) -> str | None:
     Raises:
         ArgumentError: the method needs a flow, but the model has only steps.
     """
+    if is_uneven(model.original):
+        return (
+            "the ground differs from place to place, so no step repeats another. Use even ground, or runs of "
+            "kind fixed_time and return_map."
+        )
     steps = fixed_step_scheme(name, model)
     if steps is None or steps.is_return_map:
         return None
