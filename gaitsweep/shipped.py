@@ -57,7 +57,9 @@ def shipped_as(file: Path, similar: Callable[[str, list[str]], str | None]) -> s
             where it is only similar.
         similar: the most similar name of a list, or None.
     """
-    owners = {job.stem: _owner(folder) for folder in reversed(job_folders()) for job in folder.glob("*.yaml")}
+    owners: dict[str, str] = {}
+    for folder in reversed(job_folders()):  # of a name in two folders, the first one's
+        owners |= dict.fromkeys((job.stem for job in folder.glob("*.yaml")), _owner(folder))
     name = similar(file.stem, sorted(owners)) if file.parent in job_folders() else file.stem
     return f"{BUILTIN}{name}, which comes with {owners[name]}" if name in owners else None
 
