@@ -202,7 +202,7 @@ def test_a_body_at_rest_is_as_deep_as_in_mujoco(friction: int) -> None:
 
 @pytest.mark.slow
 def test_a_body_at_rest_on_a_limit_is_where_it_is_in_mujoco() -> None:
-    """A slide on the lower limit of its range, 1 cm before it by the margin; the spring is MuJoCo's deep one."""
+    """A slide on the lower limit of its range, 1 cm before it by the margin; its spring is the deep one."""
     xml = """<mujoco><option timestep="0.0005"/><worldbody><body pos="0 0 1">
       <joint name="z" type="slide" axis="0 0 1" range="-.1 1" limited="true" margin=".01"/>
       <geom name="ball" type="sphere" size=".1" mass="2"/></body></worldbody></mujoco>"""
