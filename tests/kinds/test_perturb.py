@@ -337,7 +337,7 @@ def test_the_least_fatal_push_is_found_around_the_cycle_and_marked() -> None:
     columns = {"push_x": x, "push_y": y, "push_phase": phase, "recovery": pd.Categorical(recovery)}
     table = pd.DataFrame({"row": np.arange(x.size), **columns, "status": "settled"})
     unit = {"unit": "rad/s", "circular": False, "symbol": ""}
-    table.attrs["quantities"] = {name: unit for name in ("push_x", "push_y")}
+    table.attrs["quantities"] = dict.fromkeys(("push_x", "push_y"), unit)
     least = gs.analyses.least_fatal_push(table, ["push_x", "push_y"], "push_phase")
     # the centre is at 0.1, so the nearest border is at 0.4 and 0.9 on the other side, within a cell of 0.1
     assert (least["push_x"].to_numpy() < 0.0).all()
