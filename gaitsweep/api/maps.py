@@ -187,8 +187,10 @@ class FixedPointsOfModel(abc.ABC):
             )
         values = {name: value for name, value in self._values.items() if name != parameter}
         tables = []
-        for direction in (1, -1) if towards is None else (towards,):
-            if np.all(begin == (high if direction > 0 else low)) and towards is None:
+        directions = (1, -1) if towards is None else (towards,)
+        for direction in directions:
+            end = high if direction > 0 else low
+            if towards is None and np.all(begin == end):
                 continue
             branches = continuation(
                 mapping,
@@ -235,6 +237,7 @@ class FixedPointsOfModel(abc.ABC):
 
     @cached_property
     def _start(self) -> Points:
+        """The points of the map's own start values."""
         return self._settled({}, 0)
 
     @abc.abstractmethod

@@ -34,7 +34,7 @@ from gaitsweep.dynamics.footfalls import Footfalls
 from gaitsweep.dynamics.ground import Ground, asks_for_ground, check_ground, ground_quantities
 from gaitsweep.expression import RESERVED
 from gaitsweep.near_miss import suggestion
-from gaitsweep.run_columns import COLUMNS
+from gaitsweep.run_columns import COLUMNS, time_column
 from gaitsweep.skeleton import LimbLook
 
 Values = Mapping[str, jax.Array]
@@ -233,9 +233,13 @@ class Declared(Model):
             if settable.count(name) > 1:
                 yield f"that declares {name} twice: rename one of them."
         # a table has the signals, or the observables with an end, and those alone along a branch
-        columns = {q.name: (q.name, COLUMNS) for q in (*parameters, *starts)}
+        singles = [single for event in cls.declared_events() for single in event.singles(model)]  # pyright: ignore[reportArgumentType]
+        run_columns = {*COLUMNS, *(time_column(single.name) for single in singles)}
+        columns = {q.name: (q.name, run_columns) for q in (*parameters, *starts)}
         columns |= {q.name: (q.name, OF_TRACES) for q in signals}
-        columns |= {f"{q.name}{end}": (q.name, COLUMNS) for q in observables for end in ("", "_end", "_n")}
+        columns |= {
+            f"{q.name}{end}": (q.name, run_columns) for q in observables for end in ("", "_end", "_n")
+        }
         for column, (name, others) in columns.items():
             if column in others or (column in settable and column != name):
                 remedy = f'write {name}_, or another name with symbol="{name}"'
@@ -266,7 +270,7 @@ class Declared(Model):
     @property
     def parameters(self) -> tuple[Quantity, ...]:
         declared = (
-            q for name, parameter in self._named(Parameter).items() for q in parameter.quantities(self, name)
+            q for name, parameter in self._named(Parameter).items() for q in parameter.parameters(self, name)
         )
         ground = self._ground()
         noise = () if self._diffusion() is None else (SEED,)

@@ -149,7 +149,11 @@ def compare_stored(
             rests[run.moved] = records[run.moved]
         begun = comparison.observed_at_starts(np.unique(records["row"].to_numpy(np.int64)))
         check.unstable = unstable_rests(
-            context, rests, begun, lambda rows, recorder: comparison.repeated(recorder, [(rows, 1.0, 0.0)])[0]
+            context,
+            rests,
+            begun,
+            lambda rows, recorder: comparison.repeated(recorder, [(rows, 1.0, 0.0)])[0],
+            comparison.on_following,
         ).size
 
 
@@ -171,6 +175,11 @@ class _Comparison:
 
     context: RunContext
     on_progress: Callable[[SweepProgress], None] | None
+
+    def on_following(self, share: float) -> None:
+        """Report the share of displaced states that has been followed."""
+        if self.on_progress is not None:
+            self.on_progress(SweepProgress(0, 0, share, 0, 0.0, "the following of displaced states"))
 
     def repeated(self, recorder: Recorder, lanes: list[tuple[Rows, float, float]]) -> list[RowOutcome]:
         """Return the results of rerun rows for each item of `lanes`.
