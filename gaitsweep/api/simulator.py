@@ -106,7 +106,7 @@ def simulator(
         ... }
         >>> hops = gs.simulator(job, ["omega", "restitution"], ["launch_end"])
         >>> hops([[12.0, 0.7], [12.5, 0.7]]).round(2).tolist()
-        [[2.57], [2.47]]
+        [[5.14], [4.93]]
     """
     if isinstance(job, str | Path):
         job = load_job(job)

@@ -34,8 +34,8 @@ class DeclaredModel(Declared, HybridModel):
     1. A model gives `flow` and `period`, and declares a `parameter`, a `variable` and an `event` that closes
        its cycles (`section=True`). Fields of its structure need `@dataclasses.dataclass(frozen=True)`;
        without such fields no decorator is needed.
-    2. It may give further declarations (`mode`, `observable`, `signal`, `energy`) and optional members:
-       `source`, `gaits` with `label`, `failed`, `section_coordinates` with `complete`, and those of
+    2. It may give further declarations (`mode`, `observable`, `signal`, `energy`, `diffusion`) and optional
+       members: `source`, `gaits` with `label`, `failed`, `section_coordinates` with `complete`, and those of
        `HybridModel`.
     3. The engine alone calls the members that are built from the declarations: `parameters`, `params`,
        `init`, `guards`, `jump`, `section`, `observe`, ... A model may define them instead.

@@ -190,10 +190,29 @@ def _stiff(model: HybridModel, values: Values) -> list[str]:
 def _run(kind: type[Model], values: Values, run: Settle | Trace) -> pd.DataFrame:
     """Run rows with these values in memory, without a self-check."""
     varied = {name: column.tolist() for name, column in values.items() if np.ptp(column) > 0.0}
-    job = Job(name="trial", model=models.name_of(kind), vary={"zip": varied}, run=run, verify=0)
+    job = Job(
+        name="trial",
+        model=models.name_of(kind),
+        vary={"zip": varied},
+        run=run,
+        verify=0,
+        numerics=_numerics(kind(), values),
+    )
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # the trial reports the remarks of its run itself
         return table_in_memory(job)
+
+
+def _numerics(model: Model, values: Values) -> dict[str, float]:
+    """The step of a flow with noise, which only a job gives: a hundredth of the shortest period tried."""
+    scheme = model.fixed_step_scheme() if isinstance(model, HybridModel) else None
+    if scheme is None or not scheme.stochastic:
+        return {}
+    names = {quantity.name for quantity in model.parameters}
+    periods = jax.vmap(lambda row: jnp.asarray(model.period(model.params(row)), float))(
+        {name: jnp.asarray(column) for name, column in values.items() if name in names}
+    )
+    return {"dt": 0.01 * float(jnp.min(periods))}
 
 
 def _energies(model: HybridModel, kind: type[Model], values: Values) -> list[str]:

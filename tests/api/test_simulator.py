@@ -20,16 +20,16 @@ class Measured(gs.DeclaredModel):
     seed = gs.parameter("1", "seed of the error", 0.0, whole=True)
     x = gs.variable("m", "measured place", 0.0)
 
-    def complete(self, p, s):
+    def complete(self, p: Any, s: Any) -> Any:
         return s.replace(x=p.place + gs.normal(p.seed, 0))
 
-    def flow(self, p, s):
+    def flow(self, p: Any, s: Any) -> dict[str, Any]:
         return {"x": 0.0}
 
-    def failed(self, p, s):
+    def failed(self, p: Any, s: Any) -> Any:
         return p.place > 2.5
 
-    def period(self, p):
+    def period(self, p: Any) -> Any:
         return 1.0 + 0.0 * p.place
 
 

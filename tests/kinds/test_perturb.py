@@ -340,13 +340,18 @@ def test_the_least_fatal_push_is_found_around_the_cycle_and_marked() -> None:
     table.attrs["quantities"] = dict.fromkeys(("push_x", "push_y"), unit)
     least = gs.analyses.least_fatal_push(table, ["push_x", "push_y"], "push_phase")
     # the centre is at 0.1, so the nearest border is at 0.4 and 0.9 on the other side, within a cell of 0.1
-    assert (least["push_x"] < 0.0).all()
-    beyond = least["size"] - [0.4, 0.9]
+    assert (least["push_x"].to_numpy() < 0.0).all()
+    beyond = least["size"].to_numpy() - [0.4, 0.9]
     assert ((beyond > -1e-12) & (beyond < 0.1 * np.sqrt(2.0))).all()
     np.testing.assert_allclose(least["size"], np.hypot(least["push_x"], least["push_y"]), atol=1e-12)
     assert least["recovery"].tolist() == ["fell", "fell"]
     figure = gs.plot.recovery(table, x="push_x", y="push_y", panels="push_phase")
-    stars = [line.get_xydata()[0] for axes in figure.axes for line in axes.lines if line.get_marker() == "*"]
+    stars = [
+        np.asarray(line.get_xydata())[0]
+        for axes in figure.axes
+        for line in axes.lines
+        if line.get_marker() == "*"
+    ]
     np.testing.assert_allclose(stars, least[["push_x", "push_y"]])
     table.attrs["quantities"]["push_y"] = {**unit, "unit": "m/s"}
     with pytest.raises(gs.analyses.AnalysisError, match="one unit"):

@@ -43,14 +43,14 @@ class Oscillators(StrictModel, abc.ABC):
     """Oscillators, one for each leg: a kind of a model file."""
 
     @property
+    @abc.abstractmethod
     def feels_loads(self) -> bool:
         """Whether the rates depend on the loads of the feet."""
-        return False
 
     @property
+    @abc.abstractmethod
     def resets(self) -> bool:
         """Whether a foot that lands resets its oscillator."""
-        return False
 
     @abc.abstractmethod
     def declarations(self, legs: Sequence[str]) -> dict[str, Any]:
@@ -74,13 +74,13 @@ class Oscillators(StrictModel, abc.ABC):
     def period(self, params: Any) -> Float[Array, ""]:
         """The period (s) without feedback."""
 
+    @abc.abstractmethod
     def wrapped(self, state: Any) -> Any:
         """The state just after the section."""
-        return state
 
+    @abc.abstractmethod
     def landed(self, params: Any, state: Any, leg: int) -> Any:
         """The state after the foot of a leg has landed, if `resets`."""
-        return state
 
 
 def _deltas(legs: Sequence[str], params: Any) -> Float[Array, " legs"]:
@@ -232,6 +232,9 @@ class HopfOscillators(_Rhythm):
         # y rises through zero where the leg is ahead, and falls where it is back
         return state.hopf_y[0]
 
+    def wrapped(self, state: Any) -> Any:
+        return state
+
     def landed(self, params: Any, state: Any, leg: int) -> Any:
         x, y = state.hopf_x[leg], state.hopf_y[leg]
         radius = jnp.sqrt(x * x + y * y)
@@ -269,6 +272,10 @@ class MatsuokaOscillators(Oscillators):
     @property
     def feels_loads(self) -> bool:
         return self.load is not None
+
+    @property
+    def resets(self) -> bool:
+        return False
 
     def declarations(self, legs: Sequence[str]) -> dict[str, Any]:
         n = len(legs)
@@ -327,6 +334,12 @@ class MatsuokaOscillators(Oscillators):
     def turned(self, state: Any) -> Float[Array, ""]:
         # the extensor takes over from the flexor
         return state.u[0] - state.u[state.u.shape[0] // 2]
+
+    def wrapped(self, state: Any) -> Any:
+        return state
+
+    def landed(self, params: Any, state: Any, leg: int) -> Any:
+        return state
 
     def period(self, params: Any) -> Float[Array, ""]:
         # the frequency of two half-centres on their limit cycle (Matsuoka 2011, Biol. Cybern. 104:297)

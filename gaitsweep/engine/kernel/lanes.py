@@ -193,7 +193,8 @@ class CpuLanes(KernelLanes):
         slots = self._slots.transpose(1, 0, 2)
 
         def read(successive: slice) -> Real[np.ndarray, "slots lanes"]:
-            count = successive.stop - successive.start  # 0 where a model has no guards
+            # the count of lanes is given, since a model without events has leaves without slots
+            count = successive.stop - successive.start
             return slots[successive].reshape(count, tiles * TILE)[:, : self.size]
 
         output = self.output(read)

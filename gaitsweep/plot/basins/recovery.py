@@ -14,7 +14,7 @@ from gaitsweep.engine.pushed_model import PREFIX
 from gaitsweep.plot.arguments import Horizontal, Panels, Title, Vertical
 from gaitsweep.plot.basins.basin import basin
 from gaitsweep.plot.basins.cells import check_cells
-from gaitsweep.plot.columns import require_columns, unit_of
+from gaitsweep.plot.columns import require_columns, rows_where, unit_of
 from gaitsweep.plot.kind import figure_kind
 from gaitsweep.schema.numbers import Flag
 
@@ -65,7 +65,7 @@ def _mark_least(figure: Figure, table: pd.DataFrame, x: str, y: str, panels: str
     least = least_fatal_push(table, [x, y], panels or ())
     values = sorted(table[panels].dropna().unique()) if panels else [None]
     for axes, value in zip(figure.axes, values, strict=False):
-        own = least if value is None else least[least[panels].to_numpy() == value]
+        own = least if value is None else rows_where(least, least[panels] == value)
         for across, up in own[[x, y]].to_numpy(float):
             axes.plot([0.0, across], [0.0, up], color="black", lw=0.8, zorder=4)
             look: dict[str, Any] = {"marker": "*", "color": "white", "mec": "black", "ms": 9.0, "zorder": 5}
