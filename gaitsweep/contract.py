@@ -51,7 +51,9 @@ class ResultCode(enum.IntEnum):
 
     def __new__(cls, number: int, sentence: str, verdict: Verdict = Verdict.undecided) -> Self:
         code = int.__new__(cls, number)
-        code._value_, code.sentence, code.verdict = number, sentence, verdict
+        code._value_ = number
+        code.sentence = sentence
+        code.verdict = verdict
         return code
 
 
@@ -168,7 +170,8 @@ class Quantity:
     `circular` marks an angle in rad of period 2 pi. `symbol` is the paper's, in TeX, for the axes of figures.
     `scale` (in `unit`, above 0) is the reference size of an observable in the test of convergence of a run of
     kind settle, and in the self-check; an infinite one leaves it out of both. None: the range of its values
-    over the crossings of the row so far. Circular angles are compared in rad.
+    over the crossings of the row so far. Circular angles are compared in rad. `may_be_nan` marks one that has
+    no value in some states, as the lag of a foot that stands.
     """
 
     name: str
@@ -183,6 +186,7 @@ class Quantity:
     source: str = ""
     scale: float | None = None
     whole: bool = False
+    may_be_nan: bool = False
 
     @classmethod
     def positive(
@@ -213,6 +217,7 @@ RENAMED_OF_CHARTS = {
 
 
 def _refuse_old_names(cls: type, renamed: Mapping[str, str]) -> None:
+    """Refuse a class that defines a member by its old name, which the engine would not call."""
     for old, new in renamed.items():
         # a field of the structure may have any name
         if old in vars(cls) and old not in vars(cls).get("__annotations__", {}):
@@ -272,10 +277,15 @@ class Jumps(abc.ABC):
 
     @abc.abstractmethod
     def jump(self, params: Params, state: State, fired: Bool[Array, " events"], /) -> State:
-        """The state after the events `fired` (a bool for each event); only a jump changes the modes.
+        """The state after some events; only a jump changes the modes.
 
         Events that are located in time jump one at a time, in the order of the guards; after each jump the
         guards are looked at again. Events of a scheme of steps jump together.
+
+        Args:
+            params: the parameters.
+            state: the state before the jump.
+            fired: a bool for each event.
         """
 
     @abc.abstractmethod
@@ -480,6 +490,9 @@ class FixedStepDynamics(Jumps):
 
     # whether every step ends on the section: the step is the return map, has its derivative and no error
     is_return_map: ClassVar[bool] = False
+    # whether steps draw random numbers: `step` then has a fourth argument, the factor on the step's length
+    # (1, or 1/2 in the self-check, along the same path of noise)
+    stochastic: ClassVar[bool] = False
 
     @abc.abstractmethod
     def step(self, params: Params, state: State, dt: Float[Array, ""], /) -> State:

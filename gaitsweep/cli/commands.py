@@ -71,6 +71,10 @@ def plot(
     panel_letters: Annotated[
         bool, typer.Option("--panel-letters", help="Write a, b, c, ... above panels.")
     ] = False,
+    hatches: Annotated[
+        bool | None,
+        typer.Option("--hatches/--no-hatches", help="Hatch areas of gaits, for grey print (default)."),
+    ] = None,
     no_marks: Annotated[
         bool, typer.Option("--no-marks", help="Omit the remark on an incomplete or doubtful table.")
     ] = False,
@@ -92,6 +96,7 @@ def plot(
         dpi=dpi,
         colours=dict(map(_named_colour, colours)) or None,
         panel_letters=panel_letters or None,
+        hatches=hatches,
         marks=False if no_marks else None,
     )
     job = Snapshot.of(directory).job

@@ -82,7 +82,10 @@ def known_examples() -> list[Example]:
 
 def _with_its_files(job: Path) -> tuple[Path, ...]:
     """The model of an example's job, its MJCF file if it has one, and the job."""
-    files = (job.with_suffix(suffix) for suffix in (".py", ".xml", ".yaml"))
+    files = [job.with_suffix(suffix) for suffix in (".py", ".xml", ".yaml")]
+    if of_file := re.search(r"^model: *(walkers/\w+\.yaml)", job.read_text(encoding="utf-8"), re.MULTILINE):
+        model_file = job.parent / of_file[1]
+        files += [model_file.with_suffix(".xml"), model_file]
     return tuple(file for file in files if file.is_file())
 
 

@@ -1,7 +1,7 @@
 """Running of commands; every user error becomes a sentence and an exit code.
 
 0: success; 1 (`EXIT_FAILURE`): a failure while running, such as a full disk; 2 (`EXIT_REFUSED`): the user's
-input was refused; 3 (`EXIT_DOUBTFUL`): with `--strict`, a self-check warned or a claim was not reproduced;
+input was refused; 3 (`EXIT_STRICT`): with `--strict`, a self-check warned or a claim was not reproduced;
 130: Ctrl-C; 143: SIGTERM.
 """
 

@@ -144,14 +144,15 @@ def check_model(
         raise ArgumentError(
             f"{name} has no MJCF: --against-c applies only to models that derive from MjcfModel."
         )
+    print_message("Evaluating the model's functions over the ranges of its parameters and starts.")
     _refuse_faults(name, faults(kind))
     from gaitsweep.runs.trial import trial  # of a model without faults
 
-    tried = trial(kind)
+    tried = trial(kind, print_message)
     model = kind()
     _refuse_faults(name, tried.faults)
     print(f"{name}: valid, {show.extent_of(model)}")
-    for remark in tried.remarks:
+    for remark in dict.fromkeys(tried.remarks):
         print(remark)
     if against_c:
         assert isinstance(model, MjcfModel)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from gaitsweep.cli.options import Open, print_links, print_message
-from gaitsweep.errors import EXIT_DOUBTFUL, EXIT_FAILURE
+from gaitsweep.errors import EXIT_FAILURE, EXIT_STRICT
 
 if TYPE_CHECKING:
     from gaitsweep.claims.reproduce import Reproduction
@@ -36,7 +36,7 @@ def reproduce(
         typer.Option("--out", metavar="DIR", help="Output directory; by default results/reproduce_PAPER."),
     ] = None,
     strict: Annotated[
-        bool, typer.Option("--strict", help=f"Exit with code {EXIT_DOUBTFUL} if a claim is not reproduced.")
+        bool, typer.Option("--strict", help=f"Exit with code {EXIT_STRICT} if a claim is not reproduced.")
     ] = False,
     open_it: Open = False,
 ) -> None:
@@ -62,7 +62,7 @@ def reproduce(
     if judged.failed:
         raise typer.Exit(EXIT_FAILURE)
     if strict and judged.counts[ClaimVerdict.not_reproduced.value]:
-        raise typer.Exit(EXIT_DOUBTFUL)
+        raise typer.Exit(EXIT_STRICT)
 
 
 def _print_verdicts(judged: Reproduction) -> None:

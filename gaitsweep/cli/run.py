@@ -15,7 +15,7 @@ import typer
 
 from gaitsweep.cli import stored_output
 from gaitsweep.cli.options import DryRun, Open, Out, Settings, Trust, print_links, print_message
-from gaitsweep.errors import EXIT_DOUBTFUL
+from gaitsweep.errors import EXIT_STRICT
 from gaitsweep.shipped import config_file
 from gaitsweep.shipped import job_file as shipped_or_own
 
@@ -39,7 +39,7 @@ Engine = Annotated[
     typer.Option("--engine", metavar="NAME", help="auto, xla or kernel; by default the job's."),
 ]
 Strict = Annotated[
-    bool, typer.Option("--strict", help=f"Exit with code {EXIT_DOUBTFUL} if the self-check warns.")
+    bool, typer.Option("--strict", help=f"Exit with code {EXIT_STRICT} if the self-check warns.")
 ]
 RowRange = Annotated[
     str | None,
@@ -174,7 +174,7 @@ def atlas(
         bool,
         typer.Option(
             "--more",
-            help="Search with twice the starts and follow one bifurcation more than the atlas in DIR did.",
+            help="Continue the atlas in DIR: twice the starts, and one bifurcation more.",
         ),
     ] = False,
     trust: Trust = False,
@@ -199,7 +199,7 @@ def atlas(
         return
     if settings:
         raise typer.BadParameter("--set is for a job: --more takes the job of the result directory as it is.")
-    job = wider_job(load(target).attrs, trust)
+    job = wider_job(load(target), trust=trust)
     out = out or target.with_name(f"{target.name}_more")
     with running(job.name, out, cluster=None) as (on_progress, _):
         path = run_job(job, out, on_progress=on_progress, on_message=print_message)

@@ -86,7 +86,19 @@ class CountedQuantity(Counted):
 
 @dataclasses.dataclass(frozen=True)
 class Parameter(CountedQuantity):
-    """A declared parameter; see `parameter`."""
+    """A declared parameter; see `parameter`. `defaults` are those of its components, if they differ."""
+
+    defaults: tuple[Start, ...] | None = None
+
+    def parameters(self, model: Model, name: str) -> tuple[Quantity, ...]:
+        """The quantities of its components, with their defaults."""
+        quantities = self.quantities(model, name)
+        if self.defaults is None:
+            return quantities
+        if len(self.defaults) != len(quantities):
+            raise ValueError(f"{name} has {len(self.defaults)} defaults, but {len(quantities)} numbers")
+        pairs = zip(quantities, self.defaults, strict=True)
+        return tuple(dataclasses.replace(quantity, default=default) for quantity, default in pairs)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -367,7 +379,7 @@ def _quantity(unit: str, meaning: str, *others: Any, **more: Any) -> Quantity:
 def parameter(
     unit: str,
     meaning: str,
-    default: Start | None = None,
+    default: Start | Sequence[Start] | None = None,
     *,
     count: int | str | None = None,
     low: float = -float("inf"),
@@ -383,7 +395,7 @@ def parameter(
     Args:
         unit, meaning: as jobs, tables and figures show them.
         default: a number, an expression over other parameters ("2*sqrt(kappa)"), or None where a job has to
-            give it.
+            give it; with `count` also a sequence of these, one for each.
         count: how many there are (`NAME_1`, `NAME_2`, ... in a job, an array (count,) in `params`): a number,
             or the name of a field of the model's structure. None: one scalar.
         low, high, open_ends, circular, symbol, source, whole: as of `Quantity`. A name that ends with an
@@ -393,7 +405,7 @@ def parameter(
     Example:
         >>> import gaitsweep as gs
         >>> class Relaxation(gs.DeclaredModel):
-        ...     k = gs.parameter("1/s", "rate of relaxation", 20.0, count=2, low=0.0)
+        ...     k = gs.parameter("1/s", "rate of relaxation", (20.0, 21.0), count=2, low=0.0)
         ...     x = gs.variable("1", "distance from rest", (0.1, 0.2), count=2)
         ...
         ...     def flow(self, p, s):
@@ -401,11 +413,13 @@ def parameter(
         ...
         ...     def period(self, p):
         ...         return 1.0
-        >>> [quantity.name for quantity in Relaxation().parameters]
-        ['k_1', 'k_2']
+        >>> [(quantity.name, quantity.default) for quantity in Relaxation().parameters]
+        [('k_1', 20.0), ('k_2', 21.0)]
     """
-    quantity = _quantity(unit, meaning, default, low, high, open_ends, circular, symbol, source, whole=whole)
-    return Parameter(count, quantity)
+    several = None if default is None or isinstance(default, (int, float, str)) else tuple(default)
+    first = default if several is None else several[0]
+    quantity = _quantity(unit, meaning, first, low, high, open_ends, circular, symbol, source, whole=whole)
+    return Parameter(count, quantity, several)
 
 
 def variable(

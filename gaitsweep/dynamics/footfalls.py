@@ -36,6 +36,9 @@ GAITS = {
 # within a tenth. Lags of six legs, whose gaits are a sixth apart, are within a twelfth.
 _TOGETHER, _ALTERNATE, _SIXTH = 1.0 / 16.0, 0.1, 1.0 / 12.0
 
+# Strides after a touchdown within which a foot that steps lands again.
+LATE = 1.5
+
 Legs = Mapping[str, Any]
 
 
@@ -211,17 +214,23 @@ class Footfalls:
     def observables(self) -> tuple[Quantity, ...]:
         """Quantities that are read at crossings."""
         legs, first = list(enumerate(self.legs, 1)), self.legs[0]
-        strides = [Quantity(f"stride_{i}", "s", f"time between touchdowns of {leg}") for i, leg in legs]
-        lags = [
-            Quantity(f"lag_{i}", "rad", f"touchdown of {leg} after that of {first}", circular=True)
-            for i, leg in legs[1:]
-        ]
-        duty = [Quantity(f"duty_{i}", "1", f"duty factor of {leg}", scale=1.0) for i, leg in legs]
+        strides = [("stride", i, "s", f"time between touchdowns of {leg}") for i, leg in legs]
+        lags = [("lag", i, "rad", f"touchdown of {leg} after that of {first}") for i, leg in legs[1:]]
+        duty = [("duty", i, "1", f"duty factor of {leg}") for i, leg in legs]
         support = [
-            Quantity(f"support_{k}", "1", f"share of the stride with {k} feet down", scale=1.0)
-            for k in range(len(legs) + 1)
+            ("support", k, "1", f"share of the stride with {k} feet down") for k in range(len(legs) + 1)
         ]
-        return (*strides, *lags, *duty, *support)
+        return tuple(
+            Quantity(
+                f"{name}_{i}",
+                unit,
+                f"{meaning}; NaN without steps",
+                circular=unit == "rad",
+                scale=1.0 if unit == "1" else None,
+                may_be_nan=True,
+            )
+            for name, i, unit, meaning in (*strides, *lags, *duty, *support)
+        )
 
     @property
     def signals(self) -> tuple[Quantity, ...]:
@@ -279,16 +288,15 @@ class Footfalls:
         )
 
     def observed(self, model: Model, params: Any, state: Any, steps: Steps) -> dict[str, Float[Array, ""]]:
-        """The observables by name; lags and strides are 0 before two touchdowns."""
-        stride = steps.strides[0]
-        divisor = jnp.where(stride > 0.0, stride, 1.0)
-        lag = jnp.where(stride > 0.0, (steps.landed - steps.landed[0]) / divisor, 0.0)
-        lag = 2.0 * jnp.pi * (lag - jnp.floor(lag))
+        """The observables by name; NaN for a foot that has not landed twice, or has stopped stepping."""
         # a foot that has not landed for longer stands still, or is held up
-        steps_on = (steps.strides > 0.0) & (getattr(state, self.clock) - steps.landed <= 1.5 * stride)
-        share = steps.stances / jnp.where(steps.strides > 0.0, steps.strides, 1.0)
-        duty = jnp.where(steps_on, share, self.down(model, params, state).astype(float))
-        values = [*steps.strides, *lag[1:], *duty, *steps.support]
+        since = getattr(state, self.clock) - steps.landed
+        steps_on = (steps.strides > 0.0) & (since <= LATE * steps.strides)
+        stride = jnp.where(steps_on, steps.strides, jnp.nan)
+        lag = (steps.landed - steps.landed[0]) / stride[0]
+        lag = jnp.where(steps_on, 2.0 * jnp.pi * (lag - jnp.floor(lag)), jnp.nan)
+        support = jnp.where(steps_on[0], steps.support, jnp.nan)
+        values = [*stride, *lag[1:], *(steps.stances / stride), *support]
         return dict(zip([q.name for q in self.observables], values, strict=True))
 
     def gait(self, at: Mapping[str, Any]) -> Int[Array, ""]:
@@ -310,7 +318,8 @@ def footfalls(clock: str, *, legs: Sequence[str]) -> Callable[[Callable[..., Any
     The model then has the signals `contact_1`, ..., the observables `stride_1`, ... (s), `lag_2`, ... (rad,
     the touchdown after the first leg's), `duty_1`, ... and `support_0`, ... (shares of the first leg's stride
     with so many feet down), of the last steps, and the names of their gaits: `gaits` and `label` may be left
-    out.
+    out. They are NaN for a foot that has not made two touchdowns, or that has stood or been held up for 1.5
+    of its strides; such a row has no gait.
 
     Args:
         clock: the variable of the model, in s, whose rate is 1; a jump may set it back.

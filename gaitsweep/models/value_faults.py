@@ -177,7 +177,7 @@ def _value_faults(model: Model) -> Iterator[str]:
         yield "but its function failed returns True for its default start."
     if default.guards is not None:
         yield from _non_finite_faults("guards", default.guards, lambda row: written(known, row))
-    yield from _start_faults(default, lambda row: written(known, row))
+    yield from _start_faults(model, default, lambda row: written(known, row))
     yield from _range_faults(model, begun, points, lambda row: written(known, row))
 
 
@@ -193,7 +193,7 @@ def faults_of_rows(model: Model, values: Columns, starts: Columns, where: Where)
     """
     points = dict(model.on_host(values)), dict(starts)
     at_starts = _at_starts_of(model)(*points)
-    sentences = [*_start_faults(at_starts, where), *_range_faults(model, at_starts, points, where)]
+    sentences = [*_start_faults(model, at_starts, where), *_range_faults(model, at_starts, points, where)]
     if np.all(at_starts.fallen):
         sentences.append(f"but its function failed returns True{where(0)} and at all other starts tried.")
     has_guards = True if at_starts.guards is None else ~np.any(np.isnan(at_starts.guards), axis=1)
@@ -206,11 +206,12 @@ def faults_of_rows(model: Model, values: Columns, starts: Columns, where: Where)
     return sentences
 
 
-def _start_faults(at_starts: _AtStarts, where: Where) -> Iterator[str]:
+def _start_faults(model: Model, at_starts: _AtStarts, where: Where) -> Iterator[str]:
     """Faults of starts: numbers that are not finite, and changes although no event has fired."""
+    without_value = {quantity.name for quantity in model.observables if quantity.may_be_nan}
     numbers = {
         "init": at_starts.own_state,
-        "observe": at_starts.observed,
+        "observe": {k: values for k, values in at_starts.observed.items() if k not in without_value},
         "signal": at_starts.signals,
         "flow": at_starts.rates,
         "step": at_starts.stepped,

@@ -87,6 +87,13 @@ class FigureKind(FigureStyle):
         """Whether it can be drawn from the table of a run of this kind."""
         return kind_of(run) in cls.runs or kind_of(cls) in run.figures
 
+    @classmethod
+    def needs_are_met(cls, table: PlannedTable) -> bool:
+        """Whether a table has the columns that every figure of this kind needs, whatever its fields."""
+        required = {name: None for name, field in cls.model_fields.items() if field.is_required()}
+        refusals = cls.model_construct(**required).check(table)
+        return all(path != ("kind",) for path, _ in refusals)
+
     def columns(self) -> dict[str, str]:
         """The columns that it names, by field."""
         return {

@@ -6,6 +6,7 @@ from typing import Annotated, Any
 
 import numpy as np
 import pandas as pd
+from jaxtyping import Bool, Float
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
@@ -17,6 +18,8 @@ from gaitsweep.plot.columns import PlotError, described, require_columns, writte
 from gaitsweep.plot.kind import figure_kind
 
 _NAMED_LINES = 8
+# A jump is this large (a share of the period), and as many times larger than the changes beside it.
+LEAST_JUMP, STEEPER = 0.1, 4.0
 _DASHES: tuple[Any, ...] = ("-", (0, (4, 1.5)), (0, (1, 1)), (0, (5, 1, 1, 1)))
 
 
@@ -64,9 +67,8 @@ def phase_response(
             look["color"] = palette[number % 6] if few else colours[number]
             look["ls"] = _DASHES[number % 4] if few else "-"
             across, up = part[x].to_numpy(float), part[y].to_numpy(float)
-            # a shift of half a period ahead is one of half a period behind
-            wraps = (np.abs(np.diff(up)) > 0.5) & (y == "phase_shift")
-            axes.plot(*theme.interrupted(wraps, across, up), **look)
+            breaks = _jumps(up) & (y == "phase_shift")
+            axes.plot(*theme.interrupted(breaks, across, up), **look)
             handles.append(
                 Line2D([], [], label="" if value is None else written(table, str(hue), value), **look)
             )
@@ -78,3 +80,15 @@ def phase_response(
         elif hue:
             figure.colorbar(scale, ax=axes, label=described(table, str(hue), 30))
     return figure
+
+
+def _jumps(shift: Float[np.ndarray, " pushes"]) -> Bool[np.ndarray, " gaps"]:
+    """Whether a phase shift jumps between pushes that follow each other.
+
+    It does from half a period ahead to half a period behind, and where a gait of several alike crossings
+    returns to another of them: by a change that is far larger than those beside it.
+    """
+    change = np.abs(np.diff(shift))
+    beside = [np.r_[change[max(k - 3, 0) : k], change[k + 1 : k + 4]] for k in range(change.size)]
+    usual = np.array([np.nanmedian(few) if np.isfinite(few).any() else np.inf for few in beside])
+    return (change > 0.5) | ((change > LEAST_JUMP) & (change > STEEPER * usual))

@@ -60,6 +60,7 @@ _SIZES = {
 _RC: dict[str, Any] = {
     "legend.frameon": False,
     "axes.linewidth": 0.6,
+    "axes.formatter.useoffset": False,  # an offset beside an axis is easily overlooked
     "axes.spines.top": False,
     "axes.spines.right": False,
     "xtick.major.width": 0.6,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from typing import Any, Self
 
@@ -16,6 +17,7 @@ from gaitsweep.runs.progress import Progress
 from gaitsweep.runs.sampled_rows import rows_to_repeat
 from gaitsweep.runs.self_check import RerunRows, compare_stored, self_check
 from gaitsweep.runs.self_check_result import SelfCheck
+from gaitsweep.runs.sentences import SELF_CHECK_SECONDS
 from gaitsweep.table import Table
 
 
@@ -55,8 +57,12 @@ class ConcurrentSelfCheck:
             return self._known
         total = self._context.spec.n_rows
 
+        began = time.perf_counter()
+
         def on_sweep_progress(now: SweepProgress) -> None:
-            on_progress(total, total, 0.0, 1.0, f"self-check: {now.done} of {now.rows} rows")
+            doing = now.note or f"{now.rows} reruns of rows"
+            seconds = time.perf_counter() - began
+            on_progress(total, total, 0.0, 1.0, f"self-check for {seconds:.0f} s: {now.share:.0%} of {doing}")
 
         if self._begun is None:
             check, rerun = self_check(self._context, self._asked, on_sweep_progress)
@@ -68,7 +74,10 @@ class ConcurrentSelfCheck:
         if check is not None and rerun is not None:
             compare_stored(self._context, check, rerun, self._stored, on_sweep_progress)
         judged = {"rows": 0, "verdict": "off"} if check is None else check.judged()
-        self._table.update_manifest(self_check=judged)
+        timings = self._table.manifest.get("timings", {})
+        if check is not None:
+            timings = {**timings, SELF_CHECK_SECONDS: time.perf_counter() - began}
+        self._table.update_manifest(self_check=judged, timings=timings)
         return judged
 
     def _stored(self, rows: Int[np.ndarray, " rows"]) -> pd.DataFrame:

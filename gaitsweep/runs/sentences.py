@@ -107,12 +107,19 @@ def lengths_of_steps(dt: object) -> str:
     return f"{' to '.join(dict.fromkeys(spans))} s" if spans else ""
 
 
+# The time of a self-check after the rows, among the timings of a manifest.
+SELF_CHECK_SECONDS = "self_check_s"
 # Settings of a run by title: the entries of its manifest, each with its words.
 _SETTINGS = {
     "paper": {"source": "{}"},
     "integration": {"method": "{}", "dt": "steps of {}", "precision": "{}"},
     "computed by": {"engine": "engine {}", "device": "{}", "lanes": "{} trajectories at a time"},
-    "time": {"compile_s": "{:.3g} s to compile", "run_s": "{:.3g} s to run", "attempts": "{:.0f} steps"},
+    "time": {
+        "compile_s": "{:.3g} s to compile",
+        "run_s": "{:.3g} s to run",
+        SELF_CHECK_SECONDS: "{:.3g} s for the self-check",
+        "attempts": "{:.0f} steps",
+    },
     "machine": {"machine": "{}"},
     "program": {"gaitsweep": "gaitsweep {}", "git_commit": "commit {}", "created": "started {}"},
     "versions": {"versions": "{}"},

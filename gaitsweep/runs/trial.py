@@ -6,7 +6,7 @@ import contextlib
 import dataclasses
 import math
 import warnings
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import jax
@@ -49,18 +49,22 @@ class Trial:
     remarks: list[str]
 
 
-def trial(kind: type[Model]) -> Trial:
+def trial(kind: type[Model], on_message: Callable[[str], None] = lambda _: None) -> Trial:
     """Run some rows of a model for a few cycles, with starts and parameters over their ranges.
 
     Args:
         kind: the class, in which `value_faults.faults` finds none; its structure takes its defaults.
+        on_message: called with a sentence before each step that takes long.
     """
     model = kind()
     costly = model.host_parameters or not isinstance(model, HybridModel)
     parameters, starts = sample(model, ROWS // 8 if costly else ROWS)
     values = {**parameters, **starts}
+    rows = np.size(next(iter(values.values()), 0))
+    on_message(f"Compiling the model, and running {rows} rows for {CYCLES} cycles.")
     try:
         table = _run(_counting(model), values, Settle(max_cycles=CYCLES))
+        on_message("Measuring how fast its energies change and how stiff its flow is.")
         energies = _energies(model, kind, values) if isinstance(model, HybridModel) else []
     except UserError as error:
         return Trial([f"of which no row can be run: {error}"], [])

@@ -50,6 +50,7 @@ def unstable_rests(
     records: pd.DataFrame,
     begun: Float[np.ndarray, "rows observables"],
     rerun: Callable[[Int[np.ndarray, " rows"], StateRecorder], RowOutcome],
+    on_progress: Callable[[float], None] = lambda _: None,
 ) -> Int[np.ndarray, " unstable"]:
     """Find the rows that rest on an unstable gait.
 
@@ -60,6 +61,7 @@ def unstable_rests(
             parameter that moves.
         begun: the observables at the start of each row of the records, in the order of their numbers.
         rerun: reruns rows (n,) with the same steps and the given recorder.
+        on_progress: called with the share of the displaced states that is followed.
 
     Returns:
         The numbers of the rows. Rows whose rerun does not rest where they do are among them.
@@ -96,7 +98,7 @@ def unstable_rests(
     mapping = BatchedReturnMap(model, tuple(following.items()), numerics, context.spec.engine)
     at_section = not isinstance(recorder.base, StepRecorder)
     points = _points(mapping, values, states_of(samples[same], shape), at_section)
-    leaves = _leave(mapping, points, values, suspects, budget, smooth=not in_fixed_steps)
+    leaves = _leave(mapping, points, values, suspects, budget, on_progress, smooth=not in_fixed_steps)
     return rows[np.unique(np.concatenate([elsewhere["place"], suspects["place"][leaves]]))]
 
 
@@ -139,7 +141,8 @@ def _near(
     share: float,
 ) -> Bool[np.ndarray, " records"]:
     """Mask of records whose observables differ by less than a share of their magnitude, at least 1."""
-    return np.asarray(np.all(changes(model, one, other) < share * np.maximum(np.abs(one), 1.0), axis=1))
+    near = changes(model, one, other) < share * np.maximum(np.abs(one), 1.0)
+    return np.asarray(np.all(near | (np.isnan(one) & np.isnan(other)), axis=1))
 
 
 def _state_shape(
@@ -205,6 +208,8 @@ def _leave(
     values: Mapping[str, Float[np.ndarray, " points"]],
     suspects: pd.DataFrame,
     budget: int,
+    on_progress: Callable[[float], None],
+    *,
     smooth: bool,
 ) -> Bool[np.ndarray, " points"]:
     """Mask of the points (n,) where rows rest and that trajectories from some side leave.
@@ -215,6 +220,7 @@ def _leave(
         values: their parameters.
         suspects: their records.
         budget: crossings in which all points and their displaced copies are followed.
+        on_progress: called with the share that is followed.
         smooth: whether distances grow as under a smooth map, so that slow growth tells an unstable point.
     """
     n, period = len(points), int(np.max(suspects["period"].to_numpy(np.int64), initial=1))
@@ -229,6 +235,7 @@ def _leave(
     ended = np.zeros((DIRECTIONS, n), bool)
     distances = [mapping.distance(np.broadcast_to(points.at, displaced.shape), displaced)]
     while going.size and (number := len(distances)) <= FOLLOWED:
+        on_progress(number / FOLLOWED)
         budget -= going.size * copies
         if budget < 0 and number > SHORTEST:
             break

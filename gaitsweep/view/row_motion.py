@@ -119,7 +119,7 @@ def read_motion(
             f"{directory} contains {kind} rows, which have no motion: use a run of kind trace{explorer}."
         )
     part = _samples(table, directory, row)
-    job = stored_job(table.attrs, trust)
+    job = stored_job(table.attrs, trust=trust)
     design = job.design
     parameters, _ = design.values(row, row + 1)
     parameter_values = {name: float(value[0]) for name, value in parameters.items()}

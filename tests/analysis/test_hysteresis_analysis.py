@@ -11,6 +11,7 @@ import pytest
 from gaitsweep.analysis.records import AnalysisError
 from gaitsweep.analysis.transitions.hysteresis import (
     irregular_passes,
+    jump_intervals,
     jumps,
     largest_jumps,
     loop_area,
@@ -177,6 +178,19 @@ def test_jumps_of_observables_that_are_not_angles() -> None:
     result = jumps(table, "speed", "f", least=1.0)
     assert result["size"].tolist() == [6.0, -6.0]
     assert loop_area(table, "speed", "f")["area"].item() == pytest.approx(6.0 * 0.7, abs=1e-9)
+
+
+@pytest.mark.parametrize("scale", [1.0, 1e-3])
+def test_all_jumps_of_a_pass_are_found_whatever_their_unit(scale: float) -> None:
+    """Steps of 0.002 on the branches; jumps of 0.102 and 0.9, and of 0.04, which changes the gait."""
+    speed = np.round(np.linspace(1.0, 3.0, 21), 9)
+    rises = 0.02 * speed + 0.04 * (speed > 1.25) + 0.1 * (speed > 1.55) + 0.9 * (speed > 2.25)
+    gait = np.where(speed > 1.25, "trot", "walk")
+    table = pd.DataFrame({"row": 0, "pass": 0, "stair": range(21), "speed": speed, "gait": gait})
+    table["x_n"], table["settled"], table["status"] = scale * rises, True, "complete"
+    found = jump_intervals(table, "x", "speed")
+    assert found[["low", "high"]].to_numpy().tolist() == [[1.2, 1.3], [1.5, 1.6], [2.2, 2.3]]
+    assert jump_intervals(table.assign(gait="walk"), "x", "speed")["low"].tolist() == [1.5, 2.2]
 
 
 def test_missing_columns_are_refused() -> None:

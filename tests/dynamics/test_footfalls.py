@@ -174,6 +174,24 @@ def test_a_leg_that_does_not_step_once_a_stride_has_no_gait() -> None:
     assert names == ["walk", "none", "none", "none"]
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(("drag", "steps"), [(1.0, True), (0.0, False)])
+def test_a_foot_that_stands_has_no_steps_and_its_row_settles(drag: float, steps: bool) -> None:
+    """The right foot stands from the start, so that its last step would be one of no time."""
+
+    class Dragging(Biped):
+        drag = parameter("1", "rate of the right leg, as a share", 1.0)
+
+        def flow(self, p, s):
+            return {"phase": p.omega * jnp.stack([jnp.ones(()), p.drag]), "time": 1.0}
+
+    table = gs.sweep(Dragging(N=2), phase_2_0=[np.pi], drag=[drag], run=gs.Settle(), verify=1).table
+    assert (table["status"][0], table["gait"][0]) == ("settled", "walk" if steps else "none")
+    assert table["stride_1_end"][0] == pytest.approx(2.0 * np.pi / 5.0, rel=1e-9)
+    for name in ("stride_2_end", "lag_2_end", "duty_2_end"):
+        assert np.isnan(table[name][0]) != steps
+
+
 def test_footfalls_that_have_no_names_are_refused() -> None:
     with pytest.raises(ValueError, match="allowed are, in any order, L, R; LF, RF, LH, RH; L1"):
         footfalls("time", legs=("FL", "FR", "HL", "HR"))

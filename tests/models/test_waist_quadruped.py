@@ -19,8 +19,7 @@ from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.papers.aoi2011.waist_quadruped import WaistQuadruped
 from gaitsweep.papers.aoi2011.waist_quadruped.foot_path import BEYOND, EARLY, LATE, STANCE, FootPath
 from gaitsweep.papers.aoi2011.waist_quadruped.mechanics import anchored_force
-from gaitsweep.papers.aoi2011.waist_quadruped.posture import joint_angles
-from gaitsweep.papers.aoi2011.waist_quadruped.posture import WAIST, has_fallen, tilt
+from gaitsweep.papers.aoi2011.waist_quadruped.posture import WAIST, has_fallen, joint_angles, tilt
 from tests.support.multilegged_crossings import wrapped
 from tests.support.sweeping import run_rows
 

@@ -202,6 +202,35 @@ def test_both_directions_of_a_map_are_lines_of_their_own() -> None:
         plot.continuation(table)
 
 
+def test_branches_of_angles_stay_within_a_turn_and_their_lines_end_at_its_cut() -> None:
+    """One branch turns all the way round, so that a line has to end somewhere; the other lies beside it."""
+    turning, other = branch(0, 1.0, 0.0, 1.0), branch(1, 1.0, 0.0, 1.0)
+    table = followed(
+        turning.assign(delta_13=np.linspace(5.0, 11.0, 11)), other.assign(delta_13=np.linspace(7.0, 7.1, 11))
+    )
+    axes = plot.continuation(table, y="delta_13").axes[0]
+    pieces = joined(axes)
+    assert len(pieces) == 9 + 10
+    assert max(abs(y1 - y0) for _, y0, _, y1 in pieces) == pytest.approx(0.6)
+    heights = [y for _, *ends in ((0, p[1], p[3]) for p in pieces) for y in ends]
+    assert max(heights) - min(heights) < 2.0 * np.pi
+    flat = followed(branch(0, 1.0, 0.0, 1.0).assign(delta_13=np.linspace(1.0, 1.0 + 1e-7, 11)))
+    figure = plot.continuation(flat, y="delta_13")
+    figure.draw_without_rendering()
+    assert figure.axes[0].yaxis.get_offset_text().get_text() == ""
+
+
+def test_phase_shifts_are_not_joined_where_a_row_returns_to_another_crossing() -> None:
+    """Three alike crossings: the shift jumps by a third of the period, and once from 1/2 to -1/2."""
+    phase = np.linspace(0.0, 0.95, 20)
+    shift = 0.02 * np.sin(2.0 * np.pi * phase) + np.where(phase > 0.475, 0.49, 1.0 / 6.0)
+    shift = np.where(phase > 0.775, shift - 1.0, shift)
+    axes = plot.draw("phase_response", pd.DataFrame({"push_phase": phase, "phase_shift": shift})).axes[0]
+    pieces = [p for p in joined(axes) if p[0] != p[2] and p[2] - p[0] < 0.1]
+    assert len(pieces) == 17
+    assert max(abs(y1 - y0) for _, y0, _, y1 in pieces) < 0.02
+
+
 def test_no_area_of_stability_goes_over_a_value_at_which_there_is_none() -> None:
     """The trot is stable at masses of 1, 2, 4 and 5, the walk alone at 3: two areas, not one."""
     rows = [

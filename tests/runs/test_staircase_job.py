@@ -130,7 +130,7 @@ BAD = [
     (
         {},
         {"figures": [{"kind": "basin", "x": "launch_1", "y": "t"}]},
-        ["needs a run of kind settle", "not staircase", "Figures of staircase: ", "hysteresis"],
+        ["needs a run of kind settle", "not staircase", "Figures of staircase for ", "hysteresis"],
     ),
 ]
 

@@ -192,7 +192,9 @@ def _grain_of(table: pd.DataFrame) -> float:
 
 def _settled(table: pd.DataFrame, columns: Sequence[str]) -> Bool[np.ndarray, " rows"]:
     """Mask of the rows that settled at a state, on their section or at rest, (n,)."""
-    finite = np.isfinite(table[list(columns)].to_numpy(float)).all(axis=1)
+    values = table[list(columns)].to_numpy(float)
+    # some observables have no value on some gaits, as the lag of a foot that stands
+    finite = ~np.isinf(values).any(axis=1) & ~np.isnan(values).all(axis=1)
     status = table["status"].astype(str)
     return (
         finite & status.isin([Status.settled.name, Status.at_rest.name]).to_numpy() & (_periods(table) <= 1)
@@ -220,7 +222,8 @@ def _orbit_groups(
     names = [[*columns], *([f"{name}_{k}" for name in columns] for k in range(2, period + 1))]
     ends = table.iloc[rows].reindex(columns=[name for own in names for name in own])
     crossings = np.stack([space.points(ends, own) for own in names], axis=1)
-    if not np.isfinite(crossings).all():  # of an older version
+    of_older_version = not ends.columns.isin(table.columns).all()
+    if of_older_version or not np.isfinite(crossings).all():
         return [_orbit_group(table, columns, rows, crossings[:0, 0], kind)]
     points = crossings.reshape(-1, len(columns))
     binned = cells(space, points, grain)

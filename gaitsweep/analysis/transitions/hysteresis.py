@@ -17,11 +17,9 @@ from jaxtyping import Bool, Float, Shaped
 
 from gaitsweep.analysis.circular import branch_cut, is_circular, mean_direction, unwrap_from
 from gaitsweep.analysis.records import AnalysisError, axes_of, panels_of, require, section_column
-from gaitsweep.analysis.transitions.jumps import Course, courses, records_of, rising, stretches
+from gaitsweep.analysis.transitions.jumps import LEAST, Course, courses, records_of, rising, stretches
 from gaitsweep.angle_difference import TURN, wrapped_difference
 from gaitsweep.contract import Status
-
-LEAST = 0.15  # least change of a jump, in the observable's unit
 
 
 @dataclasses.dataclass(frozen=True)
@@ -89,7 +87,7 @@ def hysteresis(
     return Hysteresis(_joined(points), _joined(loops))
 
 
-def jumps(table: pd.DataFrame, observable: str, parameter: str, least: float = LEAST) -> pd.DataFrame:
+def jumps(table: pd.DataFrame, observable: str, parameter: str, least: float | None = LEAST) -> pd.DataFrame:
     """The jumps of each row and pass of a ramp or a staircase.
 
     Args:
@@ -98,6 +96,8 @@ def jumps(table: pd.DataFrame, observable: str, parameter: str, least: float = L
         parameter: the column of the moving parameter.
         least: the least change of a jump, in the observable's unit: between two holds, or within 40 crossings
             of a ramp. A jump is also larger than four times the lower quartile of such changes in the row.
+            None: of a staircase, the changes that are four times as large as those beside them, and change
+            the gait or are a twentieth of the row's range.
 
     Returns:
         One record a jump: row, swept axes, pass, direction (rising or falling, the parameter's), `low` and
@@ -139,6 +139,32 @@ def largest_jumps(table: pd.DataFrame, observable: str, parameter: str, least: f
     steady = all_jumps.loc[~passes.isin(pd.MultiIndex.from_frame(irregular))]
     largest = steady.assign(height=steady["size"].abs()).sort_values("height", kind="stable")
     return largest.drop_duplicates(["row", "pass"], keep="last").drop(columns="height").sort_index()
+
+
+def jump_intervals(
+    table: pd.DataFrame, observable: str, parameter: str, least: float | None = None
+) -> pd.DataFrame:
+    """The intervals of the parameter in which rows jump, all of each pass, without `irregular_passes`.
+
+    Args, raises: as for `jumps`.
+
+    Returns:
+        One record for the jumps of a pass whose intervals overlap: pass, direction, `low` and `high` (medians
+        over the rows), rows (that jump there), of (all rows).
+    """
+    every = jumps(table, observable, parameter, least)
+    irregular = irregular_passes(table, observable, parameter, LEAST if least is None else least)
+    passes = pd.MultiIndex.from_arrays([every["row"], every["pass"]])
+    every = every.loc[~passes.isin(pd.MultiIndex.from_frame(irregular))]
+    records = []
+    for (number, direction), part in every.sort_values("low").groupby(["pass", "direction"]):
+        reach = part["high"].cummax().shift(fill_value=-np.inf)
+        for _, together in part.groupby((part["low"] >= reach).cumsum()):
+            low = together["low"].quantile(0.5, interpolation="lower")
+            high = together["high"].quantile(0.5, interpolation="higher")
+            record = {"pass": number, "direction": direction, "low": low, "high": high}
+            records.append(record | {"rows": together["row"].nunique(), "of": table["row"].nunique()})
+    return pd.DataFrame(records, columns=["pass", "direction", "low", "high", "rows", "of"])
 
 
 def irregular_passes(

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 import scipy
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float, Int, Shaped
 
 from gaitsweep.analysis.circular import is_circular
 from gaitsweep.analysis.records import require, section_column, sound
@@ -25,12 +25,17 @@ SPAN = 40  # crossings of a ramp within which a jump changes the observable by `
 # of a staircase only the small change of a hold just beyond the edge is cut off.
 CROSSING_FOOT, HOLD_FOOT = 0.1, 0.02
 STEEPER = 4.0  # least ratio of a jump to the row's slower changes; else it is a steep branch or noise
+# Without a least size, a jump between holds is as much steeper than the median of so many changes on each
+# side, and has this share of the range of its row or changes the gait.
+BESIDE, LEAST_SHARE = 3, 0.05
+LEAST = 0.15  # least change of a ramp's jump, in the observable's unit
 
 
 class Course(NamedTuple):
     """One row of a ramp or a staircase, (n,) each; the observable is unwrapped, and smoothed for a ramp.
 
-    `settled` marks the records on a branch (None for a ramp); `first` is the row's first record.
+    `settled` marks the records on a branch (None for a ramp); `first` is the row's first record; `gait` holds
+    the labels of the records (all the same in a table without gaits).
     """
 
     first: pd.Series
@@ -38,6 +43,7 @@ class Course(NamedTuple):
     passes: Int[np.ndarray, " records"]
     value: Float[np.ndarray, " records"]
     settled: Bool[np.ndarray, " records"] | None
+    gait: Shaped[np.ndarray, " records"]
 
 
 def courses(table: pd.DataFrame, observable: str, parameter: str) -> Iterator[Course]:
@@ -61,18 +67,33 @@ def courses(table: pd.DataFrame, observable: str, parameter: str) -> Iterator[Co
         else:
             value = scipy.ndimage.uniform_filter1d(value, SMOOTH, mode="nearest")
         parameters, passes = part[parameter].to_numpy(float)[begin:], part["pass"].to_numpy(int)[begin:]
-        yield Course(part.iloc[0], parameters, passes, value, settled)
+        gait = part["gait"].astype(str).to_numpy()[begin:] if "gait" in part.columns else passes * 0
+        yield Course(part.iloc[0], parameters, passes, value, settled, gait)
 
 
-def stretches(course: Course, least: float) -> list[tuple[int, int]]:
-    """The jumps of a course by `least` or more (in the observable's unit), in order.
+def stretches(course: Course, least: float | None) -> list[tuple[int, int]]:
+    """The jumps of a course, in order: each is the last record before it and the first after it.
 
-    Each is the last record before it and the first after it. A jump is also larger than four times the lower
-    quartile of the course's changes.
+    Args:
+        course: the course.
+        least: the least change of a jump, in the observable's unit; a jump is also larger than four times the
+            lower quartile of the course's changes. None: of a staircase, the changes that are four times as
+            large as those beside them, and change the gait or are a twentieth of the range.
     """
-    if course.settled is not None:
+    if course.settled is None:
+        return _along_crossings(course.value, LEAST if least is None else least)
+    if least is not None:
         return _between_holds(course.value, course.settled, least)
-    return _along_crossings(course.value, least)
+    change, floor = np.abs(np.diff(course.value)), LEAST_SHARE * float(np.ptp(course.value))
+    jumps = []
+    for start, stop in _between_holds(course.value, course.settled, 0.0):
+        size = abs(course.value[stop] - course.value[start])
+        beside = np.concatenate([change[max(start - BESIDE, 0) : start], change[stop : stop + BESIDE]])
+        other_gait = course.gait[start] != course.gait[stop]
+        steep = size > STEEPER * float(np.median(beside)) if beside.size else True
+        if steep and size > 0.0 and (size >= floor or other_gait):
+            jumps.append((start, stop))
+    return jumps
 
 
 def where_it_moves(parameter: Float[np.ndarray, " records"]) -> int:

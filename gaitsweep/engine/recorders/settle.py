@@ -19,6 +19,7 @@ from gaitsweep.engine.recorders.bounds import (
     Span,
     bounds,
     change,
+    comparable,
     first_span,
     per_observable,
     slowest,
@@ -104,13 +105,15 @@ class Memory:
 class _Crossing:
     """The present state as one more crossing, compared with the w crossings before it.
 
-    It counts only if the trajectory is at a crossing. `now` (n,) are its observables, `cycles` its number,
-    `free` is whether the gait is no longer constrained from outside; `span` and `calm` are as in `Memory`;
-    `latest` (w, n) are the observables at the latest crossings; `moves` (w, n) their absolute changes since
-    each of those before, `moved` (w, n) the same in units of the bound, and `distances` (w,) the largest of
-    these. `still`: all are within the bound; `leaves`: the state is about to leave a fixed point.
+    It counts only if the trajectory is at a crossing. `observed` (n,) are its observables, `now` the same for
+    comparison (`comparable`), `cycles` its number, `free` is whether the gait is no longer constrained from
+    outside; `span` and `calm` are as in `Memory`; `latest` (w, n) are the observables at the latest
+    crossings; `moves` (w, n) their absolute changes since each of those before, `moved` (w, n) the same in
+    units of the bound, and `distances` (w,) the largest of these. `still`: all are within the bound;
+    `leaves`: the state is about to leave a fixed point.
     """
 
+    observed: Observed
     now: Observed
     cycles: Integer
     free: Flag
@@ -126,7 +129,7 @@ class _Crossing:
     def next_window(self, carry: Carry, memory: Memory) -> Float[Array, "window numbers"]:
         """`Memory.window` with this crossing."""
         head = jnp.stack([carry.t.astype(self.now.dtype), self.distances[0]])
-        first = jnp.concatenate([self.now, head])
+        first = jnp.concatenate([self.observed, head])
         return jnp.concatenate([first[None, :], memory.window[:-1]])
 
 
@@ -247,7 +250,7 @@ class SettleRecorder(Recorder):
             record,
             status=status.astype(jnp.int32),
             cycles=jnp.where(crossed, crossing.cycles, record.cycles),
-            last=jnp.where(crossed | rests, crossing.now, record.last),
+            last=jnp.where(crossed | rests, crossing.observed, record.last),
             memory=Memory(
                 window=jnp.where(crossed, jnp.where(crossing.free, window, jnp.nan), memory.window),
                 moves=jnp.where(crossed, moves, memory.moves),
@@ -274,14 +277,17 @@ class SettleRecorder(Recorder):
     def _compared(self, params: Params, carry: Carry, record: LaneRecord) -> _Crossing:
         """The present state as one more crossing, compared with those before it."""
         memory = record.memory
-        now = self.observables(params, carry.state)
-        before = memory.window[:, :-2]
+        observed = self.observables(params, carry.state)
+        now = comparable(observed)
+        before = comparable(memory.window[:, :-2])
+        times = memory.window[:, -2]
         steps = memory.window[:, -1]
         cycles = record.cycles + 1
-        # a row with NaN in its window does not settle
+        # a row with NaN for the times in its window does not settle
         free = carry.t >= self.model.free_after(params)
         span = widened(memory.span, self.model, now)
         moves = jnp.abs(change(self.model, now[None, :] - before))
+        moves = jnp.where(jnp.isnan(times)[:, None], jnp.nan, moves)
         latest = jnp.concatenate([now[None, :], before[:SETTLE_WINDOW]])
         # one division for each observable
         moved = moves * (1.0 / bounds(self.model, self.tolerance, latest, span))[None, :]
@@ -289,11 +295,15 @@ class SettleRecorder(Recorder):
         calm = jnp.where(still, memory.calm + 1, 0)
         distances = jnp.max(moved, axis=1)
         leaves = (distances[0] > LEAVING * jnp.min(steps[: SETTLE_WINDOW - 1])) & (distances[0] > NO_MOTION)
-        return _Crossing(now, cycles, free, span, latest, moves, moved, distances, still, calm, leaves)
+        return _Crossing(
+            observed, now, cycles, free, span, latest, moves, moved, distances, still, calm, leaves
+        )
 
     def _tested(self, carry: Carry, memory: Memory, crossing: _Crossing) -> _OrbitTest:
         """The test whether a row has settled at a fixed point, or on a periodic orbit."""
-        cycles, still, times = crossing.cycles, crossing.still, memory.window[:, -2]
+        cycles = crossing.cycles
+        still = crossing.still
+        times = memory.window[:, -2]
         stays = ~crossing.leaves | (crossing.calm > SETTLE_WINDOW)
         fixed = still & stays & ~_accumulate(cycles, carry.t, times)
         moves = jnp.maximum(memory.moves[0], crossing.distances[: self.max_period])

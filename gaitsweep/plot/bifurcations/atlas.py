@@ -18,8 +18,8 @@ from gaitsweep.plot.columns import (
     PlotError,
     column,
     described,
-    is_angle,
     moved_parameter,
+    origin_of,
     require_columns,
     rows_where,
 )
@@ -36,6 +36,7 @@ _LINES: dict[str, Any] = {
     "hopf": (0, (1, 1)),
     "branch_point": (0, (5, 1.5, 1, 1.5)),
     "order_change": (0, (1, 2.5)),
+    "corner": (0, (3, 1, 1, 1, 1, 1)),
 }
 _CURVES = {**WORDS, "branch_point": "pitchfork or transcritical", "order_change": "order of events"}
 # bifurcations of codimension 2: their marks and words
@@ -96,18 +97,16 @@ def road_map(
         if not len(branches):
             theme.message(axes, "No gait was found.")
             return figure
-        groups = dict(iter(branches.groupby("number")))
-        if is_angle(table, name):
-            groups = _joined_angles(groups, x, name)
-        pieces = [piece for branch in groups.values() for piece in _pieces(branch)]
+        origin = origin_of(table, name, branches[name].to_numpy(float))
+        pieces = [piece for _, branch in branches.groupby("number") for piece in _pieces(branch)]
         colours = theme.colours(theme.ordered(dict.fromkeys(gait for gait, _ in pieces)))
         run = table.attrs.get("job", {}).get("run", {})
         place = run.get("at", (run.get("path") or [None])[0])
         if place is not None:
             axes.axvline(place, color="#BBBBBB", lw=0.8, zorder=0)
         for gait, piece in pieces:
-            draw_branch(axes, piece, x, name, colours[gait], STABLE_WIDTH)
-        theme.value_axis(axes, angle=is_angle(table, name))
+            draw_branch(axes, piece, x, name, colours[gait], origin=origin, stable_width=STABLE_WIDTH)
+        theme.value_axis(axes, angle=origin is not None)
         handles: list[Any] = [
             Line2D([], [], color=colour, lw=STABLE_WIDTH, label=theme.named(gait))
             for gait, colour in colours.items()
@@ -187,19 +186,6 @@ def _draw_bars(axes: Axes, branches: pd.DataFrame, x: str, y: str, colours: dict
         axes.add_artist(bar)
     axes.update_datalim([(low, level) for low, _, _ in bars] + [(high, level) for _, high, _ in bars])
     return True
-
-
-def _joined_angles(branches: dict[Any, pd.DataFrame], x: str, y: str) -> dict[Any, pd.DataFrame]:
-    """The branches with whole turns added to their angles: each begins at the branch that it leaves."""
-    joined: dict[Any, pd.DataFrame] = {}
-    for number, branch in branches.items():
-        angle, parent = np.unwrap(branch[y].to_numpy(float)), joined.get(branch["begins"].iloc[0])
-        if parent is not None:
-            angle_of_parent = parent[y].to_numpy(float)
-            near = np.argmin(np.abs(parent[x].to_numpy(float) - branch[x].to_numpy(float)[0]))
-            angle = angle + 2.0 * np.pi * np.round((angle_of_parent[near] - angle[0]) / (2.0 * np.pi))
-        joined[number] = branch.assign(**{y: angle})
-    return joined
 
 
 def _of_row(table: pd.DataFrame, row: int) -> pd.DataFrame:

@@ -14,8 +14,9 @@ from matplotlib.colors import to_rgba
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from gaitsweep.analysis.circular import unwrap_from
 from gaitsweep.analysis.continuation.stable_ranges import MARKS
-from gaitsweep.plot.columns import is_angle
+from gaitsweep.plot import theme
 
 STABLE, UNSTABLE = "#0072B2", "#D55E00"
 # fill and hatch of the ranges beside the branches, in order
@@ -33,7 +34,14 @@ T = TypeVar("T")
 
 
 def draw_branch(
-    axes: Axes, branch: pd.DataFrame, x: str, y: str, colour: Any, stable_width: float = 1.4
+    axes: Axes,
+    branch: pd.DataFrame,
+    x: str,
+    y: str,
+    colour: Any,
+    *,
+    origin: float | None,
+    stable_width: float = 1.4,
 ) -> None:
     """Draw one branch: its pieces, solid, dashed or dotted, and its bifurcations.
 
@@ -42,11 +50,10 @@ def draw_branch(
         branch: the points of the branch in their order, with the columns of a continuation's table.
         x, y: the columns along the axes.
         colour: that of its lines; None: the colours of stable and unstable gaits.
+        origin: the angle (rad) at which the axis y cuts the circle, where lines end; None if y is no angle.
         stable_width: width of the line where the branch is stable, in points.
     """
-    at, value = branch[x].to_numpy(float), branch[y].to_numpy(float)
-    if is_angle(branch, y):
-        value = np.unwrap(value)
+    at, value = branch[x].to_numpy(float), unwrap_from(branch[y].to_numpy(float), origin)
     special = branch["special"].fillna("").to_numpy(str)
     absent = np.diff(branch["point"].to_numpy(int)) > 1  # no line across a point that the table lacks
     for (kind, missing), part in stretches(zip(looks_of_pieces(branch), absent, strict=True)):
@@ -58,7 +65,8 @@ def draw_branch(
         else:
             look |= {"color": colour or (STABLE if kind else UNSTABLE), "ls": "-" if kind else (0, (4, 2))}
             look["lw"] = stable_width if kind else 1.4
-        axes.plot(at[part], value[part], **look)
+        over_the_cut = (np.abs(np.diff(value[part])) > np.pi) & (origin is not None)
+        axes.plot(*theme.interrupted(over_the_cut, at[part], value[part]), **look)
     for kind, mark in MARKERS.items():
         marked = special == kind
         axes.plot(at[marked], value[marked], mark, ms=4.5, color="black", mfc="white", zorder=3)

@@ -18,7 +18,7 @@ from gaitsweep.near_miss import allowing
 from gaitsweep.plot import theme
 from gaitsweep.plot.arguments import Column, Observable, Title
 from gaitsweep.plot.bifurcations.branch_lines import draw_branch, key, style_of_range
-from gaitsweep.plot.columns import PlotError, column, described, is_angle, moved_parameter, require_columns
+from gaitsweep.plot.columns import PlotError, column, described, moved_parameter, origin_of, require_columns
 from gaitsweep.plot.kind import figure_kind
 from gaitsweep.schema.numbers import Real, Text
 
@@ -68,12 +68,12 @@ def continuation(
         if not len(table):
             theme.message(axes, "No row has a fixed point on a branch.")
             return figure
-        colours = _colours(table, hue)
+        colours, origin = _colours(table, hue), origin_of(table, name, table[name].to_numpy(float))
         for number, (low, high) in enumerate(intervals.values()):
             axes.axvspan(low, high, zorder=0, **style_of_range(number))
         for _, branch in table.groupby(of_branch, sort=True):
-            draw_branch(axes, branch, x, name, colours.get(branch["row"].iloc[0]))
-        theme.value_axis(axes, angle=is_angle(table, name))
+            draw_branch(axes, branch, x, name, colours.get(branch["row"].iloc[0]), origin=origin)
+        theme.value_axis(axes, angle=origin is not None)
         handles = key(table, intervals, coloured=hue is not None)
         if hue is not None and _numbers(table, hue):
             shades = ScalarMappable(_span(table, hue), "viridis")

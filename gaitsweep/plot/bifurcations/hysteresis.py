@@ -17,7 +17,7 @@ from matplotlib.transforms import ScaledTranslation
 
 from gaitsweep.analysis.circular import unwrap_from
 from gaitsweep.analysis.records import sound
-from gaitsweep.analysis.transitions.hysteresis import LEAST, largest_jumps, transition_points
+from gaitsweep.analysis.transitions.hysteresis import LEAST, jump_intervals, largest_jumps
 from gaitsweep.plot import theme
 from gaitsweep.plot.arguments import Observable, Observed, Panels, TableOrName, Title
 from gaitsweep.plot.bifurcations.branch_names import name_branches, named_gaits
@@ -49,6 +49,7 @@ from gaitsweep.schema.numbers import Positive, Real, Text
 _PANELS_A_ROW = 3
 _MOST_PANELS = 12
 _LETTER = 0.035  # inches; width of a letter of a name at the right side
+_MOST_NAMED = 5  # jumps of one direction in the legend
 _FAINT = 4  # with more rows each is drawn fainter
 # the colour of the intervals in which rows jump, and the ends of their bars as shares of the panel's height
 _JUMPS = {"rising": (UP, 0.97, 1.0), "falling": (DOWN, 0.0, 0.03)}
@@ -80,15 +81,19 @@ def hysteresis(
     ticks: Annotated[
         Mapping[Text, Real], "values of y to mark at the right side, by name, such as those of a paper"
     ] = MappingProxyType({}),
-    least: Annotated[Positive, "change of y that counts as a jump, in its unit"] = LEAST,
+    least: Annotated[
+        Positive | None,
+        "change of y that counts as a jump, in its unit; by default a step of a staircase that is four times "
+        "as large as those beside it and changes the gait or a twentieth of the range, of a ramp 0.15",
+    ] = None,
     title: Title = None,
 ) -> Figure:
     """An observable over the moving parameter, with distinct rising and falling passes and marked jumps.
 
     A ramp is a thin line through its crossings, solid as the parameter rises and dashed as it falls; a
-    staircase has a marker at the end of each stair, open if the stair had not settled. A bar at the top marks
-    the interval of the rising pass's jump, the median over the rows, and a bar at the bottom that of the
-    falling one; the legend gives both. Arrows mark where the two passes differ most. Passes that jump to and
+    staircase has a marker at the end of each stair, open if the stair had not settled. Bars at the top mark
+    the intervals of the rising pass's jumps, medians over the rows, and bars at the bottom those of the
+    falling one; the legend gives them. Arrows mark where the two passes differ most. Passes that jump to and
     fro, as with an irregular gait, belong to no branch and have their own panel below. Gaits of the table are
     named beside their branches, or in the legend where there is no room.
 
@@ -122,7 +127,7 @@ def hysteresis(
     origin = origin_of(table, name, np.concatenate(angles))
     if title == "" and len(shown) == 1:
         shown = [shown[0]._replace(heading="")]
-    parted = [irregular_parted(panel.table, name, parameter, least) for panel in shown]
+    parted = [irregular_parted(panel.table, name, parameter, least or LEAST) for panel in shown]
     strips = any(len(irregular) for _, irregular in parted)
     with theme.canvas(width, (3.5 if strips else 2.5) * down + 1.0, title) as figure:
         grid, below = _panels(figure, len(shown), down, across, strips)
@@ -270,7 +275,7 @@ def _draw(
     branches: pd.DataFrame | None,
     name: str,
     parameter: str,
-    least: float,
+    least: float | None,
     origin: float | None,
 ) -> list[Patch]:
     """One panel: each row's passes on branches, and bars at jumps; returns the jumps' legend."""
@@ -288,13 +293,14 @@ def _draw(
     rows = table["row"].unique()
     alpha = 1.0 if len(rows) <= _FAINT else max(0.15, _FAINT / len(rows))
     axes.margins(y=0.1)  # room for the arrows
-    jumping = largest_jumps(panel.table, name, parameter, least)["row"]
+    size = least or LEAST
+    jumping = largest_jumps(panel.table, name, parameter, size)["row"]
     with_arrows = jumping.mode().min() if len(jumping) else rows[0]  # the first row that jumps on each pass
     for row, part in table.groupby("row", sort=True):
-        passes = draw_row(axes, part, name, parameter, origin, alpha, least)
+        passes = draw_row(axes, part, name, parameter, origin, alpha, size)
         if row == with_arrows:
-            draw_arrows(axes, passes, least)
-    return _bands(axes, transition_points(panel.table, name, parameter, least), table, parameter)
+            draw_arrows(axes, passes, size)
+    return _bands(axes, jump_intervals(panel.table, name, parameter, least), table, parameter)
 
 
 def _why_empty(table: pd.DataFrame, name: str) -> str:
@@ -308,13 +314,18 @@ def _why_empty(table: pd.DataFrame, name: str) -> str:
 
 def _bands(axes: Axes, edges: pd.DataFrame, table: pd.DataFrame, parameter: str) -> list[Patch]:
     """Draw bars at the intervals of the jumps, and a tint below the points; returns their legend."""
-    handles = []
+    handles: dict[str, list[Patch]] = {}
     for edge in edges.to_dict("records"):
         colour, *ends = _JUMPS[edge["direction"]]
         axes.axvspan(edge["low"], edge["high"], zorder=0, color=colour, alpha=0.1, lw=0)
         axes.axvspan(edge["low"], edge["high"], *ends, color=colour, lw=0)
-        handles.append(Patch(label=_in_words(edge, table, parameter), color=colour, lw=0))
-    return handles
+        patch = Patch(label=_in_words(edge, table, parameter), color=colour, lw=0)
+        handles.setdefault(edge["direction"], []).append(patch)
+    for several in handles.values():
+        if len(several) > _MOST_NAMED:
+            rest = len(several) - _MOST_NAMED + 1
+            several[_MOST_NAMED - 1 :] = [Patch(label=f"and {rest} more", color=several[0].get_facecolor())]
+    return [patch for several in handles.values() for patch in several]
 
 
 def _below(axes: Axes, handles: list[Patch], room: float) -> int:

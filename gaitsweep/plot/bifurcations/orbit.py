@@ -108,7 +108,7 @@ def _draw_exponent(axes: Axes, table: pd.DataFrame, x: str) -> None:
     for status, (colour, _) in _LOOKS.items():
         mask = own["status"].astype(str).to_numpy() == status
         axes.plot(at[mask], value[mask], "o", ms=1.6, mew=0.0, color=colour)
-    axes.set_ylabel(described(table, _EXPONENT, 24))
+    axes.set_ylabel(described(table, _EXPONENT, 14))
     # of a strongly stable orbit the exponent has no lower bound
     least = min(-2.0 * np.max(value, initial=0.0), float(np.quantile(value, 0.02)))
     axes.set_ylim(bottom=least if least < 0.0 else None)

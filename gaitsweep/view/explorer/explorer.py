@@ -143,7 +143,7 @@ def _job_of(table: pd.DataFrame, *, trust: bool) -> Job:
             f"{where} contains {kind} rows, which the explorer does not show. "
             f"Allowed: {', '.join(KINDS)}.{instead}"
         )
-    return stored_job(table.attrs, trust)
+    return stored_job(table.attrs, trust=trust)
 
 
 def _page(

@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Int
 
+from gaitsweep.analysis.atlas.stored_points import StoredPoint
 from gaitsweep.analysis.continuation.arclength import BranchPoints
 from gaitsweep.contract import Model, Status
 from gaitsweep.kinds.fixed_points import FollowsFixedPoints
@@ -232,8 +233,8 @@ class ReplayStairs(ReplayGroup):
 class ReplayBranches(ReplayGroup):
     """Points of branches: one cycle of each steady gait, stable or unstable.
 
-    The table has the observables of a point and not its state, so the branches are followed again; points
-    with other results are left out.
+    A table of a continuation has the observables of a point and not its state, so its branches are followed
+    again; points with other results are left out. An atlas has its points.
 
     Args:
         table: the records of the page, numbered from 0.
@@ -253,7 +254,7 @@ class ReplayBranches(ReplayGroup):
     ) -> None:
         run = context.job.run
         assert isinstance(run, FollowsFixedPoints)
-        branches = run.followed_again(context.design, context.spec, rows, on_progress)
+        branches = run.followed_again(context.design, context.spec, rows, table, on_progress)
         assert branches is not None
         mapped, followed = branches
         names = [table[name].to_numpy(np.int64) for name in ("row", *run.point_names)]
@@ -265,7 +266,7 @@ class ReplayBranches(ReplayGroup):
             same = record is not None and math.isclose(
                 point[run.moved], float(table[run.moved].iloc[record]), rel_tol=_PARAMETER_TOLERANCE
             )
-            if same and isinstance(point.get("at"), BranchPoints):
+            if same and isinstance(point.get("at"), BranchPoints | StoredPoint):
                 records.append(record)
                 points.append(point)
         chosen = spread(len(records))[:most] if records else np.zeros(0, np.int64)
@@ -341,7 +342,8 @@ def replay_groups(
         rows = np.unique(table["row"].to_numpy(np.int64)[np.isfinite(table["multiplier"].to_numpy(float))])
         if run.stationary or not len(rows):  # stationary points do not move
             return [], 0
-        rows = np.sort(_spread(rows, _branches_in_time(context, spent, len(rows))))
+        if "stored_point" not in table:
+            rows = np.sort(_spread(rows, _branches_in_time(context, spent, len(rows))))
         return [ReplayBranches(table, context, rows, most, on_progress)], 0
     if run.one_a_row:
         return _groups_of_starts(shown, table, context, most)

@@ -16,7 +16,9 @@ from PIL import Image
 from gaitsweep.plot.columns import PlotError
 from gaitsweep.table import replace_file
 
-_EXACT_COLOURS = 48  # colours of a GIF that are kept exactly
+# Colours of a GIF, and those that are kept exactly: the others are shades along the edges of what is drawn.
+# More colours make a larger file, and look the same.
+_COLOURS, _EXACT_COLOURS = 64, 48
 _SAME_COLOUR_WITHIN = 8  # of 255; Pillow looks colours up in steps of 4, so it may confuse colours this near
 _RGB_PLACES = np.array([65536, 256, 1], np.uint32)  # of the channels in a colour as one number
 FORMATS = (".gif", ".mp4")
@@ -43,7 +45,7 @@ def save(
 ) -> None:
     """Write RGB frames at `fps` per second; the file is replaced when all are written.
 
-    `colours` are kept among the 256 of a GIF.
+    `colours` are kept among the 64 of a GIF.
 
     Raises:
         PlotError: as for `require`, or ffmpeg fails.
@@ -59,7 +61,10 @@ def save(
 def _gif(
     file: BinaryIO, frames: Iterator[UInt8[np.ndarray, "height width 3"]], fps: float, colours: Sequence[str]
 ) -> None:
-    """All frames with one palette, so that unchanged pixels are equal."""
+    """All frames with one palette, so that unchanged pixels are equal.
+
+    Pillow then stores the rectangle that has changed, and with `optimize` the colours that occur in it.
+    """
     first = next(frames)
     palette = _palette(first, colours)
 
@@ -70,19 +75,19 @@ def _gif(
         "append_images": map(in_palette, frames),
         "duration": 1000.0 / fps,
         "loop": 0,
-        "optimize": False,
+        "optimize": True,
     }
     in_palette(first).save(file, format="GIF", save_all=True, **options)
 
 
 def _palette(picture: UInt8[np.ndarray, "height width 3"], colours: Sequence[str]) -> Image.Image:
-    """256 colours: the given ones, the most frequent ones of this frame, and means of the others."""
+    """The `_COLOURS`: the given ones, the most frequent ones of this frame, and means of the others."""
     packed, counts = np.unique(picture.astype(np.uint32) @ _RGB_PLACES, return_counts=True)
     frequent = packed[np.argsort(-counts, kind="stable")[: 4 * _EXACT_COLOURS], None] // _RGB_PLACES % 256
-    means = Image.fromarray(picture).quantize(256, dither=Image.Dither.NONE).getpalette() or []
+    means = Image.fromarray(picture).quantize(_COLOURS, dither=Image.Dither.NONE).getpalette() or []
     wanted = np.round(255 * np.array([to_rgb(colour) for colour in colours])).reshape(-1, 3)
     exact = _distinct([*wanted, *frequent])[:_EXACT_COLOURS]
-    entries = _distinct([*exact, *np.reshape(means, (-1, 3))])[:256]
+    entries = _distinct([*exact, *np.reshape(means, (-1, 3))])[:_COLOURS]
     palette = Image.new("P", (1, 1))
     palette.putpalette(np.array(entries, np.uint8).ravel().tolist())
     return palette

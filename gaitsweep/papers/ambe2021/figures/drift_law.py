@@ -41,12 +41,13 @@ _FIELDS = {"max": "most cycles", "median": "median"}  # of the starts with a gai
 
 
 def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
+    if table.missing(["psi_1_end"]):
+        yield figure.needs(table, "the multi-legged chain's psi_1")
+        return
     pairs = list(ENDS.values()) if figure.of == "ends" else [ENDS[figure.of]]
     if not any(table.missing(pair) is None for pair in pairs):
         names = ", or ".join(" and ".join(pair) for pair in pairs)
         yield ("of",), f"is {figure.of}, but {names} must vary in this job."
-    elif table.missing(["psi_1_end"]):
-        yield figure.needs(table, "the multi-legged chain's psi_1")
 
 
 @figure_kind("settle", check=_check)
