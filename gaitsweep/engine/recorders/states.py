@@ -84,9 +84,6 @@ class StateRecorder(Recorder):
     def readings(self, rows: RowOutcome) -> Readings | None:
         return None
 
-    def progress(self, rows: RunningRows, typical: float) -> Float[np.ndarray, " rows"]:
-        return self.base.progress(rows, typical)
-
 
 def state_size(shape: State) -> int:
     """The number of numbers in a state, from the shapes of its leaves."""
