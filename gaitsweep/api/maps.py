@@ -536,7 +536,14 @@ def job_of_map(
     values: Mapping[str, Any],
     **fields: Any,
 ) -> tuple[Job, list[str]]:
-    """Return the job that has a map's model and parameters, and the start values without a number."""
+    """Return the job of a map, and the start values that nothing gives.
+
+    Args:
+        model, params, start, values, fields: as of `return_map`.
+
+    Returns:
+        The job, and the names of initial conditions without a default, to which no value is given.
+    """
     run = ReturnMap(crossings=1)
     job = job_of(model, values, run=run, params=params, start=start, any_start=True, **fields)
     for caveat in job.design.model.caveats():

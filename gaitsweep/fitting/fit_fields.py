@@ -36,7 +36,14 @@ MEASURES: Registry[Measure] = Registry(
 
 
 def by_name(value: Any, takes: str, path: FieldPath, wrong: list[Diagnostic]) -> Iterator[tuple[str, Any]]:
-    """Yield names and entries of a field that takes such; if it has none, an error is added to `wrong`."""
+    """Yield the names and entries of a field that takes entries by name.
+
+    Args:
+        value: what is written in the field.
+        takes: what the field takes, for the message.
+        path: where the field stands.
+        wrong: gets an error if the field has no entries by name.
+    """
     if isinstance(value, Mapping) and value:
         yield from ((str(name), entry) for name, entry in value.items())
     else:
@@ -45,7 +52,16 @@ def by_name(value: Any, takes: str, path: FieldPath, wrong: list[Diagnostic]) ->
 
 
 def read_free(value: Any, path: FieldPath, wrong: list[Diagnostic]) -> dict[str, FreeParameter]:
-    """Read the free constants by name; errors are added to `wrong`."""
+    """Read the free constants of a search.
+
+    Args:
+        value: what is written in the field `free`.
+        path: where the field stands.
+        wrong: gets an error for each constant that is not read, and for a field without constants.
+
+    Returns:
+        Those without errors, by name.
+    """
     free = {}
     for name, written in by_name(value, "constants by name, such as kappa: {low: 1, high: 2}", path, wrong):
         if isinstance(written, list) and len(written) == 2:  # [low, high] is short for it
@@ -63,7 +79,17 @@ def read_free(value: Any, path: FieldPath, wrong: list[Diagnostic]) -> dict[str,
 def read_measure(
     value: Any, path: FieldPath, wrong: list[Diagnostic], beside: type[StrictModel] | None = None
 ) -> Measure | None:
-    """Read a measure; errors are added to `wrong`; `beside` has further fields that are allowed."""
+    """Read the measure of an output or a target.
+
+    Args:
+        value: what is written.
+        path: where it stands.
+        wrong: gets an error for each field that is not read.
+        beside: a part whose fields are written beside those of the measure; messages name them as allowed.
+
+    Returns:
+        The measure, or None if it has errors of its own.
+    """
     if (bad := wrong_kind(path, value, MEASURES)) is not None:
         wrong.append(bad)
         return None
@@ -90,7 +116,8 @@ def _read_run(measure: type[Measure], value: Any, path: FieldPath, wrong: list[D
         text = f"is {quoted(value)}, but takes fields, kind among them: {' or '.join(kinds)}."
         wrong.append(Diagnostic(path, text))
         return None
-    kind = value.get("kind", next(iter(kinds)) if len(kinds) == 1 else None)
+    only_kind = next(iter(kinds)) if len(kinds) == 1 else None
+    kind = value.get("kind", only_kind)
     if not isinstance(kind, str) or kind not in kinds:
         begin = "is missing" if kind is None else f"is {quoted(kind)}"
         text = f"{begin}, but the run of a measure ({kind_of(measure)}) is {' or '.join(kinds)}."
@@ -109,9 +136,17 @@ def read_settings(
     written: Mapping[str, Any],
     wrong: list[Diagnostic],
 ) -> T | None:
-    """Read the settings of a search or an analysis, which stand in `field` beside `other_fields`.
+    """Read the settings of a search or an analysis, which stand in one field beside others.
 
-    Errors are added to `wrong`.
+    Args:
+        part: the class of the settings.
+        field: name of the field.
+        other_fields: fields written beside the settings, which others read.
+        written: what is written in the field.
+        wrong: gets an error for each setting that is not read.
+
+    Returns:
+        The settings, or None if one of them is wrong.
     """
     allowed = [*other_fields, *part.model_fields]
     wrong.extend(unknown_field((field, str(key)), field, allowed) for key in written if key not in allowed)
@@ -120,10 +155,18 @@ def read_settings(
 
 
 def read_file(path: str | Path, overrides: Sequence[str], read: Callable[[Any, Path], R]) -> R:
-    """Apply `read(data, folder)` to a YAML file with overrides; errors get file and line.
+    """Read a search or an analysis from a YAML file.
+
+    Args:
+        path: the file, or the name of a job shipped with the package.
+        overrides: values that replace those of the file, as `field=value`.
+        read: reads the file's data; gets its folder too, from which paths in it start.
+
+    Returns:
+        What `read` returns.
 
     Raises:
-        JobError: all errors, with file and line.
+        JobError: what `read` refuses, with file and line.
     """
     path = job_file(path)
     with effort.limited():

@@ -47,7 +47,12 @@ def no_gaits(table: pd.DataFrame, *, where: Condition, less: Condition) -> float
 
 @measure
 def gaits_left(table: pd.DataFrame, *, where: Condition) -> list[str]:
-    """The gaits in which the settled rows of a condition end, in the order of the gaits."""
+    """The gaits in which the settled rows of a condition end, in the order of the gaits.
+
+    Args:
+        table: a settle table with the gait of each row.
+        where: a condition over its columns.
+    """
     ends = set(records(records(table, where), "status == 'settled'")["gait"].astype(str))
     return [gait for gait in GAITS if gait in ends]
 
@@ -76,7 +81,12 @@ def distance_over_lag(table: pd.DataFrame, *, low: float, high: float) -> float:
 
 @measure
 def slice_shares(table: pd.DataFrame, *, slice: int) -> list[float]:
-    """Shares of direct, source and retrograde waves on one slice of psi_3, in their order, from 0 (1)."""
+    """Shares of direct, source and retrograde waves on one slice of psi_3, in their order (1).
+
+    Args:
+        table: the gaits from a grid of psi_1, psi_2, psi_3.
+        slice: number of the value of psi_3, from 0 in ascending order.
+    """
     gaits = np.asarray(_slice(table, slice)["gait"], str)
     return [float(np.mean(gaits == gait)) for gait in WAVES]
 
@@ -86,6 +96,10 @@ def largest_part(table: pd.DataFrame, *, slice: int) -> list[float]:
     """Shares of the starts of direct, source, retrograde in one connected part, on the torus (1).
 
     Parts with at most one cell between them count as one, since the grid does not resolve the gap.
+
+    Args:
+        table: the gaits from a grid of psi_1, psi_2, psi_3.
+        slice: number of the value of psi_3, from 0 in ascending order.
     """
     cells = _slice(table, slice).pivot(index="psi_2", columns="psi_1", values="gait").to_numpy()
     return [float(max(_parts(cells == gait)) / np.count_nonzero(cells == gait)) for gait in WAVES]
@@ -124,7 +138,11 @@ def last_change(table: pd.DataFrame) -> float:
 
 
 def last_steps(table: pd.DataFrame, names: list[str]) -> Float[np.ndarray, "rows columns"]:
-    """The change of columns from the last but one to the last crossing of each row."""
+    """The change of columns from the last but one to the last crossing of each row.
+
+    Raises:
+        MeasureError: a row has fewer than two crossings.
+    """
     rows = [part.sort_values(by="crossing")[names].to_numpy(float) for _, part in table.groupby("row")]
     if min(map(len, rows)) < 2:
         raise MeasureError("A row has fewer than two crossings.")
@@ -141,14 +159,26 @@ def distinct_ends(table: pd.DataFrame) -> list[float]:
 
 @measure
 def gait_ends(table: pd.DataFrame, *, gait: str, phases: Sequence[str]) -> list[float]:
-    """Median settled values of relative phases in a gait (rad)."""
+    """Median settled values of relative phases in a gait (rad).
+
+    Args:
+        table: a settle table with the gait of each row.
+        gait: direct, source or retrograde.
+        phases: relative phases, such as psi_1, psi_2.
+    """
     rows = _settled(table, gait)
     return [float(np.median(numbers(rows, f"{phase}_end"))) for phase in phases]
 
 
 @measure
 def free_range(table: pd.DataFrame, *, gait: str, phase: str) -> list[float]:
-    """Smallest and largest settled value of a relative phase in a gait (rad)."""
+    """Smallest and largest settled value of a relative phase in a gait (rad).
+
+    Args:
+        table: a settle table with the gait of each row.
+        gait: direct, source or retrograde.
+        phase: a relative phase, such as psi_1.
+    """
     values = numbers(_settled(table, gait), f"{phase}_end")
     return [float(values.min()), float(values.max())]
 
@@ -195,6 +225,7 @@ def slopes_of_segments(
     """Slopes of a relative phase over the free one: near the smallest free value, and far from it (1).
 
     Args:
+        table: a settle table with the gait of each row.
         gait: direct, source or retrograde.
         free, other: such as psi_2, psi_3.
         within, beyond: how far (rad) the free phase is from its smallest value at most, and at least.

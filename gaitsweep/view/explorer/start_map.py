@@ -88,8 +88,8 @@ def map_of(table: pd.DataFrame, job: Job, x: str | None, y: str | None, most: in
     no_change = {next_of(x): 1.0, change_of(x): 0.0}.get(y)
     shown = StartMap(table, POINTS, x, y, [], outcomes, outcome, no_change=no_change)
     groups = [group for group in job.design.groups if group.length > 1]
-    along = [next((i for i, group in enumerate(groups) if name in group.axes), None) for name in (x, y)]
-    drawn = [i for i in along if i is not None]
+    number_of_group = {axis: number for number, group in enumerate(groups) for axis in group.axes}
+    drawn = [number_of_group[name] for name in (x, y) if name in number_of_group]
     if job.run.one_a_row and len(set(drawn)) == 2:
         values = [np.unique(table[name].to_numpy(float)) for name in (x, y)]
         # an axis whose values follow another's makes no grid, nor does a sample
@@ -256,8 +256,8 @@ def _outcomes(table: pd.DataFrame) -> tuple[list[dict[str, Any]], Int[np.ndarray
         ):
             if where.any():
                 numbers[where] = len(outcomes)
-                look = {"colour": colours[name], "marker": markers[name], "hollow": is_hollow}
-                outcomes.append({"name": text, **look, "leads": name, "hatched": hatched})
+                style = {"colour": colours[name], "marker": markers[name], "hollow": is_hollow}
+                outcomes.append({"name": text, **style, "leads": name, "hatched": hatched})
     return outcomes, numbers
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
+from typing import TYPE_CHECKING
 
 import jax
 import jax.numpy as jnp
@@ -12,6 +12,9 @@ from jaxtyping import Array, Bool, Float
 from gaitsweep.contract import Chart, Quantity
 from gaitsweep.dynamics import wrapped
 from gaitsweep.papers.ambe2021.multilegged.state import CONTACT_DEPTH, Params, State
+
+if TYPE_CHECKING:  # the reduced model imports this module
+    from gaitsweep.papers.ambe2021.multilegged.reduced import State as ReducedState
 
 # A leg farther than this (m) from its touchdown height is not on the section.
 SECTION_TOLERANCE = 1e-8
@@ -27,7 +30,9 @@ class _ChainChart(Chart):
     def conserved(self) -> tuple[Quantity, ...]:
         return (Quantity("E", "rad", "sum of the relative phases, eq. (29)", circular=True),)
 
-    def conserved_values(self, params: Any, at: Float[Array, " coordinates"]) -> Float[Array, " conserved"]:
+    def conserved_values(
+        self, params: Params, at: Float[Array, " coordinates"]
+    ) -> Float[Array, " conserved"]:
         return jnp.sum(at[: self.N])[None]
 
 
@@ -93,19 +98,21 @@ class ReducedChart(_ChainChart):
             for i in range(1, self.N + 1)
         )
 
-    def to_coordinates(self, params: Any, state: Any) -> Float[Array, " coordinates"]:
+    def to_coordinates(self, params: Params, state: ReducedState) -> Float[Array, " coordinates"]:
         return wrapped(state.phi[1:] - state.phi[:-1])
 
-    def from_coordinates(self, params: Any, at: Float[Array, " coordinates"], modes: Any) -> Any:
+    def from_coordinates(
+        self, params: Params, at: Float[Array, " coordinates"], modes: ReducedState
+    ) -> ReducedState:
         phi = jnp.concatenate([jnp.zeros_like(at[:1]), jnp.cumsum(at)])
         return dataclasses.replace(modes, phi=_in_segments(phi, modes))
 
-    def covers(self, params: Any, state: Any) -> Bool[Array, ""]:
+    def covers(self, params: Params, state: ReducedState) -> Bool[Array, ""]:
         """Whether leg 1 has landed; its phase can also pass 2 pi without a landing."""
         return state.landed & (state.phi[0] == 0.0)
 
 
-def _in_segments(phi: jax.Array, modes: Any) -> jax.Array:
+def _in_segments(phi: jax.Array, modes: State | ReducedState) -> jax.Array:
     """The phases, shifted by multiples of 2 pi to those of the legs' segments."""
     return modes.phi + wrapped(phi - modes.phi + jnp.pi) - jnp.pi
 

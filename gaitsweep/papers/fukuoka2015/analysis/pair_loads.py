@@ -119,7 +119,12 @@ class _Stances:
     def over(
         self, name: str, begin: Float[np.ndarray, " cycles"], end: Float[np.ndarray, " cycles"]
     ) -> Float[np.ndarray, " cycles"]:
-        """The integral of a signal from `begin` to `end`, s."""
+        """The integral of a signal over intervals of time, N s or rad s.
+
+        Args:
+            name: of a cumulative integral, such as pitch or F_LF.
+            begin, end: of each interval, s.
+        """
         sums = self._sums[name]
         return np.interp(end, self._t, sums) - np.interp(begin, self._t, sums)
 
@@ -129,7 +134,16 @@ class _Stances:
         begins: tuple[Float[np.ndarray, " fore_onsets"], Float[np.ndarray, " hind_onsets"]],
         delta: float,
     ) -> dict[str, float]:
-        """The measures of a pair with the shift delta, from the swing onsets of its fore and hind leg."""
+        """The measures of a pair, averaged over its cycles.
+
+        Args:
+            legs: its fore and its hind leg.
+            begins: their swing onsets, s.
+            delta: its phase shift, cycles.
+
+        Returns:
+            The values of `MEASURES` (N, rad); none if no cycle is recorded from its start.
+        """
         cycles = _cycles_of_pair(*begins, delta)
         recorded = np.minimum(cycles.fore, cycles.hind) - cycles.period >= self._t[0]
         fore, hind, period = (values[recorded] for values in cycles)
@@ -147,7 +161,8 @@ class _Stances:
             time = self.over(f"time_{leg}", at - period, at)
             load.append(self.over(f"F_{leg}_standing", at - period, at) / time)
             tilt.append(self.over(f"pitch_{leg}", at - period, at) / time)
-        measures["load_stance"], measures["tilt_stance"] = load[0] - load[1], 0.5 * (tilt[0] + tilt[1])
+        measures["load_stance"] = load[0] - load[1]
+        measures["tilt_stance"] = 0.5 * (tilt[0] + tilt[1])
         return {name: float(np.mean(value)) for name, value in measures.items()}
 
     def _difference(

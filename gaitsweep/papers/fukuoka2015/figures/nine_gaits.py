@@ -58,6 +58,7 @@ def nine_gaits(
     require_columns(table, "row", "t", *FLEXORS.values())
     gaits = gaits_in(table)
     narrow = theme.width_of(theme.PAGE) < _NARROW_WIDTH
+    none = "no row" if narrow else "no row has it"
     with theme.canvas(theme.PAGE, 4.9, title) as figure:
         grid = figure.subplots(3, 3)
         for place, gait in enumerate(CHART):
@@ -68,7 +69,7 @@ def nine_gaits(
                 _example(axes, table, gait, clearest, cycles, narrow=narrow)
             else:
                 _name(axes, gait)
-                _empty(axes, "no row" if narrow else "no row has it")
+                _empty(axes, none)
             if place // 3 == 0:
                 style: dict[str, Any] = {"ha": "center", "fontsize": theme.points(7.5)}
                 style |= {"xycoords": "axes fraction", "textcoords": "offset points"}
