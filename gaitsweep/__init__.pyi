@@ -18,6 +18,8 @@ from gaitsweep.api.maps import PoincareMap as PoincareMap
 from gaitsweep.api.maps import return_map as return_map
 from gaitsweep.api.result import Result as Result
 from gaitsweep.api.result import run as run
+from gaitsweep.api.simulator import Simulator as Simulator
+from gaitsweep.api.simulator import simulator as simulator
 from gaitsweep.api.stationary import StationaryPoints as StationaryPoints
 from gaitsweep.api.stationary import stationary as stationary
 from gaitsweep.api.trajectories import perturb as perturb
@@ -39,6 +41,7 @@ from gaitsweep.dynamics.declarations import symmetry as symmetry
 from gaitsweep.dynamics.declarations import time as time
 from gaitsweep.dynamics.declarations import variable as variable
 from gaitsweep.dynamics.declared_model import DeclaredModel as DeclaredModel
+from gaitsweep.dynamics.diffusion import diffusion as diffusion
 from gaitsweep.dynamics.footfalls import footfalls as footfalls
 from gaitsweep.dynamics.ground import Ground as Ground
 from gaitsweep.dynamics.ground import ground_field as ground_field

@@ -93,7 +93,7 @@ def compiled_once(suffix: str, key: Sequence[str], compile_: Callable[[], bytes]
 
 
 def _unsafe(folder: Path) -> str | None:
-    """Return why code from a folder may be another user's, or None."""
+    """The reason why code from a folder may be another user's, or None."""
     status = folder.stat()
     user = os.geteuid()
     if status.st_uid not in (user, 0):

@@ -51,7 +51,9 @@ class ResultCode(enum.IntEnum):
 
     def __new__(cls, number: int, sentence: str, verdict: Verdict = Verdict.undecided) -> Self:
         code = int.__new__(cls, number)
-        code._value_, code.sentence, code.verdict = number, sentence, verdict
+        code._value_ = number
+        code.sentence = sentence
+        code.verdict = verdict
         return code
 
 
@@ -186,6 +188,13 @@ class Quantity:
     whole: bool = False
     may_be_nan: bool = False
 
+    @classmethod
+    def positive(
+        cls, name: str, unit: str, meaning: str, default: float | str, symbol: str = "", source: str = ""
+    ) -> Quantity:
+        """A quantity above zero; arguments as of the fields with these names."""
+        return cls(name, unit, meaning, default, low=0.0, open_ends=True, symbol=symbol, source=source)
+
 
 def names_gait(label: str) -> bool:
     """Whether a label holds an index of a gait: `gait` itself, or a label field `gait_...`."""
@@ -208,6 +217,7 @@ RENAMED_OF_CHARTS = {
 
 
 def _refuse_old_names(cls: type, renamed: Mapping[str, str]) -> None:
+    """Refuse a class that defines a member by its old name, which the engine would not call."""
     for old, new in renamed.items():
         # a field of the structure may have any name
         if old in vars(cls) and old not in vars(cls).get("__annotations__", {}):
@@ -267,10 +277,15 @@ class Jumps(abc.ABC):
 
     @abc.abstractmethod
     def jump(self, params: Params, state: State, fired: Bool[Array, " events"], /) -> State:
-        """The state after the events `fired` (a bool for each event); only a jump changes the modes.
+        """The state after some events; only a jump changes the modes.
 
         Events that are located in time jump one at a time, in the order of the guards; after each jump the
         guards are looked at again. Events of a scheme of steps jump together.
+
+        Args:
+            params: the parameters.
+            state: the state before the jump.
+            fired: a bool for each event.
         """
 
     @abc.abstractmethod
@@ -475,6 +490,9 @@ class FixedStepDynamics(Jumps):
 
     # whether every step ends on the section: the step is the return map, has its derivative and no error
     is_return_map: ClassVar[bool] = False
+    # whether steps draw random numbers: `step` then has a fourth argument, the factor on the step's length
+    # (1, or 1/2 in the self-check, along the same path of noise)
+    stochastic: ClassVar[bool] = False
 
     @abc.abstractmethod
     def step(self, params: Params, state: State, dt: Float[Array, ""], /) -> State:

@@ -12,23 +12,23 @@ Kind = Literal["near misses", "expressions"]
 # A near miss takes about 1 ms, an expression 0.1 ms.
 LIMITS: dict[Kind, int] = {"near misses": 200, "expressions": 5_000}
 # The remaining budget of the job that is being read, by kind; without one there is no limit.
-_LEFT: ContextVar[dict[Kind, int] | None] = ContextVar("_LEFT", default=None)
+_REMAINING: ContextVar[dict[Kind, int] | None] = ContextVar("remaining", default=None)
 
 
 @contextlib.contextmanager
 def limited() -> Iterator[None]:
     """A context in which one job is read; a nested context uses the budget of the outer one."""
-    token = _LEFT.set(_LEFT.get() or dict(LIMITS))
+    token = _REMAINING.set(_REMAINING.get() or dict(LIMITS))
     try:
         yield
     finally:
-        _LEFT.reset(token)
+        _REMAINING.reset(token)
 
 
 def spend(kind: Kind) -> bool:
-    """Spend one unit of a kind; False if none is left."""
-    left = _LEFT.get()
-    if left is None:
+    """Spend one unit of a kind; False if none is remaining."""
+    remaining = _REMAINING.get()
+    if remaining is None:
         return True
-    left[kind] -= 1
-    return left[kind] >= 0
+    remaining[kind] -= 1
+    return remaining[kind] >= 0

@@ -5,8 +5,11 @@ from __future__ import annotations
 import sys
 from typing import ClassVar
 
-EXIT_FAILURE = 1  # exit code: the request is valid, but its execution failed, for example by a full disk
-EXIT_REFUSED = 2  # exit code: the request is invalid
+# Exit codes of the command: a valid request failed, for example by a full disk; the request is invalid; with
+# `--strict`, a result is complete, but the self-check warns or a claim is not reproduced.
+EXIT_FAILURE = 1
+EXIT_REFUSED = 2
+EXIT_STRICT = 3
 
 
 class UserError(Exception):
@@ -34,7 +37,11 @@ class UnsupportedSystem(UserError):
 
 
 def refuse_windows() -> None:
-    """Raise UnsupportedSystem on Windows, whose file locks and signals differ."""
+    """Refuse Windows, whose file locks and signals differ.
+
+    Raises:
+        UnsupportedSystem: this is Windows.
+    """
     if sys.platform == "win32":
         raise UnsupportedSystem(
             "Windows is not supported; use WSL 2 (`wsl --install`, then `pip install gaitsweep` there)."

@@ -51,7 +51,7 @@ _COMPARISONS: dict[type, Callable[..., Any]] = {
     ast.NotEq: operator.ne,
 }
 # Syntax that is refused, in words.
-_WORDS: dict[type, str] = {
+_REFUSED_SYNTAX: dict[type, str] = {
     ast.Attribute: "a dot after a name",
     ast.Subscript: "an index in brackets",
     ast.Lambda: "a lambda",
@@ -253,7 +253,11 @@ def _names_of(tree: ast.expr) -> set[str]:
 
 
 def functions_of(module: Any) -> dict[str, Callable[..., Any]]:
-    """FUNCTIONS of `module`, numpy or jax.numpy; min and max take two or more arguments."""
+    """The functions of FUNCTIONS by name; min and max take two or more arguments.
+
+    Args:
+        module: numpy or jax.numpy.
+    """
     table = {name: getattr(module, name) for name in FUNCTIONS if name not in ("min", "max")}
     table["min"] = lambda *values: functools.reduce(module.minimum, values)
     table["max"] = lambda *values: functools.reduce(module.maximum, values)
@@ -284,6 +288,16 @@ def _evaluate_tree(
     functions: Mapping[str, Callable[..., Any]],
     constant: Callable[[float], Any],
 ) -> Any:
+    """The value of a checked tree.
+
+    Args:
+        text: the expression, for messages.
+        tree: its tree.
+        names: the value of each name.
+        functions: the functions by name.
+        constant: converts the numbers of the expression.
+    """
+
     def value(node: ast.expr) -> Any:
         match node:
             case ast.Constant():
@@ -318,7 +332,7 @@ def _arithmetic(error: Exception) -> str:
 
 
 @functools.lru_cache(maxsize=4096)
-def _parse(text: str, condition: bool = False) -> ast.expr:
+def _parse(text: str, *, condition: bool = False) -> ast.expr:
     """The tree of `text`, its numbers floats, checked to hold nothing but arithmetic, or a condition."""
     needed = "a condition" if condition else "a number"
     if not text.strip():
@@ -369,6 +383,7 @@ def _check_condition(text: str, node: ast.expr) -> None:
 
 
 def _check_operand(text: str, node: ast.expr) -> None:
+    """Refuse an operand of a comparison that is neither text in quotes nor arithmetic."""
     if not (isinstance(node, ast.Constant) and isinstance(node.value, str)):
         _check(text, node)
 
@@ -398,6 +413,7 @@ def _check(text: str, body: ast.expr) -> None:
 
 
 def _constant(text: str, value: object) -> float:
+    """A number that an expression has, as a float; raises ExpressionError for text and other constants."""
     if isinstance(value, str):
         raise _error_in(text, "text in quotes is not allowed; only arithmetic is.")
     try:
@@ -407,6 +423,7 @@ def _constant(text: str, value: object) -> float:
 
 
 def _check_call(text: str, node: ast.Call) -> None:
+    """Refuse a call of anything but one of FUNCTIONS with its number of arguments."""
     if not isinstance(node.func, ast.Name):
         raise _refusal(text, node.func)
     name = node.func.id
@@ -417,9 +434,11 @@ def _check_call(text: str, node: ast.Call) -> None:
             raise _refusal(text, argument)
     if node.keywords:
         raise _error_in(text, f"{name} has no named arguments.")
-    extreme = name in ("min", "max")
-    if len(node.args) < 2 if extreme else len(node.args) != 1:
-        raise _error_in(text, f"{name} needs {'at least two numbers' if extreme else 'exactly one number'}.")
+    if name in ("min", "max"):
+        if len(node.args) < 2:
+            raise _error_in(text, f"{name} needs at least two numbers.")
+    elif len(node.args) != 1:
+        raise _error_in(text, f"{name} needs exactly one number.")
 
 
 def _error_in(text: str, reason: str) -> ExpressionError:
@@ -430,4 +449,4 @@ def _error_in(text: str, reason: str) -> ExpressionError:
 def _refusal(text: str, node: ast.AST) -> ExpressionError:
     """The error for syntax that is not arithmetic."""
     allowed = f"+ - * / // % ** and {', '.join(FUNCTIONS)}"
-    return _error_in(text, f"{_WORDS.get(type(node), 'this')} is not allowed; only {allowed} are.")
+    return _error_in(text, f"{_REFUSED_SYNTAX.get(type(node), 'this')} is not allowed; only {allowed} are.")

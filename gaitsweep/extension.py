@@ -11,7 +11,6 @@ from __future__ import annotations
 import dataclasses
 import functools
 import importlib
-import itertools
 from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
@@ -109,10 +108,9 @@ def gait_styles() -> Mapping[str, Style]:
 
 def import_all(kind: str) -> None:
     """Import the modules of one kind of all extensions (figures, ...), which register what they define."""
-    for name in itertools.chain.from_iterable(
-        getattr(extension, kind) for extension in extensions().values()
-    ):
-        importlib.import_module(name)
+    for extension in extensions().values():
+        for name in getattr(extension, kind):
+            importlib.import_module(name)
 
 
 def folders(kind: str) -> list[Path]:
@@ -142,6 +140,7 @@ def _of_checkout() -> list[tuple[EntryPoint, str]]:
 
 
 def _installed() -> list[tuple[EntryPoint, str]]:
+    """The entry points of installed packages, and the package of each."""
     from importlib.metadata import entry_points
 
     entries = sorted(entry_points(group=GROUP), key=lambda entry: entry.name)

@@ -18,6 +18,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+# The packages that are imported when they are first used.
 LAZY = frozenset({"matplotlib", "mpl_toolkits", "pandas", "pyarrow", "scipy"})
 
 _import = builtins.__import__
@@ -72,7 +73,10 @@ class Lazy:
     """
 
     def __init__(self, names: dict[str, Any], module: str, member: str | None = None) -> None:
-        self._names, self._module, self._member, self._object = names, module, member, None
+        self._names = names
+        self._module = module
+        self._member = member
+        self._object = None
 
     def _loaded(self) -> Any:
         if self._object is None:
@@ -146,19 +150,19 @@ def _without_rocm() -> Iterator[None]:
     """
     from importlib import metadata  # which `--help` does not need
 
-    every = metadata.distributions
+    all_distributions = metadata.distributions
     thread = threading.get_ident()
 
-    def none_here(**context: Any) -> Any:
-        return iter(()) if threading.get_ident() == thread else every(**context)
+    def without_own(**context: Any) -> Any:
+        """No distributions for this thread, all for others, which may read them meanwhile."""
+        return iter(()) if threading.get_ident() == thread else all_distributions(**context)
 
-    plugins = (Path(folder).glob("jax_rocm*-plugin*") for folder in sys.path)
-    if not any(True for files in plugins for _ in files):
-        metadata.distributions = none_here
+    if not any(any(Path(folder).glob("jax_rocm*-plugin*")) for folder in sys.path):
+        metadata.distributions = without_own
     try:
         yield
     finally:
-        metadata.distributions = every
+        metadata.distributions = all_distributions
 
 
 @contextlib.contextmanager

@@ -16,9 +16,15 @@ _MAX_COMPARED = 2000  # number of allowed words that are compared
 
 
 def nearest(word: str, allowed: Iterable[str]) -> str | None:
-    """The allowed word that is most similar to `word`, without regard to case, or None if none is similar.
+    """The allowed word that is most similar to another one, without regard to case.
 
-    It is also None if `word` is very long, or if the job's budget of near misses is spent (`effort`).
+    Args:
+        word: the word that is not allowed.
+        allowed: the allowed words.
+
+    Returns:
+        The word; None if none is similar, if `word` is very long, or if the job's budget of near misses is
+        spent (`effort`).
     """
     if len(word) > _LONGEST_WORD or not effort.spend("near misses"):
         return None
@@ -31,7 +37,11 @@ def nearest(word: str, allowed: Iterable[str]) -> str | None:
 
 
 def suggestion(word: str, allowed: Iterable[str]) -> str:
-    """The end of an error message, "; did you mean kappa? Allowed: beta, kappa.".
+    """The end of an error message about an unknown word: "; did you mean kappa? Allowed: beta, kappa.".
+
+    Args:
+        word: the word that is not allowed.
+        allowed: the allowed words.
 
     Example:
         >>> import gaitsweep as gs

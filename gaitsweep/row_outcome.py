@@ -115,7 +115,12 @@ class RowOutcome:
     def put(
         self, which: Int[np.ndarray, " ended"], numbers: Mapping[str, Num[np.ndarray, "ended ..."]]
     ) -> None:
-        """Set the numbers of the rows at the places `which` (m,)."""
+        """Set the numbers of some rows.
+
+        Args:
+            which: the places of the rows (m,).
+            numbers: their numbers, (m, ...) each, by name.
+        """
         for name, own in list(self.numbers.items()):
             values = numbers[name]
             if own.shape[1:] != values.shape[1:]:  # the guards, or crossings, are counted only now

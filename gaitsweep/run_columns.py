@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 # The unit ("" of texts) and the meaning by name. Parameters and observables have other names.
 COLUMNS = {
     "row": ("1", "number of the row"),
@@ -54,6 +56,18 @@ COLUMNS = {
     "events": ("", "events of a cycle of the gait, in their order"),
     "change": ("", "change of the order of events at this point"),
     "left_out": ("1", "branches of the row beyond the largest number"),
+    "drawn_starts": ("1", "starts of the search that were drawn for the row"),
+    "stored_point": ("", "point of the section and its tangent, from which the atlas is continued"),
     "corrections": ("1", "corrections by Newton's method"),
     "end": ("", "why the branch or curve ends here"),
 }
+
+
+def time_column(event: str) -> str:
+    """The column of an atlas with the times of an event.
+
+    Example:
+        >>> time_column("left foot lands")
+        't_left_foot_lands'
+    """
+    return "t_" + re.sub(r"\W+", "_", event).strip("_")

@@ -40,13 +40,13 @@ def job_folders() -> list[Path]:
 def portable_text(file: Path) -> str:
     """The text of a shipped file for a user's folder.
 
-    It names shipped configs as `builtin:NAME`, and the model of an example as the module beside the job.
+    It names shipped configs as `builtin:NAME`, and an example's model as the module or file beside the job.
     """
     text = file.read_text(encoding="utf-8")
     if file.suffix != ".yaml":
         return text
     text = re.sub(r"^(config: *)\.\./configs/(\w+)\.yaml", rf"\g<1>{BUILTIN}\g<2>", text, flags=re.MULTILINE)
-    return re.sub(r"^(model: *)gaitsweep\.examples\.", r"\g<1>", text, flags=re.MULTILINE)
+    return re.sub(r"^(model: *)(gaitsweep\.examples\.|walkers/)", r"\g<1>", text, flags=re.MULTILINE)
 
 
 def shipped_as(file: Path, similar: Callable[[str, list[str]], str | None]) -> str | None:
@@ -57,7 +57,9 @@ def shipped_as(file: Path, similar: Callable[[str, list[str]], str | None]) -> s
             where it is only similar.
         similar: the most similar name of a list, or None.
     """
-    owners = {job.stem: _owner(folder) for folder in reversed(job_folders()) for job in folder.glob("*.yaml")}
+    owners: dict[str, str] = {}
+    for folder in reversed(job_folders()):  # of a name in two folders, the first one's
+        owners |= dict.fromkeys((job.stem for job in folder.glob("*.yaml")), _owner(folder))
     name = similar(file.stem, sorted(owners)) if file.parent in job_folders() else file.stem
     return f"{BUILTIN}{name}, which comes with {owners[name]}" if name in owners else None
 

@@ -399,7 +399,7 @@ def model_of(xml: str) -> gs.MjcfModel:
         "rates": lambda self, p, s: {"phi": p.omega},
         "period": lambda self, p: 2.0 * jnp.pi / p.omega,
     }
-    return type("Body", (gs.MjcfModel,), members)()
+    return type("Body", (gs.MjcfModel,), members)(dynamics="mjx")
 
 
 def judged(xml: str) -> tuple[str, str]:

@@ -41,7 +41,10 @@ ENTRIES: dict[str, tuple[str, tuple[str, ...]]] = {
     "shock": ("multilegged_basin_measures", SLICES),
     "recovery": ("gaitsweep/examples/compass_walker_pushes.yaml", ()),
     "phase_response": ("gaitsweep/examples/compass_walker_pushes.yaml", ()),
-    "survival": ("gaitsweep/examples/compass_walker_ground.yaml", ("vary.ground_seed.linspace=[0, 49, 50]",)),
+    "survival": (
+        "gaitsweep/examples/compass_walker_ground.yaml",
+        ("vary.ground_seed.linspace=[0, 19, 20]", "vary.ground_roughness.linspace=[0, 0.002, 5]"),
+    ),
     "branches": (
         "waist_quadruped_branches",
         ("vary.f.linspace=[2.0, 3.2, 9]", "vary.delta_13.linspace=[2.65, 3.15, 24]"),

@@ -4,6 +4,7 @@ from gaitsweep.analysis.basins.fractions import LEVEL as LEVEL
 from gaitsweep.analysis.basins.fractions import fractions as fractions
 from gaitsweep.analysis.basins.fractions import proportion_interval as proportion_interval
 from gaitsweep.analysis.basins.measures import basins as basins
+from gaitsweep.analysis.basins.measures import least_fatal_push as least_fatal_push
 from gaitsweep.analysis.basins.wada import Wada as Wada
 from gaitsweep.analysis.basins.wada import wada as wada
 from gaitsweep.analysis.circular import mean_direction as mean_direction
@@ -11,6 +12,7 @@ from gaitsweep.analysis.circular import unwrap_from as unwrap_from
 from gaitsweep.analysis.continuation.stable_ranges import stable_ranges as stable_ranges
 from gaitsweep.analysis.falls import steps_to_fall as steps_to_fall
 from gaitsweep.analysis.falls import survival as survival
+from gaitsweep.analysis.rare_falls import RareFalls as RareFalls
 from gaitsweep.analysis.records import AnalysisError as AnalysisError
 from gaitsweep.analysis.records import axes_of as axes_of
 from gaitsweep.analysis.records import in_order as in_order

@@ -92,8 +92,8 @@ def survival(
         and high.
 
     Raises:
-        AnalysisError: the table does not have a column, an argument is not allowed, rows failed in another way
-            than by a fall, or rows ended before so many steps without a fall.
+        AnalysisError: the table does not have a column, an argument is not allowed, rows failed in another
+            way than by a fall, or rows ended before so many steps without a fall.
 
     Source: Clopper and Pearson 1934, Biometrika 26:404, of the interval.
     """

@@ -160,7 +160,7 @@ def _pushed(mapping: BatchedReturnMap, variables: tuple[Place, ...]) -> Callable
         params = mapping.params(values)
         begun = mapping.chart.from_coordinates(params, at, modes)
         dt = numerics.factor * step_of(model, numerics, params)
-        carry = start(model, params, begun, dt=dt, stop=t, share=numerics.factor)
+        carry = start(model, params, begun, dt=dt, stop=t, step_factor=numerics.factor)
         carry = jax.lax.while_loop(
             lambda carry: carry.halt == Halt.GOING, lambda carry: attempt(params, carry), carry
         )

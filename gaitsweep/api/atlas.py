@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
-from jaxtyping import Bool
 
+from gaitsweep.analysis.atlas.atlas_tables import atlas_tables
 from gaitsweep.api.keywords import AnyModel
 from gaitsweep.api.result import Result, run, run_in_memory
 from gaitsweep.api.trajectories import sweep
@@ -63,8 +64,7 @@ class Atlas:
             )
 
     def __repr__(self) -> str:
-        counts = {name: len(getattr(self, name)) for name in ("gaits", "points")}
-        return f"Atlas({counts['gaits']} gaits, {counts['points']} bifurcations)"
+        return f"Atlas({len(self.gaits)} gaits, {len(self.points)} bifurcations)"
 
     @property
     def table(self) -> pd.DataFrame:
@@ -74,36 +74,22 @@ class Atlas:
     @property
     def gaits(self) -> pd.DataFrame:
         """All gaits at the value of the parameter where they were searched, a record each."""
-        return self._where(self._of_branches & (self._table["found"] >= 0).to_numpy(bool))
+        return self._tables["gaits"]
 
     @property
     def branches(self) -> pd.DataFrame:
         """The branches, a record for each point; `number` is the branch."""
-        return self._where(self._of_branches)
+        return self._tables["branches"]
 
     @property
     def points(self) -> pd.DataFrame:
         """The bifurcations on the branches, a record each; `special` is the kind."""
-        special, end = (self._table[name].astype(str) for name in ("special", "end"))
-        # a flip of the parent is met again where its doubled gait ends, and a pitchfork that ends a branch
-        # is on the symmetric branch as well
-        parameter = self._table[self._table.attrs["job"]["run"]["parameter"]].round(9)
-        places = list(zip(self._table["row"], special, parameter, strict=True))
-        others = {place for place, why in zip(places, end, strict=True) if why != "pitchfork"}
-        again = np.array(
-            [
-                why == "flip" or (why == "pitchfork" and place in others)
-                for place, why in zip(places, end, strict=True)
-            ],
-            bool,
-        )
-        named = ~special.isin(["", "nan", "kink"]).to_numpy(bool)
-        return self._where(self._of_branches & named & ~again)
+        return self._tables["points"]
 
     @property
     def curves(self) -> pd.DataFrame:
         """The curves of bifurcations in both parameters, a record for each point; `number` is the curve."""
-        return self._where(~self._of_branches & (self._table["part"].astype(str) != "").to_numpy(bool))
+        return self._tables["curves"]
 
     @property
     def missing(self) -> float:
@@ -111,12 +97,14 @@ class Atlas:
         return float(np.nanmax(self._table["missing"].to_numpy(float), initial=0.0))
 
     def more(self, out: str | Path | None = None) -> Atlas:
-        """Return an atlas from twice the starts, patience and branches, one bifurcation deeper.
+        """Continue the atlas with twice the starts, patience and branches, one bifurcation deeper.
+
+        What it has found is not searched or followed again.
 
         Args:
             out: its result directory; without it its tables are in memory.
         """
-        job = wider_job(self._table.attrs)
+        job = wider_job(self._table)
         return Atlas(run_in_memory(job) if out is None else run(job, out))
 
     @property
@@ -124,14 +112,10 @@ class Atlas:
         """Figures of the atlas: `road_map()`, `atlas()`, `orbit_family()`, each a method of it."""
         return self.result.plot
 
-    @property
-    def _of_branches(self) -> Bool[np.ndarray, " records"]:
-        """Mask of the records of branches."""
-        return (self._table["part"].astype(str) == "branch").to_numpy(bool)
-
-    def _where(self, mask: Bool[np.ndarray, " records"]) -> pd.DataFrame:
-        """The records of a mask, numbered anew."""
-        return self._table.iloc[np.flatnonzero(mask)].reset_index(drop=True)
+    @functools.cached_property
+    def _tables(self) -> dict[str, pd.DataFrame]:
+        """The four tables by name."""
+        return atlas_tables(self._table, self._table.attrs["job"]["run"]["parameter"])
 
 
 def atlas(

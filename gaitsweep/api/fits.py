@@ -105,7 +105,16 @@ def search(
     asked |= {"width": width, "seed": seed, "finalists": finalists, "robust": robust}
     fields = {"run": run, "params": params, "start": start if isinstance(start, Mapping) else None}
     fields |= {"numerics": numerics, "engine": engine}
-    return _SEARCH.result(model, asked, fields, values, out, overrides, on_progress, client)
+    return _SEARCH.result(
+        model,
+        own_fields=asked,
+        job_fields=fields,
+        values=values,
+        out=out,
+        overrides=overrides,
+        on_progress=on_progress,
+        client=client,
+    )
 
 
 def sensitivity(
@@ -161,7 +170,16 @@ def sensitivity(
     asked = {"parameters": parameters, "outputs": outputs, "method": method, "n": n, "seed": seed}
     fields = {"run": run, "params": params, "start": start, "numerics": numerics, "engine": engine}
     fields |= {"verify": verify}
-    return _SENSITIVITY.result(model, asked, fields, values, out, overrides, on_progress, client)
+    return _SENSITIVITY.result(
+        model,
+        own_fields=asked,
+        job_fields=fields,
+        values=values,
+        out=out,
+        overrides=overrides,
+        on_progress=on_progress,
+        client=client,
+    )
 
 
 @dataclasses.dataclass(frozen=True)
@@ -184,21 +202,27 @@ class _Fit(Generic[FitT]):
     def result(
         self,
         model: AnyModel | Path | Mapping[str, Any],
-        asked: Mapping[str, Any],
-        fields: dict[str, Any],
+        *,
+        own_fields: Mapping[str, Any],
+        job_fields: dict[str, Any],
         values: Mapping[str, Any],
         out: str | Path | None,
         overrides: Sequence[str],
         on_progress: Progress | None,
         client: Client | None,
     ) -> FitT:
-        """Run a whole job, or one of these keywords: `asked` of the command, `fields` and `values` of a job.
+        """Run a whole job, or one that is made of keywords.
 
-        Without `out`, the result of keywords is in memory, and that of a job is in `results/NAME`.
+        Args:
+            model: a model, or a whole job. own_fields: the command's own fields; None: not given. job_fields:
+            the other fields of a job; None: not given. values: parameters and start values by name. out: the
+            result directory. Without it, the result of keywords is in memory, and that of a job is in
+                `results/NAME`.
+            overrides, on_progress, client: as for `search`.
         """
         if is_job(model):
-            refuse_beside_a_job(model, asked)
-            refuse_beside_a_job(model, {**fields, **values})
+            refuse_beside_a_job(model, own_fields)
+            refuse_beside_a_job(model, {**job_fields, **values})
             if not isinstance(model, Mapping):
                 job = self.load(model, overrides)
             elif overrides:
@@ -209,9 +233,10 @@ class _Fit(Generic[FitT]):
         if overrides:
             raise ArgumentError("overrides are for a job file: give the values as keywords.")
         assert not isinstance(model, Path | Mapping)  # it was read
-        fields["run"] = Settle() if fields["run"] is None else fields["run"]
-        written = fields_without_axes(model, values, self.ranges, **fields)
-        section = plain({name: value for name, value in asked.items() if value is not None})
+        if job_fields["run"] is None:
+            job_fields["run"] = Settle()
+        written = fields_without_axes(model, values, self.ranges, **job_fields)
+        section = plain({name: value for name, value in own_fields.items() if value is not None})
         job = self.read({**written, self.section: section}, Path.cwd())
         if out is not None:
             refuse_of_session(written["model"])
@@ -227,6 +252,7 @@ class _Fit(Generic[FitT]):
         out: str | Path | None,
         on_progress: Progress | None,
         client: Client | None,
+        *,
         in_memory: bool = False,
     ) -> FitT:
         """Run a job that was read."""

@@ -15,11 +15,13 @@ from jaxtyping import Float, Inexact
 from numpy.typing import ArrayLike
 
 from gaitsweep import near_miss
+from gaitsweep.analysis.basins.fractions import LEVEL
 from gaitsweep.analysis.continuation.continuation import continuation
 from gaitsweep.analysis.continuation.level_map import LevelMap
 from gaitsweep.analysis.continuation.multipliers import multipliers
 from gaitsweep.analysis.continuation.newton import FixedPoints, newton
 from gaitsweep.analysis.phase_response import phase_response
+from gaitsweep.analysis.rare_falls import SCALES, Draws, RareFalls, rare_falls
 from gaitsweep.api.keywords import AnyModel, job_of
 from gaitsweep.contract import HybridModel
 from gaitsweep.engine.poincare.maps import Map, Points
@@ -185,8 +187,10 @@ class FixedPointsOfModel(abc.ABC):
             )
         values = {name: value for name, value in self._values.items() if name != parameter}
         tables = []
-        for direction in (1, -1) if towards is None else (towards,):
-            if np.all(begin == (high if direction > 0 else low)) and towards is None:
+        directions = (1, -1) if towards is None else (towards,)
+        for direction in directions:
+            end = high if direction > 0 else low
+            if towards is None and np.all(begin == end):
                 continue
             branches = continuation(
                 mapping,
@@ -233,6 +237,7 @@ class FixedPointsOfModel(abc.ABC):
 
     @cached_property
     def _start(self) -> Points:
+        """The points of the map's own start values."""
         return self._settled({}, 0)
 
     @abc.abstractmethod
@@ -440,6 +445,49 @@ class PoincareMap(FixedPointsOfModel):
             raise ArgumentError(
                 f"The return map of {self.model.name} by {method} has no derivative: {refusal}"
             )
+
+    def rare_falls(
+        self,
+        noise: str,
+        draws: Draws,
+        *,
+        seed: str = "seed",
+        steps: int = 6,
+        rounds: int = 64,
+        scales: Sequence[float] = SCALES,
+        level: float = LEVEL,
+    ) -> RareFalls:
+        """Estimate the mean number of steps to a fall that is too rare for plain runs.
+
+        Some steps are made with a larger noise, and falls are weighted by the quotient of the densities of
+        the numbers drawn on the way: importance sampling, without bias.
+
+        Args:
+            noise: the parameter to which the noise at events is proportional, such as `roughness`.
+            draws: a function (params, state) -> the numbers that the last jump drew, as standard normal ones
+                (a number, or an array (k,)): `lambda p, s: (s.ahead - p.slope) / p.roughness`. All noise of
+                the model has to be among them.
+            seed: the parameter of the seed; each step has one of its own.
+            steps: steps with larger noise before a fall; more than the walker remembers.
+            rounds: rounds of 2048 windows.
+            scales: factors on the noise, of which a few rounds choose the one with the smallest error.
+            level: confidence level of the interval.
+
+        Raises:
+            AnalysisError: an argument is not allowed, or too few falls were met.
+
+        Example:
+            >>> import gaitsweep as gs
+            >>> from gaitsweep.examples.rimless_wheel import RimlessWheel
+            >>> wheel = gs.return_map(RimlessWheel(), roughness=0.03)
+            >>> drawn = lambda p, s: (s.ahead - p.slope) / p.roughness
+            >>> found = wheel.rare_falls("roughness", drawn, rounds=8)
+            >>> 1e4 < found.steps < 1e6
+            True
+        """
+        settings = {"seed": seed, "steps": steps, "rounds": rounds, "scales": scales, "level": level}
+        starts = {name: float(np.ravel(value)[0]) for name, value in self._starts.items()}
+        return rare_falls(self._once, starts, noise, draws, **settings)
 
 
 def return_map(

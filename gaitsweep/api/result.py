@@ -56,8 +56,8 @@ class Result:
         def __getattr__(self, name: str) -> Any:
             """Refuse what a table has and a result has not; Python calls this for no other name."""
             of_table = not name.startswith("_") and hasattr(pd.DataFrame, name)
-            text = f"A Result has no {name}{'; its table has: give .table' * of_table}."
-            raise AttributeError(text, name=name, obj=self)
+            hint = "; its table has: give .table" if of_table else ""
+            raise AttributeError(f"A Result has no {name}{hint}.", name=name, obj=self)
 
         def __getitem__(self, name: Any) -> Any:
             raise TypeError("A Result has no columns; its table has: give .table.")
@@ -161,15 +161,14 @@ class Result:
 
     def _summary(self) -> list[str]:
         """Lines with the counts of rows, statuses and gaits, and the self-check."""
-        known = self.manifest
-        counts = {"rows": {"": known["rows"]}, "status": known.get("counts"), "gait": known.get("gaits")}
-        lines = [
-            f"{name}: {', '.join(f'{key} {count}'.strip() for key, count in numbers.items())}"
-            for name, numbers in counts.items()
-            if numbers
-        ]
-        check = known.get("self_check")
-        return [*lines, self_check_sentence(check)] if isinstance(check, dict) else lines
+        manifest = self.manifest
+        lines = [f"rows: {manifest['rows']}"]
+        for title, key in (("status", "counts"), ("gait", "gaits")):
+            if counts := manifest.get(key):
+                lines.append(f"{title}: {', '.join(f'{name} {count}' for name, count in counts.items())}")
+        if isinstance(check := manifest.get("self_check"), dict):
+            lines.append(self_check_sentence(check))
+        return lines
 
 
 def run(
@@ -229,8 +228,13 @@ def refuse_of_session(model: str) -> None:
         )
 
 
-def cluster_of(client: Client, collect: bool = False) -> Cluster:
-    """Return the workers of a `distributed.Client`; with `collect` no directory is shared with them."""
+def cluster_of(client: Client, *, collect: bool = False) -> Cluster:
+    """Return the workers of a `distributed.Client`.
+
+    Args:
+        client: the client, which stays open.
+        collect: send rows here through the scheduler, without a directory that the workers share.
+    """
     from gaitsweep.runs.cluster.connection import UserClient
     from gaitsweep.runs.cluster.dispatch import Cluster
 

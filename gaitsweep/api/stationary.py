@@ -72,11 +72,13 @@ class StationaryPoints(FixedPointsOfModel):
 
     @property
     def _flow(self) -> StationaryMap:
+        """The map whose fixed points are the stationary points."""
         assert isinstance(self._once, StationaryMap)
         return self._once
 
     @cached_property
     def _refusal(self) -> str | None:
+        """The reason why the flow has no stationary points, or None."""
         return self._flow.refusal(self._start, self._values)
 
     def _check(self) -> None:

@@ -79,7 +79,6 @@ def sweep(
 
 
 @held_contents()
-@held_contents()
 def perturb(
     model: AnyModel,
     push: Sequence[str] = (),
@@ -137,6 +136,7 @@ def perturb(
     return sweep(model, run=Perturb(push=list(push), **(run or {})), **keywords)
 
 
+@held_contents()
 def simulate(
     model: AnyModel,
     *,

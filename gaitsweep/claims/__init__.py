@@ -2,6 +2,9 @@
 
 `configs/claims/PAPER.yaml` lists the claims. A claim names its jobs, a `measure` of their tables and the
 paper's value; the verdict compares the two.
+
+`paper` reads the list, `measures` has the general measures, `verdicts` the rule, `reproduce` runs the jobs,
+`page` shows the result.
 """
 
 from __future__ import annotations

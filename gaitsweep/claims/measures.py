@@ -64,7 +64,15 @@ def share(table: pd.DataFrame, *, where: Condition, of: Condition | None = None)
 
 @measure
 def difference_of_shares(table: pd.DataFrame, *, where: Condition, of: Condition, less: Condition) -> float:
-    """Fraction fulfilling `where` among the rows of `of`, minus that among the rows of `less` (1)."""
+    """Fraction fulfilling `where` among the rows of `of`, minus that among the rows of `less` (1).
+
+    Args:
+        table: a result table with one record a row.
+        where, of, less: conditions.
+
+    Raises:
+        MeasureError, ExpressionError: as for `share`.
+    """
     return share(table, where=where, of=of) - share(table, where=where, of=less)
 
 
@@ -111,7 +119,16 @@ def texts(table: pd.DataFrame, *, column: str, where: Condition | None = None) -
 
 @measure
 def ratio_of_medians(table: pd.DataFrame, *, column: str, where: Condition, to: Condition) -> float:
-    """Median of a column over the records of one condition, divided by that of another condition (1)."""
+    """Median of a column over the records of one condition, divided by that of another condition (1).
+
+    Args:
+        table: a result table.
+        column: the column.
+        where, to: the conditions.
+
+    Raises:
+        MeasureError: as for `value`.
+    """
     return value(table, column=column, where=where) / value(table, column=column, where=to)
 
 
@@ -139,8 +156,13 @@ def defaults(parameters: Iterable[Quantity]) -> dict[str, float]:
     return resolve(written, {})
 
 
-def records(table: pd.DataFrame, where: str | None, may_be_empty: bool = False) -> pd.DataFrame:
+def records(table: pd.DataFrame, where: str | None, *, may_be_empty: bool = False) -> pd.DataFrame:
     """The records of a table that fulfil a condition; without a condition, all records.
+
+    Args:
+        table: a result table.
+        where: the condition.
+        may_be_empty: whether a result without records is allowed.
 
     Raises:
         MeasureError: no record fulfils the condition, and `may_be_empty` is false.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -83,14 +83,14 @@ def page(paper: str, table: pd.DataFrame, runs: Sequence[JobRun], *, quick: bool
     """
     failed = any(run.path is None for run in runs)
     shown: set[str] = set()
-    sections = [_head(paper, table, quick)]
-    sections += [
-        _section(verdict, table, shown, failed) for verdict in _ORDER if verdict in set(table["verdict"])
-    ]
+    sections = [_head(paper, table, quick=quick)]
+    for verdict in _ORDER:
+        if verdict in set(table["verdict"]):
+            sections.append(_section(verdict, table, shown, failed=failed))
     return document(html.escape(paper), _STYLE, [*sections, _jobs(runs), _SCRIPT])
 
 
-def _section(verdict: ClaimVerdict, table: pd.DataFrame, shown: set[str], failed: bool) -> str:
+def _section(verdict: ClaimVerdict, table: pd.DataFrame, shown: set[str], *, failed: bool) -> str:
     """The claims with one verdict, grouped by their figure, which stands beside them.
 
     Args:
@@ -112,8 +112,7 @@ def _section(verdict: ClaimVerdict, table: pd.DataFrame, shown: set[str], failed
 
 def _beside(file: str, claims: pd.DataFrame, shown: set[str]) -> str:
     """Claims with their figure beside them, or a link to it where the page has it already."""
-    articles = "".join(_claim({str(key): value for key, value in record.items()})
-                       for record in claims.to_dict("records"))  # fmt: skip
+    articles = "".join(map(_claim, claims.to_dict("records")))
     if not file:
         return articles
     path = Path(file)
@@ -125,7 +124,7 @@ def _beside(file: str, claims: pd.DataFrame, shown: set[str]) -> str:
     return f'<div class="pair"><div>{articles}</div><div id="{anchor}">{figure_of(path, name)}</div></div>'
 
 
-def _head(paper: str, table: pd.DataFrame, quick: bool) -> str:
+def _head(paper: str, table: pd.DataFrame, *, quick: bool) -> str:
     """The title of the page, and the number of claims with each verdict."""
     verdicts = [ClaimVerdict(verdict) for verdict in table["verdict"]]
     lines = "".join(
@@ -142,7 +141,7 @@ def _head(paper: str, table: pd.DataFrame, quick: bool) -> str:
     )
 
 
-def _claim(claim: dict[str, object]) -> str:
+def _claim(claim: Mapping[Hashable, object]) -> str:
     """The article of a claim, from its record in the table."""
     verdict = ClaimVerdict(str(claim["verdict"]))
     unit = "" if claim["unit"] in ("", "1") else f" {claim['unit']}"

@@ -28,7 +28,8 @@ from gaitsweep.runs.sentences import self_check_sentence
 from gaitsweep.schema.yaml_document import read_document
 from gaitsweep.table import Snapshot, load, replace_file, writing
 
-TABLE, PAGE = "claims.parquet", "index.html"
+TABLE = "claims.parquet"
+PAGE = "index.html"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -60,11 +61,14 @@ class JobRun:
 
 @dataclasses.dataclass(frozen=True)
 class Reproduction:
-    """Verdicts on a paper's claims: `table` has a row for each claim, `page` shows them."""
+    """Verdicts on a paper's claims.
+
+    `table` has a row for each claim, `folder` the files of `reproduce`; `failed`: a job failed.
+    """
 
     table: pd.DataFrame
     folder: Path
-    failed: bool  # a job failed
+    failed: bool
 
     @property
     def counts(self) -> dict[str, int]:
@@ -80,6 +84,7 @@ class Reproduction:
 
     @property
     def page(self) -> Path:
+        """The file that shows the verdicts."""
         return self.folder / PAGE
 
 
@@ -133,7 +138,8 @@ class _PaperRun:
         paper = self.paper
         folder = self.folder
         asked = [(claim, claim.as_quick() if self.quick else claim) for claim in paper.claims]
-        needed = [name for name in paper.jobs if any(judged and name in judged.of for _, judged in asked)]
+        used = {name for _, judged in asked if judged for name in judged.of}
+        needed = [name for name in paper.jobs if name in used]
         for number, name in enumerate(needed, 1):
             if not self.quick or paper.jobs[name].quick is not False:
                 self.on_message(f"{paper.name}: job {number} of {len(needed)}, {name}")

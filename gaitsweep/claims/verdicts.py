@@ -19,7 +19,9 @@ class ClaimVerdict(enum.StrEnum):
 
     def __new__(cls, value: str, words: str, sentence: str) -> ClaimVerdict:
         member = str.__new__(cls, value)
-        member._value_, member.words, member.sentence = value, words, sentence
+        member._value_ = value
+        member.words = words
+        member.sentence = sentence
         return member
 
     reproduced = "reproduced", "reproduced", "our value agrees with the paper's within the tolerance"
@@ -63,7 +65,11 @@ def verdict(claim: Claim, ours: Value) -> ClaimVerdict:
 
 
 def agrees(claim: Claim, ours: Value) -> bool:
-    """Whether a value is within a claim's tolerance and bounds, or equals its text; false for NaN."""
+    """Whether a value is within a claim's tolerance and bounds, or equals its text; false for NaN.
+
+    Args:
+        claim, ours: as for `verdict`.
+    """
     values = _items(ours)
     tolerance = claim.tolerance
     if tolerance is None and claim.interval is not None:
@@ -75,7 +81,8 @@ def agrees(claim: Claim, ours: Value) -> bool:
         return False
     if tolerance is None:
         return theirs == values
-    return all(_is_finite(b) and abs(a - b) <= tolerance for a, b in zip(theirs, values, strict=True))
+    pairs = zip(theirs, values, strict=True)
+    return all(_is_finite(value) and abs(expected - value) <= tolerance for expected, value in pairs)
 
 
 def _is_list(value: Value) -> bool:

@@ -23,17 +23,18 @@ if TYPE_CHECKING:
 class _Analyses(TyperGroup):
     """The commands of gaitsweep and of its extensions, which are loaded at the first use of a command."""
 
-    _theirs: dict[str, Any] | None = None
+    _of_extensions: dict[str, Any] | None = None
 
     @property
     def commands(self) -> dict[str, Any]:  # pyright: ignore[reportIncompatibleVariableOverride]
-        if self._theirs is None:
-            self._theirs = _of_extensions()
-        return self._own | self._theirs
+        if self._of_extensions is None:
+            self._of_extensions = _commands_of_extensions()
+        return self._own | self._of_extensions
 
     @commands.setter
     def commands(self, own: dict[str, Any]) -> None:
-        self._own, self._theirs = own, None
+        self._own = own
+        self._of_extensions = None
 
 
 app = typer.Typer(
@@ -64,8 +65,14 @@ def result_table(directory: Path) -> pd.DataFrame:
     return load(directory)
 
 
-def print_table(table: pd.DataFrame, digits: int = 4, index: bool = False) -> None:
-    """Print a data frame, with numbers rounded to so many decimal places."""
+def print_table(table: pd.DataFrame, digits: int = 4, *, index: bool = False) -> None:
+    """Print a data frame.
+
+    Args:
+        table: the data frame.
+        digits: decimal places of its numbers.
+        index: whether its index is printed as a column.
+    """
     print(table.round(digits).to_string(index=index))
 
 
@@ -247,8 +254,15 @@ def gait_transitions(
     print_table(transition_points_by_gait(table, parameter, start))
 
 
-def _from_job(table: Any, option: str, kind: str, field: str, names: list[str]) -> str:
+def _from_job(table: pd.DataFrame, option: str, kind: str, field: str, names: list[str]) -> str:
     """The value of an option that a table's job gives: its run, its figures of a kind, or its only name.
+
+    Args:
+        table: the table.
+        option: the option, for the message.
+        kind: kind of the figures.
+        field: field of the run and of the figures.
+        names: what the value may be if neither has it.
 
     Raises:
         BadParameter: the job gives none, or several.
@@ -262,18 +276,19 @@ def _from_job(table: Any, option: str, kind: str, field: str, names: list[str]) 
             return str(values[0])
         if values:
             break
-    text = f"is not given, and the job names {' and '.join(values) if values else 'none'}: give {option}."
+    named = " and ".join(values) or "none"
+    text = f"is not given, and the job names {named}: give {option}."
     raise typer.BadParameter(text, param_hint=option)
 
 
-def _of_extensions() -> dict[str, Any]:
+def _commands_of_extensions() -> dict[str, Any]:
     """The commands of extensions, by name.
 
     Raises:
         ExtensionError: an extension cannot be used.
     """
-    theirs = typer.Typer(rich_markup_mode=None)
+    group = typer.Typer(rich_markup_mode=None)
     for extension in extensions().values():
         for name in extension.analyses:
-            theirs.registered_commands.extend(importlib.import_module(name).app.registered_commands)
-    return dict(get_group(theirs).commands)
+            group.registered_commands.extend(importlib.import_module(name).app.registered_commands)
+    return dict(get_group(group).commands)

@@ -1,5 +1,6 @@
-"""The commands. Each reads its options, calls the function that does the work, and prints the result.
+"""All commands. Each reads its options, calls the function that does the work, and prints the result.
 
+Commands of a few lines are here, longer ones in files of their own, which `gaitsweep/cli/__init__.py` lists.
 Each imports its dependencies when it runs, so that `--help` and `--version` do not load JAX and pandas.
 """
 
@@ -8,24 +9,20 @@ from __future__ import annotations
 import json
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-from gaitsweep.cli import analyse, models, stored_output
+from gaitsweep.cli import analyse, models
 from gaitsweep.cli.examples import examples
 from gaitsweep.cli.fits import search, sensitivity
-from gaitsweep.cli.options import Directory, DryRun, Open, Out, Settings, Trust, print_links, print_message
+from gaitsweep.cli.options import Directory, Open, print_links, print_message
 from gaitsweep.cli.reproduce import reproduce
-from gaitsweep.cli.running import print_outcome, running
+from gaitsweep.cli.run import atlas, run
 from gaitsweep.cli.views import animate, explore
-from gaitsweep.errors import UserError
-from gaitsweep.shipped import config_file
+from gaitsweep.errors import EXIT_REFUSED, UserError
 from gaitsweep.shipped import job_file as shipped_or_own
 from gaitsweep.version import version
-
-if TYPE_CHECKING:
-    from gaitsweep.job import Job
 
 app = typer.Typer(
     help="Parameter sweeps of legged locomotion: from a job file to tables and figures.",
@@ -35,15 +32,6 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-
-JobFile = Annotated[
-    Path,
-    typer.Argument(
-        metavar="JOB.yaml",
-        parser=shipped_or_own,
-        help="Job file, or builtin:NAME of a shipped job (see `gaitsweep examples`).",
-    ),
-]
 
 
 def _print_version(requested: bool) -> None:
@@ -62,169 +50,8 @@ def _options(
     """Take the options that come before a command."""
 
 
-@app.command()
-def run(
-    job_file: JobFile,
-    out: Out = None,
-    settings: Settings = None,
-    engine: Annotated[
-        str | None,
-        typer.Option("--engine", metavar="NAME", help="auto, xla or kernel; by default the job's."),
-    ] = None,
-    dry_run: DryRun = False,
-    strict: Annotated[
-        bool, typer.Option("--strict", help="Exit with code 3 if the self-check warns.")
-    ] = False,
-    rows: Annotated[
-        str | None,
-        typer.Option(
-            "--rows",
-            metavar="A:B",
-            help="Run only rows A to B-1, which must be whole blocks, while other processes run other "
-            "rows in the same directory; the last process completes the table.",
-        ),
-    ] = None,
-    cluster: Annotated[
-        str | None,
-        typer.Option(
-            "--cluster",
-            metavar="WHERE",
-            help="Dask workers that compute the rows: local:N (N processes on this machine), the scheduler "
-            "tcp://HOST:PORT, or its file FILE.json.",
-        ),
-    ] = None,
-    collect: Annotated[
-        bool,
-        typer.Option("--collect", help="Return parts through the scheduler, without a shared directory."),
-    ] = False,
-    block_limit: Annotated[
-        float | None,
-        typer.Option(
-            "--block-limit",
-            metavar="S",
-            min=1.0,
-            help="Seconds after which a block is taken from a hanging worker; by default ten times the "
-            "longest block so far.",
-        ),
-    ] = None,
-    open_it: Open = False,
-) -> None:
-    """Run a job, or continue it, and write its table and figures."""
-    command = [str(argument) for argument in (job_file, out, settings, engine, strict)]
-    stored = None if dry_run else stored_output.load_output(command)
-    if stored is not None:
-        print(stored[1], end="", file=sys.stderr)
-        print_outcome(stored[0], open_it)
-        return
-    from gaitsweep.cli import show
-    from gaitsweep.job import load_job
-    from gaitsweep.table import Snapshot
-
-    if cluster is None and (collect or block_limit is not None):
-        raise typer.BadParameter("--collect and --block-limit are options of --cluster.")
-    if cluster is not None and rows is not None:
-        raise typer.BadParameter("--rows and --cluster cannot be combined: remove one of the two.")
-    overrides = list(settings or ())
-    if engine is not None:
-        overrides.append(f"engine.name={engine}")
-    job = load_job(job_file, overrides)
-    if dry_run:
-        from gaitsweep.runs.estimate import estimate  # after a bad job has been refused
-
-        print(show.estimate(estimate(job)))
-        return
-    from gaitsweep.runs.execute import run_job
-
-    messages: list[str] = []
-
-    def on_message(sentence: str) -> None:
-        messages.append(sentence)
-        print_message(sentence)
-
-    with running(
-        job.name, out, cluster=cluster, collect=collect, limit=block_limit, on_message=on_message
-    ) as (on_progress, workers):
-        if rows is not None:
-            from gaitsweep.runs.row_range import run_rows
-
-            path = run_rows(job, rows, out, on_progress=on_progress, on_message=on_message, strict=strict)
-        else:
-            path = run_job(
-                job, out, on_progress=on_progress, on_message=on_message, strict=strict, cluster=workers
-            )
-    snapshot = Snapshot.of(path)
-    outcome = show.outcome(snapshot)
-    print_outcome(outcome, open_it)
-    if not snapshot.complete:  # a share of the rows, whose table other processes complete
-        return
-    # repairs are not reported again, and other tables or the user's modules may change
-    lasting = all(sentence.startswith(("Warning: ", "engine: ")) for sentence in messages)
-    if lasting and not _depends_on_other_files(job):
-        sources = [job_file, *([] if job.config is None else [config_file(job.config, job_file.parent)])]
-        errors = "".join(f"{sentence}\n" for sentence in messages)
-        stored_output.store_output(command, sources, path, outcome, errors)
-
-
-@app.command()
-def atlas(
-    target: Annotated[
-        Path,
-        typer.Argument(
-            metavar="JOB.yaml|DIR",
-            parser=shipped_or_own,
-            help="Job with `run: {kind: atlas}`, or, with --more, the result directory of one.",
-        ),
-    ],
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            "--out", metavar="DIR", help="Result directory; by default results/NAME, or DIR_more with --more."
-        ),
-    ] = None,
-    settings: Settings = None,
-    more: Annotated[
-        bool,
-        typer.Option(
-            "--more",
-            help="Search with twice the starts and follow one bifurcation more than the atlas in DIR did.",
-        ),
-    ] = False,
-    trust: Trust = False,
-    open_it: Open = False,
-) -> None:
-    """Find all gaits, stable or not, and their bifurcations."""
-    from gaitsweep.cli import show
-    from gaitsweep.job import load_job
-    from gaitsweep.job.load import wider_job
-    from gaitsweep.kinds import Atlas
-    from gaitsweep.runs.execute import run_job
-    from gaitsweep.table import Snapshot, load
-
-    if more != target.is_dir():
-        text = "--more takes the result directory of an atlas." if more else "a directory needs --more."
-        raise typer.BadParameter(f"{target}: {text}")
-    if not more:
-        kind = load_job(target, list(settings or ())).run
-        if not isinstance(kind, Atlas):
-            raise typer.BadParameter(f"{target}: run.kind is {kind.kind_name}, but must be atlas.")
-        run(target, out, settings, open_it=open_it)
-        return
-    if settings:
-        raise typer.BadParameter("--set is for a job: --more takes the job of the result directory as it is.")
-    job = wider_job(load(target).attrs, trust)
-    out = out or target.with_name(f"{target.name}_more")
-    with running(job.name, out, cluster=None) as (on_progress, _):
-        path = run_job(job, out, on_progress=on_progress, on_message=print_message)
-    wider = Snapshot.of(path)
-    print_outcome(show.outcome(wider), open_it)
-    if wider.manifest.get("findings") == Snapshot.of(target).manifest.get("findings"):
-        print(f"Nothing was found that {target} does not have.")
-
-
-def _depends_on_other_files(job: Job) -> bool:
-    """Whether a job's model or figures depend on files besides the job, its config and its directory."""
-    shipped = type(job.design.model.original).__module__.startswith("gaitsweep.")
-    return not shipped or any(getattr(figure, "with_table", None) is not None for figure in job.figures)
+app.command()(run)
+app.command()(atlas)
 
 
 @app.command()
@@ -288,7 +115,7 @@ def plot(
         raise
     for path in paths:
         print(path)
-    print_links(paths, open_it)
+    print_links(paths, open_them=open_it)
     if not paths:
         text = f"The job of {directory} has no figures: add `figures:` to it and run it again."
         if "sensitivity" in job:
@@ -340,9 +167,12 @@ def check(
             print(f"{job_file}: valid, {_size_of(job_file)}")
         except UserError as error:  # such as a package that a method needs; the other jobs are still checked
             valid = False
-            print(error if isinstance(error, JobError) else f"{job_file}: {error}", file=sys.stderr)
+            text = (
+                str(error) if isinstance(error, JobError) else f"{job_file}: {error}"
+            )  # a JobError names its file
+            print(text, file=sys.stderr)
     if not valid:
-        raise typer.Exit(2)
+        raise typer.Exit(EXIT_REFUSED)
 
 
 def _size_of(job_file: Path) -> str:
@@ -378,7 +208,7 @@ def report(directory: Directory, open_it: Open = False) -> None:
 
     path = write_report(directory)
     print(path)
-    print_links([path], open_it)
+    print_links([path], open_them=open_it)
 
 
 @app.command()

@@ -69,25 +69,23 @@ def examples(
 
 def known_examples() -> list[Example]:
     """All examples, by kind and name."""
-    jobs, configs = (
-        sorted(
-            (file for folder in folders(kind) for file in folder.glob("*.yaml")), key=lambda file: file.name
-        )
-        for kind in ("jobs", "configs")
-    )
+    models = sorted(EXAMPLES.glob("*.yaml"))
     notebooks = sorted(shipped("notebooks").glob("*.ipynb"))
-    own = sorted(EXAMPLES.glob("*.yaml"))
-    return [
-        *(Example(job.stem, "models", _with_its_files(job), _first_line(job)) for job in own),
-        *(Example(file.stem, "notebooks", (file,), _title(file)) for file in notebooks),
-        *(Example(file.stem, "jobs", (file,), _first_line(file)) for file in jobs),
-        *(Example(file.stem, "configs", (file,), _first_line(file)) for file in configs),
-    ]
+    known = [Example(job.stem, "models", _with_its_files(job), _first_line(job)) for job in models]
+    known += [Example(file.stem, "notebooks", (file,), _title(file)) for file in notebooks]
+    for kind in ("jobs", "configs"):
+        files = [file for folder in folders(kind) for file in folder.glob("*.yaml")]
+        for file in sorted(files, key=lambda file: file.name):
+            known.append(Example(file.stem, kind, (file,), _first_line(file)))
+    return known
 
 
 def _with_its_files(job: Path) -> tuple[Path, ...]:
     """The model of an example's job, its MJCF file if it has one, and the job."""
-    files = (job.with_suffix(suffix) for suffix in (".py", ".xml", ".yaml"))
+    files = [job.with_suffix(suffix) for suffix in (".py", ".xml", ".yaml")]
+    if of_file := re.search(r"^model: *(walkers/\w+\.yaml)", job.read_text(encoding="utf-8"), re.MULTILINE):
+        model_file = job.parent / of_file[1]
+        files += [model_file.with_suffix(".xml"), model_file]
     return tuple(file for file in files if file.is_file())
 
 

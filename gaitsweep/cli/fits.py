@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from gaitsweep.cli.options import ClusterAsForRun, DryRun, Open, Out, Settings, print_message
-from gaitsweep.cli.running import print_outcome, running
+from gaitsweep.cli.run import print_outcome, running
 from gaitsweep.shipped import job_file as shipped_or_own
 
 
@@ -42,7 +42,7 @@ def search(
 
     with running(job.name, out, "sets", cluster=cluster) as (on_progress, workers):
         result = run_search(job, out, on_progress=on_progress, on_message=print_message, cluster=workers)
-    print_outcome(show_fits.search_outcome(result), open_it)
+    print_outcome(show_fits.search_outcome(result), open_them=open_it)
 
 
 def sensitivity(
@@ -71,4 +71,4 @@ def sensitivity(
 
     with running(job.name, out, "sets", cluster=cluster) as (on_progress, workers):
         result = run_sensitivity(job, out, on_progress=on_progress, on_message=print_message, cluster=workers)
-    print_outcome(show_fits.sensitivity_outcome(result), open_it)
+    print_outcome(show_fits.sensitivity_outcome(result), open_them=open_it)

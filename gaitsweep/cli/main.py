@@ -1,7 +1,8 @@
 """Running of commands; every user error becomes a sentence and an exit code.
 
-0: success; 1: a failure while running, such as a full disk; 2: the user's input was refused; 130: Ctrl-C;
-143: SIGTERM.
+0: success; 1 (`EXIT_FAILURE`): a failure while running, such as a full disk; 2 (`EXIT_REFUSED`): the user's
+input was refused; 3 (`EXIT_STRICT`): with `--strict`, a self-check warned or a claim was not reproduced;
+130: Ctrl-C; 143: SIGTERM.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ import typer
 
 from gaitsweep.cache_folder import cache_folder
 from gaitsweep.cli.commands import app
-from gaitsweep.cli.running import STOPPED
+from gaitsweep.cli.run import STOPPED
 from gaitsweep.errors import EXIT_FAILURE, UserError, refuse_windows
 from gaitsweep.lazy_imports import lazy_packages
 

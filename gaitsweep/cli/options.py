@@ -14,6 +14,7 @@ Directory = Annotated[Path, typer.Argument(metavar="DIR", help="Result directory
 Out = Annotated[
     Path | None, typer.Option("--out", metavar="DIR", help="Result directory; by default results/NAME.")
 ]
+# `gaitsweep.job.load.read_with_overrides` applies these to the job.
 Settings = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="KEY=VALUE", help="Override a field of the job; may be repeated."),
@@ -41,8 +42,13 @@ Trust = Annotated[
 Open = Annotated[bool, typer.Option("--open", help="Open the written page or figures in the browser.")]
 
 
-def print_links(paths: Iterable[Path | str], open_them: bool) -> None:
-    """Print links to written pages or figures on standard error, and open them if asked to."""
+def print_links(paths: Iterable[Path | str], *, open_them: bool) -> None:
+    """Print links to written pages or figures on standard error, and open them if asked to.
+
+    Args:
+        paths: the files.
+        open_them: whether to open them in the browser.
+    """
     for path in paths:
         link = Path(path).resolve().as_uri()
         print_message(f"Link: {link}")

@@ -17,7 +17,7 @@ from rich.text import Text
 from gaitsweep.runs.progress import Progress as RunProgress
 from gaitsweep.runs.progress import percent, progress_lines
 
-_WHOLE = 1_000_000  # steps of the bar
+_BAR_STEPS = 1_000_000
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
@@ -44,11 +44,11 @@ def shown_progress(unit: str = "rows", console: Console | None = None) -> Iterat
         yield progress_lines(unit)
         return
     task: TaskID | None = None
-    texts = (TextColumn(f"{{task.fields[{name}]}}") for name in ("share", "rate"))
     with _NoteBelow(
         TextColumn(f"{{task.fields[rows]}} {unit}"),
         BarColumn(20),
-        *texts,
+        TextColumn("{task.fields[share]}"),
+        TextColumn("{task.fields[rate]}"),
         TimeRemainingColumn(),
         console=console or Console(stderr=True),
         transient=True,
@@ -56,7 +56,7 @@ def shown_progress(unit: str = "rows", console: Console | None = None) -> Iterat
 
         def update(done: int, total: int, rate: float, fraction: float, note: str) -> None:
             nonlocal task
-            steps = round(fraction * _WHOLE)
+            steps = round(fraction * _BAR_STEPS)
             fields: dict[str, Any] = {
                 "rows": f"{done}/{total}",
                 "share": percent(done, total, fraction),
@@ -64,7 +64,7 @@ def shown_progress(unit: str = "rows", console: Console | None = None) -> Iterat
             }
             if task is None:
                 # with its start value, the bar does not count an earlier run's progress in this one's speed
-                task = shown.add_task(note, total=_WHOLE, completed=steps, **fields)
+                task = shown.add_task(note, total=_BAR_STEPS, completed=steps, **fields)
             shown.update(task, description=note, completed=steps, **fields)
 
         yield update

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from gaitsweep.cli.options import Open, print_links, print_message
+from gaitsweep.errors import EXIT_FAILURE, EXIT_STRICT
 
 if TYPE_CHECKING:
     from gaitsweep.claims.reproduce import Reproduction
@@ -35,7 +36,7 @@ def reproduce(
         typer.Option("--out", metavar="DIR", help="Output directory; by default results/reproduce_PAPER."),
     ] = None,
     strict: Annotated[
-        bool, typer.Option("--strict", help="Exit with code 3 if a claim is not reproduced.")
+        bool, typer.Option("--strict", help=f"Exit with code {EXIT_STRICT} if a claim is not reproduced.")
     ] = False,
     open_it: Open = False,
 ) -> None:
@@ -51,19 +52,17 @@ def reproduce(
         table_of_claims = table_of_claims.only(claim.strip() for claim in claims.split(","))
     from gaitsweep.claims.reproduce import reproduce as run_and_judge
     from gaitsweep.cli.progress import stoppable_progress
-    from gaitsweep.errors import EXIT_FAILURE
-    from gaitsweep.runs.self_check_result import SelfCheckError
 
     with stoppable_progress() as on_progress:
         judged = run_and_judge(
             table_of_claims, out, quick=quick, on_progress=on_progress, on_message=print_message
         )
     _print_verdicts(judged)
-    print_links([judged.page], open_it)
+    print_links([judged.page], open_them=open_it)
     if judged.failed:
         raise typer.Exit(EXIT_FAILURE)
     if strict and judged.counts[ClaimVerdict.not_reproduced.value]:
-        raise typer.Exit(SelfCheckError.exit_code)
+        raise typer.Exit(EXIT_STRICT)
 
 
 def _print_verdicts(judged: Reproduction) -> None:
@@ -81,7 +80,9 @@ def _print_verdicts(judged: Reproduction) -> None:
     for missed in (ClaimVerdict.not_reproduced, ClaimVerdict.open_constants):
         for claim in judged.table.loc[judged.table["verdict"] == missed.value].to_dict(orient="records"):
             unit = "" if claim["unit"] in ("", "1") else f" {claim['unit']}"
-            ours = f"{claim['ours']}{unit}; paper: {claim['paper']}" if claim["ours"] else claim["why"]
-            why = f"; {claim['why']}" if claim["ours"] and claim["why"] else ""
-            print(f"{claim['id']} ({missed.words}): {ours}{why}")
+            text = claim["why"]
+            if claim["ours"]:
+                why = f"; {claim['why']}" if claim["why"] else ""
+                text = f"{claim['ours']}{unit}; paper: {claim['paper']}{why}"
+            print(f"{claim['id']} ({missed.words}): {text}")
     print(f"Page: {judged.page}")

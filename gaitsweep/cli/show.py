@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from gaitsweep.runs.estimate import Estimate
 
 # Entries of a manifest that other lines have, or that no reader needs.
-_ELSEWHERE = {
+_NOT_LISTED = {
     "rows", "counts", "complete", "periods", "quantities", "job", "figures_drawn", "program", "sha256",
     *DESCRIBED,
 }  # fmt: skip
@@ -48,19 +48,19 @@ def estimate(needs: Estimate) -> str:
     if needs.seconds_most > 1.05 * needs.seconds:
         time += f", at most {duration(needs.seconds_most)} (measured on the first rows)"
     refined = f", about {needs.simulated} of them simulated" if needs.simulated < needs.rows else ""
-    return aligned(
-        {
-            "rows": f"{needs.rows} in {needs.blocks} block{'s' * (needs.blocks != 1)}{refined}",
-            **({"records": records} if needs.records > needs.rows else {}),
-            "engine": f"{needs.engine} on {needs.device}, {needs.lanes} lanes",
-            "memory": f"about {size(needs.memory_bytes)}",
-            "disk": f"about {size(needs.disk_bytes)}",
-            "time": time,
-        }
-    )
+    lines = {"rows": f"{needs.rows} in {needs.blocks} block{'s' * (needs.blocks != 1)}{refined}"}
+    if needs.records > needs.rows:
+        lines["records"] = records
+    lines |= {
+        "engine": f"{needs.engine} on {needs.device}, {needs.lanes} lanes",
+        "memory": f"about {size(needs.memory_bytes)}",
+        "disk": f"about {size(needs.disk_bytes)}",
+        "time": time,
+    }
+    return aligned(lines)
 
 
-def counts(by_status: dict[str, int]) -> str:
+def counts(by_status: Mapping[str, int]) -> str:
     """Format the number of rows with each status: "15 settled, 1 fell"."""
     return ", ".join(f"{number} {status}" for status, number in by_status.items()) or "none finished"
 
@@ -171,7 +171,7 @@ def _of_manifest(manifest: Mapping[str, Any]) -> dict[str, str]:
             lines[key.replace("_", " ")] = " ".join(remarks({key: value}))
         elif key == "self_check" and isinstance(value, dict):
             lines["self-check"] = self_check_sentence(value).removeprefix("Self-check: ")
-        elif key not in _ELSEWHERE:
+        elif key not in _NOT_LISTED:
             lines[key] = plain(value)
     return lines
 
@@ -287,7 +287,8 @@ def size(number: float) -> str:
 
 def duration(seconds: float) -> str:
     """Format a time with a suitable unit."""
-    scales = (("days", 86400.0, 172800.0), ("h", 3600.0, 7200.0), ("min", 60.0, 120.0))
-    unit, length = next(((unit, length) for unit, length, least in scales if seconds >= least), ("s", 1.0))
-    number = seconds / length
+    unit, number = "s", seconds
+    for longer_unit, length in (("min", 60.0), ("h", 3600.0), ("days", 86400.0)):
+        if seconds >= 2.0 * length:
+            unit, number = longer_unit, seconds / length
     return f"{number:.0f} {unit}" if number >= 10 else f"{number:.2g} {unit}"

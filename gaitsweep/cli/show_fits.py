@@ -13,7 +13,7 @@ from rich.table import Table
 
 from gaitsweep.cli.show import aligned, counts, duration
 from gaitsweep.fitting.estimate import SearchEstimate
-from gaitsweep.fitting.identifiability import NEAR
+from gaitsweep.fitting.identifiability import NEAR_BEST_FACTOR
 from gaitsweep.fitting.indices import INDICES
 from gaitsweep.fitting.search import SearchResult
 from gaitsweep.fitting.sensitivity import FIGURE, INDICES_FILE, Sensitivity
@@ -27,11 +27,10 @@ _REASONS = 3
 
 def search_estimate(needs: SearchEstimate) -> str:
     """Format the estimate of a search."""
-    lines = {
-        "sets": f"{needs.sets}, {needs.together} at a time",
-        "rows of a set": str(needs.rows_of_a_set)
-        + (f", and at most {needs.rows_of_neighbours} of its neighbours" if needs.rows_of_neighbours else ""),
-    }
+    rows = str(needs.rows_of_a_set)
+    if needs.rows_of_neighbours:
+        rows += f", and at most {needs.rows_of_neighbours} of its neighbours"
+    lines = {"sets": f"{needs.sets}, {needs.together} at a time", "rows of a set": rows}
     if needs.batch is None:
         lines["time"] = "not estimated: the search computes only fixed points"
     else:
@@ -64,7 +63,7 @@ def search_outcome(result: SearchResult) -> str:
     else:
         lines.append(
             f"No set meets all targets within their reading errors. The {len(near.best)} near-best sets have "
-            f"scores up to {NEAR:g} times the lowest:"
+            f"scores up to {NEAR_BEST_FACTOR:g} times the lowest:"
         )
     constants = [
         (constant.name, *constant.words, f"{100 * constant.spread:.0f} %", constant.verdict)
@@ -129,10 +128,9 @@ def _of_output(output: str, indices: pd.DataFrame) -> list[str]:
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     rows_used = "" if first["method"] == "one_at_a_time" else f", {first['rows']} rows"
     lines = [f"{output}{unit}, {first['method']}{rows_used}"]
-    lines += [
-        "  " + "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
-        for row in rows
-    ]
+    for row in rows:
+        cells = "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True))
+        lines.append(f"  {cells}".rstrip())
     return [*lines, *(f"  {note}." for note in dict.fromkeys(indices["note"]) if note)]
 
 
@@ -140,5 +138,5 @@ def _number(index: Mapping[Any, Any]) -> str:
     """Format the value of an index, with half its 95 % interval if known."""
     if math.isnan(index["value"]):
         return "-"
-    half = index["confidence"]
-    return f"{index['value']:.3g}" + ("" if math.isnan(half) else f" ± {half:.2g}")
+    half = "" if math.isnan(index["confidence"]) else f" ± {index['confidence']:.2g}"
+    return f"{index['value']:.3g}{half}"

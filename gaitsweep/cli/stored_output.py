@@ -14,17 +14,25 @@ import socket
 import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 from gaitsweep.cache_folder import cache_folder, load_cached, store_cached
 
-_MOST = 200  # commands whose output is stored
+_MAX_STORED = 200  # commands whose output is stored
 # Variables that choose the device, so that the same file may be another job.
 _DEVICE_VARIABLES = ("JAX_PLATFORMS", "CUDA_VISIBLE_DEVICES", "XLA_FLAGS", "JAX_ENABLE_X64")
 _LOCK = ".lock"
 
 
-def load_output(command: Sequence[str]) -> tuple[str, str] | None:
-    """The stored output and errors of the same command, or None if anything has changed since.
+class StoredOutput(NamedTuple):
+    """What a command printed on standard output, and on standard error."""
+
+    printed: str
+    errors: str
+
+
+def load_output(command: Sequence[str]) -> StoredOutput | None:
+    """Load the stored output of the same command; None if anything has changed since.
 
     Args:
         command: the arguments of the command.
@@ -40,7 +48,7 @@ def load_output(command: Sequence[str]) -> tuple[str, str] | None:
             return None
         if stored["program"] != _program() or any(_digest(Path(name)) != files[name] for name in files):
             return None
-        return str(stored["printed"]), str(stored["errors"])
+        return StoredOutput(str(stored["printed"]), str(stored["errors"]))
     except (OSError, ValueError, KeyError, TypeError):
         return None
 
@@ -65,7 +73,9 @@ def store_output(
         files = {name: _digest(Path(name)) for name in names}
         state = {"folder": str(folder), "files": files, "program": _program()}
         store_cached(file, json.dumps({**state, "printed": printed, "errors": errors}).encode())
-        for old in sorted(file.parent.glob("*.json"), key=lambda output: output.stat().st_mtime)[:-_MOST]:
+        for old in sorted(file.parent.glob("*.json"), key=lambda output: output.stat().st_mtime)[
+            :-_MAX_STORED
+        ]:
             old.unlink()
 
 
@@ -83,10 +93,10 @@ def _output_file(command: Sequence[str]) -> Path | None:
 def _program() -> str:
     """An identifier of this program, its Python and its packages."""
     root = Path(__file__).parents[1]
-    stamps = [
-        f"{file.relative_to(root)} {(status := file.stat()).st_size} {status.st_mtime_ns}"
-        for file in sorted(root.rglob("*.py"))
-    ]
+    stamps = []
+    for file in sorted(root.rglob("*.py")):
+        status = file.stat()
+        stamps.append(f"{file.relative_to(root)} {status.st_size} {status.st_mtime_ns}")
     return hashlib.sha256("\n".join([sys.version, sys.prefix, *stamps]).encode()).hexdigest()
 
 

@@ -96,7 +96,7 @@ def animate(
             options |= {"start": start, "seconds": seconds, "speed": speed, "on_progress": on_progress}
             path = movie.write_movie(directory, out, **options)
     print(path)
-    print_links([path], open_it)
+    print_links([path], open_them=open_it)
 
 
 def _size(text: str) -> tuple[int, int]:
@@ -151,4 +151,4 @@ def explore(
     with shown_progress("starts") as on_progress:
         write_explorer(table, target, **options, on_progress=on_progress, on_message=print_message)
     print(target)
-    print_links([target], open_it)
+    print_links([target], open_them=open_it)

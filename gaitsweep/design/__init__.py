@@ -1,4 +1,7 @@
-"""The axes of a job: `vary` is read once into a `Design`, which gives the values of each row."""
+"""The axes of a job: `vary` is read once into a `Design`, which gives the values of each row.
+
+`vary` has its grammar, `axes` the forms of an axis and their points, `design` the rows.
+"""
 
 from gaitsweep.design.design import Design, GridAxis
 

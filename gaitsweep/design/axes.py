@@ -19,10 +19,11 @@ from gaitsweep.schema.strict_model import StrictModel
 
 MAX_LISTED = 10**6  # points of a list; more follow from a rule
 _SOBOL_BITS = 30
-_SOBOL_CHUNK = 2**16  # points drawn at a time: a power of two, as the sequence asks
+_SOBOL_CHUNK = 2**16  # points drawn at a time: a power of two, as the sequence needs
 
 
 def _of_length(value: Any, length: int, words: str) -> Any:
+    """A list of so many items; raises InvalidValue for others, with the form in words."""
     if not isinstance(value, (list, tuple)) or len(value) != length:
         raise InvalidValue(f"is {quoted(value)}, but must be {words}.")
     return value
@@ -32,7 +33,7 @@ _THREE = BeforeValidator(checked(_of_length, length=3, words="[first, last, numb
 _TWO = BeforeValidator(checked(_of_length, length=2, words="[low, high]"))
 EndsAndCount = Annotated[tuple[Number, Number, PointCount], _THREE]
 At = Annotated[Literal["ends", "centre"], word("ends", "centre")]
-_AT = "ends: both ends are points; centre: the points are the centres of equal cells"
+_AT_WORDS = "ends: both ends are points; centre: the points are the centres of equal cells"
 _SEED = "seed of the points, combined with the name of the axis"
 
 
@@ -42,6 +43,7 @@ class Values(StrictModel):
     values: list[Number] = Field(min_length=1, max_length=MAX_LISTED, description="the points")
 
     def axis(self, name: str) -> ListAxis:
+        """The axis of the name, by which the points of random axes are drawn."""
         return ListAxis(tuple(self.values))
 
 
@@ -49,9 +51,10 @@ class Linspace(StrictModel):
     """Equally spaced points."""
 
     linspace: EndsAndCount = Field(description="[first, last, number of points]")
-    at: At = Field(default="ends", description=_AT)
+    at: At = Field(default="ends", description=_AT_WORDS)
 
     def axis(self, name: str) -> RangeAxis:
+        """The axis of the name, by which the points of random axes are drawn."""
         return RangeAxis(*self.linspace, LinearSpacing(self.linspace[2], self.at))
 
 
@@ -59,9 +62,10 @@ class Logspace(StrictModel):
     """Points with equal ratios, between two ends above 0."""
 
     logspace: EndsAndCount = Field(description="[first, last, number of points], the ends above 0")
-    at: At = Field(default="ends", description=_AT)
+    at: At = Field(default="ends", description=_AT_WORDS)
 
     def axis(self, name: str) -> RangeAxis:
+        """The axis of the name, by which the points of random axes are drawn."""
         return RangeAxis(*self.logspace, LinearSpacing(self.logspace[2], self.at), logarithmic=True)
 
 
@@ -72,6 +76,7 @@ class Random(StrictModel):
     seed: Seed = Field(default=0, description=_SEED)
 
     def axis(self, name: str) -> RangeAxis:
+        """The axis of the name, by which the points of random axes are drawn."""
         box = SampleBox((name,), self.random[2], self.seed, "random")
         return RangeAxis(*self.random, RandomAxis(box, name))
 
@@ -83,6 +88,7 @@ class Sobol(StrictModel):
     seed: Seed = Field(default=0, description=_SEED)
 
     def axis(self, name: str) -> RangeAxis:
+        """The axis of the name, by which the points of random axes are drawn."""
         box = SampleBox((name,), self.sobol[2], self.seed, "sobol")
         return RangeAxis(*self.sobol, RandomAxis(box, name))
 
@@ -218,9 +224,8 @@ class RangeAxis:
         Raises:
             ExpressionError: an end of a logarithmic axis is not above 0.
         """
-        low, high = (
-            evaluate(end, {name: names[name] for name in names_in(end)}) for end in (self.low, self.high)
-        )
+        low = evaluate(self.low, {name: names[name] for name in names_in(self.low)})
+        high = evaluate(self.high, {name: names[name] for name in names_in(self.high)})
         fraction = self.fraction(index)
         if not self.logarithmic:
             between = low + (high - low) * fraction

@@ -71,12 +71,12 @@ class Design:
         parameters = [quantity.name for quantity in self.model.parameters]
         formulas = {name: self.settings[name] for name in parameters if name in self.settings}
         derived = {name: text for name, text in formulas.items() if isinstance(text, str)}
-        # in parentheses where a minus would else bind less than the power after it
-        written = {size: f"{x!r}" if f"{x!r}"[0] != "-" else f"({x!r})" for size, x in self.sizes.items()}
-        return {
-            name: re.sub(r"\b[A-Za-z_]\w*", lambda word: written.get(word[0], word[0]), text)
-            for name, text in derived.items()
-        }
+        written = {size: _operand(number) for size, number in self.sizes.items()}
+
+        def with_number(word: re.Match[str]) -> str:
+            return written.get(word[0], word[0])
+
+        return {name: re.sub(r"\b[A-Za-z_]\w*", with_number, text) for name, text in derived.items()}
 
     def columns(self, start: int, stop: int) -> Columns:
         """Values of the axes in rows start..stop-1: a float64 array (stop - start,) by name.
@@ -170,7 +170,7 @@ class Design:
             if len(group.axes) == 1 and isinstance(axis, RangeAxis) and not axis.drawn
         }
 
-    def in_cells(self, name: str) -> bool:
+    def is_drawn_as_cells(self, name: str) -> bool:
         """Whether figures draw a name's points as cells: equal steps or ratios, or at most four values."""
         if name not in self._places:
             return False
@@ -210,7 +210,12 @@ class Design:
     def rows_over(
         self, points: Int[np.ndarray, " combinations"], positions: Sequence[int]
     ) -> Int[np.ndarray, " combinations"]:
-        """Rows at combinations (n,) of the groups at `positions`; other groups have their first point."""
+        """Rows at combinations of the points of some groups; other groups have their first point.
+
+        Args:
+            points: the numbers of the combinations (n,); the last group varies fastest.
+            positions: the positions of the groups.
+        """
         rows = np.zeros_like(points)
         for position in reversed(positions):
             length = self.groups[position].length
@@ -255,6 +260,12 @@ class Design:
         return np.arange(start, stop, dtype=np.int64)
 
 
+def _operand(number: float) -> str:
+    """A number in a formula; in parentheses where a minus would else bind less than the power after it."""
+    text = repr(number)
+    return f"({text})" if text.startswith("-") else text
+
+
 def row_params(design: Design, row: int) -> Params:
     """The model's parameters of a row, a frozen pytree.
 
@@ -284,5 +295,5 @@ def requirement(quantity: Quantity) -> str:
     unit = "" if quantity.unit in ("", "1") else f", in {quantity.unit}"
     if quantity.whole and math.isinf(quantity.low) and math.isinf(quantity.high):
         return f"must be a whole number ({quantity.meaning}{unit})"
-    limits = bound(quantity.low, quantity.high, quantity.open_ends)
+    limits = bound(quantity.low, quantity.high, open_ends=quantity.open_ends)
     return f"must be {'a whole number ' if quantity.whole else ''}{limits} ({quantity.meaning}{unit})"

@@ -54,6 +54,7 @@ class Vary:
     diagnostics: list[Diagnostic] = field(default_factory=list)
 
     def refuse(self, path: Path, text: str) -> None:
+        """Add a diagnostic."""
         self.diagnostics.append(Diagnostic(path, text))
 
 
@@ -122,11 +123,9 @@ def _read_axis(name: str, value: Any, path: Path, vary: Vary) -> tuple[Axis, dic
         value = {"values": list(value)}
     kinds = [kind for kind in AXIS_KINDS if isinstance(value, Mapping) and kind in value]
     if not isinstance(value, Mapping):
-        kinds_of = ", ".join(AXIS_KINDS)
-        text = (
-            f"is {quoted(value)}, but must be a list or one of {kinds_of}; a single value belongs "
-            "under params."
-        )
+        allowed = ", ".join(AXIS_KINDS)
+        text = f"is {quoted(value)}, but must be a list or one of {allowed}"
+        text += "; a single value belongs under params."
         vary.refuse(path, text)
         return None
     if len(kinds) != 1:
@@ -167,6 +166,7 @@ def _many_numbers(value: dict[str, Any]) -> Values | None:
 
 
 def _about_kinds(value: Mapping[str, Any], kinds: list[str], path: Path) -> Diagnostic:
+    """The diagnostic of an axis that has no form, an unknown one, or several."""
     if kinds:
         return Diagnostic(path, f"has {' and '.join(kinds)}, but an axis must have only one of them.")
     if not value:
@@ -179,11 +179,14 @@ def _about_kinds(value: Mapping[str, Any], kinds: list[str], path: Path) -> Diag
 
 def _switch(item: Any, quantity: Quantity | None) -> Any:
     """True and false as 1 and 0 for a quantity from 0 to 1."""
-    switch = quantity is not None and (quantity.low, quantity.high, quantity.open_ends) == (0.0, 1.0, False)
-    return float(item) if switch and isinstance(item, bool) else item
+    if quantity is None or not isinstance(item, bool):
+        return item
+    is_switch = quantity.low == 0.0 and quantity.high == 1.0 and not quantity.open_ends
+    return float(item) if is_switch else item
 
 
 def _read_zip(value: Any, path: Path, vary: Vary) -> dict[str, Any]:
+    """The normal form of a `zip`, whose group and diagnostics are added to `vary`."""
     if not isinstance(value, Mapping) or not value:
         vary.refuse(
             path, f"is {quoted(value)}, but must be a mapping of names to axes of equal length (name: axis)."
@@ -205,6 +208,7 @@ def _read_zip(value: Any, path: Path, vary: Vary) -> dict[str, Any]:
 
 
 def _read_sample(value: Any, path: Path, vary: Vary) -> dict[str, Any]:
+    """The normal form of a `sample`, whose group and diagnostics are added to `vary`."""
     if not isinstance(value, Mapping):
         text = f"is {quoted(value)}, but must be a mapping. {near_miss.allowing(Sample.model_fields)}"
         vary.refuse(path, text)
@@ -230,6 +234,7 @@ def _check_order(axis: Axis, path: Path, vary: Vary) -> None:
 
 
 def _check_names(vary: Vary, refuse: Callable[[str], str | None]) -> None:
+    """Diagnostics about names that vary twice or cannot vary."""
     first_paths: dict[str, Path] = {}
     for group in vary.groups:
         for name, path in group.paths.items():

@@ -29,11 +29,12 @@ from gaitsweep.dynamics.declarations import (
     Variable,
     faults_of_quantity,
 )
+from gaitsweep.dynamics.diffusion import PATH, SEED, Diffusion, begun_path
 from gaitsweep.dynamics.footfalls import Footfalls
 from gaitsweep.dynamics.ground import Ground, asks_for_ground, check_ground, ground_quantities
 from gaitsweep.expression import RESERVED
 from gaitsweep.near_miss import suggestion
-from gaitsweep.run_columns import COLUMNS
+from gaitsweep.run_columns import COLUMNS, time_column
 from gaitsweep.skeleton import LimbLook
 
 Values = Mapping[str, jax.Array]
@@ -79,7 +80,7 @@ def _like(old: jax.Array, value: Any) -> jax.Array:
     return jnp.broadcast_to(jnp.asarray(value, old.dtype), old.shape)
 
 
-_DECLARED = (Parameter, Variable, Mode, Reading, Event, Symmetry, Footfalls)
+_DECLARED = (Parameter, Variable, Mode, Reading, Event, Symmetry, Footfalls, Diffusion)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -135,7 +136,8 @@ class Declared(Model):
     @classmethod
     def _other_parameters(cls) -> list[str]:
         """Fields of the parameters that are not declared."""
-        return ["ground"] if asks_for_ground(cls) else []
+        noise = [] if cls._diffusion() is None else [SEED.name]
+        return [*(["ground"] if asks_for_ground(cls) else []), *noise]
 
     def _ground(self) -> str | None:
         """The kind of ground, or its profile; None: the model does not ask for it."""
@@ -148,7 +150,13 @@ class Declared(Model):
 
     @classmethod
     def _added_fields(cls) -> list[str]:
-        return [*cls._other_fields(), *([STEPS] if cls._feet() is not None else [])]
+        feet = [STEPS] if cls._feet() is not None else []
+        return [*cls._other_fields(), *feet, *([PATH] if cls._diffusion() is not None else [])]
+
+    @classmethod
+    def _diffusion(cls) -> Diffusion | None:
+        """The declared noise of the flow; None: there is none."""
+        return next(iter(cls._named(Diffusion).values()), None)
 
     @classmethod
     def _feet(cls) -> Footfalls | None:
@@ -182,7 +190,7 @@ class Declared(Model):
         counts = {
             name: declared.count
             for name, declared in cls.declarations.items()
-            if not isinstance(declared, Symmetry) and isinstance(declared.count, str)
+            if not isinstance(declared, Symmetry | Diffusion) and isinstance(declared.count, str)
         }
         for name, count in counts.items():
             if count not in sizes and not hasattr(cls, count):
@@ -208,7 +216,12 @@ class Declared(Model):
         """
         # an instance cannot be made of a class that is not complete
         model = SimpleNamespace(
-            **sizes, _named=cls._named, _recorded=cls._recorded, _feet=cls._feet, _ground=lambda: None
+            **sizes,
+            _named=cls._named,
+            _recorded=cls._recorded,
+            _feet=cls._feet,
+            _ground=lambda: None,
+            _diffusion=cls._diffusion,
         )
         names = ("parameters", "initial_conditions", "signals", "observables")
         parameters, starts, signals, observables = (vars(Declared)[name].fget(model) for name in names)
@@ -220,9 +233,13 @@ class Declared(Model):
             if settable.count(name) > 1:
                 yield f"that declares {name} twice: rename one of them."
         # a table has the signals, or the observables with an end, and those alone along a branch
-        columns = {q.name: (q.name, COLUMNS) for q in (*parameters, *starts)}
+        singles = [single for event in cls.declared_events() for single in event.singles(model)]  # pyright: ignore[reportArgumentType]
+        run_columns = {*COLUMNS, *(time_column(single.name) for single in singles)}
+        columns = {q.name: (q.name, run_columns) for q in (*parameters, *starts)}
         columns |= {q.name: (q.name, OF_TRACES) for q in signals}
-        columns |= {f"{q.name}{end}": (q.name, COLUMNS) for q in observables for end in ("", "_end", "_n")}
+        columns |= {
+            f"{q.name}{end}": (q.name, run_columns) for q in observables for end in ("", "_end", "_n")
+        }
         for column, (name, others) in columns.items():
             if column in others or (column in settable and column != name):
                 remedy = f'write {name}_, or another name with symbol="{name}"'
@@ -256,7 +273,8 @@ class Declared(Model):
             q for name, parameter in self._named(Parameter).items() for q in parameter.parameters(self, name)
         )
         ground = self._ground()
-        return (*declared, *(() if ground is None else ground_quantities(ground)))
+        noise = () if self._diffusion() is None else (SEED,)
+        return (*declared, *(() if ground is None else ground_quantities(ground)), *noise)
 
     @property
     def initial_conditions(self) -> tuple[Quantity, ...]:
@@ -303,6 +321,8 @@ class Declared(Model):
             )
         if (ground := self._ground()) is not None:
             fields["ground"] = Ground.of(ground, values)
+        if self._diffusion() is not None:
+            fields[SEED.name] = jnp.asarray(values[SEED.name])
         return fields
 
     def observe(self, params: Any, state: Any, /) -> dict[str, Real[Array, ""]]:
@@ -344,6 +364,8 @@ class Declared(Model):
             )
         if (feet := self._feet()) is not None:
             fields[STEPS] = feet.begun(fields[feet.clock])
+        if self._diffusion() is not None:
+            fields[PATH] = begun_path()
         return fields
 
     def _stepped(self, params: Any, before: Any, after: Any, reset: Float[Array, ""] | None = None) -> Any:

@@ -15,9 +15,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from gaitsweep.contract import Chart, HybridModel
+from gaitsweep.contract import Chart, FixedStepDynamics, HybridModel, Recommended
 from gaitsweep.dynamics.declarations import Reading, SingleEvent, Symmetry, Variable
 from gaitsweep.dynamics.declared import Declared, Values
+from gaitsweep.dynamics.diffusion import StochasticSteps
 from gaitsweep.dynamics.event_surface import CORRECTED, Arming, Surfaces
 from gaitsweep.dynamics.section_coordinates import SectionCoordinates
 from gaitsweep.near_miss import suggestion
@@ -91,6 +92,18 @@ class DeclaredModel(Declared, HybridModel):
             if name not in cls._named(Variable):
                 near = suggestion(name, cls._named(Variable))
                 raise TypeError(f"{cls.__name__}.section_coordinates has {name}, no variable{near}")
+
+    @property
+    def locates_events(self) -> bool:
+        return self._diffusion() is None
+
+    def fixed_step_scheme(self) -> FixedStepDynamics | None:
+        noise = self._diffusion()
+        return None if noise is None else StochasticSteps(self, noise)
+
+    @property
+    def recommended(self) -> Recommended:
+        return Recommended("auto" if self.locates_events else "semi_implicit")
 
     def _armed(self) -> list[SingleEvent]:
         """The events that are armed by their function's sign."""

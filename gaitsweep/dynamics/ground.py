@@ -17,12 +17,15 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from gaitsweep.contract import Quantity
+from gaitsweep.contract import Model, Quantity
 from gaitsweep.dynamics.noise import normal
 from gaitsweep.errors import ArgumentError
 from gaitsweep.near_miss import suggestion
 
-__all__ = ["Ground", "check_ground", "ground_field", "ground_profile", "ground_quantities", "is_random"]
+__all__ = [
+    *("Ground", "asks_for_ground", "check_ground", "ground_field", "ground_profile"),
+    *("ground_quantities", "is_uneven"),
+]
 
 # The kinds that a job names; a profile is read from a file.
 KINDS = ("even", "slope", "steps", "rough")
@@ -53,9 +56,9 @@ _MARK = "asks for the ground"
 def ground_field() -> Any:
     """The field `ground: str = gs.ground_field()` of a model whose functions read `params.ground(x)`.
 
-    The field makes the key `ground` of a job, or the argument of the class, choose the kind of ground. With it
-    the model has the parameters of that kind: `ground_seed`, `ground_roughness` and `ground_width` for `steps`
-    and `rough`, `ground_slope` for `slope`, `ground_start` for a profile.
+    The key `ground` of a job, or the argument of the class, then chooses the kind of ground, and the model
+    has the parameters of that kind: `ground_seed`, `ground_roughness` and `ground_width` for `steps` and
+    `rough`, `ground_slope` for `slope`, `ground_start` for a profile.
 
     Example:
         >>> import dataclasses, gaitsweep as gs
@@ -155,9 +158,9 @@ def _points(text: str) -> tuple[Float[np.ndarray, " points"], Float[np.ndarray, 
     return x, z
 
 
-def is_random(ground: str) -> bool:
-    """Whether the heights of this kind are drawn by a seed."""
-    return ground in ("steps", "rough")
+def is_uneven(model: Model) -> bool:
+    """Whether a model asks for the ground, and it is not even."""
+    return asks_for_ground(type(model)) and getattr(model, "ground", "even") != "even"
 
 
 def ground_quantities(ground: str) -> tuple[Quantity, ...]:
@@ -198,7 +201,7 @@ class Ground:
         return jnp.where(x > 0.0, _along(self.kind, start + x) - _along(self.kind, start), 0.0)
 
     def _drawn(self, x: Float[Array, " ..."]) -> Float[Array, " ..."]:
-        """Heights that are drawn at multiples of `ground_width`, from 1 on, and a smooth rise between them."""
+        """Heights that are drawn at multiples of `ground_width`, from 1 on, with smooth rises between."""
         places = x / self.values["ground_width"]
         index = jnp.floor(places)
         share = places - index

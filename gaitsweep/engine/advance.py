@@ -96,7 +96,8 @@ def advance(
     """
     steps = fixed_step_scheme(numerics.method, model)
     if steps is None:
-        scheme = _scheme(cast(HybridModel, model), numerics, drive, sensitivities, precomputed)
+        hybrid = cast(HybridModel, model)
+        scheme = _scheme(hybrid, numerics, drive, precomputed, sensitivities=sensitivities)
         return lambda params, carry: _attempt(scheme, params, carry)
     if sensitivities and not steps.is_return_map:
         fixed = f"{numerics.method} takes steps of fixed length"
@@ -244,9 +245,11 @@ def _scheme(
     model: HybridModel,
     numerics: ResolvedNumerics,
     drive: Drive | None,
-    sensitivities: bool,
     precomputed: Precomputed | None,
+    *,
+    sensitivities: bool,
 ) -> _Scheme:
+    """The scheme of an attempt; arguments as of `advance`."""
     method = METHODS[numerics.method]
     assert method.step is not None
     # independent jumps need their turns only for the derivative of each one's event time
@@ -359,7 +362,8 @@ def _try_step(scheme: _Scheme, params: Params, carry: Carry, h: Number, finest: 
 
 def _check_step(scheme: _Scheme, carry: Carry, trial: _Trial, going: Flag) -> _Checks:
     """Compare a trial with the tolerance on its error, and look for events that its end does not show."""
-    h, change = trial.h, trial.change
+    h = trial.h
+    change = trial.change
     accurate = jnp.asarray(True)
     if change is not None:
         accurate = (change >= SAFETY_FACTOR) | (h <= MIN_STEP * carry.dt)
@@ -411,8 +415,13 @@ def _look_inside(
 
 def _locate(scheme: _Scheme, attempt: _Attempt) -> _Location:
     """The place of a trial relative to an event, if a guard fired there."""
-    carry, trial, guards, hit = attempt.carry, attempt.trial, attempt.checks.guards, attempt.hit
-    h, values, tolerance = trial.h, guards.values, attempt.tolerance
+    carry = attempt.carry
+    trial = attempt.trial
+    guards = attempt.checks.guards
+    hit = attempt.hit
+    h = trial.h
+    values = guards.values
+    tolerance = attempt.tolerance
     # the guard that fires first, below zero at the near end of the bracket and above it at the far one
     below, above = first_to_fire(jnp.where(hit, carry.near, values), jnp.where(hit, values, carry.far_guards))
     overshoot = h - h * secant_root(below, above)
@@ -445,8 +454,14 @@ def _next_step(
         jumping: the guards that jump if the trial is the event.
         others: the guards that jump at the same instant, after them.
     """
-    carry, trial, checks, hit = attempt.carry, attempt.trial, attempt.checks, attempt.hit
-    h, land, early, still = trial.h, location.land, location.early, checks.still
+    carry = attempt.carry
+    trial = attempt.trial
+    checks = attempt.checks
+    hit = attempt.hit
+    h = trial.h
+    land = location.land
+    early = location.early
+    still = checks.still
     keeps = hit & (jumping | ~still)
     bracket = next_bracket(
         carry, h, checks.guards.values, accepted=attempt.accepted, hit=hit, land=land, keeps=keeps
@@ -490,8 +505,13 @@ def _jump(
     scheme: _Scheme, attempt: _Attempt, location: _Location, jumping: GuardFlags, others: GuardFlags
 ) -> _Jump:
     """The jump at the end of a trial, which counts if the trial is the event; see `_next_step`."""
-    carry, trial, guards, still = attempt.carry, attempt.trial, attempt.checks.guards, attempt.checks.still
-    land, owed, leaves = location.land, attempt.owed, attempt.leaves
+    carry = attempt.carry
+    trial = attempt.trial
+    guards = attempt.checks.guards
+    still = attempt.checks.still
+    land = location.land
+    owed = attempt.owed
+    leaves = attempt.leaves
     remaining = jnp.any(others) & (attempt.waiting | ~still)
     end = trial.end
     shift = carry.shift
@@ -521,8 +541,12 @@ def _carry_after(
     jump: _Jump,
 ) -> Carry:
     """The trajectory after an attempt, with the reason to halt if there is one."""
-    carry, trial, checks = attempt.carry, attempt.trial, attempt.checks
-    going, accepted, land = attempt.going, attempt.accepted, location.land
+    carry = attempt.carry
+    trial = attempt.trial
+    checks = attempt.checks
+    going = attempt.going
+    accepted = attempt.accepted
+    land = location.land
     timed = unlikely(accepted & (trial.h >= attempt.room) & ~attempt.leaves)
     before = jnp.where(checks.short, carry.chain, 0)
     chain = jnp.where(land, before + 1, jnp.where(accepted, before, carry.chain))
@@ -559,7 +583,9 @@ def _advance_stepped(model: FixedStepDynamics, numerics: ResolvedNumerics, drive
         # a simulator's step cannot be shortened, so a stop is at the nearest end of a step
         timed = carry.stop - carry.t <= 0.5 * dt
         params_within = params if drive is None else drive(params, carry.t + 0.5 * dt)
-        trial = model.step(params_within, carry.state, jnp.asarray(dt, numerics.stepped))
+        length = jnp.asarray(dt, numerics.step_dtype)
+        factor = (carry.step_factor,) if model.stochastic else ()
+        trial = model.step(params_within, carry.state, length, *factor)
         fired = model.events(params_within, carry.state, trial)
         hit = jnp.any(fired)
         closed = hit & model.section(params_within, trial, fired)

@@ -121,3 +121,17 @@ def start(
 def select(condition: Flag, yes: T, no: T) -> T:
     """`yes` or `no`, two pytrees of the same structure, leaf by leaf."""
     return jax.tree.map(lambda a, b: jnp.where(condition, a, b), yes, no)
+
+
+def restarted(carry: Carry, now: Flag) -> Carry:
+    """The trajectory whose state or parameters have changed at its present time if `now`.
+
+    The change may fire a guard where the trajectory stands, so it begins as a start does, by an attempt of
+    zero length; an event that was being located is forgotten, and so are the guards that fired last.
+    """
+    return dataclasses.replace(
+        carry,
+        h=jnp.where(now, 0.0, carry.h),
+        far=jnp.where(now, jnp.inf, carry.far),
+        far_guards=jnp.where(now, -1.0, carry.far_guards),
+    )

@@ -60,18 +60,30 @@ def first_to_fire(near: Guards, far: Guards) -> tuple[Number, Number]:
     above = jnp.where(fires, far, 0.0)
     steepest = MAX_NEAR_RATIO * above
     below = jnp.where(fires, jnp.where(-near > steepest, steepest, -near), 1.0)
+    # pairs of guards are compared until one is left, the second half with the first
     while below.size > 1:
         half = below.size // 2
-        pairs = slice(0, half), slice(half, 2 * half), slice(2 * half, None)
-        (b1, b2, b_rest), (a1, a2, a_rest) = ([x[part] for part in pairs] for x in (below, above))
-        second = b2 * a1 < b1 * a2
-        below = jnp.concatenate([jnp.where(second, b2, b1), b_rest])
-        above = jnp.concatenate([jnp.where(second, a2, a1), a_rest])
+        first = slice(0, half)
+        second = slice(half, 2 * half)
+        rest = slice(2 * half, None)
+        below1 = below[first]
+        below2 = below[second]
+        below_rest = below[rest]
+        above1 = above[first]
+        above2 = above[second]
+        above_rest = above[rest]
+        is_second = below2 * above1 < below1 * above2
+        below = jnp.concatenate([jnp.where(is_second, below2, below1), below_rest])
+        above = jnp.concatenate([jnp.where(is_second, above2, above1), above_rest])
     return below[0], above[0]
 
 
 def secant_root(below: Number, above: Number) -> Number:
-    """The zero of the secant, as a share of the bracket from its near end."""
+    """The zero of the secant, as a share of the bracket from its near end.
+
+    Args:
+        below, above: the distances of a guard from zero at the near and the far end, from `first_to_fire`.
+    """
     rise = below + above
     return jnp.where(rise > 0.0, below / jnp.where(rise > 0.0, rise, 1.0), 0.0)
 

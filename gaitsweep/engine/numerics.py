@@ -7,7 +7,8 @@ These are the defaults of a job.
 from __future__ import annotations
 
 import dataclasses
-from typing import Any, TypeVar
+from collections.abc import Mapping
+from typing import TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -44,11 +45,14 @@ _CIRCULAR = {"sin", "cos"}
 class Numerics:
     """The numerics that a job asks for; None or auto stands for the model's recommendation.
 
-    `dt` is the longest step (s); `method` one of `METHODS`; `event_tolerance` the tolerance on event times
-    (a share of the nominal period); `rtol` and `atol` the relative and absolute tolerances on the local
-    error, for methods with step control; `precision` float64, float32, or mixed: states and times are
-    float64, and a step's length is passed to the model as float32, so that it may compute forces in float32;
-    `contraction`: a kernel may compute a product and a sum in one instruction, which rounds once.
+    Attributes:
+        dt: the longest step (s).
+        method: one of `METHODS`.
+        precision: float64, float32, or mixed: states and times are float64, and a step's length is passed to
+            the model as float32, so that it may compute forces in float32.
+        event_tolerance: the tolerance on event times, as a share of the nominal period.
+        rtol, atol: the relative and absolute tolerances on the local error, for methods with step control.
+        contraction: whether a kernel may compute a product and a sum in one instruction, which rounds once.
     """
 
     dt: float | None = None
@@ -60,7 +64,7 @@ class Numerics:
     contraction: bool = True
 
     def resolve(self, model: Model) -> ResolvedNumerics:
-        """The numerics of runs of a model, completed by its recommendations."""
+        """Complete the numerics by the recommendations of a model."""
         recommended = model.recommended
         rtol = recommended.rtol if self.rtol is None else self.rtol
         method = recommended.method if self.method == "auto" else self.method
@@ -81,20 +85,22 @@ def taylor_is_faster(model: Model) -> bool:
     if not isinstance(model, HybridModel) or model.host_parameters or lacking_recurrence(model):
         return False
     number = jax.ShapeDtypeStruct((), jnp.float64)
-    faster: list[bool] = []
+    is_faster = False
 
-    def examine(values: Any, starts: Any) -> None:
+    # the programs of the flow and the guards need parameters and a state, which a trace has without values
+    def examine(values: Mapping[str, jax.Array], starts: Mapping[str, jax.Array]) -> None:
+        nonlocal is_faster
         params = model.params(values)
         state = model.init(params, starts)
         circular = not _CIRCULAR.isdisjoint(moving_operations(model, params, state))
-        faster.append(circular and not may_switch(model, params, state))
+        is_faster = circular and not may_switch(model, params, state)
 
     jax.eval_shape(
         examine,
         {q.name: number for q in model.parameters},
         {q.name: number for q in model.initial_conditions},
     )
-    return all(faster)
+    return is_faster
 
 
 @dataclasses.dataclass(frozen=True)
@@ -129,12 +135,12 @@ class ResolvedNumerics:
         return MAX_ADAPTIVE_STEPS if self.adaptive else 1.0
 
     @property
-    def carried(self) -> str:
+    def dtype(self) -> str:
         """The dtype of values, states and times."""
         return "float64" if self.precision == "mixed" else self.precision
 
     @property
-    def stepped(self) -> str:
+    def step_dtype(self) -> str:
         """The dtype of the step that is passed to a stepped model."""
         return "float32" if self.precision == "mixed" else self.precision
 
@@ -155,8 +161,8 @@ def longest_step(model: Model, method: str, params: Params) -> Number | None:
     if (modes := model.fast_modes(params)) is None:
         return None
     rates, damping = modes
-    ratios, limits = (jnp.asarray(column) for column in zip(*METHODS[method].limits, strict=True))
-    allowed = jnp.interp(damping, ratios, limits)
+    ratios, limits = zip(*METHODS[method].limits, strict=True)
+    allowed = jnp.interp(damping, jnp.asarray(ratios), jnp.asarray(limits))
     # even if all motions are slow, a step has to be short compared with a cycle
     return jnp.minimum(jnp.min(allowed / rates), model.period(params) / MIN_STEPS_PER_PERIOD)
 
@@ -164,7 +170,12 @@ def longest_step(model: Model, method: str, params: Params) -> Number | None:
 def recommended_step(model: Model, numerics: ResolvedNumerics, params: Params) -> Number | None:
     """The longest step (s) of a row, from the numerics or else from the recommendation of its model.
 
-    None if neither is known.
+    Args:
+        model, numerics: the model and its numerics.
+        params: the parameters of the row.
+
+    Returns:
+        The step, or None if neither is known.
     """
     if numerics.dt is not None:
         return jnp.full_like(model.period(params), numerics.dt)
@@ -179,7 +190,7 @@ def recommended_step(model: Model, numerics: ResolvedNumerics, params: Params) -
 
 
 def step_of(model: Model, numerics: ResolvedNumerics, params: Params) -> Number:
-    """The `recommended_step` (s).
+    """The `recommended_step` (s), whose arguments it has.
 
     Raises:
         ValueError: neither the numerics nor the model determine it.

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import operator
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, final
 
@@ -16,21 +17,21 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Real
 
-from gaitsweep.contract import HybridModel, Model, Params, Quantity, Rates, Recommended, Simultaneous, State
-from gaitsweep.engine.carry import Carry, select
+from gaitsweep.contract import HybridModel, Model, Params, Quantity, Rates, Recommended, State
+from gaitsweep.engine.carry import select
 from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.leaves import element_names
 from gaitsweep.engine.shapes import Flag, Number
 from gaitsweep.engine.solver import METHODS
 
 if TYPE_CHECKING:
-    import pandas as pd
-
     from gaitsweep.skeleton import LimbLook, Skeleton
 
 # The names of the parameters that are added: `push_` and the name of a variable or parameter, and these.
 PREFIX = "push_"
-PHASE, DURATION, CYCLES = "push_phase", "push_duration", "push_cycles"
+PHASE = "push_phase"
+DURATION = "push_duration"
+CYCLES = "push_cycles"
 # The modes that are added to a state: a force or step acts now; the next event of the push's kind is awaited;
 # it has come; the section has been crossed since the recorder last looked.
 MODES = ("push_acts", "push_awaited", "push_due", "push_crossed")
@@ -55,6 +56,11 @@ class PushedParams:
     cycles: Number
 
 
+def _of_model(name: str) -> Any:
+    """A property that is the class attribute or the method of this name of the model itself."""
+    return property(operator.attrgetter(f"model.{name}"))
+
+
 @final
 @dataclasses.dataclass(frozen=True)
 class PushedModel(HybridModel):
@@ -75,34 +81,16 @@ class PushedModel(HybridModel):
     event: str | None = None
 
     # what describes the model is that of the model itself
-
-    @property
-    def name(self) -> str:  # pyright: ignore[reportIncompatibleVariableOverride]
-        return self.model.name
-
-    @property
-    def source(self) -> str:  # pyright: ignore[reportIncompatibleVariableOverride]
-        return self.model.source
-
-    @property
-    def bibtex(self) -> str:  # pyright: ignore[reportIncompatibleVariableOverride]
-        return self.model.bibtex
-
-    @property
-    def gaits(self) -> tuple[str, ...]:  # pyright: ignore[reportIncompatibleVariableOverride]
-        return self.model.gaits
-
-    @property
-    def given_with(self) -> Mapping[str, tuple[str, str]]:  # pyright: ignore[reportIncompatibleVariableOverride]
-        return self.model.given_with
-
-    @property
-    def linear(self) -> bool:  # pyright: ignore[reportIncompatibleVariableOverride]
-        return self.model.linear
-
-    @property
-    def simultaneous(self) -> Simultaneous:  # pyright: ignore[reportIncompatibleVariableOverride]
-        return self.model.simultaneous
+    name = _of_model("name")
+    source = _of_model("source")
+    bibtex = _of_model("bibtex")
+    gaits = _of_model("gaits")
+    given_with = _of_model("given_with")
+    linear = _of_model("linear")
+    simultaneous = _of_model("simultaneous")
+    caveats = _of_model("caveats")
+    free_link = _of_model("free_link")
+    analytic_distance = _of_model("analytic_distance")
 
     @property
     def original(self) -> Model:
@@ -111,6 +99,50 @@ class PushedModel(HybridModel):
     @property
     def precisions(self) -> tuple[str, ...]:
         return self.model.precisions
+
+    @property
+    def initial_conditions(self) -> tuple[Quantity, ...]:
+        return self.model.initial_conditions
+
+    @property
+    def observables(self) -> tuple[Quantity, ...]:
+        return self.model.observables
+
+    @property
+    def signals(self) -> tuple[Quantity, ...]:
+        return self.model.signals
+
+    @property
+    def label_fields(self) -> tuple[Quantity, ...]:
+        return self.model.label_fields
+
+    @property
+    def host_parameters(self) -> tuple[str, ...]:
+        return self.model.host_parameters
+
+    @property
+    def locates_events(self) -> bool:
+        return self.model.locates_events
+
+    @property
+    def longest_chain(self) -> int | None:
+        return self.model.longest_chain
+
+    @property
+    def guard_names(self) -> tuple[str, ...]:
+        return self.model.guard_names
+
+    @property
+    def data_digest(self) -> str:
+        return self.model.data_digest
+
+    @property
+    def limbs(self) -> tuple[LimbLook, ...]:
+        return self.model.limbs
+
+    @property
+    def caveats_notice(self) -> str:
+        return self.model.caveats_notice
 
     @property
     def added(self) -> tuple[Quantity, ...]:
@@ -141,26 +173,6 @@ class PushedModel(HybridModel):
         return (*self.model.parameters, *self.added)
 
     @property
-    def initial_conditions(self) -> tuple[Quantity, ...]:
-        return self.model.initial_conditions
-
-    @property
-    def observables(self) -> tuple[Quantity, ...]:
-        return self.model.observables
-
-    @property
-    def signals(self) -> tuple[Quantity, ...]:
-        return self.model.signals
-
-    @property
-    def label_fields(self) -> tuple[Quantity, ...]:
-        return self.model.label_fields
-
-    @property
-    def host_parameters(self) -> tuple[str, ...]:
-        return self.model.host_parameters
-
-    @property
     def recommended(self) -> Recommended:
         recommended = self.model.recommended
         if recommended.method in METHODS and METHODS[recommended.method].step is None:
@@ -168,48 +180,13 @@ class PushedModel(HybridModel):
             return dataclasses.replace(recommended, method="auto")
         return recommended
 
-    @property
-    def locates_events(self) -> bool:
-        return self.model.locates_events
-
-    @property
-    def longest_chain(self) -> int | None:
-        return self.model.longest_chain
-
-    @property
-    def guard_names(self) -> tuple[str, ...]:
-        return self.model.guard_names
-
-    @property
-    def data_digest(self) -> str:
-        return self.model.data_digest
-
-    @property
-    def limbs(self) -> tuple[LimbLook, ...]:
-        return self.model.limbs
-
-    @property
-    def caveats_notice(self) -> str:
-        return self.model.caveats_notice
-
-    def caveats(self) -> list[str]:
-        return self.model.caveats()
-
     def skeleton(
         self, values: Mapping[str, float], signals: Mapping[str, Float[np.ndarray, " times"]]
     ) -> Skeleton | None:
         return self.model.skeleton(self._own(values), signals)
 
-    def free_link(self, trace: pd.DataFrame, legs: int) -> int | None:
-        return self.model.free_link(trace, legs)
-
-    def analytic_distance(self, table: pd.DataFrame) -> tuple[float, int] | None:
-        return self.model.analytic_distance(table)
-
     def mjcf(self, values: Mapping[str, float]) -> str | None:
         return self.model.mjcf(self._own(values))
-
-    # its functions
 
     def on_host(
         self, values: Mapping[str, Float[np.ndarray, " rows"]]
@@ -291,7 +268,7 @@ class PushedModel(HybridModel):
         acts, awaited, due, crossed = (getattr(state, mode) for mode in MODES)
         if self.event is not None:
             crossed = crossed | ((awaited | due) & self.model.section(acting, plain, fired))
-            comes = awaited & self._comes(acting, plain, fired)
+            comes = awaited & self._is_event(acting, plain, fired)
             due = due | comes
             awaited = awaited & ~comes
         return _with_modes(after, (acts, awaited, due, crossed))
@@ -303,7 +280,7 @@ class PushedModel(HybridModel):
         if self.event is None:
             return closes
         # the row waits for its recorder, which pushes it
-        return closes | (before.push_awaited & self._comes(acting, plain, fired))
+        return closes | (before.push_awaited & self._is_event(acting, plain, fired))
 
     def occurred(
         self, params: PushedParams, state: State, fired: Bool[Array, " guards"], /
@@ -313,14 +290,18 @@ class PushedModel(HybridModel):
     def energies(self, params: PushedParams, state: State, /) -> dict[str, Float[Array, ""]]:
         return self.model.energies(self._acting(params, state), _plain(state))
 
-    # for the recorder
-
     def awaiting(self, state: State, waits: Flag) -> State:
-        """The state that awaits the event of the push if `waits`."""
+        """The state that awaits the event of the push if `waits`; the recorder calls this."""
         return dataclasses.replace(state, push_awaited=state.push_awaited | waits)
 
     def pushed(self, params: PushedParams, state: State, now: Flag) -> State:
-        """The state with the impulse, or with what lasts switched on, if `now`."""
+        """The state with the impulse, or with the force or step switched on, if `now`.
+
+        Args:
+            params: the parameters of the row.
+            state: the state.
+            now: whether the push comes.
+        """
         at_once = {} if self.forced else self._along(state, params.amounts)
         moved = {name: getattr(state, name) + jnp.where(now, more, 0.0) for name, more in at_once.items()}
         lasts = self.forced or self.stepped is not None
@@ -333,6 +314,7 @@ class PushedModel(HybridModel):
         return dataclasses.replace(state, push_acts=state.push_acts & ~now)
 
     def _own(self, values: Mapping[str, Any]) -> dict[str, Any]:
+        """The values of the model's own parameters."""
         added = {quantity.name for quantity in self.added}
         return {name: value for name, value in values.items() if name not in added}
 
@@ -345,7 +327,7 @@ class PushedModel(HybridModel):
     def _along(self, state: State, amounts: Float[Array, " pushes"]) -> dict[str, Float[Array, " ..."]]:
         """Amounts (n,) of the pushed variables as arrays of the fields of a state."""
         places = flow_places(self.model)
-        fields = {}
+        fields: dict[str, Any] = {}
         for variable, amount in zip(self.variables, amounts, strict=True):
             name, place = places[variable]
             mask = np.zeros(np.shape(getattr(state, name)), bool)
@@ -353,24 +335,10 @@ class PushedModel(HybridModel):
             fields[name] = fields.get(name, 0.0) + jnp.where(mask, amount, 0.0)
         return fields
 
-    def _comes(self, params: Params, before: State, fired: Bool[Array, " events"]) -> Flag:
+    def _is_event(self, params: Params, before: State, fired: Bool[Array, " events"]) -> Flag:
         """Whether the event of the push is among those that fired."""
         which = np.array([name == self.event for name in self.model.guard_names])
         return jnp.any(self.model.occurred(params, before, fired) & which)
-
-
-def restarted(carry: Carry, now: Flag) -> Carry:
-    """The trajectory whose state or parameters have changed at its present time if `now`.
-
-    The change may fire a guard where the trajectory stands, so it begins as a start does, by an attempt of
-    zero length; an event that was being located is forgotten, and so are the guards that fired last.
-    """
-    return dataclasses.replace(
-        carry,
-        h=jnp.where(now, 0.0, carry.h),
-        far=jnp.where(now, jnp.inf, carry.far),
-        far_guards=jnp.where(now, -1.0, carry.far_guards),
-    )
 
 
 @cached_by_content(maxsize=64)
@@ -413,6 +381,7 @@ def _kind_with_modes(kind: type) -> type:
 
 
 def _with_modes(state: State, modes: tuple[Flag, ...]) -> State:
+    """A state of the model with the modes of a push, in the order of `MODES`."""
     fields = {field.name: getattr(state, field.name) for field in dataclasses.fields(state)}
     return _kind_with_modes(type(state))(**fields, **dict(zip(MODES, modes, strict=True)))
 

@@ -36,7 +36,7 @@ def stored(name: str, model: Model, others: tuple[Any, ...] | None, compute: Cal
         others: other objects that decide the result; None if they have no digest: then nothing is stored.
         compute: traces the model; called only if the cache lacks the result.
     """
-    deciding = model, name, *(others or ())
+    deciding = (model, name, *(others or ()))
     content = None if others is None else lasting_content(*deciding)
     folder = None if content is None else cache_folder("programs")
     key = repr((content, _SOURCES, _VERSIONS, _settings()))
@@ -68,5 +68,8 @@ _VERSIONS = sys.version, jax.__version__, jaxlib_version, np.__version__, os.env
 
 def _settings() -> list[tuple[str, str]]:
     """The settings of JAX that may change a trace."""
-    names = [name for name in jax.config.values if not any(word in name for word in _WITHOUT_EFFECT)]
-    return [(name, repr(getattr(jax.config, name, None))) for name in sorted(names)]
+    settings = []
+    for name in sorted(jax.config.values):
+        if not any(word in name for word in _WITHOUT_EFFECT):
+            settings.append((name, repr(getattr(jax.config, name, None))))
+    return settings

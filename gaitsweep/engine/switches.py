@@ -9,6 +9,7 @@ are, so that a pulse that begins and ends there is met.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -52,37 +53,53 @@ class Switching(NamedTuple):
 
 
 def switching(flow: Callable[[Params, State], Rates], params: Params, state: State) -> Switching:
-    """Possible switches of a flow as its variables move, from its program without loops and branches."""
+    """Possible switches of a flow as its variables move, from its program without loops and branches.
+
+    Args:
+        flow, params: the flow and its parameters.
+        state: the state.
+    """
     with jax.disable_jit():  # the program of a jitted function is then inlined
         closed, rates = jax.make_jaxpr(flow, return_shape=True)(params, state)
     program = closed.jaxpr
     inputs = jax.tree.leaves((params, state))
     equations = [e for e, _ in _moving(program, state, rates) if e.primitive.name in _SWITCHES]
-    variables = list(
-        dict.fromkeys(v for e in equations for v in (*e.invars, e.outvars[0]) if not isinstance(v, Literal))
-    )
+    read = [variable for equation in equations for variable in (*equation.invars, equation.outvars[0])]
+    variables = list(dict.fromkeys(v for v in read if not isinstance(v, Literal)))
     names = program.debug_info and program.debug_info._replace(result_paths=None)
     part = ClosedJaxpr(program.replace(outvars=variables, debug_info=names), closed.consts)
     values = dict(zip(variables, jaxpr_as_fun(part)(*inputs), strict=True))
     levels = [jnp.zeros((0,))]
     surfaces = [jnp.zeros((0,))]
     for equation in equations:
-        operation = equation.primitive.name
-        result = values[equation.outvars[0]]
         args = [v.val if isinstance(v, Literal) else values[v] for v in equation.invars]
-        if not all(jnp.issubdtype(jnp.result_type(argument), jnp.floating) for argument in args):
-            continue
-        if operation == "rem":
-            levels.append(jnp.ravel(jnp.floor(args[0] / jnp.where(args[1] == 0.0, 1.0, args[1]))))
-        elif operation in _SATURATED:  # the saturated ends differ by 1, each of them from the middle by 0.5
-            levels.append(jnp.ravel(jnp.where(jnp.abs(args[0]) > SATURATION, 0.5 * jnp.sign(args[0]), 0.0)))
-        elif operation in _LEVELS and (operation != _CAST or not jnp.issubdtype(result.dtype, jnp.inexact)):
-            levels.append(jnp.ravel(result).astype(float))
-        if operation in _EXTREMES:
-            surfaces.append(jnp.ravel(_ahead(operation, args[0], equation.params["axes"])))
-        if operation in _SURFACES:
-            surfaces.append(jnp.ravel(args[0] - (args[1] if len(args) > 1 else _SURFACES[operation])))
+        if all(jnp.issubdtype(jnp.result_type(argument), jnp.floating) for argument in args):
+            result = values[equation.outvars[0]]
+            levels += [jnp.ravel(level) for level in _levels(equation, args, result)]
+            surfaces += [jnp.ravel(surface) for surface in _surfaces(equation, args)]
     return Switching(jnp.concatenate(levels), jnp.concatenate(surfaces))
+
+
+def _levels(equation: JaxprEqn, args: list[Array], result: Array) -> list[Array]:
+    """The levels of an operation (see `Switching`), from its arguments and its result; most have none."""
+    operation = equation.primitive.name
+    if operation == "rem":
+        return [jnp.floor(args[0] / jnp.where(args[1] == 0.0, 1.0, args[1]))]
+    if operation in _SATURATED:  # the saturated ends differ by 1, each of them from the middle by 0.5
+        return [jnp.where(jnp.abs(args[0]) > SATURATION, 0.5 * jnp.sign(args[0]), 0.0)]
+    if operation in _LEVELS and (operation != _CAST or not jnp.issubdtype(result.dtype, jnp.inexact)):
+        return [result.astype(float)]
+    return []
+
+
+def _surfaces(equation: JaxprEqn, args: list[Array]) -> list[Array]:
+    """The surfaces of an operation (see `Switching`), from its arguments; most have none."""
+    operation = equation.primitive.name
+    if operation in _EXTREMES:
+        return [_ahead(operation, args[0], equation.params["axes"])]
+    if operation in _SURFACES:
+        return [args[0] - (args[1] if len(args) > 1 else _SURFACES[operation])]
+    return []
 
 
 def _ahead(operation: str, values: Float[Array, " ..."], axes: Sequence[int]) -> Float[Array, " ..."]:
@@ -98,24 +115,32 @@ def _ahead(operation: str, values: Float[Array, " ..."], axes: Sequence[int]) ->
 def may_bend(
     function: Callable[[Params, State], Float[Array, " values"]], params: Params, state: State, rates: Rates
 ) -> bool:
-    """Whether a function may jump or bend as `rates` move the state: not all its operations are smooth."""
+    """Whether a function may jump or bend as a flow moves the state: not all its operations are smooth.
+
+    Args:
+        function, params: the function and its parameters.
+        state, rates: a state, and the flow's rates there.
+    """
     with jax.disable_jit():
         program = jax.make_jaxpr(function)(params, state).jaxpr
-    return any(
-        equation.primitive.name not in _SMOOTH
-        and not places <= _SMOOTH_IN.get(equation.primitive.name, set())
-        for equation, places in _moving(program, state, rates)
-    )
+    for equation, places in _moving(program, state, rates):
+        name = equation.primitive.name
+        if name not in _SMOOTH and not places <= _SMOOTH_IN.get(name, set()):
+            return True
+    return False
 
 
 def may_switch(model: HybridModel, params: Params, state: State) -> bool:
     """Whether the flow may switch, or a guard may jump or bend, as the flow moves the state.
 
     A part of a guard without derivative (`stop_gradient`), such as a margin for rounding, does not count.
+
+    Args:
+        model, params: the model and its parameters.
+        state: a state, of which only the shape counts.
     """
-    rates, at_state = jax.eval_shape(
-        lambda: (model.flow(params, state), switching(model.flow, params, state))
-    )
+    rates = jax.eval_shape(model.flow, params, state)
+    at_state = jax.eval_shape(partial(switching, model.flow), params, state)
     if at_state.levels.size + at_state.surfaces.size:
         return True
     with jax.disable_jit():
@@ -133,7 +158,7 @@ def may_switch(model: HybridModel, params: Params, state: State) -> bool:
 
 
 def moving_operations(model: HybridModel, params: Params, state: State) -> set[str]:
-    """JAX's names of the operations in the flow that move as it moves the state."""
+    """JAX's names of the operations in the flow that move as it moves the state; see `may_switch`."""
     with jax.disable_jit():
         closed, rates = jax.make_jaxpr(model.flow, return_shape=True)(params, state)
     return {equation.primitive.name for equation, _ in _moving(closed.jaxpr, state, rates)}
@@ -183,7 +208,8 @@ def switches_within(
     Returns:
         Whether the flow has switched between the ends, and whether it may have switched there and back.
     """
-    before, after = (switching(flow, params, state) for state in ends)
+    before = switching(flow, params, ends[0])
+    after = switching(flow, params, ends[1])
     if not before.levels.size + before.surfaces.size:
         return jnp.asarray(False), jnp.asarray(False)
     shows = jnp.any(jnp.abs(after.levels - before.levels) >= 1.0)
@@ -195,9 +221,8 @@ def switches_within(
     side = jnp.where(before.surfaces < 0.0, 1.0, -1.0)
     near = side * before.surfaces
     end = side * after.surfaces
-    slopes, end_slopes = (
-        side * slopes_along(surfaces, *state_and_rates) for state_and_rates in zip(ends, rates, strict=True)
-    )
+    slopes = side * slopes_along(surfaces, ends[0], rates[0])
+    end_slopes = side * slopes_along(surfaces, ends[1], rates[1])
     inside = [side * surfaces(within(share)) for share in PROBES]
     hides = may_hide(near, slopes, end, h) | unresolved(near, slopes, end, end_slopes, inside, h)
     return shows, hides

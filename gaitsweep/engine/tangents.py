@@ -76,13 +76,24 @@ def coordinate_count(model: Model) -> int:
 
 
 def first_directions(size: int, count: int) -> Directions:
-    """Some orthonormal directions in a space of coordinates, which no model has a reason to prefer."""
+    """Orthonormal directions in a space of coordinates, which no model has a reason to prefer.
+
+    Args:
+        size: the number of coordinates.
+        count: the number of directions.
+    """
     drawn = np.random.default_rng(0).normal(size=(size, count))
     return [jnp.asarray(column) for column in np.linalg.qr(drawn)[0].T]
 
 
 def from_section(model: Model, params: Params, state: State, directions: Directions) -> list[Tangent]:
-    """The tangents of a trajectory that is at a crossing, along directions on the section."""
+    """The tangents of a trajectory that is at a crossing, along directions on the section.
+
+    Args:
+        model, params: the model and its parameters.
+        state: the state just after the crossing.
+        directions: in the coordinates of the section, (n,) each.
+    """
     chart = chart_of(model, state)
 
     def leaves(at: Float[Array, " coordinates"]) -> list[Array]:
@@ -94,7 +105,12 @@ def from_section(model: Model, params: Params, state: State, directions: Directi
 
 
 def on_section(model: Model, params: Params, carry: Carry) -> Directions:
-    """The tangents of a trajectory at a crossing in the coordinates of the section."""
+    """The tangents of a trajectory at a crossing in the coordinates of the section, (n,) each.
+
+    Args:
+        model, params: the model and its parameters.
+        carry: the trajectory just after the crossing, with its tangents.
+    """
     chart = chart_of(model, carry.state)
 
     def coordinates(leaves: list[Array]) -> Float[Array, " coordinates"]:

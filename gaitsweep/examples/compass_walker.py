@@ -14,7 +14,6 @@ import jax.numpy as jnp
 
 from gaitsweep import DeclaredModel, energy, event, ground_field, observable, parameter, variable
 
-
 CLOSE = (
     1e-6  # feet that are closer than this (m) count as so far apart: the line between them needs two points
 )

@@ -28,8 +28,8 @@ if TYPE_CHECKING:
 
 # The folder, in a result directory, of the rows that a cluster is computing.
 BATCH = "batch"
-# Rows of a block of a batch, at least, and the workers that are counted on while their number is not known.
-_FEWEST_ROWS, _WORKERS = 16, 4
+_MIN_BLOCK = 16  # rows of a block of a batch
+_WORKERS = 4  # that are counted on while their number is not known
 
 
 @contextlib.contextmanager
@@ -96,7 +96,7 @@ class ClusterRows:
 
     def __call__(self, job: Job, on_progress: OnProgress) -> pd.DataFrame:
         began = time.perf_counter()
-        block = max(_FEWEST_ROWS, job.design.n_rows // (4 * max(self._cluster.workers.most, _WORKERS)))
+        block = max(_MIN_BLOCK, job.design.n_rows // (4 * max(self._cluster.workers.most, _WORKERS)))
         batch = job.model_copy(update={"engine": job.engine.model_copy(update={"block": block})})
 
         def on_job_progress(done: int, total: int, rate: float, fraction: float, note: str) -> None:
@@ -105,7 +105,8 @@ class ClusterRows:
 
         name = hashlib.sha256(json.dumps(batch.resolved(), sort_keys=True).encode()).hexdigest()[:16]
         # a client that was killed may have left another batch
-        for folder in self._path.iterdir() if self._path.is_dir() else ():
+        folders = list(self._path.iterdir()) if self._path.is_dir() else []
+        for folder in folders:
             if folder.name != name:
                 shutil.rmtree(folder, ignore_errors=True)
         options: dict[str, Any] = {"on_progress": on_job_progress, "figures": False, "cluster": self._cluster}

@@ -15,11 +15,11 @@ from gaitsweep.fitting.targets import MISS
 from gaitsweep.runs.sentences import SetStatus
 
 # Where no set fits all targets, the near-best sets are those within this factor of the least score.
-NEAR = 1.1
+NEAR_BEST_FACTOR = 1.1
 # A constant whose near-best values span less than this share of its range is pinned.
-PINNED = 0.25
+PINNED_SPREAD = 0.25
 # Fewer near-best sets do not determine the range of a constant's values.
-FEWEST = 20
+MIN_SETS = 20
 # Parts of a constant's range in each of which the profile has the least score.
 PARTS = 20
 
@@ -44,18 +44,20 @@ class Constant:
     @property
     def verdict(self) -> str:
         """Verdict: pinned, free, or too few sets to say."""
-        if self.spread >= PINNED:
+        if self.spread >= PINNED_SPREAD:
             return "free"
-        return "pinned" if self.sets >= FEWEST else "too few sets to say"
+        return "pinned" if self.sets >= MIN_SETS else "too few sets to say"
 
     @property
     def words(self) -> tuple[str, str]:
         """Best value, and range of the near-best values, as text."""
-        best, low, high = (
-            f"{value:.5g}" if isinstance(value, int | float) and not isinstance(value, bool) else str(value)
-            for value in (self.best, self.low, self.high)
-        )
-        return best, f"{low} to {high}"
+        return _in_words(self.best), f"{_in_words(self.low)} to {_in_words(self.high)}"
+
+
+def _in_words(value: Any) -> str:
+    """A value of a constant as text: numbers in five digits, choices as they are written."""
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    return f"{value:.5g}" if is_number else str(value)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -63,7 +65,7 @@ class Identifiability:
     """Identifiability of each constant from the near-best sets of a search, which are sorted by score.
 
     `fitting` is the number of sets that miss no target by more than its reading error. The near-best sets are
-    these, or, if there is none, those with a score within NEAR times the least.
+    these, or, if there is none, those with a score within NEAR_BEST_FACTOR times the least.
     """
 
     best: pd.DataFrame
@@ -108,7 +110,7 @@ def identifiability(table: pd.DataFrame, search: Search) -> Identifiability:
         return Identifiability(sound, 0, nothing)
     misses = np.abs(sound[[f"{MISS}{name}" for name in search.counted]].to_numpy())
     fits = (misses <= 1.0).all(axis=1)
-    near = fits if fits.any() else sound["score"].to_numpy() <= NEAR * sound["score"].iloc[0]
+    near = fits if fits.any() else sound["score"].to_numpy() <= NEAR_BEST_FACTOR * sound["score"].iloc[0]
     near_best = sound.iloc[np.flatnonzero(near)]
     constants = tuple(_constant(name, free, sound, near_best) for name, free in search.free.items())
     return Identifiability(near_best, int(fits.sum()), constants)

@@ -18,8 +18,8 @@ from gaitsweep.fitting.sensitivity_design import LEVELS, SensitivityDesign, unit
 PerSet = Float[np.ndarray, " sets"]  # a number for each set
 LEVEL = 0.95  # of confidence
 _RESAMPLES = 200  # of the bootstrap
-_FEWEST_TRAJECTORIES = 4
-_FEWEST_GIVEN = 100  # rows of RBD-FAST, which sums ten harmonics
+_MIN_TRAJECTORIES = 4
+_MIN_GIVEN_ROWS = 100  # of RBD-FAST, which sums ten harmonics
 # Mean resultant length of angles below which they lie so far around the circle that a cut matters.
 _SPREAD = 0.5
 _OWN_SET = "the job's own values"
@@ -91,14 +91,14 @@ def indices(design: SensitivityDesign, outputs: Mapping[str, Output], seed: int)
         else:
             method = "rbd_fast"
             by_parameter = _given_data(design, values, seed)
-        for parameter, by_index in sorted(by_parameter.items(), key=lambda item: -_importance(item[1])):
+        for parameter in sorted(by_parameter, key=lambda name: -_importance(by_parameter[name])):
             for index in INDICES[method]:
-                if index not in by_index:
+                if (result := by_parameter[parameter].get(index)) is None:
                     continue
-                value, confidence, rows, remark = dataclasses.astuple(by_index[index])
                 unit = "1" if index in ("S1", "ST", "elasticity") else output.unit
-                remark = "; ".join(text for text in (remark, note) if text)
-                records.append((method, name, parameter, index, value, confidence, rows, unit, remark))
+                remark = "; ".join(text for text in (result.note, note) if text)
+                numbers = (result.value, result.confidence, result.rows)
+                records.append((method, name, parameter, index, *numbers, unit, remark))
     return pd.DataFrame(records, columns=list(COLUMNS))
 
 
@@ -153,24 +153,30 @@ def _changes(design: SensitivityDesign, output: Output) -> IndicesByParameter:
         for word, place in (("low", low), ("middle", middle), ("high", high)):
             if word == "middle" and place == 0:
                 continue
-            where = {"middle": "the middle"}.get(word, f"the {word} end") if np.isfinite(y[0]) else _OWN_SET
             value = change(place, 0)
-            why = "" if np.isfinite(value) else f"no value at {where}"
+            if np.isfinite(value):
+                why = ""
+            elif not np.isfinite(y[0]):
+                why = f"no value at {_OWN_SET}"
+            else:
+                why = "no value at the middle" if word == "middle" else f"no value at the {word} end"
             by_index[f"change_{word}"] = _Index(value, np.nan, 2, why)
         x = design.sets[name]
-        by_index["elasticity"] = _elasticity(x[0], y[0], x[high] - x[low], change(high, low), output.circular)
+        dx, dy = x[high] - x[low], change(high, low)
+        by_index["elasticity"] = _elasticity(x[0], y[0], dx, dy, circular=output.circular)
         by_parameter[name] = by_index
     return by_parameter
 
 
-def _elasticity(x: float, y: float, dx: float, dy: float, circular: bool) -> _Index:
+def _elasticity(x: float, y: float, dx: float, dy: float, *, circular: bool) -> _Index:
     """Compute (dy / y) / (dx / x), over the whole range."""
     if circular:
         why = "an angle has no zero, to which a change could be relative"
     elif not np.isfinite(dy) or not np.isfinite(y):
         why = f"no value at one of the ends, or at {_OWN_SET}"
     elif x == 0.0 or y == 0.0:
-        why = f"the job's own {'parameter' if x == 0.0 else 'output'} is 0"
+        zero = "parameter" if x == 0.0 else "output"
+        why = f"the job's own {zero} is 0"
     else:
         return _Index(float(dy / y / (dx / x)), np.nan, 3)
     return _Index(np.nan, np.nan, 3, why)
@@ -180,12 +186,12 @@ def _elementary_effects(design: SensitivityDesign, y: PerSet, seed: int) -> Indi
     """Compute Morris's measures from whole trajectories; effects are changes over the whole range."""
     assert design.shares is not None
     names = design.names
-    k = len(design.names)
+    k = len(names)
     complete = np.isfinite(y.reshape(-1, k + 1)).all(axis=1)
     rows = int(complete.sum()) * (k + 1)
     note = "" if complete.all() else f"{complete.sum()} of {complete.size} trajectories are whole"
-    if complete.sum() < _FEWEST_TRAJECTORIES:
-        return _missing("morris", names, f"{note}, and {_FEWEST_TRAJECTORIES} are needed", rows)
+    if complete.sum() < _MIN_TRAJECTORIES:
+        return _missing("morris", names, f"{note}, and {_MIN_TRAJECTORIES} are needed", rows)
     from SALib.analyze import morris
 
     used = np.repeat(complete, k + 1)
@@ -211,15 +217,15 @@ def _given_data(design: SensitivityDesign, y: PerSet, seed: int) -> IndicesByPar
     """
     assert design.shares is not None
     names = design.names
-    k = len(design.names)
+    k = len(names)
     place = np.arange(y.size) % (k + 2)
     independent = (place == 0) | (place == k + 1)
     used = independent & np.isfinite(y)
     rows = int(used.sum())
     note = f"{rows} of {independent.sum()} independent rows have a value"
     total = _Index(np.nan, np.nan, rows, f"{note}, and ST needs all rows of the design")
-    if rows < _FEWEST_GIVEN:
-        return _missing("rbd_fast", names, f"{note}, and RBD-FAST needs {_FEWEST_GIVEN}", rows)
+    if rows < _MIN_GIVEN_ROWS:
+        return _missing("rbd_fast", names, f"{note}, and RBD-FAST needs {_MIN_GIVEN_ROWS}", rows)
     if _constant(y[used]):
         return _missing("rbd_fast", names, f"{note}, and it is the same in all of them", rows)
     from SALib.analyze import rbd_fast

@@ -21,15 +21,13 @@ Point = Float[np.ndarray, " constants"]  # of the unit cube
 PointArray = Float[np.ndarray, "points constants"]
 METHODS = ("sobol", "cma", "nsga3")
 # Packages of the extra `search`.
-_NEEDS = {"cma": "cma", "nsga3": "pymoo"}
-
-
+_PACKAGES = {"cma": "cma", "nsga3": "pymoo"}
 # Points of a strategy for each constant, at most: with more it learns hardly faster from each generation.
-_MOST_A_DIMENSION = 32
+_MAX_PER_DIMENSION = 32
 # The standard deviation with which a strategy begins, a share of the ranges.
 _WIDTH = 0.2
 # Points of a Sobol sequence that are drawn at a time: a power of two, after which it is even.
-_DRAWN = 256
+_DRAWN_AT_ONCE = 256
 
 
 class Optimiser(Protocol):
@@ -51,12 +49,13 @@ class Optimiser(Protocol):
 
 def missing_package(method: str) -> str | None:
     """Return the package that a method needs if it is not installed, else None."""
-    package = _NEEDS.get(method)
+    package = _PACKAGES.get(method)
     return package if package is not None and importlib.util.find_spec(package) is None else None
 
 
 def optimiser(
     method: str,
+    *,
     dimension: int,
     targets: int,
     start: int,
@@ -96,13 +95,13 @@ class Sobol:
 
     def ask(self, n: int) -> PointArray:
         while sum(map(len, self._drawn)) < n:
-            self._drawn.append(self._points.random(_DRAWN))
+            self._drawn.append(self._points.random(_DRAWN_AT_ONCE))
         points = np.concatenate(self._drawn)
         self._drawn = [points[n:]]
         return points[:n]
 
     def tell(self, scores: Float[np.ndarray, " points"], misses: Float[np.ndarray, "points targets"]) -> None:
-        pass
+        """Ignore the scores, on which no point of the sequence depends."""
 
 
 class _Strategy:
@@ -143,7 +142,8 @@ class _Strategy:
         return True
 
     @property
-    def over(self) -> bool:
+    def is_over(self) -> bool:
+        """Whether the strategy has converged, or no longer improves."""
         return bool(self._strategy.stop())
 
 
@@ -159,7 +159,7 @@ class Restarts:
     def __init__(self, sobol: Sobol, start: int, together: int, seed: int, width: float) -> None:
         dimension = sobol.dimension
         self._least = 4 + int(3 * np.log(dimension))
-        self._first = min(max(together, self._least), _MOST_A_DIMENSION * dimension)
+        self._first = min(max(together, self._least), _MAX_PER_DIMENSION * dimension)
         self._dimension = dimension
         self._rng = np.random.default_rng([seed, 1])
         # whole batches, so that a strategy's generation is one batch where it has as many points
@@ -198,7 +198,7 @@ class Restarts:
             strategy = self._strategies[number]
             if not strategy.tell(place, float(score)):
                 continue
-            if strategy.over:
+            if strategy.is_over:
                 del self._strategies[number]
             else:
                 self._queue(number)
@@ -221,6 +221,7 @@ class Restarts:
         self._number += 1
 
     def _queue(self, number: int) -> None:
+        """Queue the points of a strategy's next generation."""
         points = self._strategies[number].ask()
         self._waiting.extend((number, place, point) for place, point in enumerate(points))
 
@@ -258,6 +259,7 @@ class Front:
         self._algorithm.advance(infills=asked)
 
     def _first(self, n: int) -> Any:
+        """Set up NSGA-III with its first n points."""
         from pymoo.algorithms.moo.nsga3 import NSGA3
         from pymoo.core.problem import Problem
 

@@ -5,15 +5,24 @@ from __future__ import annotations
 import abc
 import itertools
 from collections.abc import Mapping, Sequence
-from typing import Annotated, Any, ClassVar, Literal, NamedTuple
+from typing import Annotated, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from jaxtyping import Shaped
 from pydantic import Field, WithJsonSchema
 
 from gaitsweep.contract import Model, Status
-from gaitsweep.fitting.measure import Measure, Measured, column, unit_of, unit_of_parameter
-from gaitsweep.fitting.measure_fields import FieldError, Gaits, error_of_column, error_of_gaits
+from gaitsweep.fitting.measure import (
+    FieldError,
+    Gaits,
+    Measure,
+    Measured,
+    column,
+    error_of_column,
+    error_of_gaits,
+    unit_of,
+    unit_of_parameter,
+)
 from gaitsweep.kinds import Ramp, RunKind
 from gaitsweep.schema.numbers import Count, CountOrZero, Text
 
@@ -93,26 +102,26 @@ class Transition(RampMeasure):
     def of_rows(self, rows: Sequence[Sequence[Crossings]], model: Model) -> Measured:
         values, why = np.full(len(rows), np.nan), np.full(len(rows), "", object)
         for number, rows_of_set in enumerate(rows):
-            places = [self._place(row) for row in rows_of_set]
-            why[number] = next((reason for _, reason in places if reason), "")
+            transitions = [self._transition(row) for row in rows_of_set]
+            why[number] = next((reason for _, reason in transitions if reason), "")
             if not why[number]:
-                values[number] = np.mean([value for value, _ in places])
+                values[number] = np.mean([value for value, _ in transitions])
         return Measured(values, why)
 
-    def _place(self, row: Crossings) -> tuple[float, str]:
+    def _transition(self, row: Crossings) -> tuple[float, str]:
         """Return the value of the row's transition; NaN and the reason, in a few words, if it has none."""
         if row.status in Status.FAILED:
             return np.nan, row.status
         columns = self._in_pass(row, self.pass_)
         gaits = columns["gait"]
-        which = np.where(np.isin(gaits, self.gait), 0, np.where(np.isin(gaits, self.to), 1, 2))
-        bouts = [bout for bout in _bouts(which, self.least) if bout[0] != 2]
-        for (before, _, last), (after, first, _) in itertools.pairwise(bouts):
-            if (before, after) == (0, 1):
+        sides = np.where(np.isin(gaits, self.gait), "gait", np.where(np.isin(gaits, self.to), "to", ""))
+        bouts = [bout for bout in _bouts(sides, self.least) if bout.code]
+        for before, after in itertools.pairwise(bouts):
+            if (before.code, after.code) == ("gait", "to"):
                 # observables are read by their own names too
                 columns |= {name.removesuffix(_SUFFIX): values for name, values in columns.items()}
                 values = column(self.of_ or self.run.parameter, columns)
-                return float(0.5 * (values[last] + values[first])), ""
+                return float(0.5 * (values[before.last] + values[after.first])), ""
         return np.nan, f"no {' or '.join(self.to)} after {' or '.join(self.gait)}"
 
     def unit(self, model: Model) -> str:
@@ -162,10 +171,10 @@ class GaitSequence(RampMeasure):
         if row.status in Status.FAILED:
             return 0.0
         gaits = self._in_pass(row, self.pass_)["gait"]
-        bouts = [gait for gait, _, _ in _bouts(gaits, self.least)]
         # bouts shorter than `least` do not separate two bouts of a gait
-        sequence = [gait for gait, _ in itertools.groupby(bouts)]
-        return _in_order(sequence, self.gaits) / max(len(self.gaits), len(sequence) if self.only else 0)
+        sequence = [gait for gait, _ in itertools.groupby(bout.code for bout in _bouts(gaits, self.least))]
+        counted = max(len(self.gaits), len(sequence)) if self.only else len(self.gaits)
+        return _in_order(sequence, self.gaits) / counted
 
     def unit(self, model: Model) -> str:
         return "1"
@@ -183,10 +192,18 @@ def crossings_of(table: Mapping[str, Column], n_rows: int) -> list[Crossings]:
     ]
 
 
-def _bouts(codes: Column, least: int) -> list[tuple[Any, int, int]]:
-    """Find runs of `least` equal codes (k,) or more: each code, and the places of its first and last."""
+class _Bout(NamedTuple):
+    """A run of equal codes, and the places of its first and its last one."""
+
+    code: str
+    first: int
+    last: int
+
+
+def _bouts(codes: Column, least: int) -> list[_Bout]:
+    """Find the runs of `least` equal codes (k,) or more."""
     ends = [0, *(1 + np.flatnonzero(codes[1:] != codes[:-1])).tolist(), codes.size]
-    return [(codes[a], a, b - 1) for a, b in itertools.pairwise(ends) if b - a >= least]
+    return [_Bout(str(codes[a]), a, b - 1) for a, b in itertools.pairwise(ends) if b - a >= least]
 
 
 def _in_order(sequence: Sequence[str], groups: Sequence[Sequence[str]]) -> int:

@@ -13,8 +13,7 @@ from gaitsweep import near_miss
 from gaitsweep.contract import Model, Quantity
 from gaitsweep.fitting.fit_job import FitJob
 from gaitsweep.fitting.free_parameters import FreeParameter, Sets
-from gaitsweep.fitting.measure import Measure
-from gaitsweep.fitting.measure_fields import Conditions, FieldError
+from gaitsweep.fitting.measure import Conditions, FieldError, Measure
 from gaitsweep.fitting.targets import Target, TargetValue
 from gaitsweep.kinds import RunKind
 from gaitsweep.schema.diagnostics import Diagnostic, JobError
@@ -109,6 +108,7 @@ def own_constants(robust: Robust, fit: FitJob) -> dict[str, float]:
 def share_kept(
     robust: Robust,
     sets: Sets,
+    *,
     own: Mapping[str, float],
     free: Mapping[str, FreeParameter],
     quantities: Mapping[str, Quantity],
@@ -126,11 +126,12 @@ def share_kept(
     """
     n = next(iter(sets.values())).size
     rng = np.random.default_rng(robust.seed)
-    near = {name: np.repeat(column, robust.sets) for name, column in sets.items()}
-    near |= {name: np.full(n * robust.sets, value) for name, value in own.items()}
+    neighbours = {name: np.repeat(column, robust.sets) for name, column in sets.items()}
+    neighbours |= {name: np.full(n * robust.sets, value) for name, value in own.items()}
     changing = [name for name, parameter in free.items() if parameter.choices is None and not parameter.whole]
     for name in [*changing, *own]:
         quantity = quantities[name]
         factor = 1.0 + robust.within * rng.uniform(-1.0, 1.0, robust.sets)
-        near[name] = np.clip(near[name] * np.tile(factor, n), quantity.low, quantity.high)
-    return keeps(near).reshape(n, robust.sets).mean(axis=1)
+        changed = neighbours[name] * np.tile(factor, n)
+        neighbours[name] = np.clip(changed, quantity.low, quantity.high)
+    return keeps(neighbours).reshape(n, robust.sets).mean(axis=1)

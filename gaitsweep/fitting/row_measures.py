@@ -12,23 +12,21 @@ from pydantic import Field
 
 from gaitsweep.contract import Model, Status
 from gaitsweep.fitting.measure import (
-    Measured,
-    RowMeasure,
-    SetRows,
-    column,
-    unit_of,
-    unit_of_parameter,
-    within,
-)
-from gaitsweep.fitting.measure_fields import (
     AMONG,
     FieldError,
     Gaits,
+    Measured,
     Ranges,
+    RowMeasure,
+    SetRows,
+    column,
     error_of_column,
     error_of_gaits,
     error_of_list,
     error_of_ranges,
+    unit_of,
+    unit_of_parameter,
+    within,
 )
 from gaitsweep.schema.numbers import Text
 
@@ -53,7 +51,7 @@ class Value(RowMeasure):
             counts = within(self.among, rows)
             unsound = unsound & counts
             without_rows = ~counts.any(axis=1)
-            values = _mean(of_rows, counts, self.circular(model))
+            values = _mean(of_rows, counts, circular=self.circular(model))
         why = _why_none(self.of_, rows["status"], unsound, np.isfinite(values))
         why = np.where(without_rows, _no_row(self.among), why)
         return Measured(np.where(why == "", values, np.nan), why)
@@ -238,6 +236,7 @@ class Failures(RowMeasure):
 def _mean(
     values: Float[np.ndarray, "sets conditions"],
     counts: Bool[np.ndarray, "sets conditions"],
+    *,
     circular: bool = False,
 ) -> Float[np.ndarray, " sets"]:
     """Average the values (n, conditions) that count, on the circle or not; NaN without any."""

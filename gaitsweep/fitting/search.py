@@ -172,14 +172,21 @@ class _Search:
     ) -> None:
         self.job, self.population, self.model = job, population, model
         self.directory, self.on_progress = directory, on_progress
-        together, options = directory.manifest["block"], job.options
-        sizes = len(job.free), len(job.counted), job.start, together
         self.optimiser: Optimiser = optimiser(
-            options.method, *sizes, options.seed, job.known_points(), options.width
+            job.options.method,
+            dimension=len(job.free),
+            targets=len(job.counted),
+            start=job.start,
+            together=directory.manifest["block"],
+            seed=job.options.seed,
+            known_points=job.known_points(),
+            width=job.options.width,
         )
         self.stored = pd.DataFrame()  # the sets that are on disk
         self.best = np.inf
         self.side_by_side = side_by_side
+        self.before = directory.rows_done  # sets that were on disk when this run began
+        self.began = time.perf_counter()
 
     def blocks(self) -> Iterator[tuple[int, pd.DataFrame]]:
         """Give the scores of the stored sets to the optimiser, and yield the batches that are not on disk.
@@ -192,8 +199,6 @@ class _Search:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # that it is not complete
                 self.stored = load(self.directory.path)
-        self.before = self.directory.rows_done
-        self.began = time.perf_counter()
         chosen: deque[tuple[int, Sets]] = deque()
         # a cluster takes one batch at a time
         threads = 1 if self.population.run_elsewhere is not None else self.side_by_side
@@ -204,7 +209,8 @@ class _Search:
                 first, stop = self.directory.layout.rows_of(number)
                 sets = sets_at(self.job.free, self.optimiser.ask(stop - first))
                 chosen.append((number, sets))
-                self.batches.begin(partial(self._measured, sets) if number in missing else lambda _: None)
+                measure = partial(self._measured, sets) if number in missing else _on_disk
+                self.batches.begin(measure)
             while chosen:
                 yield from self._end(*chosen.popleft())
 
@@ -257,10 +263,10 @@ class _Search:
         misses = {name: target.misses(measured[name], model) for name, target in targets.items()}
         n = next(iter(misses.values())).size
         failed = np.any([measured[name].why != "" for name in self.job.counted], axis=0)
-        why = [
-            "; ".join(f"{name}: {reason}" for name, reason in zip(measured, reasons, strict=True) if reason)
-            for reasons in zip(*(values.why for values in measured.values()), strict=True)
-        ]
+        why = []
+        for reasons in zip(*(values.why for values in measured.values()), strict=True):
+            named = zip(measured, reasons, strict=True)
+            why.append("; ".join(f"{name}: {reason}" for name, reason in named if reason))
         frame: dict[str, Any] = {
             "row": np.arange(first, first + n, dtype=np.int64),
             "generation": np.full(n, generation),
@@ -283,6 +289,10 @@ class _Search:
                     "it was begun on another machine. Continue it there, or start again with --out."
                 )
         return frame
+
+
+def _on_disk(on_progress: Callable[[SweepProgress], None]) -> None:
+    """Measure nothing, for a batch that is on disk and keeps its place among the others."""
 
 
 def _robustness(
@@ -312,9 +322,17 @@ def _robustness(
     if keeps.any():
         keeping = {name: column[keeps] for name, column in sets.items()}
         measures = population.of(robust.targets)
-        constants = job.changing, job.free, job.fit.spec.quantities
+
+        def keeps_targets(neighbours: Sets) -> Bool[np.ndarray, " neighbours"]:
+            return keep(measures.measure(neighbours, rows, share))
+
         values[keeps] = share_kept(
-            robust, keeping, *constants, lambda near: keep(measures.measure(near, rows, share))
+            robust,
+            keeping,
+            own=job.changing,
+            free=job.free,
+            quantities=job.fit.spec.quantities,
+            keeps=keeps_targets,
         )
     return {ROBUST: Measured(values, np.where(keeps, "", "the set itself does not keep the targets"))}
 
@@ -355,11 +373,11 @@ def _depends_on_the_step(job: SearchJob, finalists: pd.DataFrame | None) -> str 
     """Return a warning if half the step moves a finalist by more than a reading error, else None."""
     if finalists is None:
         return None
-    moved = {
-        name: int(np.sum(~(np.abs(finalists[f"{name}_half"] - finalists[name]) <= target.value.error)))
-        for name, target in job.targets.items()
-        if not target.value.held_back
-    }
+    moved = {}
+    for name in job.counted:
+        change = np.abs(finalists[f"{name}_half"] - finalists[name])
+        # a NaN, of a value that one of the steps does not have, counts as moved
+        moved[name] = int(np.sum(~(change <= job.targets[name].value.error)))
     counts = ", ".join(f"{name} of {n}" for name, n in moved.items() if n)
     if not counts:
         return None

@@ -27,11 +27,12 @@ FIGURES = ("convergence", "constants", "misses")
 _ORANGE, _BLUE = theme.SPARE_COLOURS[:2]
 _GREY, _DARK = "#BBBBBB", "#555555"
 # Sets whose misses are drawn, at most.
-_MOST_LINES = 200
+_MAX_LINES = 200
 # The score below which an axis is linear, where scores are 0.
-_LEAST_SCORE = 1e-2
-# Labels along an axis are written aslant if they have more letters in all: choices, and names of targets.
-_LONG_NAME, _LONG_LABELS = 14, 60
+_LINEAR_BELOW = 1e-2
+# Labels along an axis are written aslant if they have more letters in all.
+_MAX_CHOICE_LETTERS, _MAX_TARGET_LETTERS = 14, 60
+_ASLANT: dict[str, Any] = {"rotation": 30, "ha": "right"}
 
 
 def draw_search(path: Path, search: Search, table: pd.DataFrame, near: Identifiability) -> list[Path]:
@@ -63,7 +64,9 @@ def search_figure(name: str, search: Search, table: pd.DataFrame, near: Identifi
     """
     if name == "convergence":
         return _convergence(table)
-    return _constants(search.free, table, near) if name == "constants" else _misses(search, table, near)
+    if name == "constants":
+        return _constants(search.free, table, near)
+    return _misses(search, table, near)
 
 
 def _convergence(table: pd.DataFrame) -> Figure:
@@ -80,9 +83,9 @@ def _convergence(table: pd.DataFrame) -> Figure:
         _score_axis(axes, scores)
         if failed.any():
             height = np.full(int(failed.sum()), 1.02)  # as a share of the axis
-            look: dict[str, Any] = {"color": "black", "ms": 3.0, "mew": 0.4, "clip_on": False}
-            look |= {"transform": axes.get_xaxis_transform(), "label": f"{height.size} failed sets"}
-            axes.plot(numbers[failed], height, "|", **look)
+            style: dict[str, Any] = {"color": "black", "ms": 3.0, "mew": 0.4, "clip_on": False}
+            style |= {"transform": axes.get_xaxis_transform(), "label": f"{height.size} failed sets"}
+            axes.plot(numbers[failed], height, "|", **style)
         axes.set_xlim(0.5, numbers.max() + 0.5)
         axes.set_xlabel("sets measured")
         axes.set_ylabel("score: root mean square miss,\nin reading errors")
@@ -96,7 +99,7 @@ def _score_axis(axes: Axes, scores: Float[np.ndarray, " scores"]) -> None:
     if finite.size and finite.min() > 0.0:
         axes.set_yscale("log")
     else:
-        axes.set_yscale("symlog", linthresh=_LEAST_SCORE)
+        axes.set_yscale("symlog", linthresh=_LINEAR_BELOW)
 
 
 def _constants(free: Mapping[str, FreeParameter], table: pd.DataFrame, near: Identifiability) -> Figure:
@@ -127,8 +130,8 @@ def _profile(axes: Axes, free: FreeParameter, constant: Constant, best: pd.DataF
     if free.choices is not None:
         n = len(free.choices)
         words = [str(choice) for choice in free.choices]
-        long = sum(map(len, words)) > _LONG_NAME
-        axes.set_xticks((np.arange(n) + 0.5) / n, words, **({"rotation": 30, "ha": "right"} if long else {}))
+        slant = _ASLANT if sum(map(len, words)) > _MAX_CHOICE_LETTERS else {}
+        axes.set_xticks((np.arange(n) + 0.5) / n, words, **slant)
     else:
         axes.set_xticks(ticks, [f"{value:.3g}" for value in free.at(np.array(ticks))])
         for label, side in zip(axes.get_xticklabels(), ("left", "center", "right"), strict=True):
@@ -141,13 +144,13 @@ def _misses(search: Search, table: pd.DataFrame, near: Identifiability) -> Figur
     names = list(search.targets)
     columns = [f"{MISS}{name}" for name in names]
     least = _least_of_each(search, table)[columns].to_numpy()
-    others = near.best[columns].iloc[1:_MOST_LINES].to_numpy()
+    others = near.best[columns].iloc[1:_MAX_LINES].to_numpy()
     best = near.best[columns].iloc[:1].to_numpy()
     drawn = np.concatenate([least, others, best])
     has_value = np.abs(drawn) < FAILED_MISS
     limit = 1.5 * max(2.0, float(np.max(np.abs(drawn), where=has_value, initial=0.0)))
     place = np.arange(len(names))
-    long = sum(map(len, names)) > _LONG_LABELS
+    long = sum(map(len, names)) > _MAX_TARGET_LETTERS
     with theme.canvas(theme.PAGE, 3.4 if long else 2.8) as figure:
         axes = figure.add_subplot()
         axes.axhspan(-1.0, 1.0, color="#EDEDED", lw=0, label="within reading error")
@@ -157,14 +160,15 @@ def _misses(search: Search, table: pd.DataFrame, near: Identifiability) -> Figur
             (best, "best set", {"color": _BLUE, "lw": 1.4, "marker": "o", "ms": 3.0}),
         ):
             for number, values in enumerate(np.clip(lines, -limit, limit)):
-                axes.plot(place, values, label=label if not number else None, **style)
+                entry = label if number == 0 else None  # one entry of the legend for all lines
+                axes.plot(place, values, label=entry, **style)
         lost = (~has_value).any(axis=0)
         if lost.any():
-            look: dict[str, Any] = {"color": "black", "ms": 4, "clip_on": False, "label": "no value"}
-            axes.plot(place[lost], np.full(int(lost.sum()), limit), "x", **look)
+            style: dict[str, Any] = {"color": "black", "ms": 4, "clip_on": False, "label": "no value"}
+            axes.plot(place[lost], np.full(int(lost.sum()), limit), "x", **style)
         gap = ", " if long else "\n"
         labels = [f"{name}{gap}held back" if search.targets[name].value.held_back else name for name in names]
-        axes.set_xticks(place, labels, **({"rotation": 30, "ha": "right"} if long else {}))
+        axes.set_xticks(place, labels, **(_ASLANT if long else {}))
         axes.set_yscale("symlog", linthresh=1.0)
         axes.yaxis.set_major_formatter("{x:g}")  # 1 and -1, the reading errors, are not written as powers
         axes.set_ylim(-limit, limit)

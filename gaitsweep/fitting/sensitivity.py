@@ -44,15 +44,15 @@ FIGURE = "sensitivity.png"
 _ROWS_OF_A_BATCH = 2**15
 
 # Share of an output's standard deviation by which a set may differ at half the step.
-SMALL = 0.1
+MAX_DIFFERENCE = 0.1
 
 
 @dataclasses.dataclass(frozen=True)
 class HalfStep:
     """Values of some sets at half the step, beside the table.
 
-    `differ`: by output, the sets that differ by more than SMALL of its standard deviation, or that have a
-    value at one of the steps only; `largest`: the largest difference, in the output's unit.
+    `differ`: by output, the sets that differ by more than MAX_DIFFERENCE of its standard deviation, or that
+    have a value at one of the steps only; `largest`: the largest difference, in the output's unit.
     """
 
     sets: int
@@ -149,7 +149,7 @@ def run_sensitivity(
             on_message(f"Warning: {half_step.sentence}")
         on_progress(n, n, 0.0, 1.0, "indices")
         result = dataclasses.replace(_analysed(job, table, context.model), path=path, half_step=half_step)
-        _write(result, path, figures)
+        _write(result, path, figures=figures)
     return result
 
 
@@ -186,12 +186,10 @@ def _blocks(
 
 def _records(rows: Int[np.ndarray, " sets"], sets: Sets, measured: MeasuredByName) -> pd.DataFrame:
     """Return the records of the sets `rows` (n,): their status, and why outputs have no value."""
-    why = [
-        "; ".join(
-            f"{name}: {output.why[i]}" for name, output in measured.items() if math.isnan(output.values[i])
-        )
-        for i in range(rows.size)
-    ]
+    why = []
+    for i in range(rows.size):
+        missing = [name for name, output in measured.items() if math.isnan(output.values[i])]
+        why.append("; ".join(f"{name}: {measured[name].why[i]}" for name in missing))
     return pd.DataFrame(
         {
             "row": rows.astype(np.int64),
@@ -257,7 +255,7 @@ def _at_half_the_step(
             change = wrapped_difference(change)
         lost = np.isnan(before) != np.isnan(after)
         sizes = np.abs(change[np.isfinite(change)])
-        limit = SMALL * np.nanstd(values) if np.isfinite(values).any() else 0.0
+        limit = MAX_DIFFERENCE * np.nanstd(values) if np.isfinite(values).any() else 0.0
         differ[name] = int(lost.sum() + (sizes > limit).sum())
         largest[name] = float(sizes.max(initial=0.0))
     half_step = HalfStep(count, differ, largest)
@@ -279,7 +277,7 @@ def _analysed(job: SensitivityJob, table: pd.DataFrame, model: Model) -> Sensiti
     return Sensitivity(table, index_table)
 
 
-def _write(result: Sensitivity, path: Path, figures: bool) -> None:
+def _write(result: Sensitivity, path: Path, *, figures: bool) -> None:
     """Write the indices into a result directory, and their figure if asked to."""
     table, figure = path / INDICES_FILE, path / FIGURES / FIGURE
     with writing(f"{table} could not be written"):

@@ -54,7 +54,8 @@ def design_of(
     if method == "one_at_a_time":
         return _one_at_a_time(ranges, base)
     assert n is not None
-    shares = _trajectories(len(ranges), n, seed) if method == "morris" else _saltelli(len(ranges), n, seed)
+    sample = _trajectories if method == "morris" else _saltelli
+    shares = sample(len(ranges), n, seed)
     return SensitivityDesign(method, sets_at(ranges, shares), shares=shares)
 
 

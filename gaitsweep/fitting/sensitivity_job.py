@@ -33,7 +33,9 @@ FAILURES = "failures"
 COLUMNS = ("row", "status", "why")
 _PER_CENT = re.compile(r"\s*([0-9]*\.?[0-9]+)\s*%\s*")
 MOST_SETS = 10**7
-_FEWEST = {"morris": 4, "sobol": 8}  # trajectories, base points
+_MIN_N = {"morris": 4, "sobol": 8}  # trajectories, base points
+# Points of a trajectory or of a base point beside one for each parameter.
+_POINTS_BESIDE = {"morris": 1, "sobol": 2}
 
 
 class Analysis(StrictModel):
@@ -222,13 +224,13 @@ def _read_analysis(
     what = "trajectories" if method == "morris" else "base points"
     if n is None:
         wrong.append(Diagnostic(path, f"is missing: the number of {what}."))
-    elif n < _FEWEST[method]:
-        wrong.append(Diagnostic(path, f"is {n}, but {method} takes at least {_FEWEST[method]} {what}."))
+    elif n < _MIN_N[method]:
+        wrong.append(Diagnostic(path, f"is {n}, but {method} takes at least {_MIN_N[method]} {what}."))
     elif method == "sobol" and n & (n - 1):
         below = 2 ** (n.bit_length() - 1)
         text = f"is {n}, but sobol takes a power of two, which keeps its points even: {below} or {2 * below}."
         wrong.append(Diagnostic(path, text))
-    elif (sets := n * (k + (1 if method == "morris" else 2))) > MOST_SETS:
+    elif (sets := n * (k + _POINTS_BESIDE[method])) > MOST_SETS:
         wrong.append(Diagnostic(path, f"is {n}, which makes {sets} sets; there are at most {MOST_SETS}."))
     for name, parameter in ranges.items():
         if method == "morris" and parameter.whole:

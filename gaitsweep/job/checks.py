@@ -19,7 +19,7 @@ from gaitsweep.job.model_spec import ModelSpec
 from gaitsweep.kinds import RUN_KINDS, RunKind
 from gaitsweep.kinds.run_kind import Movement, table_columns
 from gaitsweep.models.conformity import idle_starts, sets_starts
-from gaitsweep.models.value_faults import NAMED, faults_of_rows
+from gaitsweep.models.value_faults import MAX_NAMED, faults_of_rows
 from gaitsweep.plot.figure_style import FigureStyle
 from gaitsweep.plot.kind import FIGURES, FigureKind
 from gaitsweep.plot.planned_table import PlannedTable
@@ -27,9 +27,10 @@ from gaitsweep.plot.style_names import StyleNames
 from gaitsweep.schema.diagnostics import Diagnostic, JobError, Path, unknown_name
 from gaitsweep.schema.strict_model import kind_of
 
-_CHUNK = 50_000
+_CHUNK = 50_000  # rows whose values are checked at a time
 # Rows at which a model's functions are evaluated before a job runs, and axes whose corners are among them.
-_TRIED, _CORNERED = 64, 5
+_TRIED_ROWS = 64
+_CORNERED_AXES = 5
 _MAX_TURNS = 20  # of a path, at each of which formulas are checked; of a longer one at its ends alone
 
 
@@ -59,7 +60,13 @@ def check_names(design: Design, spec: ModelSpec) -> list[Diagnostic]:
 
 
 def check_ranges(design: Design, spec: ModelSpec, run: RunKind) -> list[Diagnostic]:
-    """Diagnostics about values that the model does not allow, each with the first such row."""
+    """Diagnostics about values that the model does not allow, each with the first such row.
+
+    Args:
+        design: the job's rows.
+        spec: its model.
+        run: its run, whose moving parameters are checked along their paths.
+    """
     diagnostics: list[Diagnostic] = []
     moving = run.moved
     wrong: set[str] = set()
@@ -76,7 +83,7 @@ def check_ranges(design: Design, spec: ModelSpec, run: RunKind) -> list[Diagnost
 
 
 def place(design: Design, spec: ModelSpec, name: str) -> Path:
-    """Path of a name's value in the job, even if the job leaves it out."""
+    """Path of a parameter's or start's value in the job, even if the job leaves it out."""
     for group in design.groups:
         if name in group.paths:
             return group.paths[name]
@@ -140,13 +147,13 @@ def remarks_on_rows(design: Design, name: str) -> list[str]:
     rows = _some_rows(design)
     try:
         values, starts = design.values_in(rows)
-        varied = design.at(rows, design.names[:NAMED])
+        varied = design.at(rows, design.names[:MAX_NAMED])
     except (ExpressionError, JobError):
         return idle
 
     def where(place: int) -> str:
         at = ", ".join(f"{name} = {column[place]:.6g}" for name, column in varied.items())
-        more = ", ..." if len(design.names) > NAMED else ""
+        more = ", ..." if len(design.names) > MAX_NAMED else ""
         return f" at the start of row {rows[place]}" + (f" ({at}{more})" if at else "")
 
     return idle + [f"The model is {name}, {words}" for words in faults_of_rows(model, values, starts, where)]
@@ -157,25 +164,25 @@ def _idle_starts(design: Design) -> list[str]:
     idle = idle_starts(design.model.original)
     quantities = design.model.initial_conditions
     used = design.closure(quantity.name for quantity in quantities if quantity.name not in idle)
-    return [
-        quantity.name
-        for quantity in quantities
-        if quantity.name in idle
-        and quantity.name not in used
-        and (quantity.name in design.names or design.settings[quantity.name] not in (quantity.default, None))
-    ]
+    names = []
+    for quantity in quantities:
+        name = quantity.name
+        is_set = name in design.names or design.settings[name] not in (quantity.default, None)
+        if name in idle and name not in used and is_set:
+            names.append(name)
+    return names
 
 
 def _some_rows(design: Design) -> Int[np.ndarray, " rows"]:
-    """`_TRIED` rows: the corners of the first axes, then random ones; rows of a small job may repeat."""
-    if design.n_rows <= _TRIED:
-        return np.arange(_TRIED) % design.n_rows  # as many, so that the same program evaluates them
-    axes = [place for place, group in enumerate(design.groups) if group.length > 1][:_CORNERED]
+    """`_TRIED_ROWS` rows: the corners of the first axes, then random ones; rows of a small job may repeat."""
+    if design.n_rows <= _TRIED_ROWS:
+        return np.arange(_TRIED_ROWS) % design.n_rows  # as many, so that the same program evaluates them
+    axes = [place for place, group in enumerate(design.groups) if group.length > 1][:_CORNERED_AXES]
     corners = np.zeros(1, np.int64)
     for place in axes:
         last = (design.groups[place].length - 1) * design.stride(place)
         corners = np.concatenate([corners, corners + last])
-    others = np.random.default_rng(0).integers(0, design.n_rows, _TRIED - corners.size - 1)
+    others = np.random.default_rng(0).integers(0, design.n_rows, _TRIED_ROWS - corners.size - 1)
     return np.concatenate([corners, others, [design.n_rows - 1]])
 
 

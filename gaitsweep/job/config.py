@@ -20,7 +20,12 @@ _FIELDS = ("model", "structure", "params", "source")
 
 
 class Config:
-    """A job's mapping merged with its config, and the fields that came from the config."""
+    """A job's mapping merged with its config, and the fields that came from the config.
+
+    Args:
+        raw: the job's mapping as written.
+        folder: the folder to which the path of the config is relative.
+    """
 
     def __init__(self, raw: dict[str, Any], folder: Path) -> None:
         self.raw = raw
@@ -54,7 +59,11 @@ class Config:
         return self._document.locate(diagnostic)
 
     def refuse(self, diagnostics: list[Diagnostic]) -> None:
-        """Raise JobError if there are diagnostics."""
+        """Refuse a job that has errors.
+
+        Raises:
+            JobError: there are diagnostics.
+        """
         if diagnostics:
             raise JobError([self.locate(diagnostic) for diagnostic in diagnostics])
 

@@ -37,7 +37,7 @@ from gaitsweep.schema.numbers import Stem, Text, VerifyCount
 from gaitsweep.schema.strict_model import OneOf, StrictModel
 
 _KINDS = ", ".join(RUN_KINDS).rsplit(", ", 1)
-_PATH = PlainValidator(lambda path: path)  # `Config` has read it, or complained, before pydantic sees it
+_PATH = PlainValidator(lambda path: path)  # `Config` has read or refused it before pydantic sees it
 _SETTINGS = WithJsonSchema(
     {"type": "object", "additionalProperties": {"type": ["number", "string", "boolean", "integer"]}}
 )
@@ -52,7 +52,7 @@ _GROUND = {
         {"enum": list(KINDS)},
         {
             "type": "object",
-            "properties": {"file": {"type": "string"}},
+            "properties": {"file": {"type": "string", "description": "CSV file of places and heights, in m"}},
             "required": ["file"],
             "additionalProperties": False,
         },
@@ -173,10 +173,11 @@ class Job(StrictModel):
     def resolved(self, engine: str | None = None) -> dict[str, Any]:
         """The job as plain values, with the model's defaults and the config filled in.
 
-        `engine` is the engine that runs, if the job leaves the choice open.
-
         Loading the result gives the same job. Formulas stay formulas, since they may depend on axes; starts
         that the model decides itself, and the parameter of a ramp or staircase, are left out.
+
+        Args:
+            engine: the engine that runs, if the job leaves the choice open.
         """
         dumped = self.model_dump(mode="json", exclude={"config", "ground", "params", "start"})
         moving = self.run.moved
@@ -283,6 +284,10 @@ class _Figures(StrictModel):
 
 def read_figures(job: Mapping[str, Any], file: str) -> tuple[list[dict[str, Any]], FigureStyle]:
     """Read the figures of a table's job and their style from plain values, without its other fields.
+
+    Args:
+        job: the job.
+        file: the name of its file, for messages.
 
     Raises:
         JobError: all errors in them, each with the name of the file.

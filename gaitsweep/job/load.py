@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
+
 from gaitsweep import effort, models
 from gaitsweep.errors import ArgumentError
 from gaitsweep.job.job import Job
@@ -43,7 +45,15 @@ def load_job(path: str | Path, overrides: Sequence[str] = ()) -> Job:
 
 
 def read_with_overrides(path: Path, overrides: Sequence[str]) -> Document:
-    """Read a YAML file and apply the overrides `key=value`; raises JobError."""
+    """Read a YAML file and apply overrides.
+
+    Args:
+        path: the file.
+        overrides: as for `load_job`.
+
+    Raises:
+        JobError: the file is not YAML, or an override is not valid.
+    """
     document = read_document(path)
     for override in overrides:
         _override(document, override)
@@ -65,8 +75,10 @@ def _override(document: Document, override: str) -> None:
             section[part] = {}
         section = section[part]
         if not isinstance(section, dict):
-            whole = f": write the whole list, {'.'.join(parts[: depth + 1])}=[...]"
-            text = f"is {quoted(section)} and has no fields to set{whole * isinstance(section, list)}."
+            text = f"is {quoted(section)} and has no fields to set"
+            if isinstance(section, list):
+                text += f": write the whole list, {'.'.join(parts[: depth + 1])}=[...]"
+            text += "."
             raise JobError([Diagnostic(parts[: depth + 1], text, place=origin)])
     section[parts[-1]] = value
     # error messages name the override as the place of this field, and of the fields that it created
@@ -77,7 +89,7 @@ def _override(document: Document, override: str) -> None:
             document.overridden.append(parts[:length])
 
 
-def stored_job(attrs: Mapping[Any, Any], trust: bool = False) -> Job:
+def stored_job(attrs: Mapping[Any, Any], *, trust: bool = False) -> Job:
     """The job that made a table, even if `job.yaml` was edited since.
 
     Args:
@@ -89,24 +101,26 @@ def stored_job(attrs: Mapping[Any, Any], trust: bool = False) -> Job:
         JobError: the job cannot be read, or its model is not found.
     """
     try:
-        models.find_of_table(attrs, trust)
+        models.find_of_table(attrs, trust=trust)
     except models.ModelError as error:
         raise JobError([Diagnostic(("model",), str(error))]) from error
     return Job.model_validate(attrs["job"])
 
 
-def wider_job(attrs: Mapping[Any, Any], trust: bool = False) -> Job:
-    """The job of an atlas that goes further than the one that made a table.
+def wider_job(table: pd.DataFrame, *, trust: bool = False) -> Job:
+    """The job of an atlas that continues the one that made a table.
 
     Args:
-        attrs: the table's `.attrs`.
+        table: the table, with its `.attrs`.
         trust: as for `stored_job`.
 
     Raises:
-        ArgumentError: another kind of run made the table.
+        ArgumentError: another kind of run made the table, or it is not complete.
         JobError: as for `stored_job`.
     """
-    job = stored_job(attrs, trust)
+    job = stored_job(table.attrs, trust=trust)
     if not isinstance(job.run, Atlas):
         raise ArgumentError(f"This table is of a run of the kind {job.run.kind_name}, but must be an atlas.")
-    return job.model_copy(update={"run": job.run.wider()})
+    if missing := table.attrs.get("rows_missing"):
+        raise ArgumentError(f"This table lacks {missing} rows: run its job again before you continue it.")
+    return job.model_copy(update={"run": job.run.wider(table)})

@@ -70,7 +70,12 @@ class ModelSpec:
         }
 
     def unknown(self, name: str, field: str) -> str | None:
-        """The reason why `name` is not allowed in `params`, `start` or `vary`, or None."""
+        """The reason why a name is not allowed in a section, or None.
+
+        Args:
+            name: the name.
+            field: the section: params, start or vary.
+        """
         allowed = {"params": self.parameters, "start": self.starts, "vary": self.quantities}[field]
         if name in allowed:
             return None
@@ -81,9 +86,8 @@ class ModelSpec:
         if name in self.quantities:
             noun, other = ("start value", "start") if field == "params" else ("parameter", "params")
             return f"is a {noun} of {self.model.name}: write it under {other}."
-        noun = {"params": "a parameter", "start": "a start value", "vary": "a parameter or start value"}[
-            field
-        ]
+        nouns = {"params": "a parameter", "start": "a start value", "vary": "a parameter or start value"}
+        noun = nouns[field]
         return f"is not {noun} of {self.model.name}{near_miss.suggestion(name, allowed)}"
 
 
@@ -110,7 +114,9 @@ def read_model_spec(
         model_class = models.find(read_text(name), folders)
     except (models.ModelError, InvalidValue) as error:
         return None, [Diagnostic(("model",), str(error))]
-    written = [(("structure", key), key, value) for key, value in _items(structure)]
+    written: list[tuple[Path, str, Any]] = [
+        (("structure", key), key, value) for key, value in _items(structure)
+    ]
     fields = {field.name: field for field in dataclasses.fields(model_class) if field.init}  # type: ignore[arg-type]
     written += [(("params", key), key, value) for key, value in _items(params) if key in fields]
     diagnostics: list[Diagnostic] = []
@@ -178,8 +184,10 @@ def _read_size(value: Any, field: dataclasses.Field, hint: Any) -> bool | str | 
     low = field.metadata.get("low")
     high = field.metadata.get("high")
     if hint is float:
-        return read_real(value, -math.inf if low is None else low, math.inf if high is None else high)
-    return read_whole(value, 1 if low is None else low, 10**6 if high is None else high)
+        smallest = -math.inf if low is None else low
+        return read_real(value, smallest, math.inf if high is None else high)
+    smallest = 1 if low is None else low
+    return read_whole(value, smallest, 10**6 if high is None else high)
 
 
 def _read_ground(value: Any, folders: Sequence[FilePath]) -> str:
@@ -223,7 +231,16 @@ def _instance(
 
 
 def read_settings(raw: Any, field: str, spec: ModelSpec) -> tuple[dict[str, float | str], list[Diagnostic]]:
-    """The numbers and formulas under `params` or `start` without the structure, and the diagnostics."""
+    """The numbers and formulas under `params` or `start` without the structure.
+
+    Args:
+        raw: the section as written.
+        field: params or start.
+        spec: the model.
+
+    Returns:
+        The settings by name, and the diagnostics.
+    """
     if raw is None:
         return {}, []
     if not isinstance(raw, Mapping):

@@ -15,7 +15,10 @@ from gaitsweep.schema.strict_model import StrictModel
 
 # Each part takes some milliseconds, however few its rows, which add up on a GPU. But an unfinished block of
 # more than _LARGE rows takes much memory, and a worker of a cluster loses it as a whole.
-_SMALL, _LARGE, _PARTS, _MAX_PARTS = 1024, 32_768, 64, 500
+_SMALL = 1024
+_LARGE = 32_768
+_PARTS = 64
+_MAX_PARTS = 500
 METHOD_NAMES = ("auto", "tsit5", "taylor", "rk4", "propagator6", "propagator", "semi_implicit")
 
 
@@ -81,7 +84,7 @@ class NumericsSpec(StrictModel):
         default=1e-12, description="error of an event's time, as a fraction of the nominal period"
     )
 
-    def resolve(self, model: Model, contraction: bool) -> ResolvedNumerics:
+    def resolve(self, model: Model, *, contraction: bool) -> ResolvedNumerics:
         """The numerics of a job's rows; `contraction` is that of `EngineChoice`."""
         dt = None if self.dt == "auto" else self.dt
         return Numerics(**{**self.model_dump(), "dt": dt, "contraction": contraction}).resolve(model)

@@ -27,23 +27,12 @@ from gaitsweep.schema.numbers import SCOPE, Scope
 if TYPE_CHECKING:
     from gaitsweep.job.job import Job
 
-FITS = ("search", "sensitivity")  # fields of jobs that a command of the same name reads
-_OF_VALUES = (
-    "config",
-    "model",
-    "structure",
-    "ground",
-    "params",
-    "start",
-    "vary",
-)  # fields that decide a row's values
-_READ_HERE = (
-    "params",
-    "start",
-    "vary",
-    "structure",
-    "ground",
-)  # parts of a job that pydantic gets as they were read
+# Fields of jobs that a command of the same name reads.
+FITTING_FIELDS = ("search", "sensitivity")
+# Fields that decide a row's values.
+_DECIDING_VALUES = ("config", "model", "structure", "ground", "params", "start", "vary")
+# Fields that are read here, so that pydantic gets their normal form.
+_READ_HERE = ("params", "start", "vary", "structure", "ground")
 
 
 def read_job(
@@ -64,7 +53,7 @@ def read_job(
     """
     if not isinstance(data, Mapping):
         raise JobError([Diagnostic((), f"is {quoted(data)}, but a job must be a mapping (key: value).")])
-    if others := [key for key in FITS if data.get(key) is not None]:
+    if others := [key for key in FITTING_FIELDS if data.get(key) is not None]:
         text = f"belongs to another command: run this job with `gaitsweep {others[0]}`."
         raise JobError([Diagnostic((others[0],), text)])
     config = Config({str(key): _plain(value) for key, value in data.items() if value is not None}, folder)
@@ -106,7 +95,7 @@ def read_job(
         design = dataclasses.replace(design, settings={**design.settings, **first})
     if diagnostics:
         config.refuse([*diagnostics, *_beside(diagnostics, design, spec, job, places)])
-    numerics = job.numerics.resolve(spec.model, job.engine.contraction)
+    numerics = job.numerics.resolve(spec.model, contraction=job.engine.contraction)
     config.refuse(_check_whole(design, spec, job, numerics))
     config.refuse(check_steps(design, job.run, numerics))
     return job, design, numerics
@@ -152,7 +141,8 @@ def _beside(
     """Diagnostics that do not follow from those already found; `places` are those of the job's figures."""
     figures = dict(zip(range(len(job.figures)) if places is None else places, job.figures, strict=True))
     later = check_figures(figures, job.style, design, job.run)
-    if not {"", "run", *_OF_VALUES} & {str(*diagnostic.path[:1]) for diagnostic in diagnostics}:
+    wrong_fields = {str(diagnostic.path[0]) if diagnostic.path else "" for diagnostic in diagnostics}
+    if wrong_fields.isdisjoint(("", "run", *_DECIDING_VALUES)):
         later += check_ranges(design, spec, job.run)
     return later
 
@@ -233,7 +223,7 @@ def _design(
         if name in named and other not in named:
             paths = [group.paths[name] for group in groups if name in group.paths]
             text = f"is set without {other}: {reason}"
-            diagnostics.append(Diagnostic((*paths, ("params", name))[0], text))
+            diagnostics.append(Diagnostic(paths[0] if paths else ("params", name), text))
     design = Design(spec.model, tuple(groups), settings, spec.sizes)
     wrong = check_names(design, spec)
     diagnostics.extend(wrong)

@@ -51,7 +51,13 @@ _ROUNDING = 1.0 + 1e-9
 
 
 def check_numerics(model: Model, numerics: NumericsSpec, resolved: ResolvedNumerics) -> list[Diagnostic]:
-    """Diagnostics about numerics, as written and as resolved, that do not suit a model."""
+    """Diagnostics about numerics that do not suit a model.
+
+    Args:
+        model: the model.
+        numerics: the numerics as written in the job.
+        resolved: the same, completed by the model's recommendations.
+    """
     diagnostics = []
     if numerics.event_tolerance > LARGEST_EVENT_TOLERANCE:
         most = f"at most {LARGEST_EVENT_TOLERANCE:g} of a period"
@@ -123,7 +129,11 @@ def row_steps(design: Design, run: RunKind, numerics: ResolvedNumerics) -> RowSt
 
 
 def check_steps(design: Design, run: RunKind, numerics: ResolvedNumerics) -> list[Diagnostic]:
-    """Diagnostics about a step that is too long for some rows, or that neither job nor model gives."""
+    """Diagnostics about a step that is too long for some rows, or that neither job nor model gives.
+
+    Args:
+        design, run, numerics: as for `row_steps`.
+    """
     if numerics.dt is None:
         dt, _ = _steps(design, run, numerics, np.zeros(1, np.int64))
         if not np.isnan(dt).any() or numerics.adaptive:  # which is NaN only with the row's period
@@ -141,16 +151,22 @@ def check_steps(design: Design, run: RunKind, numerics: ResolvedNumerics) -> lis
     named = [name for name in design.names if _varies(design, name, steps)]
     where = ", ".join(f"{name} = {worst_row[name][0]:.6g}" for name in named)
     rows = "some" if steps.sampled else round(wrong.size * steps.rows_per_set)
+    limit = f"{_rounded_down(float(longest[worst])):g} s"
+    if where:
+        limit += f" (at {where})"
     text = (
         f"is {numerics.dt:g} s, too long for {rows} of {design.n_rows} rows: the longest accurate step of "
-        f"{numerics.method} for all of them is {_rounded_down(float(longest[worst])):g} s"
-        f"{f' (at {where})' if where else ''}. Remove it to let each row take an accurate step."
+        f"{numerics.method} for all of them is {limit}. Remove it to let each row take an accurate step."
     )
     return [Diagnostic(("numerics", "dt"), text)]
 
 
 def too_long_steps(design: Design, run: RunKind, numerics: ResolvedNumerics) -> Bool[np.ndarray, " rows"]:
-    """Mask of the rows (n_rows,) whose step is known to be too long for their parameters."""
+    """Mask of the rows (n_rows,) whose step is known to be too long for their parameters.
+
+    Args:
+        design, run, numerics: as for `row_steps`.
+    """
     if numerics.dt is None:
         return np.zeros(design.n_rows, bool)
     dt, longest = _steps(design, run, numerics, np.arange(design.n_rows))
@@ -158,7 +174,15 @@ def too_long_steps(design: Design, run: RunKind, numerics: ResolvedNumerics) -> 
 
 
 def refuse_long_steps(design: Design, run: RunKind, numerics: ResolvedNumerics, rows: Rows) -> None:
-    """Raise JobError if the step of a row, of `rows` (n,), is too long for its parameters."""
+    """Refuse rows whose step is too long for their parameters.
+
+    Args:
+        design, run, numerics: as for `row_steps`.
+        rows: the rows (n,).
+
+    Raises:
+        JobError: there is such a row.
+    """
     dt, longest = _steps(design, run, numerics, rows)
     wrong = np.flatnonzero(dt > longest * _ROUNDING)
     if wrong.size:
@@ -185,26 +209,27 @@ def _steps(design: Design, run: RunKind, numerics: ResolvedNumerics, rows: Rows)
     if rows.size > _CHUNK:
         chunks = [rows[first : first + _CHUNK] for first in range(0, rows.size, _CHUNK)]
         parts = [_steps(design, run, numerics, chunk) for chunk in chunks]
-        dt, longest = (np.concatenate(column) for column in zip(*parts, strict=True))
-        return dt, longest
+        return np.concatenate([dt for dt, _ in parts]), np.concatenate([longest for _, longest in parts])
     # the first computation of most runs, which must not leave JAX with one core
     see_all_cores()
     model = design.model
     values = design.at(rows, [quantity.name for quantity in model.parameters])
     steps_and_limits = _steps_and_limits(model, numerics)
-    steps_by_place = []
+    steps_by_place: list[PerRow] = []
+    limits_by_place: list[PerRow] = []
     for place in run.places():
         row_values = {**values, **{name: np.full(rows.size, at) for name, at in place.items()}}
         row_values = resolve(design.following(*place), row_values, functions_of(np))
         n = rows.size
         # few sizes are compiled: small sets one by one, many in chunks that are filled up
         room = n if n <= MAX_COSTLY_SETS else _CHUNK
-        padded = {
-            k: np.resize(np.broadcast_to(v, rows.shape).astype(float), room) for k, v in row_values.items()
-        }
-        steps_by_place.append([np.asarray(column)[:n] for column in steps_and_limits(model.on_host(padded))])
-    dt, longest = (np.min(np.stack(column), axis=0) for column in zip(*steps_by_place, strict=True))
-    return dt, longest
+        padded = {}
+        for name, column in row_values.items():
+            padded[name] = np.resize(np.broadcast_to(column, rows.shape).astype(float), room)
+        dt, longest = steps_and_limits(model.on_host(padded))
+        steps_by_place.append(np.asarray(dt)[:n])
+        limits_by_place.append(np.asarray(longest)[:n])
+    return np.min(steps_by_place, axis=0), np.min(limits_by_place, axis=0)
 
 
 @cached_by_content(maxsize=16)

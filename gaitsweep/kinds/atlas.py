@@ -2,25 +2,26 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterator
-from typing import Annotated, Any, ClassVar, Literal
+from pathlib import Path
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 import pandas as pd
-from jaxtyping import Float, Int
-from pydantic import Field
+from jaxtyping import Int
+from pydantic import Field, PrivateAttr
 
 from gaitsweep import near_miss
-from gaitsweep.analysis.atlas.atlas import BranchAtlas
-from gaitsweep.analysis.atlas.event_orders import time_column
-from gaitsweep.analysis.atlas.periodic_orbits import OrbitSearch, SearchOptions, rows_of
+from gaitsweep.analysis.atlas.atlas_tables import atlas_tables
+from gaitsweep.analysis.atlas.periodic_orbits import OrbitSearch, SearchOptions
+from gaitsweep.analysis.atlas.stored_points import points_of
 from gaitsweep.contract import HybridModel, Model, Quantity
 from gaitsweep.design import Design
 from gaitsweep.engine.poincare.maps import Points, Values
-from gaitsweep.engine.poincare.poincare_return import ReturnStatus
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
+from gaitsweep.kinds.atlas_block import AtlasBlock
 from gaitsweep.kinds.columns import Column, observed_at_crossings
+from gaitsweep.kinds.drawn_starts import DrawnStarts
 from gaitsweep.kinds.fixed_points import (
     LISTED,
     FollowsFixedPoints,
@@ -31,8 +32,11 @@ from gaitsweep.kinds.fixed_points import (
     unknowns,
 )
 from gaitsweep.kinds.run_kind import BlockProgress, Cost
+from gaitsweep.run_columns import time_column
 from gaitsweep.schema.diagnostics import Diagnostic
 from gaitsweep.schema.numbers import Count, CountOrZero, Real, Text
+from gaitsweep.table import TableError, load
+from gaitsweep.table.manifest import read_manifest
 
 # Newton steps of a search, and points of a branch with their derivatives, for the estimate of a run's time.
 STEPS_OF_SEARCH, BRANCHES, POINTS = 8.0, 6.0, 60.0
@@ -40,7 +44,8 @@ STEPS_OF_SEARCH, BRANCHES, POINTS = 8.0, 6.0, 60.0
 DERIVATIVES_A_POINT = 10.0
 # Starts of the self-check.
 CHECKED = 16
-Rows = Int[np.ndarray, " rows"]
+# Fields that may differ from those of the run that an atlas continues.
+_WIDER = ("budget", "patience", "branches", "depth", "after", "most")
 Range = Annotated[list[Real], Field(min_length=2, max_length=2)]
 
 
@@ -49,6 +54,7 @@ class Atlas(FollowsFixedPoints):
 
     programs: ClassVar = 10.0
     beside_observables: ClassVar = frozenset({"period"})
+    idle_without: ClassVar = {"after": ("after",), **FollowsFixedPoints.idle_without}
     point_names: ClassVar = ("number", "point")
 
     kind: Literal["atlas"] = Field(
@@ -82,6 +88,12 @@ class Atlas(FollowsFixedPoints):
     patience: Count = Field(default=3, description="rounds without a new gait after which the search ends")
     seed: CountOrZero = Field(default=0, description="seed of the starts")
     branches: Count = Field(default=200, description="largest number of branches")
+    after: Text | None = Field(
+        default=None,
+        description="result directory of an atlas that this one continues: what it found is not searched or "
+        "followed again (`gaitsweep atlas DIR --more` sets it)",
+    )
+    _before: pd.DataFrame | None = PrivateAttr(None)  # the table to continue, where it is in memory
 
     def columns(self, model: Model) -> list[Column]:
         times = {} if self.stationary else _event_times(model)
@@ -99,8 +111,9 @@ class Atlas(FollowsFixedPoints):
             *map(
                 Column, ("found", "symmetry", "reached", "error", "missing", "corrections", "end", "status")
             ),
-            *map(Column, ("events", "change", "left_out")),
+            *map(Column, ("events", "change", "left_out", "drawn_starts")),
             *(Column(name, None, quantity, False) for name, quantity in times.items()),
+            Column("stored_point", repeats=False),
         ]
         return self.own_columns(columns)
 
@@ -143,7 +156,7 @@ class Atlas(FollowsFixedPoints):
 
     def _curves_found(self, curves: pd.DataFrame, second: str) -> str:
         """The sentence with the numbers of curves over a second parameter, and the points marked on them."""
-        orders = curves.iloc[np.flatnonzero((curves["part"] == "order_change").to_numpy(bool))]
+        orders = curves.iloc[np.flatnonzero(curves["part"].isin(["order_change", "corner"]).to_numpy(bool))]
         both, of_order = (part.groupby(["row", "number"]).ngroups for part in (curves, orders))
         text = f"{both - of_order} curves of bifurcations"
         text += f" and {of_order} of the order of events" if of_order else ""
@@ -155,10 +168,23 @@ class Atlas(FollowsFixedPoints):
         listed = f": {'; '.join(named[:LISTED])}{more}" if named else ""
         return f"Over {self.parameter} and {second}: {text}{listed}."
 
-    def wider(self) -> Atlas:
-        """The run with twice the starts, patience and branches, and one bifurcation deeper."""
-        doubled = {name: 2 * getattr(self, name) for name in ("budget", "patience", "branches")}
-        return self.model_copy(update={**doubled, "depth": self.depth + 1})
+    def tables(self, table: pd.DataFrame) -> dict[str, pd.DataFrame]:
+        return atlas_tables(table, self.parameter)
+
+    def wider(self, table: pd.DataFrame) -> Atlas:
+        """The run that continues a table: twice the starts, patience and branches, one bifurcation deeper.
+
+        Args:
+            table: the table of this run; one in memory is kept. One of an older version has no points, and
+                all is computed again.
+        """
+        fields = {name: 2 * getattr(self, name) for name in ("budget", "patience", "branches")}
+        fields["depth"] = self.depth + 1
+        has_points, path = "stored_point" in table, table.attrs.get("path")
+        after = str(Path(path).resolve()) if has_points and path is not None else None
+        wider = self.model_copy(update={**fields, "after": after})
+        wider._before = table if has_points and path is None else None
+        return wider
 
     @property
     def place(self) -> float:
@@ -166,7 +192,8 @@ class Atlas(FollowsFixedPoints):
         return self.path[0] if self.at is None else self.at
 
     def check_ranges(self, rows: Design) -> list[Diagnostic]:
-        return [*self._check_path(), *self._check_starts(rows), *self._check_second(rows)]
+        own = [*self._check_path(), *self._check_starts(rows), *self._check_second(rows)]
+        return [*own, *self._check_after(rows)]
 
     def _check_path(self) -> Iterator[Diagnostic]:
         low, high = self.path
@@ -188,6 +215,31 @@ class Atlas(FollowsFixedPoints):
                 near = near_miss.suggestion(name, names)
                 text = f"is no start value and no coordinate of {rows.model.name}{near}"
                 yield Diagnostic(("run", "ranges", name), text)
+
+    def _check_after(self, rows: Design) -> Iterator[Diagnostic]:
+        """Diagnostics of the result directory that this run continues."""
+        if self.after is None:
+            return
+        field = ("run", "after")
+        try:
+            manifest = read_manifest(Path(self.after))
+        except TableError as error:
+            yield Diagnostic(field, f": {error}")
+            return
+        own, before = self.model_dump(mode="json"), manifest["job"]["run"]
+        if before.get("kind") != "atlas" or "drawn_starts" not in manifest.get("quantities", {}):
+            text = f"is {self.after}, which is no atlas that can be continued: run the job without run.after."
+            yield Diagnostic(field, text)
+            return
+        if not manifest.get("complete"):
+            yield Diagnostic(field, f"is {self.after}, which is not complete: run it first.")
+        differing = [name for name in own if name not in _WIDER and own[name] != before.get(name, own[name])]
+        if differing:
+            text = f"is {self.after}, whose run.{differing[0]} is {before.get(differing[0])}: give the same."
+            yield Diagnostic(field, text)
+        if manifest["rows"] != rows.n_rows:
+            text = f"is {self.after} with {manifest['rows']} rows, but this job has {rows.n_rows}."
+            yield Diagnostic(field, text)
 
     def _check_second(self, rows: Design) -> Iterator[Diagnostic]:
         """Diagnostics of the second parameter and its range."""
@@ -215,11 +267,12 @@ class Atlas(FollowsFixedPoints):
         )
 
     def near_fixed_points(self, mapped: MappedRows) -> tuple[Points, Values]:
-        mapped = self._at_place(mapped)
+        mapped = self.at_place(mapped)
         count = len(mapped.numbers)
         row_of_start = np.repeat(np.arange(count), CHECKED)
-        drawn = self._drawn(mapped, row_of_start, 0, CHECKED)
-        search = OrbitSearch(mapped.mapping, mapped.values, self._levels(mapped), SearchOptions())
+        starts = DrawnStarts(mapped, self.ranges, self.seed)
+        drawn = starts.points(row_of_start, 0, CHECKED)
+        search = OrbitSearch(mapped.mapping, mapped.values, starts.levels(self.fix), SearchOptions())
         search.add(drawn, row_of_start)
         first = [search.of_row(row)[:1] for row in range(count)]
         points = [
@@ -227,163 +280,47 @@ class Atlas(FollowsFixedPoints):
         ]
         return Points.joined(points), mapped.values
 
-    def _at_place(self, mapped: MappedRows) -> MappedRows:
+    def at_place(self, mapped: MappedRows) -> MappedRows:
         """The rows at the value of the parameter at which gaits are searched."""
         return mapped.with_values(**{self.parameter: np.full(len(mapped.numbers), self.place)})
-
-    def _levels(self, mapped: MappedRows) -> dict[str, Any]:
-        """The value (n,) of each conserved quantity that is held: that of the row's own start."""
-        if not self.fix:
-            return {}
-        conserved = mapped.mapping.images(mapped.settled(0), mapped.values).conserved_values
-        names = [quantity.name for quantity in mapped.mapping.conserved]
-        return {name: conserved[:, names.index(name)] for name in self.fix}
-
-    def _drawn(
-        self, mapped: MappedRows, row_of_start: Rows, begun: int, count: int, cycles: int = 0
-    ) -> Points:
-        """Random starts (n,), `count` of each row, which depend on the row and `begun` alone.
-
-        With `cycles`, where the starts are after so many cycles; NaN if they did not come so far.
-        """
-        mapping, values = mapped.mapping, rows_of(mapped.values, row_of_start)
-        columns = self._drawn_columns(mapped, row_of_start, begun, count)
-        names = [quantity.name for quantity in mapping.model.initial_conditions]
-        drawn_starts = {name: column for name, column in columns.items() if name in names}
-        starts = {name: np.asarray(column)[row_of_start] for name, column in mapped.starts.items()}
-        starts |= drawn_starts
-        if cycles and len(drawn_starts) == len(columns):
-            points, status = mapping.settled(starts, values, cycles)
-            return Points(
-                np.where((status == ReturnStatus.crossed)[:, None], points.at, np.nan), points.modes
-            )
-        points, _ = mapping.settled(starts, values, 0)
-        outside = np.flatnonzero(~mapping.covers(points, values))
-        if outside.size:
-            points = points.merged(outside, mapping.settled(starts, values, 1)[0][outside])
-        moved = points.at.copy()
-        for place, quantity in enumerate(mapping.coordinates):
-            if quantity.name in columns and quantity.name not in drawn_starts:
-                moved[:, place] = columns[quantity.name]
-        if cycles:
-            images = mapping.iterated(cycles).images(Points(moved, points.modes), values)
-            moved, points = np.where(images.sound[:, None], images.points.at, np.nan), images.points
-        return Points(moved, points.modes)
-
-    def _drawn_columns(
-        self, mapped: MappedRows, row_of_start: Rows, begun: int, count: int
-    ) -> dict[str, Float[np.ndarray, " starts"]]:
-        """Random numbers (n,) in each of `ranges`, `count` for each row."""
-        low, high = np.array(list(self.ranges.values())).T
-        drawn = [
-            np.random.default_rng([self.seed, int(mapped.numbers[row]), begun]).uniform(
-                low, high, (count, len(low))
-            )
-            for row in dict.fromkeys(row_of_start.tolist())
-        ]
-        return dict(zip(self.ranges, np.concatenate(drawn).T, strict=True))
 
     def block_table(
         self, rows: Design, spec: SweepSpec, first: int, last: int, on_progress: BlockProgress
     ) -> pd.DataFrame:
         """The atlas of rows first..last-1; `on_progress` is called before each of its steps."""
-        mapped, search, atlas = self._followed(rows, spec, np.arange(first, last), on_progress)
-        table = self._joined_parts(mapped, search, atlas)
-        for name in self.second:
-            of_branch = mapped.values[name][table["row"].to_numpy(int)]
-            table[name] = np.where(table["part"] == "branch", of_branch, table.get(name, np.nan))
-        observed = {f"{quantity.name}_n" for quantity in rows.model.observables}
-        named = [c.name for c in self.columns(rows.model) if c.name not in observed]
-        table = table.reindex(columns=list(dict.fromkeys([*table, *named])))
-        has_point = table["special"].notna().to_numpy()
-        table = self.records(rows, mapped.without(self.parameter), table, has_point, has_point)
-        whole = ("number", "period", "depth", "begins", "point", "unstable", "found", "corrections")
-        integers = {name: table[name].astype(float).fillna(-1).astype(np.int64) for name in whole}
-        left_out = np.array([atlas.left_out(row) for row in range(last - first)], np.int64)
-        integers["left_out"] = left_out[table["row"].to_numpy(int) - first]
-        stable = table["stable"].astype("boolean").fillna(False).astype(bool)
-        texts = {
-            name: pd.Categorical(table[name].astype(object).fillna(""))
-            for name in ("part", "symmetry", "events", "change")
-        }
-        return table.assign(stable=stable, **texts, **integers)
+        before = self._earlier(first, last)
+        return AtlasBlock(self, rows, spec, np.arange(first, last), on_progress, before).table()
 
-    def _joined_parts(self, mapped: MappedRows, search: OrbitSearch, atlas: BranchAtlas) -> pd.DataFrame:
-        """The points of branches, those of curves over the second parameter, and rows without a gait."""
-        branches = atlas.table(search, self.place)
-        parts = [branches.assign(part="branch").rename(columns={"branch": "number"})]
-        for second, within in self.second.items():
-            curves = atlas.follow_curves(second, within, atlas.steps)
-            if len(curves):
-                parts.append(curves.rename(columns={"curve": "number", "kind": "part"}))
-        without = sorted(set(range(len(mapped.numbers))) - {branch.row for branch in atlas.branches})
-        parts.append(pd.DataFrame([self._without_gait(row, search) for row in without]))
-        table = pd.concat([part for part in parts if len(part)], ignore_index=True)
-        return table.sort_values("row", kind="stable", ignore_index=True)
-
-    def _followed(
-        self, rows: Design, spec: SweepSpec, numbers: Rows, on_progress: BlockProgress
-    ) -> tuple[MappedRows, OrbitSearch, BranchAtlas]:
-        """Some rows at the place of the search, the search of their gaits, and their branches."""
-        mapped = self._at_place(self.mapped_rows(rows, spec, numbers))
-        search = self._searched(mapped, on_progress)
-
-        def on_step(points: Any, shares: Any) -> None:
-            on_progress(f"{np.sum(points)} points of {len(points)} branches", float(np.mean(shares)))
-
-        atlas = BranchAtlas(
-            mapped.mapping,
-            mapped.values,
-            parameter=self.parameter,
-            within=self.path,
-            fix=self.fix,
-            steps=dataclasses.replace(self.steps(on_step), through=(self.place,)),
-            most_branches=self.branches,
-        )
-        atlas.follow(search, self.place, self.depth)
-        return mapped, search, atlas
+    def _earlier(self, first: int, last: int) -> pd.DataFrame | None:
+        """The records of rows first..last-1 of the run that this one continues; `row` counts from 0."""
+        if self.after is None and self._before is None:
+            return None
+        table = self._before if self.after is None else load(self.after, rows=range(first, last))
+        assert table is not None
+        own = table.loc[table["row"].between(first, last - 1)]
+        own = own.assign(row=own["row"] - first).reset_index(drop=True)
+        own.attrs["job"] = table.attrs["job"]
+        return own
 
     def followed_again(
-        self, rows: Design, spec: SweepSpec, numbers: Int[np.ndarray, " sampled"], on_progress: BlockProgress
+        self,
+        rows: Design,
+        spec: SweepSpec,
+        numbers: Int[np.ndarray, " sampled"],
+        table: pd.DataFrame,
+        on_progress: BlockProgress,
     ) -> tuple[MappedRows, pd.DataFrame]:
-        mapped, search, atlas = self._followed(rows, spec, numbers, on_progress)
-        table = atlas.table(search, self.place).rename(columns={"branch": "number"})
-        points = [record["at"] for branch in atlas.branches for record in branch.records]
-        return mapped.without(self.parameter), table.assign(at=pd.Series(points, table.index, dtype=object))
-
-    def _searched(self, mapped: MappedRows, on_progress: BlockProgress) -> OrbitSearch:
-        """The search of the rows' gaits, from drawn starts and from where those of the first round settle."""
-
-        def on_round(count: int, orbits: int) -> None:
-            on_progress(f"{orbits} gaits from {count} starts of a row", 0.5 * count / self.budget)
-
-        def draw(row_of_start: Rows, begun: int) -> Points:
-            count = int(np.sum(row_of_start == row_of_start[0]))
-            return self._drawn(mapped, row_of_start, begun, count)
-
-        periods = 1 if self.stationary else self.periods  # a point at rest has no other
-        options = SearchOptions(periods, self.budget, self.batch, self.patience, on_round)
-        search = OrbitSearch(mapped.mapping, mapped.values, self._levels(mapped), options)
-        row_of_start = np.repeat(np.arange(len(mapped.numbers)), self.batch)
-        ends = self._drawn(mapped, row_of_start, 0, self.batch, max(self.settle, 1))
-        sound = np.asarray(np.isfinite(ends.at).all(axis=1))
-        settled = np.flatnonzero(sound)
-        if settled.size:
-            search.add(ends[settled], row_of_start[settled], drawn=False)
-        search.run(draw, range(len(mapped.numbers)))
-        if not self.fix:  # else the drawn starts lead to gaits with other values of what is conserved
-            search.mark_reached(ends, row_of_start, sound)
-        return search
-
-    def _without_gait(self, row: int, search: OrbitSearch) -> dict[str, Any]:
-        """The record of a row in which the search found no gait."""
-        return {
-            "row": row,
-            "part": "branch",
-            self.parameter: self.place,
-            "missing": search.missing(row),
-            "end": "no_gait",
-        }
+        if "stored_point" not in table:  # of an older version
+            return AtlasBlock(self, rows, spec, numbers, on_progress).with_points()
+        mapped = self.at_place(self.mapped_rows(rows, spec, numbers))
+        like = mapped.settled(0)[:1]
+        places = dict(zip(numbers.tolist(), range(len(numbers)), strict=True))
+        on_branches = (table["part"].astype(str) == "branch") & table["row"].isin(places)
+        points = table.loc[on_branches & (table["stored_point"] != ""), [*self.point_names, self.parameter]]
+        rows_of_points = table.loc[points.index, "row"].map(places)
+        at = [points_of(text, like)[0] for text in table.loc[points.index, "stored_point"]]
+        stored = points.assign(row=rows_of_points, at=pd.Series(at, points.index, dtype=object))
+        return mapped.without(self.parameter), stored.reset_index(drop=True)
 
 
 def _event_times(model: Model) -> dict[str, Quantity]:

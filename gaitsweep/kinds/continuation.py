@@ -121,7 +121,12 @@ class Continuation(BeginsWhereRowsSettle):
         return [bifurcations_found(table, self.parameter)]
 
     def followed_again(
-        self, rows: Design, spec: SweepSpec, numbers: Int[np.ndarray, " sampled"], on_progress: BlockProgress
+        self,
+        rows: Design,
+        spec: SweepSpec,
+        numbers: Int[np.ndarray, " sampled"],
+        table: pd.DataFrame,
+        on_progress: BlockProgress,
     ) -> tuple[MappedRows, pd.DataFrame]:
         return self.followed(rows, spec, numbers, on_progress, with_points=True)
 

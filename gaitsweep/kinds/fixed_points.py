@@ -119,13 +119,26 @@ class FollowsFixedPoints(RunKind):
 
     @abc.abstractmethod
     def followed_again(
-        self, rows: Design, spec: SweepSpec, numbers: Int[np.ndarray, " sampled"], on_progress: BlockProgress
+        self,
+        rows: Design,
+        spec: SweepSpec,
+        numbers: Int[np.ndarray, " sampled"],
+        table: pd.DataFrame,
+        on_progress: BlockProgress,
     ) -> tuple[MappedRows, pd.DataFrame] | None:
-        """The branches of the rows `numbers` (n,) with their points, for the explorer; None: it shows none.
+        """The branches of some rows with their points, for the explorer; None: it shows none.
+
+        Args:
+            rows: the job's rows.
+            spec: how they are simulated.
+            numbers: the rows (n,).
+            table: the job's table; branches whose points it has are not followed again.
+            on_progress: progress callback.
 
         Returns:
             The rows, without the values of the parameters that move; and a record for each point: `row`,
-            counted from 0, the columns `point_names`, the parameter, and its `BranchPoints` as `at`.
+            counted from 0, the columns `point_names`, the parameter, and its `BranchPoints` or `StoredPoint`
+            as `at`.
         """
 
     def check(self, rows: Design, method: str) -> list[Diagnostic]:

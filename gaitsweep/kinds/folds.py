@@ -100,7 +100,12 @@ class Folds(BeginsWhereRowsSettle):
         return Cost(likely, longest, max(points, 1.0))
 
     def followed_again(
-        self, rows: Design, spec: SweepSpec, numbers: Int[np.ndarray, " sampled"], on_progress: BlockProgress
+        self,
+        rows: Design,
+        spec: SweepSpec,
+        numbers: Int[np.ndarray, " sampled"],
+        table: pd.DataFrame,
+        on_progress: BlockProgress,
     ) -> None:
         return None
 

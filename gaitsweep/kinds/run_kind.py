@@ -253,6 +253,10 @@ class RunKind(StrictModel, abc.ABC):
         """Sentences about a complete table, for the output of commands and the report."""
         return []
 
+    def tables(self, table: pd.DataFrame) -> dict[str, pd.DataFrame]:
+        """The parts of a complete table that are files of their own beside it, by the name of the file."""
+        return {}
+
     def hashed(self, fields: Mapping[str, Any]) -> dict[str, Any]:
         """The fields that decide the numbers of the table."""
         idle = {name for key, names in self.idle_without.items() if not getattr(self, key) for name in names}

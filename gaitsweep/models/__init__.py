@@ -1,4 +1,8 @@
-"""The registry of models, which are imported at their first use."""
+"""The registry of models, which are imported at their first use.
+
+This file finds models by their names; `conformity.py` tests the shapes of a model's functions against the
+contract, `value_faults.py` their values, and `traced_program.py` digests the program that they compute.
+"""
 
 from __future__ import annotations
 
@@ -22,17 +26,17 @@ from gaitsweep.own_modules import Stamp, data_files, installed, modules_beside, 
 from gaitsweep.schema.diagnostics import JobError
 from gaitsweep.shipped import EXAMPLES
 
-_OWN = "write your own model as package.module:attribute, or as the path of a model file (.yaml)"
+_OWN_MODEL_HINT = "write your own model as package.module:attribute, or as the path of a model file (.yaml)"
 # classes that no module gives, such as those of a notebook's cells, by the name that a job has for them
-_SESSION: weakref.WeakValueDictionary[str, type[Model]] = weakref.WeakValueDictionary()
-_OF_SESSION = "session:"
-_OF_MODEL_FILES = (".yaml", ".yml")  # endings of model files
+_SESSION_CLASSES: weakref.WeakValueDictionary[str, type[Model]] = weakref.WeakValueDictionary()
+_SESSION_PREFIX = "session:"
+_MODEL_FILE_ENDINGS = (".yaml", ".yml")
 # the field of a manifest with the folder from which a user's model was imported, from the result directory
 MODEL_FOLDER = "model_folder"
 # when the files of users' modules were written, and their sizes, as they were loaded
-_WRITTEN: weakref.WeakKeyDictionary[ModuleType, Stamp] = weakref.WeakKeyDictionary()
+_STAMPS: weakref.WeakKeyDictionary[ModuleType, Stamp] = weakref.WeakKeyDictionary()
 # the data files that these modules read as they were loaded
-_READ: weakref.WeakKeyDictionary[ModuleType, dict[Path, Stamp]] = weakref.WeakKeyDictionary()
+_DATA_FILES: weakref.WeakKeyDictionary[ModuleType, dict[Path, Stamp]] = weakref.WeakKeyDictionary()
 
 
 class ModelError(UserError, LookupError):
@@ -80,14 +84,14 @@ def name_of(model_class: type[Model]) -> str:
                 return own
         except ModelError:
             pass
-    name = f"{_OF_SESSION}{model_class.__name__}"
-    _SESSION[name] = model_class
+    name = f"{_SESSION_PREFIX}{model_class.__name__}"
+    _SESSION_CLASSES[name] = model_class
     return name
 
 
 def importable(name: str) -> bool:
     """Whether another Python process finds the model of this name."""
-    return not name.startswith(_OF_SESSION)
+    return not name.startswith(_SESSION_PREFIX)
 
 
 def find(name: str, folders: Sequence[Path] = ()) -> type[Model]:
@@ -112,21 +116,22 @@ def find(name: str, folders: Sequence[Path] = ()) -> type[Model]:
 
 
 def _find(name: str, folders: Sequence[Path]) -> type[Model]:
-    if name in _SESSION:
-        return _as_model(name, _SESSION[name])
-    if name.endswith(_OF_MODEL_FILES):
+    """`find` without the memory of earlier calls."""
+    if name in _SESSION_CLASSES:
+        return _as_model(name, _SESSION_CLASSES[name])
+    if name.endswith(_MODEL_FILE_ENDINGS):
         return _of_model_file(name, [*folders, Path.cwd()])
     paths = model_paths()
     path = paths.get(name, name)
     if ":" not in path:
         near = near_miss.suggestion(name, names())
-        raise ModelError(f"is {name}, which is not a known model{near} Or {_OWN}.")
+        raise ModelError(f"is {name}, which is not a known model{near} Or {_OWN_MODEL_HINT}.")
     module_name, _, attribute = path.partition(":")
     if module_name.endswith(".py"):
         written = f"{Path(module_name).stem}:{attribute}"
         raise ModelError(f"is {name}, but a file must be named without folder and ending: write {written}.")
     if not all(part.isidentifier() for part in module_name.split(".")) or not attribute.isidentifier():
-        raise ModelError(f"is {name}, which is not a valid name; {_OWN}.")
+        raise ModelError(f"is {name}, which is not a valid name; {_OWN_MODEL_HINT}.")
     module = _import(name, module_name, [] if name in paths else [*folders, Path.cwd()])
     if not hasattr(module, attribute):
         classes = {key: member for key, member in vars(module).items() if inspect.isclass(member)}
@@ -149,16 +154,15 @@ def _of_model_file(name: str, folders: Sequence[Path]) -> type[Model]:
         places = " and ".join(map(str, own))
         beside = [path.name for folder in own for path in folder.glob("*.yaml")]
         near = near_miss.nearest(Path(name).name, beside)
-        raise ModelError(
-            f"is {name}, but there is no such file in {places}" + (f"; did you mean {near}?" if near else ".")
-        )
+        meant = f"; did you mean {near}?" if near else "."
+        raise ModelError(f"is {name}, but there is no such file in {places}{meant}")
     try:
         return model_of_file(file)
     except (JobError, ValueError, OSError) as error:
         raise ModelError(f"is {name}, which cannot be read: {str(error).rstrip('.')}.") from error
 
 
-def find_of_table(attrs: Mapping[Any, Any], trust: bool = False) -> type[Model]:
+def find_of_table(attrs: Mapping[Any, Any], *, trust: bool = False) -> type[Model]:
     """The class of the model that made a table.
 
     The table's directory names the model, and importing a module runs its code. A user's model is therefore
@@ -177,21 +181,27 @@ def find_of_table(attrs: Mapping[Any, Any], trust: bool = False) -> type[Model]:
         raise ModelError(f"is {name!r}, which is not a name.")
     directory = Path(attrs.get("path", Path.cwd()))
     named = attrs.get("manifest", {}).get(MODEL_FOLDER)
-    theirs = [*([directory / named] if isinstance(named, str) else []), directory]
-    if name.endswith(_OF_MODEL_FILES):  # data, which runs no code
+    # folders that came with the table, whose author may be a stranger
+    folders_of_table = [directory / named, directory] if isinstance(named, str) else [directory]
+    if name.endswith(_MODEL_FILE_ENDINGS):  # data, which runs no code
         # the manifest names the folder of the file itself
-        local = next((path for path in (Path(name).name, name) if _is_in(path, theirs)), name)
-        return find(local, theirs)
+        local = next((path for path in (Path(name).name, name) if _is_in(path, folders_of_table)), name)
+        return find(local, folders_of_table)
     top = name.partition(":")[0].partition(".")[0]
-    if trust or name in model_paths() or name in _SESSION or top in sys.modules or not top.isidentifier():
-        return find(name, [folder for folder in theirs if folder.is_dir()] if trust else ())
-    own_place = _place_of(top, [*sys.path, str(Path.cwd())])
+    if (
+        trust
+        or name in model_paths()
+        or name in _SESSION_CLASSES
+        or top in sys.modules
+        or not top.isidentifier()
+    ):
+        return find(name, [folder for folder in folders_of_table if folder.is_dir()] if trust else ())
+    own_place = _source_of(top, [*sys.path, str(Path.cwd())])
     if own_place is not None and own_place.parent.resolve().is_relative_to(directory.resolve()):
-        theirs, own_place = [own_place.parent], None  # the working directory is the stranger's
-    place = next(
-        (location.resolve() for folder in theirs if (location := _place_of(top, [str(folder)])) is not None),
-        None,
-    )
+        folders_of_table = [own_place.parent]  # the working directory is the stranger's
+        own_place = None
+    sources = (_source_of(top, [str(folder)]) for folder in folders_of_table)
+    place = next((source.resolve() for source in sources if source is not None), None)
     if own_place is None and place is not None:
         raise ModelError(
             f"is {name}, whose code is in {place}: it came with {directory} and would run with your "
@@ -206,7 +216,7 @@ def _is_in(file: str, folders: Sequence[Path]) -> bool:
     return any((folder / file).is_file() for folder in folders)
 
 
-def _place_of(top: str, folders: list[str]) -> Path | None:
+def _source_of(top: str, folders: list[str]) -> Path | None:
     """The file or folder from which a module or package would be imported; nothing is imported."""
     spec = importlib.machinery.PathFinder.find_spec(top, folders)
     places = [] if spec is None else [spec.origin, *(spec.submodule_search_locations or ())]
@@ -214,6 +224,7 @@ def _place_of(top: str, folders: list[str]) -> Path | None:
 
 
 def _as_model(name: str, member: object) -> type[Model]:
+    """The attribute of a module as a model; refuses one that is not a complete model."""
     if not inspect.isclass(member) or not issubclass(member, (HybridModel, SteppedModel)):
         raise ModelError(f"is {name}, which is not a model: derive it from HybridModel or SteppedModel.")
     if inspect.isabstract(member):
@@ -223,28 +234,31 @@ def _as_model(name: str, member: object) -> type[Model]:
 
 
 def _import(name: str, module_name: str, folders: list[Path]) -> object:
+    """The module of a model; the folders, if there are any, are those of a user's modules."""
     try:
         with _importable(folders):
             with data_files() as read:
                 module = importlib.import_module(module_name)
             if folders:
-                _READ.setdefault(module, {}).update(read)
-                module = _as_written(module)
+                _DATA_FILES.setdefault(module, {}).update(read)
+                module = _reloaded_if_edited(module)
     except ModuleNotFoundError as error:
-        reason = _missing(module_name, error.name, folders) or _raised(error)
+        reason = _reason_not_found(module_name, error.name, folders) or _reason_raised(error)
         raise ModelError(f"is {name}, but {module_name} cannot be imported: {reason}") from error
     except (Exception, SystemExit) as error:  # a user's module may raise any exception, which is reported
-        raise ModelError(f"is {name}, but {module_name} cannot be imported: {_raised(error)}") from error
+        raise ModelError(
+            f"is {name}, but {module_name} cannot be imported: {_reason_raised(error)}"
+        ) from error
     _refuse_namesake(name, module_name, folders)
     return module
 
 
-def _raised(error: BaseException) -> str:
+def _reason_raised(error: BaseException) -> str:
     """Format an exception by its type and message."""
     return f"{type(error).__name__}: {str(error).rstrip('.')}."
 
 
-def _missing(module_name: str, missing: str | None, folders: list[Path]) -> str | None:
+def _reason_not_found(module_name: str, missing: str | None, folders: list[Path]) -> str | None:
     """The message that a user's module does not exist, or None if an import inside it failed."""
     if missing is None or not f"{module_name}.".startswith(f"{missing}."):
         return None
@@ -259,7 +273,7 @@ def _missing(module_name: str, missing: str | None, folders: list[Path]) -> str 
     return f"no module of that name is installed or in {looked}{meant}"
 
 
-def _as_written(module: ModuleType) -> ModuleType:
+def _reloaded_if_edited(module: ModuleType) -> ModuleType:
     """The user's module, reloaded together with the modules beside it if one of their files has changed.
 
     Changes in data files that they read on import count too.
@@ -267,19 +281,20 @@ def _as_written(module: ModuleType) -> ModuleType:
     if installed(module):
         return module
     now = _stamps(module)
-    edited = any(_WRITTEN.get(sys.modules[name], stamp) != stamp for name, stamp in now.items())
-    if edited or any(_is_changed(file, stamp) for file, stamp in _READ.get(module, {}).items()):
+    edited = any(_STAMPS.get(sys.modules[name], stamp) != stamp for name, stamp in now.items())
+    if edited or any(_is_changed(file, stamp) for file, stamp in _DATA_FILES.get(module, {}).items()):
         with data_files() as read:
             for name in now:
                 importlib.reload(sys.modules[name])
-        _READ[sys.modules[module.__name__]] = read
+        _DATA_FILES[sys.modules[module.__name__]] = read
         now = _stamps(module) | now  # an edit may add imports; files written meanwhile are detected next time
     for name, stamp in now.items():
-        _WRITTEN[sys.modules[name]] = stamp
+        _STAMPS[sys.modules[name]] = stamp
     return sys.modules[module.__name__]
 
 
 def _is_changed(file: Path, stamp: Stamp) -> bool:
+    """Whether a file is gone or was written since its stamp."""
     return not file.is_file() or stamp_of(file) != stamp
 
 

@@ -30,8 +30,8 @@ from gaitsweep.engine.stored_programs import stored
 from gaitsweep.mathtext import can_be_set
 from gaitsweep.models.traced_program import unrepeatable
 
-_NUMBER = jax.ShapeDtypeStruct((), float)
-_UNSET = "which Matplotlib cannot set: write TeX that it knows, and \\$ for a dollar."
+_SCALAR = jax.ShapeDtypeStruct((), float)
+_NOT_TEX = "which Matplotlib cannot set: write TeX that it knows, and \\$ for a dollar."
 
 
 class _Fault(Exception):
@@ -69,6 +69,7 @@ def fault(model: Model) -> str | None:
 
 @cached_by_content(maxsize=64)
 def _fault(model: Model) -> str | None:
+    """The first violation by the quantities or the functions of a model, or None."""
     if not model.parameters:
         return "which has no parameter: declare at least one, such as a frequency or a mass."
     if not model.observables:
@@ -81,50 +82,53 @@ def traced_fault(model: Model) -> str | None:
     if model.host_parameters:
         return None
     try:
-        _look(model)
+        _trace_functions(model)
     except _Fault as fault_of_function:
         return f"but its function {fault_of_function}"
     return None
 
 
-def _look(model: Model) -> None:
-    params = _given("params", model.params, {quantity.name: _NUMBER for quantity in model.parameters})
-    start = {quantity.name: _NUMBER for quantity in model.initial_conditions}
+def _trace_functions(model: Model) -> None:
+    """Trace all functions of a model with shapes only; raises `_Fault` at the first violation."""
+    params = _traced_result("params", model.params, {quantity.name: _SCALAR for quantity in model.parameters})
+    start = {quantity.name: _SCALAR for quantity in model.initial_conditions}
     if isinstance(model, Declared) and isinstance(model, HybridModel):
-        _event_functions(model, params, _bare_state(model))  # before `init`, which takes their derivatives
+        _require_event_functions(
+            model, params, _bare_state(model)
+        )  # before `init`, which takes their derivatives
     try:
-        state = _given("init", model.init, params, start)
+        state = _traced_result("init", model.init, params, start)
     except _Fault:
         if isinstance(model, Declared) and isinstance(model, HybridModel):
-            _called_by_init(model, params, _bare_state(model))
+            _refuse_functions_of_init(model, params, _bare_state(model))
         raise
     if not dataclasses.is_dataclass(state):
         raise _returns("init", type(state).__name__, "a frozen dataclass")
     if isinstance(model, Declared):
-        _event_functions(model, params, state)
+        _require_event_functions(model, params, state)
     rates: Mapping[str, Any] = {}
     if isinstance(model, HybridModel):  # before `jump`, which may read the rates
-        rates = _given("flow", model.flow, params, state)
-        _rates(state, rates)
+        rates = _traced_result("flow", model.flow, params, state)
+        _require_rates(state, rates)
     if isinstance(model, Declared):
-        _jump_functions(model, params, state)
-    events = _events(model, params, state)
-    _alike("jump", state, _given("jump", model.jump, params, state, events))
+        _require_jump_functions(model, params, state)
+    events = _event_flags(model, params, state)
+    _require_like("jump", state, _traced_result("jump", model.jump, params, state, events))
     if isinstance(model, HybridModel):
-        _moved_or_jumped(model, params, state, events, rates)
-    _scalar("section", _given("section", model.section, params, state, events))
-    _scalar("failed", _given("failed", model.failed, params, state))
-    _scalar("period", period := _given("period", model.period, params))
-    if (kind := _kind(period)) != "real numbers":  # a time limit of its type would be rounded
+        _refuse_forgotten_rates(model, params, state, events, rates)
+    _require_scalar("section", _traced_result("section", model.section, params, state, events))
+    _require_scalar("failed", _traced_result("failed", model.failed, params, state))
+    _require_scalar("period", period := _traced_result("period", model.period, params))
+    if (kind := _kind_of_numbers(period)) != "real numbers":  # a time limit of its type would be rounded
         raise _returns("period", kind, "a real number of seconds: 3.0, not 3")
-    observed = _given("observe", model.observe, params, state)
-    _named("observe", observed, "observables", (quantity.name for quantity in model.observables))
-    signals = _given("signal", model.signal, params, state)
-    _named("signal", signals, "signals", (quantity.name for quantity in model.signals))
-    labels = _given("label", model.label, params, observed)
+    observed = _traced_result("observe", model.observe, params, state)
+    _require_names("observe", observed, "observables", (quantity.name for quantity in model.observables))
+    signals = _traced_result("signal", model.signal, params, state)
+    _require_names("signal", signals, "signals", (quantity.name for quantity in model.signals))
+    labels = _traced_result("label", model.label, params, observed)
     fields = ("gait", *(quantity.name for quantity in model.label_fields))
-    _named("label", labels, "gait and label fields", fields)
-    if (kind := _kind(labels["gait"])) not in ("whole numbers", "booleans"):
+    _require_names("label", labels, "gait and label fields", fields)
+    if (kind := _kind_of_numbers(labels["gait"])) not in ("whole numbers", "booleans"):
         raise _returns("label", f"the gait as {kind}", "the index of a gait, a whole number")
 
 
@@ -140,13 +144,13 @@ def _bare_state(model: Declared) -> Any:
     return model.State(**fields)
 
 
-def _event_functions(model: Declared, params: Any, state: Any) -> None:
+def _require_event_functions(model: Declared, params: Any, state: Any) -> None:
     """Refuse event functions that do not return one real number, by the events' names."""
     for event in model.declared_events():
         name = f"for the event {event.name!r}"
-        result = _given(name, lambda p, s, event=event: event.function(model, p, s), params, state)
-        _shaped(name, result, event.counted.shape(model))
-        if (kind := _kind(result)) != "real numbers":
+        result = _traced_result(name, lambda p, s, event=event: event.function(model, p, s), params, state)
+        _require_shape(name, result, event.counted.shape(model))
+        if (kind := _kind_of_numbers(result)) != "real numbers":
             required = "a real number that rises through zero: s.x - 2.0, not s.x > 2.0"
             raise _returns(name, kind, required)
         conditions = {"during": (event.during, (state,)), "when": (event.when, (params, state))}
@@ -154,51 +158,56 @@ def _event_functions(model: Declared, params: Any, state: Any) -> None:
             if condition is None:
                 continue
             name = f"{which}= of the event {event.name!r}"
-            result = _given(name, condition, *arguments)
-            if _kind(result) != "booleans" or jnp.shape(result) not in ((), event.counted.shape(model)):
-                raise _returns(name, f"{_kind(result)} {jnp.shape(result)}", "a condition, such as s.x > 0.0")
+            result = _traced_result(name, condition, *arguments)
+            if _kind_of_numbers(result) != "booleans" or jnp.shape(result) not in (
+                (),
+                event.counted.shape(model),
+            ):
+                raise _returns(
+                    name, f"{_kind_of_numbers(result)} {jnp.shape(result)}", "a condition, such as s.x > 0.0"
+                )
 
 
-def _called_by_init(model: Any, params: Any, state: Any) -> None:
+def _refuse_functions_of_init(model: Any, params: Any, state: Any) -> None:
     """Refuse a flow or a jump that fails at a bare state, so that `init` is not blamed for it."""
     added = {field.name for field in dataclasses.fields(state)} - set(model.declarations) - {ARMING, STEPS}
     if added:  # they are empty here, and a flow may read them
         return
-    _rates(state, _given("flow", model.flow, params, state))
-    _jump_functions(model, params, state)
+    _require_rates(state, _traced_result("flow", model.flow, params, state))
+    _require_jump_functions(model, params, state)
 
 
-def _jump_functions(model: Declared, params: Any, state: Any) -> None:
+def _require_jump_functions(model: Declared, params: Any, state: Any) -> None:
     """Refuse jumps of events that do not return a state, by the events' names."""
     for event in model.declared_events():
         if event.effect is None:
             continue
         name = f"for the jump of {event.name!r}"
         single = event.singles(model)[0]
-        after = _given(name, lambda p, s, single=single: single.jumped(model, p, s), params, state)
+        after = _traced_result(name, lambda p, s, single=single: single.jumped(model, p, s), params, state)
         if not isinstance(after, type(state)):
             raise _returns(name, _type_of(after), "a state, such as s.replace(...)")
 
 
-def _events(model: Model, params: Any, state: Any) -> jax.ShapeDtypeStruct:
+def _event_flags(model: Model, params: Any, state: Any) -> jax.ShapeDtypeStruct:
     """The shape of the flags of events."""
     if isinstance(model, HybridModel):
         name = "guards"
-        result = _given("guards", model.guards, params, state)
+        result = _traced_result("guards", model.guards, params, state)
     else:
         assert isinstance(model, FixedStepDynamics)
         if isinstance(model, MapModel):
-            _image(state, _given("image", model.image, params, state))
-        after = _given("step", model.step, params, state, _NUMBER)
-        _alike("step", state, after)
+            _require_image(state, _traced_result("image", model.image, params, state))
+        after = _traced_result("step", model.step, params, state, _SCALAR)
+        _require_like("step", state, after)
         name = "events"
-        result = _given("events", model.events, params, state, after)
+        result = _traced_result("events", model.events, params, state, after)
     if getattr(result, "ndim", None) != 1:
         shape = getattr(result, "shape", type(result).__name__)
         raise _returns(name, shape, "one number for each event, (n,): use jnp.stack")
     if isinstance(model, HybridModel):
-        if _kind(result) != "real numbers":
-            raise _returns("guards", _kind(result), "real numbers")
+        if _kind_of_numbers(result) != "real numbers":
+            raise _returns("guards", _kind_of_numbers(result), "real numbers")
         names = model.guard_names
         if not isinstance(names, tuple) or not all(isinstance(guard_name, str) for guard_name in names):
             raise _returns("guard_names", repr(names), "a tuple of texts")
@@ -208,7 +217,7 @@ def _events(model: Model, params: Any, state: Any) -> jax.ShapeDtypeStruct:
     return jax.ShapeDtypeStruct(result.shape, bool)
 
 
-def _given(name: str, function: Callable[..., Any], *args: Any) -> Any:
+def _traced_result(name: str, function: Callable[..., Any], *args: Any) -> Any:
     """The shapes of a function's results, traced for arguments of these shapes."""
     try:
         with warnings.catch_warnings():
@@ -223,7 +232,7 @@ def _given(name: str, function: Callable[..., Any], *args: Any) -> Any:
         raise _Fault(f"{name} raises {type(error).__name__}: {reason.rstrip('.')}.{advice}") from error
 
 
-def _image(state: Any, image: Any) -> None:
+def _require_image(state: Any, image: Any) -> None:
     """Refuse an image that is no mapping from fields of a state, or a mapping from others."""
     if not isinstance(image, Mapping):
         raise _returns("image", _type_of(image), "a mapping from variables to their values in the image")
@@ -234,34 +243,37 @@ def _image(state: Any, image: Any) -> None:
             raise _Fault(f"image returns a value of {name}, which is not a field of its state{near}")
 
 
-def _rates(state: Any, rates: Any) -> None:
+def _require_rates(state: Any, rates: Any) -> None:
+    """Refuse rates that are no mapping from continuous fields of a state, or of another shape or type."""
     fields = list(vars(state))
     if not isinstance(rates, Mapping):
         raise _returns("flow", _type_of(rates), "a mapping from fields of the state to rates")
     for name, rate in rates.items():
         if name not in fields:
-            near = near_miss.suggestion(str(name), _continuous(state))
+            near = near_miss.suggestion(str(name), _continuous_fields(state))
             raise _Fault(f"flow returns a rate of {name}, which is not a field of its state{near}")
-        if name not in _continuous(state):
+        if name not in _continuous_fields(state):
             raise _Fault(f"flow returns a rate of {name}, which is a mode: only jump can change it.")
         shape = jnp.shape(getattr(state, name))
         if rate.shape not in (shape, ()):
             other = f"shape {rate.shape}, but the field has shape {shape}"
             raise _Fault(f"flow returns a rate of {name} with {other}.")
-        if (kind := _kind(rate)) != "real numbers":
+        if (kind := _kind_of_numbers(rate)) != "real numbers":
             zero = ": write 1.0 instead of 1" if kind == "whole numbers" else ""
             raise _returns("flow", f"the rate of {name} as {kind}", f"real numbers{zero}")
         if rate.dtype.itemsize < (own := jnp.result_type(getattr(state, name))).itemsize:
             raise _Fault(f"flow returns the rate of {name} in {rate.dtype}, but the field is in {own}.")
 
 
-def _moved_or_jumped(model: Model, params: Any, state: Any, events: Any, rates: Mapping[str, Any]) -> None:
+def _refuse_forgotten_rates(
+    model: Model, params: Any, state: Any, events: Any, rates: Mapping[str, Any]
+) -> None:
     """Refuse a declared variable without a rate that no jump changes: its rate was forgotten."""
     declared = model.declarations.items() if isinstance(model, Declared) else ()
-    still = [
+    without_rate = [
         name for name, declaration in declared if isinstance(declaration, Variable) and name not in rates
     ]
-    if not still:
+    if not without_rate:
         return
     # a scalar program has one node for equal values
     tracer = Tracer(Program())
@@ -272,7 +284,7 @@ def _moved_or_jumped(model: Model, params: Any, state: Any, events: Any, rates: 
     except UnsupportedError:
         return
     after = jax.tree.unflatten(jax.tree.structure(state), nodes)
-    for name in still:
+    for name in without_rate:
         if np.array_equal(getattr(inputs[1], name), getattr(after, name)):
             constant = "return its rate, or 0.0 if it is constant"
             raise _Fault(f"flow returns no rate of {name}, and no jump changes it: {constant}.")
@@ -287,8 +299,9 @@ def idle_starts(model: Model) -> tuple[str, ...]:
 
 
 def _idle_starts(model: Model) -> list[str]:
-    quantities = (model.parameters, model.initial_conditions)
-    shapes = tuple({quantity.name: _NUMBER for quantity in group} for group in quantities)
+    """`idle_starts` of a model that has not been traced before."""
+    parameters = {quantity.name: _SCALAR for quantity in model.parameters}
+    shapes = (parameters, {quantity.name: _SCALAR for quantity in model.initial_conditions})
 
     def begun(values: Any, start: Any) -> Any:
         return model.init(model.params(values), start)
@@ -311,13 +324,13 @@ def sets_starts(model: Model) -> str:
     return "complete" if own else "init"
 
 
-def _kind(array: Any) -> str:
+def _kind_of_numbers(array: Any) -> str:
     """The kind of numbers of an array."""
     kinds = {"b": "booleans", "i": "whole numbers", "u": "whole numbers", "f": "real numbers"}
     return kinds.get(jnp.result_type(array).kind, "complex numbers")
 
 
-def _continuous(state: Any) -> list[str]:
+def _continuous_fields(state: Any) -> list[str]:
     """The fields of a state that are real numbers; modes have no rates."""
     return [
         name
@@ -326,7 +339,7 @@ def _continuous(state: Any) -> list[str]:
     ]
 
 
-def _alike(name: str, before: Any, after: Any) -> None:
+def _require_like(name: str, before: Any, after: Any) -> None:
     """Refuse a function whose result is not a state of the same structure and shapes."""
     if jax.tree.structure(before) != jax.tree.structure(after):
         raise _returns(name, type(after).__name__, type(before).__name__)
@@ -338,23 +351,26 @@ def _alike(name: str, before: Any, after: Any) -> None:
                 raise _Fault(f"{name} returns {returned}, but init returns it with {what} {was}.")
 
 
-def _scalar(name: str, value: Any) -> None:
-    _shaped(name, value, ())
+def _require_scalar(name: str, value: Any) -> None:
+    """Refuse a result that is not one number."""
+    _require_shape(name, value, ())
 
 
-def _shaped(name: str, value: Any, shape: tuple[int, ...]) -> None:
+def _require_shape(name: str, value: Any, shape: tuple[int, ...]) -> None:
+    """Refuse a result of another shape."""
     if getattr(value, "shape", None) != shape:
         required = f"{shape[0]} numbers, {shape}, as count= says" if shape else "one number, ()"
         raise _returns(name, getattr(value, "shape", type(value).__name__), required)
 
 
-def _named(name: str, returned: Any, kind: str, required: Iterable[str]) -> None:
+def _require_names(name: str, returned: Any, kind: str, required: Iterable[str]) -> None:
+    """Refuse a result that lacks the name of a quantity of a kind, or has a value that is not one number."""
     names = list(returned) if isinstance(returned, Mapping) else []
     for wanted_name in required:
         if wanted_name not in names:
             outputs = ", ".join(map(str, names)) or "no names"
             raise _Fault(f"{name} does not return {wanted_name}, one of its {kind}; it returns {outputs}.")
-        _scalar(f"{name}, {wanted_name},", returned[wanted_name])
+        _require_scalar(f"{name}, {wanted_name},", returned[wanted_name])
 
 
 def quantity_faults(model: Model) -> Iterator[str]:
@@ -375,7 +391,7 @@ def quantity_faults(model: Model) -> Iterator[str]:
                 must = "names must consist of letters, digits and underscores"
                 yield f"whose {where} have the name {name!r}: {must}."
         for quantity in quantities:
-            yield from _of_quantity(quantity, quantity.name in starts)
+            yield from _faults_of_quantity(quantity, is_start=quantity.name in starts)
     if all(quantity.scale == math.inf and not quantity.circular for quantity in model.observables):
         yield "whose observables all have an infinite scale, so that each row would settle at once."
     hidden = {quantity.name for quantity in settable} & {quantity.name for quantity in model.signals}
@@ -392,12 +408,13 @@ def quantity_faults(model: Model) -> Iterator[str]:
     for what, names in named.items():
         for name in names:
             if isinstance(name, str) and not can_be_set(name):
-                yield f"which has {what} named {name!r}, {_UNSET}"
+                yield f"which has {what} named {name!r}, {_NOT_TEX}"
 
 
-def _of_quantity(quantity: Quantity, start: bool) -> Iterator[str]:
+def _faults_of_quantity(quantity: Quantity, *, is_start: bool) -> Iterator[str]:
+    """Faults of one quantity, as ends of sentences."""
     texts = {"symbol": f"${quantity.symbol}$", "unit": quantity.unit, "meaning": quantity.meaning}
     for field, text in texts.items():
         if getattr(quantity, field) and not can_be_set(text):
-            yield f"whose {quantity.name} has the {field} {getattr(quantity, field)!r}, {_UNSET}"
-    yield from faults_of_quantity(quantity, start)
+            yield f"whose {quantity.name} has the {field} {getattr(quantity, field)!r}, {_NOT_TEX}"
+    yield from faults_of_quantity(quantity, is_start)

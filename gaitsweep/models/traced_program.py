@@ -25,8 +25,8 @@ from gaitsweep.own_modules import data_files
 # JAX keeps traces of jitted functions and of the bodies of loops, by this context too
 _TRACE = jax.make_user_context("")
 # functions that others call, so that the cause is there, and those that call most others
-_CALLED = ("params", "period", "flow", "control", "rates", "step", "observe", "jump")
-_CALLING = ("guards", "init")
+_CALLED_FUNCTIONS = ("params", "period", "flow", "control", "rates", "step", "observe", "jump")
+_CALLING_FUNCTIONS = ("guards", "init")
 # the arguments of each function: results of others, or `values`, `start`, `dt` and `flags`, in their order
 _OF_STATE = ("params", "init")
 _ARGUMENTS = {
@@ -91,7 +91,11 @@ def traced_program(model: Model) -> TracedProgram:
 
 def first_difference(one: Mapping[str, str], other: Mapping[str, str]) -> str | None:
     """The function in which two programs differ, one that others call before those; None if none does."""
-    names = (*_CALLED, *(name for name in (*one, *other) if name not in _CALLING), *_CALLING)
+    names = (
+        *_CALLED_FUNCTIONS,
+        *(name for name in (*one, *other) if name not in _CALLING_FUNCTIONS),
+        *_CALLING_FUNCTIONS,
+    )
     return next((name for name in names if one.get(name) != other.get(name)), None)
 
 
@@ -101,7 +105,7 @@ def _digests(model: Model) -> Iterator[tuple[str, str]]:
     number = jax.ShapeDtypeStruct((), float)
     values: Any = {quantity.name: number for quantity in model.parameters}
     if model.host_parameters:
-        defaults = {q.name: np.array([_some(q.default)]) for q in model.parameters}
+        defaults = {q.name: np.array([_number_or_one(q.default)]) for q in model.parameters}
         try:
             values = model.on_host(defaults)
         except Exception:  # defaults need not make a body
@@ -186,6 +190,7 @@ def _add_parameter(add: Callable[[bytes], None], value: Any) -> None:
 
 
 def _bytes(value: Any) -> bytes:
+    """The type, the shape and the bits of an array."""
     if isinstance(value, jax.Array) and jnp.issubdtype(value.dtype, jax.dtypes.prng_key):
         value = jax.random.key_data(value)
     array = np.asarray(value)
@@ -193,8 +198,10 @@ def _bytes(value: Any) -> bytes:
 
 
 def _digest_of_text(text: str) -> str:
+    """The first 16 digits of a text's SHA-256."""
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
-def _some(default: float | str | None) -> float:
+def _number_or_one(default: float | str | None) -> float:
+    """A default that is a number, or 1 in place of a formula or of none."""
     return default if isinstance(default, int | float) else 1.0

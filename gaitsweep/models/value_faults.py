@@ -21,11 +21,12 @@ from gaitsweep.engine.kernel.row_functions import over_rows
 from gaitsweep.expression import ExpressionError, resolve
 from gaitsweep.models.conformity import fault, quantity_faults, traced_fault
 
-# Points over the ranges of parameters and starts at which functions are evaluated; repeated jumps at one
-# instant after which a guard that fires each time is taken to fire without end.
-_SAMPLE, _JUMPS = 64, 16
-_WIDE = 100.0  # times the reach about a default: bounds that are further apart only clip it
-NAMED = 8  # values that a sentence about a point names
+# Points over the ranges of parameters and starts at which functions are evaluated.
+_SAMPLE_POINTS = 64
+# Repeated jumps at one instant after which a guard that fires each time is taken to fire without end.
+_REPEATED_JUMPS = 16
+_WIDE_BOUNDS = 100.0  # times the reach about a default: bounds that are further apart only clip it
+MAX_NAMED = 8  # values that a sentence about a point names
 
 Columns = Mapping[str, Float[np.ndarray, " rows"]]
 Where = Callable[[int], str]  # words that say at which of some points something is
@@ -42,7 +43,7 @@ def faults(kind: type[Model]) -> list[str]:
     """
     if (unread := _unread_structure(kind)) is not None:
         return [unread]
-    missing = [field.name for field in dataclasses.fields(kind) if _required(field)]  # pyright: ignore
+    missing = [field.name for field in dataclasses.fields(kind) if _has_no_default(field)]  # pyright: ignore
     if missing:
         return [f"which has no default for {', '.join(missing)}, which the test needs."]
     try:
@@ -53,7 +54,7 @@ def faults(kind: type[Model]) -> list[str]:
     if (first_fault := fault(model)) is not None:
         return list(dict.fromkeys([*wrong, traced_fault(model) or first_fault])) if wrong else [first_fault]
     try:
-        return list(_by_value(model))
+        return list(_value_faults(model))
     except ExpressionError as error:
         return [f"which has a default without a value: {error}"]
 
@@ -74,12 +75,13 @@ def _unread_structure(kind: type[Model]) -> str | None:
     return None
 
 
-def _required(field: dataclasses.Field) -> bool:
+def _has_no_default(field: dataclasses.Field) -> bool:
+    """Whether a field of a dataclass has to be given."""
     return field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
 
 
 @dataclasses.dataclass(frozen=True)
-class _Begun:
+class _AtStarts:
     """Values of a model's functions at starts; arrays (n, ...), those of states by their path.
 
     `rates` and `guards` are those of a model with a flow, `stepped` is the state of one without after 1e-6 s.
@@ -106,6 +108,7 @@ class _Begun:
 
 
 def _by_path(tree: Any) -> dict[str, Any]:
+    """The leaves of a tree by their path in it."""
     return {
         jax.tree_util.keystr(path).lstrip("."): leaf
         for path, leaf in jax.tree_util.tree_leaves_with_path(tree)
@@ -113,8 +116,8 @@ def _by_path(tree: Any) -> dict[str, Any]:
 
 
 @cached_by_content(maxsize=16)
-def _begun(model: Model) -> Callable[[Any, Any], _Begun]:
-    """`(values, starts) -> _Begun` of points."""
+def _at_starts_of(model: Model) -> Callable[[Any, Any], _AtStarts]:
+    """`(values, starts) -> _AtStarts` of points."""
 
     def of_one(values: Any, start: Any) -> dict[str, Any]:
         params = model.params(values)
@@ -130,7 +133,7 @@ def _begun(model: Model) -> Callable[[Any, Any], _Begun]:
             after = model.step(params, state, jnp.asarray(1e-6))
             stepped = _by_path(after)
             quiet = jnp.zeros(model.events(params, state, after).shape, bool)
-        begun = _Begun(
+        begun = _AtStarts(
             state=_by_path(state),
             observed=observed,
             signals=model.signal(params, state),
@@ -147,7 +150,7 @@ def _begun(model: Model) -> Callable[[Any, Any], _Begun]:
         return vars(begun)
 
     of_rows = over_rows(of_one, "start", model)
-    return lambda values, starts: _Begun(**of_rows(values, starts))
+    return lambda values, starts: _AtStarts(**of_rows(values, starts))
 
 
 @cached_by_content(maxsize=16)
@@ -161,21 +164,21 @@ def _states(model: Model) -> Callable[[Any, Any], tuple[Any, Any]]:
     return over_rows(of_one)
 
 
-def _by_value(model: Model) -> Iterator[str]:
+def _value_faults(model: Model) -> Iterator[str]:
     """Faults at the defaults, then faults over the ranges of parameters and starts."""
     # a simulator has thousands of operations, and each set of its parameters is a body
     costly = model.host_parameters or not isinstance(model, HybridModel)
-    values, starts = sample(model, _SAMPLE // 8 if costly else _SAMPLE)
+    values, starts = sample(model, _SAMPLE_POINTS // 8 if costly else _SAMPLE_POINTS)
     points = dict(model.on_host(values)), dict(starts)
-    begun = _begun(model)(*points)
+    begun = _at_starts_of(model)(*points)
     known = {**values, **starts}
-    default = _Begun(**jax.tree.map(lambda leaf: leaf[:1], vars(begun)))
+    default = _AtStarts(**jax.tree.map(lambda leaf: leaf[:1], vars(begun)))
     if bool(default.fallen[0]):
         yield "but its function failed returns True for its default start."
     if default.guards is not None:
-        yield from _not_finite("guards", default.guards, lambda row: written(known, row))
-    yield from _sound(model, default, lambda row: written(known, row))
-    yield from _in_order(model, begun, points, lambda row: written(known, row))
+        yield from _non_finite_faults("guards", default.guards, lambda row: written(known, row))
+    yield from _start_faults(model, default, lambda row: written(known, row))
+    yield from _range_faults(model, begun, points, lambda row: written(known, row))
 
 
 def faults_of_rows(model: Model, values: Columns, starts: Columns, where: Where) -> list[str]:
@@ -189,8 +192,8 @@ def faults_of_rows(model: Model, values: Columns, starts: Columns, where: Where)
         Ends of sentences, as in `fault`.
     """
     points = dict(model.on_host(values)), dict(starts)
-    at_starts = _begun(model)(*points)
-    sentences = [*_sound(model, at_starts, where), *_in_order(model, at_starts, points, where)]
+    at_starts = _at_starts_of(model)(*points)
+    sentences = [*_start_faults(model, at_starts, where), *_range_faults(model, at_starts, points, where)]
     if np.all(at_starts.fallen):
         sentences.append(f"but its function failed returns True{where(0)} and at all other starts tried.")
     has_guards = True if at_starts.guards is None else ~np.any(np.isnan(at_starts.guards), axis=1)
@@ -203,7 +206,7 @@ def faults_of_rows(model: Model, values: Columns, starts: Columns, where: Where)
     return sentences
 
 
-def _sound(model: Model, at_starts: _Begun, where: Where) -> Iterator[str]:
+def _start_faults(model: Model, at_starts: _AtStarts, where: Where) -> Iterator[str]:
     """Faults of starts: numbers that are not finite, and changes although no event has fired."""
     without_value = {quantity.name for quantity in model.observables if quantity.may_be_nan}
     numbers = {
@@ -214,7 +217,7 @@ def _sound(model: Model, at_starts: _Begun, where: Where) -> Iterator[str]:
         "step": at_starts.stepped,
     }
     for name, values in numbers.items():
-        yield from _not_finite(name, values, where)
+        yield from _non_finite_faults(name, values, where)
     for field, old in at_starts.state.items():
         new = at_starts.still[field]
         row = _first_row((np.asarray(old) != new) & ~(np.isnan(old) & np.isnan(new)))
@@ -225,7 +228,7 @@ def _sound(model: Model, at_starts: _Begun, where: Where) -> Iterator[str]:
         yield f"but its function section closes a cycle although no event has fired{where(row)}."
 
 
-def _in_order(model: Model, at_starts: _Begun, points: tuple[Any, Any], where: Where) -> Iterator[str]:
+def _range_faults(model: Model, at_starts: _AtStarts, points: tuple[Any, Any], where: Where) -> Iterator[str]:
     """Faults of periods, labels and events at any start."""
     period, gait = at_starts.period, at_starts.gait
     if (row := _first_row(~((period > 0.0) & (period < math.inf)))) is not None:
@@ -243,30 +246,34 @@ def _in_order(model: Model, at_starts: _Begun, points: tuple[Any, Any], where: W
     leaves = [np.reshape(leaf, (len(guards), -1)) for leaf in jax.tree.leaves(at_starts.own_state)]
     sound = np.all(np.concatenate([np.isfinite(np.asarray(leaf, float)) for leaf in leaves], axis=1), axis=1)
     if (row := _first_row(sound & np.any(np.isnan(guards), axis=1))) is not None:
-        name = _guard(model, int(np.argmax(np.isnan(guards[row]))))
+        name = _guard_name(model, int(np.argmax(np.isnan(guards[row]))))
         yield f"but its function guards returns NaN for {name}{where(row)}, so this event never occurs."
     if model.simultaneous == "independent":
-        dependent = _dependent(model, *_states(model)(*points))
+        dependent = _dependent_guards(model, *_states(model)(*points))
         for i, j in np.argwhere(np.any(dependent, axis=0)).tolist():
             at = where(int(np.argmax(dependent[:, i, j])))
-            events = f"the events {_guard(model, i)} and {_guard(model, j)}"
+            events = f"the events {_guard_name(model, i)} and {_guard_name(model, j)}"
             differ = f"{events} lead to different states in two jumps and in one{at}"
             yield f'whose simultaneous is "independent", but {differ}: remove it.'
     # an armed event cannot fire twice without leaving its surface
     armed = isinstance(model, Declared) and all(event.rising for event in model.declared_events())
     if armed or not np.any(guards >= 0.0):
         return
-    fires = _without_end(model, *_states(model)(*points))
+    fires = _endless_guards(model, *_states(model)(*points))
     for guard in np.flatnonzero(np.any(fires, axis=0)).tolist():
         at = where(int(np.argmax(fires[:, guard])))
-        yield f"whose event {_guard(model, guard)} is not ended by its jump and so occurs without end{at}."
+        event = _guard_name(model, guard)
+        yield f"whose event {event} is not ended by its jump and so occurs without end{at}."
 
 
-def _guard(model: HybridModel, guard: int) -> str:
+def _guard_name(model: HybridModel, guard: int) -> str:
+    """The name of a guard in quotes, or its number from 1."""
     return repr(model.guard_names[guard]) if model.guard_names else f"guard {guard + 1}"
 
 
-def _dependent(model: HybridModel, params: Any, state: Any) -> Bool[np.ndarray, "starts guards guards"]:
+def _dependent_guards(
+    model: HybridModel, params: Any, state: Any
+) -> Bool[np.ndarray, "starts guards guards"]:
     """Whether two guards, the first before the second, need their turns (starts, guards, guards)."""
     count = model.guards(*jax.tree.map(lambda leaf: leaf[0], (params, state))).size
     one = jnp.eye(count, dtype=bool)
@@ -286,8 +293,8 @@ def _dependent(model: HybridModel, params: Any, state: Any) -> Bool[np.ndarray, 
     return np.asarray(dependent).reshape(-1, count, count)
 
 
-def _without_end(model: HybridModel, params: Any, state: Any) -> Bool[np.ndarray, "starts guards"]:
-    """Whether each guard fires at each of `_JUMPS` jumps that follow each other at once (starts, guards)."""
+def _endless_guards(model: HybridModel, params: Any, state: Any) -> Bool[np.ndarray, "starts guards"]:
+    """Whether each guard fires at each of `_REPEATED_JUMPS` jumps that follow each other at once."""
 
     def of_one(params: Any, state: Any) -> Bool[Array, " guards"]:
         def jump(_: int, carry: Any) -> Any:
@@ -296,7 +303,7 @@ def _without_end(model: HybridModel, params: Any, state: Any) -> Bool[np.ndarray
             return model.jump(params, state, fired), fires & fired
 
         always = jnp.ones(model.guards(params, state).shape, bool)
-        return jax.lax.fori_loop(0, _JUMPS, jump, (state, always))[1]
+        return jax.lax.fori_loop(0, _REPEATED_JUMPS, jump, (state, always))[1]
 
     return np.asarray(jax.jit(jax.vmap(of_one))(params, state))
 
@@ -317,26 +324,33 @@ def sample(model: Model, n: int) -> tuple[Columns, Columns]:
         if isinstance(size := getattr(model, field.name), int | float)
     }
 
-    def drawn(quantities: Sequence[Quantity], numbers_before: Mapping[str, Any], start: bool) -> Columns:
+    def drawn(quantities: Sequence[Quantity], numbers_before: Mapping[str, Any], *, starts: bool) -> Columns:
         formulas = {q.name: q.default for q in quantities if isinstance(q.default, str)}
-        numbers = {q.name: _spread(random, n, q, start) for q in quantities if q.name not in formulas}
+        numbers = {
+            q.name: _values_in_range(random, n, q, is_start=starts)
+            for q in quantities
+            if q.name not in formulas
+        }
         resolved = resolve(formulas, {**numbers_before, **numbers})
         return {q.name: np.broadcast_to(np.asarray(resolved[q.name], float), (n,)) for q in quantities}
 
-    parameters = drawn(model.parameters, sizes, False)
-    return parameters, drawn(model.initial_conditions, {**sizes, **parameters}, True)
+    parameters = drawn(model.parameters, sizes, starts=False)
+    return parameters, drawn(model.initial_conditions, {**sizes, **parameters}, starts=True)
 
 
-def _spread(
-    random: np.random.Generator, n: int, quantity: Quantity, start: bool
+def _values_in_range(
+    random: np.random.Generator, n: int, quantity: Quantity, *, is_start: bool
 ) -> Float[np.ndarray, " rows"]:
     """The default of a quantity, then n - 1 random values in its range."""
-    default = _middle(quantity)
+    default = _typical_value(quantity)
     if math.isnan(default) or quantity.whole:  # a start that the model itself decides, or a mode
         return np.full(n, default)
     reach = 3.0 * (abs(default) or 1.0)
-    low, high = (default - reach, default + reach) if start else sorted((0.5 * default, 2.0 * default))
-    if quantity.high - quantity.low < _WIDE * reach:
+    if is_start:
+        low, high = default - reach, default + reach
+    else:
+        low, high = sorted((0.5 * default, 2.0 * default))
+    if quantity.high - quantity.low < _WIDE_BOUNDS * reach:
         low, high = quantity.low, quantity.high
     within = random.uniform(max(low, quantity.low), min(high, quantity.high), n - 1)
     return np.append(default, within)
@@ -347,16 +361,19 @@ def written(values: Columns, row: int) -> str:
     differ = [f"{name} = {column[row]:.6g}" for name, column in values.items() if column[row] != column[0]]
     if not differ:
         return " at the model's defaults"
-    return " at " + ", ".join(differ[:NAMED]) + (", ..." if len(differ) > NAMED else "")
+    return " at " + ", ".join(differ[:MAX_NAMED]) + (", ..." if len(differ) > MAX_NAMED else "")
 
 
-def _middle(quantity: Quantity) -> float:
+def _typical_value(quantity: Quantity) -> float:
     """The default of a quantity that is a number; near 1 in its bounds where it has none."""
     assert not isinstance(quantity.default, str)
-    return float(np.clip(1.0, quantity.low, quantity.high) if quantity.default is None else quantity.default)
+    if quantity.default is not None:
+        return float(quantity.default)
+    return float(np.clip(1.0, quantity.low, quantity.high))
 
 
-def _not_finite(name: str, tree: Any, where: Where) -> Iterator[str]:
+def _non_finite_faults(name: str, tree: Any, where: Where) -> Iterator[str]:
+    """Faults of results (n, ...) of a function that are not finite."""
     for path, leaf in jax.tree.leaves_with_path(tree):
         numbers = np.asarray(leaf, float)
         if (row := _first_row(~np.isfinite(numbers))) is not None:

@@ -217,6 +217,7 @@ def outcome(table: pd.DataFrame, hue: str) -> pd.Series:
 def _quantity(table: pd.DataFrame, name: str) -> dict:
     """The entry of a column in `table.attrs["quantities"]`: its unit, symbol and whether it is circular."""
     quantities = table.attrs.get("quantities", {})
+    name = re.sub(r"_end_\d+\Z", "_end", name)  # at a further crossing of an orbit
     return dict(quantities.get(name) or quantities.get(base_name(name)) or quantities.get(bare(name)) or {})
 
 

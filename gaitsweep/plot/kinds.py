@@ -22,6 +22,6 @@ from gaitsweep.plot.bifurcations.return_map import return_map as return_map
 from gaitsweep.plot.bifurcations.stable_ranges import stable_ranges as stable_ranges
 from gaitsweep.plot.footprint_diagrams import footprints as footprints
 from gaitsweep.plot.phase_shifts import phase_response as phase_response
-from gaitsweep.plot.survival import survival as survival
+from gaitsweep.plot.survival_shares import survival as survival
 
 import_all("figures")

@@ -18,6 +18,7 @@ from gaitsweep.engine.sweep.sweep import Timings
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.job import Job
 from gaitsweep.job.checks import remarks_on_rows
+from gaitsweep.kinds.run_kind import RunKind
 from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.runs.concurrent_self_check import ConcurrentSelfCheck
 from gaitsweep.runs.executor import Executor, MissingBlocks, ThisProcess, compute_blocks
@@ -30,6 +31,7 @@ from gaitsweep.runs.sentences import advice, self_check_sentence
 from gaitsweep.runs.summary import describe, sum_up, summed_up, tallied_column
 from gaitsweep.table import MemoryTable, ResultDirectory, Table, TableError, load
 from gaitsweep.table.files import temporary_folder
+from gaitsweep.table.parts import part_bytes
 
 if TYPE_CHECKING:
     from gaitsweep.runs.cluster.dispatch import Cluster
@@ -74,6 +76,7 @@ def run_job(
     resolved = job.resolved(engine=context.engine)
     with naming_the_file(), ResultDirectory.open(path, resolved, context.layout) as directory:
         checked = _run(context, directory, on_progress, on_message, cluster)
+        _write_tables(context, directory)
         if figures and resolved["figures"]:
             from gaitsweep.runs.figures import draw_of_complete  # which imports Matplotlib
 
@@ -112,6 +115,19 @@ def _run(
             describe(context, table)
             sum_up(context, table, table.manifest.get("timings", {}))
         return check.result(on_progress)
+
+
+def _write_tables(context: RunContext, directory: ResultDirectory) -> None:
+    """Write the parts of a complete table that its run kind keeps in files of their own, if they lack."""
+    kind = context.job.run
+    if type(kind).tables is RunKind.tables or directory.missing_blocks():
+        return
+    table = directory.load()
+    for name, part in kind.tables(table).items():
+        file = f"{name}.parquet"
+        if directory.read_beside(file) is None:
+            data, _ = part_bytes(part, 0, context.job_hash, {}, context.quantities)
+            directory.write_beside(file, data)
 
 
 def _judge(

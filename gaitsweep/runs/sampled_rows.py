@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Int
 
 from gaitsweep.design import Design
+from gaitsweep.engine.solver import fixed_step_scheme
 from gaitsweep.runs.prepare import RunContext, nominal_period
 
 # The sample's steps, as a share of the run's own: irrational, so that no step ends where one of these does.
@@ -16,6 +17,12 @@ FINER = 1.0 / math.sqrt(7.0)
 MOST_WORK, LEAST_ROWS = 0.1, 4
 # Crossings over which rows are compared that do not come to rest, and those of kinds that do not ask for it.
 CROSSINGS = 10
+
+
+def finer_share(context: RunContext) -> float:
+    """Return the steps of the sample as a share of the run's own: half of those along a path of noise."""
+    steps = fixed_step_scheme(context.spec.numerics.method, context.model)
+    return 0.5 if steps is not None and steps.stochastic else FINER
 
 
 def rows_to_repeat(context: RunContext) -> int:

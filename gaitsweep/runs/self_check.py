@@ -38,7 +38,7 @@ from gaitsweep.kinds.run_kind import RunKind, StartingPoints
 from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.runs.observable_changes import changes, counted, sizes
 from gaitsweep.runs.prepare import RunContext, nominal_period
-from gaitsweep.runs.sampled_rows import CROSSINGS, FINER, LEAST_ROWS, sample_rows
+from gaitsweep.runs.sampled_rows import CROSSINGS, LEAST_ROWS, finer_share, sample_rows
 from gaitsweep.runs.self_check_result import SelfCheck
 from gaitsweep.runs.unstable_rests import unstable_rests
 from gaitsweep.table.self_check_fields import TOLERANCES
@@ -89,11 +89,12 @@ def self_check(
         return None, None
     rows, compared = sample_rows(context.design, count), context.job.run.compared
     check = SelfCheck(rows=rows.size, of=context.design.n_rows)
-    check.finer = f"{FINER:.2g} of the step"
+    finer = finer_share(context)
+    check.finer = f"{finer:.2g} of the step"
     if context.spec.numerics.adaptive:
-        check.finer = f"tolerances {1.0 / tolerance_scale(FINER):.0f} times finer"
+        check.finer = f"tolerances {1.0 / tolerance_scale(finer):.0f} times finer"
     comparison, rerun = _Comparison(context, on_progress), None
-    points = context.job.run.starting_points(context.design, context.spec, rows, 1.0, FINER)
+    points = context.job.run.starting_points(context.design, context.spec, rows, 1.0, finer)
     if points:
         return check, comparison.compare_starting_points(rows, points[0], points[1], check)
     if compared in ("settled", "ends"):
@@ -212,7 +213,7 @@ class _Comparison:
     def compare_ends(self, rows: Rows, check: SelfCheck) -> tuple[RerunRows, RowMask]:
         """Compare the ends of rows (n,); return the rerun, and a mask of those that settled in both runs."""
         spec, model = self.context.spec, self.context.model
-        once, finer = self.repeated(spec.recorder, [(rows, 1.0, 0.0), (rows, FINER, 0.0)])
+        once, finer = self.repeated(spec.recorder, [(rows, 1.0, 0.0), (rows, finer_share(self.context), 0.0)])
         at_times = self.context.job.run.compared == "ends"
         ends, finer_ends = (end_values_of(spec.recorder, outcome) for outcome in (once, finer))
         sound = Status.SOUND.among(once.status)
@@ -264,7 +265,7 @@ class _Comparison:
         model, recorder = self.context.model, self.beginning
         if not isinstance(recorder, CrossingRecorder):
             recorder = CrossingRecorder(model, crossings=CROSSINGS)
-        lanes = [(rows, 1.0, 0.0), (rows, FINER, 0.0), (rows, 1.0, MOVED)]
+        lanes = [(rows, 1.0, 0.0), (rows, finer_share(self.context), 0.0), (rows, 1.0, MOVED)]
         once, finer, moved = repeated = self.repeated(recorder, lanes)
         samples = [_crossings(outcome, rows.size, recorder.after_cycles) for outcome in repeated]
         if not np.any(np.isfinite(samples[0][:, 1:])) and math.isfinite(end := self.comparable_time):

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from gaitsweep.contract import Quantity
-from gaitsweep.errors import UserError
+from gaitsweep.errors import EXIT_STRICT, UserError
 from gaitsweep.runs.sentences import HALF_THE_STEP
 from gaitsweep.table.self_check_fields import DIFFERENCES
 
@@ -17,7 +17,7 @@ from gaitsweep.table.self_check_fields import DIFFERENCES
 class SelfCheckError(UserError):
     """A self-check found a difference, and the run is strict."""
 
-    exit_code = 3
+    exit_code = EXIT_STRICT
 
 
 @dataclasses.dataclass

@@ -1,1 +1,6 @@
-"""Conversion of text to checked values: documents, numbers, strict models, and diagnostics."""
+"""Conversion of text to checked values: documents, numbers, strict models, and diagnostics.
+
+`yaml_document` reads a file with the line of each field, `numbers` has the validators of scalars,
+`strict_model` classes with fields and their registries, `diagnostics` the error messages, `former_names`
+renamed fields.
+"""

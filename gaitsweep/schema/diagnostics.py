@@ -70,14 +70,13 @@ def printable(text: str) -> str:
     """A text on one line: line ends become spaces, and control characters are escaped."""
     if text.isprintable():
         return text
-    return "".join(
-        " "
-        if character in "\n\t"
-        else character
-        if character.isprintable()
-        else character.encode("unicode_escape").decode()
-        for character in text
-    )
+    return "".join(map(_printable_character, text))
+
+
+def _printable_character(character: str) -> str:
+    if character in "\n\t":
+        return " "
+    return character if character.isprintable() else character.encode("unicode_escape").decode()
 
 
 def clipped(text: str) -> str:
@@ -96,7 +95,10 @@ def dotted(path: Path) -> str:
     """A path in dotted notation: vary.psi_1.linspace[0]."""
     text = ""
     for part in path:
-        text += f"[{part}]" if isinstance(part, int) else f".{part}" if text else part
+        if isinstance(part, int):
+            text += f"[{part}]"
+        else:
+            text += f".{part}" if text else part
     return text
 
 
@@ -106,6 +108,7 @@ def quoted(value: object) -> str:
 
 
 def _written(value: object, depth: int) -> str:
+    """A value as it was written; `depth` is the number of lists around it."""
     if value is None:
         return "empty"
     if isinstance(value, bool):
@@ -125,7 +128,7 @@ def _written(value: object, depth: int) -> str:
 
 
 def _some(texts: Iterator[str]) -> Iterator[str]:
-    """The first texts, one more than are shown."""
+    """The first texts, as far as a quoted value reaches."""
     length = 0
     for text in texts:
         yield text
@@ -135,7 +138,11 @@ def _some(texts: Iterator[str]) -> Iterator[str]:
 
 
 def refuse(wrong: Sequence[Diagnostic]) -> None:
-    """Raise JobError if there are diagnostics."""
+    """Refuse a job that has errors.
+
+    Raises:
+        JobError: there are diagnostics.
+    """
     if wrong:
         raise JobError(wrong)
 
@@ -221,6 +228,7 @@ def read_model(
 def _from_details(
     details: ErrorDetails, sections: dict[str, SchemaSection], top: str, prefix: Path
 ) -> Diagnostic:
+    """The diagnostic of one error of pydantic; arguments as of `from_pydantic`."""
     loc = tuple(details["loc"])
     path: Path = (*prefix, *_without_tags(loc, sections))
     error = details["type"]

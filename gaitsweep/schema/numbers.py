@@ -40,7 +40,7 @@ MAX_POINTS = 10**7  # of an axis
 _LONGEST_TEXT = 1000  # characters
 _STEM = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,99}")
 # Texts that look like numbers to some readers, each with the end of the message that refuses it.
-_TRAPS: tuple[tuple[re.Pattern[str], str], ...] = (
+_AMBIGUOUS: tuple[tuple[re.Pattern[str], str], ...] = (
     (re.compile(r"^\s*\d+:\d"), "which some YAML readers read in base 60; write a plain number"),
     (re.compile(r"^\s*\d{4}-\d{1,2}-\d{1,2}([Tt ].*)?\Z"), "which is a date, not a number"),
     (
@@ -77,8 +77,8 @@ def read_number(value: Any) -> float | str:
         if not effort.spend("expressions"):  # the reading ends with one error, not one for each number
             text = f"has more than {effort.LIMITS['expressions']} numbers written as text or expressions."
             raise JobError([Diagnostic((), text)])
-        for trap, sentence in _TRAPS:
-            if len(value) < 100 and trap.match(value):
+        for pattern, sentence in _AMBIGUOUS:
+            if len(value) < 100 and pattern.match(value):
                 raise InvalidValue(f"is {quoted(value)}, {sentence}.")
         try:
             return "".join(value.split()) if names_in(value) else evaluate(value, {})
@@ -118,8 +118,13 @@ def read_fixed(value: Any) -> float | None:
         raise InvalidValue(f"is not a number: {error}") from None
 
 
-def bound(low: float, high: float, open_ends: bool) -> str:
-    """Bounds in words: "above 0", "from 0 to 1", "between 0 and 1, ends excluded"."""
+def bound(low: float, high: float, *, open_ends: bool) -> str:
+    """Bounds in words: "above 0", "from 0 to 1", "between 0 and 1, ends excluded".
+
+    Args:
+        low, high: the bounds; one of them may be infinite.
+        open_ends: whether the bounds themselves are excluded.
+    """
     if math.isinf(high):
         return f"{'above' if open_ends else 'at least'} {low:g}"
     if math.isinf(low):
@@ -127,8 +132,14 @@ def bound(low: float, high: float, open_ends: bool) -> str:
     return f"between {low:g} and {high:g}, ends excluded" if open_ends else f"from {low:g} to {high:g}"
 
 
-def read_real(value: Any, low: float = -math.inf, high: float = math.inf, open_ends: bool = False) -> float:
+def read_real(
+    value: Any, low: float = -math.inf, high: float = math.inf, *, open_ends: bool = False
+) -> float:
     """A float within its bounds, NaN while the names in its expression are not known.
+
+    Args:
+        value: a number or an expression.
+        low, high, open_ends: as for `bound`.
 
     Raises:
         InvalidValue: as `read_fixed`; or it is out of bounds.
@@ -137,12 +148,16 @@ def read_real(value: Any, low: float = -math.inf, high: float = math.inf, open_e
     if number is None:
         return math.nan
     if not (low < number < high if open_ends else low <= number <= high):
-        raise InvalidValue(f"is {number:g}, but must be {bound(low, high, open_ends)}.")
+        raise InvalidValue(f"is {number:g}, but must be {bound(low, high, open_ends=open_ends)}.")
     return number
 
 
 def read_whole(value: Any, low: int, high: int) -> int:
-    """An int from `low` to `high`, `low` while the names in its expression are not known.
+    """An int within its bounds, the lowest while the names in its expression are not known.
+
+    Args:
+        value: a number or an expression.
+        low, high: the bounds, which are allowed.
 
     Raises:
         InvalidValue: as `read_fixed`; or it is no whole number, or out of bounds.
@@ -223,7 +238,12 @@ def read_flag(value: Any) -> bool:
 
 
 def read_word(value: Any, allowed: tuple[str, ...], former: Mapping[str, str] | None = None) -> str:
-    """One of the allowed words; `former` has the new names of older words.
+    """One of the allowed words.
+
+    Args:
+        value: the value.
+        allowed: the words.
+        former: new names by older words, which are refused with the new name.
 
     Raises:
         InvalidValue: it is none, with the near miss, or with the new name of an older word.

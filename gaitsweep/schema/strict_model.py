@@ -26,14 +26,16 @@ class _OwnMembers(type(BaseModel)):
     @property
     def __signature__(cls) -> inspect.Signature:
         """The fields and their defaults, without types."""
-        parameters = [
-            inspect.Parameter(field.alias or name, inspect.Parameter.KEYWORD_ONLY, default=_default(field))
-            for name, field in cast(type[BaseModel], cls).model_fields.items()
-            if field.init is not False
-        ]
-        return inspect.Signature(
-            sorted(parameters, key=lambda parameter: parameter.default is not parameter.empty)
-        )
+        required = []
+        optional = []
+        for name, field in cast(type[BaseModel], cls).model_fields.items():
+            if field.init is not False:
+                own_name = field.alias or name
+                parameter = inspect.Parameter(
+                    own_name, inspect.Parameter.KEYWORD_ONLY, default=_default(field)
+                )
+                (required if field.is_required() else optional).append(parameter)
+        return inspect.Signature([*required, *optional])
 
     @__signature__.setter
     def __signature__(cls, signature: object) -> None:
@@ -61,19 +63,17 @@ class StrictModel(_Base):
 
     # validators are built for the first value: a job has one run kind and few kinds of figures
     model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
-    __about: ClassVar[str]  # the docstring in the class
+    __about: ClassVar[str]  # the docstring as the class has it, without the list of fields
 
     @classmethod
     def __pydantic_init_subclass__(cls, **options: Any) -> None:
         super().__pydantic_init_subclass__(**options)
         cls.__about = inspect.cleandoc(cls.__doc__ or "")
-        described = [
-            textwrap.fill(
-                f"{name}: {field.description}", 106, initial_indent=" " * 4, subsequent_indent=" " * 8
-            )
-            for name, field in cls.model_fields.items()
-            if field.description and field.init is not False
-        ]
+        described = []
+        for name, field in cls.model_fields.items():
+            if field.description and field.init is not False:
+                text = f"{name}: {field.description}"
+                described.append(textwrap.fill(text, 106, initial_indent=" " * 4, subsequent_indent=" " * 8))
         if described:
             cls.__doc__ = "\n".join([cls.__about, "", "Fields:", *described])
 

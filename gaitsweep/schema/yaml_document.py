@@ -181,11 +181,13 @@ def _refused(file: str, line: int | None, text: str, path: diagnostics.Path = ()
 
 
 def _read_text(path: Path, name: str) -> str:
+    """The text of a file; raises JobError where it cannot be read or is no text."""
     try:
         kind = _kind(os.stat(path).st_mode)
         if kind == "a directory":
             jobs = ", ".join(sorted(_yaml_files(path))[:8])
-            raise _refused(name, None, f"is a directory, not a file.{f' It holds {jobs}.' if jobs else ''}")
+            content = f" It holds {jobs}." if jobs else ""
+            raise _refused(name, None, f"is a directory, not a file.{content}")
         if kind:
             raise _refused(name, None, f"is {kind}; a job must be a regular file.")
         raw = _read_regular(path, name)
@@ -287,7 +289,11 @@ def _sentence(text: str, problem: str, line: int | None) -> str:
 
 
 class _Reading:
-    """Converter of YAML nodes to plain values, which records the line of each."""
+    """Converter of YAML nodes to plain values, which records the line of each.
+
+    Args:
+        file: the name of the file, for messages.
+    """
 
     def __init__(self, file: str) -> None:
         self.file = file
@@ -299,6 +305,11 @@ class _Reading:
         return _refused(self.file, line, text, path)
 
     def value(self, node: yaml.Node, path: diagnostics.Path) -> Any:
+        """The plain value of a node at a path.
+
+        Raises:
+            JobError: the node is nested too deep, contains itself, or has an unsupported tag or key.
+        """
         line = node.start_mark.line + 1
         if len(path) > _DEEPEST:
             raise self._refused(line, _TOO_DEEP, ())
@@ -342,9 +353,9 @@ class _Reading:
 
     def _key(self, node: yaml.Node, line: int, path: diagnostics.Path) -> str:
         if not isinstance(node, yaml.ScalarNode) or node.tag != f"{_CORE}str":
-            shown = (
-                diagnostics.clipped(node.value) if isinstance(node, yaml.ScalarNode) else "a list or mapping"
-            )
+            shown = "a list or mapping"
+            if isinstance(node, yaml.ScalarNode):
+                shown = diagnostics.clipped(node.value)
             raise self._refused(line, f"has the key {shown or '(empty)'}, but a key must be text.", path)
         if (wrong := control_character(node.value)) is not None:
             raise self._refused(line, f"has a key that contains {wrong}, which is not allowed.", path)

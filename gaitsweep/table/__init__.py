@@ -4,6 +4,10 @@ A directory contains `job.yaml` (resolved), `manifest.json`, `table/part-00000.p
 for each block of rows), `SHA256SUMS` (the digest of each part), `figures/` and optionally `report.html`. A
 part that exists is complete; during a run, ended rows of other blocks are in `table/open-00001.parquet` and
 so on.
+
+`directory` writes one, `part_writer` parts of one beside other processes, `memory` a table without files;
+`reading` reads them. `manifest`, `parts`, `digests`, `locks` and `files` are their files, `examination`
+verifies these, `frames` joins parts.
 """
 
 from __future__ import annotations

@@ -132,7 +132,8 @@ class ResultDirectory:
             raise
         return directory
 
-    def _prepare(self, job: Mapping[str, Any], new: bool) -> None:
+    def _prepare(self, job: Mapping[str, Any], *, new: bool) -> None:
+        """Write the manifest, the job and the folders of a directory, as far as they are missing or old."""
         for folder in (self.path, self.path / TABLE, self.path / FIGURES):
             remove_partials(folder)
         plain = json_value(dict(job))
@@ -154,10 +155,9 @@ class ResultDirectory:
             self._keep_latest_digests()
 
     def _examine(self) -> None:
-        """Verify the files and remove damaged ones."""
+        """Verify the files, remove damaged ones, and restore the ended rows of open blocks."""
         examined = Examination(self.path, self.layout)
-        for _ in examined.parts():
-            pass
+        collections.deque(examined.parts(), maxlen=0)  # the iteration examines them
         if examined.strangers:
             raise TableError(examined.strangers[0].sentence)
         for fault in examined.faults.values():
@@ -168,8 +168,16 @@ class ResultDirectory:
                 )
             self._clear(fault)
         self._footers = examined.footers
-        stored: dict[int, list[RowOutcome]] = {}
         self._last_open = examined.last_open
+        self._restore(examined)
+        for fault in examined.open_faults:
+            self._clear(fault)
+        if examined.undigested:
+            self._record_digests(examined)
+
+    def _restore(self, examined: Examination) -> None:
+        """Read the ended rows of open blocks, and remove files whose blocks all have parts."""
+        stored: dict[int, list[RowOutcome]] = {}
         for file, rows in examined.open_rows():
             blocks = rows.row // self.layout.block
             missing = [int(number) for number in np.unique(blocks) if int(number) not in self._footers]
@@ -179,10 +187,6 @@ class ResultDirectory:
                 self._open_files[file] = set(missing)
             else:  # the earlier run was killed after it had written their parts
                 file.unlink(missing_ok=True)
-        for fault in examined.open_faults:
-            self._clear(fault)
-        if examined.undigested:
-            self._record_digests(examined)
         for number, parts in stored.items():
             newest = max((part.numbers.keys() for part in parts), key=len)  # another version may lack some
             rows = RowOutcome.concat([part for part in parts if part.numbers.keys() == newest])
@@ -191,8 +195,10 @@ class ResultDirectory:
 
     def _record_digests(self, examined: Examination) -> None:
         """Record the digests of valid files that have none."""
-        n = len(examined.undigested)
-        text = f"{n} file{'s' * (n != 1)} of {self.path / TABLE} {'have' if n != 1 else 'has'} no digests"
+        count = len(examined.undigested)
+        folder = self.path / TABLE
+        files = f"1 file of {folder} has" if count == 1 else f"{count} files of {folder} have"
+        text = f"{files} no digests"
         if self.manifest["format"] == 1:
             self.notes.append(f"{text}, as in older versions: some damage to them cannot be detected.")
             return
@@ -327,7 +333,14 @@ class ResultDirectory:
         self.write_encoded(number, (data, footer))
 
     def take_parts(self, numbers: Sequence[int]) -> list[int]:
-        """Read parts that other processes have written; returns the missing and invalid ones."""
+        """Read parts that other processes have written.
+
+        Args:
+            numbers: the blocks.
+
+        Returns:
+            The blocks whose part is missing or invalid.
+        """
         footers = examined_parts(self.path, self.layout, numbers)
         for number, footer in footers.items():
             self._has_part(number, footer)
@@ -430,6 +443,7 @@ class ResultDirectory:
             remove_partials(self.path / TABLE)
 
     def _write_manifest(self) -> None:
+        """Write `manifest.json`, sealed from format 2 on."""
         plain = json_value(self.manifest)
         if plain["format"] > 1:
             plain = sealed(plain)

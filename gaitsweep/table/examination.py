@@ -84,7 +84,7 @@ class Examination:
         self.last_open = max(self._open_numbers, default=0)
 
     def parts(
-        self, records: bool = False, columns: Sequence[str] | None = None
+        self, *, records: bool = False, columns: Sequence[str] | None = None
     ) -> Iterator[tuple[int, pa.Table | None]]:
         """Iterate over the valid parts in order, with their records if `records`.
 

@@ -41,7 +41,8 @@ class PartRecords:
     """
 
     def __init__(self, n_rows: int) -> None:
-        self._n_rows, self._room = n_rows, 0
+        self._n_rows = n_rows
+        self._room = 0
         self._whole: dict[str, np.ndarray] = {}
         self.parts: list[_Part] = []
         self.length = 0

@@ -145,9 +145,8 @@ class BlockLocks:
 
     def unfinished_starts(self, number: int) -> UnfinishedStarts:
         """Return the starts of a block that have no end yet."""
-        starts, _, process = os.pread(self._descriptor, _RECORD, number * _RECORD).decode(
-            errors="replace"
-        ).rstrip("\0 \n").partition(" ")  # fmt: skip
+        record = os.pread(self._descriptor, _RECORD, number * _RECORD).decode(errors="replace")
+        starts, _, process = record.rstrip("\0 \n").partition(" ")
         return UnfinishedStarts(int(starts), process) if starts.isdigit() else UnfinishedStarts(0, "")
 
     def begin(self, number: int) -> None:

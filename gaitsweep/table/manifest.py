@@ -252,6 +252,10 @@ def new_manifest(layout: Layout, job: Mapping[str, Any]) -> dict[str, Any]:
 def claim(path: Path, layout: Layout) -> dict[str, Any] | None:
     """Check whether a job may use a directory, without writing to it.
 
+    Args:
+        path: the directory.
+        layout: that of the job's table.
+
     Returns:
         The manifest of the job's directory, or None for a new or empty directory.
 

@@ -32,7 +32,8 @@ class PartWriter:
     """
 
     def __init__(self, path: Path, layout: Layout) -> None:
-        self.path, self.layout = path, layout
+        self.path = path
+        self.layout = layout
 
     def has(self, number: int) -> bool:
         """Whether the part of a block exists and is valid."""

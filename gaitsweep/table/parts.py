@@ -104,7 +104,8 @@ def checked_records(
 ) -> tuple[pa.Table, Footer]:
     """Convert a block's records to Arrow, with the footer of their part.
 
-    Arguments and errors are those of `checked_part`.
+    Args:
+        frame, number, layout, quantities: as for `checked_part`, whose errors it raises.
     """
     if number not in layout.blocks:
         raise ValueError(f"Block {number} does not exist: the blocks are 0 to {layout.blocks[-1]}.")
@@ -267,6 +268,7 @@ def open_bytes(rows: RowOutcome, job_hash: str) -> bytes:
 
 
 def _lists(values: np.ndarray, ends: np.ndarray) -> pa.Array:
+    """Numbers as lists, whose places in the flat array are between successive `ends`."""
     flat = pa.array(np.ascontiguousarray(values).ravel())
     return pa.LargeListArray.from_arrays(pa.array(ends.astype(np.int64)), flat)
 
@@ -296,7 +298,9 @@ def read_open(data: bytes, job_hash: str, n_rows: int) -> RowOutcome:
                 arrays[name] = flat.reshape(count, width)
             else:
                 arrays[name] = column.to_numpy(zero_copy_only=False)
-        row, kept, samples = (arrays.pop(name) for name in ("row", "kept", "samples"))
+        row = arrays.pop("row")
+        kept = arrays.pop("kept")
+        samples = arrays.pop("samples")
         sound = (
             row.dtype == np.int64
             and bool(np.all((row >= 0) & (row < n_rows)))

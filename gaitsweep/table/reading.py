@@ -63,11 +63,7 @@ class Snapshot:
     @property
     def job_edited(self) -> bool:
         """Whether `job.yaml` was changed after the run in a field that decides the table's numbers."""
-        own, now = (
-            {key: value for key, value in job.items() if key not in _WITHOUT_NUMBERS}
-            for job in (self.job, self.written)
-        )
-        return own != now
+        return _deciding(self.job) != _deciding(self.written)
 
     @property
     def counts(self) -> dict[str, int]:
@@ -97,11 +93,10 @@ class Snapshot:
     @property
     def without_digests(self) -> str:
         """A clause on files without digests, in which damage may go undetected."""
-        n = len(self.files.undigested)
-        consequence = "so some damage cannot be detected"
+        count = len(self.files.undigested)
+        files = "1 file of the table has" if count == 1 else f"{count} files of the table have"
         again = "" if self.manifest["format"] == 1 else ". Run its job again to write the digests"
-        have = "has" if n == 1 else "have"
-        return f"{n} file{'s' * (n != 1)} of the table {have} no digests, {consequence}{again}"
+        return f"{files} no digests, so some damage cannot be detected{again}"
 
     def require_sound(self) -> None:
         """Refuse a table with damaged files or files of another table.
@@ -110,6 +105,11 @@ class Snapshot:
             TableError: there are such files; the message names them.
         """
         _refuse_faults(self.files)
+
+
+def _deciding(job: dict[str, Any]) -> dict[str, Any]:
+    """The fields of a job that decide the table's numbers."""
+    return {key: value for key, value in job.items() if key not in _WITHOUT_NUMBERS}
 
 
 def _refuse_faults(files: Examination) -> None:
@@ -194,7 +194,7 @@ def _snapshot(path: Path, parts: PartRecords | None = None, selection: Selection
     run, on_disk = _job_of(path, manifest, examined.digests.get(JOB))
     job = renamed(run)
     written = job if on_disk is run else renamed(on_disk)
-    for number, table in examined.parts(parts is not None, selection.columns):
+    for number, table in examined.parts(records=parts is not None, columns=selection.columns):
         if parts is not None and table is not None:
             footer = examined.footers[number]
             parts.add(selection.records_of(table), footer, table.num_rows / footer.rows)
@@ -291,7 +291,8 @@ def load_with_snapshot(
 ) -> tuple[Snapshot, pd.DataFrame]:
     """Read the table of a result directory, with the snapshot of the directory.
 
-    Arguments and errors are those of `load`.
+    Args:
+        path, columns, rows: as for `load`, whose errors it raises.
     """
     path = Path(path)
     n_rows = read_manifest(path)["rows"]
@@ -335,7 +336,7 @@ def load_parts(path: str | Path, columns: Sequence[str]) -> Iterator[pd.DataFram
     selection = Selection(decoded_columns(columns))
     examined = Examination(path, Layout.of(read_manifest(path)))
     parts = PartRecords(_TOGETHER)
-    for number, table in examined.parts(True, selection.columns):
+    for number, table in examined.parts(records=True, columns=selection.columns):
         if table is not None:
             parts.add(selection.records_of(table), examined.footers[number])
         if parts.length > _TOGETHER // 2:

@@ -1,4 +1,7 @@
-"""The differences that a self-check counts, by their fields in the manifest, and their words."""
+"""The differences that a self-check counts, by their fields in the manifest, and their words.
+
+Runs write these fields; reports and the marks of figures read them.
+"""
 
 from __future__ import annotations
 

@@ -71,15 +71,15 @@ figure { margin: 1.2rem 0; } img { max-width: 100%; height: auto; background: #f
 }
 """
 )
-_NOT_READ = "not read"  # records without a gait
+_WITHOUT_GAIT = "not read"
 # Number of reasons shown for failed sets of constants.
 _REASONS = 5
 # Entries of the manifest that are shown elsewhere, or are of no use to a reader.
-_APART = (
+_NOT_SHOWN = (
     "quantities", "job", "figures_drawn", "sha256", "counts", "gaits", "self_check", "stalls", "slowest",
     "complete", "periods", "largest_distance", "program", "findings", *DESCRIBED,
 )  # fmt: skip
-_NAMES = {"model_folder": "folder of the model", "made_before": "parts made by other versions"}
+_ENTRY_NAMES = {"model_folder": "folder of the model", "made_before": "parts made by other versions"}
 
 
 def write_report(path: str | Path) -> Path:
@@ -105,6 +105,7 @@ def write_report(path: str | Path) -> Path:
 
 
 def _page(snapshot: Snapshot) -> str:
+    """The HTML page of a result directory."""
     name = html.escape(str(snapshot.written.get("name", snapshot.path.name)))
     model = html.escape(str(snapshot.job.get("model", "unknown")))
     rows = snapshot.manifest["rows"]
@@ -114,12 +115,12 @@ def _page(snapshot: Snapshot) -> str:
     job = html.escape(yaml.safe_dump(snapshot.job, sort_keys=False, allow_unicode=True))
     drawn = [figure for figure in snapshot.figures if figure.suffix == ".png"]
     figures = "".join(figure_of(figure, figure.stem) for figure in drawn)
-    explorer = snapshot.path / "explore.html"
+    explorer = ""
+    if (snapshot.path / "explore.html").exists():
+        explorer = '<p><a href="explore.html">Explorer: click a start to see the model walk from it.</a></p>'
     sections = [
         f'<h1>{name}</h1><p class="faint">Model {model}, {state}{run}.</p>{_warnings(snapshot)}',
-        '<p><a href="explore.html">Explorer: click a start to see the model walk from it.</a></p>'
-        if explorer.exists()
-        else "",
+        explorer,
         figures,
         f"<h2>Outcomes of rows</h2>{_counts(snapshot)}",
         "".join(f"<p>{html.escape(text)}</p>" for text in snapshot.manifest.get("findings", [])),
@@ -214,7 +215,7 @@ def _gaits(snapshot: Snapshot) -> str:
     if not any("gait" in footer.categories for footer in footers):
         return ""
     table = _columns(snapshot, "row", "status", "gait")
-    gait = table["gait"].astype(object).where(table["gait"].notna(), _NOT_READ)
+    gait = table["gait"].astype(object).where(table["gait"].notna(), _WITHOUT_GAIT)
     status = table["status"].astype(str).to_numpy(str)
     records = len(table) != table["row"].nunique()
     statuses = list(snapshot.counts) if len(snapshot.counts) > 1 and not records else []
@@ -222,11 +223,11 @@ def _gaits(snapshot: Snapshot) -> str:
     chosen = theme.colours(names)
     head = "".join(f'<th class="number">{html.escape(name)}</th>' for name in ("all", "", *statuses))
 
-    def line(look: str, name: str, rows: Bool[np.ndarray, " rows"]) -> str:
+    def line(style: str, name: str, rows: Bool[np.ndarray, " rows"]) -> str:
         """The line of some rows of the table: their number, their share, and those of each status."""
         counts = (np.count_nonzero(rows & (status == one)) for one in statuses)
         by_status = "".join(f'<td class="number">{count}</td>' for count in counts)
-        return f"<tr{look}>{name}{_number(int(rows.sum()), len(table))}{by_status}</tr>"
+        return f"<tr{style}>{name}{_number(int(rows.sum()), len(table))}{by_status}</tr>"
 
     lines = []
     for name in names:
@@ -244,11 +245,11 @@ def _self_check(snapshot: Snapshot) -> str:
     if not isinstance(check, dict):
         return ""
     text = self_check_sentence(check)
-    look = ""
+    style = ""
     if check.get("verdict") == "warned":
         dt = snapshot.job.get("numerics", {}).get("dt")
         text = f"{text} {advice(check, dt if isinstance(dt, float) else None)}"
-        look = ' class="warning"'
+        style = ' class="warning"'
     quantities = snapshot.manifest.get("quantities", {})
     lines = []
     for name, change in check.get("largest", {}).items():
@@ -259,14 +260,14 @@ def _self_check(snapshot: Snapshot) -> str:
         )
     head = "<tr><th>largest change of</th><th></th><th></th></tr>"
     largest = f'<div class="wide"><table>{head}{"".join(lines)}</table></div>' if lines else ""
-    return f"<h2>Self-check</h2><p{look}>{html.escape(text)}</p>{largest}"
+    return f"<h2>Self-check</h2><p{style}>{html.escape(text)}</p>{largest}"
 
 
 def _provenance(snapshot: Snapshot) -> str:
     """Provenance of the table: entries of the manifest, with the versions last."""
     manifest = snapshot.manifest
     facts: dict[str, Any] = {**settings_of(manifest)}
-    facts |= {_NAMES.get(key, key): value for key, value in manifest.items() if key not in _APART}
+    facts |= {_ENTRY_NAMES.get(key, key): value for key, value in manifest.items() if key not in _NOT_SHOWN}
     facts["axes"] = axes(manifest.get("axes", []))
     if manifest.get("git_commit") is None:
         facts["commit of the source"] = "unknown: gaitsweep did not run from a checkout"

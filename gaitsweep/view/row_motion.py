@@ -55,21 +55,23 @@ class RowMotion:
         ahead, aside = clip.camera[-1] - clip.camera[0]  # in a clip the body faces ahead
         speed = float(np.copysign(np.hypot(ahead, aside), ahead)) / float(clip.t[-1] - clip.t[0])
         moves = abs(speed) * self.period > _LEAST_DISTANCE * side_view.bounds(clip.skeleton, clip.camera)[1]
-        motion = f"{self.gait}{f' at {speed:.2g} m/s' if moves else ''}".strip()
-        motion += f" (lift drawn {lift:.3g} times as high)" if lift != 1.0 else ""
-        return f"{self.model.name}{f', {motion}' if motion else ''}; {self.row}"
+        motion = f"{self.gait} at {speed:.2g} m/s".strip() if moves else self.gait.strip()
+        if lift != 1.0:
+            motion += f" (lift drawn {lift:.3g} times as high)"
+        return f"{', '.join(filter(None, (self.model.name, motion)))}; {self.row}"
 
     def at(self, times: Float[np.ndarray, " frames"]) -> dict[str, Float[np.ndarray, " frames"]]:
         """The signals at times (s), interpolated linearly; angles and contacts from the nearest sample."""
         edges = 0.5 * (self.t[1:] + self.t[:-1])
         nearest = np.searchsorted(edges, times)
         circular = {quantity.name for quantity in self.model.signals if quantity.circular}
-        return {
-            name: signal[nearest]
-            if name in circular or name.startswith("contact_")
-            else np.interp(times, self.t, signal)
-            for name, signal in self.signals.items()
-        }
+        at_times = {}
+        for name, signal in self.signals.items():
+            if name in circular or name.startswith("contact_"):
+                at_times[name] = signal[nearest]
+            else:
+                at_times[name] = np.interp(times, self.t, signal)
+        return at_times
 
     def contact(self, limbs: int) -> Float[np.ndarray, "times limbs"]:
         """Ground contact of each limb, 1 on the ground.
@@ -87,19 +89,20 @@ class RowMotion:
 def read_motion(
     directory: str | Path,
     row: int,
-    trust: bool = False,
     start: float | None = None,
     seconds: float | None = None,
+    *,
     renderer: str = "auto",
+    trust: bool = False,
 ) -> RowMotion:
     """Read a row of a trace, or simulate a row of another run again as the explorer does.
 
     Args:
         directory: the result directory.
         row: the number of the row.
-        trust: as for `gaitsweep.models.find_of_table`.
         start, seconds: the part of a row that is simulated again, s; by default its last cycles, or seconds.
         renderer: the one asked for.
+        trust: as for `gaitsweep.models.find_of_table`.
 
     Raises:
         PlotError: the run kind has no motion, the model cannot be drawn so, the table lacks signals, or there
@@ -111,12 +114,12 @@ def read_motion(
     fields = table.attrs["job"]
     kind = fields.get("run", {}).get("kind", "another kind")
     if kind not in ("trace", *SIMULATED) or {"search", "sensitivity"} & set(fields):
+        explorer = ", or gaitsweep explore" if kind == "continuation" else ""
         raise PlotError(
-            f"{directory} contains {kind} rows, which have no motion: use a run of kind trace"
-            f"{', or gaitsweep explore' if kind == 'continuation' else ''}."
+            f"{directory} contains {kind} rows, which have no motion: use a run of kind trace{explorer}."
         )
     part = _samples(table, directory, row)
-    job = stored_job(table.attrs, trust)
+    job = stored_job(table.attrs, trust=trust)
     design = job.design
     parameters, _ = design.values(row, row + 1)
     parameter_values = {name: float(value[0]) for name, value in parameters.items()}

@@ -17,16 +17,16 @@ from gaitsweep.plot.limbs import limb_colours
 from gaitsweep.table import WriteError, reason, replace_file
 from gaitsweep.table.manifest import FIGURES
 from gaitsweep.view.movie import animation, movie_file, side_view
-from gaitsweep.view.movie.animation import Clip, Drawn, Scene
+from gaitsweep.view.movie.animation import Clip, DrawBody, Scene
 from gaitsweep.view.movie.mujoco_movie import NoOpenGL, Painter, Rendered, RenderedBody, pixels
 from gaitsweep.view.row_motion import RowMotion, read_motion
 
 RENDERERS = ("auto", "mujoco", "matplotlib")
 SIZE, STILL_SIZE = (960, 540), (1600, 560)  # pixels
-_SIDES = (160, 4096)
+_PIXEL_RANGE = (160, 4096)
 _POSES = 6
 _CYCLE_TIME = 1.6  # s that a cycle takes in a movie whose speed is not given
-_MOST_FRAMES = 3000
+_MAX_FRAMES = 3000
 
 OnMessage = Callable[[str], None]
 
@@ -78,14 +78,14 @@ def write_movie(
             raise PlotError(f"--{name} is {value:g}, but must be above 0.")
     target = _target(directory, out, f"animation_row{row}.gif")
     movie_file.require(target, fps)
-    motion = read_motion(directory, row, trust, start, seconds, renderer)
+    motion = read_motion(directory, row, start, seconds, renderer=renderer, trust=trust)
     start = float(motion.t[0]) if start is None else start
     speed = usual_speed(motion.period) if speed is None else speed
     end = _end(motion, start, seconds, on_message)
     count = int((end - start) / speed * fps * (1.0 + 1e-9)) + 1
-    if not 2 <= count <= _MOST_FRAMES:
+    if not 2 <= count <= _MAX_FRAMES:
         raise PlotError(
-            f"The movie would have {count} frame{'s' * (count != 1)}, but 2 to {_MOST_FRAMES} are allowed: "
+            f"The movie would have {count} frame{'s' * (count != 1)}, but 2 to {_MAX_FRAMES} are allowed: "
             "change --seconds, --speed or --fps."
         )
     times = start + np.arange(count) * (speed / fps)
@@ -103,7 +103,8 @@ def write_movie(
         contextlib.closing(animation.frames(clip, size, scene)) as frames,
     ):
         colours = [*limb_colours(clip.skeleton.limbs), side_view.SWING]
-        _write(target, lambda: movie_file.save(target, counted(frames), fps, colours), own=out is None)
+        with _writing(target, own=out is None):
+            movie_file.save(target, counted(frames), fps, colours)
     return target
 
 
@@ -137,22 +138,19 @@ def write_still(
     target = _target(directory, out, f"poses_row{row}.png")
     if target.suffix.lower() != ".png":
         raise PlotError(f"{target} is not a valid name for a picture: it must end with .png.")
-    motion = read_motion(directory, row, trust, at, renderer=renderer)
+    motion = read_motion(directory, row, at, renderer=renderer, trust=trust)
     end = _end(motion, at, motion.period, on_message)
     times = np.linspace(at, end, _POSES, endpoint=False)
     with _prepared(motion, times, "", renderer, lift, on_message) as (clip, scene):
         figure = animation.still(clip, size, scene)
-    _write(
-        target,
-        lambda: replace_file(target, lambda file: figure.savefig(file, format="png", dpi=figure.dpi)),
-        own=out is None,
-    )
+    with _writing(target, own=out is None):
+        replace_file(target, lambda file: figure.savefig(file, format="png", dpi=figure.dpi))
     return target
 
 
 def _check(size: tuple[int, int], renderer: str, lift: float) -> None:
     """Refuse a size, a renderer or a lift that is not allowed."""
-    low, high = _SIDES
+    low, high = _PIXEL_RANGE
     if not all(low <= side <= high for side in size):
         raise PlotError(f"--size is {size[0]}x{size[1]}, but each side must have {low} to {high} pixels.")
     if renderer not in RENDERERS:
@@ -166,12 +164,13 @@ def _target(directory: str | Path, out: str | Path | None, name: str) -> Path:
     return Path(directory) / FIGURES / name if out is None else Path(out)
 
 
-def _write(target: Path, write: Callable[[], object], *, own: bool) -> None:
-    """Write a file; the folder of one of the directory's `own` figures is made."""
+@contextlib.contextmanager
+def _writing(target: Path, *, own: bool) -> Iterator[None]:
+    """A context in which a file is written; the folder of one of the directory's `own` figures is made."""
     try:
         if own:
             target.parent.mkdir(exist_ok=True)
-        write()
+        yield
     except OSError as error:
         raise WriteError(f"{target} could not be written: {reason(error)}.") from error
 
@@ -211,7 +210,7 @@ def _prepared(
     renderer: str,
     lift: float,
     on_message: OnMessage | None,
-) -> Iterator[tuple[Clip, Drawn]]:
+) -> Iterator[tuple[Clip, DrawBody]]:
     """A context with the clip at some times, and the function that draws the body."""
     signals = motion.at(times)
     skeleton = motion.model.skeleton(motion.values, signals)
@@ -233,7 +232,7 @@ def _prepared(
     painters: list[Painter] = []
     refused = False
 
-    def rendered(axes: Axes, clip: Clip, named: bool) -> Scene:
+    def rendered(axes: Axes, clip: Clip, *, named: bool) -> Scene:
         nonlocal refused
         try:
             if not painters and not refused:
@@ -244,7 +243,7 @@ def _prepared(
             refused = True
             if on_message is not None:
                 on_message(f"{error}: Matplotlib draws it instead.")
-        return Rendered(axes, painters[0]) if painters else animation.side_view(axes, clip, named)
+        return Rendered(axes, painters[0]) if painters else animation.side_view(axes, clip, named=named)
 
     try:
         yield clip, rendered

@@ -12,12 +12,14 @@ import pytest
 
 import gaitsweep as gs
 from gaitsweep.analysis.atlas.atlas import BranchAtlas
+from gaitsweep.analysis.atlas.order_curves import OrderChange
 from gaitsweep.analysis.atlas.periodic_orbits import OrbitSearch, Rows, SearchOptions
 from gaitsweep.analysis.continuation.branch_follower import ArclengthSteps
 from gaitsweep.analysis.continuation.plain_map import PlainMap
 from gaitsweep.engine.poincare.maps import Coordinates, Map, Points, Values
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.errors import ArgumentError
+from gaitsweep.examples.rimless_wheel import RimlessWheel
 
 
 def logistic(values: Values, x: Coordinates) -> Coordinates:
@@ -280,3 +282,61 @@ def test_a_circle_and_its_resonances() -> None:
     assert resonances["resonance_1_3"] == pytest.approx(3.0, abs=1e-6)
     assert circle["end"].iloc[-1] == "resonance_1_2"
     assert circle["c"].iloc[-1] == pytest.approx(4.0, abs=1e-3)
+
+
+def test_a_curve_of_corners() -> None:
+    """X + p - q^2 - |x - q| / 2 has the gaits x = q +- 2 (p - q^2), which meet in the corner p = q^2."""
+    cornered = PlainMap(
+        lambda values, x: x + values["p"] - values["q"] ** 2 - 0.5 * jnp.abs(x - values["q"]), ("x",),
+        (("p", 0.5), ("q", 0.3)),
+    )  # fmt: skip
+    corner = OrderChange(
+        mapping=cornered, parameter="p", second="q", within=((-0.5, 1.5), (-0.6, 1.0)), values={}, fix={},
+        point=cornered.points([[0.31]]), home=(0.09, 0.3), events=[], change="", vanishes=True,
+    )  # fmt: skip
+    curve = pd.DataFrame(corner.curve())
+    np.testing.assert_allclose(curve["p"], curve["q"] ** 2, atol=1e-8)
+    assert [curve["q"].min(), curve["q"].max()] == [-0.6, 1.0]
+
+
+FOLD_AND_FLIP = PlainMap(
+    lambda v, at: jnp.stack([at[0] + v["r"] - at[0] ** 2, -(1.0 + v["s"]) * at[1] + at[1] ** 3]), ("x", "y"),
+    (("r", 0.2), ("s", -0.3)),
+)  # fmt: skip
+TAKENS = PlainMap(
+    lambda v, at: jnp.stack([at[0] + at[1], at[1] + v["r"] + v["s"] * at[1] + at[0] ** 2]), ("x", "y"),
+    (("r", -0.2), ("s", -0.3)),
+)  # fmt: skip
+CUBIC_FLIP = PlainMap(
+    lambda v, x: -(1.0 + v["r"]) * x + v["s"] * x**3 + x**5, ("x",), (("r", -0.2), ("s", -0.3))
+)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("mapping", "place", "kind", "name"),
+    [
+        (FOLD_AND_FLIP, 0.2, "fold", "fold_flip"),
+        (TAKENS, -0.2, "fold", "resonance_1_1"),
+        (CUBIC_FLIP, -0.2, "flip", "generalized_flip"),
+    ],
+)
+def test_points_of_codimension_two(mapping: PlainMap, place: float, kind: str, name: str) -> None:
+    """Of each normal form, folds or flips at r = 0 for all s, and the point at s = 0."""
+    values, size = {"r": place, "s": -0.3}, len(mapping.names)
+    search = searched(mapping, values, [-0.6] * size, [0.6] * size, 1, 32)
+    atlas = atlas_of(mapping, search, values, "r", (-0.4, 0.4), 0)
+    curves = atlas.follow_curves("s", (-0.5, 0.5), ArclengthSteps(longest=0.05)).query(f"kind == '{kind}'")
+    np.testing.assert_allclose(curves["r"], 0.0, atol=1e-9)
+    points = curves[curves["special"] == name]
+    assert len(points) == curves["curve"].nunique() >= 1
+    np.testing.assert_allclose(points["s"], 0.0, atol=1e-5)
+
+
+@pytest.mark.slow
+def test_a_rimless_wheel_has_the_multiplier_of_its_impacts() -> None:
+    """An impact keeps the share cos(2 alpha) of the rate; the energy above an impact's, its square."""
+    wheel = gs.return_map(RimlessWheel(), alpha=0.4, slope=0.14, numerics={"rtol": 1e-11, "atol": 1e-12})
+    rolls = wheel.fixed_points(wheel.settled({"rate_0": 0.5}, 60))
+    assert rolls.converged.all()
+    assert wheel.multipliers(rolls)[0, 0] == pytest.approx(np.cos(0.8) ** 2, abs=1e-8)

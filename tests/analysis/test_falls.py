@@ -1,14 +1,14 @@
-"""Mean steps to a fall of a rimless wheel on rough ground, against its transition matrix on a fine grid."""
+"""Falls of a rimless wheel on rough ground, against its transition matrix on a fine grid."""
 
 from __future__ import annotations
 
 import numpy as np
 import pandas as pd
 import pytest
-from scipy import special
+from scipy import special, stats
 
 import gaitsweep as gs
-from gaitsweep.analyses import AnalysisError, steps_to_fall
+from gaitsweep.analyses import AnalysisError, steps_to_fall, survival
 from gaitsweep.examples.rimless_wheel import RimlessWheel
 
 SLOPE, ALPHA = 0.14, 0.4
@@ -44,6 +44,58 @@ def test_the_mean_of_a_wheel_is_that_of_its_transition_matrix() -> None:
         assert record["falls"] > 100
         assert abs(np.log(record["steps"] / mean)) < 3.5 / np.sqrt(record["falls"])
         assert record["low"] < record["steps"] < record["high"]
+
+
+def drawn(p, s):
+    """The number that the last impact of the wheel drew."""
+    return (s.ahead - p.slope) / p.roughness
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("roughness", "rounds", "decade"), [(0.06, 16, 1), (0.03, 64, 4), (0.02, 200, 8), (0.018, 32, 9)]
+)
+def test_rare_falls_of_a_wheel_are_those_of_its_transition_matrix(
+    roughness: float, rounds: int, decade: int
+) -> None:
+    """From tens of steps to ten thousand million: within 4 standard errors, and within 10 % up to 1e8."""
+    exact = by_matrix(roughness, 800)
+    assert int(np.log10(exact)) == decade
+    found = gs.return_map(RimlessWheel(), roughness=roughness).rare_falls("roughness", drawn, rounds=rounds)
+    low, high = found.steps_interval
+    assert abs(np.log(found.steps / exact)) < np.log(high / low)  # an interval is 4 standard errors wide
+    if decade < 9:
+        assert found.steps == pytest.approx(exact, rel=0.1)
+    # two bad slopes at least: one alone would be as unlikely as both are together
+    way = found.way_out["draw_1"].to_numpy()
+    assert way.min() < -1.0
+    if decade >= 8:
+        assert np.sort(way)[1] < -1.0
+        assert np.sum(way**2) < 1.1 * -2.0 * np.log(1.0 / exact)
+
+
+def test_what_rare_falls_cannot_count_is_refused() -> None:
+    wheel = gs.return_map(RimlessWheel(), roughness=0.03)
+    with pytest.raises(AnalysisError, match="rouhness"):
+        wheel.rare_falls("rouhness", drawn)
+    with pytest.raises(AnalysisError, match="scales"):
+        wheel.rare_falls("roughness", drawn, scales=[0.5])
+    with pytest.raises(AnalysisError, match="2 or more"):
+        wheel.rare_falls("roughness", drawn, steps=1)
+
+
+def test_survival_counts_the_rows_that_walk_so_far() -> None:
+    table = pd.DataFrame({"cycles": [110, 120, 50, 7], "status": ["complete", "complete", "fell", "fell"]})
+    found = survival(table, steps=50).to_dict("records")[0]
+    assert (found["rows"], found["walked"], found["share"]) == (4, 3, 0.75)
+    assert found["low"] == pytest.approx(stats.beta.ppf(0.025, 3, 2))
+    assert found["high"] == pytest.approx(stats.beta.ppf(0.975, 4, 1))
+    with pytest.raises(
+        AnalysisError, match="1 rows ended before 115 steps without a fall, the first after 110"
+    ):
+        survival(table, steps=115)
+    with pytest.raises(AnalysisError, match="steps is 0"):
+        survival(table, steps=0)
 
 
 def test_rows_without_a_fall_give_a_lower_bound() -> None:

@@ -9,8 +9,7 @@ from scipy.stats import binomtest
 
 from gaitsweep.analysis.records import AnalysisError
 from gaitsweep.papers.fukuoka2015.analysis.body_oscillation import body_oscillation
-from gaitsweep.papers.fukuoka2015.analysis.loading_rule import wilson
-from gaitsweep.papers.fukuoka2015.analysis.loading_rule import load_prediction, loading_rule
+from gaitsweep.papers.fukuoka2015.analysis.loading_rule import load_prediction, loading_rule, wilson_interval
 from gaitsweep.papers.fukuoka2015.analysis.pair_loads import MEASURES, pairs_in
 from tests.support.gait_traces import ends, trace_of
 
@@ -22,7 +21,7 @@ def _judged(table: pd.DataFrame, **options: object) -> pd.DataFrame:
 @pytest.mark.parametrize("hits", [0, 3, 70, 200])
 def test_interval_of_a_share_is_scipys(hits: int) -> None:
     expected = binomtest(hits, 200).proportion_ci(0.95, "wilson")
-    assert wilson(hits / 200, 200) == pytest.approx((expected.low, expected.high), abs=1e-12)
+    assert wilson_interval(hits / 200, 200) == pytest.approx((expected.low, expected.high), abs=1e-12)
 
 
 def test_agreement_of_tables_with_and_without_the_rule() -> None:

@@ -16,8 +16,8 @@ import gaitsweep as gs
 from gaitsweep.examples.lorenz import Lorenz
 from simplest_walker import ANGLE, RATE, SimplestWalker
 
-# Viswanath 2003, Nonlinearity 16:1035, Table 1: x, y (z = 27, rising) and the period of each word of up to five
-# turns round one side (A) or the other (B).
+# Viswanath 2003, Nonlinearity 16:1035, Table 1: x, y (z = 27, rising) and the period of each word of up to
+# five turns round one side (A) or the other (B).
 LORENZ = {
     "AB": (-13.763610682134, -19.578751942452, 1.5586522107162),
     "AAB": (-12.595115397689, -16.970525307084, 2.3059072639398),
@@ -56,8 +56,9 @@ def test_the_orbits_of_lorenz_by_their_words() -> None:
     and are gaits of period 1.
     """
     lorenz = gs.atlas(
-        Lorenz(), parameter="rho", path=(27.99, 28.01), at=28.0, ranges={"x": (-20.0, 20.0), "y": (-25.0, 25.0)},
-        periods=5, budget=256, batch=256, depth=0, longest=1.0, step=0.5, verify=0,
+        Lorenz(), parameter="rho", path=(27.99, 28.01), at=28.0,
+        ranges={"x": (-20.0, 20.0), "y": (-25.0, 25.0)}, periods=5, budget=256, batch=256, depth=0,
+        longest=1.0, step=0.5, verify=0,
         numerics={"rtol": 1e-12, "atol": 1e-12},
     )  # fmt: skip
     orbits = lorenz.gaits.query("period > 1")
@@ -89,8 +90,8 @@ class Walker(SimplestWalker):
 def test_the_gaits_of_the_simplest_walker() -> None:
     """Garcia et al. 1998 have two gaits of one step at a slope of 0.009: a long one and a short one.
 
-    Points: the paper's, and those in M. Garcia's own program of 1998, with its multipliers, which are by finite
-    differences. The families: the paper's expansions for gentle slopes.
+    Points: the paper's, and those in M. Garcia's own program of 1998, with its multipliers, which are by
+    finite differences. The families: the paper's expansions for gentle slopes.
     """
     walks = gs.atlas(
         Walker(), parameter="gamma", path=(0.001, 0.02), at=0.009, periods=4, budget=256, depth=2, verify=0,
@@ -113,3 +114,43 @@ def test_the_gaits_of_the_simplest_walker() -> None:
     flips = walks.points.query("special == 'flip'")
     assert flips["period"].tolist() == [1, 2, 4]
     np.testing.assert_allclose(flips["gamma"].iloc[0], 0.0151, atol=5e-5)  # as printed
+
+
+def after_steps(theta: float, rate: float, gamma: float, steps: int) -> tuple[float, float]:
+    """The angle and its rate after some steps of the simplest walker, by SciPy."""
+
+    def flow(t: float, s: np.ndarray) -> list[float]:
+        fall = np.sin(s[0] - gamma)
+        return [s[1], fall, s[3], fall + (s[1] ** 2 - np.cos(s[0] - gamma)) * np.sin(s[2])]
+
+    def strike(t: float, s: np.ndarray) -> float:
+        return s[2] - 2.0 * s[0] if s[0] < -0.05 else -1.0
+
+    strike.terminal, strike.direction = True, 1.0  # type: ignore[attr-defined]
+    for _ in range(steps):
+        start = [theta, rate, 2.0 * theta, (1.0 - np.cos(2.0 * theta)) * rate]
+        run = solve_ivp(
+            flow, (0.0, 9.0), start, "DOP853", events=strike, rtol=1e-12, atol=1e-13, max_step=0.05
+        )
+        at = run.y_events[0][0]
+        theta, rate = -at[0], np.cos(2.0 * at[0]) * at[1]
+    return theta, rate
+
+
+@pytest.mark.slow
+def test_gaits_of_three_and_four_steps_that_were_not_published_with_the_model() -> None:
+    """At a slope of 0.0175 there are seven; those of 3 and 4 steps were reported later (Zbl 1254.70020)."""
+    walks = gs.atlas(
+        Walker(), parameter="gamma", path=(0.001, 0.02), at=0.0175, periods=4, budget=384, batch=128, depth=0,
+        ranges={"theta": (0.05, 0.35), "theta_rate": (-0.35, -0.05)}, patience=2, verify=0,
+        numerics={"rtol": 1e-12, "atol": 1e-13},
+    )  # fmt: skip
+    gaits = walks.gaits
+    assert sorted(gaits["period"].tolist()) == [1, 1, 2, 3, 3, 4, 4]
+    for theta, rate, period in gaits[["theta_n", "theta_rate_n", "period"]].to_numpy(float):
+        # the largest multiplier is 134, and SciPy's error of a step some 1e-11
+        np.testing.assert_allclose(after_steps(theta, rate, 0.0175, int(period)), (theta, rate), atol=1e-7)
+    points = walks.points.query("period > 2")
+    folds, flips = (points.query(f"special == '{kind}'").sort_values("period") for kind in ("fold", "flip"))
+    np.testing.assert_allclose(folds["gamma"].to_numpy(float), [0.012281, 0.010090], atol=1e-6)
+    np.testing.assert_allclose(flips["gamma"].to_numpy(float), [0.012635, 0.010132], atol=1e-6)

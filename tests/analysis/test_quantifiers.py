@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 
 import gaitsweep as gs
@@ -73,3 +74,26 @@ def test_bad_arguments_are_refused(table: Any) -> None:
         gs.quantifiers(table, "edges")
     with pytest.raises(AnalysisError, match=r"within is -1 s, but must be above 0"):
         gs.quantifiers(table, "edge", within=-1.0)
+
+
+def test_boundaries_are_smooth_or_intermingled_and_shared_or_not() -> None:
+    """Stripes have straight borders, each of two stripes alone; outcomes by lot are everywhere."""
+    n = 64
+    x, y, drawn = (
+        each.ravel() for each in np.meshgrid(np.arange(n), np.arange(n), [0.0, 1.0], indexing="ij")
+    )
+    lots = np.random.default_rng(4).integers(0, 3, x.size)
+    outcome = np.where(drawn == 1.0, lots, np.searchsorted([20, 42], x, side="right"))
+    names = np.array(["a", "b", "c"])[outcome]
+    columns = {"x_0": x, "y_0": y, "drawn": drawn, "status": "settled", "t_end": 1.0, "gait": names}
+    table = pd.DataFrame({"row": np.arange(x.size), **columns})
+    quantified = gs.quantifiers(table, "drawn", label="gait")
+    stripes, lots_of_each = quantified[["boundary_exponent", "wada"]].to_numpy(float).reshape(2, 3, 2)
+    np.testing.assert_allclose(stripes[:, 0], 1.0, atol=0.05)
+    assert stripes[:, 1].tolist() == [0.0, 0.5, 0.0]
+    np.testing.assert_allclose(lots_of_each[:, 0], 0.0, atol=0.05)
+    assert lots_of_each[:, 1].tolist() == [1.0, 1.0, 1.0]
+    # two outcomes share their boundary anyway, and starts without those of the third form no grid
+    few = gs.quantifiers(table[table["gait"] != "c"], "drawn", label="gait")
+    assert few["wada"].isna().all()
+    assert few["boundary_exponent"].isna().tolist() == [False, False, True, True]

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.integrate import quad
 
 import gaitsweep as gs
+from gaitsweep.analysis.continuation.newton import newton
+from gaitsweep.examples.slip_runner import SlipRunner
+from gaitsweep.examples.spring_mass_walker import SpringMassWalker
 
 OMEGA = 1.7
 
@@ -64,3 +69,64 @@ def test_a_family_is_followed_along_its_energy() -> None:
     np.testing.assert_allclose(table["multiplier_re"], np.cos(OMEGA * exact), atol=1e-6)
     np.testing.assert_allclose(table["multiplier"], 1.0, atol=1e-6)
     assert np.all(np.abs(table["drift_energy"]) < 1e-8)
+
+
+class FreeRunner(SlipRunner):
+    """The spring-mass runner with its speed as a coordinate: the energy is not eliminated."""
+
+    section_coordinates = ("z", "v_x")
+    v_x = gs.variable("m/s", "forward speed", 5.0, observed=True)
+
+    def complete(self, p: Any, s: Any) -> Any:
+        return s.replace(x=0.0, v_z=0.0)
+
+    @gs.energy("J", "energy", observed=True, conserved=True)
+    def energy(self, p: Any, s: Any) -> Any:
+        return 0.5 * p.m * (s.v_x**2 + s.v_z**2) + p.m * p.g * s.z
+
+
+class FreeWalker(SpringMassWalker):
+    """The spring-mass walker with its speed as a coordinate, in single support at the apex."""
+
+    section_coordinates = ("x", "z", "v_x")
+    v_x = gs.variable("m/s", "forward speed", 1.1, observed=True)
+
+    def complete(self, p: Any, s: Any) -> Any:
+        return s.replace(v_z=0.0, reach=0.0)
+
+    @gs.energy("J", "energy", observed=True, conserved=True)
+    def energy(self, p: Any, s: Any) -> Any:
+        stored = 0.5 * p.k * (p.l0 - jnp.hypot(s.x, s.z)) ** 2
+        return 0.5 * p.m * s.v_x**2 + p.m * p.g * s.z + stored
+
+
+@pytest.mark.slow
+def test_families_of_spring_legged_models_are_their_branches_over_the_energy() -> None:
+    """Gaits along the conserved energy are those of the models that have the energy as a parameter."""
+    numerics = {"rtol": 1e-11, "atol": 1e-12}
+    free = gs.return_map(FreeRunner(), numerics=numerics)
+    bound = gs.return_map(SlipRunner(), numerics=numerics)
+    run = bound.fixed_points({"z_0": [0.95]})
+    start = [run.points.at[0, 0], run.images.observed["v_x"][0]]
+    family = free.continue_(start, "energy", (1770.0, 1800.0))
+    assert [family["energy"].min(), family["energy"].max()] == [1770.0, 1800.0]
+    speeds = np.sqrt(2.0 * (family["energy"].to_numpy(float) - 80.0 * 9.81) / 80.0)
+    points = bound.settled({"z_0": family["z"].to_numpy(float)}, 0)
+    gaits = newton(bound.mapping, points, {"speed": speeds})
+    assert gaits.converged.all()
+    np.testing.assert_allclose(gaits.points.at[:, 0], family["z"], atol=1e-7)
+
+    free = gs.return_map(FreeWalker(), numerics=numerics)
+    bound = gs.return_map(SpringMassWalker(), numerics=numerics)
+    walk = bound.fixed_points(bound.settled({"z_0": 0.97}, 50))
+    start = [*walk.points.at[0, :2], walk.images.observed["v_x"][0]]
+    family = free.continue_(start, "energy", (814.0, 818.0))
+    assert [family["energy"].min(), family["energy"].max()] == [814.0, 818.0]
+    places = family[["x", "z"]].to_numpy(float)
+    points = bound.settled({"x_0": places[:, 0], "z_0": places[:, 1]}, 0)
+    gaits = newton(bound.mapping, points, {"E": family["energy"].to_numpy(float)})
+    assert gaits.converged.all()
+    np.testing.assert_allclose(gaits.points.at[:, :2], places, atol=1e-7)
+    # the two models have the same multipliers, beside 1 along the family
+    own = np.abs(np.linalg.eigvals(gaits.images.jacobian[:, :2, :2])).max(axis=1)
+    np.testing.assert_allclose(family["multiplier"], own, atol=1e-5)

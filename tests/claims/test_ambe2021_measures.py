@@ -11,11 +11,8 @@ from gaitsweep.claims.paper import read_paper
 from gaitsweep.claims.verdicts import ClaimVerdict, verdict
 from gaitsweep.errors import UserError
 from gaitsweep.papers.ambe2021 import (
-    basin_measures,
-    drift_measures,
     settled_measures,
     theory_measures,
-    touchdown_measures,
     wave_measures,
 )
 from gaitsweep.papers.ambe2021.analysis.travelling_wave import waves
@@ -63,14 +60,14 @@ def test_directions_and_order_of_a_wave(table: pd.DataFrame) -> None:
     assert wave_measures.directions(table, row=1) == ["free"] + ["backwards"] * 8
     assert wave_measures.directions(table, row=2) == ["forwards"] * 4 + ["free"] + ["backwards"] * 4
     part = [2, 3, 4, 5, 6, 7, 8, 9]
-    assert touchdown_measures.simulated_order(table, row=1, legs=part) == "2 9 3 4 5 6 7 8"
-    sets = touchdown_measures.reset_set_numbers(table, row=1, k=2)
+    assert wave_measures.simulated_order(table, row=1, legs=part) == "2 9 3 4 5 6 7 8"
+    sets = wave_measures.reset_set_numbers(table, row=1, k=2)
     assert sets == [2.0, 3.0, 6.0, 6.0, 6.0, 6.0, 6.0, 4.0, 3.0, 8.0]
     assert wave_measures.leads(table, row=0, links=[1, 2]) == pytest.approx([0.994942393] * 2, abs=1e-8)
-    assert touchdown_measures.neighbours_at_touchdown(table, row=2, k=6) == 1.0
-    assert touchdown_measures.neighbours_at_touchdown(table, row=0, k=6) < 0.6
+    assert wave_measures.neighbours_at_touchdown(table, row=2, k=6) == 1.0
+    assert wave_measures.neighbours_at_touchdown(table, row=0, k=6) < 0.6
     assert wave_measures.one_swing_share(table, row=0, of=list(range(1, 10))) == 1.0
-    assert touchdown_measures.touchdown_phases_apart(table) < 1e-9
+    assert wave_measures.touchdown_phases_apart(table) < 1e-9
 
 
 def test_a_trace_of_less_than_two_cycles_is_refused(table: pd.DataFrame) -> None:
@@ -117,10 +114,10 @@ def test_parts_of_a_basin_are_connected_on_the_torus() -> None:
     table = pd.DataFrame(
         [{"psi_3": 1.0, "psi_2": i, "psi_1": j, "gait": gait} for (i, j), gait in grid.items()]
     )
-    assert basin_measures.largest_part(table, slice=0) == [1.0, 1.0, 1.0]
+    assert settled_measures.largest_part(table, slice=0) == [1.0, 1.0, 1.0]
     table.loc[(table["psi_2"] == 5) & (table["psi_1"] == 1), "gait"] = "direct"  # two cells off
-    assert basin_measures.largest_part(table, slice=0) == [0.75, 1.0, 1.0]
-    assert basin_measures.slice_shares(table, slice=0) == pytest.approx([4 / 81, 75 / 81, 2 / 81])
+    assert settled_measures.largest_part(table, slice=0) == [0.75, 1.0, 1.0]
+    assert settled_measures.slice_shares(table, slice=0) == pytest.approx([4 / 81, 75 / 81, 2 / 81])
 
 
 def test_places_of_sources_and_of_meeting_waves() -> None:
@@ -134,9 +131,9 @@ def test_places_of_sources_and_of_meeting_waves() -> None:
     ]
     table = pd.DataFrame(rows)
     table.insert(0, "row", range(6))
-    assert drift_measures.fewest_source_legs(table) == 1.0
-    assert drift_measures.fewest_source_legs(table.query("gait != 'source'")) == 0.0
-    assert drift_measures.meeting_share(table, leg=2, where="m_slope > 0") == pytest.approx(2 / 3)
+    assert wave_measures.fewest_source_legs(table) == 1.0
+    assert wave_measures.fewest_source_legs(table.query("gait != 'source'")) == 0.0
+    assert wave_measures.meeting_share(table, leg=2, where="m_slope > 0") == pytest.approx(2 / 3)
     figure = plot.draw("source_place", table, x=["m_slope"])
     assert [text.get_text() for text in figure.axes[0].get_yticklabels()] == ["1", "2", "3", "4", "neither"]
     drawn = figure.axes[0].collections[0].get_array()  # legs by strengths
@@ -162,10 +159,10 @@ def test_drift_and_period_of_a_return_map() -> None:
         for row, rate in enumerate((0.0, 0.02))
     ]
     table = pd.concat(parts[::-1], ignore_index=True)
-    assert drift_measures.drift_of_sum(table, row=1) == pytest.approx(0.02, abs=1e-12)
-    assert drift_measures.largest_drift(table) == pytest.approx(0.02, abs=1e-12)
+    assert wave_measures.drift_of_sum(table, row=1) == pytest.approx(0.02, abs=1e-12)
+    assert wave_measures.largest_drift(table) == pytest.approx(0.02, abs=1e-12)
     assert settled_measures.last_change(table) == pytest.approx(0.02, abs=1e-12)
-    assert touchdown_measures.period_in_phase(table) == pytest.approx([6.0, 6.4])
+    assert wave_measures.period_in_phase(table) == pytest.approx([6.0, 6.4])
     assert settled_measures.distinct_ends(table) == [2.0, 1.0]
 
 

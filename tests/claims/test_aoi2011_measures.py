@@ -13,8 +13,6 @@ from gaitsweep.analysis.records import AnalysisError
 from gaitsweep.claims.measures import default_values, ratio_of_medians
 from gaitsweep.papers.aoi2011 import (
     equation_measures,
-    fixed_point_measures,
-    footfall_measures,
     motion_measures,
     transition_measures,
 )
@@ -99,16 +97,16 @@ def test_gaits_are_lost_at_the_folds() -> None:
 @pytest.mark.slow
 def test_fixed_points_of_return_maps(maps: pd.DataFrame) -> None:
     kinds = {
-        f: fixed_point_measures.kinds_of_fixed_points(maps, observable="delta_13", parameter="f", at=f)
+        f: transition_measures.kinds_of_fixed_points(maps, observable="delta_13", parameter="f", at=f)
         for f in (-0.6, 0.0, 0.6)
     }
     assert kinds == {-0.6: ["stable"], 0.0: ["stable", "unstable", "stable"], 0.6: ["stable"]}
-    assert fixed_point_measures.share_with_unstable_between(maps, observable="delta_13", parameter="f") == 1.0
+    assert transition_measures.share_with_unstable_between(maps, observable="delta_13", parameter="f") == 1.0
     high = {"observable": "delta_13", "parameter": "f", "between": [CENTRE, CENTRE + 1.0]}
-    assert fixed_point_measures.stable_until(maps, **high, take="min") == 0.0
-    assert fixed_point_measures.stable_until(maps, **high, take="max") == 0.6
+    assert transition_measures.stable_until(maps, **high, take="min") == 0.0
+    assert transition_measures.stable_until(maps, **high, take="max") == 0.6
     with pytest.raises(AnalysisError, match="No stable fixed point"):
-        fixed_point_measures.stable_until(
+        transition_measures.stable_until(
             maps, observable="delta_13", parameter="f", between=[0.0, 1.0], take="max"
         )
 
@@ -121,7 +119,7 @@ def test_gaits_of_a_branch_are_in_order() -> None:
         "special": ["", "", "fold", "", "fold", "", ""], "end": ["", "", "", "", "", "", "range"],
         "gait": ["trot", "trot", "trot", "none", "walk", "walk", "walk"],
     })  # fmt: skip
-    assert fixed_point_measures.gaits_of_branch(table, parameter="f") == ["trot", "walk"]
+    assert transition_measures.gaits_of_branch(table, parameter="f") == ["trot", "walk"]
 
 
 def trace(lags: tuple[float, float, float, float], broken: float = 0.0) -> pd.DataFrame:
@@ -138,18 +136,18 @@ def trace(lags: tuple[float, float, float, float], broken: float = 0.0) -> pd.Da
 def test_lags_of_touchdowns(broken: float) -> None:
     """A break of 15 ms within the stance is not taken for a swing."""
     table = trace((0.0, np.pi, 2.0, 2.0 + np.pi), broken)
-    result = footfall_measures.touchdown_lags(table, row=0, pairs=[[1, 2], [1, 3], [3, 4]])
+    result = motion_measures.touchdown_lags(table, row=0, pairs=[[1, 2], [1, 3], [3, 4]])
     np.testing.assert_allclose(result, [np.pi, 2.0, np.pi], atol=0.03)
-    assert footfall_measures.order_of_footfalls(table, row=0) == "1-3-2-4"
+    assert motion_measures.order_of_footfalls(table, row=0) == "1-3-2-4"
     together = trace((0.0, np.pi, np.pi - 0.1, 2.0 * np.pi - 0.1), broken)
-    assert footfall_measures.order_of_footfalls(together, row=0) == "1+4-2+3"
+    assert motion_measures.order_of_footfalls(together, row=0) == "1+4-2+3"
 
 
 def test_lags_are_on_the_requested_turn() -> None:
     """Foot 2 is 0.1 rad ahead of foot 1: -0.1 rad near 0, and 2 pi - 0.1 without."""
     table = trace((0.1, 0.0, 2.0, 3.0))
     for near, wanted in (([0.0], -0.1), (None, 2.0 * np.pi - 0.1)):
-        result = footfall_measures.touchdown_lags(table, row=0, pairs=[[1, 2]], near=near)
+        result = motion_measures.touchdown_lags(table, row=0, pairs=[[1, 2]], near=near)
         np.testing.assert_allclose(result, [wanted], atol=0.03)
 
 
@@ -158,7 +156,7 @@ def test_no_lag_of_a_foot_that_lands_twice_a_cycle() -> None:
     t = table["t"].to_numpy()
     table["contact_3"] = (np.mod(t, 0.4) < 0.1) | ((np.mod(t, 0.4) > 0.16) & (np.mod(t, 0.4) < 0.32))
     with pytest.raises(AnalysisError, match="Foot 3 of row 0 does not touch down once a cycle"):
-        footfall_measures.touchdown_lags(table, row=0, pairs=[[1, 3]])
+        motion_measures.touchdown_lags(table, row=0, pairs=[[1, 3]])
 
 
 @pytest.mark.slow
@@ -177,7 +175,7 @@ def test_slip_is_that_of_the_rows_own_body(tmp_path: Path) -> None:
     for row in (0, 1):
         part = table.loc[table["row"] == row]
         part.attrs = table.attrs
-        moved.append(footfall_measures.foot_slip(part, take="max"))
+        moved.append(motion_measures.foot_slip(part, take="max"))
     squares = (np.array(moved) / (2.0 * np.sin(0.005))) ** 2
     assert squares[1] - squares[0] == pytest.approx(0.09**2 - 0.05**2, rel=1e-9)
 
@@ -193,7 +191,7 @@ def test_slip_continues_through_a_bounce(tmp_path: Path) -> None:
         down = (np.abs(t - 0.5) > 0.5 * break_).astype(float)
         table = pd.DataFrame({"row": 0, "t": t, **columns, **{f"contact_{i}": down for i in range(1, 5)}})
         table.attrs = ran.attrs
-        assert footfall_measures.foot_slip(table) == pytest.approx(wanted, rel=0.1)
+        assert motion_measures.foot_slip(table) == pytest.approx(wanted, rel=0.1)
 
 
 def test_path_and_slip() -> None:

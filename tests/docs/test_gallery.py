@@ -20,7 +20,7 @@ def test_each_kind_of_figure_has_an_entry_and_a_small_table() -> None:
     assert set(GALLERY["ENTRIES"]) == OURS, f"add the kind to {SCRIPT}, and run it"
     stored = {file.stem: file.stat().st_size for file in GALLERY["TABLES"].iterdir()}
     assert set(stored) == {GALLERY["table_of"](kind).stem for kind in OURS}, f"run python {SCRIPT} KIND"
-    assert sum(stored.values()) < 1_500_000
+    assert sum(stored.values()) < 1_550_000
 
 
 @pytest.mark.parametrize("kind", sorted(OURS))

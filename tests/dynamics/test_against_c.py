@@ -104,7 +104,7 @@ def model_of(xml: str, control: Any = None, **members: Any) -> gs.MjcfModel:
         "omega": gs.parameter("rad/s", "frequency", 1.0),
         "phi": gs.variable("rad", "phase", 0.0),
     }
-    return type("Body", (gs.MjcfModel,), {"body_file": xml, **functions, **members})()
+    return type("Body", (gs.MjcfModel,), {"body_file": xml, **functions, **members})(dynamics="mjx")
 
 
 @pytest.mark.slow
@@ -243,7 +243,7 @@ def test_a_comparison_that_takes_time_is_announced(tmp_path: Path, monkeypatch: 
     """It is announced until the cache has it."""
     monkeypatch.setenv("GAITSWEEP_CACHE", str(tmp_path))
     monkeypatch.setattr("gaitsweep.dynamics.mjx.against_c._sentences", lambda model, control: [])
-    hopper = MujocoHopper()
+    hopper = MujocoHopper(dynamics="mjx")
     assert "compiles" in hopper.caveats_notice
     assert hopper.caveats() == []
     assert hopper.caveats_notice == ""

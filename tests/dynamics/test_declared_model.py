@@ -328,6 +328,7 @@ REFUSED_AT_ONCE = {
     "quantity t, but tables have a column t:": {"t": variable("s", "time")},
     "quantity depth, but tables have a column depth:": {"depth": parameter("m", "depth", 1.0)},
     "quantity found, but tables have a column found:": {"found": variable("m", "way", 1.0, signal=False)},
+    "quantity t_lands, but tables have a column t_lands": {"t_lands": parameter("s", "time", 1.0)},
     "quantity z, but tables have a column z_end": {"z_end": parameter("m", "last height", 1.0)},
     r'count="M", which is not a field of its structure\. Allowed: N': {
         "__annotations__": {"N": "int"},

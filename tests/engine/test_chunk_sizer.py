@@ -33,9 +33,9 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
 def run(sizer: ChunkSizer, clock: Clock, chunks: int, row_polls: float, fullest: int = 0) -> None:
     """Chunks of polls of POLL s, between which the host works for HOST s."""
     for _ in range(chunks):
-        polls, began = sizer.polls, sizer.begins()
+        polls, began = sizer.polls, sizer.record_start()
         clock.now += polls * POLL
-        sizer.ended(began, polls)
+        sizer.record_end(began, polls)
         clock.now += HOST
         sizer.choose(row_polls * POLL_INTERVAL, fullest)
 

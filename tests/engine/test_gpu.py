@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from gaitsweep.engine.kernel import gpu_program
-from gaitsweep.engine.kernel.cuda_device import CudaDevice, DeviceArray, missing
+from gaitsweep.engine.kernel.cuda_device import CudaDevice, DeviceArray, unavailable
 from gaitsweep.engine.kernel.lanes import kernel_of
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
@@ -25,7 +25,7 @@ pytestmark = pytest.mark.gpu
 
 def test_packages_of_kernels_are_installed() -> None:
     """Without them `auto` would use XLA in all of these tests."""
-    assert missing() is None
+    assert unavailable() is None
 
 
 def test_a_large_kernel_has_all_registers_that_a_thread_may_have() -> None:

@@ -177,7 +177,7 @@ def test_lanes_run_in_vector_registers() -> None:
         pytest.skip("this processor has no AVX2")
     recorder = CrossingRecorder(Multilegged(), crossings=10)
     kernel = kernel_of(Multilegged(), recorder, Numerics(dt=4e-3, method="rk4").resolve(Multilegged()), None)
-    assembly = llvm_code.assembly(cpu_program.Tile(kernel.chunk, cpu_program.TILE, True).module())
+    assembly = llvm_code.assembly(cpu_program.Tile(kernel.chunk, cpu_program.TILE, contraction=True).module())
     packed = len(re.findall(r"\tv(?:f[n]?m\w+|add|sub|mul)pd\t.*[yz]mm", assembly))
     single = len(re.findall(r"\tv(?:f[n]?m\w+|add|sub|mul|div)sd\t", assembly))
     assert packed > 300
@@ -259,7 +259,9 @@ def test_only_a_fused_difference_keeps_the_last_bit(difference: str, expected: f
 def test_contraction_can_be_turned_off() -> None:
     model = Toy()
     chunk = kernel_of(model, CrossingRecorder(model, crossings=3), NUMERICS.resolve(model), None).chunk
-    contracted, separate = (cpu_program.Tile(chunk, 16, contracts).source for contracts in (True, False))
+    contracted, separate = (
+        cpu_program.Tile(chunk, 16, contraction=contracts).source for contracts in (True, False)
+    )
     assert ("fma(" in contracted) is cpu_program.FUSES
     assert "fma(" not in separate
 

@@ -40,7 +40,7 @@ def test_functions_of_rows_agree_with_jax(
     function: Any, rows: int, all_rows: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Products with zero may be NaN, and XLA computes operations that scalar programs lack."""
-    monkeypatch.setattr(row_functions, "_AT_A_TIME", 10)
+    monkeypatch.setattr(row_functions, "_ROWS_AT_A_TIME", 10)
     given = {"x": RANDOM.uniform(0.0, 1.0, rows)}, RANDOM.normal(size=(rows, 2, 2))
     mine, right = over_rows(function, all_rows=all_rows)(*given), jax.vmap(function)(*given)
     assert mine.keys() == right.keys()

@@ -36,16 +36,19 @@ def in_c(height: float, steps: int) -> np.ndarray:
 
 
 @pytest.mark.slow
-def test_steps_are_mujocos_in_c() -> None:
-    """Through landings: MuJoCo's solver of contacts ends at 1e-8, and each landing enlarges what differs."""
-    trace = gs.simulate(MujocoHopper(), height_0=0.05, duration=0.6, every=DT, numerics={"dt": DT})
+@pytest.mark.parametrize(("dynamics", "within"), [("mujoco", 1e-10), ("mjx", 1e-5)])
+def test_steps_are_mujocos_in_c(dynamics: str, within: float) -> None:
+    """Through landings: MJX's solver of contacts ends at 1e-8, and each landing enlarges what differs."""
+    trace = gs.simulate(
+        MujocoHopper(dynamics=dynamics), height_0=0.05, duration=0.6, every=DT, numerics={"dt": DT}
+    )
     true = in_c(0.05, 600)
     landed = np.diff(true[:, 3]) > 0.02
     assert landed.any()
     result = trace[["phi", "q_0", "q_1"]].to_numpy()[1:]
     before = int(np.flatnonzero(landed)[0])
     np.testing.assert_allclose(result[:before], true[:before, :3], rtol=0, atol=1e-10)
-    np.testing.assert_allclose(result, true[:, :3], rtol=0, atol=1e-5)
+    np.testing.assert_allclose(result, true[:, :3], rtol=0, atol=within)
 
 
 @pytest.mark.slow
@@ -129,7 +132,7 @@ def made(xml: str, **members: object) -> type[gs.MjcfModel]:
 def test_unsupported_features_are_refused(old: str, new: str, sentence: str) -> None:
     assert old in TEXT
     with pytest.raises(gs.ArgumentError, match=f"is not accepted by session:Body: .*{sentence}"):
-        gs.simulate(made(TEXT.replace(old, new)), duration=0.1)
+        gs.simulate(made(TEXT.replace(old, new))(dynamics="mjx"), duration=0.1)
 
 
 def test_wrong_names_are_refused() -> None:

@@ -589,7 +589,7 @@ def test_batches_side_by_side_learn_too(method: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize("method", METHODS)
 def test_optimisers_stay_in_their_ranges_and_repeat(method: str) -> None:
     def points(seed: int) -> np.ndarray:
-        made = optimiser(method, 3, 2, 16, 16, seed)
+        made = optimiser(method, dimension=3, targets=2, start=16, together=16, seed=seed)
         asked = []
         for n in (16, 16, 16, 5):
             shares = made.ask(n)
@@ -708,7 +708,9 @@ def test_workers_of_a_cluster_measure_the_same(tmp_path: Path) -> None:
 
 def test_the_shipped_phases_are_a_set_of_the_shipped_search() -> None:
     result = load_search(SWEEPS / "waist_quadruped_phases_search.yaml")
-    points = optimiser("sobol", len(result.free), 1, 0, 64, result.options.seed).ask(8501)
+    points = optimiser(
+        "sobol", dimension=len(result.free), targets=1, start=0, together=64, seed=result.options.seed
+    ).ask(8501)
     shipped = yaml.safe_load((SWEEPS.parent / "configs" / "aoi2011_phases.yaml").read_text())["params"]
     for name, column in sets_at(result.free, points[-1:]).items():
         assert float(column[0]) == pytest.approx(shipped.get(name, 0), rel=1e-4), name

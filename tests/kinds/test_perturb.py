@@ -326,3 +326,28 @@ def test_a_recovery_map_shows_rows_that_have_not_settled_again() -> None:
     (legend,) = figure.legends
     names = [text.get_text().rsplit("  ", 1) for text in legend.get_texts()]
     assert sorted(names) == [["fell", "25 %"], ["not settled", "25 %"], ["recovered", "50 %"]]
+
+
+def test_the_least_fatal_push_is_found_around_the_cycle_and_marked() -> None:
+    """Pushes beyond a circle are fatal, whose radius is 0.5 at phase 0 and 1 at phase 0.5."""
+    amounts = np.linspace(-1.2, 1.2, 25)
+    x, y, phase = (each.ravel() for each in np.meshgrid(amounts, amounts, [0.0, 0.5], indexing="ij"))
+    fell = np.hypot(x - 0.1, y) > 0.5 + phase
+    recovery = np.where(fell, "fell", np.where(x > 0.45, "not settled", "recovered"))
+    columns = {"push_x": x, "push_y": y, "push_phase": phase, "recovery": pd.Categorical(recovery)}
+    table = pd.DataFrame({"row": np.arange(x.size), **columns, "status": "settled"})
+    unit = {"unit": "rad/s", "circular": False, "symbol": ""}
+    table.attrs["quantities"] = dict.fromkeys(("push_x", "push_y"), unit)
+    least = gs.analyses.least_fatal_push(table, ["push_x", "push_y"], "push_phase")
+    # the centre is at 0.1, so the nearest border is at 0.4 and 0.9 on the other side, within a cell of 0.1
+    assert (least["push_x"] < 0.0).all()
+    beyond = least["size"] - [0.4, 0.9]
+    assert ((beyond > -1e-12) & (beyond < 0.1 * np.sqrt(2.0))).all()
+    np.testing.assert_allclose(least["size"], np.hypot(least["push_x"], least["push_y"]), atol=1e-12)
+    assert least["recovery"].tolist() == ["fell", "fell"]
+    figure = gs.plot.recovery(table, x="push_x", y="push_y", panels="push_phase")
+    stars = [line.get_xydata()[0] for axes in figure.axes for line in axes.lines if line.get_marker() == "*"]
+    np.testing.assert_allclose(stars, least[["push_x", "push_y"]])
+    table.attrs["quantities"]["push_y"] = {**unit, "unit": "m/s"}
+    with pytest.raises(gs.analyses.AnalysisError, match="one unit"):
+        gs.analyses.least_fatal_push(table, ["push_x", "push_y"], "push_phase")

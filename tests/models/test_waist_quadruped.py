@@ -19,8 +19,7 @@ from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.papers.aoi2011.waist_quadruped import WaistQuadruped
 from gaitsweep.papers.aoi2011.waist_quadruped.foot_path import BEYOND, EARLY, LATE, STANCE, FootPath
 from gaitsweep.papers.aoi2011.waist_quadruped.mechanics import anchored_force
-from gaitsweep.papers.aoi2011.waist_quadruped.posture import joint_angles
-from gaitsweep.papers.aoi2011.waist_quadruped.posture import WAIST, fallen, tilt
+from gaitsweep.papers.aoi2011.waist_quadruped.posture import WAIST, has_fallen, joint_angles, tilt
 from tests.support.multilegged_crossings import wrapped
 from tests.support.sweeping import run_rows
 
@@ -163,11 +162,11 @@ def test_tilt_and_falls_are_those_of_the_front_bodys_axes() -> None:
         _, pitch, roll = Rotation.from_quat([x, y, z, w]).as_euler("ZYX")
         np.testing.assert_allclose(tilt(q), [roll, pitch], atol=1e-12)
         over = abs(roll) > 1.2 or abs(pitch) > 1.2
-        assert bool(fallen(q.at[2].set(0.13), jnp.asarray(0.133))) == over
+        assert bool(has_fallen(q.at[2].set(0.13), jnp.asarray(0.133))) == over
     upright = jnp.zeros(16).at[2].set(0.13).at[3].set(1.0)
-    assert not fallen(upright, jnp.asarray(0.133))
-    assert fallen(upright.at[2].set(0.05), jnp.asarray(0.133))
-    assert fallen(upright.at[WAIST].set(-1.6), jnp.asarray(0.133))
+    assert not has_fallen(upright, jnp.asarray(0.133))
+    assert has_fallen(upright.at[2].set(0.05), jnp.asarray(0.133))
+    assert has_fallen(upright.at[WAIST].set(-1.6), jnp.asarray(0.133))
 
 
 def test_inverse_kinematics_of_a_limb() -> None:

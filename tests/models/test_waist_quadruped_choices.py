@@ -25,8 +25,7 @@ from gaitsweep.job import Job, JobError
 from gaitsweep.papers.aoi2011.waist_quadruped import WaistQuadruped
 from gaitsweep.papers.aoi2011.waist_quadruped.drawing import scaled_mjcf
 from gaitsweep.papers.aoi2011.waist_quadruped.foot_path import BEYOND, EARLY, LATE, STANCE, SWINGS, FootPath
-from gaitsweep.papers.aoi2011.waist_quadruped.posture import joint_angles, joint_rates
-from gaitsweep.papers.aoi2011.waist_quadruped.posture import HIP, KNEE
+from gaitsweep.papers.aoi2011.waist_quadruped.posture import HIP, KNEE, joint_angles, joint_rates
 from gaitsweep.papers.aoi2011.waist_quadruped.rhythm import desired_velocities
 from gaitsweep.papers.aoi2011.waist_quadruped.sizes import LIMBS, body, mjcf
 from tests.support.sweeping import complete, run_rows, scalars

@@ -320,6 +320,9 @@ def test_remarks_on_a_meaning_are_not_in_a_label() -> None:
     ):
         table.attrs["quantities"] = {"k": {"unit": "1", "symbol": "k", "meaning": meaning}}
         assert described(table, "k") == label
+    table = pd.DataFrame({"x_end_2": [1.0]})
+    table.attrs["quantities"] = {"x_end": {"unit": "m", "symbol": "x", "meaning": "way"}}
+    assert described(table, "x_end_2") == "way, $x$ (m)"
 
 
 def test_rows_of_panels_share_a_label() -> None:

@@ -25,7 +25,7 @@ from gaitsweep.plot.limbs import limb_colours
 from gaitsweep.table import Snapshot
 from gaitsweep.view import row_motion
 from gaitsweep.view import row_movie as movie
-from gaitsweep.view.explorer.replays import SAMPLES_A_CYCLE, Crossings, ReplayedRow, Windows
+from gaitsweep.view.explorer.replays import SAMPLES_PER_CYCLE, Crossings, ReplayedRow, Windows
 from gaitsweep.view.movie import mujoco_movie, mujoco_painter
 from gaitsweep.view.movie.side_view import SWING
 from gaitsweep.view.row_motion import read_motion
@@ -216,7 +216,7 @@ def test_seconds_are_the_last_ones_of_a_row_that_is_simulated_again(
     folder = settled_toy(tmp_path / "toy")
     table = gs.load(folder)
     job = Job(**table.attrs["job"])
-    every, told = 0.2 / SAMPLES_A_CYCLE, []
+    every, told = 0.2 / SAMPLES_PER_CYCLE, []
 
     def replayed(windows: Windows) -> Iterator[ReplayedRow]:
         t = windows.first + every * np.arange(int(windows.length / every) + 2)
@@ -340,7 +340,7 @@ def test_legs_in_swing_are_coloured_and_lifted_on_request(chain: Path) -> None:
         with movie._prepared(motion, motion.t, "", "auto", lift, None) as (clip, draw):
             skeletons.append(clip.skeleton)
             figure = Figure()
-            draw(figure.add_axes((0, 0, 1, 1)), clip, True).show(20)
+            draw(figure.add_axes((0, 0, 1, 1)), clip, named=True).show(20)
     colours = [line.get_color() for line in figure.axes[0].lines if np.size(line.get_xdata()) == 2][: 3 * 4]
     swing = [bool(motion.signals[f"contact_{i}"][20] == 0.0) for i in range(1, 5)]
     assert [SWING in colours[i : i + 1] for i in range(0, 8, 2)] == swing

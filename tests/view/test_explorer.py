@@ -408,8 +408,9 @@ def test_no_control_of_a_page_reaches_out(hostile: Path, logarithmic: Path, well
 
 def test_no_control_of_a_page_can_reach_out() -> None:
     """Buttons of plotly.js are those of a list, in each figure; no part of the page names another place."""
-    parts = [path.read_text() for path in (Path(view.__file__).parent / "explorer" / "page").iterdir()]
-    script = next(part for part in parts if part.startswith('"use strict"'))
+    page = Path(view.__file__).parent / "explorer" / "page"
+    parts = [path.read_text() for path in page.iterdir()]
+    script = "\n".join(path.read_text() for path in sorted(page.glob("*.js")))
     (buttons,) = re.findall(r"^const BUTTONS = (.*);$", script, re.MULTILINE)
     stays = {"toImage", "zoom2d", "pan2d", "zoomIn2d", "zoomOut2d", "resetScale2d"}
     assert {each for row in json.loads(buttons) for each in row} == stays
@@ -741,10 +742,10 @@ def _check_chain(page: Page) -> None:
     counts = {True: [], False: []}
     for part in range(20):
         page.evaluate(f"clock.at = {part} / 20 * lengthOf(motion); paint()")
-        swings = page.evaluate("data.limbs.some((_, k) => !down(motion, k, clock.at))")
+        swings = page.evaluate("data.limbs.some((_, k) => !isOnGround(motion, k, clock.at))")
         counts[swings].append(page.evaluate(orange % "body"))
         if swings:
-            heights = "lifted(motion, bodyAt(motion, clock.at, 0).points)"
+            heights = "withLiftedFeet(motion, bodyAt(motion, clock.at, 0).points)"
             low = page.evaluate(heights)
             page.evaluate("document.getElementById('lift').value = '3'")
             high = page.evaluate(heights)

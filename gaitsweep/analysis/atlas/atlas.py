@@ -10,7 +10,8 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from types import MappingProxyType
 
 import numpy as np
 import pandas as pd
@@ -26,7 +27,7 @@ from gaitsweep.analysis.atlas.branch import (
     record_of,
 )
 from gaitsweep.analysis.atlas.event_orders import event_columns
-from gaitsweep.analysis.atlas.order_changes import events_of_branches, mark_order_changes
+from gaitsweep.analysis.atlas.order_changes import with_order_changes
 from gaitsweep.analysis.atlas.periodic_orbits import (
     Orbit,
     OrbitSearch,
@@ -36,6 +37,7 @@ from gaitsweep.analysis.atlas.periodic_orbits import (
     with_images,
 )
 from gaitsweep.analysis.atlas.plane_curves import SecondParameter, plane_curves, renamed_apart
+from gaitsweep.analysis.atlas.stored_points import points_of, text_of
 from gaitsweep.analysis.continuation.arclength import BranchPoints, ContinuationProblem
 from gaitsweep.analysis.continuation.branch_follower import ArclengthSteps, BranchFollower
 from gaitsweep.analysis.continuation.branch_points import CROSSINGS, FLAT, beside
@@ -79,10 +81,47 @@ class BranchAtlas:
         self.steps, self.most_branches = steps or ArclengthSteps(), most_branches
         self.branches: list[Branch] = []
         self._beyond: list[Branch] = []  # those beyond the largest number
+        self._restored: set[int] = set()  # rows all of whose branches an earlier run has followed
 
     def left_out(self, row: int) -> int:
         """The number of branches of a row beyond the largest number."""
         return sum(branch.row == row for branch in self._beyond)
+
+    def restore(self, table: pd.DataFrame, like: Points, depth: int) -> None:
+        """Take the branches of an earlier run, which are not followed again.
+
+        Args:
+            table: its records of branches; `row` counts from 0, `point` along each branch, and
+                `stored_point` is the text of each point. The index is the place in the earlier table.
+            like: a point (1,) of the map, for the structure of its modes.
+            depth: the depth to which that run has followed what branches meet.
+        """
+        first: dict[int, int] = {}  # the place of each row's first branch
+        for _, group in table.groupby(["row", "number"], sort=True):
+            of_branch = group.sort_values("point")
+            head = of_branch.iloc[0]
+            row, period, own_depth = (int(head[name]) for name in ("row", "period", "depth"))
+            records: list[Record] = []
+            for place, record in zip(of_branch.index, of_branch.to_dict("records"), strict=True):
+                at, *beside = points_of(record["stored_point"], like)
+                names = ("special", "end", "change")
+                texts = {name: record[name] if isinstance(record[name], str) else "" for name in names}
+                records.append({**texts, "stored": at, "beside": beside, "earlier": int(place)})
+                records[-1][self.parameter] = float(at.parameter[0])
+            first.setdefault(row, len(self.branches))
+            begins = None if head["begins"] < 0 else (first[row] + int(head["begins"]), 0)
+            if begins is None:
+                searched = int(np.argmax(of_branch["found"].to_numpy(int) >= 0))
+                start = records[searched]
+                problem = self._problem(row, period, start["stored"].points, start[self.parameter])
+            else:
+                parent = self.branches[begins[0]].problem
+                problem = dataclasses.replace(parent, mapping=self.mapping.iterated(period))
+            # of a row with branches that were left out, all are looked at again
+            switched = own_depth < depth and not head["left_out"]
+            if not head["left_out"]:
+                self._restored.add(row)
+            self.branches.append(Branch(row, period, own_depth, begins, problem, records, {}, switched))
 
     def follow(self, search: OrbitSearch, at: float, depth: int) -> None:
         """Follow the orbits of a search at a value of the parameter, and what their branches meet.
@@ -92,12 +131,32 @@ class BranchAtlas:
             at: the value of the parameter there.
             depth: the largest number of bifurcations between a branch and an orbit.
         """
-        starts = [self._start_of_orbit(orbit, at) for orbit in search.orbits]
+        on_branches = {orbit.earlier for orbit in search.orbits if orbit.row in self._restored}
+        starts = [
+            self._start_of_orbit(orbit, at)
+            for orbit in search.orbits
+            if not orbit.earlier or orbit.earlier not in on_branches
+        ]
         self._follow([start for start in starts if start is not None])
-        first = 0
         for level in range(1, depth + 1):
-            parents, first = range(first, len(self.branches)), len(self.branches)
+            parents = [
+                number
+                for number, branch in enumerate(self.branches)
+                if branch.depth == level - 1 and not branch.switched
+            ]
             self._follow(list(self._switched(parents, level)))
+            for number in parents:
+                self.branches[number] = dataclasses.replace(self.branches[number], switched=True)
+        self.branches = with_order_changes(self.branches)
+
+    def _problem(self, row: int, period: int, points: Points, at: float) -> ContinuationProblem:
+        """The continuation problem of the branch through a fixed point (1,) at a value of the parameter."""
+        mapping = self.mapping.iterated(period)
+        complete = mapping.complete({**rows_of(self.values, np.array([row])), self.parameter: at}, 1)
+        others = {name: column for name, column in complete.items() if name != self.parameter}
+        conserved = mapping.images(points, complete).conserved_values if self.fix else np.zeros((1, 0))
+        constraints = ConservedConstraints.of(mapping, self.fix, conserved)
+        return ContinuationProblem.of(mapping, self.parameter, self.within, others, constraints, points.at)
 
     def _start_of_orbit(self, orbit: Orbit, at: float) -> BranchStart | None:
         """The start of the branch through an orbit; None if Newton's method does not find the orbit again."""
@@ -107,11 +166,7 @@ class BranchAtlas:
         fixed = newton(mapping, orbit.points[[0]], complete, fix=self.fix)
         if not fixed.converged[0]:
             return None
-        others = {name: column for name, column in complete.items() if name != self.parameter}
-        constraints = ConservedConstraints.of(mapping, self.fix, fixed.images.conserved_values)
-        problem = ContinuationProblem.of(
-            mapping, self.parameter, self.within, others, constraints, fixed.points.at
-        )
+        problem = self._problem(orbit.row, orbit.period, fixed.points, at)
         first = problem.first(fixed.points, fixed.drift, np.array([at]), 1.0)
         directions = (*([-1] if at > problem.low else []), *([1] if at < problem.high else []))
         return BranchStart(orbit.row, orbit.period, 0, None, problem, first, directions, orbit.points)
@@ -121,13 +176,13 @@ class BranchAtlas:
         for number in parents:
             branch = self.branches[number]
             for place, record in enumerate(branch.records):
-                asides, period, problem = branch.asides.get(place), branch.period, branch.problem
+                asides, period, problem = branch.aside(place), branch.period, branch.problem
                 if record["special"] == "flip" and not record["end"]:
                     period = 2 * period
                     problem = dataclasses.replace(problem, mapping=self.mapping.iterated(period))
-                    asides = _doubled(problem, record["at"])
-                firsts = [] if asides is None else [asides[[k]] for k in range(len(asides.parameter))]
-                for first in firsts:
+                    doubled = _doubled(problem, branch.point(place))
+                    asides = iter([] if doubled is None else [doubled])
+                for first in asides:
                     if not problem.low <= first.parameter[0] <= problem.high:
                         continue
                     values = problem.values_at(first.parameter)
@@ -139,7 +194,7 @@ class BranchAtlas:
 
     def _follow(self, starts: list[BranchStart]) -> None:
         """Follow branches from their first points, but for those that other branches pass."""
-        new = [start for start in starts if not self._is_passed(start)]
+        new = self._unpassed(starts)
         followed: list[tuple[BranchStart, Branch]] = []
         order = sorted(range(len(new)), key=lambda k: new[k].period)
         for period, group in itertools.groupby(order, key=lambda k: new[k].period):
@@ -149,12 +204,35 @@ class BranchAtlas:
                 branch = Branch.of_halves(start, halves_of_start)
                 followed.append((start, self._without_image(start, branch)))
         for start, branch in followed:
-            if self._is_passed(start):
+            if not self._unpassed([start]):
                 continue
             if sum(other.row == branch.row for other in self.branches) < self.most_branches:
                 self.branches.append(branch)
-            elif not self._is_passed(start, self._beyond):
+            elif not any(self._place_on(other, start) for other in self._beyond):
                 self._beyond.append(branch)
+
+    def _unpassed(self, starts: Iterable[BranchStart]) -> list[BranchStart]:
+        """The starts that no branch passes; an orbit of the search gets a record on one that passes it."""
+        unpassed = []
+        for start in starts:
+            passing = ((branch, self._place_on(branch, start)) for branch in self.branches)
+            branch, place = next((pair for pair in passing if pair[1] is not None), (None, None))
+            if branch is None or place is None:
+                unpassed.append(start)
+            elif place >= 0 and start.begins is None and not branch.has_point(start.first):
+                branch.insert(place, record_of(start.problem, start.first))
+        return unpassed
+
+    def _place_on(self, branch: Branch, start: BranchStart) -> int | None:
+        """The record after which a branch passes a first point; -1 if it passes an image of it alone."""
+        if (branch.row, branch.period) != (start.row, start.period):
+            return None
+        at = float(start.first.parameter[0])
+        if (place := branch.place_of(start.orbit, at)) is not None:
+            return place
+        values = start.problem.values_at(start.first.parameter)
+        images = self.mapping.mirrored(start.orbit, values).values()
+        return -1 if any(branch.place_of(image, at) is not None for image in images) else None
 
     def _without_image(self, start: BranchStart, branch: Branch) -> Branch:
         """A branch without its part beyond a pitchfork at which it turns and becomes its image."""
@@ -178,26 +256,6 @@ class BranchAtlas:
                 branch.records[place]["end"] = "pitchfork"
                 return before if int(np.argmin(away)) <= place else after
         return branch
-
-    def _is_passed(self, start: BranchStart, branches: Sequence[Branch] | None = None) -> bool:
-        """Whether one of all or of some branches passes a first point, or its image under a symmetry.
-
-        A branch that passes an orbit of the search then has a point there.
-        """
-        at = float(start.first.parameter[0])
-        values = start.problem.values_at(start.first.parameter)
-        images = self.mapping.mirrored(start.orbit, values).values()
-        for branch in self.branches if branches is None else branches:
-            if (branch.row, branch.period) != (start.row, start.period):
-                continue
-            place = branch.place_of(start.orbit, at)
-            if place is not None:
-                if start.begins is None:
-                    branch.insert(place, record_of(start.problem, start.first))
-                return True
-            if any(branch.place_of(image, at) is not None for image in images):
-                return True
-        return False
 
     def _halves(self, starts: Sequence[BranchStart], period: int) -> list[list[HalfBranch]]:
         """The halves of branches of orbits of one period: one for each direction of each start."""
@@ -262,14 +320,21 @@ class BranchAtlas:
         return images.sound & (self.mapping.distance(points.points.at, images.points.at) < ON_BRANCH)
 
     def follow_curves(
-        self, second: str, within: Sequence[float], steps: ArclengthSteps | None = None
+        self,
+        second: str,
+        within: Sequence[float],
+        steps: ArclengthSteps | None = None,
+        curves_before: Mapping[int, int] = MappingProxyType({}),
     ) -> pd.DataFrame:
         """Follow the bifurcations of all branches in the plane of the parameter and a second one.
+
+        Those of branches that were restored have their curves in the earlier table.
 
         Args:
             second: the name of the second parameter; its value at the branches is that of `values`.
             within: its range, two numbers.
             steps: lengths and number of the steps.
+            curves_before: the number of curves in the earlier table, by row.
 
         Returns:
             One record a point: row, curve, kind (fold, flip, neimark_sacker, branch_point), period, point,
@@ -278,7 +343,8 @@ class BranchAtlas:
             end. Point 0 is on a branch, and points below 0 are behind it.
         """
         plane = SecondParameter(second, float(min(within)), float(max(within)))
-        records = plane_curves(self.mapping, self.branches, self.within, plane, steps or ArclengthSteps())
+        steps = steps or ArclengthSteps()
+        records = plane_curves(self.mapping, self.branches, self.within, plane, steps, curves_before)
         return in_terms_of_flow(self.mapping, pd.DataFrame(records))
 
     def table(self, search: OrbitSearch, at: float) -> pd.DataFrame:
@@ -291,29 +357,39 @@ class BranchAtlas:
         Returns:
             row, branch, period, depth, begins (the branch at whose bifurcation it begins; -1: it leads
             through an orbit of the search), and the columns of `continuation`, with `coefficient`, the normal
-            form's; missing (`OrbitSearch.missing`), and where the parameter is `at`: found (how many searches
-            found the orbit; 0: its branch alone leads there; -1 at other points), reached, error and symmetry
-            of an `Orbit`; `event_columns`, and change (what changes in the order of events at a corner).
+            form's; missing (`OrbitSearch.missing`), drawn_starts (those of its row), and where the parameter
+            is `at`: found (how many searches found the orbit; 0: its branch alone leads there; -1 at other
+            points), reached, error and symmetry of an `Orbit`; `event_columns`, change (what changes in the
+            order of events at a corner), and `stored_point`, the text of the point. A record of a branch
+            that was restored has row, branch, point, missing, drawn_starts and found alone, and its place in
+            the earlier table as `earlier`.
         """
         records: list[Record] = []
-        numbers, events = self._numbers(), events_of_branches(self.branches)
-        for branch, orders in zip(self.branches, events, strict=True):
-            mark_order_changes(branch, orders)
+        numbers = self._numbers()
         listed: dict[int, list[Points]] = {}  # the gaits of each row that have a record, with their images
-        for branch, number, orders in zip(self.branches, numbers, events, strict=True):
+        for orbit in search.orbits:
+            if orbit.earlier:
+                values = {**rows_of(self.values, np.full(orbit.period, orbit.row)), self.parameter: at}
+                listed.setdefault(orbit.row, []).extend(with_images(self.mapping, orbit.points, values))
+        hits = {orbit.earlier: orbit.hits for orbit in search.orbits if orbit.earlier}
+        for branch, number in zip(self.branches, numbers, strict=True):
             begins = -1 if branch.begins is None else numbers[branch.begins[0]]
-            missing = search.missing(branch.row)
+            of_search = {"missing": search.missing(branch.row), "drawn_starts": search.drawn(branch.row)}
             for place, record in enumerate(branch.records):
-                head = {"row": branch.row, "branch": number, "point": place, "period": branch.period}
-                head |= {"depth": branch.depth, "begins": begins, "coefficient": float("nan"), "found": -1}
-                head |= {"reached": float("nan"), "error": float("nan"), "missing": missing, "symmetry": ""}
-                head |= {"change": "", **event_columns(orders[place])}
-                rest = renamed_apart(
-                    {k: v for k, v in record.items() if k not in ("row", "point", "at")}, head
-                )
+                head = {"row": branch.row, "branch": number, "point": place, "found": -1, **of_search}
+                if "earlier" in record:
+                    earlier = record["earlier"]
+                    records.append({**head, "found": hits.get((earlier,), -1), "earlier": earlier})
+                    continue
+                head |= {"period": branch.period, "depth": branch.depth, "begins": begins}
+                head |= {"coefficient": float("nan"), "reached": float("nan"), "error": float("nan")}
+                head |= {"symmetry": "", "change": "", **event_columns(record["events"])}
+                head |= {"stored_point": text_of(record["at"], branch.asides.get(place))}
+                own = {k: v for k, v in record.items() if k not in ("row", "point", "at", "events")}
+                own = renamed_apart(own, head)
                 if record[self.parameter] == at and not record["special"]:
-                    rest |= self._gait(search, branch, record["at"], listed.setdefault(branch.row, []))
-                records.append({**head, **rest})
+                    own |= self._gait(search, branch, record["at"], listed.setdefault(branch.row, []))
+                records.append({**head, **own})
         return in_terms_of_flow(self.mapping, pd.DataFrame(records))
 
     def _numbers(self) -> list[int]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -60,8 +61,11 @@ class Branch:
         depth: the number of bifurcations between it and an orbit of the search.
         begins: the branch and the record at whose bifurcation it begins; None: it leads through an orbit.
         problem: the continuation problem, of this branch alone.
-        records: its points in order, as records of `BranchTable` with their `BranchPoints` (1,) as `at`.
+        records: its points in order, as records of `BranchTable` with their `BranchPoints` (1,) as `at`. Of a
+            branch of an earlier run, they have the `StoredPoint` as `stored`, and its place in that run's
+            table as `earlier`; `at` is added where it is needed.
         asides: points on crossing branches by the place of the record where they cross.
+        switched: whether the branches that begin at its bifurcations have been followed.
     """
 
     row: int
@@ -71,11 +75,31 @@ class Branch:
     problem: ContinuationProblem
     records: list[Record]
     asides: dict[int, BranchPoints]
+    switched: bool = False
 
     def __post_init__(self) -> None:
-        points = [record["at"] for record in self.records]
+        points = [record["at" if "at" in record else "stored"] for record in self.records]
         self.at = np.concatenate([point.points.at for point in points])
         self.parameter = np.concatenate([point.parameter for point in points])
+
+    def point(self, place: int) -> BranchPoints:
+        """The point (1,) of the record at a place, with its image."""
+        record = self.records[place]
+        if "at" not in record:
+            record["at"] = record["stored"].evaluated(self.problem)
+        return record["at"]
+
+    def points(self, place: int) -> Points:
+        """The point (1,) of the record at a place, without its image."""
+        record = self.records[place]
+        return record["at" if "at" in record else "stored"].points
+
+    def aside(self, place: int) -> Iterator[BranchPoints]:
+        """The points (1,) on the branches that cross at a record."""
+        if (aside := self.asides.get(place)) is not None:
+            yield from (aside[[k]] for k in range(len(aside.parameter)))
+        for stored in self.records[place].get("beside", ()):
+            yield stored.evaluated(self.problem)
 
     @classmethod
     def of_halves(cls, start: BranchStart, halves: list[HalfBranch]) -> Branch:
@@ -121,6 +145,11 @@ class Branch:
                     return int(place)
         return None
 
+    def has_point(self, at: BranchPoints) -> bool:
+        """Whether it has a record of a point (1,)."""
+        away = self.problem.mapping.distance(at.points.at, self.at)
+        return bool(np.any((away < ON_BRANCH) & (self.parameter == at.parameter[0])))
+
     def part(self, begin: int, end: int) -> Branch:
         """The records from `begin` to before `end`."""
         asides = {place - begin: aside for place, aside in self.asides.items() if begin <= place < end}
@@ -143,7 +172,7 @@ class Branch:
         """Whether the step after the record `place` passes a point (1,)."""
         size = point.at.shape[1]
         weights = self.problem.weights[0]
-        for end in (self.records[place]["at"], self.records[place + 1]["at"]):
+        for end in (self.point(place), self.point(place + 1)):
             change = np.append(
                 self.problem.mapping.difference(point.at, end.points.at)[0], parameter - end.parameter[0]
             )

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import itertools
-import re
 from collections import Counter
 from typing import Any
 
 from gaitsweep.engine.poincare.maps import Events
+from gaitsweep.run_columns import time_column
 
 
 def event_columns(events: Events) -> dict[str, Any]:
@@ -16,11 +16,6 @@ def event_columns(events: Events) -> dict[str, Any]:
     for at, name in events:
         times.setdefault(time_column(name), at)
     return {"events": ", ".join(name for _, name in events), **times}
-
-
-def time_column(event: str) -> str:
-    """The name of the column with the times of an event."""
-    return "t_" + re.sub(r"\W+", "_", event).strip("_")
 
 
 def change_of_order(before: Events, after: Events) -> str:

@@ -2,68 +2,92 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import dataclasses
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from gaitsweep.analysis.atlas.branch import Branch, record_of
+from gaitsweep.analysis.atlas.branch import Branch, Record, record_of
 from gaitsweep.analysis.atlas.event_orders import change_of_order
 from gaitsweep.analysis.continuation.arclength import BranchPoints, ContinuationProblem
 from gaitsweep.analysis.continuation.bifurcation_tests import ahead
 from gaitsweep.engine.poincare.maps import Events, Points, sizes
 
-# Halvings of a step on which the order of events changes, and the most changes on one step.
-BISECTIONS, MOST_CHANGES = 40, 8
+# Halvings of a step on which the order of events changes.
+BISECTIONS = 40
+# Most changes of the order on one step.
+MOST_CHANGES = 8
 # Distances beyond the end of a lost branch, relative to the coordinates, at which its events are read.
 BEYOND_END = (1e-4, 1e-3, 1e-2)
 
 
-def events_of_branches(branches: Sequence[Branch]) -> list[list[Events]]:
-    """The events of the orbit at each point of each branch; those of one period are evaluated together."""
-    events: list[list[Events]] = [[] for _ in branches]
-    for period in {branch.period for branch in branches}:
-        places = [k for k, branch in enumerate(branches) if branch.period == period]
-        points = [(branches[k].problem, record["at"]) for k in places for record in branches[k].records]
-        problem = ContinuationProblem.joined([problem for problem, _ in points])
-        of_points = iter(_events(problem, BranchPoints.joined([at for _, at in points])))
-        for k in places:
-            events[k] = [next(of_points) for _ in branches[k].records]
-    return events
+def with_order_changes(branches: Sequence[Branch]) -> list[Branch]:
+    """Branches whose records have their `events`, with a record for each change of the order of events.
+
+    Records of an earlier run and those that have `events` stay as they are.
+    """
+    places = [
+        (k, place)
+        for k, branch in enumerate(branches)
+        for place, record in enumerate(branch.records)
+        if not {"events", "earlier"} & record.keys()
+    ]
+    marked = list(branches)
+    events: dict[int, dict[int, Events]] = {}
+    for period in {branches[k].period for k, _ in places}:
+        of_period = [(k, place) for k, place in places if branches[k].period == period]
+        problem = ContinuationProblem.joined([branches[k].problem for k, _ in of_period])
+        at = BranchPoints.joined([branches[k].point(place) for k, place in of_period])
+        for (k, place), own in zip(of_period, _events(problem, at), strict=True):
+            events.setdefault(k, {})[place] = own
+    for k, own in events.items():
+        records = [
+            record | ({"events": own[place]} if place in own else {})
+            for place, record in enumerate(branches[k].records)
+        ]
+        branch = dataclasses.replace(branches[k], records=records)
+        marked[k] = _marked(branch) if len(own) == len(records) else branch
+    return marked
 
 
-def mark_order_changes(branch: Branch, events: list[Events]) -> None:
-    """Add a record to a branch where its order of events changes, and its events to those of its records."""
+def _marked(branch: Branch) -> Branch:
+    """A branch with a record for each change of the order of its events."""
+    records = [dict(record) for record in branch.records]
     for place, inner in ((0, 1), (-1, -2)):
-        if branch.records[place]["end"] == "lost" and len(events) > 1:
-            branch.records[place]["change"] = _change_beyond(branch, place, inner, events[place])
-    for place in range(len(events) - 1, 0, -1):
-        change = change_of_order(events[place - 1], events[place])
+        if records[place]["end"] == "lost" and len(records) > 1:
+            records[place]["change"] = _change_beyond(branch, place, inner, records[place]["events"])
+    marks: dict[int, list[Record]] = {}
+    for place in range(1, len(records)):
+        before, after = records[place - 1], records[place]
+        change = change_of_order(before["events"], after["events"])
         if not change:
             continue
-        step_ends = branch.records[place - 1], branch.records[place]
-        corner = next((record for record in step_ends if record["special"] == "corner"), None)
+        corner = next((record for record in (before, after) if record["special"] == "corner"), None)
         if corner is None:
-            _mark_on_step(branch, events, place)
+            marks[place] = list(_marks_on_step(branch.problem, before, after))
         else:
             corner["change"] = change
+    asides = {
+        place + sum(len(marks[k]) for k in marks if k <= place): aside
+        for place, aside in branch.asides.items()
+    }
+    with_marks = [record for place, own in enumerate(records) for record in (*marks.get(place, []), own)]
+    return dataclasses.replace(branch, records=with_marks, asides=asides)
 
 
-def _mark_on_step(branch: Branch, events: list[Events], place: int) -> None:
-    """Add a record for each of the changes on the step that leads to the record `place`."""
-    after = branch.records[place]
-    begin, events_at_begin = branch.records[place - 1]["at"], events[place - 1]
-    target = events[place]
-    for added in range(MOST_CHANGES):
-        if not change_of_order(events_at_begin, target):
+def _marks_on_step(problem: ContinuationProblem, before: Record, after: Record) -> Iterator[Record]:
+    """A record for each change on the step between two records; `after` notes one that is not located."""
+    begin, events_at_begin = before["at"], before["events"]
+    for _ in range(MOST_CHANGES):
+        if not change_of_order(events_at_begin, after["events"]):
             return
-        located = _last_before(branch.problem, begin, after["at"], events_at_begin)
+        located = _last_before(problem, begin, after["at"], events_at_begin)
         if located is None:
-            after["change"] = change_of_order(events_at_begin, target)
+            after["change"] = change_of_order(events_at_begin, after["events"])
             return
         (at, last), (begin, events_at_begin) = located
-        mark = {"special": "order_change", "change": change_of_order(last, events_at_begin)}
-        branch.insert(place - 1 + added, record_of(branch.problem, at) | mark)
-        events.insert(place + added, last)
+        change = change_of_order(last, events_at_begin)
+        yield record_of(problem, at) | {"special": "order_change", "change": change, "events": last}
 
 
 def _change_beyond(branch: Branch, place: int, inner: int, events: Events) -> str:
@@ -71,7 +95,7 @@ def _change_beyond(branch: Branch, place: int, inner: int, events: Events) -> st
 
     The points beyond it lie on the line through the record `place` at the end and the record `inner`.
     """
-    end, before = branch.records[place]["at"], branch.records[inner]["at"]
+    end, before = branch.point(place), branch.point(inner)
     problem, mapping = branch.problem, branch.problem.mapping
     ahead_of_end = mapping.difference(end.points.at, before.points.at)
     length = np.linalg.norm(ahead_of_end / sizes(end.points.at))

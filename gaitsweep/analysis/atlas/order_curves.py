@@ -1,4 +1,7 @@
-"""A curve in two parameters along which the order of events of a gait changes: two at once, or a grazing."""
+"""A curve in two parameters along which the order of events of a gait changes: two at once, or a grazing.
+
+At a corner two gaits, one of each order, meet and vanish.
+"""
 
 from __future__ import annotations
 
@@ -16,11 +19,15 @@ from gaitsweep.engine.poincare.maps import Events, Map, Points, Values
 
 # Steps of the second parameter over its range.
 STEPS = 32
-# First width of the interval that is searched at each step, as a share of the first parameter's range, the
-# factor by which it grows where the order does not change in it, and its largest width.
-WIDTH, WIDER, WIDEST = 0.01, 4.0, 0.7
-# Values of the first parameter in an interval, and rounds of smaller intervals.
-VALUES, ROUNDS = 33, 8
+# First and largest width of the interval that is searched at each step, as a share of the first parameter's
+# range, and the factor by which it grows where the order does not change in it.
+WIDTH = 0.01
+WIDEST = 0.7
+WIDER = 4.0
+# Values of the first parameter in an interval.
+VALUES = 33
+# Rounds of ever smaller intervals.
+ROUNDS = 8
 
 
 @dataclasses.dataclass(frozen=True)
@@ -37,6 +44,7 @@ class OrderChange:
         home: the values of both parameters there.
         events: the events on one side of the change.
         change: what changes there, as `change_of_order` says it.
+        vanishes: whether it is a corner, on one side of which there is no gait.
     """
 
     mapping: Map
@@ -49,6 +57,7 @@ class OrderChange:
     home: tuple[float, float]
     events: Events
     change: str
+    vanishes: bool = False
 
     def curve(self) -> list[dict[str, Any]]:
         """The records of the curve, in order: point 0 is the change on the branch, those behind it are below.
@@ -134,8 +143,11 @@ class OrderChange:
     ) -> Float[np.ndarray, " values"]:
         """1 where a gait is on the one side of this change, 0 where on the other, NaN where there is none.
 
-        Other changes of the order, which this curve may cross, do not count.
+        Other changes of the order, which this curve may cross, do not count. At a corner, 1 where there is a
+        gait and 0 where there is none.
         """
+        if self.vanishes:
+            return converged.astype(float)
         parts = set(self.change.split(", "))
         changes = [
             change_of_order(self.events, events).split(", ") for events in self.mapping.events(points, values)

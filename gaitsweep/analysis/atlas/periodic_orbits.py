@@ -25,8 +25,10 @@ Rows = Int[np.ndarray, " points"]  # the row of each point
 Draw = Callable[[Rows, int], Points]
 # Two orbits are the same if a point of one is this close to a point of the other, relative to its size.
 SAME = 1e-6
-# Most Newton steps of a search, and most halvings of each.
-STEPS, HALVINGS = 15, 2
+# Most Newton steps of a search.
+STEPS = 15
+# Most halvings of a Newton step.
+HALVINGS = 2
 # A simulated start has settled on an orbit if it is this close to a point of it, relative to its size.
 REACHED = 1e-3
 # Newton steps with which an orbit is polished.
@@ -63,6 +65,7 @@ class Orbit:
         hits: the number of drawn starts whose search with its own period found it, or its image.
         symmetry: names of the symmetries that turn it into itself.
         reached: the share of the simulated starts that settled on it; NaN if none was simulated.
+        earlier: the place of its record in the table of an earlier run, alone; else empty.
     """
 
     row: int
@@ -71,6 +74,7 @@ class Orbit:
     hits: int = 0
     symmetry: tuple[str, ...] = ()
     reached: float = float("nan")
+    earlier: tuple[int, ...] = ()
 
     @property
     def period(self) -> int:
@@ -96,6 +100,16 @@ class OrbitSearch:
     def __init__(self, mapping: Map, values: Values, fix: Mapping[str, Any], options: SearchOptions) -> None:
         self.mapping, self.values, self.fix, self.options = mapping, values, fix, options
         self.orbits: list[Orbit] = []
+        self._drawn: dict[int, int] = {}  # starts of each row that were drawn at random
+
+    def restore(self, orbits: Iterable[Orbit], drawn: Mapping[int, int]) -> None:
+        """Take the orbits of an earlier search, and the numbers of starts that it drew for each row."""
+        self.orbits += orbits
+        self._drawn.update(drawn)
+
+    def drawn(self, row: int) -> int:
+        """The number of starts of one row that were drawn at random, with those of an earlier search."""
+        return self._drawn.get(row, 0)
 
     def of_row(self, row: int) -> list[Orbit]:
         """The orbits of one row."""
@@ -112,18 +126,24 @@ class OrbitSearch:
         return float(once * (once - 1) / (2.0 * (twice + 1)))
 
     def run(self, draw: Draw, rows: Iterable[int]) -> None:
-        """Search in rounds, each row until its budget is spent or several rounds found nothing new."""
-        active, starts = np.array(sorted(rows), int), 0
-        idle = dict.fromkeys(active.tolist(), 0)
-        while active.size and starts < self.options.budget:
+        """Search in rounds, each row until its budget is spent or several rounds found nothing new.
+
+        A row whose starts were drawn in part by an earlier search begins with the next ones.
+        """
+        idle = dict.fromkeys(sorted(rows), 0)
+        while active := [
+            row for row in idle if self.drawn(row) < self.options.budget and idle[row] < self.options.patience
+        ]:
+            # the rows with the fewest starts first, since a draw is for rows with as many starts
+            starts = min(self.drawn(row) for row in active)
+            of_round = [row for row in active if self.drawn(row) == starts]
             count = min(self.options.batch, self.options.budget - starts)
             self.options.on_progress(starts, len(self.orbits))
-            row_of_start = np.repeat(active, count)
+            row_of_start = np.repeat(of_round, count)
             new = self.add(draw(row_of_start, starts), row_of_start)
-            starts += count
-            for row in active.tolist():
+            for row in of_round:
+                self._drawn[row] = starts + count
                 idle[row] = 0 if row in new else idle[row] + 1
-            active = np.array([row for row in active.tolist() if idle[row] < self.options.patience], int)
 
     def add(self, starts: Points, rows: Rows, *, drawn: bool = True) -> set[int]:
         """Search from these starts with all periods; the rows with new orbits.

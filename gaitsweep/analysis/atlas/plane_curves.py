@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -36,8 +36,11 @@ def plane_curves(
     within: Sequence[float],
     second: SecondParameter,
     steps: ArclengthSteps,
+    curves_before: Mapping[int, int],
 ) -> list[Record]:
     """Follow the bifurcations and the order changes of branches over a second parameter.
+
+    Those in records of an earlier run have their curves in that run's table.
 
     Args:
         mapping: the map, not iterated.
@@ -45,38 +48,41 @@ def plane_curves(
         within: the range of the branches' parameter, two numbers.
         second: the second parameter.
         steps: lengths and number of the steps.
+        curves_before: the number of curves of an earlier run, by row.
 
     Returns:
         One record a point, as of `BranchAtlas.follow_curves`.
     """
     candidates = [
-        (branch, record)
+        (branch, place)
         for branch in branches
-        for record in branch.records
-        if record["special"] in MARKS and record["special"] != "corner" and not record["end"]
+        for place in _new_places(mapping, branches, branch)
+        if branch.records[place]["special"] in MARKS
+        and branch.records[place]["special"] != "corner"
+        and not branch.records[place]["end"]
     ]
     followed = in_lockstep(
         [
             curve_through(
                 branch.problem,
-                record["at"],
-                record["special"],
+                branch.point(place),
+                branch.records[place]["special"],
                 (second.name, second.low, second.high, _home(branch, second)),
                 steps,
             )
-            for branch, record in candidates
+            for branch, place in candidates
         ]
     )
     curves: list[BifurcationCurve] = []
-    for (branch, record), curve in zip(candidates, followed, strict=True):
-        images = [] if curve is None else _images(mapping, branch, record)
+    for (branch, place), curve in zip(candidates, followed, strict=True):
+        images = [] if curve is None else _images(mapping, branch, place)
         if curve is None or not images:
             continue
-        parameter, kind = float(record["at"].parameter[0]), record["special"]
+        parameter, kind = float(branch.parameter[place]), branch.records[place]["special"]
         if not any(known.passes(branch.row, kind, image, parameter) for known in curves for image in images):
             curves.append(dataclasses.replace(curve, row=branch.row, period=branch.period))
     records: list[Record] = []
-    curves_of_row: Counter[int] = Counter()
+    curves_of_row = Counter(curves_before)
     for curve in curves:
         head = {"row": curve.row, "curve": curves_of_row[curve.row], "kind": curve.equations.kind}
         head["period"] = curve.period
@@ -93,20 +99,30 @@ def _order_curves(
     second: SecondParameter,
     curves_of_row: Counter[int],
 ) -> Iterator[Record]:
-    """The records of the curves on which the order of events changes, numbered after the `curves_of_row`."""
+    """The records of the curves of order changes and of corners, numbered after the `curves_of_row`."""
     known: list[tuple[Branch, float, Points]] = []
-    marked = [(b, record) for b in branches for record in b.records if record["special"] == "order_change"]
-    for branch, record in marked:
-        at, problem = record["at"], branch.problem
-        parameter, images = float(at.parameter[0]), _images(mapping, branch, record)
+    marked = [
+        (branch, place)
+        for branch in branches
+        for place, record in enumerate(branch.records)
+        if record["special"] in ("order_change", "corner")
+    ]
+    marked.sort(key=lambda mark: "earlier" not in mark[0].records[mark[1]])
+    for branch, place in marked:
+        record, problem, points = branch.records[place], branch.problem, branch.points(place)
+        parameter = float(branch.parameter[place])
+        if "earlier" in record:
+            known.append((branch, parameter, points))
+            continue
+        images = _images(mapping, branch, place)
         if any(
             (other.row, other.period) == (branch.row, branch.period)
-            and abs(place - parameter) < ON_BRANCH * (problem.high - problem.low)
+            and abs(there - parameter) < ON_BRANCH * (problem.high - problem.low)
             and any(np.min(mapping.distance(image.at, point.at)) < ON_BRANCH for image in images)
-            for other, place, point in known
+            for other, there, point in known
         ):
             continue
-        known.append((branch, parameter, at.points))
+        known.append((branch, parameter, points))
         names = [mapping.conserved[k].name for k in problem.held.which]
         change = OrderChange(
             mapping=problem.mapping,
@@ -115,13 +131,14 @@ def _order_curves(
             within=(within, (second.low, second.high)),
             values={name: value for name, value in problem.values.items() if name != second.name},
             fix=dict(zip(names, problem.held.values.T, strict=True)),
-            point=at.points,
+            point=points,
             home=(parameter, _home(branch, second)),
-            events=problem.mapping.events(at.points, problem.values_at(at.parameter))[0],
-            change=record["change"],
+            events=record["events"],
+            change=record.get("change", ""),
+            vanishes=record["special"] == "corner",
         )
-        head = {"row": branch.row, "kind": "order_change", "period": branch.period}
-        head |= {"curve": curves_of_row[branch.row], "change": record["change"]}
+        head = {"row": branch.row, "kind": record["special"], "period": branch.period}
+        head |= {"curve": curves_of_row[branch.row], "change": record.get("change", "")}
         curve = change.curve()
         curves_of_row[branch.row] += bool(curve)
         yield from ({**head, **renamed_apart(point, head)} for point in curve)
@@ -132,10 +149,33 @@ def _home(branch: Branch, second: SecondParameter) -> float:
     return float(np.ravel(branch.problem.values[second.name])[0])
 
 
-def _images(mapping: Map, branch: Branch, record: Record) -> list[Points]:
+def _new_places(mapping: Map, branches: Sequence[Branch], branch: Branch) -> Iterator[int]:
+    """The places of the records of a branch that are not of an earlier run, nor at a bifurcation of one."""
+    earlier = [
+        (other, place)
+        for other in branches
+        if (other.row, other.period) == (branch.row, branch.period)
+        for place, record in enumerate(other.records)
+        if "earlier" in record and record["special"] in MARKS
+    ]
+    width = branch.problem.high - branch.problem.low
+    for place, record in enumerate(branch.records):
+        if "earlier" in record:
+            continue
+        near = [
+            other.points(k).at
+            for other, k in earlier
+            if abs(other.parameter[k] - branch.parameter[place]) < ON_BRANCH * width
+        ]
+        images = _images(mapping, branch, place) if near and record["special"] in MARKS else []
+        if not any(np.min(mapping.distance(image.at, at)) < ON_BRANCH for image in images for at in near):
+            yield place
+
+
+def _images(mapping: Map, branch: Branch, place: int) -> list[Points]:
     """The orbit at a record of a branch, and its images under the symmetries; empty where there is none."""
-    values = branch.problem.values_at(record["at"].parameter)
-    (orbit,) = orbits_of(mapping, record["at"].points, values, branch.period)
+    points, values = branch.points(place), branch.problem.values_at(branch.parameter[[place]])
+    (orbit,) = orbits_of(mapping, points, values, branch.period)
     return [] if orbit is None else with_images(mapping, orbit, values)
 
 

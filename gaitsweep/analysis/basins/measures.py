@@ -20,7 +20,10 @@ from gaitsweep.analysis.basins.fractal_boundaries import (
 from gaitsweep.analysis.basins.fractions import LEVEL, fractions, panels_and_axes
 from gaitsweep.analysis.basins.grid import BasinGrid, find_grid
 from gaitsweep.analysis.basins.state_space import Space
-from gaitsweep.analysis.records import AnalysisError, in_order, outcome_labels, panels_of
+from gaitsweep.analysis.records import AnalysisError, in_order, outcome_labels, panels_of, require
+
+# What the column `recovery` says of a gait that is lost.
+FATAL = ("elsewhere", "fell", "failed")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -179,6 +182,49 @@ def minimal_fatal_shock(
             distance, nearest = space.tree(points[others]).query(points[own])
             shock[own], towards[own] = distance, outcome[others[nearest]]
     return shock, towards
+
+
+def least_fatal_push(
+    table: pd.DataFrame,
+    pushes: Sequence[str],
+    by: str | Sequence[str] = (),
+    *,
+    scales: Mapping[str, float] | None = None,
+) -> pd.DataFrame:
+    """The smallest pushes after which a gait did not recover: around its cycle with `by="push_phase"`.
+
+    Args:
+        table: a table of kind `perturb`.
+        pushes: the columns of the amounts, such as `push_stance_rate`.
+        by: columns, or constants of the table's job, of which each combination of values is searched
+            separately.
+        scales: the unit of each amount in the size; by default 1 in the column's own unit.
+
+    Returns:
+        One record for each combination with a fatal push: by, the amounts, size (their Euclidean length) and
+        recovery (elsewhere, fell or failed). The least push of all lies between those of the table, so it is
+        no larger than this one. Pushes after which a row had not settled again are not decided, and no
+        fatal ones.
+
+    Raises:
+        AnalysisError: the table does not have a column, or the amounts have different units and no scale.
+
+    Source: Halekotte and Feudel 2020, Sci. Rep. 10:11783, of the minimal fatal shock.
+    """
+    table, by, _ = panels_and_axes(table, by, list(pushes))
+    require(table, "recovery", *pushes)
+    _check_units(table, pushes, scales)
+    lengths = np.array([(scales or {}).get(name, 1.0) for name in pushes])
+    size = np.linalg.norm(table[list(pushes)].to_numpy(float) / lengths, axis=1)
+    recovery = table["recovery"].astype(str).to_numpy()
+    size = np.where(np.isin(recovery, FATAL), size, np.inf)
+    records = []
+    for place, rows in panels_of(table, by):
+        least = rows[np.argmin(size[rows])]
+        if np.isfinite(size[least]):
+            amounts = {name: float(table[name].iloc[least]) for name in pushes}
+            records.append({**place, **amounts, "size": size[least], "recovery": recovery[least]})
+    return pd.DataFrame(records, columns=[*by, *pushes, "size", "recovery"])
 
 
 def _check_units(table: pd.DataFrame, axes: Sequence[str], scales: Mapping[str, float] | None) -> None:

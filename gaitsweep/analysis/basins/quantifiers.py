@@ -11,8 +11,11 @@ import pandas as pd
 from jaxtyping import Bool, Shaped
 
 from gaitsweep.analysis.basins.attractor_matching import follow_attractors
+from gaitsweep.analysis.basins.fractal_boundaries import uncertainty_exponent, uncertainty_fraction
 from gaitsweep.analysis.basins.fractions import LEVEL, fractions, panels_and_axes
+from gaitsweep.analysis.basins.grid import find_grid
 from gaitsweep.analysis.basins.state_space import Space
+from gaitsweep.analysis.basins.wada import RADIUS, boundaries_nearby
 from gaitsweep.analysis.records import AnalysisError, require
 from gaitsweep.contract import Status
 
@@ -21,6 +24,7 @@ _EXPONENT = "lyapunov_1"
 _COLUMNS = [
     *("rows", "fraction", "low", "high", "within", "within_low", "within_high"),
     *("time_mean", "time_median", "time_tail", "time_most", "resilience", "least_shock"),
+    *("boundary_exponent", "wada"),
 ]
 
 
@@ -63,6 +67,13 @@ def quantifiers(
           in the units of the starts: the minimal fatal shock (Halekotte and Feudel 2020, Sci. Rep. 10:11783).
           It is no less than the true one, which lies between starts. It needs the observables of all axes
           (x_end for x_0), so that starts are displaced crossings.
+        - boundary_exponent: the uncertainty exponent of the basin against all others: 1 for a smooth
+          boundary, less for a fractal one, and 0 for basins that are intermingled (Grebogi, McDonald, Ott and
+          Yorke 1983, Phys. Lett. A 99:415; Ott, Alexander, Kan, Sommerer and Yorke 1994, Physica D 76:384).
+          It needs a grid of starts with three sizes, so 32 starts along each axis.
+        - wada: the least share of the basin's boundary that is within 5 steps of the boundary of another
+          basin: 1 for a boundary that all basins share, at the resolution of the grid (Daza, Wagemakers and
+          Sanjuan 2018, Sci. Rep. 8:9954). It needs a grid of starts and three outcomes.
 
     Raises:
         AnalysisError: the table lacks a column, or an argument is not allowed.
@@ -123,6 +134,7 @@ def _records(
     records = []
     for value in np.unique(values[np.isfinite(values)]):
         at = values == value
+        shapes = _boundaries(_rows_of(table, at), axes, names[at].astype(str))
         for name in sorted({str(name) for name in names[at & pd.notna(names)]}):
             is_own = at & (names.astype(str) == name)
             own = _rows_of(table, is_own)
@@ -134,6 +146,7 @@ def _records(
                 record["resilience"] = -float(own[_EXPONENT].to_numpy(float).mean())
             if space is not None:
                 record["least_shock"] = _least_shock(space, own, _rows_of(table, at & ~is_own), axes)
+            record |= shapes.get(name, {})
             records.append(record)
     return records
 
@@ -172,6 +185,24 @@ def _times(own: pd.DataFrame) -> dict[str, float]:
         "time_tail": tail,
         "time_most": float(times.max()),
     }
+
+
+def _boundaries(
+    table: pd.DataFrame, axes: Sequence[str], labels: Shaped[np.ndarray, " rows"]
+) -> dict[str, dict[str, float]]:
+    """The exponent of the boundary of each outcome, and how much of it all others share, by its name."""
+    grid = find_grid(table, axes)
+    if grid is None:
+        return {}
+    found: dict[str, dict[str, float]] = {}
+    for name in map(str, np.unique(labels)):
+        exponent = uncertainty_exponent(uncertainty_fraction(grid, labels == name)).value
+        found[name] = {"boundary_exponent": exponent}
+    if len(found) > 2:
+        for record in boundaries_nearby(grid, labels, RADIUS):
+            own = found[str(record["outcome"])]
+            own["wada"] = min(own.get("wada", 1.0), float(record["within"]))
+    return found
 
 
 def _least_shock(space: Space, own: pd.DataFrame, others: pd.DataFrame, axes: Sequence[str]) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -80,7 +81,7 @@ def wada(
                 f"box is {box} steps, but the grid has {min(grid.lengths)} starts along an axis."
             )
         labels_of_panel = labels.iloc[rows].to_numpy()
-        merging += [{**place, **record} for record in _merged(grid, labels_of_panel, radius)]
+        merging += [{**place, **record} for record in boundaries_nearby(grid, labels_of_panel, radius)]
         boxes += [{**place, **record} for record in _refined(grid, labels_of_panel, box)]
     return Wada(
         pd.DataFrame(merging, columns=[*by, "outcome", "other", "cells", "distance", "within"]),
@@ -88,8 +89,19 @@ def wada(
     )
 
 
-def _merged(grid: BasinGrid, labels: Shaped[np.ndarray, " rows"], radius: float) -> list[dict[str, object]]:
-    """Distances from the boundary of each basin, all others merged, to the boundaries of other basins."""
+def boundaries_nearby(
+    grid: BasinGrid, labels: Shaped[np.ndarray, " rows"], radius: float
+) -> list[dict[str, Any]]:
+    """The distances from the boundary of each basin, all others merged, to the boundaries of other basins.
+
+    Args:
+        grid: the grid.
+        labels: the outcome of each row, (n,).
+        radius: distance in steps within which two boundaries count as the same.
+
+    Returns:
+        The records of `Wada.merging`.
+    """
     cells = np.stack(np.unravel_index(grid.place, grid.lengths), axis=1)
     period = [length if wraps else 0 for length, wraps in zip(grid.lengths, grid.wraps, strict=True)]
     names = pd.unique(labels)

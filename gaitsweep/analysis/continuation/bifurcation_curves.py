@@ -19,14 +19,17 @@ from gaitsweep.analysis.continuation.critical_points import CriticalEquations, C
 from gaitsweep.analysis.continuation.lockstep import Computation
 from gaitsweep.engine.poincare.maps import Points
 
-# Largest scaled residuals of F and of g at a point, and most corrections of a step. Corrections go on while
-# they halve the residual of g.
-TOLERANCE, CRITICAL_TOLERANCE, MOST_CORRECTIONS = 1e-9, 1e-7, 12
+# Largest scaled residuals of F and of g at a point.
+TOLERANCE = 1e-9
+CRITICAL_TOLERANCE = 1e-7
+# Most corrections of a step.
+MOST_CORRECTIONS = 12
+# Corrections go on while they halve the residual of g, to this one.
 EXACT = 1e-11
 # Least cosine of the angle by which a curve turns in a step.
 STRAIGHT = 0.9
 # Corrections after which the next step is longer.
-FEW = 5
+FEW_CORRECTIONS = 5
 # A bifurcation of codimension 2 is found in an interval this short, as a share of its step.
 SHORTEST_INTERVAL = 1e-6
 # Angle of a critical pair, rad, below which a curve ends where both multipliers are 1 or -1.
@@ -83,7 +86,7 @@ def followed(
             return curve, _meeting(after)
         if len(curve) > 4 and _passes(before, after, first):
             return curve, "closed"
-        if after.corrections <= FEW:
+        if after.corrections <= FEW_CORRECTIONS:
             length = min(1.4 * length, steps.longest)
         before = after
     return curve, "most"

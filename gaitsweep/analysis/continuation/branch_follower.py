@@ -27,16 +27,21 @@ from gaitsweep.analysis.continuation.branch_table import BranchTable
 from gaitsweep.analysis.continuation.newton import newton
 from gaitsweep.engine.poincare.maps import Points
 
-# Least cosine of the angle by which a branch turns in a step; most corrections of a step after which the next
-# one is longer; factors of longer and shorter steps.
-STRAIGHT, FEW = 0.95, 6
-LONGER, SHORTER = 1.4, 0.5
-# A branch is closed where it passes its start within this share of a step, after more than so many points.
-NEAR_HOME, AWAY = 0.75, 4
+# Least cosine of the angle by which a branch turns in a step.
+STRAIGHT = 0.95
+# Most corrections of a step after which the next one is longer.
+FEW_CORRECTIONS = 6
+# Factors of longer and of shorter steps.
+LONGER = 1.4
+SHORTER = 0.5
+# A branch is closed where it passes its start within this share of a step.
+CLOSED_WITHIN = 0.75
+# Least points of a closed branch, less one.
+POINTS_BEFORE_CLOSED = 4
 # A branch that no shortest step leads on ends at a branch point that is within so many of these steps.
-AT_END = 4.0
+STEPS_TO_END = 4.0
 # Largest share of its way that a branch counts as done while it is followed.
-NEARLY = 0.95
+LARGEST_PROGRESS = 0.95
 # Shares of the longest step that are tried to jump over a discontinuity, where no short step converges.
 JUMPS = (1 / 16, 1 / 8, 1 / 4, 1 / 2, 1.0)
 
@@ -96,7 +101,7 @@ class BranchFollower:
         """Follow each branch to its end."""
         while self.going.any():
             moved = np.abs(self.branch_points.parameter - self.home.parameter)
-            shares = np.minimum(moved / (self.problem.high - self.problem.low), NEARLY)
+            shares = np.minimum(moved / (self.problem.high - self.problem.low), LARGEST_PROGRESS)
             self.steps.on_progress(self.table.counts(self.names), np.where(self.going, shares, 1.0))
             rows = np.flatnonzero(self.going)
             problem, before = self.problem[rows], self.branch_points[rows]
@@ -206,7 +211,7 @@ class BranchFollower:
         crossing, beta = branch_point(problem, before)
         if crossing is None or not abs(beta) <= IMPERFECT:
             return
-        if 0.0 <= ahead(problem, before, crossing.here) <= AT_END * self.steps.shortest:
+        if 0.0 <= ahead(problem, before, crossing.here) <= STEPS_TO_END * self.steps.shortest:
             self.table.write(self.names[row], problem, crossing.here, [crossing.kind], tolerance=TOGETHER)
             self.crossings.append((int(row[0]), crossing.here, crossing.aside))
 
@@ -240,12 +245,12 @@ class BranchFollower:
         self.table.write(names, problem, after, _jumps(before[within], after))
         self.branch_points = self.branch_points.merged(rows, after)
         home = self.home[rows]
-        closed = _distance(problem, after, home) < NEAR_HOME * self.length[rows]
+        closed = _distance(problem, after, home) < CLOSED_WITHIN * self.length[rows]
         closed &= np.sum(problem.weights * after.tangent * home.tangent, axis=1) > 0.0
-        closed &= self.table.counts(names) > AWAY
+        closed &= self.table.counts(names) > POINTS_BEFORE_CLOSED
         self._end(rows[closed], "closed")
         self._end(rows[~closed & (self.table.counts(names) >= self.steps.most)], "most")
-        easy = rows[after.corrections <= FEW]
+        easy = rows[after.corrections <= FEW_CORRECTIONS]
         self.length[easy] = np.minimum(LONGER * self.length[easy], self.steps.longest)
 
 

@@ -31,15 +31,17 @@ Vector = Float[np.ndarray, " unknowns"]  # the unknowns of one branch
 CROSSINGS = ("transcritical", "supercritical_pitchfork", "subcritical_pitchfork", "branch_point")
 # Largest rate of the parameter along a branch, as a share of its range, at which a turn is smooth.
 FLAT = 1e-3
-# Tolerance and most steps of the search for a branch point.
-TOLERANCE, MOST_STEPS = 1e-8, 12
+# Tolerance of the search for a branch point, and its most steps.
+TOLERANCE = 1e-8
+MOST_STEPS = 12
 # The largest scaled beta at which branches cross, that is a few residuals of Newton's method.
 IMPERFECT = 1e-8
 # Length of the first step along the branch that crosses.
 ASIDE = 0.01
-# Factors of longer steps along a branch whose turn is too wide to be seen after that one, and the largest one
-# by which the turn may grow from one to the next: 9 for one of second order, 81 for one of fourth order.
-LONGER, SECOND_ORDER = (1.0, 3.0, 9.0, 27.0), 27.0
+# Factors of longer steps along a branch whose turn is too wide to be seen after that one.
+LONGER = (1.0, 3.0, 9.0, 27.0)
+# Largest factor by which the turn may grow from one to the next: 9 for one of second order, 81 of fourth.
+SECOND_ORDER = 27.0
 
 
 @dataclasses.dataclass(frozen=True)

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from jaxtyping import Int
 
 from gaitsweep.analysis.continuation.arclength import ContinuationProblem
 from gaitsweep.analysis.continuation.branch_follower import ArclengthSteps, BranchFollower
@@ -97,21 +98,22 @@ def continuation(
     doubtful = branches.loc[(branches["end"] == "lost") | (branches["special"] == "kink"), "row"].unique()
     if not doubtful.size:
         return branches
-    n = len(starts)
 
     def of_doubtful(value: Any) -> Any:
-        return np.broadcast_to(np.asarray(value, np.float64), (n,))[doubtful]
+        return np.broadcast_to(np.asarray(value, np.float64), (len(starts),))[doubtful]
 
-    again = follow(
-        refined,
-        starts[doubtful],
-        {name: of_doubtful(value) for name, value in values.items()},
-        of_doubtful(begin),
-        {name: of_doubtful(value) for name, value in fix.items()} if isinstance(fix, Mapping) else fix,
+    levels = {name: of_doubtful(value) for name, value in fix.items()} if isinstance(fix, Mapping) else fix
+    others = {name: of_doubtful(value) for name, value in values.items()}
+    return _replaced(
+        branches, doubtful, follow(refined, starts[doubtful], others, of_doubtful(begin), levels)
     )
-    again["row"] = doubtful[np.asarray(again["row"])]
-    sure = branches[~branches["row"].isin(doubtful)]
-    both = again if sure.empty else pd.concat([sure, again])
+
+
+def _replaced(branches: pd.DataFrame, rows: Int[np.ndarray, " some"], again: pd.DataFrame) -> pd.DataFrame:
+    """A table with the records of some rows (n,) replaced by those of `again`, whose `row` counts from 0."""
+    again["row"] = rows[np.asarray(again["row"])]
+    others = branches[~branches["row"].isin(rows.tolist())]
+    both = again if others.empty else pd.concat([others, again])
     return both.iloc[np.argsort(np.asarray(both["row"]), kind="stable")].reset_index(drop=True)
 
 

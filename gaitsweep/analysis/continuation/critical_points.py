@@ -27,7 +27,6 @@ from gaitsweep.analysis.continuation.normal_forms import (
     flip_coefficient,
     hopf_form,
 )
-from gaitsweep.analysis.continuation.null_vectors import null_vectors
 from gaitsweep.engine.poincare.maps import Map, MapEvaluation, Points
 from gaitsweep.engine.poincare.stationary_map import StationaryMap
 
@@ -36,9 +35,10 @@ NullVector = Inexact[np.ndarray, " fold_unknowns"]
 Matrix = Float[np.ndarray, "equations unknowns"]
 FoldMatrix = Float[np.ndarray, "fold_unknowns columns"]  # derivatives of F
 Multipliers = Complex[np.ndarray, " multipliers"]
-# Steps of the central differences: along null vectors in scaled coordinates, of parameters as shares of their
-# ranges.
-ALONG, SHARE = 1e-3, 1e-5
+# Steps of the central differences along null vectors, in scaled coordinates.
+ALONG = 1e-3
+# Steps of the central differences of parameters, as shares of their ranges.
+PARAMETER_STEP = 1e-5
 # A multiplier is real if its imaginary part is below this share of its modulus.
 REAL = 1e-6
 
@@ -239,7 +239,7 @@ class CriticalEquations:
             shifts += [shift, -shift]
         for k in range(len(self.names)):
             shift = np.zeros(len(unknowns))
-            shift[self.m + k] = SHARE
+            shift[self.m + k] = PARAMETER_STEP
             shifts += [shift, -shift]
         around, several, _ = yield from self.evaluated(like, unknowns + np.array(shifts))
         if not np.isfinite(several).all():
@@ -249,8 +249,8 @@ class CriticalEquations:
         return _Differences(
             first=list((ahead[:along] - behind[:along]) / (2.0 * ALONG)),
             second=list((ahead[:along] - 2.0 * derivatives + behind[:along])[:, :, :-1] / ALONG**2),
-            moved=list((ahead[along:] - behind[along:]) / (2.0 * SHARE)),
-            by_second=(around[-2] - around[-1]) / (2.0 * SHARE),
+            moved=list((ahead[along:] - behind[along:]) / (2.0 * PARAMETER_STEP)),
+            by_second=(around[-2] - around[-1]) / (2.0 * PARAMETER_STEP),
         )
 
     def _derivatives_of_g(
@@ -357,3 +357,29 @@ class CriticalEquations:
         if self.kind == "branch_point":
             return right[-2:], left[:, -1:].T
         return right[-1].conj(), left[:, -1].conj()
+
+
+def null_vectors(matrix: Any, v: Any, w: Any) -> tuple[Any, Any, Any]:
+    """The null vectors v, w, of length 1, and g, of a matrix bordered by v and w of a point close by.
+
+    A matrix (m, m + 1) of a branch point has two of v (2, m + 1), one of w (1, m) and two of g. All are NaN
+    where the bordered matrix is singular.
+    """
+    rows, columns = matrix.shape
+    right, left = np.atleast_2d(v), np.atleast_2d(w)
+    full = np.zeros((rows + len(right), columns + len(left)), np.result_type(matrix, right))
+    full[:rows, :columns] = matrix
+    full[:rows, columns:] = left.conj().T
+    full[rows:, :columns] = right.conj()
+    unit = np.zeros((len(full), len(right)), full.dtype)
+    unit[rows:] = np.eye(len(right))
+    transposed = np.zeros((len(full), len(left)), full.dtype)
+    transposed[columns:] = np.eye(len(left))
+    try:
+        solved, adjoint = np.linalg.solve(full, unit), np.linalg.solve(full.T, transposed)
+    except np.linalg.LinAlgError:  # several multipliers are critical at once
+        solved, adjoint = np.full_like(unit, np.nan), np.full_like(transposed, np.nan)
+    new_v, new_w, g = solved[:columns].T, adjoint[:rows].T, solved[columns:].T[:, 0]
+    lengths, of_w = np.linalg.norm(new_v, axis=1), np.linalg.norm(new_w)
+    new_v, new_w, g = new_v / lengths[:, None], new_w / of_w, g / (lengths * of_w)
+    return (new_v, new_w, g) if len(right) == 2 else (new_v[0], new_w[0], g[0])

@@ -8,13 +8,13 @@ from gaitsweep.analysis.continuation.arclength import BranchPoints, Continuation
 from gaitsweep.analysis.continuation.branch_points import CROSSINGS
 from gaitsweep.analysis.continuation.critical_points import CriticalEquations, CriticalPoint, Vector
 from gaitsweep.analysis.continuation.lockstep import Computation
-from gaitsweep.analysis.continuation.normal_forms import (
-    critical_multiplier,
-)
+from gaitsweep.analysis.continuation.normal_forms import critical_multiplier
 from gaitsweep.engine.poincare.maps import sizes
 
-# Most Newton steps to a bifurcation, and the last one that ends the search.
-MOST_STEPS, LAST_STEP = 10, 1e-13
+# Most Newton steps to a bifurcation.
+MOST_STEPS = 10
+# Length of the step that ends the search.
+LAST_STEP = 1e-13
 # The largest change of scaled unknowns between a bifurcation that was bracketed and its exact place.
 MOST_MOVED = 0.05
 

@@ -26,7 +26,9 @@ class LevelMap(DerivedMap, FollowedMap):
     name: str
 
     def follow(self, values: Values, at: Coordinates, modes: State) -> Image:
-        return self.base.follow(self._of_base(values), at, modes)
+        image, state, status, observed = self.base.follow(self._of_base(values), at, modes)
+        # an observable of that name would stand beside the parameter
+        return image, state, status, {name: v for name, v in observed.items() if name != self.name}
 
     def conserved_values(self, values: Values, at: Coordinates) -> Float[Array, " conserved"]:
         place = [quantity.name for quantity in self.conserved].index(self.name)

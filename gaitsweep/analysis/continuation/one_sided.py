@@ -24,16 +24,21 @@ Plane = Float[np.ndarray, "2 unknowns"]
 ALONG = 1e-4
 # Largest smallest singular value of a side on which the map has a branch point too.
 SINGULAR = 1e-3
-# On one side of a corner: largest share of a displacement along the critical direction that the map adds to
-# it, and largest change of the Jacobian over `ALONG`, as a share of its norm and 1.
-NEARLY_FIXED, CONTINUOUS = 0.1, 0.05
-# Most displacements that are tried for a side, the longest one, and the farthest image if coordinates are the
-# same on both sides, in units of `ALONG`.
-MOST_TRIED, LONGEST, FARTHEST = 8, 30.0, 100.0
+# On one side of a corner: largest share of a displacement along the critical direction that the map adds.
+NEARLY_FIXED = 0.1
+# Largest change of the Jacobian over `ALONG`, as a share of its norm and 1.
+CONTINUOUS = 0.05
+# Most displacements that are tried for a side.
+MOST_TRIED = 8
+# The longest displacement, in units of `ALONG`.
+LONGEST = 30.0
+# The farthest image if coordinates are the same on both sides, in units of `ALONG`.
+FARTHEST = 100.0
 # Largest difference of the unit tangents of one branch on both sides.
 ALIKE = 2e-3
-# Weights of values at one, two and three distances: their limit at 0, and their derivative there.
-LIMIT, SLOPE = np.array([3.0, -3.0, 1.0]), np.array([-2.5, 4.0, -1.5])
+# Weights of values at one, two and three distances: for their limit at 0, and for their derivative there.
+LIMIT = np.array([3.0, -3.0, 1.0])
+SLOPE = np.array([-2.5, 4.0, -1.5])
 
 
 @dataclasses.dataclass(frozen=True)

@@ -11,10 +11,10 @@ from gaitsweep.analysis.records import AnalysisError, require
 
 # Special points of a continuation at which the stability of a branch may change.
 MARKS = ("fold", "corner", "flip", "neimark_sacker", *CROSSINGS, "hopf")
-LEAST = 0.02  # least width of a stable range, as a share of the width of all branches
+NARROWEST_RANGE = 0.02  # as a share of the width of all branches
 
 
-def stable_ranges(table: pd.DataFrame, parameter: str, least: float = LEAST) -> pd.DataFrame:
+def stable_ranges(table: pd.DataFrame, parameter: str, least: float = NARROWEST_RANGE) -> pd.DataFrame:
     """The stable pieces of each branch, in the order in which they were followed.
 
     A range reaches to the outermost points of its piece, with the special points at its ends. It may extend

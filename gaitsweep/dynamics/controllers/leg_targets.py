@@ -1,4 +1,4 @@
-"""Targets of the joints of legs from the pattern of oscillators: waveforms of joints, or a path of the foot."""
+"""Targets of joints of legs from the pattern of oscillators: waveforms of joints, or a path of the foot."""
 
 # MuJoCo's compiled modules come without types.
 # pyright: reportAttributeAccessIssue=false
@@ -8,7 +8,7 @@ from __future__ import annotations
 import abc
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import jax.numpy as jnp
@@ -25,7 +25,7 @@ _STRAIGHT = 1.0 - 1e-9  # cosine of a knee's angle beyond which a leg counts as 
 
 
 class Waveform(StrictModel):
-    """A joint's target: offset + swing times the leg's place (1 ahead, -1 back) + lift times its lift (0 to 1)."""
+    """A joint's target: offset + swing times the leg's place (-1 to 1) + lift times its lift (0 to 1)."""
 
     offset: Real = Field(default=0.0, description="target without a pattern, rad or m")
     swing: Real = Field(default=0.0, description="amplitude with the leg's place, rad or m")
@@ -33,7 +33,7 @@ class Waveform(StrictModel):
 
 
 class FootPath(StrictModel):
-    """A path of the foot relative to the hip, in the trunk's frame; hip and knee follow by inverse kinematics."""
+    """A path of the foot from the hip, in the trunk's frame; hip and knee follow by inverse kinematics."""
 
     stride: NotNegative = Field(description="length of the path, m")
     lift: NotNegative = Field(description="height of the foot's lift in swing, m")
@@ -73,7 +73,7 @@ class JointPatterns(Targets):
         joints: the joint of each role, for each leg.
     """
 
-    def __init__(self, waveforms: Mapping[str, Waveform], joints: list[Mapping[str, str]]) -> None:
+    def __init__(self, waveforms: Mapping[str, Waveform], joints: Sequence[Mapping[str, str]]) -> None:
         self._waveforms, self._joints = waveforms, joints
 
     def declarations(self) -> dict[str, Any]:
@@ -102,8 +102,8 @@ class TwoLinkLeg:
     """A leg of two hinges about y.
 
     `thigh` and `shin` (2,) m are the vectors from hip to knee and from knee to foot, forward and up, at zero
-    angles; `turns` (2,) are 1 or -1, the signs of the axes of hip and knee; `bend` is 1 or -1, the sign of the
-    knee's bend that inverse kinematics chooses.
+    angles; `turns` (2,) are 1 or -1, the signs of the axes of hip and knee; `bend` is 1 or -1, the sign of
+    the knee's bend that inverse kinematics chooses.
     """
 
     hip: str
@@ -170,8 +170,8 @@ def two_link_leg(m: Any, hip: str, knee: str, foot: str) -> TwoLinkLeg:
     """The leg of these joints and of the geom `foot`, from the compiled MJCF.
 
     Raises:
-        ValueError: a joint is no hinge about y, the knee's body is not carried by the hip's, or the foot not by
-            the knee's; the message names it.
+        ValueError: a joint is no hinge about y, the knee's body is not carried by the hip's, or the foot not
+            by the knee's; the message names it.
     """
     import mujoco
 

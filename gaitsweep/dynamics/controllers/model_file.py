@@ -68,8 +68,8 @@ class Controller(StrictModel):
         default=None, description="path of the feet instead of joints; legs then have the roles hip and knee"
     )
     legs: dict[str, dict[str, Text]] = Field(
-        description="legs by name, each with the geom of its foot and the joint of each role; L and R, or LF, "
-        "RF, LH and RH, or L1, R1, ... have names of gaits"
+        description="legs by name, each with the geom of its foot and the joint of each role; L and R, or "
+        "LF, RF, LH and RH, or L1, R1, ... have names of gaits"
     )
     kp: NotNegative | None = Field(
         default=None, description="position gain of joints with motors, N m/rad or N/m: the parameter kp"
@@ -151,9 +151,10 @@ class _Builder:
         self._controller = file.controller
         self._legs = tuple(file.controller.legs)
         self._base = BodyModel if file.dynamics == "located" else MjcfModel
-        of_file = {"body_file": str(path.parent / file.body), "keyframe": file.keyframe}
+        of_file: dict[str, Any] = {"body_file": str(path.parent / file.body), "keyframe": file.keyframe}
         # a class without legs, by which the MJCF is compiled as the model compiles it
-        self._mjcf = compiled_mjcf(type("OfFile", (self._base,), of_file | _UNCONTROLLED))
+        bare: Any = type("OfFile", (self._base,), {**of_file, **_UNCONTROLLED})
+        self._mjcf = compiled_mjcf(bare)
         self._check_legs()
         self._feet = [leg[_FOOT] for leg in file.controller.legs.values()]
         self._joints = [

@@ -338,7 +338,7 @@ OSCILLATORS = Registry("oscillators", (PhaseOscillators, HopfOscillators, Matsuo
 
 
 def unknown_legs(oscillators: Oscillators, legs: Sequence[str]) -> tuple[str, str] | None:
-    """The field and the name of a leg that oscillators name and a model does not have; None: there is none."""
+    """The field and the name of a leg that oscillators name and a model does not have, or None."""
     named: Mapping[str, Sequence[str]] = {
         "phases": list(getattr(oscillators, "phases", {})),
         "inhibited": [leg for pair in getattr(oscillators, "inhibited", []) for leg in pair],

@@ -28,9 +28,11 @@ from gaitsweep.skeleton import Skeleton
 class OfMjcf(Model):
     """A model whose body is described by an MJCF, and whose actuators it controls.
 
-    Starts are the positions of slides and hinges, the place of a free joint, and their velocities, by the
-    joints' names: `JOINT_0`, `JOINT_rate_0`; their defaults are those of a keyframe, or of the joints where
-    the MJCF has none. Signals are `q_0`, `q_1`, ..., MuJoCo's qpos, and those that are declared.
+    Starts are the positions and velocities of slides and hinges by the joints' names, `JOINT_0` and
+    `JOINT_rate_0`; the place and velocity of a free joint, `JOINT_x_0` and `JOINT_x_rate_0`; and the
+    orientation of a free or ball joint, `JOINT_roll_0`, `JOINT_pitch_0` and `JOINT_yaw_0`, with the angular
+    velocity about the body's axes, `JOINT_w_x_0`, ... Their defaults are those of a keyframe, or of the
+    joints where the MJCF has none. Signals are `q_0`, `q_1`, ..., MuJoCo's qpos, and those that are declared.
     """
 
     body_file: ClassVar[str]  # the MJCF: a path from the folder of the model's module, or the XML itself
@@ -76,7 +78,11 @@ class OfMjcf(Model):
         """MuJoCo's qpos (nq,) and qvel (nv,) of a start."""
         places = [list(numbers) for numbers in start_places(type(self))]
         for which, i, quantity in _coordinates(type(self)):
-            places[which][i] = start[quantity.name]
+            if which != _ORIENTATION:
+                places[which][i] = start[quantity.name]
+        for at, joint in _oriented(compiled_mjcf(type(self))):
+            angles = [start[f"{joint}_{angle}_0"] for angle in _ANGLES]
+            places[0][at : at + 4] = quaternion_of_angles(*angles)
         q, v = (jnp.stack([jnp.asarray(x, float) for x in numbers]) for numbers in places)
         return q, v
 
@@ -196,25 +202,79 @@ def identifier(name: str) -> str:
     return f"_{word}" if word[:1].isdigit() else word
 
 
+_ANGLES = ("roll", "pitch", "yaw")
+_ORIENTATION = 2  # stands for qpos and qvel's number where angles give several numbers of qpos
+
+
+def quaternion_of_angles(roll: Any, pitch: Any, yaw: Any) -> list[Any]:
+    """The quaternion (w, x, y, z) of a yaw about z, a pitch about the new y, a roll about the new x.
+
+    Args:
+        roll, pitch, yaw: angles, rad; the body's x axis points at (cos yaw cos pitch, sin yaw cos pitch,
+            -sin pitch).
+    """
+    (a, b, c), (r, p, y) = (
+        [turn(0.5 * angle) for angle in (roll, pitch, yaw)] for turn in (jnp.cos, jnp.sin)
+    )
+    return [a * b * c + r * p * y, r * b * c - a * p * y, a * p * c + r * b * y, a * b * y - r * p * c]
+
+
+def angles_of_quaternion(quaternion: Float[np.ndarray, " 4"]) -> tuple[float, float, float]:
+    """Roll, pitch and yaw (rad) of a quaternion, as `quaternion_of_angles` takes them."""
+    w, x, y, z = quaternion / np.linalg.norm(quaternion)
+    pitch = float(np.arcsin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0)))
+    if abs(2.0 * (w * y - z * x)) > 1.0 - 1e-12:  # only the difference of roll and yaw matters
+        return 2.0 * float(np.arctan2(x, w)), pitch, 0.0
+    roll = float(np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y)))
+    return roll, pitch, float(np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)))
+
+
+def _oriented(m: Any) -> list[tuple[int, str]]:
+    """The place in qpos of the quaternion of each free or ball joint, and the joint's name."""
+    import mujoco
+
+    first = {int(mujoco.mjtJoint.mjJNT_FREE): 3, int(mujoco.mjtJoint.mjJNT_BALL): 0}
+    return [
+        (int(m.jnt_qposadr[j]) + first[int(m.jnt_type[j])], _joint_name(m, j))
+        for j in range(m.njnt)
+        if int(m.jnt_type[j]) in first
+    ]
+
+
+def _joint_name(m: Any, joint: int) -> str:
+    return identifier(m.jnt(joint).name or f"joint_{joint + 1}")
+
+
 def _coordinates(kind: type[OfMjcf]) -> list[tuple[int, int, Quantity]]:
-    """The starts of a body's joints: 0 for qpos or 1 for qvel, the place there, and the quantity."""
+    """The starts of joints: 0 for qpos, 1 for qvel or 2 for angles, the place there, and the quantity."""
     import mujoco
 
     m = compiled_mjcf(kind)
     defaults = start_places(kind)
+    oriented = {name: at for at, name in _oriented(m)}
     coordinates: list[tuple[int, int, Quantity]] = []
 
     def add(which: int, i: int, name: str, unit: str, meaning: str) -> None:
         coordinates.append((which, int(i), Quantity(name, unit, meaning, float(defaults[which][i]))))
 
     for j in range(m.njnt):
-        name = identifier(m.jnt(j).name or f"joint_{j + 1}")
+        name = _joint_name(m, j)
         q, v, type_ = m.jnt_qposadr[j], m.jnt_dofadr[j], int(m.jnt_type[j])
         if type_ == mujoco.mjtJoint.mjJNT_FREE:
             for k, axis in enumerate("xyz"):
                 add(0, q + k, f"{name}_{axis}_0", "m", f"{axis} of {name} at the start")
                 add(1, v + k, f"{name}_{axis}_rate_0", "m/s", f"velocity along {axis} of {name} at the start")
-        elif type_ != mujoco.mjtJoint.mjJNT_BALL:
+            v += 3
+        if name in oriented:
+            angles = angles_of_quaternion(np.asarray(defaults[0][oriented[name] : oriented[name] + 4]))
+            for angle, default in zip(_ANGLES, angles, strict=True):
+                meaning = f"{angle} of {name} at the start"
+                quantity = Quantity(f"{name}_{angle}_0", "rad", meaning, default + 0.0)
+                coordinates.append((_ORIENTATION, oriented[name], quantity))
+            for k, axis in enumerate("xyz"):
+                meaning = f"angular velocity of {name} about the body's {axis} at the start"
+                add(1, v + k, f"{name}_w_{axis}_0", "rad/s", meaning)
+        else:
             unit = "rad" if type_ == mujoco.mjtJoint.mjJNT_HINGE else "m"
             add(0, q, f"{name}_0", unit, f"position of joint {name} at the start")
             add(1, v, f"{name}_rate_0", f"{unit}/s", f"velocity of joint {name} at the start")

@@ -95,6 +95,7 @@ def compare(model: MjcfModel, steps: int) -> Comparison:
         model: the model.
         steps: steps from each state.
     """
+    model = _with_mjx(model)
     with jax.enable_x64(True), jax.default_device(jax.devices("cpu")[0]):
         side_by_side = _SideBySide(model, steps)
         m = model.mjx_body.mj_model
@@ -218,6 +219,7 @@ def compared_before(model: MjcfModel) -> bool:
 
 def _entry(model: MjcfModel) -> tuple[Path | None, np.ndarray]:
     """The file of a model's comparison in the cache, None without a cache; and the control at the start."""
+    model = _with_mjx(model)
     with jax.enable_x64(True), jax.default_device(jax.devices("cpu")[0]):
         params, state = _at_default(model)
         control = str(jax.make_jaxpr(model.checked_control)(params, state))
@@ -227,6 +229,11 @@ def _entry(model: MjcfModel) -> tuple[Path | None, np.ndarray]:
     made_of = hashlib.sha256(repr((model.data_digest, control, leaves, versions, FIRST_USE)).encode())
     folder = cache_folder(_CACHE)
     return (None if folder is None else folder / f"{made_of.hexdigest()}.json"), first
+
+
+def _with_mjx(model: MjcfModel) -> MjcfModel:
+    """The model stepped by MJX, whatever steps it in a run."""
+    return dataclasses.replace(model, dynamics="mjx")
 
 
 def _sentences(model: MjcfModel, control: np.ndarray) -> list[str]:

@@ -23,6 +23,7 @@ def minimum(w: Writer, a: int, b: int) -> int:
 
 
 def _extreme(w: Writer, a: int, b: int, truth: str, wins: Build) -> int:
+    """An extreme of two numbers; `truth` is the operation for flags, `wins(x, y)` prefers x to y."""
     if w.kind == "bool":
         return w(truth, a, b)
     if w.program.value(a) is not None:
@@ -48,7 +49,7 @@ def before(w: Writer, a: int, b: int) -> int:
     return w("or", w("lt", a, b), later)
 
 
-def alike(w: Writer, a: int, b: int) -> int:
+def same_rank(w: Writer, a: int, b: int) -> int:
     """Whether a and b are equal in sorting order, in which all NaN are equal."""
     both = w("and", _nan(w, a), _nan(w, b))
     return w("or", w("eq", a, b), both)
@@ -85,6 +86,7 @@ def remainder(w: Writer, a: int, b: int) -> int:
 
 
 def truncated(w: Writer, x: int) -> int:
+    """The whole number next to x towards zero."""
     known = w.program.value(x)
     if known is not None and math.isfinite(known):
         return w.number(float(math.trunc(known)))
@@ -94,6 +96,7 @@ def truncated(w: Writer, x: int) -> int:
 
 
 def ceiling(w: Writer, x: int) -> int:
+    """The smallest whole number that is not below x."""
     return w("neg", w("floor", w("neg", x)))
 
 
@@ -113,14 +116,18 @@ def rounded(w: Writer, x: int, method: object) -> int:
 
 
 def sign(w: Writer, x: int) -> int:
+    """The sign of x: 1, -1, or x itself where it is zero or NaN."""
     return w("select", w("lt", 0.0, x), 1.0, w("select", w("lt", x, 0.0), -1.0, x))
 
 
 def is_finite(w: Writer, x: int) -> int:
+    """Whether x is neither infinite nor NaN, for which x - x is NaN."""
     return w("eq", w("sub", x, x), 0.0)
 
 
 def logical(op: str) -> Build:
+    """The writer of an operation on flags: and, or, not, xor."""
+
     def build(w: Writer, *nodes: int) -> int:
         if any(w.program.nodes[at].kind != "bool" for at in nodes):
             raise refuse(f"the scalar kernel knows '{op}' of flags only, not of whole numbers")
@@ -134,8 +141,7 @@ def converted(w: Writer, x: int, kind: Kind) -> int:
     if w.kind == kind:
         return x
     if w.kind == "bool":
-        one, zero = (w.program.constant(v, kind) for v in (1.0, 0.0))
-        return w("select", x, one, zero)
+        return w("select", x, w.program.constant(1.0, kind), w.program.constant(0.0, kind))
     if kind == "bool":
         return w("ne", x, 0.0)
     if kind == "int":
@@ -164,6 +170,7 @@ def whole_power(w: Writer, x: int, power: int) -> int:
 
 
 def power(w: Writer, x: int, y: int) -> int:
+    """The number x to the power y; small whole powers are products, and the power 0.5 is a root."""
     known = w.program.value(y)
     if known is not None and float(known).is_integer() and abs(known) <= 16:
         return whole_power(w, x, int(known))

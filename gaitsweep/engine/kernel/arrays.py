@@ -34,6 +34,30 @@ def _slice(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
     return [args[0][cut]]
 
 
+def _transpose(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
+    return [np.transpose(args[0], equation.params["permutation"])]
+
+
+def _concatenate(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
+    return [np.concatenate(args, axis=equation.params["dimension"])]
+
+
+def _stack(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
+    return [np.stack(args, axis=equation.params.get("axis", 0))]
+
+
+def _unstack(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
+    return list(np.moveaxis(args[0], equation.params["axis"], 0))
+
+
+def _tile(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
+    return [np.tile(args[0], equation.params["reps"])]
+
+
+def _rev(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
+    return [np.flip(args[0], equation.params["dimensions"])]
+
+
 def _split(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
     places = np.cumsum(equation.params["sizes"])[:-1]
     return list(np.split(args[0], places, axis=equation.params["axis"]))
@@ -61,6 +85,7 @@ def _pad(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
 
 
 def _dot_general(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
+    """Products summed over the contracted axes in order; axes of the result: batch, free of a, free of b."""
     (contract_a, contract_b), (batch_a, batch_b) = equation.params["dimension_numbers"]
     a, b = args
     free_a = [i for i in range(a.ndim) if i not in (*contract_a, *batch_a)]
@@ -77,7 +102,8 @@ def _dot_general(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes
     if count == 0:
         return [np.full(shape, program.constant(0.0, kind), np.int64)]
     # a product of float32 arrays may accumulate in float64
-    left, right = (tracer.write(lambda w, x: arithmetic.converted(w, x, kind), x) for x in (left, right))
+    left = tracer.write(lambda w, x: arithmetic.converted(w, x, kind), left)
+    right = tracer.write(lambda w, x: arithmetic.converted(w, x, kind), right)
     left = left.reshape(math.prod(batch), math.prod(rows), 1, count)
     right = right.reshape(math.prod(batch), 1, math.prod(columns), count)
     products = tracer.apply("mul", left, right)
@@ -99,13 +125,15 @@ def _sort(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
             def later(*pairs: int) -> int:
                 # lexicographic: the first key that differs decides
                 decided = program.constant(False, "bool")
-                for a, b in reversed(list(zip(pairs[::2], pairs[1::2], strict=True))):
+                keys_of_both = list(zip(pairs[::2], pairs[1::2], strict=True))
+                for a, b in reversed(keys_of_both):
                     w = Writer(program, a)
-                    equal = w("and", arithmetic.alike(w, a, b), decided)
+                    equal = w("and", arithmetic.same_rank(w, a, b), decided)
                     decided = w("or", arithmetic.before(w, b, a), equal)
                 return decided
 
-            swap = tracer.each(later, *(c[j] for c in columns[:keys] for j in (i, i + 1)))
+            neighbours = [c[j] for c in columns[:keys] for j in (i, i + 1)]
+            swap = tracer.each(later, *neighbours)
             for c in columns:
                 low = c[i].copy()
                 high = c[i + 1].copy()
@@ -117,14 +145,14 @@ def _sort(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
 RULES: dict[str, Rule] = {
     "broadcast_in_dim": _broadcast_in_dim,
     **dict.fromkeys(("reshape", "squeeze", "expand_dims"), _reshape),
-    "transpose": lambda tracer, equation, args: [np.transpose(args[0], equation.params["permutation"])],
+    "transpose": _transpose,
     "slice": _slice,
-    "concatenate": lambda tracer, equation, args: [np.concatenate(args, axis=equation.params["dimension"])],
-    "stack": lambda tracer, equation, args: [np.stack(args, axis=equation.params.get("axis", 0))],
-    "unstack": lambda tracer, equation, args: list(np.moveaxis(args[0], equation.params["axis"], 0)),
+    "concatenate": _concatenate,
+    "stack": _stack,
+    "unstack": _unstack,
     "split": _split,
-    "tile": lambda tracer, equation, args: [np.tile(args[0], equation.params["reps"])],
-    "rev": lambda tracer, equation, args: [np.flip(args[0], equation.params["dimensions"])],
+    "tile": _tile,
+    "rev": _rev,
     "pad": _pad,
     "iota": _iota,
     "dot_general": _dot_general,

@@ -17,7 +17,7 @@ from gaitsweep.engine.kernel.program import Program
 from gaitsweep.engine.kernel.trace import Nodes, Tracer
 from gaitsweep.engine.sweep.lane import OneLane
 
-_EXACT = ("constant", "input", "select")  # operations that round nothing
+_EXACT = ("constant", "input", "select")  # operations that do not round
 
 
 @dataclasses.dataclass(frozen=True)
@@ -36,15 +36,21 @@ class Leaf:
 class Chunk:
     """A program and its slots.
 
-    `constants`, `carry` and `record` are the engine's pytrees with a `Leaf` for each array.
-
-    `attempt` and `poll` are the nodes that an attempt and a poll write, by slot. `plain` are simpler nodes
-    for an attempt in which the node `unusual` is false: no condition that is seldom true comes true.
-    `quiet` are simpler nodes in place of `polled` for a poll in which the node `eventful` is false. The
-    node `keep` decides whether the nodes `sample` are kept.
-
-    `steady` are the nodes that are computed once for a trajectory, by slot. `shared` are nodes that change
-    only in attempts that are not plain.
+    Attributes:
+        program: the program.
+        constants, carry, record: the engine's pytrees with a `Leaf` for each array.
+        attempt: the nodes that an attempt writes, by slot.
+        plain: simpler nodes for an attempt in which the node `unusual` is false: no condition that is seldom
+            true comes true.
+        unusual: the node of that flag.
+        poll: the nodes that a poll writes, by slot.
+        keep: the node that decides whether the sample is kept.
+        sample: the nodes of the sample.
+        quiet: simpler nodes in place of `polled` for a poll in which the node `eventful` is false.
+        eventful: the node of that flag.
+        steady: the nodes that are computed once for a trajectory, by slot.
+        shared: nodes that change only in attempts that are not plain.
+        n_slots: the number of slots of a trajectory.
     """
 
     program: Program
@@ -82,12 +88,13 @@ class Chunk:
             for at in program.needed(self.attempt.values())
             if program.usual.get(at) and program.nodes[at].op == "eq"
         ]
-        return {
-            slot: at
-            for slot, at in self.plain.items()
-            if not program.is_input(at, slot)
-            and not any(at in pair and any(program.is_input(a, slot) for a in pair) for pair in equal)
-        }
+
+        def is_unchanged(slot: int, at: int) -> bool:
+            if program.is_input(at, slot):
+                return True
+            return any(at in pair and any(program.is_input(a, slot) for a in pair) for pair in equal)
+
+        return {slot: at for slot, at in self.plain.items() if not is_unchanged(slot, at)}
 
     @property
     def first_of_carry(self) -> int:
@@ -114,12 +121,13 @@ def chunk_of(lane: OneLane, values: Any, starts: Any) -> Chunk:
     Raises:
         UnsupportedError: the model uses an operation that the scalar kernel does not have.
     """
-    constants, carry, record, _, _ = jax.eval_shape(lane.open, values, starts)
+    constants, carry, record, _, _ = jax.eval_shape(lane.open, values, starts)  # of `Opened`
     program = Program()
     tracer = Tracer(program)
     count = 0
 
-    def place(tree: Any, steady: bool) -> tuple[Any, list[Nodes]]:
+    def place(tree: Any, *, steady: bool) -> tuple[Any, list[Nodes]]:
+        """Give slots to the arrays of a tree: their leaves in that tree, and their input nodes."""
         nonlocal count
         nodes = tracer.inputs(tree, count, steady=steady)
         leaves = []
@@ -128,11 +136,12 @@ def chunk_of(lane: OneLane, values: Any, starts: Any) -> Chunk:
             count += array.size
         return jax.tree.unflatten(jax.tree.structure(tree), leaves), nodes
 
-    constant_leaves, constant_nodes = place(constants, True)
-    carry_leaves, carry_nodes = place(carry, False)
-    record_leaves, record_nodes = place(record, False)
+    constant_leaves, constant_nodes = place(constants, steady=True)
+    carry_leaves, carry_nodes = place(carry, steady=False)
+    record_leaves, record_nodes = place(record, steady=False)
 
     def changes(leaves: Any, nodes_after: list[Nodes]) -> dict[int, int]:
+        """The nodes after a stage whose slots do not keep their values, by slot."""
         slots: dict[int, int] = {}
         for leaf, nodes in zip(jax.tree.leaves(leaves), nodes_after, strict=True):
             for i, at in enumerate(nodes.ravel().tolist()):

@@ -13,8 +13,7 @@ import jax
 from gaitsweep.engine.kernel.chunk import Chunk
 from gaitsweep.engine.kernel.program import Program
 
-# The fused operations of b * c + a and a + b * c, and of b * c - a and a - b * c; their arguments are b, c,
-# a.
+# The fused operations of b * c + a and a + b * c, and of b * c - a and a - b * c, with arguments b, c, a.
 _FUSED = {"add": ("fma", "fma"), "sub": ("fms", "fnma")}
 
 

@@ -8,7 +8,7 @@ import jax
 import numpy as np
 
 from gaitsweep.engine.kernel.refusals import refuse
-from gaitsweep.engine.kernel.trace import Nodes, Tracer
+from gaitsweep.engine.kernel.trace import Nodes, Rule, Tracer
 
 # Longest loop that is unrolled; a longer one would be too expensive for a model's step.
 MAX_TURNS = 256
@@ -69,7 +69,9 @@ def _scan(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
     p = equation.params
     length = p["length"]
     if "ft_in" in p:  # JAX 0.11 and newer
-        n_consts, n_carry = (len(list(part)) for part in p["ft_in"].unpack()[:2])
+        consts_in, carry_in, *_ = p["ft_in"].unpack()
+        n_consts = len(list(consts_in))
+        n_carry = len(list(carry_in))
     else:
         n_consts = p["num_consts"]
         n_carry = p["num_carry"]
@@ -104,7 +106,7 @@ def _expanded(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
     return tracer.read(program, args)
 
 
-RULES = {
+RULES: dict[str, Rule] = {
     **dict.fromkeys(("jit", "pjit", "closed_call", "core_call", "custom_jvp_call", "custom_vjp_call",
                      "custom_vjp_call_jaxpr", "remat", "remat2", "checkpoint", "custom_lin"), _call),
     "cond": _cond,

@@ -32,20 +32,29 @@ from gaitsweep.engine.kernel.schedule import from_the_end
 from gaitsweep.engine.kernel.source import PYTHON, name_all
 from gaitsweep.engine.recorders.recorder import BUFFER, POLL_INTERVAL
 
-_HAS = llvm.get_host_cpu_features()
+_FEATURES = llvm.get_host_cpu_features()
 _ARM = platform.machine().lower() in ("arm64", "aarch64")
-TILE = 8 if _HAS.get("avx512f") else 4 if _HAS.get("avx") else 2  # lanes of a tile: float64 in a vector
-FUSES = _ARM or bool(_HAS.get("fma"))  # whether a product and a sum can be one instruction
+
+
+def _lanes_of_a_tile() -> int:
+    """The float64 numbers in a vector of this processor."""
+    if _FEATURES.get("avx512f"):
+        return 8
+    return 4 if _FEATURES.get("avx") else 2
+
+
+TILE = _lanes_of_a_tile()
+FUSES = _ARM or bool(_FEATURES.get("fma"))  # whether a product and a sum can be one instruction
 # Values in registers at a time, four less than a processor of 32 vector registers has. With 16 registers the
 # compiler chooses: it does better there for long steps (the chain's propagator6).
 REGISTERS = 28 if TILE == 8 or _ARM else None
 
-# modules that determine the instructions as well as a source does
+# Modules that determine the instructions as well as a source does.
 _DETERMINING = ("cpu_program", "llvm_code", "row_kernel")
 
-# of kernels that were compiled or loaded, by source: batches of a search are measured by threads
-_LOCK = threading.Lock()
+# The kernels that were compiled or loaded, by source; batches of a search are measured by threads.
 _LOADED: dict[str, Callable[..., None]] = {}
+_LOCK = threading.Lock()
 
 
 def compiled(chunk: Chunk, *, contraction: bool = True) -> tuple[Callable[[Any, Any, int], None], int]:
@@ -58,7 +67,7 @@ def compiled(chunk: Chunk, *, contraction: bool = True) -> tuple[Callable[[Any, 
         chunk: the program.
         contraction: whether a product and a sum may become one instruction, which rounds once.
     """
-    tile = Tile(chunk, TILE, contraction)
+    tile = Tile(chunk, TILE, contraction=contraction)
     return running(tile.layout, tile.source, tile.module), tile.slots
 
 
@@ -113,7 +122,7 @@ class Tile:
         contraction: whether a product and a sum may become one instruction, which rounds once.
     """
 
-    def __init__(self, chunk: Chunk, lanes: int, contraction: bool) -> None:
+    def __init__(self, chunk: Chunk, lanes: int, *, contraction: bool) -> None:
         self.chunk = chunk = contracted(chunk) if contraction and FUSES else chunk
         self.lanes = lanes
         self.keep = chunk.n_slots
@@ -207,26 +216,23 @@ class Tile:
         targets: dict[int, list[str]] = {}
         for slot, at in outputs.items():
             targets.setdefault(at, []).append(self._place(slot, new))
-        values_at = {place: at for at, place in places.items()}
-        overwrites = {
-            at: [values_at[place] for place in reads if place in values_at] for at, reads in targets.items()
-        }
+        overwrites = _overwritten(targets, places)
         lines: list[str] = []
         touched: set[int] = set()  # loaded or stored since the last barrier
         room = self._room
-        for what, at in steps(program, order, places, overwrites, registers, flag):
+        for action, at in steps(program, order, places, overwrites, registers, flag):
             kind = nodes[at].kind
-            if what == "compute":
+            if action == "compute":
                 lines += name_all(PYTHON, program, [at], names)
                 continue
-            if what == "load":
+            if action == "load":
                 if at in touched:
                     lines.append("barrier()")
                     touched.clear()
                 names[at] = f"x{at}"
                 lines.append(f"{names[at]} = {PYTHON.loaded(kind, places[at])}")
             else:
-                if what == "store":
+                if action == "store":
                     stores = [f"s[{room * self.lanes}]"]
                     room += 1
                 else:
@@ -244,7 +250,8 @@ class Tile:
         return f"s[{side} + {place}]" if side and slot in self.twice else f"s[{place}]"
 
     def _stage(self, name: str, arguments: str, lines: list[str]) -> str:
-        body = "\n".join(f"    {line}" for line in [*lines, "pass"])
+        """The source of a stage as a function."""
+        body = "\n".join(_indented([*lines, "pass"]))
         return f"def {name}({arguments}):\n{body}\n"
 
     @property
@@ -326,7 +333,24 @@ class Tile:
                     builder.store(value, builder.gep(samples, [builder.add(first, i)]))
 
 
+def _overwritten(targets: Mapping[int, list[str]], places: Mapping[int, str]) -> dict[int, list[int]]:
+    """The nodes whose places in memory each written node takes.
+
+    Args:
+        targets: the places to which each node is written.
+        places: the place of each node that is in memory.
+    """
+    values_at = {place: at for at, place in places.items()}
+    overwrites: dict[int, list[int]] = {}
+    for at, taken in targets.items():
+        overwrites[at] = [values_at[place] for place in taken if place in values_at]
+    return overwrites
+
+
 def _choice(yes: list[str], no: list[str]) -> list[str]:
     """The lines `yes` where the flag `unusual` of some lane is true, else the lines `no`."""
-    indented = [[f"    {line}" for line in lines] for lines in (yes, no)]
-    return ["if any(unusual):", *indented[0], "else:", *indented[1]]
+    return ["if any(unusual):", *_indented(yes), "else:", *_indented(no)]
+
+
+def _indented(lines: list[str]) -> list[str]:
+    return [f"    {line}" for line in lines]

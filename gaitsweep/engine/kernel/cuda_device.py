@@ -16,7 +16,7 @@ from gaitsweep.engine.kernel.gpu_program import THREADS
 _NUMBER = 8
 
 
-def missing() -> str | None:
+def unavailable() -> str | None:
     """The reason why kernels on the GPU are not available, or None."""
     for module, package in (("cuda.core", "cuda-core"), ("cuda.bindings", "cuda-bindings")):
         if not _is_installed(module):
@@ -54,7 +54,8 @@ class DeviceArray:
     """
 
     def __init__(self, card: CudaDevice, shape: tuple[int, ...]) -> None:
-        self.card, self.shape = card, shape
+        self.card = card
+        self.shape = shape
         self.size = int(np.prod(shape))
         self.buffer = card.allocate(self.size)
         self._pinned: Any = None
@@ -94,7 +95,8 @@ class CudaDevice:
     def __init__(self, number: int) -> None:
         import cuda.core as core  # pyright: ignore[reportMissingImports]
 
-        self._core, self._number = core, number
+        self._core = core
+        self._number = number
         device = self.use()
         self._architecture = f"sm_{device.arch}"
         self._stream = device.create_stream()

@@ -42,36 +42,40 @@ def varying_slots(kernel: Kernel, names: frozenset[str]) -> frozenset[int]:
 
     leaves = jax.tree.leaves(kernel.chunk.constants)
     dependent = dependences(constants, *kernel.shapes)
-    return frozenset(
-        leaf.first + i
-        for leaf, names_of_leaf in zip(leaves, dependent, strict=True)
-        if names_of_leaf & names
-        for i in range(leaf.size)
-    )
+    slots: set[int] = set()
+    for leaf, names_of_leaf in zip(leaves, dependent, strict=True):
+        if names_of_leaf & names:
+            slots.update(range(leaf.first, leaf.first + leaf.size))
+    return frozenset(slots)
 
 
 @final
 class CudaLanes(KernelLanes):
-    """Lanes on one GPU, more than it has threads; `run` is the kernel that advances them, once filled."""
+    """Lanes on one GPU, more than it has threads; `run` is the kernel that advances them, once filled.
+
+    Args:
+        spec: the sweep.
+        device: the GPU.
+    """
 
     def __init__(self, spec: SweepSpec, device: Device) -> None:
         super().__init__(spec)
         self.card = CudaDevice(getattr(device, "local_hardware_id", None) or 0)
         self.chunk = self.kernel.chunk
         self._contraction = spec.numerics.contraction
-        self._seen = [leaf.first + i for leaf in self.kernel.leaves.values() for i in range(leaf.size)]
-        source = gpu_program.placing(self.chunk, self._seen, self.kernel.title)
+        self._read_slots = [leaf.first + i for leaf in self.kernel.leaves.values() for i in range(leaf.size)]
+        source = gpu_program.placing(self.chunk, self._read_slots, self.kernel.title)
         module = self.card.module(source, contraction=self._contraction)
-        self._put, self._collect, self._trajectory = (
-            module.get_kernel(name) for name in ("put", "collect", "trajectory")
-        )
+        self._put = module.get_kernel("put")
+        self._collect = module.get_kernel("collect")
+        self._trajectory = module.get_kernel("trajectory")
         self._steady = UniformConstants(varying_slots(self.kernel, spec.varied))
         n_slots = self.chunk.n_slots
         size = self.size
         width = self.chunk.width
         self._slots = DeviceArray(self.card, (n_slots, size))
         self._kept = DeviceArray(self.card, (BUFFER, size, width))
-        self._output = DeviceArray(self.card, (max(len(self._seen) * size, n_slots),))
+        self._output = DeviceArray(self.card, (max(len(self._read_slots) * size, n_slots),))
         self._turn = DeviceArray(self.card, (2,))
         self._filling = DeviceArray(self.card, (size, gpu_program.filling_width(self.chunk)))
         self._under_way = np.zeros(size, bool)  # lanes whose trajectory has not ended
@@ -123,9 +127,13 @@ class CudaLanes(KernelLanes):
         width = self.chunk.width
         self.advance(polls)
         self.card.launch(self._collect, size, self._slots, size, self._turn, self._output)
-        seen = self._output.from_card(len(self._seen) * size).reshape(-1, size)
-        places = {slot: place for place, slot in enumerate(self._seen)}
-        output = self.output(lambda at: seen[[places[slot] for slot in range(at.start, at.stop)]])
+        seen = self._output.from_card(len(self._read_slots) * size).reshape(-1, size)
+        places = {slot: place for place, slot in enumerate(self._read_slots)}
+
+        def read(slots: slice) -> Float[np.ndarray, "slots lanes"]:
+            return seen[[places[slot] for slot in range(slots.start, slots.stop)]]
+
+        output = self.output(read)
         self._under_way = output.numbers["status"] == Status.running
         # the levels of the buffers that have new samples in some lane
         new = int(output.filled.max()) if width else 0

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from fractions import Fraction
+from typing import NamedTuple
 
 from gaitsweep.engine.kernel.trace import Writer
 
@@ -51,10 +52,12 @@ def _parts(value: Fraction, bits: int, count: int) -> list[float]:
 
 
 def reciprocal_root(w: Writer, x: int) -> int:
+    """1 / sqrt(x)."""
     return w("div", 1.0, w("sqrt", x))
 
 
 def cube_root(w: Writer, x: int) -> int:
+    """The cube root of x, by the power 1/3 and a Newton step."""
     size = w("abs", x)
     near = w("pow", size, w.number(1.0 / 3.0))
     # a Newton step without the cube of `near`, which has few digits for the smallest numbers
@@ -65,8 +68,17 @@ def cube_root(w: Writer, x: int) -> int:
     return _signed(w, w("lt", x, 0.0), root)
 
 
-def _quadrant(w: Writer, x: int) -> tuple[int, int, int, int]:
-    """The number of quarter turns (mod 4), whether it is odd, sine and cosine of the rest of the angle."""
+class _Quadrant(NamedTuple):
+    """Nodes of an angle: its quarter turns (mod 4), whether they are odd, sine and cosine of the rest."""
+
+    quarter: int
+    swapped: int
+    sine: int
+    cosine: int
+
+
+def _quadrant(w: Writer, x: int) -> _Quadrant:
+    """Reduce an angle (rad) by quarter turns; the sine and cosine of the rest are polynomials."""
     turns = w("floor", w("add", w("mul", x, float(2 / _PI)), 0.5))
     rest = x
     for part in _parts(_PI / 2, *((9, 4) if w.single else (30, 4))):
@@ -80,16 +92,18 @@ def _quadrant(w: Writer, x: int) -> tuple[int, int, int, int]:
     cosine_part = w("add", w("sub", 1.0, w("mul", z, 0.5)), bend)
     quarter = w("sub", turns, w("mul", w("floor", w("mul", turns, 0.25)), 4.0))
     swapped = w("or", w("eq", quarter, 1.0), w("eq", quarter, 3.0))
-    return quarter, swapped, sine_part, cosine_part
+    return _Quadrant(quarter, swapped, sine_part, cosine_part)
 
 
 def sine(w: Writer, x: int) -> int:
+    """The sine of x (rad)."""
     quarter, swapped, s, c = _quadrant(w, x)
     value = w("select", swapped, c, s)
     return _signed(w, w("lt", 1.0, quarter), value)
 
 
 def cosine(w: Writer, x: int) -> int:
+    """The cosine of x (rad)."""
     quarter, swapped, s, c = _quadrant(w, x)
     value = w("select", swapped, s, c)
     negative = w("or", w("eq", quarter, 1.0), w("eq", quarter, 2.0))
@@ -97,6 +111,7 @@ def cosine(w: Writer, x: int) -> int:
 
 
 def tangent(w: Writer, x: int) -> int:
+    """The tangent of x (rad)."""
     _, swapped, s, c = _quadrant(w, x)
     top = w("select", swapped, c, s)
     bottom = w("select", swapped, s, c)
@@ -104,6 +119,7 @@ def tangent(w: Writer, x: int) -> int:
 
 
 def exponential(w: Writer, x: int) -> int:
+    """E to the power x."""
     turns = w("floor", w("add", w("mul", x, float(1 / _LN2)), 0.5))
     rest = x
     for part in _parts(_LN2, *((9, 3) if w.single else (40, 3))):
@@ -117,10 +133,12 @@ def exponential(w: Writer, x: int) -> int:
 
 
 def logarithm_to_base_2(w: Writer, x: int) -> int:
+    """The logarithm of x to base 2."""
     return w("div", w("log", x), float(_LN2))
 
 
 def power_of_two(w: Writer, x: int) -> int:
+    """2 to the power x."""
     turns = w("floor", w("add", x, 0.5))
     near = exponential(w, w("mul", w("sub", x, turns), float(_LN2)))
     high, low = (128.0, -150.0) if w.single else (1024.0, -1075.0)
@@ -147,10 +165,12 @@ def _scaled(w: Writer, near: int, turns: int, most: float) -> int:
 
 
 def logistic(w: Writer, x: int) -> int:
+    """1 / (1 + exp(-x))."""
     return w("div", 1.0, w("add", 1.0, exponential(w, w("neg", x))))
 
 
 def hyperbolic_tangent(w: Writer, x: int) -> int:
+    """The hyperbolic tangent: a continued fraction for small |x|, exponentials for others."""
     size = w("abs", x)
     t = exponential(w, w("mul", size, -2.0))
     far = w("div", w("sub", 1.0, t), w("add", 1.0, t))
@@ -159,7 +179,8 @@ def hyperbolic_tangent(w: Writer, x: int) -> int:
     top = w.number(1.0)
     bottom = w.number(17.0)
     for k in range(15, 0, -2):
-        top, bottom = bottom, w("add", w("mul", bottom, float(k)), w("mul", z, top))
+        denominator = w("add", w("mul", bottom, float(k)), w("mul", z, top))
+        top, bottom = bottom, denominator
     near = w("div", w("mul", size, top), bottom)
     value = w("select", w("lt", size, 0.625), near, far)
     return w("select", w("lt", x, 0.0), w("neg", value), w("select", w("ne", x, x), x, value))
@@ -172,11 +193,13 @@ def _half_exponential(w: Writer, size: int) -> int:
 
 
 def hyperbolic_cosine(w: Writer, x: int) -> int:
+    """The hyperbolic cosine of x."""
     half = _half_exponential(w, w("abs", x))
     return w("add", half, w("div", 0.25, half))
 
 
 def hyperbolic_sine(w: Writer, x: int) -> int:
+    """The hyperbolic sine: a polynomial for small |x|, exponentials for others."""
     size = w("abs", x)
     half = _half_exponential(w, size)
     far = w("sub", half, w("div", 0.25, half))
@@ -193,10 +216,12 @@ def _corrected(w: Writer, t: int, z: int, double: list[float], single: list[floa
 
 
 def _signed(w: Writer, negative: int, value: int) -> int:
+    """The value with a minus sign where `negative` is true."""
     return w("select", negative, w("neg", value), value)
 
 
 def arctangent(w: Writer, x: int) -> int:
+    """The arctangent of x (rad)."""
     size = w("abs", x)
     flat = w("lt", size, _FLAT)
     steep = w("lt", 1 / _FLAT, size)
@@ -250,12 +275,14 @@ def _half_arcsine(w: Writer, x: int) -> tuple[int, int]:
 
 
 def arcsine(w: Writer, x: int) -> int:
+    """The arcsine of x (rad)."""
     outer, part = _half_arcsine(w, x)
     angle = w("select", outer, w("sub", math.pi / 2, w("add", part, part)), part)
     return _signed(w, w("lt", x, 0.0), angle)
 
 
 def arccosine(w: Writer, x: int) -> int:
+    """The arccosine of x (rad)."""
     outer, part = _half_arcsine(w, x)
     negative = w("lt", x, 0.0)
     turn = w("select", outer, w("select", negative, math.pi, 0.0), math.pi / 2)

@@ -144,17 +144,17 @@ def placing(chunk: Chunk, seen: Sequence[int], title: str) -> str:
     """
     program = chunk.program
     nodes = list(chunk.steady.values())
-    lines, names = _loads(chunk, program.needed(nodes))
-    more, results = statements(C, program, nodes, names)
-    stores = [
-        _write(chunk, at, slot, result) for slot, at, result in zip(chunk.steady, nodes, results, strict=True)
-    ]
+    loads, names = _loads(chunk, program.needed(nodes))
+    lines, results = statements(C, program, nodes, names)
+    stores = []
+    for slot, at, result in zip(chunk.steady, nodes, results, strict=True):
+        stores.append(_write(chunk, at, slot, result))
     copies = [f"    seen[{k} * n + i] = S[{slot} * n + i];" for k, slot in enumerate(seen)]
     return "\n".join(
         [
             *_beginning(chunk, title),
             c_function(
-                "PART void prepare(double* S, const index n, const index i)", [*lines, *more, *stores]
+                "PART void prepare(double* S, const index n, const index i)", [*loads, *lines, *stores]
             ),
             _CLEAR.format(
                 slots=chunk.n_slots, status=chunk.record.status.first, complete=float(Status.complete)
@@ -236,6 +236,7 @@ def _steady(chunk: Chunk) -> dict[int, int]:
 
 
 def _varies(chunk: Chunk, at: int, varying: Collection[int]) -> bool:
+    """Whether a node depends on one of the slots that differ between rows."""
     nodes = chunk.program.nodes
     return any(nodes[a].op == "input" and chunk.slot_of(a) in varying for a in chunk.program.needed([at]))
 
@@ -328,9 +329,8 @@ class _Thread:
         head = "PART struct Carry {}(" + ", ".join(f"{kind} {name}" for name, kind in _OF_POLL.items()) + ")"
         if chunk.program.value(chunk.eventful) is False:
             return [c_function(head.format("poll"), self._poll(chunk.polled))]
-        inputs, names = _loads(
-            chunk, (at for at in chunk.program.needed([chunk.eventful], self._names) if at not in self._names)
-        )
+        needed = chunk.program.needed([chunk.eventful], self._names)
+        inputs, names = _loads(chunk, [at for at in needed if at not in self._names])
         lines, (eventful,) = statements(C, chunk.program, [chunk.eventful], self._names | names)
         choice = f"return {eventful} ? full_poll({arguments}) : quiet_poll({arguments});"
         return [

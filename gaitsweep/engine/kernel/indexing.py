@@ -14,7 +14,7 @@ from jax.lax import GatherScatterMode
 
 from gaitsweep.engine.kernel import arithmetic
 from gaitsweep.engine.kernel.refusals import refuse
-from gaitsweep.engine.kernel.trace import Build, Nodes, Tracer, Writer, kind_of
+from gaitsweep.engine.kernel.trace import Build, Nodes, Rule, Tracer, Writer, kind_of
 
 # A selection among more indices than this would be too expensive for a model's step.
 MAX_INDICES = 64
@@ -33,8 +33,8 @@ def _gather(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
     p = equation.params
     numbers = p["dimension_numbers"]
     sizes = p["slice_sizes"]
-    alone = {*numbers.collapsed_slice_dims, *numbers.operand_batching_dims}
-    window = [size for axis, size in enumerate(sizes) if axis not in alone]
+    single = {*numbers.collapsed_slice_dims, *numbers.operand_batching_dims}
+    window = [size for axis, size in enumerate(sizes) if axis not in single]
     batch = indices.shape[:-1]
     windows = []
     for where in np.ndindex(batch):
@@ -59,7 +59,8 @@ def _filled(tracer: Tracer, equation: Any, operand: Nodes, starts: list[int], cu
     fill = program.constant(_FILLING[dtype.kind](dtype) if value is None else value, kind_of(dtype))
     inside = program.constant(True, "bool")
     for at, size, many in zip(starts, equation.params["slice_sizes"], operand.shape, strict=True):
-        least, most = (program.constant(i, "int") for i in (0, many - size))
+        least = program.constant(0, "int")
+        most = program.constant(many - size, "int")
         inside = program.apply("and", inside, program.apply("le", least, at))
         inside = program.apply("and", inside, program.apply("le", at, most))
     return tracer.apply("select", np.asarray(inside), cut, np.asarray(fill))
@@ -123,21 +124,22 @@ def _selected(
 
 
 def _refuse_many(tracer: Tracer, starts: list[int], last: Sequence[int]) -> None:
+    """Refuse a selection among more than `MAX_INDICES` indices that are computed at run time."""
     moving = [many + 1 for at, many in zip(starts, last, strict=True) if tracer.program.value(at) is None]
     if (count := int(np.prod(moving))) > MAX_INDICES:
         most = f"at most {MAX_INDICES} indices computed at run time"
         raise refuse(f"the scalar kernel selects among {most}, not {count}")
 
 
-def _scatter(combine: Build) -> Callable[[Tracer, Any, list[Nodes]], list[Nodes]]:
+def _scatter(combine: Build) -> Rule:
     """Updates in sequence, each combined with the current element at its index."""
 
     def rule(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
         operand, indices, updates = args
         program = tracer.program
         numbers = equation.params["dimension_numbers"]
-        alone = {*numbers.inserted_window_dims, *numbers.operand_batching_dims}
-        wide = [axis for axis in range(operand.ndim) if axis not in alone]
+        single = {*numbers.inserted_window_dims, *numbers.operand_batching_dims}
+        wide = [axis for axis in range(operand.ndim) if axis not in single]
         # window axes last, in the order of the operand's axes
         ordered = [axis for axis in range(updates.ndim) if axis not in numbers.update_window_dims]
         moved = np.transpose(updates, [*ordered, *numbers.update_window_dims])
@@ -155,27 +157,37 @@ def _scatter(combine: Build) -> Callable[[Tracer, Any, list[Nodes]], list[Nodes]
                 starts = [_clipped(tracer, at, most) for at, most in zip(starts, last, strict=True)]
             _refuse_many(tracer, starts, last)
             new = moved[where].reshape(sizes)
-            for index in itertools.product(
-                *(_possible_indices(tracer, s, m) for s, m in zip(starts, last, strict=True))
-            ):
-                in_place = program.constant(True, "bool")
-                for at, i in zip(starts, index, strict=True):
-                    in_place = program.apply(
-                        "and", in_place, program.apply("eq", at, program.constant(i, "int"))
-                    )
+            possible = [_possible_indices(tracer, at, most) for at, most in zip(starts, last, strict=True)]
+            for index in itertools.product(*possible):
                 cut = tuple(slice(i, i + size) for i, size in zip(index, sizes, strict=True))
-                total[cut] = tracer.write(
-                    lambda w, old, node, c=in_place: w("select", c, combine(w, old, node), old),
-                    total[cut],
-                    new,
-                )
+                total[cut] = _updated(tracer, combine, _is_at(tracer, starts, index), total[cut], new)
         return [total]
 
     return rule
 
 
+def _is_at(tracer: Tracer, starts: list[int], index: Sequence[int]) -> int:
+    """The node of the flag whether the start indices are those of `index`."""
+    program = tracer.program
+    in_place = program.constant(True, "bool")
+    for at, i in zip(starts, index, strict=True):
+        in_place = program.apply("and", in_place, program.apply("eq", at, program.constant(i, "int")))
+    return in_place
+
+
+def _updated(tracer: Tracer, combine: Build, in_place: int, old: Nodes, new: Nodes) -> Nodes:
+    """The old elements combined with new ones where the flag `in_place` is true."""
+
+    def update(w: Writer, old: int, new: int) -> int:
+        return w("select", in_place, combine(w, old, new), old)
+
+    return tracer.write(update, old, new)
+
+
 def _clipped(tracer: Tracer, at: int, last: int) -> int:
-    least, most = (tracer.program.constant(i, "int") for i in (0, last))
+    """A start index within 0 and the last possible one."""
+    least = tracer.program.constant(0, "int")
+    most = tracer.program.constant(last, "int")
     w = Writer(tracer.program, at)
     return arithmetic.minimum(w, arithmetic.maximum(w, at, least), most)
 
@@ -188,7 +200,7 @@ def _possible_indices(tracer: Tracer, at: int, last: int) -> Sequence[int]:
     return [int(known)] if 0 <= known <= last else []
 
 
-RULES = {
+RULES: dict[str, Rule] = {
     "gather": _gather,
     "dynamic_slice": _dynamic_slice,
     "dynamic_update_slice": _dynamic_update_slice,

@@ -53,7 +53,7 @@ class Kernel:
         self, model: Model, recorder: Recorder, numerics: ResolvedNumerics, drive: RowDrive | None
     ) -> None:
         self.lane = OneLane(model, recorder, numerics, drive)
-        scalar = jax.ShapeDtypeStruct((), jnp.dtype(numerics.carried))
+        scalar = jax.ShapeDtypeStruct((), jnp.dtype(numerics.dtype))
         values = {q.name: scalar for q in model.parameters}
         starts = {q.name: scalar for q in model.initial_conditions} | {STEP_FACTOR: scalar}
         self.shapes: tuple[Shapes, Shapes] = (values, starts)
@@ -78,12 +78,14 @@ class Kernel:
         return stored(name, lane.model, deciding, compute)
 
     def _read_leaves(self) -> tuple[dict[str, tuple[int, tuple[int, ...]]], int]:
+        """The first slot and the shape of each number that the host reads, and the width of a sample."""
         record = self.chunk.record
         carry = self.chunk.carry
         leaves = {**record.results(carry), "filled": record.filled, "samples": record.samples}
         return {name: (leaf.first, leaf.shape) for name, leaf in leaves.items()}, self.chunk.width
 
     def _opening(self) -> Callable[[Columns, Columns], OpenedRows]:
+        """The function that opens rows: by a kernel, or by XLA if no kernel has the model's operations."""
         try:
             opening = self.stored("opening", lambda: opening_of(self.lane, *self.shapes), TILE)
         except UnsupportedError:
@@ -114,21 +116,20 @@ class KernelLanes(Lanes):
     """
 
     def __init__(self, spec: SweepSpec) -> None:
-        self.size = self.at_a_time = spec.lanes
+        self.size = spec.lanes
+        self.at_a_time = spec.lanes
         self.kernel = kernel_of(spec.model, spec.recorder, spec.numerics, spec.drive)
-        self._dtype = np.dtype(spec.numerics.carried)
+        self._dtype = np.dtype(spec.numerics.dtype)
 
     @abc.abstractmethod
     def put(self, lanes: Int[np.ndarray, " opened"], opened: OpenedRows) -> None:
         """Write opened rows to lanes, and the samples that are kept to their buffers."""
 
     def open_rows(self, params: Values, starts: Values, fresh: Bool[np.ndarray, " lanes"]) -> None:
-        """Open the rows in the lanes marked `fresh`, and `put` them there; values have one number a lane."""
+        """Open the rows in the lanes marked `fresh`, and `put` them there; arguments as of `Lanes.fill`."""
         lanes = np.flatnonzero(fresh)
-        values, initial = (
-            {name: np.asarray(column[lanes], self._dtype) for name, column in columns.items()}
-            for columns in (params, starts)
-        )
+        values = {name: np.asarray(column[lanes], self._dtype) for name, column in params.items()}
+        initial = {name: np.asarray(column[lanes], self._dtype) for name, column in starts.items()}
         self.put(lanes, self.kernel.open(values, initial))
 
     def output(self, read_slots: Callable[[slice], Real[np.ndarray, "slots lanes"]]) -> ChunkOutput:
@@ -139,7 +140,8 @@ class KernelLanes(Lanes):
             return np.moveaxis(values.reshape(*leaf.shape, self.size), -1, 0)
 
         numbers = {name: read(leaf) for name, leaf in self.kernel.leaves.items()}
-        filled, samples = (numbers.pop(name).astype(np.int32) for name in ("filled", "samples"))
+        filled = numbers.pop("filled").astype(np.int32)
+        samples = numbers.pop("samples").astype(np.int32)
         return ChunkOutput(numbers, filled, samples, np.zeros((self.size, 0, self.kernel.width)))
 
 
@@ -153,9 +155,9 @@ def _aligned(shape: tuple[int, ...]) -> Float[np.ndarray, " ..."]:
 
 # cached, since each core and each sweep of a self-check would print the source again
 @lru_cache(maxsize=16)
-def _compiled(kernel: Kernel, contraction: bool) -> tuple[Callable[[Any, Any, int], None], int]:
+def _compiled(kernel: Kernel, *, contraction: bool) -> tuple[Callable[[Any, Any, int], None], int]:
     """The kernel on a CPU, and the slots of its lanes."""
-    tile = functools.cache(lambda: cpu_program.Tile(kernel.chunk, TILE, contraction))
+    tile = functools.cache(lambda: cpu_program.Tile(kernel.chunk, TILE, contraction=contraction))
     # the processor decides which instructions a tile is written for
     layout, source = kernel.stored("tile", lambda: (tile().layout, tile().source), *processor())
     return cpu_program.running(tuple(layout), source, lambda: tile().module()), layout[1]
@@ -167,7 +169,7 @@ class CpuLanes(KernelLanes):
 
     def __init__(self, spec: SweepSpec) -> None:
         super().__init__(spec)
-        self._run, slots = _compiled(self.kernel, spec.numerics.contraction)
+        self._run, slots = _compiled(self.kernel, contraction=spec.numerics.contraction)
         tiles = -(-self.size // TILE)
         self._slots = _aligned((tiles, slots, TILE))
         leaves = self.kernel.leaves
@@ -189,6 +191,10 @@ class CpuLanes(KernelLanes):
         tiles = self._slots.shape[0]
         self._run(self._slots.reshape(tiles, -1), self._buffers, polls)
         slots = self._slots.transpose(1, 0, 2)
-        output = self.output(lambda at: slots[at].reshape(at.stop - at.start, tiles * TILE)[:, : self.size])
+
+        def read(successive: slice) -> Real[np.ndarray, "slots lanes"]:
+            return slots[successive].reshape(successive.stop - successive.start, -1)[:, : self.size]
+
+        output = self.output(read)
         self._slots[:, self._filled] = 0.0
         return output._replace(buffers=self._buffers[: self.size])

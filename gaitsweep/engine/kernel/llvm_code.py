@@ -76,7 +76,9 @@ def add_function(module: ir.Module, source: str, lanes: int = 1) -> ir.Function:
 def loop(builder: ir.IRBuilder, count: Any) -> Iterator[tuple[Any, ir.Block]]:
     """Write the instructions of the context `count` times; yields the loop's index and the block after it."""
     before = builder.block
-    head, body, after = (builder.append_basic_block(name) for name in ("head", "body", "after"))
+    head = builder.append_basic_block("head")
+    body = builder.append_basic_block("body")
+    after = builder.append_basic_block("after")
     builder.branch(head)
     builder.position_at_end(head)
     index = builder.phi(INDEX)
@@ -172,8 +174,11 @@ class _Writer:
     """Writer of the instructions of one function at its call."""
 
     def __init__(self, builder: Any, lanes: int, arguments: dict[str, Any]) -> None:
-        self.builder, self.lanes = builder, lanes
-        self.double, self.single, self.flag = (vector(kind, lanes) for kind in (DOUBLE, _SINGLE, _FLAG))
+        self.builder = builder
+        self.lanes = lanes
+        self.double = vector(DOUBLE, lanes)
+        self.single = vector(_SINGLE, lanes)
+        self.flag = vector(_FLAG, lanes)
         # the sign of zero may be ignored
         self.loose = ("nsz",)
         self.names: dict[str, Any] = {
@@ -186,6 +191,7 @@ class _Writer:
         return ir.Constant(kind, value if self.lanes == 1 else [value] * self.lanes)
 
     def body(self, lines: list[ast.stmt]) -> None:
+        """Write lines, whose assignments define names for the lines after them."""
         for line in lines:
             match line:
                 case ast.Assign(targets=[ast.Name(id=name)], value=value):
@@ -204,6 +210,7 @@ class _Writer:
                     raise ValueError(text)
 
     def value(self, node: ast.expr) -> Any:
+        """Write the instructions of an expression, and return its value."""
         builder = self.builder
         match node:
             case ast.Name(id=name):
@@ -262,13 +269,13 @@ class _Writer:
         """The value of LLVM's own function, or of one of the C library, for each lane."""
         if self.lanes == 1 or name in _OF_VECTORS:
             return self.builder.call(_declared(self.builder.module, name, args[0].type, len(args)), args)
-        vector = ir.Constant(args[0].type, ir.Undefined)
+        values = ir.Constant(args[0].type, ir.Undefined)
         for lane in range(self.lanes):
             place = ir.Constant(ir.IntType(32), lane)
             numbers = [self.builder.extract_element(arg, place) for arg in args]
             one = _declared(self.builder.module, name, numbers[0].type, len(args))
-            vector = self.builder.insert_element(vector, self.builder.call(one, numbers), place)
-        return vector
+            values = self.builder.insert_element(values, self.builder.call(one, numbers), place)
+        return values
 
     def _branch(self, flag: Any, yes: list[ast.stmt], no: list[ast.stmt]) -> None:
         """Write the lines `yes` where the flag of some lane is true, and the lines `no` where none is."""

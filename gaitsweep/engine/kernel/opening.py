@@ -22,7 +22,7 @@ Columns = Mapping[str, Float[np.ndarray, " rows"]]
 
 
 class OpenedRows(NamedTuple):
-    """OpenedRows rows (n,): their slots, the first sample of each, and whether to keep that sample."""
+    """Opened rows (n,): their slots, the first sample of each, and whether to keep that sample."""
 
     slots: Float[np.ndarray, "rows slots"]
     samples: Float[np.ndarray, "rows width"]
@@ -36,7 +36,9 @@ class Opening(NamedTuple):
     slots: int
 
 
-def _of_one(lane: OneLane) -> Callable[..., tuple[Array, Array, Array]]:
+def _opening_of_one(lane: OneLane) -> Callable[..., tuple[Array, Array, Array]]:
+    """The function of one row that gives the numbers of `OpenedRows`, with the slots in one vector."""
+
     def of_one(values: Mapping[str, Array], starts: Mapping[str, Array]) -> tuple[Array, Array, Array]:
         constants, carry, record, sample, keep = lane.open(values, starts)
         flat = [jnp.ravel(leaf).astype(jnp.float64) for leaf in jax.tree.leaves((constants, carry, record))]
@@ -55,7 +57,7 @@ def opening_of(lane: OneLane, values: Any, starts: Any) -> Opening:
     Raises:
         UnsupportedError: the model uses an operation that the scalar kernel does not have.
     """
-    traced = traced_function(_of_one(lane), (values, starts))
+    traced = traced_function(_opening_of_one(lane), (values, starts))
     slots, *_ = traced.arrays
     return Opening(row_kernel(traced), slots.size)
 
@@ -74,7 +76,7 @@ def opened_by_kernel(opening: Opening) -> Callable[[Columns, Columns], OpenedRow
 
 def opened_by_xla(lane: OneLane) -> Callable[[Columns, Columns], OpenedRows]:
     """As `opened_by_kernel`, of a model with operations that the scalar kernel does not have."""
-    compiled = jax.jit(jax.vmap(_of_one(lane)))
+    compiled = jax.jit(jax.vmap(_opening_of_one(lane)))
 
     def open_rows(values: Columns, starts: Columns) -> OpenedRows:
         rows = len(next(iter(values.values())))
@@ -82,9 +84,11 @@ def opened_by_xla(lane: OneLane) -> Callable[[Columns, Columns], OpenedRows]:
         for first in range(0, rows, _BATCH):
             # the last batch is filled up with its own rows
             batch = np.resize(np.arange(first, min(first + _BATCH, rows)), _BATCH)
-            columns = [{k: v[batch] for k, v in by_name.items()} for by_name in (values, starts)]
+            values_of_batch = {name: column[batch] for name, column in values.items()}
+            starts_of_batch = {name: column[batch] for name, column in starts.items()}
             with jax.default_device(host_device()):
-                parts.append(jax.device_get(compiled(*columns)))
-        return OpenedRows(*(np.concatenate(output)[:rows] for output in zip(*parts, strict=True)))
+                parts.append(jax.device_get(compiled(values_of_batch, starts_of_batch)))
+        slots, samples, keeps = (np.concatenate(outputs)[:rows] for outputs in zip(*parts, strict=True))
+        return OpenedRows(slots, samples, keeps)
 
     return open_rows

@@ -73,10 +73,12 @@ class _Lane:
         self.crossing = crossing
 
     def open(self, constants: Any, lane: _LaneState) -> Any:
+        """What `OneLane.open` returns, for a trajectory that has begun already."""
         none = jnp.zeros((), jnp.int32)
         return constants, lane, _Ends(none, none), jnp.zeros((0,)), jnp.zeros((), bool)
 
     def attempt(self, constants: Any, lane: _LaneState) -> _LaneState:
+        """The trajectory and its tangent after one more attempt."""
         (params, along) = constants
         trajectory = lane.trajectory
         if not lane.rate:
@@ -84,6 +86,7 @@ class _Lane:
         return _with_tangent(self.crossing.attempt, (params, trajectory), (along, lane.rate))
 
     def poll(self, constants: Any, lane: _LaneState, ends: _Ends) -> Any:
+        """The test whether the return has ended, as `OneLane.poll` returns it."""
         status = jnp.where(self.crossing.ended(lane.trajectory), Status.complete, Status.running)
         ends = dataclasses.replace(ends, status=status.astype(jnp.int32))
         return lane, ends, jnp.zeros((0,)), jnp.zeros((), bool)
@@ -140,9 +143,7 @@ class KernelReturns:
 
     def _slope(self, primals: Any, tangents: Any) -> Any:
         params, state = primals
-        along, rate = (
-            [dot for dot in jax.tree.leaves(dots) if dot.dtype != jax.dtypes.float0] for dots in tangents
-        )
+        along, rate = map(_float_tangents, tangents)
         lane = _with_tangent(self.crossing.begin, (params, state), (along, rate))
         ends = self._ends_of(self._differentiated, vector(((params, along), lane)), self._rates)
         *numbers, t = _split(ends, [*float_leaves(state), jnp.zeros(())])
@@ -157,7 +158,12 @@ class KernelReturns:
 
 
 class _Kernel:
-    """Returns compiled for the CPU's cores."""
+    """Returns compiled for the CPU's cores.
+
+    Args:
+        crossing: the functions of a return.
+        constants, carry: shapes and dtypes of what `_Lane.open` takes.
+    """
 
     def __init__(self, crossing: PoincareReturn, constants: Any, carry: Any) -> None:
         self._chunk = chunk_of(_Lane(crossing), constants, carry)  # type: ignore[arg-type]
@@ -168,7 +174,7 @@ class _Kernel:
         self, read: Int[np.ndarray, "... read"], slots: Float[Array, " ..."] | Float[np.ndarray, " ..."]
     ) -> Float[np.ndarray, " ..."]:
         slots = np.asarray(slots)
-        lanes, back = _different(slots.reshape(-1, slots.shape[-1]))
+        lanes, back = _unique_lanes(slots.reshape(-1, slots.shape[-1]))
         tiles = -(-len(lanes) // cpu_program.TILE)
         # the last tile is filled up by repeating its last lane, which costs nothing
         order = np.minimum(np.arange(tiles * cpu_program.TILE), len(lanes) - 1)
@@ -182,9 +188,14 @@ class _Kernel:
         return slots_of_ends.reshape(*slots.shape[:-1], read.size)
 
 
-def _different(
+def _float_tangents(tangents: Any) -> list[Array]:
+    """The tangents of float leaves; those of modes have no numbers."""
+    return [tangent for tangent in jax.tree.leaves(tangents) if tangent.dtype != jax.dtypes.float0]
+
+
+def _unique_lanes(
     lanes: Float[np.ndarray, "lanes slots"],
-) -> tuple[Float[np.ndarray, "different slots"], Int[np.ndarray, " lanes"]]:
+) -> tuple[Float[np.ndarray, "unique slots"], Int[np.ndarray, " lanes"]]:
     """The unique lanes, and for each lane (n,) the index of its equal: a batch may repeat a point."""
     index_of: dict[bytes, int] = {}
     back = np.array([index_of.setdefault(lane.tobytes(), len(index_of)) for lane in lanes])
@@ -199,4 +210,5 @@ def _split(numbers: Float[Array, " values"], leaves: list[Any]) -> list[Float[Ar
 
 
 def _slots(leaves: list[Leaf]) -> Int[np.ndarray, " slots"]:
+    """The slots of arrays, one after the other."""
     return np.concatenate([np.arange(leaf.first, leaf.first + leaf.size) for leaf in leaves])

@@ -155,7 +155,7 @@ _ELEMENTWISE: dict[str, Rule] = {
     "gt": _elementwise(lambda w, a, b: w("lt", b, a)),
     "ge": _elementwise(lambda w, a, b: w("le", b, a)),
     "lt_to": _elementwise(arithmetic.before),
-    "eq_to": _elementwise(arithmetic.alike),
+    "eq_to": _elementwise(arithmetic.same_rank),
     "le_to": _elementwise(arithmetic.not_after),
     "div": _elementwise(arithmetic.quotient),
     "rem": _elementwise(arithmetic.remainder),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Container, Iterable, Mapping, Sequence
+from collections.abc import Container, Hashable, Iterable, Mapping, Sequence
 
 import numpy as np
 
@@ -44,16 +44,18 @@ class Program:
         # constant along a trajectory: constants, steady inputs, and functions of these
         self.steady: list[bool] = []
         self.usual: dict[int, bool] = {}  # conditions that nearly always have this value
-        self._known: dict[tuple, int] = {}
+        self._known: dict[tuple[Hashable, ...], int] = {}
 
     def constant(self, value: Value, kind: Kind) -> int:
+        """The node of a constant."""
         typed = _NUMPY[kind](value).item()
         # by representation: 0.0 and -0.0 differ, NaN equals itself
         key = ("constant", kind, repr(typed))
-        return self._add(key, Node("constant", (), kind, typed), True)
+        return self._add(key, Node("constant", (), kind, typed), steady=True)
 
     def input(self, number: int, kind: Kind, *, steady: bool = False) -> int:
-        return self._add(("input", number), Node("input", (), kind, number), steady)
+        """The node of an input; `steady`: it is constant along a trajectory."""
+        return self._add(("input", number), Node("input", (), kind, number), steady=steady)
 
     def apply(self, op: str, *args: int) -> int:
         """The node of an operation on nodes, simplified."""
@@ -63,7 +65,7 @@ class Program:
     def write(self, op: str, *args: int) -> int:
         """The node of an operation on nodes, without simplification."""
         node = Node(op, args, self._kind(OPERATIONS[op], args))
-        return self._add((op, args), node, all(self.steady[a] for a in args))
+        return self._add((op, args), node, steady=all(self.steady[a] for a in args))
 
     def _kind(self, operation: Operation, args: Sequence[int]) -> Kind:
         return self.nodes[args[-1]].kind if operation.kind == "same" else operation.kind
@@ -92,7 +94,12 @@ class Program:
         return self.constant(result, kind)
 
     def needed(self, wanted: Iterable[int], known: Container[int] = ()) -> list[int]:
-        """The nodes on which `wanted` depend, in order, these included; arguments of `known` are left out."""
+        """The nodes on which others depend, in order, these included.
+
+        Args:
+            wanted: the nodes.
+            known: nodes whose arguments are left out.
+        """
         reached: set[int] = set()
         waiting = list(wanted)
         while waiting:
@@ -104,7 +111,11 @@ class Program:
         return sorted(reached)
 
     def likely(self, wanted: Sequence[int]) -> tuple[list[int], int]:
-        """Nodes that equal `wanted` where all conditions have their usual value, and whether one has not."""
+        """Simpler nodes that hold where all conditions have their usual value.
+
+        Returns:
+            The nodes that replace `wanted`, and the node of the flag that a condition is unusual.
+        """
         settled: dict[int, int] = {}  # flags, where the conditions before them have their usual value
         exception = self.constant(False, "bool")
         for at in self.needed(wanted):
@@ -116,20 +127,21 @@ class Program:
                     flag = self.constant(usual, "bool")
                 settled[at] = flag
         # numbers that the conditions need are computed anyway
-        now = {at: at for at in self.needed([exception]) if self.nodes[at].kind != "bool"}
+        replaced = {at: at for at in self.needed([exception]) if self.nodes[at].kind != "bool"}
         for at in self.needed(wanted):
             if at in self.usual:
-                now[at] = settled[at]
-            now.setdefault(at, self._with(at, now))
-        return [now[at] for at in wanted], exception
+                replaced[at] = settled[at]
+            replaced.setdefault(at, self._with(at, replaced))
+        return [replaced[at] for at in wanted], exception
 
-    def _with(self, at: int, now: Mapping[int, int]) -> int:
-        """A node with other arguments where `now` has one."""
+    def _with(self, at: int, replaced: Mapping[int, int]) -> int:
+        """A node with its arguments replaced where there is a replacement."""
         node = self.nodes[at]
-        args = tuple(now.get(a, a) for a in node.args)
+        args = tuple(replaced.get(a, a) for a in node.args)
         return at if args == node.args else self.apply(node.op, *args)
 
-    def _add(self, key: tuple, node: Node, steady: bool) -> int:
+    def _add(self, key: tuple[Hashable, ...], node: Node, *, steady: bool) -> int:
+        """The index of a node, which is added unless there is an equal one."""
         if key not in self._known:
             self._known[key] = len(self.nodes)
             self.nodes.append(node)

@@ -23,7 +23,7 @@ Step = tuple[Literal["load", "compute", "store", "write"], int]
 RELOAD_DISTANCE = 60
 
 
-def steps(  # noqa: C901 - one pass over the program, whose cases share all of its state
+def steps(
     program: Program,
     order: Sequence[int],
     in_memory: Collection[int],
@@ -47,48 +47,86 @@ def steps(  # noqa: C901 - one pass over the program, whose cases share all of i
     for place in range(len(order) - 1, -1, -1):
         for a in arguments(program, order[place]):
             uses.setdefault(a, []).append(place)
+    last = _written_last(order, overwrites, uses)
+    for at in [*last, *([] if flag is None else [flag])]:
+        uses.setdefault(at, []).insert(0, len(order))
+    allocation = _Allocation(program, uses, set(in_memory))
+    for at in order:
+        allocation.compute(at)
+        if at in overwrites and at not in last:
+            allocation.write(at)
+        allocation.keep(at, registers)
+    for at in last:
+        allocation.load(at)
+    for at in last:
+        allocation.write(at)
+    return allocation.steps
+
+
+def _written_last(
+    order: Sequence[int], overwrites: Mapping[int, Collection[int]], uses: Mapping[int, Sequence[int]]
+) -> list[int]:
+    """The nodes to write at the end: not computed here, or in the place of values that are needed later."""
     computed = {at: place for place, at in enumerate(order)}
-    # written at the end: nodes that are not computed here, or overwrite values that are needed later
     last = [at for at in overwrites if at not in computed]
     needed_at_end = set(last)
     for at, lost in overwrites.items():
         if at in computed and any(a in needed_at_end or uses.get(a, [-1])[0] > computed[at] for a in lost):
             last.append(at)
-    for at in [*last, *([] if flag is None else [flag])]:
-        uses.setdefault(at, []).insert(0, len(order))
-    memory = set(in_memory)
-    at_hand = set()
-    sequence: list[Step] = []
+    return last
 
-    def load(at: int) -> None:
-        if at not in at_hand and program.nodes[at].op != "constant":
-            sequence.append(("load", at))
-            at_hand.add(at)
 
-    for at in order:
-        needed = arguments(program, at)
+class _Allocation:
+    """The actions so far, and the values that are in registers.
+
+    Args:
+        program: the program.
+        uses: the places that still need each node, the next one last.
+        memory: the nodes that can be loaded.
+    """
+
+    def __init__(self, program: Program, uses: dict[int, list[int]], memory: set[int]) -> None:
+        self.steps: list[Step] = []
+        self._program = program
+        self._uses = uses
+        self._memory = memory
+        self._in_registers: set[int] = set()
+
+    def load(self, at: int) -> None:
+        """Load a value unless it is in a register; constants are part of instructions."""
+        if at not in self._in_registers and self._program.nodes[at].op != "constant":
+            self.steps.append(("load", at))
+            self._in_registers.add(at)
+
+    def compute(self, at: int) -> None:
+        """Load the arguments of a node and compute it; arguments that are not needed again give way."""
+        needed = arguments(self._program, at)
         for a in needed:
-            load(a)
+            self.load(a)
         for a in needed:
-            uses[a].pop()
-            if not uses[a]:
-                at_hand.discard(a)
-        sequence.append(("compute", at))
-        if at in overwrites and at not in last:
-            sequence.append(("write", at))
-            memory.add(at)
-        if uses.get(at):
-            at_hand.add(at)
-        in_registers = [a for a in at_hand if program.nodes[a].kind != "bool"]
-        while registers is not None and len(in_registers) > registers:
-            farthest = max(
-                in_registers, key=lambda a: (uses[a][-1] + (RELOAD_DISTANCE if a in memory else 0), a)
-            )
-            in_registers.remove(farthest)
-            at_hand.discard(farthest)
-            if farthest not in memory:
-                memory.add(farthest)
-                sequence.append(("store", farthest))
-    for at in last:
-        load(at)
-    return [*sequence, *(("write", at) for at in last)]
+            self._uses[a].pop()
+            if not self._uses[a]:
+                self._in_registers.discard(a)
+        self.steps.append(("compute", at))
+
+    def write(self, at: int) -> None:
+        """Write a value to its slots, from which it can be loaded later."""
+        self.steps.append(("write", at))
+        self._memory.add(at)
+
+    def keep(self, at: int, registers: int | None) -> None:
+        """Keep a computed value while it is needed; if there are too few registers, others give way."""
+        if self._uses.get(at):
+            self._in_registers.add(at)
+        numbers = [a for a in self._in_registers if self._program.nodes[a].kind != "bool"]
+        while registers is not None and len(numbers) > registers:
+            farthest = max(numbers, key=self._distance)
+            numbers.remove(farthest)
+            self._in_registers.discard(farthest)
+            if farthest not in self._memory:
+                self._memory.add(farthest)
+                self.steps.append(("store", farthest))
+
+    def _distance(self, at: int) -> tuple[int, int]:
+        """The place of the next use of a value, later for one in memory; of equal ones the last node."""
+        return self._uses[at][-1] + (RELOAD_DISTANCE if at in self._memory else 0), at

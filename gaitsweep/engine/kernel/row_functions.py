@@ -23,7 +23,7 @@ from gaitsweep.engine.kernel.trace import traced_function
 from gaitsweep.engine.stored_programs import stored
 
 # Rows that are computed at a time, since the values of all nodes are in memory.
-_AT_A_TIME = 4096
+_ROWS_AT_A_TIME = 4096
 # NumPy's forms of operations whose own form takes one number at a time.
 _OF_ARRAYS: dict[str, Callable[..., Any]] = {
     "select": np.where,
@@ -64,10 +64,10 @@ def over_rows(
                 program = of_row() if model is None else stored(name, model, (*others, repr(key)), of_row)
                 programs[key] = computed(*program)
             except UnsupportedError:
-                programs[key] = _by_xla(function, all_rows)
+                programs[key] = _by_xla(function, all_rows=all_rows)
         outputs = []
-        for first in range(0, max(len(columns[0]), 1), _AT_A_TIME):
-            part = [column[first : first + _AT_A_TIME] for column in columns]
+        for first in range(0, max(len(columns[0]), 1), _ROWS_AT_A_TIME):
+            part = [column[first : first + _ROWS_AT_A_TIME] for column in columns]
             outputs.append(programs[key](*jax.tree.unflatten(structure, part)))
         if len(outputs) == 1:
             return outputs[0]
@@ -76,7 +76,8 @@ def over_rows(
     return of_rows
 
 
-def _by_xla(function: Callable[..., Any], all_rows: bool) -> Callable[..., Any]:
+def _by_xla(function: Callable[..., Any], *, all_rows: bool) -> Callable[..., Any]:
+    """The function of rows that XLA computes."""
     # on few rows an optimised program saves less time than its optimisation takes
     options = {} if all_rows else {"xla_backend_optimization_level": 0}
     compiled = jax.jit(jax.vmap(function), compiler_options=options)
@@ -94,10 +95,10 @@ def _traced_operations(function: Callable[..., Any], shapes: Any) -> tuple[list[
     traced = traced_function(function, shapes, simplify=False)
     order = traced.program.needed(traced.outputs)
     place = {at: i for i, at in enumerate(order)}
-    operations = [
-        (node.op, [place[argument] for argument in node.args] if node.args else node.value)
-        for node in (traced.program.nodes[at] for at in order)
-    ]
+    operations = []
+    for node in (traced.program.nodes[at] for at in order):
+        operands = [place[argument] for argument in node.args] if node.args else node.value
+        operations.append((node.op, operands))
     return operations, [place[at] for at in traced.outputs], traced.arrays, traced.results
 
 
@@ -116,14 +117,14 @@ def _by_numpy(operations: list[Any], outputs: list[int], arrays: Any, results: A
         columns = _columns(trees)
         values: list[Any] = []
         with np.errstate(all="ignore"):
-            for op, of in operations:
+            for op, operands in operations:
                 if op == "input":
-                    values.append(columns[int(of)])
+                    values.append(columns[int(operands)])
                 elif op == "constant":
-                    values.append(of)
+                    values.append(operands)
                 else:
                     evaluate = _OF_ARRAYS.get(op, OPERATIONS[op].evaluate)
-                    values.append(evaluate(*(values[argument] for argument in of)))
+                    values.append(evaluate(*(values[argument] for argument in operands)))
         numbers = np.empty((len(columns[0]), len(outputs)))
         for i, at in enumerate(outputs):
             numbers[:, i] = values[at]

@@ -31,8 +31,8 @@ def scheduled(program: Program, wanted: Sequence[int], known: Container[int]) ->
     needed = program.needed(wanted, known)
     own = [at for at in needed if at not in known and program.nodes[at].op != "constant"]
     other = from_the_end(program, own, wanted)
-    fewer = most_alive(program, other, wanted) < WORTHWHILE * most_alive(program, own, wanted)
-    return other if fewer else own
+    peak = most_alive(program, own, wanted)
+    return other if most_alive(program, other, wanted) < WORTHWHILE * peak else own
 
 
 def depth_first(program: Program, wanted: Sequence[int], known: Container[int]) -> list[int]:
@@ -96,7 +96,8 @@ def from_the_end(program: Program, nodes: Sequence[int], wanted: Sequence[int]) 
             readers.setdefault(a, []).append(at)
     unplaced = {at: len(readers.get(at, [])) for at in nodes}
     alive = set(wanted)
-    added = {at: sum(a not in alive for a in args) for at, args in arguments_of.items()}
+    # the values that each node would add to those that are needed later
+    added = {at: len(set(args) - alive) for at, args in arguments_of.items()}
     # an entry with an earlier number of its node is out of date; of equal ones the last node comes first
     heap = [(added[at], -at) for at in nodes if unplaced[at] == 0]
     heapq.heapify(heap)

@@ -125,18 +125,19 @@ def _select(program: Program, args: tuple[int, ...]) -> int | None:
 
 
 def _select_truth(program: Program, condition: int, yes: int, no: int) -> int | None:
+    """A selection among flags, as `and` and `or`."""
     negated = program.apply("not", condition)
     if program.value(yes) is not None:
         return program.apply("or", condition, no) if program.value(yes) else program.apply("and", negated, no)
     if program.value(no):
         return program.apply("or", negated, yes)
     both = program.apply("and", condition, yes)
-    return (
-        both if program.value(no) is False else program.apply("or", both, program.apply("and", negated, no))
-    )
+    if program.value(no) is False:
+        return both
+    return program.apply("or", both, program.apply("and", negated, no))
 
 
-def _joined(neutral: bool) -> Rule:
+def _joined(*, neutral: bool) -> Rule:
     """The rule of `and` (neutral element True) or of `or` (neutral element False)."""
 
     def rule(program: Program, args: tuple[int, ...]) -> int | None:
@@ -178,10 +179,12 @@ def _through_select(program: Program, op: str, args: tuple[int, ...]) -> int | N
             continue
         if any(program.value(a) is None for a in node.args[1:]):
             continue
-        sides = [list(args), list(args)]
-        sides[0][place] = node.args[1]
-        sides[1][place] = node.args[2]
-        yes, no = (program.apply(op, *side) for side in sides)
+        args_if_true = list(args)
+        args_if_false = list(args)
+        args_if_true[place] = node.args[1]
+        args_if_false[place] = node.args[2]
+        yes = program.apply(op, *args_if_true)
+        no = program.apply(op, *args_if_false)
         return program.apply("select", node.args[0], yes, no)
     return None
 
@@ -193,8 +196,8 @@ _RULES: dict[str, Rule] = {
     "div": _div,
     "neg": _neg,
     "select": _select,
-    "and": _joined(True),
-    "or": _joined(False),
+    "and": _joined(neutral=True),
+    "or": _joined(neutral=False),
     "not": _not,
     "to_f32": lambda program, args: _same_kind(program, args, "f32"),
     "to_f64": lambda program, args: _same_kind(program, args, "f64"),

@@ -45,7 +45,13 @@ class Language:
         return getattr(operation, self.field).format(*args, bits=bits, f="f" if bits == 32 else "")
 
     def definition(self, kind: Kind, name: str, expression: str) -> str:
-        """The line that gives a name to a value."""
+        """The line that gives a name to a value.
+
+        Args:
+            kind: the kind of the value.
+            name: the name.
+            expression: the source of the value.
+        """
         return self.line.format(type=self.types.get(kind), name=name, expression=expression)
 
     def literal(self, value: Value, kind: Kind) -> str:

@@ -29,6 +29,7 @@ class Writer:
         self.kind: Kind = program.nodes[like].kind
 
     def number(self, value: float) -> int:
+        """The node of a constant."""
         return self.program.constant(value, self.kind)
 
     def __call__(self, op: str, *args: int | float) -> int:
@@ -43,6 +44,7 @@ class Writer:
 
     @property
     def single(self) -> bool:
+        """Whether constants are float32."""
         return self.kind == "f32"
 
 
@@ -107,6 +109,7 @@ class Tracer:
         return arrays
 
     def constants(self, values: np.ndarray) -> Nodes:
+        """The nodes of an array of constants."""
         kind = kind_of(values.dtype)
         flat = [self.program.constant(value, kind) for value in values.ravel().tolist()]
         return np.array(flat, np.int64).reshape(values.shape)
@@ -170,15 +173,17 @@ def traced_function(function: Callable[..., Any], shapes: Any, *, simplify: bool
     inputs = tracer.inputs(shapes, 0, steady=False)
     outputs = tracer.read(jaxpr, inputs)
     likes, structure = jax.tree.flatten(out)
-    flat_inputs, flat_outputs = (
-        [at for nodes in arrays for at in nodes.ravel().tolist()] for arrays in (inputs, outputs)
-    )
     arrays = [
         TracedArray(nodes.size, like.shape, str(like.dtype))
         for nodes, like in zip(outputs, likes, strict=True)
     ]
     places = jax.tree.unflatten(structure, range(len(arrays)))
-    return TracedFunction(program, flat_inputs, flat_outputs, arrays, places)
+    return TracedFunction(program, _flat(inputs), _flat(outputs), arrays, places)
+
+
+def _flat(arrays: list[Nodes]) -> list[int]:
+    """The nodes of arrays, one after the other."""
+    return [at for nodes in arrays for at in nodes.ravel().tolist()]
 
 
 # The output nodes of an equation from its input nodes.

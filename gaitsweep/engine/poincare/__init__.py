@@ -1,1 +1,5 @@
-"""Poincare maps: returns to the section, with their derivatives."""
+"""Poincare maps: returns to the section, with their derivatives.
+
+`poincare_return` is one return, `maps` an abstract map of batches of points; `return_map` and
+`stationary_map` are its forms, by `model_map`.
+"""

@@ -58,8 +58,11 @@ class Batch:
 
 def format_points(at: Any) -> str:
     """Format the first of some points (n, size), for a short `repr`."""
-    first = [f"[{', '.join(f'{coordinate:.6g}' for coordinate in point)}]" for point in at[:POINTS_SHOWN]]
-    return ", ".join([*first, "..."] if len(at) > POINTS_SHOWN else first)
+    texts = []
+    for point in at[:POINTS_SHOWN]:
+        coordinates = ", ".join(f"{coordinate:.6g}" for coordinate in point)
+        texts.append(f"[{coordinates}]")
+    return ", ".join([*texts, "..."] if len(at) > POINTS_SHOWN else texts)
 
 
 @jax.tree_util.register_dataclass

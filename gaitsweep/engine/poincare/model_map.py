@@ -1,4 +1,4 @@
-"""Maps of the states of a model: its parameters, starts and symmetries, whatever leads to the image."""
+"""Maps of the states of a model: its parameters, starts and symmetries; a map adds the image of a state."""
 
 from __future__ import annotations
 
@@ -143,6 +143,7 @@ class ModelMap(FollowedMap):
         return written
 
     def _refuse_unknown(self, names: Iterable[str]) -> None:
+        """Raise ArgumentError for a name that is not a parameter of the model."""
         known = [q.name for q in self.model.parameters]
         for name in names:
             if name not in known:
@@ -198,7 +199,7 @@ def _settler(mapping: ModelMap, cycles: int) -> Callable[..., Any]:
         # a loop requires constant dtypes, so none may be weak
         begun = jax.tree.map(lambda x: jnp.asarray(x, jnp.result_type(x)), mapping.model.init(params, starts))
 
-        def turn(_: Any, loop: tuple[State, Integer]) -> tuple[State, Integer]:
+        def apply(_: Any, loop: tuple[State, Integer]) -> tuple[State, Integer]:
             state, status = loop
             _, moved, status_after = mapping.state(params, state)
             going = (status == ReturnStatus.crossed) & (status_after == ReturnStatus.crossed)
@@ -206,6 +207,6 @@ def _settler(mapping: ModelMap, cycles: int) -> Callable[..., Any]:
             return last, jnp.where(status == ReturnStatus.crossed, status_after, status).astype(jnp.int32)
 
         crossed = jnp.asarray(ReturnStatus.crossed, jnp.int32)
-        return jax.lax.fori_loop(0, cycles, turn, (begun, crossed))
+        return jax.lax.fori_loop(0, cycles, apply, (begun, crossed))
 
     return jax.jit(jax.vmap(one))

@@ -70,7 +70,8 @@ class PoincareReturn:
     """
 
     def __init__(self, model: Model, numerics: ResolvedNumerics) -> None:
-        self.model, self.numerics = model, numerics
+        self.model = model
+        self.numerics = numerics
         self.refusal = derivative_refusal(numerics.method, model)
         self.differentiable = self.refusal is None
         self._begin: Callable[[Params, Carry], tuple[Carry, Any]]

@@ -15,6 +15,7 @@ from gaitsweep.errors import ArgumentError
 Action: TypeAlias = "Callable[[Params, State], State]"
 # Largest number of elements besides the identity.
 MAX_ELEMENTS = 47
+# Seed of the state whose images tell the elements apart.
 SEED = 20
 # Images of one state are the same if they differ by less.
 SAME_IMAGE = 1e-9

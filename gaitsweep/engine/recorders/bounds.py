@@ -18,7 +18,7 @@ SETTLE_WINDOW = 10
 TOLERANCE = 1.0e-3
 # The smallest scale of an observable without a scale of its own: a share of its magnitude (integration errors
 # and rounding are relative to that), and a number in its unit, so that an observable at 0 settles.
-MIN_SHARE = 1.0e-5
+MIN_RELATIVE_SCALE = 1.0e-5
 MIN_SCALE = 1.0e-9
 # Differences of the observables between a crossing and those before it, or their values at these.
 Crossings = Float[Array, "crossings observables"]
@@ -27,14 +27,20 @@ Span = Float[Array, "2 unscaled"]
 
 
 def tolerances(model: Model, tolerance: float | Mapping[str, float]) -> float | tuple[float, ...]:
-    """The tolerance of each observable in order, from one for all or from some by name."""
+    """The tolerance of each observable in order.
+
+    Args:
+        model: the model.
+        tolerance: one for all observables, which is returned, or those of some by name; others have
+            `TOLERANCE`.
+    """
     if not isinstance(tolerance, Mapping):
         return tolerance
     return tuple(tolerance.get(quantity.name, TOLERANCE) for quantity in model.observables)
 
 
 def per_observable(tolerance: float | tuple[float, ...]) -> tuple[float, ...]:
-    """The tolerances of the observables; a single one is that of all."""
+    """The tolerances of the observables as a tuple, which has one number if it is that of all."""
     return tolerance if isinstance(tolerance, tuple) else (tolerance,)
 
 
@@ -44,27 +50,38 @@ def _unscaled(model: Model) -> list[int]:
 
 
 def first_span(model: Model, like: Observed) -> Span:
-    """The least and largest values (2, n) of no crossing, of the observables without a scale."""
+    """The least and largest values (2, n) of no crossing, of the observables without a scale.
+
+    Args:
+        model: the model.
+        like: observables, whose dtype the span has.
+    """
     none = jnp.full((len(_unscaled(model)),), jnp.inf, like.dtype)
     return jnp.stack([none, -none])
 
 
 def widened(span: Span, model: Model, now: Observed) -> Span:
-    """The span (2, n) with the observables of one more crossing; NaN and infinities are left out."""
+    """The span (2, n) with one more crossing; NaN and infinities are left out.
+
+    Args:
+        span: the least and largest values so far.
+        model: the model.
+        now: the observables (k,) of the crossing.
+    """
     if span.size == 0:
         return span
-    own = now[np.asarray(_unscaled(model))]
-    finite = jnp.abs(own) < jnp.inf
-    least = jnp.where(finite & (own < span[0]), own, span[0])
-    return jnp.stack([least, jnp.where(finite & (own > span[1]), own, span[1])])
+    values = now[np.asarray(_unscaled(model))]
+    finite = jnp.abs(values) < jnp.inf
+    lowest = jnp.where(finite & (values < span[0]), values, span[0])
+    return jnp.stack([lowest, jnp.where(finite & (values > span[1]), values, span[1])])
 
 
 def bounds(model: Model, tolerance: float | tuple[float, ...], latest: Crossings, span: Span) -> Observed:
     """The largest change of each observable (n,) of a settled state over the window, in its unit; above 0.
 
     It is `SETTLE_WINDOW` times its tolerance times its scale: 1 rad for angles, `Quantity.scale` if defined,
-    else the range of its values over the row, from their `span`. That scale is at least `MIN_SHARE` of the
-    magnitude at the `latest` crossings (w, n), and `MIN_SCALE`.
+    else the range of its values over the row, from their `span`. That scale is at least `MIN_RELATIVE_SCALE`
+    of the magnitude at the `latest` crossings (w, n), and `MIN_SCALE`.
 
     Args:
         model: the model.
@@ -72,22 +89,22 @@ def bounds(model: Model, tolerance: float | tuple[float, ...], latest: Crossings
         latest: the observables at the latest crossings (w, n).
         span: the least and largest values of the observables without a scale, from `widened`.
     """
-    own = per_observable(tolerance)
-    own = own * len(model.observables) if len(own) == 1 else own
-    share = jnp.asarray([SETTLE_WINDOW * one for one in own], latest.dtype)
-    sizes = [1.0 if q.circular else q.scale for q in model.observables]
-    scales = jnp.asarray([0.0 if scale is None else scale for scale in sizes], latest.dtype)
+    each = per_observable(tolerance)
+    each = each * len(model.observables) if len(each) == 1 else each
+    share = jnp.asarray([SETTLE_WINDOW * tolerance for tolerance in each], latest.dtype)
+    declared = [1.0 if q.circular else q.scale for q in model.observables]
+    scales = jnp.asarray([0.0 if scale is None else scale for scale in declared], latest.dtype)
     if not (unscaled := _unscaled(model)):
         return share * scales
-    size = MIN_SHARE * jnp.max(jnp.abs(latest[:, np.asarray(unscaled)]), axis=0)
-    of_span = jnp.maximum(jnp.maximum(span[1] - span[0], size), MIN_SCALE)
+    smallest = MIN_RELATIVE_SCALE * jnp.max(jnp.abs(latest[:, np.asarray(unscaled)]), axis=0)
+    of_span = jnp.maximum(jnp.maximum(span[1] - span[0], smallest), MIN_SCALE)
     return share * scales.at[np.asarray(unscaled)].set(of_span)
 
 
 def slowest(moved: Crossings) -> Integer:
     """The number of the observable with the largest change (w, n), in units of its bound; -1 if unknown."""
-    most = jnp.max(moved, axis=0)
-    return jnp.where(jnp.any(jnp.isnan(most)), -1, jnp.argmax(most))
+    largest = jnp.max(moved, axis=0)
+    return jnp.where(jnp.any(jnp.isnan(largest)), -1, jnp.argmax(largest))
 
 
 def comparable(observed: Float[Array, "*crossings observables"]) -> Float[Array, "*crossings observables"]:

@@ -29,7 +29,7 @@ from gaitsweep.row_outcome import RowOutcome
 # Largest number of jumps at one instant for an ordinary crossing.
 FEW_JUMPS = 2
 # Crossings of which gaits are read in one call.
-BATCH = 4096
+GAIT_BATCH = 4096
 
 
 @final
@@ -64,7 +64,7 @@ class CrossingRecorder(Recorder):
         if not self.gaits:
             return None
         samples = rows.samples
-        return Readings(rows.place, samples[:, 1], samples[:, 2:], samples[:, 0] > 0.0, BATCH)
+        return Readings(rows.place, samples[:, 1], samples[:, 2:], samples[:, 0] > 0.0, GAIT_BATCH)
 
     def begin(self, params: Params, carry: Carry) -> Beginning:
         record, _, _ = self.unsampled(params, carry)
@@ -76,17 +76,17 @@ class CrossingRecorder(Recorder):
         return jnp.concatenate([head, record.last])
 
     def record(self, params: Params, carry: Carry, record: LaneRecord) -> PollResult:
-        most = None if self.crossings is None else self.after_cycles + self.crossings
+        last_cycle = None if self.crossings is None else self.after_cycles + self.crossings
         crossed = (carry.halt == Halt.CROSSING) & (record.filled < BUFFER)
-        counts = crossed if most is None else crossed & (record.cycles < most)
+        counts = crossed if last_cycle is None else crossed & (record.cycles < last_cycle)
         recorded = self.crossed(params, carry, record, counts)
         keep = counts & (recorded.cycles >= self.after_cycles)
         late = Status.complete if self.duration is not None else Status.time_limit
         status = jnp.where(carry.halt == Halt.TIME, late, Status.running)
-        if most is not None:
+        if last_cycle is not None:
             # crossings in a long chain of jumps may belong to a stall, which is known only once time advances
             decided = (crossed & (carry.chain <= FEW_JUMPS)) | (carry.chain == 0)
-            status = jnp.where((recorded.cycles >= most) & decided, Status.complete, status)
+            status = jnp.where((recorded.cycles >= last_cycle) & decided, Status.complete, status)
         waits = (carry.halt == Halt.CROSSING) & ~crossed
         halt = jnp.where(waits, carry.halt, jnp.zeros_like(carry.halt))
         sample = self._sample(carry, recorded)

@@ -13,7 +13,7 @@ from gaitsweep.row_outcome import RowOutcome
 
 # Largest difference of values that count as equal in the order of crossings, as a share of the largest
 # extent of the orbit; an observable is relative to its scale, or to its magnitude.
-EQUAL = 0.01
+SAME_VALUE = 0.01
 
 
 def with_orbits(numbers: Mapping[str, Num[np.ndarray, "rows ..."]]) -> dict[str, Num[np.ndarray, "rows ..."]]:
@@ -25,12 +25,15 @@ def with_orbits(numbers: Mapping[str, Num[np.ndarray, "rows ..."]]) -> dict[str,
     """
     if "window" not in numbers:
         return {**numbers}
-    of_crossings = {name for name, values in numbers.items() if values.ndim == 3 and name != "window"}
-    numbers = {**numbers, **{name: numbers[name].reshape(len(numbers[name]), -1) for name in of_crossings}}
-    others = numbers["window"][:, 1:, :-2].reshape(len(numbers["window"]), -1)
+    flat: dict[str, Num[np.ndarray, "rows ..."]] = {}
+    for name, values in numbers.items():
+        of_crossings = values.ndim == 3 and name != "window"
+        flat[name] = values.reshape(len(values), -1) if of_crossings else values
+    window = numbers["window"]
+    others = window[:, 1:, :-2].reshape(len(window), -1)
     # a kernel's numbers are floats
-    several = (numbers["period"] > 1) | RECURRENT.among(numbers["status"].astype(np.int32))
-    return {**numbers, "orbit": np.where(several[:, None], others, np.nan)}
+    several = (flat["period"] > 1) | RECURRENT.among(flat["status"].astype(np.int32))
+    return {**flat, "orbit": np.where(several[:, None], others, np.nan)}
 
 
 def from_first_crossing(observables: Sequence[Quantity], rows: RowOutcome) -> RowOutcome:
@@ -59,14 +62,14 @@ def first_crossing(
     """The crossing (n,) of each orbit from which its values come first in the order of the observables.
 
     Angles are in the order of their cosines, then of their sines, which have no jump. Values that differ by
-    less than `EQUAL` are in the order of the next observable, so that rounding does not decide.
+    less than `SAME_VALUE` are in the order of the next observable, so that rounding does not decide.
     """
     columns = []
     for i, quantity in enumerate(observables):
         x = np.nan_to_num(orbits[:, :, i])
         size = quantity.scale or np.abs(x).max(axis=1, keepdims=True)
         columns += [np.cos(x), np.sin(x)] if quantity.circular else [x / np.where(size > 0.0, size, 1.0)]
-    equal = EQUAL * np.max([np.ptp(column, axis=1) for column in columns], axis=0)
+    equal = SAME_VALUE * np.max([np.ptp(column, axis=1) for column in columns], axis=0)
     n, p = orbits.shape[:2]
     place = np.zeros((n, p), np.int64)
     for column in columns:
@@ -82,4 +85,5 @@ def first_crossing(
 
 
 def _ranks(keys: Int[np.ndarray, "rows crossings"]) -> Int[np.ndarray, "rows crossings"]:
+    """The number of smaller keys in the same row, for each key."""
     return np.sum(keys[:, None, :] < keys[:, :, None], axis=2)

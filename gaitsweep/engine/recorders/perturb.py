@@ -11,8 +11,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from gaitsweep.contract import Params, State, Status
-from gaitsweep.engine.carry import Carry, Halt, select
-from gaitsweep.engine.pushed_model import PushedModel, restarted
+from gaitsweep.engine.carry import Carry, Halt, restarted, select
+from gaitsweep.engine.pushed_model import PushedModel
 from gaitsweep.engine.recorders.bounds import change, comparable
 from gaitsweep.engine.recorders.orbits import from_first_crossing
 from gaitsweep.engine.recorders.recorder import (
@@ -252,18 +252,7 @@ class PerturbRecorder(Recorder):
             status=status.astype(jnp.int32),
             cycles=jnp.where(crossed, record.cycles + 1, record.cycles),
             last=jnp.where(crossed, distance.now, settling.polled.last),
-            memory=PushMemory(
-                settle=select(push.returns, fresh, settling.polled.memory),
-                crossings=jnp.where(push.returns, 0, settling.polled.cycles).astype(jnp.int32),
-                stage=push.stage.astype(jnp.int32),
-                gait=gait.observed,
-                times=gait.times,
-                period=gait.period.astype(jnp.int32),
-                pushed=push.time,
-                since=push.since.astype(jnp.int32),
-                outside=distance.outside.astype(jnp.int32),
-                back=distance.time_back,
-            ),
+            memory=_memory_after(settling, gait, push, distance, fresh),
             numbers={
                 **record.numbers,
                 **{name: jnp.where(recovered, value, jnp.nan) for name, value in back.items()},
@@ -407,6 +396,24 @@ class PerturbRecorder(Recorder):
 
     def progress(self, rows: RunningRows, typical: float) -> Float[np.ndarray, " rows"]:
         return np.minimum(rows.cycles / (typical or 2.0 * self.settle.max_cycles), 0.95)
+
+
+def _memory_after(
+    settling: _Settling, gait: _Gait, push: _Push, distance: _Distance, fresh: Memory
+) -> PushMemory:
+    """The memory of a row after a poll; `fresh` is that of a row that begins to settle again."""
+    return PushMemory(
+        settle=select(push.returns, fresh, settling.polled.memory),
+        crossings=jnp.where(push.returns, 0, settling.polled.cycles).astype(jnp.int32),
+        stage=push.stage.astype(jnp.int32),
+        gait=gait.observed,
+        times=gait.times,
+        period=gait.period.astype(jnp.int32),
+        pushed=push.time,
+        since=push.since.astype(jnp.int32),
+        outside=distance.outside.astype(jnp.int32),
+        back=distance.time_back,
+    )
 
 
 def _value_at(values: Float[Array, " n"], place: Integer) -> Number:

@@ -132,7 +132,14 @@ class Recorder(abc.ABC):
     def record(self, params: Params, carry: Carry, record: LaneRecord) -> PollResult:
         """Record the halted or running trajectory.
 
-        Where the sample is kept, the record counts it already (`counted`), and the buffer has room for it.
+        Args:
+            params: the parameters of the row, at its present time if they move.
+            carry: the trajectory.
+            record: the record before this poll.
+
+        Returns:
+            The carry, the record and a sample. Where the sample is kept, the record counts it already
+            (`counted`), and the buffer has room for it.
         """
 
     @abc.abstractmethod
@@ -167,7 +174,12 @@ class Recorder(abc.ABC):
         return jnp.stack([observed[q.name] for q in self.model.observables])
 
     def crossed(self, params: Params, carry: Carry, record: LaneRecord, crosses: Flag) -> LaneRecord:
-        """The record after a crossing if `crosses`: one more cycle, and its observables."""
+        """The record with one more crossing, and its observables.
+
+        Args:
+            params, carry, record: as of `record`.
+            crosses: whether the trajectory is at a crossing; else the record is unchanged.
+        """
         cycles = jnp.where(crosses, record.cycles + 1, record.cycles)
         last = jnp.where(crosses, self.observables(params, carry.state), record.last)
         return dataclasses.replace(record, cycles=cycles, last=last)
@@ -183,17 +195,18 @@ class Recorder(abc.ABC):
             memory=(),
             filled=count,
             samples=count,
-            numbers={
-                n.name: jnp.asarray(n.absent, last.dtype if issubclass(n.dtype, np.floating) else jnp.int32)
-                for n in self.numbers
-                if not n.crossings
-            },
+            numbers={n.name: _absent(n, last) for n in self.numbers if not n.crossings},
             fired=jnp.zeros_like(fired_guards(carry)),
         )
         return record, jnp.zeros((self.width,), last.dtype), jnp.asarray(False)
 
     def poll(self, params: Params, carry: Carry, record: LaneRecord, dt: Number | float) -> PollResult:
-        """Test for failure, then record; an ended row is unchanged."""
+        """Test for failure, then record; an ended row is unchanged.
+
+        Args:
+            params, carry, record: as of `record`.
+            dt: the step (s) for which the attempts of a row are limited, see `max_attempts`.
+        """
         running = record.status == Status.running
         recorded_carry, recorded, sample, keep = self.record(params, carry, record)
         failure = self._failure_status(params, carry, dt)
@@ -224,6 +237,11 @@ class Recorder(abc.ABC):
         status = jnp.where(jnp.any(jnp.abs(flat) > DIVERGED), Status.diverged, status)
         unknown = unknown | jnp.any(jnp.isnan(flat))
         return jnp.where(unknown, Status.not_a_number, status).astype(jnp.int32)
+
+
+def _absent(number: RowNumber, like: Observed) -> Real[Array, ""]:
+    """The value of a number at the start of a trajectory; floats have the dtype of the observables."""
+    return jnp.asarray(number.absent, like.dtype if issubclass(number.dtype, np.floating) else jnp.int32)
 
 
 def attempts_until(time: Number, dt: Number | float) -> Number:

@@ -301,7 +301,9 @@ class SettleRecorder(Recorder):
 
     def _tested(self, carry: Carry, memory: Memory, crossing: _Crossing) -> _OrbitTest:
         """The test whether a row has settled at a fixed point, or on a periodic orbit."""
-        cycles, still, times = crossing.cycles, crossing.still, memory.window[:, -2]
+        cycles = crossing.cycles
+        still = crossing.still
+        times = memory.window[:, -2]
         stays = ~crossing.leaves | (crossing.calm > SETTLE_WINDOW)
         fixed = still & stays & ~_accumulate(cycles, carry.t, times)
         moves = jnp.maximum(memory.moves[0], crossing.distances[: self.max_period])

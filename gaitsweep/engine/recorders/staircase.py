@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from gaitsweep.contract import Model, Params, Status
-from gaitsweep.engine.carry import Carry, Halt
+from gaitsweep.engine.carry import Carry, Halt, restarted
 from gaitsweep.engine.recorders.bounds import (
     SETTLE_WINDOW,
     TOLERANCE,
@@ -41,7 +41,7 @@ _HEAD = ("stair", "crossing", "t", "settled", "slowest")  # the numbers of a sam
 # The last crossing and those before it, in which a stair has to settle.
 _WINDOW = SETTLE_WINDOW + 1
 # Stairs whose gaits are read in one call: a fixed number, since XLA's last bits depend on it.
-BATCH = 1024
+GAIT_BATCH = 1024
 
 
 @final
@@ -67,13 +67,15 @@ class StepRecorder(Recorder):
     def readings(self, rows: RowOutcome) -> Readings:
         samples = rows.samples
         observed = samples[:, len(_HEAD) :]
-        return Readings(rows.place, self.stairs.middle(samples[:, 0]), observed, _readable(samples), BATCH)
+        return Readings(
+            rows.place, self.stairs.middle(samples[:, 0]), observed, _readable(samples), GAIT_BATCH
+        )
 
     def stop(self, params: Params) -> Number:
         return jnp.full_like(self.model.period(params), self.stairs.first)
 
     def max_attempts(self, params: Params, dt: Number | float) -> Number:
-        # a stair shorter than a step costs attempts of its own
+        # a stair shorter than a step takes attempts of its own
         rest = (self.stairs.duration - self.stairs.first) / dt + 2 * self.stairs.count
         return attempts_until(self.stop(params), dt) + ATTEMPTS_PER_STEP * rest
 
@@ -107,17 +109,8 @@ class StepRecorder(Recorder):
         recorded = dataclasses.replace(recorded, status=status.astype(jnp.int32), memory=memory)
         halt = jnp.where(waits, Halt.TIME, Halt.GOING).astype(carry.halt.dtype)
         end = self.stairs.end(recorded.samples.astype(carry.t.dtype))
-        # the new value may fire a guard where the trajectory stands, so it begins as a start does, by an
-        # attempt of zero length; an event that was being located under the old value is forgotten, and so
-        # are the guards that fired last
-        carry = dataclasses.replace(
-            carry,
-            stop=jnp.where(due, end, carry.stop),
-            h=jnp.where(due, 0.0, carry.h),
-            far=jnp.where(due, jnp.inf, carry.far),
-            far_guards=jnp.where(due, -1.0, carry.far_guards),
-            halt=halt,
-        )
+        stop = jnp.where(due, end, carry.stop)
+        carry = dataclasses.replace(restarted(carry, due), stop=stop, halt=halt)
         return PollResult(carry, recorded, sample, due)
 
     def progress(self, rows: RunningRows, typical: float) -> Float[np.ndarray, " rows"]:

@@ -36,7 +36,7 @@ class StateRecorder(Recorder):
     Args:
         model: the model.
         base: the other recorder.
-        size: how many numbers a state of the model has, modes included.
+        size: the number of numbers in a state of the model, modes included.
     """
 
     model: Model
@@ -67,7 +67,8 @@ class StateRecorder(Recorder):
 
     def record(self, params: Params, carry: Carry, record: LaneRecord) -> PollResult:
         polled = self.base.record(params, carry, record)
-        recorded, keep = polled.record, polled.keep
+        recorded = polled.record
+        keep = polled.keep
         if not self.base.names:
             keep = recorded.status != Status.running
             recorded = counted(recorded, keep)
@@ -77,20 +78,28 @@ class StateRecorder(Recorder):
         leaves = [jnp.ravel(leaf).astype(sample.dtype) for leaf in jax.tree.leaves(carry.state)]
         return jnp.concatenate([sample, *leaves])
 
-    def readings(self, rows: RowOutcome) -> Readings | None:
-        return None
-
     def progress(self, rows: RunningRows, typical: float) -> Float[np.ndarray, " rows"]:
         return self.base.progress(rows, typical)
 
+    def readings(self, rows: RowOutcome) -> Readings | None:
+        return None
+
 
 def state_size(shape: State) -> int:
-    """How many numbers a state has, from the shapes of its leaves."""
+    """The number of numbers in a state, from the shapes of its leaves."""
     return sum(int(np.prod(leaf.shape)) for leaf in jax.tree.leaves(shape))
 
 
 def states_of(samples: Float[np.ndarray, "samples width"], shape: State) -> State:
-    """The states (n,) in samples of a `StateRecorder`, from the shapes of a state's leaves."""
+    """The states in samples of a `StateRecorder`.
+
+    Args:
+        samples: the samples (n, width).
+        shape: the shapes of a state's leaves.
+
+    Returns:
+        A state whose leaves have the samples as their first axis, (n, ...).
+    """
     leaves, structure = jax.tree.flatten(shape)
     sizes = [int(np.prod(leaf.shape)) for leaf in leaves]
     numbers = samples[:, samples.shape[1] - sum(sizes) :]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 
 from gaitsweep.contract import FixedStepDynamics, HybridModel, Model
+from gaitsweep.dynamics.ground import is_uneven
 from gaitsweep.engine.solver.exponential import PROPAGATOR, PROPAGATOR6, exponential
 from gaitsweep.engine.solver.method import Method, Step, euler_update
 from gaitsweep.engine.solver.runge_kutta import rk4, tsit5
@@ -56,15 +57,22 @@ def fixed_step_scheme(name: str, model: Model) -> FixedStepDynamics | None:
 
 
 def refusal(name: str, model: Model, precision: str) -> str | None:
-    """The reason why a method does not suit a model and a precision; it follows the field's name."""
+    """The reason why a method does not suit a model and a precision, or None; it follows the field's name.
+
+    Args:
+        name: a name of `METHODS`.
+        model: the model.
+        precision: float64, float32 or mixed.
+    """
     linear = isinstance(model, HybridModel) and model.linear
     if not isinstance(model, HybridModel) and METHODS[name].step is not None:
         return f"is {name}, which needs a flow, but {model.name} has only steps. Allowed: {_OWN}."
     if METHODS[name].step is None and fixed_step_scheme(name, model) is None:
-        located = [
-            k for k, candidate in METHODS.items() if candidate.step and (linear or not candidate.linear_only)
-        ]
-        return f"is {name}, a step that {model.name} does not have. Allowed: {', '.join(located)}."
+        suitable = []
+        for other, method in METHODS.items():
+            if method.step and (linear or not method.linear_only):
+                suitable.append(other)
+        return f"is {name}, a step that {model.name} does not have. Allowed: {', '.join(suitable)}."
     if (reason := _steps_alone(name, model)) is not None:
         return reason
     if precision == "mixed" and fixed_step_scheme(name, model) is None:
@@ -74,11 +82,11 @@ def refusal(name: str, model: Model, precision: str) -> str | None:
         return lacking and f"is {name}, which has no recurrence for {lacking} in {model.name}: use tsit5."
     if not METHODS[name].linear_only:
         return None
-    general = ", ".join(
-        other
-        for other, method in METHODS.items()
-        if not method.linear_only and (method.step or fixed_step_scheme(other, model) is not None)
-    )
+    general_methods = []
+    for other, method in METHODS.items():
+        if not method.linear_only and (method.step or fixed_step_scheme(other, model) is not None):
+            general_methods.append(other)
+    general = ", ".join(general_methods)
     if not linear:
         lacks = f"{model.name} does not declare that of its flow"
         needs = "needs a flow that is linear in the state between events"
@@ -94,6 +102,11 @@ def derivative_refusal(name: str, model: Model) -> str | None:
     Raises:
         ArgumentError: the method needs a flow, but the model has only steps.
     """
+    if is_uneven(model.original):
+        return (
+            "the ground differs from place to place, so no step repeats another. Use even ground, or runs of "
+            "kind fixed_time and return_map."
+        )
     steps = fixed_step_scheme(name, model)
     if steps is None or steps.is_return_map:
         return None
@@ -109,6 +122,7 @@ def derivative_refusal(name: str, model: Model) -> str | None:
 
 
 def _steps_alone(name: str, model: Model) -> str | None:
+    """The reason why a method is refused for a model that has only its own steps, or None."""
     if METHODS[name].step is None or not isinstance(model, HybridModel) or model.locates_events:
         return None
     fields = dataclasses.fields(model)  # pyright: ignore[reportArgumentType] (each is a dataclass)

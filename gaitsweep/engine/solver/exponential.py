@@ -62,6 +62,9 @@ def exponential(shares: Shares) -> Callable[[HybridModel], Step]:
 
     A nonlinear flow is linearised at the beginning of each step, which is accurate to second order. Powers of
     rates are not scaled, so float64 is required.
+
+    Args:
+        shares: the factors s_1, s_2, ...
     """
 
     def method(model: HybridModel) -> Step:

@@ -19,14 +19,19 @@ Estimate = Callable[[Params, State, Number], tuple[State, Rates]]
 class Method:
     """An integration method, its steps after an event, and its longest step.
 
-    `step` returns the function that steps a model, None if the model has its own; `first_step` is the first
-    step after an event, as a share of the longest step (of the last one if `adaptive`), and `growth` the
-    factor by which each accepted step may exceed the one before, up to the longest. Short steps are needed
-    since an event excites stiff modes (a foot on hard ground), which decay within a few steps, and since feet
-    may lift off and touch down again within milliseconds. `linear_only`: accurate only for
-    `HybridModel.linear`; `adaptive`: an `Estimate` with step control; `series`: its steps are expansions, of
-    the order that the tolerance asks for. `limits` are pairs of a damping ratio, in rising order, and the
-    largest accurate dt times rate of a motion with that damping ratio.
+    Short steps are needed after an event, which excites stiff modes (a foot on hard ground) that decay within
+    a few steps, and since feet may lift off and touch down again within milliseconds.
+
+    Attributes:
+        step: returns the function that steps a model; None if the model has its own.
+        first_step: the first step after an event, as a share of the longest step (of the last one if
+            `adaptive`).
+        growth: the factor by which each accepted step may exceed the one before, up to the longest.
+        linear_only: whether it is accurate only for `HybridModel.linear`.
+        adaptive: whether its step is an `Estimate`, with step control.
+        series: whether its steps are expansions, of the order that the tolerance asks for.
+        limits: pairs of a damping ratio, in rising order, and the largest accurate dt times rate of a motion
+            with that damping ratio.
     """
 
     step: Callable[..., Any] | None
@@ -39,6 +44,12 @@ class Method:
 
 
 def euler_update(state: State, rates: Rates, h: Number | float) -> State:
-    """The state after a time `h` (s) at constant `rates`; fields without a rate are unchanged."""
+    """The state after a time at constant rates; fields without a rate are unchanged.
+
+    Args:
+        state: the state.
+        rates: the rates by field (1/s times the field's unit).
+        h: the time (s).
+    """
     moved = {name: getattr(state, name) + h * rate for name, rate in rates.items()}
     return dataclasses.replace(state, **moved)

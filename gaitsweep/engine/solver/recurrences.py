@@ -73,14 +73,19 @@ def _moment(k: int, a: Series, b: Series, *, last: bool = True) -> Coefficient:
 
 
 def _plus(a: Coefficient, b: Coefficient) -> Coefficient:
-    return b if a is None else a if b is None else a + b
+    if a is None:
+        return b
+    return a if b is None else a + b
 
 
 def _minus(a: Coefficient, b: Coefficient) -> Coefficient:
-    return a if b is None else -b if a is None else a - b
+    if b is None:
+        return a
+    return -b if a is None else a - b
 
 
 def _filled(value: Coefficient, like: Value) -> Value:
+    """A coefficient as an array: zeros for None."""
     return jnp.zeros_like(like) if value is None else value
 
 
@@ -211,21 +216,28 @@ def _own(operation: Operation, k: int, a: Series) -> Series:
     return operation.results[0]
 
 
+def _own_plus_one(operation: Operation, k: int, a: Series) -> Series:
+    return _plus_one(operation.results[0])
+
+
 def _one_minus_square(operation: Operation, k: int, a: Series) -> Series:
+    """The slope 1 - c^2 of the hyperbolic tangent."""
     c = operation.results[0]
-    return _grown(
-        operation, "slope", k - 1, lambda n: 1.0 - c[0] * c[0] if n == 0 else _minus(None, _product(n, c, c))
-    )
+
+    def coefficient(n: int) -> Coefficient:
+        return 1.0 - c[0] * c[0] if n == 0 else _minus(None, _product(n, c, c))
+
+    return _grown(operation, "slope", k - 1, coefficient)
 
 
 def _own_times_rest(operation: Operation, k: int, a: Series) -> Series:
+    """The slope c (1 - c) of the logistic function."""
     c = operation.results[0]
-    return _grown(
-        operation,
-        "slope",
-        k - 1,
-        lambda n: c[0] * (1.0 - c[0]) if n == 0 else _minus(c[n], _product(n, c, c)),
-    )
+
+    def coefficient(n: int) -> Coefficient:
+        return c[0] * (1.0 - c[0]) if n == 0 else _minus(c[n], _product(n, c, c))
+
+    return _grown(operation, "slope", k - 1, coefficient)
 
 
 def _one_plus_square_of(operation: Operation, k: int, args: list[Series]) -> Series:
@@ -237,28 +249,41 @@ def _one_plus_square_of(operation: Operation, k: int, args: list[Series]) -> Ser
     return [None if top is None else top / d[0]]
 
 
-def _trigonometric(sine: bool, sign: float) -> Rule:
-    """Sine or cosine (`sign` -1), or their hyperbolic forms (+1), with the other one as an auxiliary."""
+def _circular(other: Callable[[Value], Value], own_sign: float, other_sign: float) -> Rule:
+    """A function f with f' = own_sign g, g' = other_sign f, and g as an auxiliary series.
+
+    They are sine and cosine, and their hyperbolic forms.
+
+    Args:
+        other: the function g.
+        own_sign, other_sign: 1 or -1.
+    """
 
     def rule(operation: Operation, k: int, args: list[Series]) -> Series:
         a = args[0]
         own = operation.results[0]
-        other = operation.auxiliary.setdefault("other", [])
-        first = (jnp.cos if sine else jnp.sin) if sign < 0.0 else (jnp.cosh if sine else jnp.sinh)
-        if not other:
-            other.append(first(a[0]))
-        while len(other) < k:
-            n = len(other)
-            turned = _moment(n, a, own)
-            other.append(_minus(None, turned) if sine and sign < 0.0 else turned)
-        term = _moment(k, a, other)
-        return [_minus(None, term) if not sine and sign < 0.0 else term]
+        of_other = operation.auxiliary.setdefault("other", [])
+        if not of_other:
+            of_other.append(other(a[0]))
+        while len(of_other) < k:
+            term = _moment(len(of_other), a, own)
+            of_other.append(_minus(None, term) if other_sign < 0.0 else term)
+        term = _moment(k, a, of_other)
+        return [_minus(None, term) if own_sign < 0.0 else term]
 
     return rule
 
 
 def _log(operation: Operation, k: int, args: list[Series]) -> Series:
     return [_of_log(k, args[0], operation.results[0])]
+
+
+def _log1p(operation: Operation, k: int, args: list[Series]) -> Series:
+    return _log(operation, k, [_plus_one(args[0])])
+
+
+def _plus_one(a: Series) -> Series:
+    return [1.0 + a[0], *a[1:]]
 
 
 def _of_log(k: int, a: Series, c: Series) -> Coefficient:
@@ -276,7 +301,9 @@ def _extreme(operation: Operation, k: int, args: list[Series]) -> Series:
     a, b = args
     first = a[0] >= b[0] if operation.name == "max" else a[0] <= b[0]
     shape = jnp.broadcast_shapes(jnp.shape(a[0]), jnp.shape(b[0]))
-    return [jnp.where(first, *(jnp.broadcast_to(_filled(x[k], x[0]), shape) for x in (a, b)))]
+    of_a = jnp.broadcast_to(_filled(a[k], a[0]), shape)
+    of_b = jnp.broadcast_to(_filled(b[k], b[0]), shape)
+    return [jnp.where(first, of_a, of_b)]
 
 
 def _extreme_of(operation: Operation, k: int, args: list[Series]) -> Series:
@@ -285,10 +312,9 @@ def _extreme_of(operation: Operation, k: int, args: list[Series]) -> Series:
     if a[k] is None:
         return [None]
     axes = operation.equation.params["axes"]
-    values, coefficients = (
-        jnp.reshape(jnp.moveaxis(x, axes, range(len(axes))), (-1, *operation.results[0][0].shape))
-        for x in (a[0], a[k])
-    )
+    shape = (-1, *operation.results[0][0].shape)
+    values = jnp.reshape(jnp.moveaxis(a[0], axes, range(len(axes))), shape)
+    coefficients = jnp.reshape(jnp.moveaxis(a[k], axes, range(len(axes))), shape)
     best = values[0]
     of_best = coefficients[0]
     for value, coefficient in zip(values[1:], coefficients[1:], strict=True):
@@ -303,7 +329,7 @@ def _abs(operation: Operation, k: int, args: list[Series]) -> Series:
     return [None if a[k] is None else jnp.where(a[0] < 0.0, -a[k], a[k])]
 
 
-def _steps(operation: Operation, k: int, args: list[Series]) -> Series:
+def _constant(operation: Operation, k: int, args: list[Series]) -> Series:
     """A result that is constant between switches."""
     return [None] * len(operation.results)
 
@@ -339,18 +365,16 @@ RULES: dict[str, Rule] = {
     "pow": _pow,
     "integer_pow": _integer_pow,
     "exp": _derivative(_own),
-    "expm1": _derivative(
-        lambda o, k, a: [1.0 + o.results[0][0], *o.results[0][1:]]
-    ),
+    "expm1": _derivative(_own_plus_one),
     "tanh": _derivative(_one_minus_square),
     "logistic": _derivative(_own_times_rest),
     "atan": _one_plus_square_of,
     "log": _log,
-    "log1p": lambda o, k, args: _log(o, k, [[1.0 + args[0][0], *args[0][1:]]]),
-    "sin": _trigonometric(True, -1.0),
-    "cos": _trigonometric(False, -1.0),
-    "sinh": _trigonometric(True, 1.0),
-    "cosh": _trigonometric(False, 1.0),
+    "log1p": _log1p,
+    "sin": _circular(jnp.cos, 1.0, -1.0),
+    "cos": _circular(jnp.sin, -1.0, 1.0),
+    "sinh": _circular(jnp.cosh, 1.0, 1.0),
+    "cosh": _circular(jnp.sinh, 1.0, 1.0),
     "select_n": _chosen,
     "max": _extreme,
     "min": _extreme,
@@ -373,6 +397,6 @@ RULES: dict[str, Rule] = {
     **dict.fromkeys(
         ("stop_gradient", "sign", "floor", "ceil", "round", "lt", "le", "gt", "ge", "eq", "ne", "and", "or",
          "not", "xor", "is_finite", "argmax", "argmin", "lt_to", "le_to", "eq_to", "iota"),
-        _steps,
+        _constant,
     ),
 }  # fmt: skip

@@ -46,7 +46,7 @@ def rk4(model: HybridModel) -> Step:
 
 
 def tsit5(model: HybridModel) -> Estimate:
-    """The step of order 5, with an estimate of its error."""
+    """The step of order 5 of Tsitouras, with an estimate of its error."""
 
     def step(params: Params, state: State, h: Number) -> tuple[State, Rates]:
         rates = [model.flow(params, state)]
@@ -61,6 +61,7 @@ def tsit5(model: HybridModel) -> Estimate:
 
 
 def _sum(weights: tuple[float, ...], rates: list[Rates]) -> Rates:
+    """The weighted sum of the rates of some stages, by field."""
     first, *others = zip(weights, rates, strict=True)
     total = {name: first[0] * rate for name, rate in first[1].items()}
     for weight, rates_of_stage in others:

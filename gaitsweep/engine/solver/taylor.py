@@ -14,6 +14,7 @@ from collections.abc import Callable
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float
 
 from gaitsweep.contract import HybridModel, Params, Rates, State
 from gaitsweep.engine.shapes import Flag, Guards, Number
@@ -24,7 +25,7 @@ from gaitsweep.engine.solver.taylor_series import along, solution
 TERM_RATIO = math.exp(-2.0)
 MIN_ORDER, MAX_ORDER = 4, 20
 # Largest error of a guard's polynomial, as a share of its largest value in the step.
-RESOLVED = 1e-3
+MAX_POLYNOMIAL_ERROR = 1e-3
 # Newton steps towards the zero of a guard, whose bracket is a step: bisection where Newton leaves it.
 NEWTON_STEPS = 8
 
@@ -42,6 +43,7 @@ class Expansion:
 
     @property
     def order(self) -> int:
+        """The highest power of time."""
         return len(next(iter(self.series.values()))) - 1
 
     def at(self, state: State, t: Number) -> State:
@@ -51,7 +53,9 @@ class Expansion:
     def error(self, h: Number, rates: Rates | None = None) -> Rates:
         """An estimate of the error after h seconds, by field.
 
-        `rates` are those of a flow that may switch: a switch within the step shows in the rates at its end.
+        Args:
+            h: the length of the step (s).
+            rates: of a flow that may switch, the rates at its end, in which a switch within the step shows.
         """
         p = self.order
         power = h ** (self.order - 1)
@@ -128,10 +132,13 @@ def bends_back(coefficients: list[Guards], h: Number) -> Flag:
         scaled.append(coefficient * power)
         power = power * h
     error = jnp.maximum(jnp.abs(scaled[-1]), TERM_RATIO * jnp.abs(scaled[-2]))
-    bernstein = [
-        sum((float(_WEIGHTS[order][j, i]) * scaled[i] for i in range(1, j + 1)), scaled[0])
-        for j in range(order + 1)
-    ]
+    weights = _BERNSTEIN_WEIGHTS[order]
+    bernstein = []
+    for j in range(order + 1):
+        total = scaled[0]
+        for i in range(1, j + 1):
+            total = total + float(weights[j, i]) * scaled[i]
+        bernstein.append(total)
     risen = jnp.zeros(error.shape, bool)
     fallen = jnp.zeros(error.shape, bool)
     size = jnp.zeros_like(error)
@@ -140,11 +147,16 @@ def bends_back(coefficients: list[Guards], h: Number) -> Flag:
         fallen = fallen | (risen & ~above)
         risen = risen | above
         size = jnp.maximum(size, jnp.abs(value))
-    return jnp.any((fallen | (error > RESOLVED * size)) & (coefficients[0] < 0.0))
+    return jnp.any((fallen | (error > MAX_POLYNOMIAL_ERROR * size)) & (coefficients[0] < 0.0))
 
 
 def first_zero(coefficients: list[Guards], h: Number) -> Number:
-    """The first time (s) within a step at which a guard rises above zero; infinite if none does."""
+    """The first time (s) within a step at which a guard rises above zero; infinite if none does.
+
+    Args:
+        coefficients: those of the guards along the step.
+        h: its length (s).
+    """
     near = coefficients[0]
     end = polynomial(coefficients, h)
     if near.size == 0:  # a flow without events
@@ -164,9 +176,10 @@ def first_zero(coefficients: list[Guards], h: Number) -> Number:
     return jnp.min(jnp.where(rises, at, jnp.inf), initial=jnp.inf)
 
 
-_WEIGHTS = {
-    order: np.array(
-        [[math.comb(j, i) / math.comb(order, i) for i in range(order + 1)] for j in range(order + 1)]
-    )
-    for order in range(MIN_ORDER, MAX_ORDER + 1)
-}
+def _bernstein_weights(order: int) -> Float[np.ndarray, "coefficients coefficients"]:
+    """The weights of the Taylor coefficients, scaled by the step, in each Bernstein coefficient."""
+    ratios = [[math.comb(j, i) / math.comb(order, i) for i in range(order + 1)] for j in range(order + 1)]
+    return np.array(ratios)
+
+
+_BERNSTEIN_WEIGHTS = {order: _bernstein_weights(order) for order in range(MIN_ORDER, MAX_ORDER + 1)}

@@ -28,6 +28,12 @@ def solution(
 ) -> dict[str, list[Value]]:
     """The Taylor coefficients of a solution about a state, by field, from order 0 to `order`.
 
+    Args:
+        flow: the flow.
+        params: its parameters.
+        state: the state about which the solution is expanded.
+        order: the highest order.
+
     Raises:
         NoRecurrenceError: the flow has an operation without a recurrence.
     """
@@ -47,10 +53,11 @@ def solution(
             term = None if rate is None else jnp.broadcast_to(rate / (k + 1), jnp.shape(getattr(state, name)))
             inputs[getattr(places, name)].append(term)
     zero = {name: jnp.zeros_like(getattr(state, name)) for name in names}
-    return {
-        name: [zero[name] if term is None else term for term in inputs[getattr(places, name)]]
-        for name in names
-    }
+    solutions: dict[str, list[Value]] = {}
+    for name in names:
+        terms = inputs[getattr(places, name)]
+        solutions[name] = [zero[name] if term is None else term for term in terms]
+    return solutions
 
 
 def along(
@@ -77,9 +84,14 @@ def along(
     program = _Program(closed)
     coefficients: list[Value] = []
     for k in range(order + 1):
-        (term,) = program(k, [[*x[: k + 1], *[None] * (k + 1 - len(x))] for x in inputs])
+        (term,) = program(k, [_up_to(series, k) for series in inputs])
         coefficients.append(jnp.zeros_like(coefficients[0]) if term is None else term)
     return coefficients
+
+
+def _up_to(series: Series, k: int) -> Series:
+    """The coefficients up to order k; those that are missing are zero."""
+    return [*series[: k + 1], *[None] * (k + 1 - len(series))]
 
 
 class _Program:
@@ -103,7 +115,7 @@ class _Program:
 
     def _series(self, atom: Any, k: int) -> Series:
         series = [jnp.asarray(atom.val)] if isinstance(atom, Literal) else self.known[atom]
-        return series if len(series) > k else [*series, *[None] * (k + 1 - len(series))]
+        return series if len(series) > k else _up_to(series, k)
 
 
 class _Operation:
@@ -139,4 +151,5 @@ class _Operation:
         return [series[k] for series in self.results]
 
     def bind(self, *args: Value) -> Value:
+        """The result of JAX's operation for these arguments."""
         return self.equation.primitive.bind(*args, **self.equation.params)

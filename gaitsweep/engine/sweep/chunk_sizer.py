@@ -37,13 +37,13 @@ class ChunkSizer:
         self._host = math.nan  # s of the host's work between two chunks
         self._poll = math.nan  # s of a poll and the attempts before it
 
-    def begins(self) -> float:
+    def record_start(self) -> float:
         """Record the start of a chunk and the host's time since the last one; returns the time (s)."""
         now = time.perf_counter()
         self._host = _smoothed(self._host, now - self._returned)
         return now
 
-    def ended(self, began: float, polls: int) -> None:
+    def record_end(self, began: float, polls: int) -> None:
         """Record the end of the chunk that began at `began` (s) and had `polls` polls."""
         self._returned = time.perf_counter()
         self._poll = _smoothed(self._poll, (self._returned - began) / max(polls, 1))
@@ -65,7 +65,7 @@ class ChunkSizer:
             most = min(most, 0.5 * self.polls)
         self.polls = max(self.shortest, int(most))
 
-    def limit(self) -> None:
+    def choose_for_xla(self) -> None:
         """Set the number of polls in XLA's next chunk: `shortest`, or what fits into `MAX_CHUNK_XLA`."""
         if self._poll > 0.0:
             self.polls = max(1, min(self.shortest, int(MAX_CHUNK_XLA / self._poll), 4 * self.polls))

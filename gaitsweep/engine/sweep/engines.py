@@ -61,10 +61,10 @@ def _obstacle(
     if device.platform not in KERNEL_POLLS_PER_CHUNK:
         return f"there are no kernels for {device.platform}"
     if device.platform == "gpu":
-        from gaitsweep.engine.kernel.cuda_device import missing
+        from gaitsweep.engine.kernel.cuda_device import unavailable
 
-        if (absent := missing()) is not None:
-            return absent
+        if (reason := unavailable()) is not None:
+            return reason
     from gaitsweep.engine.kernel.lanes import kernel_of
     from gaitsweep.engine.kernel.refusals import UnsupportedError
 
@@ -110,10 +110,16 @@ def default_lanes(engine: str, n_rows: int, platform: str) -> int:
         platform: the kind of device, such as cpu or gpu.
     """
     if platform != "cpu":
-        least, most, share = 256, 131072, 1.0
+        least = 256
+        most = 131072
+        share = 1.0
     elif engine == "kernel":
         # many lanes make the host's work between chunks small, few lanes end at the same time
-        least, most, share = 16, 512, 8.0
+        least = 16
+        most = 512
+        share = 8.0
     else:
-        least, most, share = 8, 256, 4.0
+        least = 8
+        most = 256
+        share = 4.0
     return min(most, max(least, 2 ** math.ceil(math.log2(max(n_rows / share, 1.0)))))

@@ -88,11 +88,17 @@ class OneLane:
     def __init__(
         self, model: Model, recorder: Recorder, numerics: ResolvedNumerics, drive: RowDrive | None = None
     ) -> None:
-        self.model, self.recorder, self.numerics = model, recorder, numerics
+        self.model = model
+        self.recorder = recorder
+        self.numerics = numerics
         self.driven = drive is not None
-        self.at = drive if drive is not None else lambda values, t: model.params(values)
+        self._drive = drive
         attempt = advance(model, numerics, drive=drive, sensitivities=recorder.exponents > 0)
         self._advance = with_tangents(attempt) if recorder.exponents else attempt
+
+    def params_at(self, values: Mapping[str, Float[Array, " ..."]], t: Number) -> Params:
+        """The model's parameters at a time (s), from the values of a row; constant without a drive."""
+        return self.model.params(values) if self._drive is None else self._drive(values, t)
 
     def open(self, values: Mapping[str, Float[Array, " ..."]], starts: Mapping[str, Number]) -> Opened:
         """Open a trajectory.
@@ -101,8 +107,8 @@ class OneLane:
             values: the parameters of its row, by name.
             starts: its initial conditions, by name; `STEP_FACTOR` is by default that of the numerics.
         """
-        zero = jnp.zeros((), self.numerics.carried)
-        params = self.at(values, zero)
+        zero = jnp.zeros((), self.numerics.dtype)
+        params = self.params_at(values, zero)
         state = self.model.init(params, starts)
         factor = jnp.asarray(starts.get(STEP_FACTOR, self.numerics.factor), zero.dtype)
         dt = factor * self._longest_step(values, params)
@@ -119,8 +125,8 @@ class OneLane:
     def _longest_step(self, values: Mapping[str, Float[Array, " ..."]], params: Params) -> Number:
         """The longest step of a row (s); for a moving parameter, the smallest over its values."""
         dt = jnp.asarray(step_of(self.model, self.numerics, params))  # a model's period may be a plain number
-        for t in getattr(self.at, "times", ()) if self.driven else ():
-            moved = self.at(values, jnp.asarray(t, dt.dtype))
+        for t in getattr(self._drive, "times", ()) if self.driven else ():
+            moved = self.params_at(values, jnp.asarray(t, dt.dtype))
             dt = jnp.minimum(dt, step_of(self.model, self.numerics, moved))
         return dt
 
@@ -130,5 +136,5 @@ class OneLane:
 
     def poll(self, constants: Params, carry: Carry, record: LaneRecord) -> PollResult:
         """Poll the recorder; a moving parameter has its present value."""
-        params = self.at(constants, carry.t) if self.driven else constants
+        params = self.params_at(constants, carry.t) if self.driven else constants
         return self.recorder.poll(params, carry, record, carry.dt / self.numerics.steps_in_longest)

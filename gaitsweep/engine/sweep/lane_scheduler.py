@@ -98,10 +98,10 @@ class Group:
             self.lanes.fill(params, starts, self._fresh)
             self._fresh = np.zeros(self.size, bool)
         polls = self.sizer.polls if polls is None else polls
-        began = self.sizer.begins()
+        began = self.sizer.record_start()
         output = self.lanes.run_chunk(polls)
         if polls:
-            self.sizer.ended(began, polls)
+            self.sizer.record_end(began, polls)
         return _Chunk(output, began)
 
 
@@ -287,7 +287,7 @@ class LaneScheduler:
             waiting = group.size / group.at_a_time - 1.0
             group.sizer.choose(max(of_ended, of_running), int(output.filled.max(initial=0)), waiting)
         else:
-            group.sizer.limit()
+            group.sizer.choose_for_xla()
 
     def take(self, number: int) -> Block:
         """A complete block that can be written; it stays open until it is closed."""

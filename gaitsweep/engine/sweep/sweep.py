@@ -202,7 +202,9 @@ class _OpenRowsKeeper:
     """Stores ended rows of open blocks before the oldest of them has waited `SAFE_WITHIN` s."""
 
     def __init__(self, scheduler: LaneScheduler, open_rows: OpenRows | None, disk: _Writer) -> None:
-        self._scheduler, self._open_rows, self._disk = scheduler, open_rows, disk
+        self._scheduler = scheduler
+        self._open_rows = open_rows
+        self._disk = disk
         self.chunk_s = 0.0
         self._store_s = 0.1
         self._storing = False  # at most one store at a time

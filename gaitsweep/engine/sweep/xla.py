@@ -10,7 +10,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Mapping
 from functools import partial
-from typing import Any, final
+from typing import Any, NamedTuple, final
 
 import jax
 import jax.numpy as jnp
@@ -35,6 +35,14 @@ Scalars = Mapping[str, Float[Array, " ..."]]  # the values of one row by name
 Buffer = Float[Array, "buffer width"]  # the samples of one trajectory that wait for the host
 
 
+class _Programs(NamedTuple):
+    """The programs that open rows, merge them into lanes, and run a chunk."""
+
+    open: Callable[..., Any]
+    merge: Callable[..., Any]
+    chunk: Callable[..., Any]
+
+
 @final
 class XlaLanes(Lanes):
     """The lanes of one device, as vectorised programs of XLA.
@@ -45,30 +53,33 @@ class XlaLanes(Lanes):
     """
 
     def __init__(self, spec: SweepSpec, device: Device) -> None:
-        self.size = self.at_a_time = spec.lanes
-        self._dtype = np.dtype(spec.numerics.carried)
+        self.size = spec.lanes
+        self.at_a_time = spec.lanes
+        self._dtype = np.dtype(spec.numerics.dtype)
         self._device = device
-        self._open, self._merge, self._chunk = _programs(spec.model, spec.recorder, spec.numerics, spec.drive)
-        self._lanes: Any = None
+        self._programs = _compiled(spec.model, spec.recorder, spec.numerics, spec.drive)
+        self._lanes: Any = None  # constants, carry, record and samples of all lanes, once filled
 
     def fill(self, params: Values, starts: Values, fresh: Bool[np.ndarray, " lanes"]) -> None:
-        values = {k: self._put(np.asarray(v, self._dtype)) for k, v in params.items()}
-        begin = {k: self._put(np.asarray(v, self._dtype)) for k, v in starts.items()}
-        opened = self._open(values, begin)
+        opened = self._programs.open(self._columns(params), self._columns(starts))
         if self._lanes is None:
             constants, carry, record, samples = opened
             status = self._put(np.where(fresh, Status.running, Status.complete).astype(np.int32))
             self._lanes = constants, carry, dataclasses.replace(record, status=status), samples
         else:
-            self._lanes = self._merge(self._put(fresh), opened, self._lanes)
+            self._lanes = self._programs.merge(self._put(fresh), opened, self._lanes)
 
     def run_chunk(self, polls: int) -> ChunkOutput:
-        self._lanes, output = self._chunk(self._put(np.int32(polls)), self._lanes)
+        self._lanes, output = self._programs.chunk(self._put(np.int32(polls)), self._lanes)
         if not np.asarray(output.filled).any():
             # buffers are large and mostly empty: a broadcast zero has the same shape and needs no transfer
             empty = np.broadcast_to(np.zeros((), self._dtype), output.buffers.shape)
             output = output._replace(buffers=empty)
         return jax.device_get(output)
+
+    def _columns(self, columns: Values) -> dict[str, Shaped[Array, " ..."]]:
+        """The values of all lanes on the device."""
+        return {name: self._put(np.asarray(column, self._dtype)) for name, column in columns.items()}
 
     def _put(self, array: Shaped[np.ndarray, " ..."] | np.generic) -> Shaped[Array, " ..."]:
         return jax.device_put(array, self._device)
@@ -76,13 +87,13 @@ class XlaLanes(Lanes):
 
 # cached for the process, so that a notebook that runs a job again does not compile again
 @cached_by_content(maxsize=16)
-def _programs(
+def _compiled(
     model: Model, recorder: Recorder, numerics: ResolvedNumerics, drive: RowDrive | None
-) -> tuple[Callable[..., Any], Callable[..., Any], Callable[..., Any]]:
-    """The programs that open rows, merge them into lanes and run a chunk; each device compiles its own."""
+) -> _Programs:
+    """The programs of a sweep; each device compiles its own."""
     one = OneLane(model, recorder, numerics, drive)
     chunk = partial(_chunk, jax.vmap(one.attempt), jax.vmap(partial(_poll, one)))
-    return jax.jit(jax.vmap(partial(_open, one))), jax.jit(jax.vmap(select)), jax.jit(chunk)
+    return _Programs(jax.jit(jax.vmap(partial(_open, one))), jax.jit(jax.vmap(select)), jax.jit(chunk))
 
 
 def _open(one: OneLane, values: Scalars, starts: Scalars) -> tuple[Params, Carry, LaneRecord, Buffer]:
@@ -109,7 +120,13 @@ def _appended(samples: Buffer, place: Integer, sample: Float[Array, " width"], k
 def _chunk(
     attempt: Callable[..., Any], poll: Callable[..., Any], polls: Integer, lanes: Any
 ) -> tuple[Any, ChunkOutput]:
-    """The lanes after up to `polls` polls, with empty buffers, and the output for the host."""
+    """The lanes after up to `polls` polls, with empty buffers, and the output for the host.
+
+    Args:
+        attempt, poll: the functions of all lanes.
+        polls: the number of polls.
+        lanes: constants, carry, record and samples of all lanes.
+    """
     constants, carry, record, samples = lanes
 
     def goes_on(loop: Any) -> Flag:
@@ -121,8 +138,8 @@ def _chunk(
         carry = jax.lax.fori_loop(0, POLL_INTERVAL, lambda _, c: attempt(constants, c), carry)
         return count + 1, *poll(constants, carry, record, samples)
 
-    opening = (jnp.zeros((), jnp.int32), carry, record, samples)
-    _, carry, record, samples = jax.lax.while_loop(goes_on, attempts_and_poll, opening)
+    beginning = (jnp.zeros((), jnp.int32), carry, record, samples)
+    _, carry, record, samples = jax.lax.while_loop(goes_on, attempts_and_poll, beginning)
     output = ChunkOutput(record.results(carry), record.filled, record.samples, samples)  # type: ignore[arg-type]
     # the host reads the output, so the buffers are empty again
     record = dataclasses.replace(record, filled=jnp.zeros_like(record.filled))

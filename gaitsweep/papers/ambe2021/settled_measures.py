@@ -31,7 +31,12 @@ def three_gaits(table: pd.DataFrame, *, where: Condition | None = None) -> float
 
 @measure
 def no_gaits(table: pd.DataFrame, *, where: Condition, less: Condition) -> float:
-    """Share of sets of parameters without any of the three gaits: of one condition minus of another (1)."""
+    """Share of sets of parameters without any of the three gaits: of one condition minus of another (1).
+
+    Args:
+        table: a settle table, several starts for each set of parameters.
+        where, less: the two conditions, over the columns of `gait_shares`.
+    """
     shares = gait_shares(table)
 
     def share_without(condition: Condition) -> float:

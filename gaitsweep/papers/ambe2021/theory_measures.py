@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import functools
+import itertools
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -51,14 +52,23 @@ _INSIDE = (0.1, 0.3, 0.45, 0.7, 0.9)
 @functools.cache
 def _sets(N: int) -> list[tuple[Branch, float]]:
     """Each set of a chain at a few free phases."""
-    return [(branch, _at(N, *branch, share)[2]) for branch in branches(N) for share in _INSIDE]
+    pairs = itertools.product(branches(N), _INSIDE)
+    return [(branch, _at(N, *branch, share).s) for branch, share in pairs]
 
 
-def _at(N: int, kind: str, k: int, share: float) -> tuple[Branch, LagRule, float]:
-    """A set of solutions, its rule, and the free phase at a share of its range (rad)."""
+class _Solution(NamedTuple):
+    """One solution: its set, the set's lag rule, and the free phase s, rad."""
+
+    branch: Branch
+    rule: LagRule
+    s: float
+
+
+def _at(N: int, kind: str, k: int, share: float) -> _Solution:
+    """The solution at a share of a set's range."""
     branch = _branch(kind, k)
     rule = rule_of(N, branch, Chain())
-    return branch, rule, float(rule.low + share * (rule.high - rule.low))
+    return _Solution(branch, rule, float(rule.low + share * (rule.high - rule.low)))
 
 
 def _branch(kind: str, k: int) -> Branch:
@@ -70,7 +80,13 @@ def _branch(kind: str, k: int) -> Branch:
 
 @measure
 def set_range(*, kind: str, k: int = 3, N: int = 3) -> list[float]:
-    """Ends of the free phase on the section of leg k: psi_{k-1}, or psi_N of the direct wave (rad)."""
+    """Ends of the free phase on the section of leg k: psi_{k-1}, or psi_N of the direct wave (rad).
+
+    Args:
+        kind: A, B or direct.
+        k: the boundary leg.
+        N: springs.
+    """
     rule = rule_of(N, _branch(kind, k), Chain())
     ends = [float(rule.low), float(rule.high)]
     return [2 * np.pi - ends[1], 2 * np.pi - ends[0]] if kind == "direct" else ends
@@ -78,7 +94,13 @@ def set_range(*, kind: str, k: int = 3, N: int = 3) -> list[float]:
 
 @measure
 def set_phase(*, kind: str, k: int, link: int, N: int = 9, at: float = 0.45) -> float:
-    """The relative phase of one link on the section of leg k, at a share of the set's range (rad)."""
+    """The relative phase of one link on the section of leg k, at a share of the set's range (rad).
+
+    Args:
+        kind, k, N: as for `set_range`.
+        link: its number, 1 .. N.
+        at: place in the range of the free phase, as a fraction of it.
+    """
     _, rule, s = _at(N, kind, k, at)
     return float(solution(rule, jnp.asarray(s), touchdown_phase(Chain()), k)[link - 1])
 
@@ -124,7 +146,11 @@ def reduced_multipliers(*, kind: str, k: int) -> list[float]:
 
 @measure
 def theory_eigenvalues(*, kind: str, k: int, N: int) -> list[float]:
-    """Eigenvalues of the linear map of a cycle, eq. (21), in falling order (1)."""
+    """Eigenvalues of the linear map of a cycle, eq. (21), in falling order (1).
+
+    Args:
+        kind, k, N: as for `set_range`.
+    """
     branch, _, s = _at(N, kind, k, 0.45)
     factors = eigenvalues(linear_map(N, branch, s))
     return sorted((float(factor) for factor in np.real(factors)), reverse=True)
@@ -150,12 +176,8 @@ def touchdown_relation_error(*, N: int = 9) -> float:
 def table_2(*, number: int) -> list[str]:
     """Whether the legs in front of and behind a leg of the set S are reset before it: no, yes or none."""
     words = {None: "none", False: "no", True: "yes"}
-    return [
-        words[reset]
-        for neighbours, reset_set in TABLE_2.items()
-        if reset_set == number
-        for reset in neighbours
-    ]
+    neighbours = next(neighbours for neighbours, reset_set in TABLE_2.items() if reset_set == number)
+    return [words[reset] for reset in neighbours]
 
 
 @measure
@@ -178,12 +200,24 @@ def chain_of_sets(table: pd.DataFrame) -> float:
     circle = float(touchdown_phase(Chain()))
     gaps = []
     for i in range(len(rules.low) - 1):
-        one, other = (jax.tree.map(lambda leaf, at=at: leaf[at], rules) for at in (i, i + 1))
-        ends = [np.asarray(places(one, s)) for s in (one.low, one.high)]
-        starts = [np.asarray(places(other, s)) for s in (other.low, other.high)]
-        away = [np.abs((a - b + circle / 2) % circle - circle / 2).max() for a in ends for b in starts]
-        gaps.append(min(away))
+        ends = _ends_of_rule(rules, i)
+        starts = _ends_of_rule(rules, i + 1)
+        # of either set either end may be the common one
+        gaps.append(min(_distance_on_circle(a, b, circle) for a, b in itertools.product(ends, starts)))
     return float(max(gaps))
+
+
+def _ends_of_rule(rules: LagRule, number: int) -> list[Float[np.ndarray, " legs"]]:
+    """The places of the legs (rad) at both ends of one of several sets."""
+    rule = LagRule(*(column[number] for column in rules))
+    return [np.asarray(places(rule, s)) for s in (rule.low, rule.high)]
+
+
+def _distance_on_circle(
+    one: Float[np.ndarray, " legs"], other: Float[np.ndarray, " legs"], circle: float
+) -> float:
+    """Largest distance of places on a circle (rad)."""
+    return float(np.abs((one - other + circle / 2) % circle - circle / 2).max())
 
 
 @measure
@@ -220,7 +254,12 @@ def wave_numbers(*, which: str, beta: float = 0.8) -> float:
 
 @measure
 def end_touchdown(*, end: str, m_1: float = 0.9, m_end: float = 0.9) -> float:
-    """Touchdown phase of the first or the last leg with its neighbour in stance (rad)."""
+    """Touchdown phase of the first or the last leg with its neighbour in stance (rad).
+
+    Args:
+        end: head or tail.
+        m_1, m_end: masses of the head and of the tail, kg.
+    """
     if end not in ("head", "tail"):
         raise MeasureError(f"end is {end}. Allowed: head, tail.")
     head, tail = end_resets(Chain(m_1=m_1, m_end=m_end))

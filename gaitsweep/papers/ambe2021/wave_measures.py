@@ -28,7 +28,13 @@ def settled_phases(table: pd.DataFrame, *, row: int) -> list[float]:
 
 @measure
 def leads(table: pd.DataFrame, *, row: int, links: Sequence[int] | None = None) -> list[float]:
-    """The time by which each leg swings before the one in front of it, times omega (rad)."""
+    """The time by which each leg swings before the one in front of it, times omega (rad).
+
+    Args:
+        table: a trace.
+        row: its row.
+        links: numbers of the links between legs; by default all.
+    """
     part = one_row(table, row)
     N = springs_of(table)
     swings = passages(part, N)
@@ -67,19 +73,25 @@ def one_swing_share(table: pd.DataFrame, *, row: int, of: Sequence[int]) -> floa
     beta = chain_defaults()["beta"]
     width = int(wavelength())
     # a foot may leave the ground for a moment after its touchdown: this is part of the stance
-    air = np.stack(
+    in_air = np.stack(
         [
             (numbers(part, f"contact_{leg}") < 0.5) & (numbers(part, f"phase_{leg}") > 2 * beta * np.pi)
             for leg in of
         ]
     )
-    starts = range(max(1, len(air) - width + 1))
-    return float(min((air[i : i + width].sum(axis=0) <= 1).mean() for i in starts))
+    starts = range(max(1, len(in_air) - width + 1))
+    return float(min((in_air[i : i + width].sum(axis=0) <= 1).mean() for i in starts))
 
 
 @measure
 def worst_ratio(table: pd.DataFrame, *, column: str, over: str, where: Condition | None = None) -> float:
-    """The ratio of two columns of measured waves that is farthest from 1, over rows of a condition (1)."""
+    """The ratio of two columns of measured waves that is farthest from 1, over rows of a condition (1).
+
+    Args:
+        table: a trace.
+        column, over: columns of `waves`, numerator and denominator.
+        where: a condition over the columns of `waves`.
+    """
     measured = records(waves(table), where)
     ratio = numbers(measured, column) / numbers(measured, over)
     return float(ratio[np.abs(ratio - 1.0).argmax()])
@@ -94,7 +106,13 @@ def smallest_rise(table: pd.DataFrame, *, column: str) -> float:
 
 @measure
 def simulated_order(table: pd.DataFrame, *, row: int, legs: Sequence[int]) -> str:
-    """Legs in their order of passing mid-stance in a simulated cycle that begins with the first of them."""
+    """Legs in their order of passing mid-stance in a simulated cycle that begins with the first of them.
+
+    Args:
+        table: a trace.
+        row: its row.
+        legs: numbers of the legs.
+    """
     return " ".join(map(str, _order(table, row, legs)))
 
 
@@ -103,7 +121,7 @@ def _order(table: pd.DataFrame, row: int, legs: Sequence[int]) -> list[int]:
     swings = passages(one_row(table, row), springs_of(table))
     behind = np.mod(-np.append(0.0, np.cumsum(swings.leads)), swings.period)  # of leg 1, s
     after = {leg: np.mod(behind[leg - 1] - behind[legs[0] - 1] + 1e-9, swings.period) for leg in legs}
-    return sorted(legs, key=lambda leg: after[leg])
+    return sorted(legs, key=after.__getitem__)
 
 
 @measure
@@ -133,12 +151,28 @@ def neighbours_at_touchdown(table: pd.DataFrame, *, row: int, k: int) -> float:
         lands = np.flatnonzero(~down[:-1] & down[1:] & (segment[:-1, leg - 1] == LANDING))
         # a foot that bounces lands again within its landing segment
         lands = lands[np.diff(lands, prepend=-len(down)) > len(down) / 20]
-        before = {leg - 1: {TAKEOFF} if leg < k else {STANCE, TAKEOFF} if leg == k else {STANCE}}
-        before[leg + 1] = {STANCE} if leg < k else {TAKEOFF}
-        if leg in (1, N + 1):  # an end's neighbour is in stance
-            before = {2 if leg == 1 else N: {STANCE}}
-        agree += [all(segment[at, j - 1] in allowed for j, allowed in before.items()) for at in lands]
+        expected = _segments_of_neighbours(leg, N, k)
+        agree += [all(segment[at, j - 1] in allowed for j, allowed in expected.items()) for at in lands]
     return float(np.mean(agree))
+
+
+def _segments_of_neighbours(leg: int, N: int, k: int) -> dict[int, set[int]]:
+    """The segments of Fig. 8 in which each neighbour of a leg may be at its touchdown, by their numbers.
+
+    Args:
+        leg: 1 .. N+1.
+        N: springs.
+        k: the leg at the boundary of the source wave.
+    """
+    if leg == 1:
+        return {2: {STANCE}}
+    if leg == N + 1:
+        return {N: {STANCE}}
+    if leg < k:
+        return {leg - 1: {TAKEOFF}, leg + 1: {STANCE}}
+    if leg == k:
+        return {leg - 1: {STANCE, TAKEOFF}, leg + 1: {TAKEOFF}}
+    return {leg - 1: {STANCE}, leg + 1: {TAKEOFF}}
 
 
 @measure
@@ -200,14 +234,21 @@ def fewest_source_legs(table: pd.DataFrame, *, where: Condition | None = None) -
         where: a condition over the table's columns.
     """
     places = source_place(records(table, where))
-    names = [name for name in places.columns if name not in ("leg", "source", "meeting", "neither", "starts")]
-    sets = [part for _, part in places.groupby(names)] if names else [places]
+    results = ("leg", "source", "meeting", "neither", "starts")
+    parameters = [name for name in places.columns if name not in results]
+    sets = [part for _, part in places.groupby(parameters)] if parameters else [places]
     return float(min(np.count_nonzero(part["source"] > 0) for part in sets))
 
 
 @measure
 def meeting_share(table: pd.DataFrame, *, leg: int, where: Condition | None = None) -> float:
-    """Share of the starts whose waves meet at a leg, the smallest over the sets of a condition (1)."""
+    """Share of the starts whose waves meet at a leg, the smallest over the sets of a condition (1).
+
+    Args:
+        table: a settle table, several starts for each set of parameters.
+        leg: the leg's number.
+        where: a condition over the table's columns.
+    """
     places = source_place(records(table, where))
     return float(numbers(masked(places, places["leg"] == leg), "meeting").min())
 

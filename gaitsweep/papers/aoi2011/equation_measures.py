@@ -105,7 +105,7 @@ def torque_error(*, joints: str) -> float:
     if joints != "waist":
         driven = []
         for i in LIMBS:
-            hip, knee = _by_cosines(0.01, -0.12, float(m.link_length), float(m.bends[i]))
+            hip, knee = _angles_by_cosines(0.01, -0.12, float(m.link_length), float(m.bends[i]))
             driven += [(HIP[i], hip, m.kappa_1, m.sigma_1), (KNEE[i], knee, m.kappa_2, m.sigma_2)]
     for q, v in _moments():
         x, z = jnp.full(4, 0.01), jnp.full(4, -0.12)
@@ -259,7 +259,7 @@ def _moments() -> list[tuple[Float[np.ndarray, 16], Float[np.ndarray, 15]]]:
     return moments
 
 
-def _by_cosines(x: float, z: float, link: float, bend: float) -> tuple[float, float]:
-    """Hip and knee angles of a limb of two equal links with its foot at (x, z), by the law of cosines."""
+def _angles_by_cosines(x: float, z: float, link: float, bend: float) -> tuple[float, float]:
+    """Hip and knee angles (rad) of a limb of two equal links (m) with its foot at (x, z), by cosines."""
     inner = math.acos(min(math.hypot(x, z) / (2.0 * link), 1.0))
     return math.atan2(-x, -z) - bend * inner, 2.0 * bend * inner

@@ -10,11 +10,16 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pandas as pd
-from jaxtyping import Float
+from jaxtyping import Array, Float
 
 from gaitsweep.analyses import TURN, AnalysisError, mean_direction, require, unwrap_from, wrapped_difference
 from gaitsweep.claims import Condition, masked, measure, records, row_params, stances, stored_job, value
+from gaitsweep.papers.aoi2011.waist_quadruped.mechanics import WaistMechanics
 from gaitsweep.papers.aoi2011.waist_quadruped.sizes import LIMBS
+
+_CYCLE = 0.4  # s, the cycle with the default parameters
+# Largest deviation of the times between touchdowns from one cycle, where a foot lands once a cycle
+_CYCLE_TOLERANCE = 0.2
 
 
 @measure
@@ -31,7 +36,13 @@ def means_of_feet(table: pd.DataFrame, *, column: str, where: Condition | None =
 
 @measure
 def spread_over(table: pd.DataFrame, *, column: str, over: str, where: Condition) -> float:
-    """Range of the medians of a column at the values of another, in its unit."""
+    """Range of the medians of a column at the values of another, in its unit.
+
+    Args:
+        table: any table.
+        column, over: the column of the medians, and that of the groups.
+        where: a condition that selects records.
+    """
     part = records(table, where)
     require(part, column, over)
     return float(np.ptp(part.groupby(over)[column].median()))
@@ -41,21 +52,36 @@ def spread_over(table: pd.DataFrame, *, column: str, over: str, where: Condition
 def difference_of_gaits(
     table: pd.DataFrame, other: pd.DataFrame, *, observable: str, where: Condition, gaits: Sequence[str]
 ) -> float:
-    """Largest difference (rad) of the median of an angle in each gait, between a settle table and holds."""
-    worst = 0.0
-    chosen = records(other, where)
+    """Largest difference (rad) of the median of an angle in each gait, between a settle table and holds.
+
+    Args:
+        table: the settle table.
+        other: the table of holds.
+        observable: the angle.
+        where: a condition that selects records of the holds.
+        gaits: names of the gaits.
+    """
+    largest = 0.0
+    holds = records(other, where)
     for gait in gaits:
-        one = value(masked(table, table["gait"] == gait), column=f"{observable}_end")
-        two = value(masked(chosen, chosen["gait"] == gait), column=f"{observable}_n")
-        worst = max(worst, abs(float(wrapped_difference(one - two))))
-    return worst
+        settled = value(masked(table, table["gait"] == gait), column=f"{observable}_end")
+        held = value(masked(holds, holds["gait"] == gait), column=f"{observable}_n")
+        largest = max(largest, abs(float(wrapped_difference(settled - held))))
+    return largest
 
 
 @measure
 def farthest_angle(
     table: pd.DataFrame, *, column: str, centre: float, where: Condition | None = None
 ) -> float:
-    """Largest distance (rad) of an angle from a centre."""
+    """Largest distance (rad) of an angle from a centre.
+
+    Args:
+        table: any table.
+        column: the angle, rad.
+        centre: rad.
+        where: a condition that selects records.
+    """
     part = records(table, where)
     require(part, column)
     away = np.abs(wrapped_difference(part[column].dropna().to_numpy(float) - centre))
@@ -79,7 +105,13 @@ def gait_kept(table: pd.DataFrame, *, gait: str) -> float:
 
 @measure
 def drift_from_start(table: pd.DataFrame, *, start: str, end: str, where: Condition | None = None) -> float:
-    """Largest distance (rad) between an angle at the start of a row and at its end."""
+    """Largest distance (rad) between an angle at the start of a row and at its end.
+
+    Args:
+        table: a settle table.
+        start, end: the columns of the angle at both times.
+        where: a condition that selects rows.
+    """
     part = records(table, where)
     require(part, start, end)
     moved = np.abs(wrapped_difference(part[end].to_numpy(float) - part[start].to_numpy(float)))
@@ -90,22 +122,20 @@ def drift_from_start(table: pd.DataFrame, *, start: str, end: str, where: Condit
 def sideways_share(table: pd.DataFrame) -> float:
     """Largest distance from the line between begin and end of a trace, as a share of its length (1)."""
     require(table, "row", "t", "q_0", "q_1")
-    worst = 0.0
+    largest = 0.0
     for _, part in table.groupby("row"):
         part = part.sort_values("t")
-        way = part[["q_0", "q_1"]].to_numpy(float)
-        cycle = max(round(0.4 / float(np.median(np.diff(part["t"].to_numpy(float))))), 1)
+        path = part[["q_0", "q_1"]].to_numpy(float)
+        step = float(np.median(np.diff(part["t"].to_numpy(float))))
+        samples = max(round(_CYCLE / step), 1)
         # averaged over a cycle, in which the body sways
-        way = np.stack([np.convolve(way[:, k], np.full(cycle, 1.0 / cycle), "valid") for k in (0, 1)], axis=1)
-        line = way[-1] - way[0]
+        window = np.full(samples, 1.0 / samples)
+        path = np.stack([np.convolve(path[:, k], window, "valid") for k in (0, 1)], axis=1)
+        line = path[-1] - path[0]
         length = float(np.hypot(*line))
-        off = (way - way[0]) @ np.array([-line[1], line[0]]) / length
-        worst = max(worst, float(np.max(np.abs(off))) / length)
-    return worst
-
-
-# Largest deviation of the times between touchdowns from one cycle, where a foot lands once a cycle
-_CYCLE_TOLERANCE = 0.2
+        sideways = (path - path[0]) @ np.array([-line[1], line[0]]) / length
+        largest = max(largest, float(np.max(np.abs(sideways))) / length)
+    return largest
 
 
 @measure
@@ -116,7 +146,11 @@ def foot_slip(table: pd.DataFrame, *, take: str = "median") -> float:
     """
     require(table, "row", "t", *(f"q_{i}" for i in range(16)))
     design = stored_job(table.attrs).design
-    feet = jax.jit(jax.vmap(lambda m, q: m.feet(q, jnp.zeros(15))[0], in_axes=(None, 0)))
+
+    @jax.jit
+    def feet(mechanics: WaistMechanics, q: Float[Array, "times 16"]) -> Float[Array, "times 4 3"]:
+        return jax.vmap(lambda q_now: mechanics.feet(q_now, jnp.zeros(15))[0])(q)
+
     moved = []
     for row, part in table.groupby("row"):
         part = part.sort_values("t")
@@ -128,7 +162,8 @@ def foot_slip(table: pd.DataFrame, *, take: str = "median") -> float:
             for first, last in stances(t, down):
                 ground = at[first:last, i, :2][down[first:last]]
                 moved.append(float(np.max(np.linalg.norm(ground - ground[0], axis=1))))
-    return float(np.max(moved) if take == "max" else np.median(moved))
+    largest_or_median = np.max if take == "max" else np.median
+    return float(largest_or_median(moved))
 
 
 @measure
@@ -170,7 +205,13 @@ def touchdown_lags(
 
 @measure
 def order_of_footfalls(table: pd.DataFrame, *, row: int, apart: float = 0.2) -> str:
-    """Limbs in their order of touchdown from limb 1 on; those within `apart` (rad) joined by +."""
+    """Limbs in their order of touchdown from limb 1 on, those that land together joined by +.
+
+    Args:
+        table: a trace.
+        row: its row.
+        apart: the largest difference of limbs that land together, rad.
+    """
     lags = touchdown_lags(table, row=row, pairs=[[1, 2], [1, 3], [1, 4]], near=[math.pi - apart] * 3)
     order = sorted(zip([0.0, *lags], "1234", strict=True))
     groups = [[order[0][1]]]

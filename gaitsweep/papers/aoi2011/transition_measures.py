@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 
 import numpy as np
@@ -22,7 +23,18 @@ from gaitsweep.claims import masked, measure
 def transition_at(
     table: pd.DataFrame, *, observable: str, parameter: str, direction: str, least: float = 0.15
 ) -> float:
-    """Middle of the interval in which a ramp or staircase jumps as the parameter is `rising` or `falling`."""
+    """Middle of the interval in which a ramp or staircase jumps as the parameter moves one way.
+
+    Args:
+        table: a ramp's or a staircase's table.
+        observable: the observable that jumps.
+        parameter: the parameter that moves.
+        direction: rising or falling.
+        least: the smallest change of the observable that is a jump.
+
+    Raises:
+        AnalysisError: no row jumps.
+    """
     points = transition_points(table, observable, parameter, least)
     points_of_direction = masked(points, points["direction"] == direction)
     return _first_middle(points_of_direction, f"No row jumps as {parameter} is {direction}.")
@@ -32,18 +44,27 @@ def transition_at(
 def hysteresis_widths(
     table: pd.DataFrame, *, observable: str, parameter: str, by: str | None = None
 ) -> list[float]:
-    """Transition point of the rising pass less that of the falling one, for each value of `by`."""
+    """Transition point of the rising pass less that of the falling one, for each value of `by`.
+
+    Args:
+        table, observable, parameter: as for `transition_at`.
+        by: the column of the groups; by default all rows are one.
+
+    Raises:
+        AnalysisError: the observable does not jump in each direction.
+    """
     points = transition_points(table, observable, parameter, by=[] if by is None else [by])
     points = points.assign(middle=(points["low"] + points["high"]) / 2.0)
     groups = sorted(table[by].dropna().unique()) if by is not None else [None]
     widths = []
     for group in groups:
         part = points if group is None else masked(points, points[by] == group)
-        ways = {way: masked(part, part["direction"] == way)["middle"] for way in ("rising", "falling")}
-        if any(way.empty for way in ways.values()):
+        rising = masked(part, part["direction"] == "rising")["middle"]
+        falling = masked(part, part["direction"] == "falling")["middle"]
+        if rising.empty or falling.empty:
             place = "" if group is None else f" at {by} = {group:g}"
             raise AnalysisError(f"The observable does not jump in each direction{place}.")
-        widths.append(float(ways["rising"].iloc[0] - ways["falling"].iloc[0]))
+        widths.append(float(rising.iloc[0] - falling.iloc[0]))
     return widths
 
 
@@ -74,7 +95,18 @@ def ranges_of_both(
 def gait_lost_at(
     table: pd.DataFrame, *, parameter: str, gait: str, direction: str, start: str = "delta_13"
 ) -> float:
-    """Middle of the interval of the parameter in which settled rows lose a gait."""
+    """Middle of the interval of the parameter in which settled rows lose a gait.
+
+    Args:
+        table: a settle table over the parameter.
+        parameter: its name.
+        gait: the gait that is lost.
+        direction: rising or falling.
+        start: the column of the start by which rows are followed.
+
+    Raises:
+        AnalysisError: the gait is not lost.
+    """
     points = transition_points_by_gait(table, parameter, start)
     losses = masked(points, (points["gait"] == gait) & (points["direction"] == direction))
     return _first_middle(losses, f"The gait {gait} is not lost as {parameter} is {direction}.")
@@ -91,12 +123,15 @@ def _first_middle(points: pd.DataFrame, without: str) -> float:
 def gap_of_edges(
     table: pd.DataFrame, *, parameter: str, upper: str, lower: str, start: str = "delta_13"
 ) -> float:
-    """Width of the range in which both gaits persist: the edge of `upper` minus that of `lower`."""
-    lost = {
-        gait: gait_lost_at(table, parameter=parameter, gait=gait, direction=way, start=start)
-        for gait, way in ((upper, "rising"), (lower, "falling"))
-    }
-    return lost[upper] - lost[lower]
+    """Width of the range in which both gaits persist.
+
+    Args:
+        table, parameter, start: as for `gait_lost_at`.
+        upper: the gait that is lost as the parameter rises.
+        lower: the gait that is lost as it falls.
+    """
+    edge = functools.partial(gait_lost_at, table, parameter=parameter, start=start)
+    return edge(gait=upper, direction="rising") - edge(gait=lower, direction="falling")
 
 
 @measure
@@ -116,7 +151,13 @@ def directions_of_loss(*tables: pd.DataFrame, observable: str, parameters: Seque
 def least_change_of_transition(
     *tables: pd.DataFrame, observable: str, parameter: str, by: Sequence[str]
 ) -> float:
-    """Smallest, over the tables and both directions, of the range of transition points within a table."""
+    """Smallest, over the tables and both directions, of the range of transition points within a table.
+
+    Args:
+        tables: ramps' or staircases' tables.
+        observable, parameter: as for `transition_at`.
+        by: for each table, the column of the groups.
+    """
     ranges = []
     for table, column in zip(tables, by, strict=True):
         points = transition_points(table, observable, parameter, by=[column])
@@ -129,7 +170,15 @@ def least_change_of_transition(
 def kinds_of_fixed_points(
     table: pd.DataFrame, *, observable: str, parameter: str, at: float, bandwidth: float | None = None
 ) -> list[str]:
-    """Kinds of the fixed points of the return map at a value of the parameter, in order of the observable."""
+    """Kinds of the fixed points of the return map at a value of the parameter, in order of the observable.
+
+    Args:
+        table: a return map's table.
+        observable: the observable of the map.
+        parameter: the parameter that varies.
+        at: its value.
+        bandwidth: as for `fixed_points`.
+    """
     points = fixed_points(table, observable, parameter, bandwidth)
     at_value = np.flatnonzero(np.isclose(points[parameter].to_numpy(float), at))
     order = at_value[np.argsort(points["value"].to_numpy(float)[at_value])]
@@ -146,30 +195,47 @@ def stable_until(
     take: str,
     bandwidth: float | None = None,
 ) -> float:
-    """Largest (`max`) or smallest (`min`) parameter at which the return map has a stable point in a range."""
+    """Largest or smallest parameter at which the return map has a stable point in a range.
+
+    Args:
+        table, observable, parameter, bandwidth: as for `kinds_of_fixed_points`.
+        between: the range of the observable, low and high.
+        take: max or min.
+
+    Raises:
+        AnalysisError: no stable fixed point is in the range.
+    """
     points = fixed_points(table, observable, parameter, bandwidth)
     low, high = between
     value, stable = points["value"].to_numpy(float), points["stable"].to_numpy(bool)
     stable_values = points[parameter].to_numpy(float)[stable & (value >= low) & (value <= high)]
     if not stable_values.size:
         raise AnalysisError(f"No stable fixed point has {observable} between {low:g} and {high:g}.")
-    return float(stable_values.max() if take == "max" else stable_values.min())
+    largest_or_smallest = np.max if take == "max" else np.min
+    return float(largest_or_smallest(stable_values))
 
 
 @measure
 def share_with_unstable_between(
     table: pd.DataFrame, *, observable: str, parameter: str, bandwidth: float | None = None
 ) -> float:
-    """Share of the parameter values with two stable fixed points that have an unstable one between (1)."""
+    """Share of the parameter values with two stable fixed points that have an unstable one between (1).
+
+    Args:
+        table, observable, parameter, bandwidth: as for `kinds_of_fixed_points`.
+
+    Raises:
+        AnalysisError: no value of the parameter has two stable fixed points.
+    """
     points = fixed_points(table, observable, parameter, bandwidth)
-    several = [
-        [bool(stable) for stable in points_at_value.sort_values("value")["stable"]]
-        for _, points_at_value in points.groupby(parameter)
-        if np.count_nonzero(points_at_value["stable"].to_numpy(bool)) >= 2
-    ]
-    if not several:
+    separated = []
+    for _, points_at_value in points.groupby(parameter):
+        stable = points_at_value.sort_values("value")["stable"].to_numpy(bool)
+        if np.count_nonzero(stable) >= 2:
+            separated.append(bool(stable[0] and stable[-1] and not stable.all()))
+    if not separated:
         raise AnalysisError("No value of the parameter has two stable fixed points.")
-    return sum(not all(kinds) and kinds[0] and kinds[-1] for kinds in several) / len(several)
+    return sum(separated) / len(separated)
 
 
 @measure

@@ -38,7 +38,7 @@ extension = gs.Extension(
     measures=(
         "gaitsweep.papers.fukuoka2015.leg_measures",
         "gaitsweep.papers.fukuoka2015.gait_measures",
-        "gaitsweep.papers.fukuoka2015.model_measures",
+        "gaitsweep.papers.fukuoka2015.equation_measures",
         "gaitsweep.papers.fukuoka2015.ramp_measures",
     ),
     jobs=JOBS,

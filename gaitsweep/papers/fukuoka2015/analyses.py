@@ -62,11 +62,11 @@ def gait_bouts(
 
     table = bouts.gait_bouts(bouts.gaits_along(gs.load(directory), cycles=cycles), by, least)
     for row, bouts_of_row in table.groupby("row"):
-        texts = [
-            f"{bout[by]} {bout['speed_begin']:.2f} to {bout['speed_end']:.2f}"
-            + f" ({bout['windows']})" * (bout["windows"] < 3)
-            for bout in bouts_of_row.to_dict("records")
-        ]
+        texts = []
+        for bout in bouts_of_row.to_dict("records"):
+            text = f"{bout[by]} {bout['speed_begin']:.2f} to {bout['speed_end']:.2f}"
+            # how few readings a short bout rests on
+            texts.append(f"{text} ({bout['windows']})" if bout["windows"] < 3 else text)
         print(f"row {row}, m/s: {', '.join(texts)}")
 
 
@@ -145,9 +145,9 @@ def speed_transitions(directory: Directory, by: GroupColumns = None) -> None:
 
     As the speed rises and as it falls, with the hysteresis between.
     """
-    from gaitsweep.papers.fukuoka2015.analysis import speed_transitions as transitions
+    from gaitsweep.papers.fukuoka2015.analysis import gait_bouts as bouts
 
-    print_table(transitions.speed_transitions(gs.load(directory), by or ()), 3)
+    print_table(bouts.speed_transitions(gs.load(directory), by or ()), 3)
 
 
 @app.command()

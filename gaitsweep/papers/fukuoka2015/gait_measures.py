@@ -20,7 +20,14 @@ from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import CHART, fami
 def gait_share(
     table: pd.DataFrame, *, gaits: Sequence[str], where: Condition | None = None, begin: float = -math.inf
 ) -> float:
-    """Share of the rows with one of the gaits, by their swing onsets after the time `begin` (1)."""
+    """Share of the rows with one of the gaits, by their swing onsets (1).
+
+    Args:
+        table: as for `gaits_in`.
+        gaits: names of the gaits.
+        where: a condition that selects rows.
+        begin: the time from which on onsets count, s.
+    """
     shown = gaits_in(records(table, where), window=(begin, math.inf))
     return float(np.mean(shown["gait"].isin(gaits).to_numpy()))
 
@@ -36,7 +43,14 @@ def gaits_shown(table: pd.DataFrame, *, speeds: int = 1) -> float:
 
 @measure
 def nearest_speed(table: pd.DataFrame, *, gait: str, speed: float, where: Condition | None = None) -> float:
-    """Speed nearest to `speed` at which a row has the gait at its end (m/s)."""
+    """Speed nearest to a given one at which a row has the gait at its end (m/s).
+
+    Args:
+        table: a settle table.
+        gait: one of the nine.
+        speed: the given speed, m/s.
+        where: a condition that selects rows.
+    """
     require(table, "gait", "speed_end")
     speeds = numbers(records_of_gait(records(table, where), gait), "speed_end")
     return float(speeds[np.abs(speeds - speed).argmin()])
@@ -46,7 +60,16 @@ def nearest_speed(table: pd.DataFrame, *, gait: str, speed: float, where: Condit
 def speed_gap(
     table: pd.DataFrame, *, slow: Sequence[str], fast: Sequence[str], where: Condition | None = None
 ) -> float:
-    """Least speed of the fast families of gaits less the largest speed of the slow ones (m/s)."""
+    """Least speed of the fast families of gaits less the largest speed of the slow ones (m/s).
+
+    Args:
+        table: a settle table.
+        slow, fast: names of families.
+        where: a condition that selects rows.
+
+    Raises:
+        MeasureError: no row has a gait of either side.
+    """
     part = records(table, where)
     require(part, "gait", "speed_end")
     kind = part["gait"].astype(str).map(family)
@@ -61,7 +84,13 @@ def speed_gap(
 def parameter_sets_with(
     table: pd.DataFrame, *, gaits: Sequence[str], where: Condition | None = None
 ) -> float:
-    """Number of parameter sets at which different starts come to each of the gaits (1)."""
+    """Number of parameter sets at which different starts come to each of the gaits (1).
+
+    Args:
+        table: a settle table, several starts for each set of parameters.
+        gaits: names of the gaits.
+        where: a condition that selects rows.
+    """
     part = records(table, where)
     require(part, "gait")
     axes = [name for name in axes_of(part) if name not in REPEATS]
@@ -71,7 +100,13 @@ def parameter_sets_with(
 
 @measure
 def difference_of_medians(table: pd.DataFrame, *, column: str, where: Condition, less: Condition) -> float:
-    """Median of a column in the records of one condition, less that in the records of another (its unit)."""
+    """Median of a column in the records of one condition, less that in the records of another (its unit).
+
+    Args:
+        table: any table.
+        column: its column.
+        where, less: the two conditions.
+    """
     return value(table, column=column, where=where) - value(table, column=column, where=less)
 
 
@@ -86,7 +121,14 @@ def pitch_cycles(table: pd.DataFrame, *, where: Condition | None = None) -> floa
 def largest_deviation(
     table: pd.DataFrame, *, column: str, value: float, where: Condition | None = None
 ) -> float:
-    """Largest distance of a column from a value (its unit)."""
+    """Largest distance of a column from a value (its unit).
+
+    Args:
+        table: any table.
+        column: its column.
+        value: in the column's unit.
+        where: a condition that selects records.
+    """
     require(table, column)
     return float(np.nanmax(np.abs(records(table, where)[column].to_numpy(float) - value)))
 

@@ -20,29 +20,42 @@ from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import LEGS, PAIRS
 @measure
 def swing_order(table: pd.DataFrame, *, gait: str) -> str:
     """Order in which the legs of a gait begin to swing, from LF; legs within the threshold joined by +."""
-    rows = records_of_gait(gaits_in(table), gait).to_dict("records")
-    return _most([_order({leg: float(row[f"phase_{leg}"]) for leg in LEGS}) for row in rows])
+    orders = []
+    for row in records_of_gait(gaits_in(table), gait).to_dict("records"):
+        orders.append(_order({leg: float(row[f"phase_{leg}"]) for leg in LEGS}))
+    return _most_frequent(orders)
 
 
 @measure
 def footfall_order(table: pd.DataFrame, *, gait: str) -> str:
     """Order in which the feet touch down in a gait, named by its swings; as `swing_order`."""
-    return _most([_order(_footfalls(part)) for part in rows_of_gait(table, gait)])
+    return _most_frequent([_order(_footfalls(part)) for part in rows_of_gait(table, gait)])
 
 
 @measure
 def flight_between(table: pd.DataFrame, *, gait: str, legs: Sequence[str]) -> float:
-    """Share of the time in a gait with no foot on the ground, between the stances of two legs (1)."""
+    """Share of the time in a gait with no foot on the ground, between the stances of two legs (1).
+
+    Args:
+        table: a trace.
+        gait: one of the nine.
+        legs: names of the two legs; either may stand first.
+    """
+    one, other = (LEGS.index(leg) for leg in legs)
     shares = []
     for part in rows_of_gait(table, gait):
         down = part[[f"F_{leg}" for leg in LEGS]].to_numpy(float) > 0.0
         turns = np.diff(down.any(axis=1).astype(int))
         lifts, lands = np.flatnonzero(turns < 0), np.flatnonzero(turns > 0)
-        flights = ((at, lands[lands > at][0]) for at in lifts if (lands > at).any())
-        sides = [(down[at], down[end + 1], end - at) for at, end in flights]
-        one, other = (LEGS.index(leg) for leg in legs)
-        between = (n for a, b, n in sides if (a[one] and b[other]) or (a[other] and b[one]))
-        shares.append(sum(between) / len(part))
+        samples = 0  # without a foot on the ground, between the two legs
+        for lift in lifts:
+            if not (lands > lift).any():
+                continue
+            land = lands[lands > lift][0]
+            before, after = down[lift], down[land + 1]
+            if (before[one] and after[other]) or (before[other] and after[one]):
+                samples += land - lift
+        shares.append(samples / len(part))
     return float(np.mean(shares))
 
 
@@ -58,7 +71,12 @@ def loaded_longer(table: pd.DataFrame, *, gait: str) -> list[float]:
 
 @measure
 def stance_ratio(table: pd.DataFrame, *, where: Condition, to: Condition) -> float:
-    """Mean duration of stance in the rows of one condition, over that in the rows of another (1)."""
+    """Mean duration of stance in the rows of one condition, over that in the rows of another (1).
+
+    Args:
+        table: a trace.
+        where, to: the two conditions.
+    """
     return _stance_time(records(table, where)) / _stance_time(records(table, to))
 
 
@@ -86,7 +104,7 @@ def _footfalls(part: pd.DataFrame) -> dict[str, float]:
     return {leg: float(mean_direction(turns * lag)) / TURN for leg, lag in after.items()}
 
 
-def _most(orders: list[str]) -> str:
+def _most_frequent(orders: list[str]) -> str:
     """The most frequent order."""
     return max(orders, key=orders.count)
 
@@ -103,7 +121,7 @@ def _stance_time(trace: pd.DataFrame) -> float:
 
 def _order(phases: dict[str, float]) -> str:
     """The legs in the order of their phases (cycles), from LF; both legs of a pair in phase are joined."""
-    mates = {leg: other for pair in PAIRS for leg, other in (pair, pair[::-1])}
+    mates = dict(PAIRS) | {hind: fore for fore, hind in PAIRS}
 
     def after(leg: str) -> float:
         ahead = (phases[leg] - phases["LF"]) % 1.0
@@ -128,7 +146,14 @@ def _order(phases: dict[str, float]) -> str:
 def rule_agreement(
     table: pd.DataFrame, *, measure: str, what: str = "right", where: Condition | None = None
 ) -> float:
-    """Agreement of a load or pitch with the rule: share of right signs, or r with the shift (1)."""
+    """Agreement of a load or pitch with the rule: share of right signs, or r with the shift (1).
+
+    Args:
+        table: as for `pairs_in`.
+        measure: one of `MEASURES`.
+        what: a column of `loading_rule`, such as right or r.
+        where: a condition that selects records.
+    """
     judged = loading_rule(records(table, where)).set_index("measure")
     return float(judged.loc[measure, what])
 
@@ -143,7 +168,15 @@ def foretold(table: pd.DataFrame, *, measure: str) -> float:
 def pair_measure(
     table: pd.DataFrame, *, gait: str, pair: int, measure: str, where: Condition | None = None
 ) -> float:
-    """Mean load, fore less hind (N), pitch, nose down (rad), or shift (cycles) of a pair in a gait."""
+    """Mean load, fore less hind (N), pitch, nose down (rad), or shift (cycles) of a pair in a gait.
+
+    Args:
+        table: as for `pairs_in`.
+        gait: one of the nine.
+        pair: 1 (RF and LH) or 2 (LF and RH).
+        measure: a column of `pairs_in`.
+        where: a condition that selects records.
+    """
     pairs = records_of_gait(pairs_in(records(table, where)), gait)
     return float(pairs.loc[pairs["pair_number"] == pair, measure].mean())
 
@@ -157,12 +190,19 @@ def pairs_measure(table: pd.DataFrame, *, gait: str, measure: str) -> list[float
 @measure
 def late_tilt(table: pd.DataFrame, *, gait: str) -> list[float]:
     """Pitch of each pair's late stance in a gait, nose down, over the range of the pitch (1)."""
-    nods = float(np.mean([np.ptp(part["pitch"].to_numpy(float)) for part in rows_of_gait(table, gait)]))
-    return [tilt / nods for tilt in pairs_measure(table, gait=gait, measure="tilt_late")]
+    pitch_range = float(
+        np.mean([np.ptp(part["pitch"].to_numpy(float)) for part in rows_of_gait(table, gait)])
+    )
+    return [tilt / pitch_range for tilt in pairs_measure(table, gait=gait, measure="tilt_late")]
 
 
 @measure
 def pair_ratio(table: pd.DataFrame, *, gait: str, pair: int, to: int, measure: str) -> float:
-    """Size of the `pair_measure` of one pair, over that of the other (1)."""
-    own, other = (abs(pair_measure(table, gait=gait, pair=p, measure=measure)) for p in (pair, to))
-    return own / other
+    """Size of the `pair_measure` of one pair, over that of the other (1).
+
+    Args:
+        table, gait, measure: as for `pair_measure`.
+        pair, to: numbers of the two pairs.
+    """
+    size = abs(pair_measure(table, gait=gait, pair=pair, measure=measure))
+    return size / abs(pair_measure(table, gait=gait, pair=to, measure=measure))

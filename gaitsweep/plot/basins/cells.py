@@ -27,7 +27,7 @@ def check_cells(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
         return
     shown = {figure.x, figure.y, figure.panels}
     others = [group for group in table.rows.groups if group.length > 1 and not shown & set(group.names)]
-    if others and table.rows.in_cells(figure.x) and table.rows.in_cells(figure.y):
+    if others and table.rows.is_drawn_as_cells(figure.x) and table.rows.is_drawn_as_cells(figure.y):
         name = others[0].names[0]
         field = "params" if name in [q.name for q in table.model.parameters] else "start"
         yield (

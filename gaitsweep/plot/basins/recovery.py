@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
+from gaitsweep.analysis.basins.measures import least_fatal_push
 from gaitsweep.contract import Outcome
+from gaitsweep.engine.pushed_model import PREFIX
 from gaitsweep.plot.arguments import Horizontal, Panels, Title, Vertical
 from gaitsweep.plot.basins.basin import basin
 from gaitsweep.plot.basins.cells import check_cells
-from gaitsweep.plot.columns import require_columns
+from gaitsweep.plot.columns import require_columns, unit_of
 from gaitsweep.plot.kind import figure_kind
 from gaitsweep.schema.numbers import Flag
 
@@ -31,7 +33,8 @@ def recovery(
 ) -> Figure:
     """Cells coloured by whether a row recovers from its push, with the share of each outcome.
 
-    A row that settles in another gait has the colour of that gait, if the gait has a name.
+    A row that settles in another gait has the colour of that gait, if the gait has a name. Where both axes
+    are amounts of one unit, a star marks the least push after which the gait is lost.
 
     Args:
         table: a table of pushed rows, complete or partial.
@@ -51,4 +54,19 @@ def recovery(
     shown = table.assign(recovery=pd.Categorical(named, order), outcome=np.asarray(named, object))
     # the statuses of the rows are in the names already
     shown.attrs = {**table.attrs, "outcome_of": "recovery"}
-    return basin(shown, x=x, y=y, hue="recovery", panels=panels, shares=shares, title=title)
+    figure = basin(shown, x=x, y=y, hue="recovery", panels=panels, shares=shares, title=title)
+    if x.startswith(PREFIX) and y.startswith(PREFIX) and unit_of(table, x) == unit_of(table, y) != "":
+        _mark_least(figure, table, x, y, panels)
+    return figure
+
+
+def _mark_least(figure: Figure, table: pd.DataFrame, x: str, y: str, panels: str | None) -> None:
+    """Draw a star at the least fatal push of each panel, and a line to it from no push."""
+    least = least_fatal_push(table, [x, y], panels or ())
+    values = sorted(table[panels].dropna().unique()) if panels else [None]
+    for axes, value in zip(figure.axes, values, strict=False):
+        own = least if value is None else least[least[panels].to_numpy() == value]
+        for across, up in own[[x, y]].to_numpy(float):
+            axes.plot([0.0, across], [0.0, up], color="black", lw=0.8, zorder=4)
+            look: dict[str, Any] = {"marker": "*", "color": "white", "mec": "black", "ms": 9.0, "zorder": 5}
+            axes.plot([across], [up], **look)

@@ -36,6 +36,7 @@ _LINES: dict[str, Any] = {
     "hopf": (0, (1, 1)),
     "branch_point": (0, (5, 1.5, 1, 1.5)),
     "order_change": (0, (1, 2.5)),
+    "corner": (0, (3, 1, 1, 1, 1, 1)),
 }
 _CURVES = {**WORDS, "branch_point": "pitchfork or transcritical", "order_change": "order of events"}
 # bifurcations of codimension 2: their marks and words

@@ -15,9 +15,10 @@ from matplotlib.transforms import Bbox
 from gaitsweep.contract import Outcome
 from gaitsweep.plot import theme
 
-_SHARE = 0.02  # of the records, least, that a gait with a name has
+_LEAST_SHARE = 0.02  # of the records that a gait with a name has
 _PLACES = 15  # along a branch at which room is looked for
-_OFFSET, _APART = 4.0, 2.0  # points: least of a name from its branch, and from other lines
+_OFFSET = 4.0  # points: least distance of a name from its branch
+_CLEARANCE = 2.0  # points: least distance of a name from other lines
 _STEP = 2.0  # pixels: distance of the points by which lines are represented
 
 
@@ -26,7 +27,7 @@ def named_gaits(table: pd.DataFrame, without: Sequence[str] = ()) -> list[str]:
     if "gait" not in table.columns:
         return []
     shares = table["gait"].astype(str).value_counts(normalize=True)
-    names = [str(name) for name, share in shares.items() if share >= _SHARE]
+    names = [str(name) for name, share in shares.items() if share >= _LEAST_SHARE]
     return theme.ordered(name for name in names if name not in (Outcome.NO_GAIT, *without))
 
 
@@ -46,7 +47,7 @@ def name_branches(
     ink = _ink(axes)
     taken = [patch.get_window_extent() for patch in axes.patches if patch.get_alpha() is None]
     marked = (line for line in axes.lines if line.get_marker() not in (None, "None", ""))
-    apart = max([_APART, *(0.5 * float(line.get_markersize()) + 0.5 for line in marked)])
+    apart = max([_CLEARANCE, *(0.5 * float(line.get_markersize()) + 0.5 for line in marked)])
     without = []
     for gait in dict.fromkeys(gaits.tolist()):
         records = np.flatnonzero(gaits == gait)

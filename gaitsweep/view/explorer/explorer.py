@@ -46,10 +46,27 @@ _MB = 1_000_000
 _TABLE_SHARE = 0.6
 # Records by which the size of a table's records is measured.
 _MEASURED = 1000
-# The page, and the parts that its marks stand for.
-_TEMPLATE = "explorer.html"
-_PARTS = {"style": "explorer.css", "script": "explorer.js", "gif": "gif.js"}
-_OF_MANY_ROWS = ("refine", "over", "coarse")  # fields of a run that choose among its rows
+# Files of the page; its scripts are joined to one, in this order.
+_TEMPLATE, _STYLE = "explorer.html", "explorer.css"
+_SCRIPTS = (
+    "page.js",
+    "appearance.js",
+    "unpacking.js",
+    "records.js",
+    "map.js",
+    "neighbours.js",
+    "slices.js",
+    "chosen.js",
+    "walk.js",
+    "playback.js",
+    "body.js",
+    "gif.js",
+    "save_gif.js",
+    "footfalls.js",
+    "observables.js",
+    "begin.js",
+)
+_ROW_CHOOSING_FIELDS = ("refine", "over", "coarse")  # of a run: which of its rows are simulated
 
 
 class ExplorerSizeError(ArgumentError):
@@ -94,13 +111,22 @@ def write_explorer(
     plotly = plotly_source()
     most = MOST_REPLAYS if replays is None else replays
     megabytes = MAX_SIZE if max_size is None else max_size
-    page = _page(table, _job_of(table, trust), plotly, (x, y), most, megabytes, on_progress, on_message)
+    page = _page(
+        table,
+        _job_of(table, trust=trust),
+        plotly,
+        (x, y),
+        replays=most,
+        max_size=megabytes,
+        on_progress=on_progress,
+        on_message=on_message,
+    )
     with writing(f"{target} could not be written"):
         replace_file(target, lambda file: file.write(page.encode()))
     return target
 
 
-def _job_of(table: pd.DataFrame, trust: bool) -> Job:
+def _job_of(table: pd.DataFrame, *, trust: bool) -> Job:
     """The job that made a table, even if `job.yaml` was edited since."""
     fields = table.attrs["job"]
     where = table.attrs.get("path", "This result")
@@ -117,7 +143,7 @@ def _job_of(table: pd.DataFrame, trust: bool) -> Job:
             f"{where} contains {kind} rows, which the explorer does not show. "
             f"Allowed: {', '.join(KINDS)}.{instead}"
         )
-    return stored_job(table.attrs, trust)
+    return stored_job(table.attrs, trust=trust)
 
 
 def _page(
@@ -125,6 +151,7 @@ def _page(
     job: Job,
     plotly: str,
     axes: tuple[str | None, str | None],
+    *,
     replays: int,
     max_size: float,
     on_progress: Progress | None,
@@ -138,7 +165,7 @@ def _page(
     if not len(table):
         raise ArgumentError("No row has ended yet, so there is nothing to explore.")
     script = compressed(plotly.encode())
-    frame_size = len(script) + sum(len(_part(name)) for name in (_TEMPLATE, *_PARTS.values())) + 4000
+    frame_size = len(script) + sum(len(_part(name)) for name in (_TEMPLATE, _STYLE, *_SCRIPTS)) + 4000
     room = int(max_size * _MB) - frame_size
     least = f"The page needs {(frame_size + 0.2 * _MB) / _MB:.1f} MB even without walks"
     if room < 0.2 * _MB:
@@ -185,9 +212,10 @@ def _labelled(table: pd.DataFrame, context: RunContext) -> pd.DataFrame:
         table.attrs = attrs
         return table
     if run.kind_name == "return_map":
-        drawn = next((f.y for f in context.job.figures if getattr(f, "y", None)), None)  # pyright: ignore[reportAttributeAccessIssue]
-        names = [f"{drawn}_n"] if drawn else []
-        names += [f"{q.name}_n" for q in context.model.observables]
+        drawn = filter(None, (getattr(figure, "y", None) for figure in context.job.figures))
+        of_model = [quantity.name for quantity in context.model.observables]
+        # what the job's first figure draws, else the first observable
+        names = [f"{name}_n" for name in (*itertools.islice(drawn, 1), *of_model)]
         table = with_next(table, next(name for name in names if name in table.columns))
     return table
 
@@ -249,7 +277,7 @@ def _python(table: pd.DataFrame, context: RunContext) -> dict[str, Any]:
     fields = table.attrs["job"]
     arguments: dict[str, Any] = {"name": f"{context.job.name}_row_@row@"}
     arguments |= {name: fields[name] for name in ("model", "structure", "params", "start", "numerics")}
-    run = {k: v for k, v in fields["run"].items() if v is not None and k not in _OF_MANY_ROWS}
+    run = {k: v for k, v in fields["run"].items() if v is not None and k not in _ROW_CHOOSING_FIELDS}
     lines = [f"{key}={value!r}" for key, value in (arguments | {"run": run}).items() if value]
     text = "".join(f"    {line},\n" for line in [*lines, "vary={@vary@}"])
     python = f"import gaitsweep as gs\n\njob = gs.Job(\n{text})\nprint(gs.run(job).table)\n"
@@ -261,8 +289,10 @@ def _passes(table: pd.DataFrame, context: RunContext) -> dict[str, Any]:
     run = context.job.run
     turns = run.turns if "pass" in table.columns else ()
     rises = [after > before for before, after in itertools.pairwise(turns)]
-    looks = [{"rises": up, "colour": UP if up else DOWN, "marker": "^" if up else "v"} for up in rises]
-    return {"moved": run.moved, "passes": looks if len(set(rises)) == 2 else []}
+    up = {"rises": True, "colour": UP, "marker": "^"}
+    down = {"rises": False, "colour": DOWN, "marker": "v"}
+    passes = [up if rising else down for rising in rises] if len(set(rises)) == 2 else []
+    return {"moved": run.moved, "passes": passes}
 
 
 def _about(
@@ -272,6 +302,7 @@ def _about(
     job, model = context.job, context.model
     manifest = table.attrs.get("manifest", {})
     colours = limb_colours(animated.limbs)
+    thinned = [f"shown: {shown.thinned}"] if shown.thinned else []
     return {
         "name": job.name,
         "model": model.name,
@@ -279,7 +310,7 @@ def _about(
         "what": (type(model).__doc__ or "").strip().split("\n")[0],
         "run": job.run.kind_name,
         "rows": int(manifest.get("rows", table["row"].nunique())),
-        "remarks": [*remarks(table), *([f"shown: {shown.thinned}"] if shown.thinned else [])],
+        "remarks": [*remarks(table), *thinned],
         "limbs": [
             {"name": look.name, "colour": colour, "far": look.far}
             for look, colour in zip(animated.limbs, colours, strict=True)
@@ -302,7 +333,7 @@ def _part(name: str) -> str:
 def _filled(texts: Mapping[str, str], plotly: str, data: str, size: str) -> str:
     """The template filled with its parts; `texts` are escaped, and `size` is that of the page in MB."""
     parts = {name: html.escape(text) for name, text in texts.items()}
-    parts |= {mark: _part(name) for mark, name in _PARTS.items()}
+    parts |= {"style": _part(_STYLE), "script": "\n".join(map(_part, _SCRIPTS))}
     parts |= {"size": size, "data": data, "plotly": plotly}
     # all at once, so that no text is searched for marks
     return re.sub(rf"\{{\{{({'|'.join(parts)})\}}\}}", lambda mark: parts[mark[1]], _part(_TEMPLATE))

@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Int
 
+from gaitsweep.analysis.atlas.stored_points import StoredPoint
 from gaitsweep.analysis.continuation.arclength import BranchPoints
 from gaitsweep.contract import Model, Status
 from gaitsweep.kinds.fixed_points import FollowsFixedPoints
@@ -24,11 +25,11 @@ from gaitsweep.view.explorer.traced_cells import cells_to_trace, spread
 FIRST_CYCLES = 3
 LAST_CYCLES = 2  # of a row that has no steady gait
 _SPARE_CYCLES = 1.5  # cycles may be longer than the nominal period
-_MOST_WINDOWS = 60  # of a ramp
+_MAX_WINDOWS = 60  # of a ramp
 _CYCLES_AROUND = 30  # of a record of a ramp
-_SLACK = 1e-9
-_SAME = 1e-9  # relative difference of a parameter on a branch that is followed again
-_LONGEST = 600.0  # s of following branches again
+_TIME_TOLERANCE = 1e-9  # s, and relative
+_PARAMETER_TOLERANCE = 1e-9  # relative difference of a parameter on a branch that is followed again
+_MAX_FOLLOWING_TIME = 600.0  # s of following branches again
 
 
 def replayer_of(context: RunContext, rows: Int[np.ndarray, " rows"]) -> Replayer:
@@ -106,7 +107,7 @@ class ReplayStarts(ReplayGroup):
 
     def stretches(self, record: int, replayed: ReplayedRow, period: float) -> list[Stretch]:
         t = replayed.crossings.t
-        t = t[t <= replayed.t[-1] + _SLACK] if len(replayed.t) else t[:0]
+        t = t[t <= replayed.t[-1] + _TIME_TOLERANCE] if len(replayed.t) else t[:0]
         if len(t) <= 2 * FIRST_CYCLES:
             return [Stretch("the motion", 0.0, float(replayed.t[-1]))] if len(replayed.t) else []
         first = Stretch("the first cycles", 0.0, float(t[FIRST_CYCLES]))
@@ -146,7 +147,8 @@ class ReplayMap(ReplayGroup):
     def windows(self, period: float) -> Windows:
         t = np.asarray(self.table["t"], float)
         times = [t[(self.row_of == row) & np.isfinite(t)] for row in self.rows]
-        begun, ended = (np.array([f(t) for t in times]) for f in (np.min, np.max))
+        begun = np.array([np.min(times_of_row) for times_of_row in times])
+        ended = np.array([np.max(times_of_row) for times_of_row in times])
         # rows reach the first and the last crossing at times of their own
         length = (FIRST_CYCLES + _SPARE_CYCLES) * period + max(float(np.ptp(begun)), float(np.ptp(ended)))
         first = float(begun.min())
@@ -182,7 +184,9 @@ class ReplayRamp(ReplayGroup):
         records = []
         for row in rows.tolist():
             crossings = np.flatnonzero((of_row == row) & np.isfinite(t))
-            places = np.searchsorted(t[crossings], self._spacing * np.arange(1, count + 1) * (1.0 + _SLACK))
+            places = np.searchsorted(
+                t[crossings], self._spacing * np.arange(1, count + 1) * (1.0 + _TIME_TOLERANCE)
+            )
             records += [int(crossings[place - 1]) for place in np.unique(places) if place]
         super().__init__(table, np.array(records, np.int64), context)
 
@@ -223,14 +227,14 @@ class ReplayStairs(ReplayGroup):
         stair = np.asarray(self.number(record, "stair"))
         begin = 0.0 if stair == 0.0 else float(schedule.end(stair - 1.0))
         t = replayed.crossings.t
-        return replayed.crossings.where((t >= begin) & (t <= float(schedule.end(stair)) + _SLACK))
+        return replayed.crossings.where((t >= begin) & (t <= float(schedule.end(stair)) + _TIME_TOLERANCE))
 
 
 class ReplayBranches(ReplayGroup):
     """Points of branches: one cycle of each steady gait, stable or unstable.
 
-    The table has the observables of a point and not its state, so the branches are followed again; points
-    with other results are left out.
+    A table of a continuation has the observables of a point and not its state, so its branches are followed
+    again; points with other results are left out. An atlas has its points.
 
     Args:
         table: the records of the page, numbered from 0.
@@ -250,7 +254,7 @@ class ReplayBranches(ReplayGroup):
     ) -> None:
         run = context.job.run
         assert isinstance(run, FollowsFixedPoints)
-        branches = run.followed_again(context.design, context.spec, rows, on_progress)
+        branches = run.followed_again(context.design, context.spec, rows, table, on_progress)
         assert branches is not None
         mapped, followed = branches
         names = [table[name].to_numpy(np.int64) for name in ("row", *run.point_names)]
@@ -260,9 +264,9 @@ class ReplayBranches(ReplayGroup):
         for point in followed.to_dict("records"):
             record = record_of.get((int(rows[point["row"]]), *(point[name] for name in run.point_names)))
             same = record is not None and math.isclose(
-                point[run.moved], float(table[run.moved].iloc[record]), rel_tol=_SAME
+                point[run.moved], float(table[run.moved].iloc[record]), rel_tol=_PARAMETER_TOLERANCE
             )
-            if same and isinstance(point.get("at"), BranchPoints):
+            if same and isinstance(point.get("at"), BranchPoints | StoredPoint):
                 records.append(record)
                 points.append(point)
         chosen = spread(len(records))[:most] if records else np.zeros(0, np.int64)
@@ -291,16 +295,18 @@ class ReplayBranches(ReplayGroup):
 def _up_to(end: float, replayed: ReplayedRow, name: str, period: float) -> list[Stretch]:
     """The last cycles that end by a time, s."""
     t = replayed.crossings.t
-    t = t[t <= end + _SLACK]
+    t = t[t <= end + _TIME_TOLERANCE]
     if len(t) > LAST_CYCLES:
         return [Stretch(name, float(t[-1 - LAST_CYCLES]), float(t[-1]))]
     return [Stretch(name, max(0.0, end - LAST_CYCLES * period), end)]
 
 
 def _branches_in_time(context: RunContext, spent: float, rows: int) -> int:
-    """Number of branches to follow again within `_LONGEST`; the job took `spent` s for all of its rows."""
-    of_branch = spent / context.design.n_rows
-    return max(1, min(rows, int(_LONGEST / of_branch) if of_branch > 0.0 else rows))
+    """Number of branches to follow again in `_MAX_FOLLOWING_TIME`; the job took `spent` s for all rows."""
+    time_per_branch = spent / context.design.n_rows
+    if time_per_branch <= 0.0:
+        return max(1, rows)
+    return max(1, min(rows, int(_MAX_FOLLOWING_TIME / time_per_branch)))
 
 
 def _spread(values: Int[np.ndarray, " values"], most: int) -> Int[np.ndarray, " some"]:
@@ -336,7 +342,8 @@ def replay_groups(
         rows = np.unique(table["row"].to_numpy(np.int64)[np.isfinite(table["multiplier"].to_numpy(float))])
         if run.stationary or not len(rows):  # stationary points do not move
             return [], 0
-        rows = np.sort(_spread(rows, _branches_in_time(context, spent, len(rows))))
+        if "stored_point" not in table:
+            rows = np.sort(_spread(rows, _branches_in_time(context, spent, len(rows))))
         return [ReplayBranches(table, context, rows, most, on_progress)], 0
     if run.one_a_row:
         return _groups_of_starts(shown, table, context, most)
@@ -373,5 +380,5 @@ def _groups_of_records(table: pd.DataFrame, context: RunContext, most: int) -> l
         rows = np.sort(_spread(rows, max(1, most // stairs)))
         return [ReplayStairs(table, np.flatnonzero(usable & np.isin(of_row, rows)), context)]
     rows = np.sort(_spread(rows, max(1, most // 2)))
-    count = int(min(_MOST_WINDOWS, max(2, most // len(rows))))
+    count = int(min(_MAX_WINDOWS, max(2, most // len(rows))))
     return [ReplayRamp(table, context, rows, count)]

@@ -20,12 +20,12 @@ from gaitsweep.view.movie.animation import Clip
 from gaitsweep.view.movie.side_view import bounds, heading, nearest_first, projected, turned, with_points
 
 # Contacts are sampled at this many instants a nominal cycle, and every second of them is a picture.
-SAMPLES_A_CYCLE = 64
+SAMPLES_PER_CYCLE = 64
 PICTURES_EVERY = 2
 # Signals of the rows of one block, in bytes.
 _BLOCK_BYTES = 128 * 2**20
 # A picture in which the body is this many times larger than in the first one is of a row that diverges.
-_MOST_GROWTH = 4.0
+_MAX_GROWTH = 4.0
 
 PerRow = Real[np.ndarray, " rows"]  # a number for each row
 Samples = Float[np.ndarray, " samples"]  # a number for each sample
@@ -167,16 +167,17 @@ class Replayer:
         self._parameters = [{k: float(v[i]) for k, v in initial.items()} for i in range(rows.size)]
         hosted = {name: jnp.asarray(v) for name, v in model.on_host(initial).items()}
         self.periods = np.asarray(jax.vmap(lambda values: model.period(model.params(values)))(hosted))
-        self.every = float(self.periods.min()) / SAMPLES_A_CYCLE
+        self.every = float(self.periods.min()) / SAMPLES_PER_CYCLE
         self.parts: BodyParts | None = None
         self._contacts = [q.name for q in model.signals if q.name.startswith("contact_")]
 
     def replayed(self, windows: Windows, on_progress: OnProgress | None = None) -> Iterator[ReplayedRow]:
         """The rows one after the other, simulated in one batch."""
         rows, spec = self._rows, self._spec
-        times = windows.first, windows.second, windows.spacing, windows.more
         samples = int(np.ceil(windows.length / self.every)) + 1
-        recorder = WindowsRecorder(spec.model, self.every, samples, *times)
+        recorder = WindowsRecorder(
+            spec.model, self.every, samples, windows.first, windows.second, windows.spacing, windows.more
+        )
         cycles = recorder.duration / float(self.periods.min())
         room = int(_BLOCK_BYTES / (8 * recorder.width * (recorder.total + cycles)))
         block = min(max(room, 1), rows.size)
@@ -186,14 +187,15 @@ class Replayer:
             spec, recorder=recorder, n_rows=rows.size, block=block, lanes=lanes, values=self._values
         )
         for number in range(-(-rows.size // block)):
-            results: list[RowOutcome] = []
-            sweep(batch, [number], lambda _, result, results=results: results.append(result), on_progress)
-            yield from self._of_block(results[0], recorder)
+            outcomes: dict[int, RowOutcome] = {}
+            sweep(batch, [number], outcomes.__setitem__, on_progress)
+            yield from self._of_block(outcomes[number], recorder)
 
     def _values(self, first: int, last: int) -> tuple[dict[str, PerRow], dict[str, PerRow]]:
         """The parameters and starts of rows `first` to `last` - 1, by name."""
-        parameters, starts = ({k: v[first:last] for k, v in values.items()} for values in self._inputs)
-        return parameters, starts
+        parameters, starts = self._inputs
+        part = slice(first, last)
+        return {k: v[part] for k, v in parameters.items()}, {k: v[part] for k, v in starts.items()}
 
     def _of_block(self, result: RowOutcome, recorder: WindowsRecorder) -> Iterator[ReplayedRow]:
         """The rows of a simulated block."""
@@ -252,7 +254,13 @@ class Replayer:
 
 
 def pictures_of(skeleton: Skeleton, t: Samples, period: float) -> Pictures:
-    """The side view of a body at times `t` (n,) s until it falls apart; `period` (s) of a cycle."""
+    """The side view of a body, until it falls apart.
+
+    Args:
+        skeleton: the body.
+        t: the times of its samples, (n,) s.
+        period: duration of a cycle, s.
+    """
     skeleton = turned(skeleton, heading(skeleton))
     camera = Clip(t, skeleton, t, np.zeros((len(t), 0)), period, "").camera
     middle = np.column_stack([camera, np.zeros(len(t))])[:, None, :]
@@ -261,7 +269,7 @@ def pictures_of(skeleton: Skeleton, t: Samples, period: float) -> Pictures:
     parts += [spring - middle for spring in skeleton.springs]
     points = projected(np.concatenate(parts, axis=1)).reshape(len(t), -1)
     size = np.abs(points).max(axis=1)
-    diverged = ~np.isfinite(size) | (size > _MOST_GROWTH * size[0])
+    diverged = ~np.isfinite(size) | (size > _MAX_GROWTH * size[0])
     if diverged.any():  # a row that falls or diverges
         cut = int(np.argmax(diverged))
         skeleton = with_points(skeleton, lambda part: part[:cut])

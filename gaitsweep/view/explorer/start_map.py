@@ -22,9 +22,9 @@ from gaitsweep.view.explorer.page_columns import label_of, written
 
 CELLS, POINTS = "cells", "points"
 # Points of a figure of a browser beyond which it is slow to answer.
-MOST_POINTS = 6000
+MAX_POINTS = 6000
 # Values of a parameter of which the points of one are shown at a time.
-_MOST_SLICES = 12
+_MAX_SLICES = 12
 
 
 @dataclasses.dataclass(frozen=True)
@@ -133,13 +133,13 @@ def _cells(
 
 def _points(shown: StartMap, job: Job, drawn: list[int], most: int) -> StartMap:
     """A map of points, thinned to `most` of them; `drawn` as for `_cells`."""
-    step = math.ceil(len(shown.table) / min(most, MOST_POINTS))
+    step = math.ceil(len(shown.table) / min(most, MAX_POINTS))
     table = rows_where(shown.table, np.arange(len(shown.table)) % step == 0)
     return dataclasses.replace(
         shown,
         table=table,
         outcome=shown.outcome[::step],
-        slices=[] if job.run.one_a_row else _slices(table, job, drawn, few=_MOST_SLICES),
+        slices=[] if job.run.one_a_row else _slices(table, job, drawn, few=_MAX_SLICES),
         thinned=f"every {_ordinal(step)} record" if step > 1 else "",
     )
 
@@ -172,41 +172,53 @@ def change_of(y: str) -> str:
 
 def _axes(table: pd.DataFrame, job: Job, x: str | None, y: str | None) -> tuple[str, str]:
     """The columns along x and y; by default those of the job's figures, or its longest axes."""
-    run = job.run
-    observables = [f"{q.name}_{'end' if run.one_a_row else 'n'}" for q in job.design.model.observables]
-    drawn = [figure for figure in job.figures if getattr(figure, "y", None) is not None]
-    with_both = [figure for figure in drawn if getattr(figure, "x", None) is not None]
-    suffixes = ("", "_end") if run.one_a_row else ("_n", "")
-    if run.one_a_row:
-        of_figure = (with_both[0].x, with_both[0].y) if with_both else (None, None)  # pyright: ignore[reportAttributeAccessIssue]
-        several = [axis for axis in job.design.groups if axis.length > 1]
-        # what moves alone says more than a zip, whose values go by its first name
-        longest = sorted(several, key=lambda axis: (len(axis.names) > 1, -axis.length))
-        names = [axis.names[0] for axis in longest[:2]]
-        if len(longest) == 1 and len(longest[0].names) > 1 and job.design.groups[0].drawn:
-            names = list(longest[0].names[:2])
-        elif len(names) == 2:
-            places = [job.design.names.index(name) for name in names]
-            names = [names[i] for i in np.argsort(places)[::-1]]  # the last varies fastest
-        names = [*names, *observables[:1]] if names else ["row", observables[0]]
-        default = of_figure if with_both and set(of_figure) <= set(table.columns) else names[:2]
-    else:
-        first = drawn[0].y if drawn else None  # pyright: ignore[reportAttributeAccessIssue]
-        first = column(table, first, suffixes) if isinstance(first, str) else observables[0]
-        default = (run.moved or "crossing", first)
-        if run.kind_name == "return_map":
-            form = next((vars(figure)["form"] for figure in drawn if hasattr(figure, "form")), "change")
-            default = (first, next_of(first) if form == "next" else change_of(first))
-    chosen = [
-        column(table, name, suffixes) if name else str(other)
-        for name, other in zip((x, y), default, strict=True)
-    ]
+    suffixes = ("", "_end") if job.run.one_a_row else ("_n", "")
+    default_of = _axes_of_rows if job.run.one_a_row else _axes_of_records
+    default_x, default_y = default_of(table, job)
+    chosen = (
+        column(table, x, suffixes) if x else default_x,
+        column(table, y, suffixes) if y else default_y,
+    )
     for name in chosen:
         if name not in table.columns:
             raise PlotError(f"{name} is not a column of this table.")
         if not pd.api.types.is_numeric_dtype(table[name]):
             raise PlotError(f"{name} has no numbers for an axis.")
-    return chosen[0], chosen[1]
+    return chosen
+
+
+def _axes_of_rows(table: pd.DataFrame, job: Job) -> tuple[str, str]:
+    """The columns along x and y of a table with one record a row."""
+    for figure in job.figures:
+        of_figure = (getattr(figure, "x", None), getattr(figure, "y", None))
+        if None not in of_figure:
+            if set(of_figure) <= set(table.columns):
+                return str(of_figure[0]), str(of_figure[1])
+            break
+    observable = f"{job.design.model.observables[0].name}_end"
+    several = [axis for axis in job.design.groups if axis.length > 1]
+    # what moves alone says more than a zip, whose values go by its first name
+    longest = sorted(several, key=lambda axis: (len(axis.names) > 1, -axis.length))
+    names = [axis.names[0] for axis in longest[:2]]
+    if len(longest) == 1 and len(longest[0].names) > 1 and job.design.groups[0].drawn:
+        names = list(longest[0].names[:2])
+    elif len(names) == 2:
+        places = [job.design.names.index(name) for name in names]
+        names = [names[i] for i in np.argsort(places)[::-1]]  # the last varies fastest
+    first, second, *_ = [*names, observable, observable] if names else ["row", observable]
+    return first, second
+
+
+def _axes_of_records(table: pd.DataFrame, job: Job) -> tuple[str, str]:
+    """The columns along x and y of a table with several records a row."""
+    drawn = [figure for figure in job.figures if getattr(figure, "y", None) is not None]
+    y = getattr(drawn[0], "y", None) if drawn else None
+    observable = f"{job.design.model.observables[0].name}_n"
+    first = column(table, y, ("_n", "")) if isinstance(y, str) else observable
+    if job.run.kind_name == "return_map":
+        form = next((vars(figure)["form"] for figure in drawn if hasattr(figure, "form")), "change")
+        return first, next_of(first) if form == "next" else change_of(first)
+    return job.run.moved or "crossing", first
 
 
 def _outcomes(table: pd.DataFrame) -> tuple[list[dict[str, Any]], Int[np.ndarray, " records"]]:
@@ -237,13 +249,15 @@ def _outcomes(table: pd.DataFrame) -> tuple[list[dict[str, Any]], Int[np.ndarray
     numbers = np.zeros(len(table), np.int64)
     for name in names:
         records = np.asarray(shown == name)
-        filled, open_ = (name, records & ~hollow, False), (f"{name}, {suffix}", records & hollow, True)
-        for text, where, is_open in (filled, open_):
+        hatched = name in (Outcome.NOT_SETTLED, Outcome.FAILED)
+        for text, where, is_hollow in (
+            (name, records & ~hollow, False),
+            (f"{name}, {suffix}", records & hollow, True),
+        ):
             if where.any():
                 numbers[where] = len(outcomes)
-                look = {"colour": colours[name], "marker": markers[name], "hollow": is_open}
-                leads = {"leads": name, "hatched": name in (Outcome.NOT_SETTLED, Outcome.FAILED)}
-                outcomes.append({"name": text, **look, **leads})
+                look = {"colour": colours[name], "marker": markers[name], "hollow": is_hollow}
+                outcomes.append({"name": text, **look, "leads": name, "hatched": hatched})
     return outcomes, numbers
 
 

@@ -77,11 +77,14 @@ def cells_to_trace(
     even = subgrid(shown)
     even = even[simulated[even]]
     edge = np.flatnonzero(boundary(shown) & simulated)
-    edge = edge[spread(len(edge))] if len(edge) else edge
-    order: dict[int, None] = {}
-    for first, second in zip(even, np.resize(edge, len(even)) if len(edge) else even, strict=True):
-        order.setdefault(int(first))
-        order.setdefault(int(second))
+    in_turn = even
+    if len(edge):
+        edge = edge[spread(len(edge))]
+        in_turn = np.resize(edge, len(even))
+    order: dict[int, None] = {}  # without repetitions, in the order of insertion
+    for on_subgrid, beside_boundary in zip(even, in_turn, strict=True):
+        order.setdefault(int(on_subgrid))
+        order.setdefault(int(beside_boundary))
         if len(order) >= most:
             break
     chosen = np.array(list(order)[:most], np.int64)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-from collections.abc import Callable, Generator, Iterator, Sequence
-from typing import Protocol, TypeAlias
+from collections.abc import Generator, Iterator, Sequence
+from typing import Protocol
 
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
@@ -21,13 +21,13 @@ from gaitsweep.plot.limbs import limb_colours
 from gaitsweep.skeleton import Limb, Skeleton
 from gaitsweep.view.movie.side_view import SideView, bounds
 
-_WIDE = 8.0  # inches; width of every frame, so that its text has the same relative size
+_FRAME_WIDTH = 8.0  # inches; width of every frame, so that its text has the same relative size
 _CYCLES_SHOWN = 2.0
-_LONG = 1.6  # half of the ratio of length to height above which the poses are in two lines
-_EDGE = 0.012
-_BAR = 0.66
-_MOST_NAMES = 16  # with more limbs only some are named
-_LEFT, _RIGHT = 0.115, 0.975  # sides of the charts, as shares of the width
+_TWO_LINES_FROM = 1.6  # half of the ratio of length to height above which the poses are in two lines
+_MARGIN = 0.012  # of texts, as a share of the width
+_BAR_HEIGHT = 0.66  # of a foot's bar, as a share of its row
+_MAX_NAMES = 16  # with more limbs only some are named
+_CHART_LEFT, _CHART_RIGHT = 0.115, 0.975  # sides of the charts, as shares of the width
 _INK = "#55595F"
 _FORWARD = "forward \N{LONG RIGHTWARDS ARROW}"
 
@@ -83,8 +83,8 @@ class Footfalls:
         for row, colour in enumerate(colours):
             starts, stops = contact_intervals(t, contact[:, row])
             bars = list(zip(starts, stops - starts, strict=True))
-            axes.broken_barh(bars, (row - _BAR / 2, _BAR), facecolors=colour, linewidth=0)
-        named = range(0, len(limbs), max(1, -(-len(limbs) // _MOST_NAMES)))
+            axes.broken_barh(bars, (row - _BAR_HEIGHT / 2, _BAR_HEIGHT), facecolors=colour, linewidth=0)
+        named = range(0, len(limbs), max(1, -(-len(limbs) // _MAX_NAMES)))
         axes.set_yticks(list(named), [limbs[row].name for row in named])
         for tick, row in zip(axes.get_yticklabels(), named, strict=True):
             tick.set_color(colours[row])
@@ -96,17 +96,17 @@ class Footfalls:
         self._veil = axes.axvspan(0.0, 0.0, facecolor="white", linewidth=0, zorder=3)
         self._now = axes.axvline(0.0, color="black", lw=1.1, zorder=4)
 
-    def window(self, low: float, high: float) -> None:
+    def set_window(self, low: float, high: float) -> None:
         """Show only the time (s) from `low` to `high`."""
         self._axes.set_xlim(low, high)
 
-    def now(self, t: float) -> None:
+    def set_time(self, t: float) -> None:
         """Set the current time `t` (s), and hide later footfalls."""
         self._now.set_xdata([t, t])
         self._veil.set_x(t)
         self._veil.set_width(max(self._axes.get_xlim()[1] - t, 0.0))
 
-    def moments(self, times: Sequence[float]) -> None:
+    def mark_times(self, times: Sequence[float]) -> None:
         """Mark several times (s), numbered from 1, instead of one."""
         self._now.set_visible(False)
         for number, t in enumerate(times):
@@ -124,55 +124,63 @@ class Scene(Protocol):
         """Show sample k."""
 
 
-Drawn: TypeAlias = Callable[[Axes, Clip, bool], Scene]  # draws the body in axes, with names or without
+class DrawBody(Protocol):
+    """A function that draws the body of a clip in axes, with the names of its limbs or without."""
+
+    def __call__(self, axes: Axes, clip: Clip, *, named: bool) -> Scene: ...
 
 
-def side_view(axes: Axes, clip: Clip, named: bool) -> Scene:
+def side_view(axes: Axes, clip: Clip, *, named: bool) -> Scene:
     """The body as lines, drawn by Matplotlib."""
     return SideView(axes, clip.skeleton, clip.down, clip.camera, named=named)
 
 
 def frames(
-    clip: Clip, size: tuple[int, int], scene: Drawn = side_view
+    clip: Clip, size: tuple[int, int], scene: DrawBody = side_view
 ) -> Generator[UInt8[np.ndarray, "height width 3"]]:
     """The frames of a movie, RGB bytes for each of the clip's times, valid until the next.
 
     `size` is the width and height in pixels; `scene` draws the body in its axes.
     """
-    with _sheet(size) as (figure, canvas):
-        view, chart, bar = _places(figure, clip)
+    with _blank_figure(size) as (figure, canvas):
+        view, chart, bar = _movie_axes(figure, clip)
         falls = Footfalls(chart, clip.skeleton.limbs, clip.contact_t, clip.contact)
         clock = figure.text(
-            _RIGHT, 1.0 - 0.17 / figure.get_figheight(), "", ha="right", va="center", fontsize=10
+            _CHART_RIGHT, 1.0 - 0.17 / figure.get_figheight(), "", ha="right", va="center", fontsize=10
         )
         progress = _time_bar(bar, clip)
-        drawn = scene(view, clip, True)
+        drawn = scene(view, clip, named=True)
         shown = _CYCLES_SHOWN * clip.period
         first = float(clip.t[0])
         for k, t in enumerate(clip.t):
             drawn.show(k)
             low = max(first, float(t) - shown)
-            falls.window(low, low + shown)
-            falls.now(float(t))
+            falls.set_window(low, low + shown)
+            falls.set_time(float(t))
             clock.set_text(", ".join(filter(None, (f"{t:.2f} s", clip.pace))))
             progress.set_width(float(t) - first)
             canvas.draw()
             yield np.asarray(canvas.buffer_rgba())[..., :3]
 
 
-def _places(figure: Figure, clip: Clip) -> tuple[Axes, Axes, Axes]:
+def _movie_axes(figure: Figure, clip: Clip) -> tuple[Axes, Axes, Axes]:
     """The axes of the body, of the footfalls and of the time bar, from top to bottom."""
     tall = figure.get_figheight()
     chart = _chart_height(clip, tall)
     head, foot = 0.34 / tall, 0.62 / tall
     between = 0.2 / tall
     view = figure.add_axes((0.0, foot + chart + between, 1.0, 1.0 - head - between - chart - foot))
-    falls = figure.add_axes((_LEFT, foot, _RIGHT - _LEFT, chart))
-    bar = figure.add_axes((_LEFT, 0.13 / tall, _RIGHT - _LEFT, 0.06 / tall))
-    figure.text(_EDGE, 1.0 - 0.5 * head, settable(clip.title), va="center", fontsize=10, weight="bold")
-    for x, text, side in ((_EDGE, "feet on the ground", "left"), (_RIGHT, clip.skeleton.note, "right")):
+    falls = figure.add_axes((_CHART_LEFT, foot, _CHART_RIGHT - _CHART_LEFT, chart))
+    bar = figure.add_axes((_CHART_LEFT, 0.13 / tall, _CHART_RIGHT - _CHART_LEFT, 0.06 / tall))
+    figure.text(_MARGIN, 1.0 - 0.5 * head, settable(clip.title), va="center", fontsize=10, weight="bold")
+    for x, text, side in (
+        (_MARGIN, "feet on the ground", "left"),
+        (_CHART_RIGHT, clip.skeleton.note, "right"),
+    ):
         figure.text(x, foot + chart + 0.03 / tall, text, ha=side, va="bottom", fontsize=7.5, color=_INK)
-    figure.text(_RIGHT, 1.0 - head - 0.02 / tall, _FORWARD, ha="right", va="top", fontsize=8, color=_INK)
+    figure.text(
+        _CHART_RIGHT, 1.0 - head - 0.02 / tall, _FORWARD, ha="right", va="top", fontsize=8, color=_INK
+    )
     return view, falls, bar
 
 
@@ -188,40 +196,40 @@ def _time_bar(axes: Axes, clip: Clip) -> Rectangle:
 
 
 @contextlib.contextmanager
-def _sheet(size: tuple[int, int]) -> Iterator[tuple[Figure, FigureCanvasAgg]]:
-    """An empty figure of a given size in pixels, always `_WIDE` inches wide."""
+def _blank_figure(size: tuple[int, int]) -> Iterator[tuple[Figure, FigureCanvasAgg]]:
+    """An empty figure of a given size in pixels, always `_FRAME_WIDTH` inches wide."""
     width, height = size
-    with theme.canvas(_WIDE, _WIDE * height / width) as figure:
+    with theme.canvas(_FRAME_WIDTH, _FRAME_WIDTH * height / width) as figure:
         figure.set_layout_engine("none")
-        figure.set_dpi(width / _WIDE)
+        figure.set_dpi(width / _FRAME_WIDTH)
         yield figure, FigureCanvasAgg(figure)
 
 
-def still(clip: Clip, size: tuple[int, int], scene: Drawn = side_view) -> Figure:
+def still(clip: Clip, size: tuple[int, int], scene: DrawBody = side_view) -> Figure:
     """Numbered poses of a clip of a period or less, side by side, above the footfalls that mark their times.
 
     `size` is the width and height in pixels; `scene` draws a pose in its axes.
     """
     half, height, _ = bounds(clip.skeleton, clip.camera)
-    lines = 2 if half > _LONG * height else 1
+    lines = 2 if half > _TWO_LINES_FROM * height else 1
     columns = -(-len(clip.t) // lines)
-    with _sheet(size) as (figure, _):
+    with _blank_figure(size) as (figure, _):
         tall = figure.get_figheight()
         head, foot, between = 0.3 / tall, 0.38 / tall, 0.2 / tall
         chart = _chart_height(clip, tall)
-        figure.text(_EDGE, 1.0 - 0.5 * head, settable(clip.title), va="center", fontsize=10, weight="bold")
-        figure.text(_RIGHT, 1.0 - 0.5 * head, _FORWARD, ha="right", va="center", fontsize=8, color=_INK)
+        figure.text(_MARGIN, 1.0 - 0.5 * head, settable(clip.title), va="center", fontsize=10, weight="bold")
+        figure.text(_CHART_RIGHT, 1.0 - 0.5 * head, _FORWARD, ha="right", va="center", fontsize=8, color=_INK)
         low = foot + chart + between
         wide, high = 1.0 / columns, (1.0 - head - low) / lines
         for k in range(len(clip.t)):
             line, column = divmod(k, columns)
             axes = figure.add_axes((column * wide, 1.0 - head - (line + 1) * high, wide, high))
-            scene(axes, clip, False).show(k)
+            scene(axes, clip, named=False).show(k)
             axes.text(0.04, 0.98, str(k + 1), transform=axes.transAxes, va="top", fontsize=9, weight="bold")
-        axes = figure.add_axes((_LEFT, foot, _RIGHT - _LEFT, chart))
+        axes = figure.add_axes((_CHART_LEFT, foot, _CHART_RIGHT - _CHART_LEFT, chart))
         falls = Footfalls(axes, clip.skeleton.limbs, clip.contact_t, clip.contact)
-        falls.window(float(clip.t[0]), float(clip.t[0]) + clip.period)
-        falls.moments([float(t) for t in clip.t])
+        falls.set_window(float(clip.t[0]), float(clip.t[0]) + clip.period)
+        falls.mark_times([float(t) for t in clip.t])
     return figure
 
 

@@ -18,9 +18,9 @@ from gaitsweep.table import replace_file
 
 # Colours of a GIF, and those that are kept exactly: the others are shades along the edges of what is drawn.
 # More colours make a larger file, and look the same.
-_COLOURS, _EXACT = 64, 48
-_NEAR = 8  # of 255; Pillow looks colours up in steps of 4, so it may confuse colours this near
-_PLACES = np.array([65536, 256, 1], np.uint32)
+_COLOURS, _EXACT_COLOURS = 64, 48
+_SAME_COLOUR_WITHIN = 8  # of 255; Pillow looks colours up in steps of 4, so it may confuse colours this near
+_RGB_PLACES = np.array([65536, 256, 1], np.uint32)  # of the channels in a colour as one number
 FORMATS = (".gif", ".mp4")
 
 
@@ -68,20 +68,25 @@ def _gif(
     first = next(frames)
     palette = _palette(first, colours)
 
-    def painted(frame: UInt8[np.ndarray, "height width 3"]) -> Image.Image:
+    def in_palette(frame: UInt8[np.ndarray, "height width 3"]) -> Image.Image:
         return Image.fromarray(frame).quantize(palette=palette, dither=Image.Dither.NONE)
 
-    options = {"append_images": map(painted, frames), "duration": 1000.0 / fps, "loop": 0, "optimize": True}
-    painted(first).save(file, format="GIF", save_all=True, **options)
+    options = {
+        "append_images": map(in_palette, frames),
+        "duration": 1000.0 / fps,
+        "loop": 0,
+        "optimize": True,
+    }
+    in_palette(first).save(file, format="GIF", save_all=True, **options)
 
 
 def _palette(picture: UInt8[np.ndarray, "height width 3"], colours: Sequence[str]) -> Image.Image:
     """The `_COLOURS`: the given ones, the most frequent ones of this frame, and means of the others."""
-    packed, counts = np.unique(picture.astype(np.uint32) @ _PLACES, return_counts=True)
-    frequent = packed[np.argsort(-counts, kind="stable")[: 4 * _EXACT], None] // _PLACES % 256
+    packed, counts = np.unique(picture.astype(np.uint32) @ _RGB_PLACES, return_counts=True)
+    frequent = packed[np.argsort(-counts, kind="stable")[: 4 * _EXACT_COLOURS], None] // _RGB_PLACES % 256
     means = Image.fromarray(picture).quantize(_COLOURS, dither=Image.Dither.NONE).getpalette() or []
     wanted = np.round(255 * np.array([to_rgb(colour) for colour in colours])).reshape(-1, 3)
-    exact = _distinct([*wanted, *frequent])[:_EXACT]
+    exact = _distinct([*wanted, *frequent])[:_EXACT_COLOURS]
     entries = _distinct([*exact, *np.reshape(means, (-1, 3))])[:_COLOURS]
     palette = Image.new("P", (1, 1))
     palette.putpalette(np.array(entries, np.uint8).ravel().tolist())
@@ -92,7 +97,7 @@ def _distinct(colours: Sequence[Real[np.ndarray, 3]]) -> list[Int[np.ndarray, 3]
     """The colours without those that are near an earlier one."""
     distinct: list[Int[np.ndarray, 3]] = []
     for colour in colours:
-        if all(np.abs(colour.astype(int) - other).max() > _NEAR for other in distinct):
+        if all(np.abs(colour.astype(int) - other).max() > _SAME_COLOUR_WITHIN for other in distinct):
             distinct.append(colour.astype(int))
     return distinct
 

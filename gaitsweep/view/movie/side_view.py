@@ -127,9 +127,9 @@ class Ground:
         self._step = round_step(width / _MARKS)
         self._marks = LineCollection([], colors=_MARK, linewidths=0.9, zorder=1)
         axes.add_collection(self._marks, autolim=False)
-        look = {"color": _INK, "fontsize": 6.5, "ha": "left", "va": "bottom", "zorder": 1.2, "clip_on": True}
+        style = {"color": _INK, "fontsize": 6.5, "ha": "left", "va": "bottom", "zorder": 1.2, "clip_on": True}
         count = 2 * _MARKS + 4 if named else 0
-        self._labels = [axes.text(0.0, self.near, "", **look) for _ in range(count)]
+        self._labels = [axes.text(0.0, self.near, "", **style) for _ in range(count)]
 
     def show(self, place: float) -> None:
         """Move the marks for a frame whose middle is at `place` (m) along the ground."""
@@ -241,8 +241,8 @@ class SideView:
             roots[:, :2] -= self._camera
             place = float(projected(roots)[:, 0].mean())
             y, alignment = (high, "bottom") if limb.far else (low, "top")
-            look = {"color": colour, "ha": "center", "va": alignment, "weight": "bold", "fontsize": 8}
-            self._axes.text(place, y, settable(limb.name), **look)
+            style = {"color": colour, "ha": "center", "va": alignment, "weight": "bold", "fontsize": 8}
+            self._axes.text(place, y, settable(limb.name), **style)
 
 
 def _hull(points: Float[np.ndarray, "points 2"]) -> Float[np.ndarray, "corners 2"]:

@@ -11,7 +11,7 @@ from jaxtyping import Array, Bool, Float
 
 from gaitsweep.contract import Chart, Quantity
 from gaitsweep.dynamics import wrapped
-from gaitsweep.papers.ambe2021.multilegged.state import CONTACT_DEPTH, Params
+from gaitsweep.papers.ambe2021.multilegged.state import CONTACT_DEPTH, Params, State
 
 # A leg farther than this (m) from its touchdown height is not on the section.
 SECTION_TOLERANCE = 1e-8
@@ -55,18 +55,18 @@ class MultileggedChart(_ChainChart):
             *(Quantity(f"y_{i}", "rad/s", f"lag of oscillator {i}") for i in legs),
         )
 
-    def to_coordinates(self, params: Any, state: Any) -> Float[Array, " coordinates"]:
+    def to_coordinates(self, params: Params, state: State) -> Float[Array, " coordinates"]:
         psi = wrapped(state.phi[1:] - state.phi[:-1])
         return jnp.concatenate([psi, state.phi[:1], state.x[1:], state.v, state.y])
 
-    def from_coordinates(self, params: Any, at: Float[Array, " coordinates"], modes: Any) -> Any:
+    def from_coordinates(self, params: Params, at: Float[Array, " coordinates"], modes: State) -> State:
         n = self.N
         psi, phi_1, x, v, y = jnp.split(at, [n, n + 1, 2 * n + 1, 3 * n + 2])
         phi = _in_segments(jnp.cumsum(jnp.concatenate([phi_1, psi])), modes)
         touching = _touching(params, phi[:1]) - CONTACT_DEPTH
         return dataclasses.replace(modes, phi=phi, x=jnp.concatenate([touching, x]), v=v, y=y)
 
-    def covers(self, params: Any, state: Any) -> Bool[Array, ""]:
+    def covers(self, params: Params, state: State) -> Bool[Array, ""]:
         """Whether leg 1 has landed; its phase can also pass 2 pi without a landing."""
         gap = state.x[0] - _touching(params, state.phi[0])
         return state.landed & (jnp.abs(gap) < SECTION_TOLERANCE)

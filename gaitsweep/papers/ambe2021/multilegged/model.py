@@ -107,6 +107,7 @@ class ChainModel(MultileggedDrawing, HybridModel):
         return (*self._psi("on section 1"), landed)
 
     def _psi(self, where: str) -> tuple[Quantity, ...]:
+        """The relative phases, eq. (7), at the start or on the section."""
         return tuple(
             Quantity(
                 f"psi_{i}",

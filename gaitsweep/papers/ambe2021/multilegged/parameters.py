@@ -16,8 +16,7 @@ _TABLE_1 = "Ambe 2021, Table 1"
 _EQ_31, _EQ_32 = "eq. (31)", "eq. (32)"  # the equations in which head and tail differ
 
 
-def _positive(name: str, unit: str, meaning: str, default: float | str, symbol: str, source: str) -> Quantity:
-    return Quantity(name, unit, meaning, default, low=0.0, open_ends=True, symbol=symbol, source=source)
+_positive = Quantity.positive
 
 
 PARAMETERS = (

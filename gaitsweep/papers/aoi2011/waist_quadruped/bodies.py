@@ -1,16 +1,18 @@
 """The rigid-body dynamics: gaitsweep's articulated tree, or MJX compiled for each row's body."""
 
+# MuJoCo's compiled modules come without types.
+# pyright: reportAttributeAccessIssue=false
+
 from __future__ import annotations
 
 import abc
 from collections.abc import Mapping
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
 
 from gaitsweep.dynamics import worked_in
 from gaitsweep.dynamics.tree import PointForce, integrate
@@ -33,45 +35,55 @@ from gaitsweep.papers.aoi2011.waist_quadruped.sizes import (
 from gaitsweep.papers.aoi2011.waist_quadruped.state import State
 
 if TYPE_CHECKING:
+    import mujoco
+
     from gaitsweep.dynamics.mjx import MjxBody, Variants
 
 
 class WaistBody(abc.ABC):
     """The rigid-body dynamics of the quadruped: positions of the feet, a step, and values of a row."""
 
+    compiled_of: tuple[str, ...] = ()  # the parameters for whose values the host compiles the body
+
     @property
-    def compiled_of(self) -> tuple[str, ...]:
-        """The parameters that `on_host` needs."""
-        return ()
-
-    def on_host(
-        self, values: Mapping[str, Float[np.ndarray, " rows"]]
-    ) -> dict[str, Float[np.ndarray, "rows ..."]]:
-        """`Model.on_host` of the quadruped with this body."""
-        return dict(values)
-
-    def numbers(self, values: Mapping[str, jax.Array]) -> dict[str, jax.Array]:
-        """`WaistMechanics.numbers` of a row's values."""
-        return {}
+    @abc.abstractmethod
+    def variants(self) -> Variants | None:
+        """The bodies that the host compiles for rows' values; None where it compiles none."""
 
     @abc.abstractmethod
     def feet(self, m: WaistMechanics, s: State, dt: jax.Array) -> tuple[jax.Array, jax.Array]:
-        """As `WaistMechanics.feet`, in the precision of a step of `dt`."""
+        """As `WaistMechanics.feet`, in the precision of a step.
+
+        Args:
+            m, s: the mechanics and the state of a row.
+            dt: duration of the step, s; its dtype is the precision.
+        """
 
     @abc.abstractmethod
-    def moved(
+    def stepped(
         self, m: WaistMechanics, s: State, tau: jax.Array, forces: list[PointForce], dt: jax.Array
     ) -> tuple[jax.Array, jax.Array]:
-        """Q (16,) and v (15,) after a step of `dt` (s) with joint forces `tau` (15,) and ground forces."""
+        """Positions (16,) and velocities (15,) after a step.
+
+        Args:
+            m, s: the mechanics and the state of a row.
+            tau: generalised forces of the joints, (15,).
+            forces: forces of the ground on the feet.
+            dt: duration of the step, s.
+        """
 
 
 class WaistTreeBody(WaistBody):
     """The body as gaitsweep's articulated tree."""
 
+    @property
+    def variants(self) -> None:
+        return None
+
     def feet(self, m: WaistMechanics, s: State, dt: jax.Array) -> tuple[jax.Array, jax.Array]:
         return worked_in(dt.dtype, WaistMechanics.feet)(m, s.q, s.v)
 
-    def moved(
+    def stepped(
         self, m: WaistMechanics, s: State, tau: jax.Array, forces: list[PointForce], dt: jax.Array
     ) -> tuple[jax.Array, jax.Array]:
         v = s.v + dt * worked_in(dt.dtype, WaistMechanics.accelerations)(m, s.q, s.v, tau, forces)
@@ -80,11 +92,18 @@ class WaistTreeBody(WaistBody):
 
 # Table I's masses (kg) and lengths (m), and places of hips and bodies (m), those of the MJCF.
 _TABLE_1 = {
-    **{f"{body}_mass": 1.0 for body in ("front", "rear")},
-    **{f"{body}_{size}": BODY_SIZE for body in ("front", "rear") for size in ("length", "width")},
+    "front_mass": 1.0,
+    "rear_mass": 1.0,
+    "front_length": BODY_SIZE,
+    "front_width": BODY_SIZE,
+    "rear_length": BODY_SIZE,
+    "rear_width": BODY_SIZE,
     "link_mass": LINK_MASS,
     "link_length": LINK_LENGTH,
-    **{f"{body}_hip_{axis}": at for axis, at in (("x", HIP_X), ("y", HIP_Y)) for body in ("front", "rear")},
+    "front_hip_x": HIP_X,
+    "rear_hip_x": HIP_X,
+    "front_hip_y": HIP_Y,
+    "rear_hip_y": HIP_Y,
     "body_distance": BODY_SIZE,
 }
 _LEVEL = dict(zip(HEIGHT_NAMES, (BODY_HEIGHT, BODY_HEIGHT, 0.0, 0.0, 0.0), strict=True))
@@ -97,25 +116,18 @@ class WaistMjxBody(WaistBody):
         level: whether hips and the waist's axis are level with the centres of mass.
     """
 
-    def __init__(self, level: bool) -> None:
-        self.level = level
+    def __init__(self, *, level: bool) -> None:
+        self._level = level
+        self.compiled_of = tuple(_TABLE_1) if level else (*_TABLE_1, *HEIGHT_NAMES)
 
     @property
-    def compiled_of(self) -> tuple[str, ...]:
-        return tuple(_TABLE_1) if self.level else (*_TABLE_1, *HEIGHT_NAMES)
-
-    def on_host(
-        self, values: Mapping[str, Float[np.ndarray, " rows"]]
-    ) -> dict[str, Float[np.ndarray, "rows ..."]]:
-        return variants(self.level).on_host(values)
-
-    def numbers(self, values: Mapping[str, jax.Array]) -> dict[str, jax.Array]:
-        return variants(self.level).of_row(values)
+    def variants(self) -> Variants:
+        return compiled_variants(level=self._level)
 
     def feet(self, m: WaistMechanics, s: State, dt: jax.Array) -> tuple[jax.Array, jax.Array]:
         return mjx_body().points(_numbers(m), s.q, s.v)
 
-    def moved(
+    def stepped(
         self, m: WaistMechanics, s: State, tau: jax.Array, forces: list[PointForce], dt: jax.Array
     ) -> tuple[jax.Array, jax.Array]:
         numbers = {**_numbers(m), "opt.gravity": m.gravity()}
@@ -141,11 +153,11 @@ def mjx_body() -> MjxBody:
 
 
 @cache
-def variants(level: bool) -> Variants:
+def compiled_variants(*, level: bool) -> Variants:
     """The bodies with other masses and lengths, and other heights where they are not level."""
     from gaitsweep.dynamics.mjx import Variants, rescale
 
-    def edit(spec: Any, values: Mapping[str, float]) -> None:
+    def edit(spec: mujoco.MjSpec, values: Mapping[str, float]) -> None:
         sizes = sizes_of(values)
         rescale(spec, *factors(sizes, np.stack))
         hips, centre = displacements(sizes, np.stack)
@@ -153,4 +165,5 @@ def variants(level: bool) -> Variants:
             spec.body(name).pos = spec.body(name).pos + by
         spec.body("rear").ipos = spec.body("rear").ipos + centre
 
-    return Variants(mjcf(), edit, _TABLE_1 if level else _TABLE_1 | _LEVEL)
+    usual = _TABLE_1 if level else _TABLE_1 | _LEVEL
+    return Variants(mjcf(), edit, usual)

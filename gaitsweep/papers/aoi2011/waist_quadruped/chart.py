@@ -8,7 +8,6 @@ circle is a fixed point.
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
 
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
@@ -17,6 +16,7 @@ from gaitsweep.contract import Chart, Quantity
 from gaitsweep.dynamics import wrapped
 from gaitsweep.dynamics.tree import tilt_and_heading, tilted
 from gaitsweep.papers.aoi2011.waist_quadruped.sizes import LIMBS
+from gaitsweep.papers.aoi2011.waist_quadruped.state import Params, State
 
 # If foot 3 is farther than this (m) from the ground, its limb has landed by its phase, not by a touchdown.
 SECTION_TOLERANCE = 1e-8
@@ -60,7 +60,7 @@ class LandingChart(Chart):
             *(Quantity(f"landing_z_{i}", "m", f"desired z of foot {i} at its landing") for i in limbs),
         )
 
-    def to_coordinates(self, params: Any, state: Any) -> Float[Array, " coordinates"]:
+    def to_coordinates(self, params: Params, state: State) -> Float[Array, " coordinates"]:
         s = state
         up, turn = tilt_and_heading(s.q[3:7])
         deltas = wrapped(jnp.stack([s.phi[0] - s.phi[2], s.phi[0] - s.phi[1], s.phi[2] - s.phi[3]]))
@@ -72,7 +72,7 @@ class LandingChart(Chart):
             ]
         )  # fmt: skip
 
-    def from_coordinates(self, params: Any, at: Float[Array, " coordinates"], modes: Any) -> Any:
+    def from_coordinates(self, params: Params, at: Float[Array, " coordinates"], modes: State) -> State:
         ends = [sum(_PARTS[: k + 1]) for k in range(len(_PARTS) - 1)]
         phases, up, joints, linear, spin, rates, anchors, x, z = jnp.split(at, ends)
         phi_1 = phases[3] + phases[0]
@@ -94,6 +94,6 @@ class LandingChart(Chart):
             stride_t=modes.clock,
         )
 
-    def covers(self, params: Any, state: Any) -> Bool[Array, ""]:
+    def covers(self, params: Params, state: State) -> Bool[Array, ""]:
         height = params.mechanics.feet(state.q, state.v)[0][2, 2]
         return state.contact[2] & (jnp.abs(height) < SECTION_TOLERANCE) & ~state.held & ~state.growing

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 
 import numpy as np
 from jaxtyping import Float
@@ -16,9 +16,9 @@ from gaitsweep.papers.aoi2011.waist_quadruped.sizes import LIMBS, displacements,
 
 NAMES = ("right fore", "left fore", "right hind", "left hind")
 LOOKS = tuple(LimbLook(name, pair=i // 2, far=bool(i % 2)) for i, name in enumerate(NAMES))
-# Corners of a box in halves of its size; a quarter next to the waist is left out, so that the spring is
-# visible.
+# Where a box ends towards the waist, in halves of its size: short of it, so that the spring is visible.
 _GAP = 0.75
+# Corners of the boxes, in halves of their sizes.
 _FRONT = np.array([(x, y, z) for x in (-_GAP, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
 _REAR = _FRONT * [-1.0, 1.0, 1.0]
 
@@ -35,29 +35,30 @@ def scaled_mjcf(values: Mapping[str, float]) -> str:
     root = ElementTree.fromstring(mjcf())
     link_factor = np.full(3, factor_by_body["upper_1"])
     for geom in root.findall("default//geom[@fromto]"):
-        _edit(geom, "fromto", lambda at: at * np.tile(link_factor, 2))
+        _change(geom, "fromto", factor=np.tile(link_factor, 2))
     for body in root.iter("body"):
         body_factor = factor_by_body.get(str(body.get("name")), link_factor) * np.ones(3)
         for part in body:
             if part.get("pos"):
-                _edit(part, "pos", lambda at, by=body_factor: at * by)
+                _change(part, "pos", factor=body_factor)
             if part.get("type") == "box":
-                _edit(part, "size", lambda at, by=body_factor: at * by)
-        if (by := moved_by_body.get(str(body.get("name")))) is not None:
-            _edit(body, "pos", lambda at, by=by: at + by)
+                _change(part, "size", factor=body_factor)
+        if (displacement := moved_by_body.get(str(body.get("name")))) is not None:
+            _change(body, "pos", displacement=displacement)
         if body.get("name") == "rear":
             for part in (*body.findall("inertial"), *body.findall("geom")):
-                _edit(part, "pos", lambda at: at + centre)
+                _change(part, "pos", displacement=centre)
     return ElementTree.tostring(root, encoding="unicode")
 
 
-def _edit(
+def _change(
     element: ElementTree.Element,
     key: str,
-    change: Callable[[Float[np.ndarray, " numbers"]], Float[np.ndarray, " numbers"]],
+    factor: Float[np.ndarray, " numbers"] | float = 1.0,
+    displacement: Float[np.ndarray, " numbers"] | float = 0.0,
 ) -> None:
-    """Replace the numbers of an attribute, without rounding."""
-    numbers = change(np.array(element.attrib[key].split(), float))
+    """Scale the numbers of an attribute and add a displacement (m), without rounding their text."""
+    numbers = np.array(element.attrib[key].split(), float) * factor + displacement
     element.set(key, " ".join(repr(float(number)) for number in numbers))
 
 
@@ -95,8 +96,8 @@ class WaistDrawing:
             data.qpos = q
             mujoco.mj_kinematics(model, data)
             for i in LIMBS:
-                limb = [data.body(f"{part}_{i + 1}").xpos for part in ("upper", "lower")]
-                limbs[i, k] = [*limb, data.site(f"foot_{i + 1}").xpos]
+                hip, knee = data.body(f"upper_{i + 1}").xpos, data.body(f"lower_{i + 1}").xpos
+                limbs[i, k] = [hip, knee, data.site(f"foot_{i + 1}").xpos]
             for side, (geom, corners) in enumerate(zip(geoms, (_FRONT, _REAR), strict=True)):
                 across = data.geom_xmat[geom].reshape(3, 3) * model.geom_size[geom]
                 boxes[side, k] = data.geom_xpos[geom] + corners @ across.T

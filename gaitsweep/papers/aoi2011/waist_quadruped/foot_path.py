@@ -55,7 +55,8 @@ class FootPath:
             segment: STANCE, EARLY, LATE or BEYOND.
             landing: desired x and z at the last landing (LP), m.
         """
-        standing, swinging = segment == STANCE, (segment == EARLY) | (segment == LATE)
+        standing = segment == STANCE
+        swinging = (segment == EARLY) | (segment == LATE)
         turn = TWO_PI * (phi / self.phi_AEP)
         progress = self.progress(phi)
         # one angle serves both curves, since a limb follows one of them
@@ -92,5 +93,10 @@ class FootPath:
         return (phi - self.phi_AEP) / (TWO_PI - self.phi_AEP)
 
     def line(self, x: jax.Array, z: jax.Array, progress: jax.Array) -> tuple[jax.Array, jax.Array]:
-        """The point on the line from (x, z) (m) to the PEP, at a `progress` of 0 to 1."""
+        """The point, x and z in m, on the line to the PEP.
+
+        Args:
+            x, z: beginning of the line, m.
+            progress: place on the line, 0 to 1.
+        """
         return x + (self.PEP - x) * progress, z + (-self.H - z) * progress

@@ -215,7 +215,13 @@ class WaistMechanics:
     def accelerations(
         self, q: jax.Array, v: jax.Array, tau: jax.Array, forces: list[PointForce]
     ) -> jax.Array:
-        """dv/dt (15,), eq. (1)."""
+        """dv/dt (15,), eq. (1).
+
+        Args:
+            q, v: positions (16,) and velocities (15,) of the tree.
+            tau: generalised forces of the joints, (15,).
+            forces: forces of the ground on the feet.
+        """
         tree, _ = body()
         return jnp.asarray(forward_dynamics(tree, self.geometry(), q, v, tau, forces, gravity=self.gravity()))
 

@@ -34,7 +34,7 @@ from gaitsweep.papers.aoi2011.waist_quadruped.fastest_motion import fastest_moti
 from gaitsweep.papers.aoi2011.waist_quadruped.foot_path import SWINGS
 from gaitsweep.papers.aoi2011.waist_quadruped.mechanics import RELEASE_HEIGHT, WaistMechanics
 from gaitsweep.papers.aoi2011.waist_quadruped.parameters import FRICTION, HEIGHTS, PARAMETERS
-from gaitsweep.papers.aoi2011.waist_quadruped.posture import fallen
+from gaitsweep.papers.aoi2011.waist_quadruped.posture import has_fallen
 from gaitsweep.papers.aoi2011.waist_quadruped.readings import OBSERVABLES, SIGNALS, observed, signalled
 from gaitsweep.papers.aoi2011.waist_quadruped.rhythm import (
     after_events,
@@ -117,8 +117,8 @@ class WaistQuadruped(WaistDrawing, HybridModel):
         return ("float64", "mixed") if self.body == "tree" else ("float64",)
 
     @property
-    def _mover(self) -> WaistBody:
-        return WaistTreeBody() if self.body == "tree" else WaistMjxBody(self.heights == "level")
+    def _rigid_body(self) -> WaistBody:
+        return WaistTreeBody() if self.body == "tree" else WaistMjxBody(level=self.heights == "level")
 
     @property
     def parameters(self) -> tuple[Quantity, ...]:
@@ -144,21 +144,23 @@ class WaistQuadruped(WaistDrawing, HybridModel):
 
     @property
     def host_parameters(self) -> tuple[str, ...]:
-        return self._mover.compiled_of
+        return self._rigid_body.compiled_of
 
     def on_host(
         self, values: Mapping[str, Float[np.ndarray, " rows"]]
     ) -> dict[str, Float[np.ndarray, "rows ..."]]:
-        return self._mover.on_host(values)
+        variants = self._rigid_body.variants
+        return dict(values) if variants is None else variants.on_host(values)
 
     def params(self, values: Mapping[str, Float[Array, " ..."]]) -> Params:
         v = {name: jnp.asarray(value) for name, value in values.items()}
+        variants = self._rigid_body.variants
         omega_w = TWO_PI * v["f"]
         mechanics = WaistMechanics(
             kappa_w=v["kappa_0"] * omega_w * omega_w,  # eq. (8)
             sigma_w=2.0 * v["kappa_0"] * v["zeta_0"] * omega_w,
             **{f.name: v[f.name] for f in dataclasses.fields(WaistMechanics) if f.name in v},
-            numbers=self._mover.numbers(v),
+            numbers={} if variants is None else variants.of_row(v),
         )
         cycle = v["T_sw"] / (1.0 - v["beta"])  # eq. (3)
         return Params(
@@ -196,7 +198,7 @@ class WaistQuadruped(WaistDrawing, HybridModel):
 
     @property
     def recommended(self) -> Recommended:
-        return Recommended("rk4" if self.locates_events else "semi_implicit")
+        return Recommended("rk4") if self.locates_events else Recommended("semi_implicit")
 
     def fast_modes(self, params: Params) -> tuple[Float[Array, " motions"], Float[Array, " motions"]]:
         rate, damping = fastest_motion(params)
@@ -206,7 +208,7 @@ class WaistQuadruped(WaistDrawing, HybridModel):
         return jnp.stack([rate, 1.0 / slip]), jnp.stack([damping, jnp.ones_like(damping)])
 
     def fixed_step_scheme(self) -> SemiImplicit:
-        return SemiImplicit(self._mover)
+        return SemiImplicit(self._rigid_body)
 
     def guards(self, params: Params, state: State) -> Float[Array, " guards"]:
         """Phases relative to the ends of their segments, foot contacts, ends of growth and hold, (10,)."""
@@ -258,7 +260,7 @@ class WaistQuadruped(WaistDrawing, HybridModel):
 
     def failed(self, params: Params, state: State) -> Bool[Array, ""]:
         """Whether the body is too low, tilted or twisted."""
-        return fallen(state.q, params.depths()[0])
+        return has_fallen(state.q, params.depths()[0])
 
     def period(self, params: Params) -> Float[Array, ""]:
         return TWO_PI / params.omega

@@ -11,8 +11,7 @@ _TABLE_1 = "Aoi 2011, Table I"
 _SEARCH = "found by search"
 
 
-def _positive(name: str, unit: str, meaning: str, default: float | str, symbol: str, source: str) -> Quantity:
-    return Quantity(name, unit, meaning, default, low=0.0, open_ends=True, symbol=symbol, source=source)
+_positive = Quantity.positive
 
 
 def _gain(i: int, j: int, default: float = 0.0) -> Quantity:

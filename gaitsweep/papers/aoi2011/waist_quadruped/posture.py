@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -14,13 +15,18 @@ WAIST, HIP, KNEE = 11, (7, 9, 12, 14), (8, 10, 13, 15)
 
 
 def tilt(q: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Roll and pitch (rad) of the front body."""
+    """Roll and pitch (rad) of the front body at positions q (16,)."""
     ahead, side, up, norm = _rises(q)
     return jnp.arctan2(side, up), jnp.arcsin(-ahead / norm)
 
 
-def fallen(q: jax.Array, standing: jax.Array) -> jax.Array:
-    """Whether the front body is far below its height `standing` (m) or tilted, or the waist is twisted."""
+def has_fallen(q: jax.Array, standing: jax.Array) -> jax.Array:
+    """Whether the front body is far below its standing height or tilted, or the waist is twisted.
+
+    Args:
+        q: positions (16,).
+        standing: height of the front body in stance, m.
+    """
     ahead, side, up, norm = _rises(q)
     rolled = jnp.abs(side) > math.tan(FALL_TILT) * up
     pitched = jnp.abs(ahead) > math.sin(FALL_TILT) * norm
@@ -28,12 +34,21 @@ def fallen(q: jax.Array, standing: jax.Array) -> jax.Array:
     return (q[2] < FALL_HEIGHT * standing) | rolled | pitched | twisted
 
 
-def _rises(q: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array, jax.Array]:
-    """Vertical components of the body's axes times `norm`, the quaternion's squared norm, and `norm`."""
+class _Rises(NamedTuple):
+    """Vertical components of the front body's axes, each times `norm`, the quaternion's squared norm."""
+
+    ahead: jax.Array
+    side: jax.Array
+    up: jax.Array
+    norm: jax.Array
+
+
+def _rises(q: jax.Array) -> _Rises:
+    """The vertical components of the front body's axes at positions q (16,)."""
     w, x, y, z = q[3:7]
     norm = w * w + x * x + y * y + z * z
     ahead, side, up = 2.0 * (x * z - w * y), 2.0 * (y * z + w * x), w * w - x * x - y * y + z * z
-    return ahead, side, up, norm
+    return _Rises(ahead, side, up, norm)
 
 
 def joint_angles(

@@ -28,7 +28,12 @@ class Transitions(NamedTuple):
 
 
 def phase_rates(p: Params, s: State, coupling: jax.Array) -> jax.Array:
-    """Rates (4,) of the phases, rad/s, eq. (2), (6); `coupling` (rad/s) pulls delta_13 to `s.held_lead`."""
+    """Rates of the phases, (4,) rad/s, eq. (2), (6).
+
+    Args:
+        p, s: parameters and state.
+        coupling: gain with which delta_13 is pulled to `s.held_lead`, rad/s.
+    """
     fore = jnp.sin(s.phi[0] - s.phi[1] - p.delta_star_12)
     hind = jnp.sin(s.phi[2] - s.phi[3] - p.delta_star_34)
     # Delta*_ji = -Delta*_ij, so one sine serves both limbs of a pair
@@ -54,9 +59,14 @@ def corner(p: Params, segment: jax.Array) -> jax.Array:
 
 
 def transitions(s: State, at_corner: jax.Array, switched: jax.Array) -> Transitions:
-    """The transitions of limbs at the end of a segment, `at_corner` (4,), and of contacts, `switched` (4,).
+    """The transitions of limbs and of contacts.
 
     A foot in contact lands in the second part of its swing if it has been off the ground, and later always.
+
+    Args:
+        s: the state before them.
+        at_corner: whether each limb is at the end of its segment, (4,).
+        switched: whether the contact of each foot has changed, (4,).
     """
     contact = s.contact ^ switched
     wraps = at_corner & ((s.segment == STANCE) | (s.segment == BEYOND))
@@ -67,9 +77,14 @@ def transitions(s: State, at_corner: jax.Array, switched: jax.Array) -> Transiti
 
 
 def anchors(p: Params, s: State, touches: jax.Array, at: jax.Array) -> jax.Array:
-    """The points (4, 2), m, to which feet that touch down at `at` (4, 2) are held, and the others' as before.
+    """The points to which the ground holds the feet, (4, 2) m.
 
     With `anchor_kept`, a foot that comes down again within a stance is held where it was.
+
+    Args:
+        p, s: parameters, and the state before the touchdowns.
+        touches: whether each foot touches down, (4,).
+        at: where the feet are, (4, 2) m.
     """
     anew = touches & ~((s.segment == STANCE) & (p.anchor_kept > 0.0))
     return jnp.where(anew[:, None], at, s.anchor)
@@ -87,6 +102,7 @@ def landing_points(
     A limb that lands late without a reset goes on along the line from the AEP to the PEP.
 
     Args:
+        p, s: parameters, and the state before the landings.
         late: which limbs land after phi_AEP, (4,).
         desired: desired x and z (4,) of the feet at their landings.
         actual: their actual x and z (4,), times `landing_actual`.
@@ -98,7 +114,11 @@ def landing_points(
 
 
 def desired_velocities(p: Params, s: State, coupling: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Time derivatives (4,), m/s, of the desired x and z of the feet; `coupling` as for `phase_rates`."""
+    """Time derivatives of the desired x and z of the feet, (4,) m/s each.
+
+    Args:
+        p, s, coupling: as for `phase_rates`.
+    """
 
     def target(phi: jax.Array, clock: jax.Array) -> tuple[jax.Array, jax.Array]:
         return p.path(clock, s.growing).target(phi, s.segment, (s.landing_x, s.landing_z))
@@ -118,6 +138,8 @@ def after_events(
     """The state after the transitions of its limbs, without the update of anchors.
 
     Args:
+        p, s: parameters, and the state before the events.
+        now: the transitions.
         landing: x and z (4,) m of the landing points.
         over: phase (4,) rad since each landing.
         since: time (4,) s since each foot touched the ground or left it.

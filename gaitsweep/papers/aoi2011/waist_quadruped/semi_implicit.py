@@ -31,7 +31,7 @@ from gaitsweep.papers.aoi2011.waist_quadruped.rhythm import (
 )
 from gaitsweep.papers.aoi2011.waist_quadruped.state import Params, State
 
-# Largest value of dt times the fastest rate.
+# Largest value of dt times the fastest rate, below 2, the limit of stability.
 MAX_STEP_RATE = 1.25
 
 
@@ -61,7 +61,7 @@ class SemiImplicit(FixedStepDynamics):
         desired = desired_velocities(p, s, coupling) if p.damping == "rate_error" else None
         forces = m.ground_forces(at, speed, s.anchor, s.contact)
         tau = worked_in(dt.dtype, WaistMechanics.torques)(m, s.q, s.v, x, z, desired)
-        q, v = self.body.moved(m, s, tau, forces, dt)
+        q, v = self.body.stepped(m, s, tau, forces, dt)
         gain, clock = dt * phase_rates(p, s, coupling), s.clock + dt
         return dataclasses.replace(
             s,

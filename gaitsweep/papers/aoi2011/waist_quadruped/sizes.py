@@ -11,8 +11,10 @@ from typing import Any
 from gaitsweep.dynamics.tree import Geometry, Tree
 
 LIMBS = range(4)
-# The body of Table I, as in the MJCF: each body's length, width and distance, height, and hips (m); links.
-BODY_SIZE, BODY_HEIGHT, HIP_X, HIP_Y = 0.1, 0.05, 0.048, 0.05
+# The body of Table I, as in the MJCF.
+BODY_SIZE = 0.1  # m: length and width of each body, and their distance
+BODY_HEIGHT = 0.05  # m
+HIP_X, HIP_Y = 0.048, 0.05  # m, from the centre of mass of a body
 LINK_MASS, LINK_LENGTH = 0.1, 0.08  # kg, m
 # What a body has of its own where its hips and its waist's axis are not level with the centres of mass.
 HEIGHT_NAMES = ("front_height", "rear_height", "front_hip_z", "rear_hip_z", "waist_z")
@@ -24,20 +26,21 @@ def sizes_of(values: Mapping[str, Any]) -> SimpleNamespace:
 
 
 def factors(sizes: Any, stack: Callable[[list[Any]], Any]) -> tuple[dict[str, Any], dict[str, Any]]:
-    """The factors of mass and of size of each body relative to Table I, by name.
+    """The factors of mass and of size of each body and link relative to Table I, by name.
 
     Args:
         sizes: an object with `front_mass` (kg), `rear_length` (m) and so on, numbers or arrays; HEIGHT_NAMES
             are None in a level body.
         stack: the function that stacks them to an array.
     """
-    front, rear = (
-        stack([length / BODY_SIZE, width / BODY_SIZE, 1.0 if height is None else height / BODY_HEIGHT])
-        for length, width, height in (
-            (sizes.front_length, sizes.front_width, sizes.front_height),
-            (sizes.rear_length, sizes.rear_width, sizes.rear_height),
-        )
-    )
+
+    def factor_of(length: Any, width: Any, height: Any) -> Any:
+        level = [length / BODY_SIZE, width / BODY_SIZE]
+        upwards = 1.0 if height is None else height / BODY_HEIGHT
+        return stack([*level, upwards])
+
+    front = factor_of(sizes.front_length, sizes.front_width, sizes.front_height)
+    rear = factor_of(sizes.rear_length, sizes.rear_width, sizes.rear_height)
     links = [f"{part}_{i + 1}" for part in ("upper", "lower") for i in LIMBS]
     mass = {"front": sizes.front_mass, "rear": sizes.rear_mass}  # 1 kg each in Table I
     mass |= dict.fromkeys(links, sizes.link_mass / LINK_MASS)
@@ -60,12 +63,16 @@ def displacements(sizes: Any, stack: Callable[[list[Any]], Any]) -> tuple[dict[s
     gap = half * front_size + half * rear_size - sizes.body_distance
     front = sizes.front_hip_x - HIP_X * front_size, sizes.front_hip_y - HIP_Y * front_width
     rear = gap + (HIP_X * rear_size - sizes.rear_hip_x), sizes.rear_hip_y - HIP_Y * rear_width
-    level, heights = sizes.waist_z is None, (sizes.front_hip_z, sizes.rear_hip_z, sizes.waist_z)
-    front_z, rear_z, axis = (0.0, 0.0, 0.0) if level else heights
-    moved = {} if level else {"rear": stack([0.0, 0.0, axis])}
+    if sizes.waist_z is None:  # a level body
+        front_z, rear_z, axis = 0.0, 0.0, 0.0
+        moved = {}
+    else:
+        front_z, rear_z, axis = sizes.front_hip_z, sizes.rear_hip_z, sizes.waist_z
+        moved = {"rear": stack([0.0, 0.0, axis])}
     for i in LIMBS:
         x, y, z = (*front, front_z) if i < 2 else (*rear, rear_z - axis)
-        moved[f"upper_{i + 1}"] = stack([x, y if i % 2 else -y, z])
+        across = y if i % 2 else -y  # limbs 2 and 4 are on the left
+        moved[f"upper_{i + 1}"] = stack([x, across, z])
     return moved, stack([gap, 0.0, -axis])
 
 

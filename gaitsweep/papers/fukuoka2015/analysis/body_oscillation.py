@@ -45,13 +45,17 @@ def body_oscillation(trace: pd.DataFrame) -> pd.DataFrame:
 def harmonics(
     phase: Float[np.ndarray, " samples"], signal: Float[np.ndarray, " samples"]
 ) -> tuple[float, float]:
-    """The amplitudes of a signal at once and twice the frequency of its phase, in cycles."""
-    once, twice = (2.0 * np.abs(np.mean(signal * np.exp(-2j * np.pi * part * phase))) for part in (1, 2))
+    """The amplitudes of a signal at once and twice the frequency of its phase (cycles), in its unit."""
+    once = 2.0 * np.abs(np.mean(signal * np.exp(-2j * np.pi * phase)))
+    twice = 2.0 * np.abs(np.mean(signal * np.exp(-4j * np.pi * phase)))
     return float(once), float(twice)
 
 
 def family_oscillation(trace: pd.DataFrame) -> pd.DataFrame:
-    """The mean of `body_oscillation` for each set of parameters and family of gaits, repetitions pooled."""
+    """The mean of `body_oscillation` for each set of parameters and family of gaits, repetitions pooled.
+
+    Args, raises: as for `body_oscillation`.
+    """
     oscillation = body_oscillation(trace)
     oscillation["family"] = [family(str(gait)) for gait in oscillation["gait"]]
     names = list(oscillation.columns)

@@ -54,7 +54,7 @@ def gaits_along(
     named = [name for name in named_cycles.columns if name.startswith(("delta_", "gait"))]
     along = pd.concat([along, named_cycles[named]], axis=1)
     along["family"] = [family(gait) for gait in along["gait"].astype(str)]
-    return along.assign(**_beside(table, along))
+    return along.assign(**_means_in_windows(table, along))
 
 
 def gait_bouts(along: pd.DataFrame, by: str = "family", least: int = 2) -> pd.DataFrame:
@@ -69,25 +69,31 @@ def gait_bouts(along: pd.DataFrame, by: str = "family", least: int = 2) -> pd.Da
         One record a bout: row, `by`, begin and end (s, middles of the first and last window), windows, and
         the values of the other numbers of `along` in these two windows (speed_begin, speed_end, ...).
     """
-    numbers = [name for name in along.columns if name not in ("row", "begin", "end", "t")]
-    numbers = [name for name in numbers if pd.api.types.is_numeric_dtype(along[name])]
+    numeric = [
+        name
+        for name in along.columns
+        if name not in ("row", "begin", "end", "t") and pd.api.types.is_numeric_dtype(along[name])
+    ]
     records: list[dict[str, Any]] = []
-    for row, cycles in along.groupby("row", sort=True):
-        names = cycles[by].astype(str).to_numpy()
-        steady = np.concatenate([part for part in _runs(names) if len(part) >= least] or [np.zeros(0, int)])
-        for part in _runs(names[steady]):
-            at = cycles.iloc[steady[part]]
-            ends = {f"{n}_{e}": at[n].iloc[i] for n in numbers for e, i in (("begin", 0), ("end", -1))}
-            times = {"begin": at["t"].iloc[0], "end": at["t"].iloc[-1], "windows": len(at)}
-            records.append({"row": row, by: names[steady[part[0]]], **times, **ends})
+    for row, windows in along.groupby("row", sort=True):
+        names = windows[by].astype(str).to_numpy()
+        long_runs = [run for run in _runs(names) if len(run) >= least]
+        steady = np.concatenate([*long_runs, np.zeros(0, int)])
+        for run in _runs(names[steady]):
+            bout = windows.iloc[steady[run]]
+            record = {"row": row, by: names[steady[run[0]]]}
+            record |= {"begin": bout["t"].iloc[0], "end": bout["t"].iloc[-1], "windows": len(bout)}
+            for name in numeric:
+                record |= {f"{name}_begin": bout[name].iloc[0], f"{name}_end": bout[name].iloc[-1]}
+            records.append(record)
     return pd.DataFrame(records or {"row": [], by: []})
 
 
 def _windows(onsets: pd.DataFrame, cycles: int) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Windows of some cycles of LF (row, begin, end), and the onsets inside, with their window as row."""
     row, t = onsets["row"].to_numpy(), onsets["t"].to_numpy(float)
-    at = np.flatnonzero((onsets["leg"] == "LF").to_numpy())
-    first, last = at[:-cycles], at[cycles:]
+    onsets_of_LF = np.flatnonzero((onsets["leg"] == "LF").to_numpy())
+    first, last = onsets_of_LF[:-cycles], onsets_of_LF[cycles:]
     first, last = first[row[first] == row[last]], last[row[first] == row[last]]
     begin, end = t[first], t[last]
     # half a cycle on either side: the other leg of a pair may begin before LF does, or after
@@ -110,11 +116,11 @@ def _runs(names: Shaped[np.ndarray, " windows"]) -> list[Int[np.ndarray, " run"]
     return [part for part in np.split(np.arange(len(names)), turns) if len(part)]
 
 
-def _beside(table: pd.DataFrame, along: pd.DataFrame) -> dict[str, Float[np.ndarray, " windows"]]:
+def _means_in_windows(table: pd.DataFrame, along: pd.DataFrame) -> dict[str, Float[np.ndarray, " windows"]]:
     """Speed, moving parameter and pass in each window, if the table has them."""
     run = table.attrs.get("job", {}).get("run", {})
-    straight = [name for name in (run.get("parameter"), "x", "speed_n") if name in table.columns]
-    columns = {name: np.full(len(along), np.nan) for name in straight}
+    interpolated = [name for name in (run.get("parameter"), "x", "speed_n") if name in table.columns]
+    columns = {name: np.full(len(along), np.nan) for name in interpolated}
     if "pass" in table.columns:
         columns["pass"] = np.full(len(along), np.nan)
     of_row = along.groupby("row").indices
@@ -125,7 +131,7 @@ def _beside(table: pd.DataFrame, along: pd.DataFrame) -> dict[str, Float[np.ndar
             continue
         t = trace["t"].to_numpy(float)
         begin, middle, end = (along[name].to_numpy(float)[at] for name in ("begin", "t", "end"))
-        for name in straight:
+        for name in interpolated:
             value = trace[name].to_numpy(float)
             if name == "x":
                 columns[name][at] = (np.interp(end, t, value) - np.interp(begin, t, value)) / (end - begin)
@@ -138,7 +144,7 @@ def _beside(table: pd.DataFrame, along: pd.DataFrame) -> dict[str, Float[np.ndar
     return columns if speed is None else columns | {"speed": speed}
 
 
-MIN_WINDOWS = 3  # windows of a bout
+MIN_WINDOWS = 3  # of a bout whose speeds count as those of a transition
 
 
 def speed_transitions(table: pd.DataFrame, by: Sequence[str] = (), cycles: int = 3) -> pd.DataFrame:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 
@@ -133,14 +134,14 @@ def gaits_by_threshold(
     records = []
     for threshold in thresholds:
         gait = np.asarray(gaits[f"gait_at_{threshold:g}"], str)
-        medians = {
-            kind: float(np.nanmedian(speed[np.isin(gait, members)]))
-            for kind, members in KINDS.items()
-            if np.count_nonzero(np.isfinite(speed[np.isin(gait, members)]))
-        }
+        medians = {}
+        for kind, members in KINDS.items():
+            speeds_of_kind = speed[np.isin(gait, members)]
+            if np.isfinite(speeds_of_kind).any():
+                medians[kind] = float(np.nanmedian(speeds_of_kind))
         counts = {name: int((gait == name).sum()) for name in GAITS}
-        shown = sum(counts[name] > 0 for members in KINDS.values() for name in members)
-        order = " ".join(sorted(medians, key=lambda kind: medians[kind]))
+        shown = sum(counts[name] > 0 for name in itertools.chain(*KINDS.values()))
+        order = " ".join(sorted(medians, key=medians.__getitem__))
         records.append({"threshold": threshold, "gaits": shown, **counts, "order": order})
     counted = pd.DataFrame(records)
     return counted.drop(columns=[name for name in GAITS if not np.any(counted[name].to_numpy(int))])

@@ -38,14 +38,14 @@ class Steadiness:
     `length`: least resultant length of delta_1, delta_2 and the fore legs' shift; `variation`: largest
     coefficient of variation of the period; `skipped`: largest share of a row's intervals between onsets of a
     leg that are below half or above one and a half of the period, which are left out of all else; `cycles`:
-    smallest number of cycles of a leg; `apart`: how far the pairs may be from antiphase, in cycles.
+    smallest number of cycles of a leg; `antiphase_error`: how far the pairs may be from antiphase, in cycles.
     """
 
     length: float = 0.95
     variation: float = 0.05
     skipped: float = 0.1
     cycles: int = 3
-    apart: float = 0.25
+    antiphase_error: float = 0.25
 
 
 def gait_of(
@@ -93,8 +93,8 @@ def gait_of(
     cycles, table = _cycles(records, len(index))
     table = table.assign(**_shifts(cycles, len(index)))
     table.insert(0, "row", index)
-    lost = table["row"].isin(list(fell)).to_numpy()
-    table = table.assign(**_named(table, lost, thresholds, steadiness or Steadiness()))
+    has_fallen = table["row"].isin(list(fell)).to_numpy()
+    table = table.assign(**_named(table, has_fallen, thresholds, steadiness or Steadiness()))
     table.attrs["quantities"] = dict(IN_CYCLES)
     return table
 
@@ -120,13 +120,13 @@ def _cycles(records: pd.DataFrame, count: int) -> tuple[pd.DataFrame, pd.DataFra
 
     complete = records.dropna()
     row, lasts = complete["row"].to_numpy(), complete["lasts"].to_numpy()
-    of_leg = [np.bincount(row[(complete["leg"] == leg).to_numpy()], minlength=count) for leg in LEGS]
+    cycles_by_leg = [np.bincount(row[(complete["leg"] == leg).to_numpy()], minlength=count) for leg in LEGS]
     n = np.bincount(row, minlength=count)
     with np.errstate(invalid="ignore"):
         period = np.bincount(row, lasts, count) / n
         variance = np.bincount(row, (lasts - period[row]) ** 2, count) / n
         skipped = odd / (odd + n)
-    table = {"cycles": np.min(of_leg, axis=0), "period": period}
+    table = {"cycles": np.min(cycles_by_leg, axis=0), "period": period}
     return records, pd.DataFrame(table | {"variation": np.sqrt(variance) / period, "skipped": skipped})
 
 
@@ -185,7 +185,7 @@ def _named(
     readable = (table["cycles"] >= limits.cycles) & ~fell
     steady = readable & (lengths >= limits.length) & (table["variation"] <= limits.variation)
     steady &= table["skipped"] <= limits.skipped
-    opposed = (table["antiphase"] - 0.5).abs() <= limits.apart
+    opposed = (table["antiphase"] - 0.5).abs() <= limits.antiphase_error
     delta_1, delta_2 = table["delta_1"].to_numpy(), table["delta_2"].to_numpy()
     named: dict[str, Any] = {"steady": steady}
     for number, threshold in enumerate(thresholds):

@@ -10,7 +10,7 @@ Source: Fukuoka, Habu and Fukui 2015, Sci. Rep. 5:8169, Fig. 5 and 6.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -53,7 +53,9 @@ def loading_rule(
         AnalysisError: the table does not have a column.
     """
     pairs = table if "delta" in table.columns else pairs_in(table)
-    require(pairs, "row", "delta", *([] if split is None else [split]))
+    require(pairs, "row", "delta")
+    if split is not None:
+        require(pairs, split)
     cases = [name for name in axes_of_pairs(pairs) if name not in repeats]
     groups: list[tuple[dict[str, Any], pd.DataFrame]] = [({}, pairs)]
     if split is not None:
@@ -81,15 +83,16 @@ def _judged(pairs: pd.DataFrame, name: str, case: Int[np.ndarray, " pairs"], lea
     delta = pairs["delta"].to_numpy(float)
     finite = np.isfinite(x)
     x, delta, case = x[finite], delta[finite], case[finite]
-    r, r_low, r_high = correlation(x, delta, case)
+    pearson = correlation(x, delta, case)
     shifted = np.abs(delta) > least
     right = x[shifted] * delta[shifted] < 0.0
-    result = {"pairs": len(x), "cases": len(np.unique(case)), "r": r, "r_low": r_low, "r_high": r_high}
+    result = {"pairs": len(x), "cases": len(np.unique(case))}
+    result |= {"r": pearson.r, "r_low": pearson.low, "r_high": pearson.high}
     result |= {"shifted": int(shifted.sum()), "right": np.nan, "right_low": np.nan, "right_high": np.nan}
     if shifted.any():
         share = float(right.mean())
         draws = len(np.unique(case[shifted]))
-        low, high = wilson(share, draws)
+        low, high = wilson_interval(share, draws)
         result |= {"right": share, "right_low": low, "right_high": high}
     return result
 
@@ -122,7 +125,8 @@ def load_prediction(table: pd.DataFrame, feedback: str = "k2") -> pd.DataFrame:
         raise AnalysisError(f"No row has {feedback} = 0, {text}")
     places = [name for name in axes if name != feedback]
     without = pairs.loc[pairs[feedback] == 0.0]
-    trots = without.groupby(places)["gait"].agg(lambda gaits: (gaits.astype(str) == "trot").all())
+    is_trot = without["gait"].astype(str) == "trot"
+    trots = is_trot.groupby([without[name] for name in places]).all()
     loads = without.groupby(places)[names].mean().loc[trots]
     walking = pairs.loc[pairs[feedback] != 0.0].groupby(axes)
     walks = walking.agg(gait=("gait", "first"), gaits=("gait", "nunique"), delta=("delta", "mean"))
@@ -137,10 +141,18 @@ _BOOTSTRAP_DRAWS = 4000  # draws of the bootstrap
 _CASES_PER_PART = 2_000_000  # cases drawn at once
 
 
-def wilson(share: float, draws: int, level: float = LEVEL) -> tuple[float, float]:
+def wilson_interval(share: float, draws: int, level: float = LEVEL) -> tuple[float, float]:
     """Wilson's score interval of a share of so many independent draws.
 
     The share times the draws need not be a whole number, as SciPy's interval asks.
+
+    Args:
+        share: 0 to 1.
+        draws: number of independent draws.
+        level: confidence level.
+
+    Returns:
+        The lower and the upper end.
 
     Source: Wilson 1927, J. Am. Stat. Assoc. 22:209.
     """
@@ -151,9 +163,17 @@ def wilson(share: float, draws: int, level: float = LEVEL) -> tuple[float, float
     return 0.0 if share == 0 else float(middle - half), 1.0 if share == 1 else float(middle + half)
 
 
+class Correlation(NamedTuple):
+    """Pearson's r, and the ends of its interval."""
+
+    r: float
+    low: float
+    high: float
+
+
 def correlation(
     x: Float[np.ndarray, " records"], y: Float[np.ndarray, " records"], case: Int[np.ndarray, " records"]
-) -> tuple[float, float, float]:
+) -> Correlation:
     """Pearson's r with the ends of its bootstrap interval over cases; NaN for fewer than three cases.
 
     Args:
@@ -163,7 +183,7 @@ def correlation(
     _, case = np.unique(case, return_inverse=True)
     count = int(case.max(initial=-1)) + 1
     if count < 3:
-        return np.nan, np.nan, np.nan
+        return Correlation(np.nan, np.nan, np.nan)
     x, y = x - x.mean(), y - y.mean()  # avoids cancellation
     terms = (np.ones_like(x), x, y, x * x, y * y, x * y)
     sums = np.stack([np.bincount(case, term, count) for term in terms], axis=1)
@@ -172,7 +192,7 @@ def correlation(
     r = _pearson(sums.sum(axis=0)[None])[0]
     tails = 50.0 * (1.0 - LEVEL)
     low, high = np.nanpercentile(_pearson(drawn), [tails, 100.0 - tails])
-    return float(r), float(low), float(high)
+    return Correlation(float(r), float(low), float(high))
 
 
 def _parts(count: int) -> list[int]:

@@ -12,9 +12,9 @@ from jaxtyping import Float
 from gaitsweep.analyses import axes_of, require
 from gaitsweep.papers.fukuoka2015.analysis.gait_tables import gaits_in
 from gaitsweep.papers.fukuoka2015.analysis.swing_onsets import FLEXORS, onsets_of
+from gaitsweep.papers.fukuoka2015.planar_quadruped.cycle import LATE_STANCE
 from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import CHART, LEGS, PAIRS
 
-LATE_STANCE = 0.15  # the share of a cycle that is late stance
 _MAX_ONSET_LAG = 0.25  # cycles; largest distance of an onset from its expected time
 
 
@@ -72,7 +72,8 @@ def _loads_of_settled(table: pd.DataFrame) -> pd.DataFrame:
     for number, (fore, hind) in enumerate(PAIRS, start=1):
         part = pd.DataFrame({"row": table["row"], "pair_number": number})
         for when in ("late", "stance"):
-            load, tilt = ([f"{when}_{what}_{leg}_end" for leg in (fore, hind)] for what in ("load", "pitch"))
+            load = [f"{when}_load_{leg}_end" for leg in (fore, hind)]
+            tilt = [f"{when}_pitch_{leg}_end" for leg in (fore, hind)]
             require(table, *load, *tilt)
             part[f"load_{when}"] = table[load[0]] - table[load[1]]
             part[f"tilt_{when}"] = 0.5 * (table[tilt[0]] + table[tilt[1]])
@@ -129,9 +130,9 @@ class _Stances:
         delta: float,
     ) -> dict[str, float]:
         """The measures of a pair with the shift delta, from the swing onsets of its fore and hind leg."""
-        fore, hind, period = _paired(*begins, delta)
-        recorded = np.minimum(fore, hind) - period >= self._t[0]
-        fore, hind, period = fore[recorded], hind[recorded], period[recorded]
+        cycles = _cycles_of_pair(*begins, delta)
+        recorded = np.minimum(cycles.fore, cycles.hind) - cycles.period >= self._t[0]
+        fore, hind, period = (values[recorded] for values in cycles)
         if not len(fore):
             return {}
         first = np.minimum(fore, hind)
@@ -161,16 +162,24 @@ class _Stances:
         return fore - hind
 
 
-def _paired(
+class _PairCycles(NamedTuple):
+    """Onsets of a fore leg, the hind leg's in the same cycles, and the durations of the cycles before, s."""
+
+    fore: Float[np.ndarray, " cycles"]
+    hind: Float[np.ndarray, " cycles"]
+    period: Float[np.ndarray, " cycles"]
+
+
+def _cycles_of_pair(
     fore: Float[np.ndarray, " fore_onsets"], hind: Float[np.ndarray, " hind_onsets"], delta: float
-) -> tuple[Float[np.ndarray, " cycles"], Float[np.ndarray, " cycles"], Float[np.ndarray, " cycles"]]:
-    """The onsets of a fore leg, the hind leg's in the same cycle, and the duration of the cycle before."""
+) -> _PairCycles:
+    """The cycles of a pair with the shift delta (cycles), from all onsets of its legs (s)."""
     none = np.zeros(0)
     if len(fore) < 2 or not len(hind):
-        return none, none, none
+        return _PairCycles(none, none, none)
     period = np.diff(fore)
     fore = fore[1:]
     due = fore + delta * period
     nearest = hind[np.abs(hind[None, :] - due[:, None]).argmin(axis=1)]
     belongs = np.abs(nearest - due) < _MAX_ONSET_LAG * period
-    return fore[belongs], nearest[belongs], period[belongs]
+    return _PairCycles(fore[belongs], nearest[belongs], period[belongs])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -17,7 +16,7 @@ _ONSET_TOLERANCE = 1e-6  # s; two records of one onset differ by rounding errors
 
 
 def onsets_in(
-    trace: pd.DataFrame, signals: Mapping[str, str], level: float = 0.0, falling: bool = False
+    trace: pd.DataFrame, signals: Mapping[str, str], *, level: float = 0.0, falling: bool = False
 ) -> pd.DataFrame:
     """The swing onsets in a trace: times at which a signal exceeds a level, by linear interpolation.
 
@@ -78,7 +77,7 @@ def onsets_of_crossings(table: pd.DataFrame) -> pd.DataFrame:
     return pd.concat(parts, ignore_index=True).sort_values(["row", "t"], kind="stable", ignore_index=True)
 
 
-def require_legs(legs: Iterable[Any]) -> None:
+def require_legs(legs: Iterable[object]) -> None:
     """Refuse names that are no legs."""
     for leg in legs:
         if leg not in LEGS:
@@ -101,13 +100,13 @@ def onsets_of(
     """
     require(table, "row")
     if signals is not None:
-        return onsets_in(table, signals, level, falling)
+        return onsets_in(table, signals, level=level, falling=falling)
     if "leg" in table.columns:
         return table
     if SINCE.format(LEGS[0]) in table.columns:
         return onsets_of_crossings(table)
     if all(name in table.columns for name in FLEXORS.values()):
-        return onsets_in(table, FLEXORS, level, falling)
+        return onsets_in(table, FLEXORS, level=level, falling=falling)
     raise AnalysisError(
         "The table has no swing onsets: it has neither u_f_LF, ... (a trace), nor "
         "since_LF_n, ... (crossings), nor leg and t (onsets). Of another trace name each leg's column in "

@@ -83,11 +83,12 @@ def gait_ramp(
         raise PlotError(f"No row has {cycles} successive cycles, in which its gait could be read.")
     if x == "speed" and "speed" not in along.columns:
         raise PlotError("x is speed, but the table has neither speed_n nor the signal x: use another x.")
-    along = along.loc[np.isfinite(along[parameter if x == "parameter" else x])]
+    horizontal = "speed" if x == "speed" else parameter
+    along = along.loc[np.isfinite(along[horizontal])]
     parts = [table if value is None else rows_where(table, table[str(panels)] == value) for value in values]
     rows = [np.unique(part["row"].to_numpy(int)) for part in parts]
     heights = [max(len(rows_of_panel), 1) for rows_of_panel in rows]
-    span = along[parameter if x == "parameter" else x]
+    span = along[horizontal]
     areas = areas_of(along["gait"].astype(str))
     with theme.canvas(theme.PAGE, 0.42 * sum(heights) + 0.35 * len(parts) + 0.9, title) as figure:
         grid = figure.subplots(len(parts), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0]
@@ -95,8 +96,9 @@ def gait_ramp(
         for axes, value, part in zip(grid, values, parts, strict=True):
             axes.set_title("" if value is None else written(table, str(panels), value), loc="left")
             names = _names(part.sort_values("row", kind="stable"), panels)
-            _panel(axes, along, list(names.items()), parameter, x == "speed", areas)
-        grid[-1].set_xlabel(described(table, parameter) if x == "parameter" else "measured speed (m/s)")
+            _panel(axes, along, list(names.items()), parameter, areas, measured_speed=x == "speed")
+        label = "measured speed (m/s)" if x == "speed" else described(table, parameter)
+        grid[-1].set_xlabel(label)
         shown = [gait for gait in theme.ordered(ORDER) if gait in areas]
         handles = [Patch(label=_kind(gait), **areas[gait]) for gait in shown]
         handles = list({handle.get_facecolor(): handle for handle in handles}.values())
@@ -106,14 +108,17 @@ def gait_ramp(
 
 def _names(part: pd.DataFrame, panels: str | None) -> dict[Any, str]:
     """The name of each row of a panel; rows that differ by their perturbed start alone are numbered."""
-    names = row_names(part, [*([panels] if panels else []), "seed", "pair"])
-    shared = {row: name if "=" in name else "" for row, name in names.items()}
-    alike: dict[str, list[Any]] = {}
-    for row, name in shared.items():
-        alike.setdefault(name, []).append(row)
-    for name, rows in alike.items():
-        for number, row in enumerate(rows if len(rows) > 1 else [], start=1):
-            names[row] = ", ".join([*([name] if name else []), f"start {number}"])
+    left_out = ["seed", "pair"] if panels is None else [panels, "seed", "pair"]
+    names = row_names(part, left_out)
+    rows_by_name: dict[str, list[Any]] = {}
+    for row, name in names.items():
+        # a name without a value is the row's number, which says nothing of its parameters
+        rows_by_name.setdefault(name if "=" in name else "", []).append(row)
+    for name, rows in rows_by_name.items():
+        if len(rows) == 1:
+            continue
+        for number, row in enumerate(rows, start=1):
+            names[row] = f"{name}, start {number}" if name else f"start {number}"
     return names
 
 
@@ -132,8 +137,9 @@ def _panel(
     along: pd.DataFrame,
     rows: Sequence[tuple[Any, str]],
     parameter: str,
-    measured: bool,
     areas: Mapping[str, dict[str, Any]],
+    *,
+    measured_speed: bool,
 ) -> None:
     """The bars of named rows, over the parameter or the measured speed, and the direction of each pass."""
     style: dict[str, Any] = {"fontsize": theme.points(11), "va": "center", "ha": "right", "weight": "bold"}
@@ -142,8 +148,9 @@ def _panel(
             part = along.loc[(along["row"] == row) & (along["pass"] == down)]
             height = place + (0.22 if down else -0.22)
             falls = len(part) > 1 and part[parameter].iloc[-1] < part[parameter].iloc[0]
-            at = part["speed" if measured else parameter].to_numpy(float)
-            if measured and len(at):
+            horizontal = "speed" if measured_speed else parameter
+            at = part[horizontal].to_numpy(float)
+            if measured_speed and len(at):
                 at = scipy.optimize.isotonic_regression(at, increasing=not falls).x
             _bar(axes, at, part["t"].to_numpy(float), part["gait"].astype(str).tolist(), height, areas)
             if len(part):

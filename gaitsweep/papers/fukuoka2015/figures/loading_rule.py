@@ -97,7 +97,8 @@ def loading_rule(
     down, across = theme.shape(len(names), theme.PAGE, 1.9, _PANELS_ACROSS)
     present = set(pairs["gait"].astype(str))
     heading = title if only is None else f"{title or ''} {written(table, only, value)}".strip()
-    with theme.canvas(theme.PAGE, (2.25 if across > 1 else 1.75) * down + 0.6, heading) as figure:
+    panel_height = 2.25 if across > 1 else 1.75
+    with theme.canvas(theme.PAGE, panel_height * down + 0.6, heading) as figure:
         grid = theme.panels(figure, (down, across), len(names), sharey=True)
         for axes, name in zip(grid, names, strict=True):
             _panel(axes, pairs, name, agreement[name])
@@ -120,9 +121,9 @@ def _panel(axes: Axes, pairs: pd.DataFrame, name: str, agreement: Mapping[Any, A
     height = max(0.3, 1.1 * np.nanmax(delta, initial=0.0))
     axes.set_xlim(-reach, reach)
     axes.set_ylim(-height, height)
-    for x, low in ((-reach, THRESHOLD), (0.0, -height)):
+    for left, low in ((-reach, THRESHOLD), (0.0, -height)):
         style = {"facecolor": _RULE_COLOUR, "linewidth": 0, "zorder": 0}
-        axes.fill_between([x, x + reach], low, low + height - THRESHOLD, **style)
+        axes.fill_between([left, left + reach], low, low + height - THRESHOLD, **style)
     for line in (axes.axhline, axes.axvline):
         line(0.0, color="#AAAAAA", lw=0.5, zorder=1)
     measure = MEASURES[name]

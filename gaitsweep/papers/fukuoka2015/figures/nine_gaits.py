@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Annotated, Any
 
+import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -63,7 +64,8 @@ def nine_gaits(
             axes = grid[place // 3, place % 3]
             candidates = gaits.loc[gaits["gait"] == gait]
             if len(candidates):
-                _example(axes, table, gait, candidates.loc[candidates["margin"].idxmax()], cycles, narrow)
+                clearest = candidates.loc[candidates["margin"].idxmax()]
+                _example(axes, table, gait, clearest, cycles, narrow=narrow)
             else:
                 _name(axes, gait)
                 _empty(axes, "no row" if narrow else "no row has it")
@@ -86,17 +88,18 @@ def nine_gaits(
 
 
 def _example(
-    axes: Axes, table: pd.DataFrame, gait: str, record: pd.Series, cycles: float, narrow: bool
+    axes: Axes, table: pd.DataFrame, gait: str, record: pd.Series, cycles: float, *, narrow: bool
 ) -> None:
     """The footfalls of a row, whose entry of `gaits_in` is `record`, with its description."""
     samples = rows_where(table, table["row"] == record["row"]).sort_values("t", kind="stable")
     samples = samples.assign(t=samples["t"] - samples["t"].min())
-    end = cycles * float(record["period"])  # pyright: ignore[reportArgumentType]
+    end = cycles * float(np.asarray(record["period"], float))
     samples = rows_where(samples, samples["t"] <= end)
     footfalls(axes, samples)
     axes.set_xlim(0.0, end)
     words = in_words(table, record, samples)
-    _name(axes, gait, theme.wrapped(", ".join(words), _NOTE_WIDTH, 7.0) if not narrow else words[0])
+    note = words[0] if narrow else theme.wrapped(", ".join(words), _NOTE_WIDTH, 7.0)
+    _name(axes, gait, note)
     last = float(f"{0.8 * end:.1g}")
     axes.set_xticks([0.0, last], ["0", f"{last:g}"])
 

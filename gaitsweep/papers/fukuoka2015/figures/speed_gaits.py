@@ -78,18 +78,22 @@ def speed_gaits(
     present = [gait for gait in theme.ordered(ORDER) if gait in set(shown["gait"])]
     bands: list[Any] = present if y == "gait" else sorted(table[y].dropna().unique())
     values = [None] if panels is None else sorted(table[panels].dropna().unique())
-    height = max(0.23, 0.16 if len(bands) > 12 else 0.26) * max(len(bands), 3) + 0.9
+    band_height = 0.23 if len(bands) > 12 else 0.26
+    height = band_height * max(len(bands), 3) + 0.9
+    legend_height = 0.0 if y == "gait" else 0.35
     down, across = theme.shape(len(values), theme.PAGE, 1.2)
-    with theme.canvas(theme.PAGE, height * down + (0.0 if y == "gait" else 0.35), title) as figure:
+    with theme.canvas(theme.PAGE, height * down + legend_height, title) as figure:
         grid = theme.panels(figure, (down, across), len(values), sharex=True, sharey=True)
+        extent = float(np.ptp(shown[speed].to_numpy(float))) if len(shown) else 1.0
         for number, (axes, value) in enumerate(zip(grid, values, strict=True)):
             part = shown if value is None else rows_where(shown, shown[str(panels)] == value)
             axes.set_title("" if value is None else written(table, str(panels), value))
-            _bands(axes, part, y, bands, speed, np.ptp(shown[speed].to_numpy(float)) if len(shown) else 1.0)
+            _bands(axes, part, y, bands, speed, extent)
             if number + across >= len(values):
                 axes.set_xlabel(described(table, speed, 60 // across))
             if not len(part):
-                theme.message(axes, "no row with a gait" if len(table) else "no rows yet")
+                message = "no row with a gait" if len(table) else "no rows yet"
+                theme.message(axes, message)
         names = [label_of(band) if y == "gait" else f"{band:.4g}".replace("-", "−") for band in bands]
         grid[0].set_yticks(range(len(bands)), names)
         grid[0].set_ylim(-0.6, len(bands) - 0.4)

@@ -1,15 +1,17 @@
 """The rigid-body dynamics: gaitsweep's articulated tree on compliant feet, or MJX with MuJoCo's contacts."""
 
+# MuJoCo's compiled modules come without types.
+# pyright: reportAttributeAccessIssue=false
+
 from __future__ import annotations
 
 import abc
 from collections.abc import Mapping
 from functools import cache
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float
 
 from gaitsweep.dynamics import ground_force
@@ -30,9 +32,19 @@ from gaitsweep.papers.fukuoka2015.planar_quadruped.rhythm import swinging
 from gaitsweep.papers.fukuoka2015.planar_quadruped.state import State
 
 if TYPE_CHECKING:
+    import mujoco
+
     from gaitsweep.dynamics.mjx import MjxBody, Variants
 
-AfterStep = tuple[jax.Array, jax.Array, jax.Array, jax.Array]  # q, v, warm and loads
+
+class AfterStep(NamedTuple):
+    """The body after a step: `q`, `v` and `warm` as in `State`, and the loads on the feet, (4,) N."""
+
+    q: jax.Array
+    v: jax.Array
+    warm: jax.Array
+    load: jax.Array
+
 
 # Largest value of the stability number of `PlanarTreeBody.longest_step`, whose limit is 2.
 STABILITY_NUMBER = 1.5
@@ -41,30 +53,35 @@ STABILITY_NUMBER = 1.5
 class PlanarBody(abc.ABC):
     """The rigid-body dynamics of the quadruped."""
 
-    compiled_of: ClassVar[tuple[str, ...]] = ()  # the parameters that `on_host` needs
+    compiled_of: ClassVar[tuple[str, ...]] = ()  # the parameters for whose values the host compiles the body
     warm: ClassVar[int] = 0  # length of `State.warm`
 
-    def on_host(
-        self, values: Mapping[str, Float[np.ndarray, " rows"]]
-    ) -> dict[str, Float[np.ndarray, "rows ..."]]:
-        """`Model.on_host` of the quadruped with this body."""
-        return dict(values)
-
-    def numbers(self, values: Mapping[str, jax.Array]) -> dict[str, jax.Array]:
-        """`PlanarMechanics.numbers` of a row's values."""
-        return {}
-
-    def longest_step(self, m: PlanarMechanics) -> Float[Array, ""]:
-        """The longest step (s) with stable contacts."""
-        return jnp.full_like(m.g, jnp.inf)
+    @property
+    @abc.abstractmethod
+    def variants(self) -> Variants | None:
+        """The bodies that the host compiles for rows' values; None where it compiles none."""
 
     @abc.abstractmethod
-    def moved(self, m: PlanarMechanics, s: State, tau: jax.Array, dt: jax.Array) -> AfterStep:
-        """q, v, warm and the loads (4,) N after a step of `dt` (s) with the motors' forces `tau` (11,)."""
+    def longest_step(self, m: PlanarMechanics) -> Float[Array, ""]:
+        """The longest step (s) with stable contacts."""
+
+    @abc.abstractmethod
+    def stepped(self, m: PlanarMechanics, s: State, tau: jax.Array, dt: jax.Array) -> AfterStep:
+        """The body after a step.
+
+        Args:
+            m, s: the mechanics and the state of a row.
+            tau: generalised forces of the motors, (11,).
+            dt: duration of the step, s.
+        """
 
 
 class PlanarTreeBody(PlanarBody):
     """The articulated tree with semi-implicit steps; joint damping and friction are implicit."""
+
+    @property
+    def variants(self) -> None:
+        return None
 
     def longest_step(self, m: PlanarMechanics) -> Float[Array, ""]:
         """The longest stable step (s) of a foot on a spring and a damper.
@@ -75,14 +92,14 @@ class PlanarTreeBody(PlanarBody):
         root = jnp.sqrt(m.D_foot * m.D_foot + 2.0 * STABILITY_NUMBER * m.K_foot / w)
         return (root - m.D_foot) / m.K_foot
 
-    def moved(self, m: PlanarMechanics, s: State, tau: jax.Array, dt: jax.Array) -> AfterStep:
+    def stepped(self, m: PlanarMechanics, s: State, tau: jax.Array, dt: jax.Array) -> AfterStep:
         tree, _ = body()
         geometry = m.geometry(swinging(s.u), dt)
         feet = _ground_forces(m, geometry, s, dt)
         a = forward_dynamics(tree, geometry, s.q, s.v, tau, feet, gravity=m.gravity())
         v = s.v + dt * a
         load = jnp.stack([foot.force[2] for foot in feet])
-        return jnp.asarray(integrate(tree, s.q, v, dt)), v, s.warm, load
+        return AfterStep(jnp.asarray(integrate(tree, s.q, v, dt)), v, s.warm, load)
 
 
 def _ground_forces(m: PlanarMechanics, geometry: Geometry, s: State, dt: jax.Array) -> list[YieldingForce]:
@@ -108,15 +125,14 @@ class PlanarMjxBody(PlanarBody):
     compiled_of = tuple(quantity.name for quantity in BODY)
     warm = NQ
 
-    def on_host(
-        self, values: Mapping[str, Float[np.ndarray, " rows"]]
-    ) -> dict[str, Float[np.ndarray, "rows ..."]]:
-        return variants().on_host(values)
+    @property
+    def variants(self) -> Variants:
+        return compiled_variants()
 
-    def numbers(self, values: Mapping[str, jax.Array]) -> dict[str, jax.Array]:
-        return variants().of_row(values)
+    def longest_step(self, m: PlanarMechanics) -> Float[Array, ""]:
+        return jnp.full_like(m.g, jnp.inf)  # MuJoCo's contacts are implicit
 
-    def moved(self, m: PlanarMechanics, s: State, tau: jax.Array, dt: jax.Array) -> AfterStep:
+    def stepped(self, m: PlanarMechanics, s: State, tau: jax.Array, dt: jax.Array) -> AfterStep:
         from gaitsweep.dynamics.mjx import BodyState
 
         in_mjx = mjx_body()
@@ -131,7 +147,7 @@ class PlanarMjxBody(PlanarBody):
         empty = jnp.zeros((0,), s.q.dtype)
         before = BodyState(s.q, s.v, empty, s.warm, empty)
         after, data = in_mjx.step(numbers, before, dt, tau=tau)
-        return after.q, after.v, after.warm, in_mjx.pressures(data).astype(s.q.dtype)
+        return AfterStep(after.q, after.v, after.warm, in_mjx.pressures(data).astype(s.q.dtype))
 
 
 # MJX is imported here, since that takes seconds and reading a job does not need it
@@ -144,7 +160,7 @@ def mjx_body() -> MjxBody:
 
 
 @cache
-def variants() -> Variants:
+def compiled_variants() -> Variants:
     """The bodies with other masses and lengths."""
     from gaitsweep.dynamics.mjx import Variants
 
@@ -159,7 +175,7 @@ def default_body() -> dict[str, float]:
     return defaults
 
 
-def edit(spec: Any, values: Mapping[str, float]) -> None:
+def edit(spec: mujoco.MjSpec, values: Mapping[str, float]) -> None:
     """Set a mujoco.MjSpec of the body to these masses and lengths."""
     torso = spec.body("torso")
     torso.ipos = [values["com_x"], 0.0, values["com_z"]]

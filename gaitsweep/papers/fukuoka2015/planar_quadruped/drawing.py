@@ -24,7 +24,7 @@ LIMBS = tuple(LimbLook(NAMES[leg], pair=int(leg[1] == "H"), far=leg[0] == "L") f
 _CORNERS = np.array([(x, y, z) for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
 
 
-def of_values(values: Mapping[str, float]) -> mujoco.MjSpec:
+def compiled_spec(values: Mapping[str, float]) -> mujoco.MjSpec:
     """The MJCF with a row's masses and lengths, compiled."""
     import mujoco  # only where a body is drawn
 
@@ -42,7 +42,7 @@ class PlanarDrawing:
         return LIMBS
 
     def mjcf(self, values: Mapping[str, float]) -> str:
-        return of_values(values).to_xml()
+        return compiled_spec(values).to_xml()
 
     def skeleton(
         self, values: Mapping[str, float], signals: Mapping[str, Float[np.ndarray, " times"]]
@@ -55,7 +55,7 @@ class PlanarDrawing:
         """
         import mujoco
 
-        model = of_values(values).compile()
+        model = compiled_spec(values).compile()
         data = mujoco.MjData(model)
         qpos = np.stack([signals[f"q_{i}"] for i in range(model.nq)], axis=1)
         limbs, boxes = np.empty((len(LEGS), len(qpos), 2, 3)), np.empty((len(qpos), 8, 3))

@@ -57,10 +57,9 @@ MIN_LENGTH, MAX_VARIATION = 0.95, 0.05
 DEFINED_STEP = 1.0e-3  # s
 MAX_ANTIPHASE_ERROR = 0.25  # cycles: largest deviation of the pairs from antiphase
 UNSTEADY = len(CHART)
-# Of a start: m, between the lowest foot and the ground; rad, by which the hips of standing legs point forward
-# and those of swinging legs backward; potentials and fatigue.
-START_CLEARANCE, START_LEAN = 0.005, 0.2
-START_ACTIVE, START_SILENT, START_FATIGUE = 1.0, -0.5, 0.1
+START_CLEARANCE = 0.005  # m, between the lowest foot and the ground
+START_LEAN = 0.2  # rad, by which the hips of standing legs point forward and those of swinging legs backward
+START_ACTIVE, START_SILENT, START_FATIGUE = 1.0, -0.5, 0.1  # potentials of half-centres, and fatigue
 # Multipliers of the seed for each potential: the fractional parts are uniform in a cube.
 _WEYL_ROOTS = np.sqrt([[2.0, 3.0, 5.0, 7.0], [11.0, 13.0, 17.0, 19.0]])
 
@@ -117,20 +116,23 @@ class PlanarQuadruped(PlanarDrawing, SteppedModel):
         return LABEL_FIELDS
 
     @property
-    def _mover(self) -> PlanarBody:
+    def _rigid_body(self) -> PlanarBody:
         return PlanarTreeBody() if self.body == "tree" else PlanarMjxBody()
 
     @property
     def host_parameters(self) -> tuple[str, ...]:
-        return self._mover.compiled_of
+        return self._rigid_body.compiled_of
 
     def on_host(
         self, values: Mapping[str, Float[np.ndarray, " rows"]]
     ) -> dict[str, Float[np.ndarray, "rows ..."]]:
-        return self._mover.on_host(values)
+        variants = self._rigid_body.variants
+        return dict(values) if variants is None else variants.on_host(values)
 
     def params(self, values: Mapping[str, Float[Array, " ..."]]) -> Params:
         v = {name: jnp.asarray(value) for name, value in values.items()}
+        variants = self._rigid_body.variants
+        numbers = {} if variants is None else variants.of_row(v)
 
         def of(kind: type) -> dict[str, jax.Array]:
             return {field.name: v[field.name] for field in dataclasses.fields(kind) if field.name in v}
@@ -138,7 +140,7 @@ class PlanarQuadruped(PlanarDrawing, SteppedModel):
         return Params(
             network=Network(**of(Network)),
             motors=Motors(**of(Motors)),
-            mechanics=PlanarMechanics(**of(PlanarMechanics), numbers=self._mover.numbers(v)),
+            mechanics=PlanarMechanics(**of(PlanarMechanics), numbers=numbers),
             threshold=v["threshold"],
             memory=v["memory"],
         )
@@ -159,10 +161,10 @@ class PlanarQuadruped(PlanarDrawing, SteppedModel):
         q = q.at[KNEE].set(params.motors.l_st)
         u = u + start["scatter"] * perturbation(start["seed"])
         zero = jnp.zeros_like(q)
-        warm = zero[: self._mover.warm]
+        warm = zero[: self._rigid_body.warm]
         load = zero[:4]
-        read = cycle.initial_cycle(q[X], q[PITCH])
-        return State(q=q, v=zero, warm=warm, u=u, f=f, load=load, cycle=read)
+        measured = cycle.initial_cycle(q[X], q[PITCH])
+        return State(q=q, v=zero, warm=warm, u=u, f=f, load=load, cycle=measured)
 
     def step(self, params: Params, state: State, dt: Float[Array, ""]) -> State:
         """The state after a step of `dt` (s); network, motors and body all use the state before it."""
@@ -170,17 +172,17 @@ class PlanarQuadruped(PlanarDrawing, SteppedModel):
         theta, length = s.q[HIP], s.q[KNEE]
         swings = swinging(s.u)
         tau = forces_on_joints(*p.motors.forces(swings, theta, length))
-        q, v, warm, load = self._mover.moved(p.mechanics, s, tau, dt)
+        q, v, warm, load = self._rigid_body.stepped(p.mechanics, s, tau, dt)
         u, f = p.network.stepped(s.u, s.f, theta, s.load, dt)
         # semi-implicit steps: q moves by dt v, with the damping at the end of the step
         powers = joint_powers(tau, p.mechanics.damping(swings), v)
         work = dt * jnp.stack([jnp.sum(jnp.maximum(power, 0.0)) for power in powers])
-        read = cycle.after_step(s.cycle, (s.u, u), load, q[X], s.q[PITCH], work, p.memory, dt)
-        return State(q=q, v=v, warm=warm, u=u, f=f, load=load, cycle=read)
+        measured = cycle.after_step(s.cycle, (s.u, u), load, q[X], s.q[PITCH], work, p.memory, dt)
+        return State(q=q, v=v, warm=warm, u=u, f=f, load=load, cycle=measured)
 
     def longest_step(self, params: Params) -> Float[Array, ""]:
         """1 ms, the step that is part of the model's definition, or less for stiffer contacts."""
-        return jnp.minimum(DEFINED_STEP, self._mover.longest_step(params.mechanics))
+        return jnp.minimum(DEFINED_STEP, self._rigid_body.longest_step(params.mechanics))
 
     def events(self, params: Params, before: State, after: State) -> Bool[Array, " events"]:
         """Whether LF has begun to swing; the step itself has applied the jump."""

@@ -43,7 +43,11 @@ def margin(delta_1: Any, delta_2: Any, threshold: Any = THRESHOLD, xp: Any = np)
     """The smaller distance of the two shifts, in cycles, from the boundary to another gait.
 
     Boundaries are at the threshold, and at half a cycle, where late and early are the same: between walks it
-    is the pace, between gallops the bound. `xp` is NumPy, or jax.numpy for its arrays.
+    is the pace, between gallops the bound.
+
+    Args:
+        delta_1, delta_2, threshold: as for `place`.
+        xp: NumPy, or jax.numpy for its arrays.
     """
     sizes = xp.abs(xp.stack(xp.broadcast_arrays(delta_1, delta_2)))
     return xp.minimum(xp.abs(sizes - threshold), 0.5 - sizes).min(axis=0)

@@ -17,7 +17,7 @@ _PATH = "path over sigma: the supplement at 0.5, its ends by search"
 def _positive(
     name: str, unit: str, meaning: str, default: float | str, symbol: str, source: str = _SEARCH
 ) -> Quantity:
-    return Quantity(name, unit, meaning, default, low=0.0, open_ends=True, symbol=symbol, source=source)
+    return Quantity.positive(name, unit, meaning, default, symbol, source)
 
 
 def _at_least_0(
@@ -27,8 +27,16 @@ def _at_least_0(
 
 
 def _along_path(
-    name: str, unit: str, meaning: str, start: float, middle: float, end: float, symbol: str, positive: bool
-) -> tuple[Quantity, Quantity, Quantity]:
+    name: str,
+    unit: str,
+    meaning: str,
+    start: float,
+    middle: float,
+    end: float,
+    symbol: str,
+    *,
+    positive: bool,
+) -> tuple[Quantity, ...]:
     """A speed parameter, linear between sigma = 0, 0.5 and 1, and its values at the two ends of the path."""
     formula = f"{start:g}"
     for slope, along in ((middle - start, "min(sigma, 0.5)"), (end - middle, "max(sigma - 0.5, 0)")):
@@ -51,17 +59,18 @@ _SPEED = (
              symbol=r"\sigma", source=_SEARCH),
     Quantity("v_d", "m/s", "desired speed", 1.0,
              symbol="v_d"),
-    *_along_path("s", "1", "tonic drive", 1.18, 1.71, 1.40, "s", True),
-    *_along_path("Tr", "s", "time constant of the rise", 0.085, 0.0473, 0.0206, "T_r", True),
+    *_along_path("s", "1", "tonic drive", 1.18, 1.71, 1.40, "s", positive=True),
+    *_along_path("Tr", "s", "time constant of the rise", 0.085, 0.0473, 0.0206, "T_r", positive=True),
     *_along_path("theta_st", "rad", "target hip angle in stance", -0.166, -0.438, -1.0,
-                 r"\theta_\mathrm{st}", False),
+                 r"\theta_\mathrm{st}", positive=False),
     *_along_path("Kp_hip_st", "N m/rad", "stiffness of a hip in stance", 5.0, 8.13, 10.6,
-                 r"K_p^\mathrm{hip,st}", True),
+                 r"K_p^\mathrm{hip,st}", positive=True),
     *_along_path("Kp_knee_st", "N/m", "stiffness of a knee in stance", 2840.0, 1970.0, 1820.0,
-                 r"K_p^\mathrm{knee,st}", True),
-    *_along_path("l_sw", "m", "target knee length in swing", 0.065, 0.057, 0.054, r"l_\mathrm{sw}", False),
+                 r"K_p^\mathrm{knee,st}", positive=True),
+    *_along_path("l_sw", "m", "target knee length in swing", 0.065, 0.057, 0.054,
+                 r"l_\mathrm{sw}", positive=False),
     *_along_path("Kp_knee_sw", "N/m", "stiffness of a knee in swing", 2130.0, 1860.0, 2740.0,
-                 r"K_p^\mathrm{knee,sw}", True),
+                 r"K_p^\mathrm{knee,sw}", positive=True),
 )  # fmt: skip
 
 _NETWORK = (

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 import pandas as pd
@@ -52,7 +52,10 @@ def survival(
             shares = share_that_walks(table, x, steps=count).sort_values(x)
             share = shares["share"].to_numpy(float)
             ends = np.abs(shares[["low", "high"]].to_numpy(float).T - share)
-            look = {"color": theme.SPARE_COLOURS[number], "marker": theme.SPARE_MARKERS[number]}
+            look: dict[str, Any] = {
+                "color": theme.SPARE_COLOURS[number],
+                "marker": theme.SPARE_MARKERS[number],
+            }
             label = f"{count} step" + "s" * (count != 1)
             axes.errorbar(
                 shares[x].to_numpy(float), share, ends, label=label, lw=0.9, ms=3.5, capsize=2.0, **look

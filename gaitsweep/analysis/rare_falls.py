@@ -1,0 +1,268 @@
+"""Mean steps to a rare fall, by importance sampling: noise is enlarged, and falls are weighted.
+
+A row that has forgotten its start falls in each step with the same chance p, and the mean number of steps is
+1 / p. From states that plain simulation reaches, some steps are made with normal numbers that are larger by a
+factor; a fall counts with the quotient of the densities of all numbers drawn on the way, so the estimate of p
+has no bias. Source: Bucklew 2004, Introduction to Rare Event Simulation, ch. 4; Byl and Tedrake 2009, Int. J.
+Robotics Research 28:1040, of the chance of a fall in a step.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pandas as pd
+import scipy
+from jaxtyping import Array, Bool, Float, Int
+
+from gaitsweep.analysis.basins.fractions import LEVEL
+from gaitsweep.analysis.records import AnalysisError
+from gaitsweep.contract import Params, State
+from gaitsweep.engine.content import cached_by_content
+from gaitsweep.engine.poincare.model_map import ModelMap
+from gaitsweep.engine.poincare.poincare_return import ReturnStatus
+
+# The numbers (k,) that the last jump drew, as standard normal ones, from parameters and the state after it.
+Draws = Callable[[Params, State], Float[Array, " numbers"]]
+
+ROWS = 2048  # rows that are simulated together
+SCALES = (1.0, 1.5, 2.0, 2.5, 3.0)
+FORGOTTEN = 20  # steps after which rows have forgotten their common start
+_PILOT = 4  # rounds for each factor, before the best one is chosen
+_SLOW = 8  # times four nominal periods that a step may last
+_FEW = 20  # falls below which an estimate's own error is not known
+
+
+@dataclasses.dataclass(frozen=True)
+class RareFalls:
+    """The chance of a fall in a step, and the most likely way to it.
+
+    Args:
+        chance, low, high: the chance of a fall in a step, and its confidence interval; steps that end neither
+            at a crossing nor by a fall count as falls in `high`.
+        falls: the number of weighted falls behind it.
+        scale: the factor by which the noise was enlarged.
+        simulated: steps that were simulated.
+        way_out: one record for each of the last steps before a fall: step (0 is that of the fall), and the
+            weighted means over all falls of the numbers drawn there, `draw_1`, ..., in standard deviations of
+            the noise itself.
+    """
+
+    chance: float
+    low: float
+    high: float
+    falls: int
+    scale: float
+    simulated: int
+    way_out: pd.DataFrame
+
+    @property
+    def steps(self) -> float:
+        """The mean number of steps to a fall."""
+        return 1.0 / self.chance if self.chance > 0.0 else np.inf
+
+    @property
+    def steps_interval(self) -> tuple[float, float]:
+        """The confidence interval of `steps`."""
+        return 1.0 / self.high if self.high > 0.0 else np.inf, 1.0 / self.low if self.low > 0.0 else np.inf
+
+
+@dataclasses.dataclass(frozen=True)
+class _Windows:
+    """Windows of enlarged noise: `chances` (rounds,) of a fall in a step, and the weighted falls.
+
+    `weights` (falls,) are those of falls at the last step of a window, `draws` (falls, steps, k) the numbers
+    drawn before them; `falls` counts those that `chances` are made of. `undecided` is the chance that a step
+    ends neither at a crossing nor by a fall.
+    """
+
+    chances: Float[np.ndarray, " rounds"]
+    weights: Float[np.ndarray, " falls"]
+    draws: Float[np.ndarray, "falls steps numbers"]
+    falls: int
+    undecided: float
+
+    @property
+    def error(self) -> float:
+        """The relative standard error of the mean chance; infinite where falls are too few to know it."""
+        mean = self.chances.mean()
+        if self.falls < _FEW or not mean > 0.0:
+            return np.inf
+        return float(self.chances.std(ddof=1) / np.sqrt(self.chances.size) / mean)
+
+
+def rare_falls(
+    mapping: ModelMap,
+    starts: Mapping[str, Any],
+    noise: str,
+    draws: Draws,
+    *,
+    seed: str = "seed",
+    steps: int = 6,
+    rounds: int = 64,
+    scales: Sequence[float] = SCALES,
+    level: float = LEVEL,
+) -> RareFalls:
+    """Estimate the chance of a fall in a step; arguments are those of `PoincareMap.rare_falls`.
+
+    Args:
+        mapping: the return map.
+        starts: initial conditions by name.
+        noise, draws, seed, steps, rounds, scales, level: as there.
+
+    Raises:
+        AnalysisError: an argument is not allowed, or too few falls were met with every factor.
+    """
+    names = [quantity.name for quantity in mapping.model.parameters]
+    for name in (noise, seed):
+        if name not in names:
+            raise AnalysisError(f"{name} is not a parameter of {mapping.model.name}.")
+    if steps < 2 or rounds < 2:
+        raise AnalysisError(f"steps and rounds are {steps} and {rounds}, but must be 2 or more.")
+    if not scales or min(scales) < 1.0:
+        raise AnalysisError("scales must be numbers of 1 or more.")
+    walk = _Walk(mapping, starts, noise, draws, seed, steps)
+    pilots = {scale: walk.windows(scale, _PILOT) for scale in scales}
+    best = min(pilots, key=lambda scale: pilots[scale].error)
+    if not np.isfinite(pilots[best].error):
+        raise AnalysisError(
+            f"fewer than {_FEW} falls were met with each of the factors {', '.join(map(str, scales))}: "
+            "give larger ones as scales, or more steps."
+        )
+    found = walk.windows(best, rounds)
+    chance = float(found.chances.mean())
+    width = scipy.stats.t.ppf(0.5 + 0.5 * level, rounds - 1) * found.error
+    means = np.average(found.draws, axis=0, weights=found.weights)
+    way_out = pd.DataFrame(
+        {"step": np.arange(1 - steps, 1), **{f"draw_{k + 1}": means[:, k] for k in range(means.shape[1])}}
+    )
+    # the number that is drawn in the step of the fall comes after it
+    way_out = way_out.iloc[:-1]
+    # steps without an end may be falls
+    ends = (chance, chance * np.exp(-width), chance * np.exp(width) + found.undecided)
+    hazard, low, high = (_hazard(float(end), steps) for end in ends)
+    return RareFalls(hazard, low, high, found.falls, best, walk.simulated, way_out)
+
+
+def _late(steps: int) -> range:
+    """The steps of a window whose falls count: before them the noise was enlarged for a while."""
+    return range(steps // 2, steps)
+
+
+def _hazard(chance: float, steps: int) -> float:
+    """The chance p of a fall in a step, from the mean chance p (1 - p)^k to fall after k steps."""
+    hazard = chance
+    for _ in range(100):  # a contraction, since falls within a window are few
+        hazard = chance / float(np.mean((1.0 - hazard) ** np.array(_late(steps))))
+    return hazard
+
+
+class _Walk:
+    """Rows that walk with the noise itself, and windows of enlarged noise that begin at their states."""
+
+    def __init__(
+        self, mapping: ModelMap, starts: Mapping[str, Any], noise: str, draws: Draws, seed: str, steps: int
+    ) -> None:
+        self._noise, self._seed, self._steps = noise, seed, steps
+        self._own = float(mapping.complete({}, 1)[noise][0])
+        self._values = mapping.complete({}, ROWS)
+        self._step = _stepper(mapping, draws)
+        self._next_seed, self.simulated = 1, 0
+        begun = mapping.settled(starts, {seed: self._seeds()}, 0)[0]
+        self._states = begun.modes
+        for _ in range(FORGOTTEN):
+            self._walk_on()
+
+    def _seeds(self) -> Float[np.ndarray, " rows"]:
+        """Seeds that no other step has."""
+        first = self._next_seed
+        self._next_seed += ROWS
+        return np.arange(first, first + ROWS, dtype=np.float64)
+
+    def _moved(
+        self, states: State, scale: float, walks: Bool[np.ndarray, " rows"] | bool = True
+    ) -> tuple[State, Int[np.ndarray, " rows"], Float[np.ndarray, "rows numbers"]]:
+        """The states after a step, each row's `ReturnStatus`, and the numbers that were drawn.
+
+        Rows that do not walk any more have no meaning.
+        """
+        values = {**self._values, self._seed: self._seeds()}
+        values[self._noise] = np.full(ROWS, scale * self._own)
+        self.simulated += ROWS
+        moved, status, drawn = jax.tree.map(np.asarray, self._step(values, states))
+        for _ in range(_SLOW):
+            if not (late := walks & (status == ReturnStatus.late)).any():
+                break
+            # a row that is slow near its barrier goes on within the same step
+            later = jax.tree.map(np.asarray, self._step(values, moved))
+            moved, status, drawn = jax.tree.map(
+                lambda old, new, late=late: np.where(late.reshape(-1, *(1,) * (old.ndim - 1)), new, old),
+                (moved, status, drawn),
+                later,
+            )
+        return moved, status, drawn
+
+    def _walk_on(self) -> None:
+        """Make a step with the noise itself; rows that fall go on from the states of others."""
+        moved, status, _ = self._moved(self._states, 1.0)
+        fell = status != ReturnStatus.crossed
+        if fell.all():
+            raise AnalysisError("all rows fell within a few steps: count them in a run of kind fixed_time.")
+        alive = np.flatnonzero(~fell)
+        places = np.where(fell, alive[np.arange(ROWS) % alive.size], np.arange(ROWS))
+        self._states = jax.tree.map(lambda leaf: np.asarray(leaf)[places], moved)
+
+    def windows(self, scale: float, rounds: int) -> _Windows:
+        """Windows of so many rounds, each from the states of rows that have walked on."""
+        late = _late(self._steps)
+        chances, weights, histories, falls, undecided = [], [], [], 0, 0.0
+        for _ in range(rounds):
+            for _ in range(self._steps):
+                self._walk_on()
+            states, walks = self._states, np.ones(ROWS, bool)
+            now, logarithm, drawn, chance = ~walks, np.zeros(ROWS), [], 0.0
+            for step in range(self._steps):
+                states, status, numbers = self._moved(states, scale, walks)
+                now, lost = (walks & (status == code) for code in (ReturnStatus.fell, ReturnStatus.late))
+                if (stuck := walks & ~now & ~lost & (status != ReturnStatus.crossed)).any():
+                    reason = ReturnStatus(int(status[stuck][0])).sentence
+                    raise AnalysisError(f"{stuck.sum()} rows ended neither by a step nor by a fall: {reason}")
+                if step in late:
+                    chance += float(np.exp(logarithm[now]).sum())
+                    falls += int(now.sum())
+                undecided += float(np.exp(logarithm[lost]).sum())
+                drawn.append(scale * numbers)
+                walks &= status == ReturnStatus.crossed
+                # the density of the noise itself over that of the larger noise
+                logarithm += np.where(walks, _log_quotient(numbers, scale), 0.0)
+            weights.append(np.exp(logarithm[now]))
+            histories.append(np.stack(drawn, axis=1)[now])
+            chances.append(chance / (ROWS * len(late)))
+        undecided /= ROWS * rounds * self._steps
+        return _Windows(
+            np.array(chances), np.concatenate(weights), np.concatenate(histories), falls, undecided
+        )
+
+
+def _log_quotient(numbers: Float[np.ndarray, "rows numbers"], scale: float) -> Float[np.ndarray, " rows"]:
+    """The logarithm of the density of scale * numbers over that of the numbers, both standard normal."""
+    return numbers.shape[1] * np.log(scale) - 0.5 * (scale**2 - 1.0) * np.sum(numbers**2, axis=1)
+
+
+@cached_by_content(maxsize=16)
+def _stepper(mapping: ModelMap, draws: Draws) -> Callable[..., Any]:
+    """The function `(values, states) -> (states, status, draws)` of many rows, after one step."""
+
+    def one(values: Any, state: State) -> tuple[State, Any, Float[Array, " numbers"]]:
+        params = mapping.params(values)
+        _, moved, status = mapping.state(params, state)
+        fell = (status == ReturnStatus.crossed) & mapping.model.failed(params, moved)
+        status = jnp.where(fell, ReturnStatus.fell, status)
+        return moved, status, jnp.atleast_1d(draws(params, moved))
+
+    return jax.jit(jax.vmap(one))

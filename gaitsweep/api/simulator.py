@@ -1,0 +1,125 @@
+"""A job as a simulator for inference: a function from constants to observables, as for the package sbi."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, final
+
+import numpy as np
+import pandas as pd
+from jaxtyping import Float, Shaped
+from numpy.typing import ArrayLike
+
+from gaitsweep import near_miss
+from gaitsweep.api.result import run_in_memory
+from gaitsweep.contract import Status
+from gaitsweep.errors import ArgumentError
+from gaitsweep.job import Job, load_job
+
+
+@final
+class Simulator:
+    """A function from values of some parameters to columns of a job's table; see `simulator`."""
+
+    def __init__(self, job: Job, parameters: Sequence[str], columns: Sequence[str]) -> None:
+        self._fields = job.resolved()
+        self.parameters, self.columns = list(parameters), list(columns)
+
+    def __call__(self, values: Any) -> Any:
+        """Simulate one row for each set of values.
+
+        Args:
+            values: an array or a torch tensor (n, k), or (k,) for one set, of the k parameters.
+
+        Returns:
+            The columns (n, m), NaN in rows without a sound end; (m,) for one set. A tensor for a tensor.
+
+        Raises:
+            ArgumentError: the values have another shape.
+            JobError: a value is outside the bounds of its parameter.
+        """
+        observed, _ = self.run(values)
+        single = np.ndim(values) == 1
+        result = observed[0] if single else observed
+        return values.new_tensor(result) if hasattr(values, "new_tensor") else result
+
+    def run(self, values: ArrayLike) -> tuple[Float[np.ndarray, "sets columns"], Shaped[np.ndarray, " sets"]]:
+        """Simulate one row for each set of values (n, k); return the columns (n, m), the statuses (n,)."""
+        sets = np.atleast_2d(np.asarray(values, np.float64))
+        if sets.ndim != 2 or sets.shape[1] != len(self.parameters):
+            raise ArgumentError(
+                f"the values have the shape {np.shape(values)}, but {len(self.parameters)} parameters "
+                f"({', '.join(self.parameters)}) need (n, {len(self.parameters)})."
+            )
+        if not len(sets):
+            return np.empty((0, len(self.columns))), np.empty(0, object)
+        fields = dict(self._fields)
+        for section in ("params", "start"):
+            fields[section] = {k: v for k, v in fields[section].items() if k not in self.parameters}
+        axes = {name: sets[:, place].tolist() for place, name in enumerate(self.parameters)}
+        table = run_in_memory(Job.model_validate({**fields, "vary": {"zip": axes}, "verify": 0})).table
+        return self._read(table.sort_values("row"))
+
+    def _read(
+        self, table: pd.DataFrame
+    ) -> tuple[Float[np.ndarray, "sets columns"], Shaped[np.ndarray, " sets"]]:
+        """The columns and the statuses of a table."""
+        for name in self.columns:
+            if name not in table.columns:
+                near = near_miss.suggestion(name, list(table.columns))
+                raise ArgumentError(f"{name} is not a column of the job's table{near}")
+        status = table["status"].astype(str).to_numpy()
+        observed = table[self.columns].to_numpy(np.float64, copy=True)
+        # a failed or undecided row has columns too, of the state in which it ended
+        observed[~Status.SOUND.among(status)] = np.nan
+        return observed, status
+
+
+def simulator(
+    job: Job | str | Path | Mapping[str, Any], parameters: Sequence[str], columns: Sequence[str]
+) -> Simulator:
+    """Make a job a function from values of some parameters to observables, for inference.
+
+    It is what the package sbi calls a simulator: `simulate_for_sbi(gs.simulator(...), proposal, n)`; sbi
+    itself is not needed. Rows that fall, diverge or stay undecided are NaN, which sbi leaves out or learns,
+    and `run` also returns their statuses.
+
+    Args:
+        job: a job, its file or its fields, with one record for each row (`settle`, `fixed_time`, `perturb`)
+            and nothing under `vary`.
+        parameters: the k parameters or start values that are inferred; the job's other constants stay. A
+            model with noise needs its seed among them, or each row has the same noise.
+        columns: the m columns of its table that are compared with measurements, such as `rate_end`.
+
+    Raises:
+        ArgumentError: the job varies something, or its run has several records for a row.
+        JobError: an error in the job.
+
+    Example:
+        >>> import gaitsweep as gs
+        >>> job = {
+        ...     "name": "hops",
+        ...     "model": "gaitsweep.examples.hopper:Hopper",
+        ...     "start": {"launch_0": 2.5},
+        ...     "run": {"kind": "settle"},
+        ... }
+        >>> hops = gs.simulator(job, ["omega", "restitution"], ["launch_end"])
+        >>> hops([[12.0, 0.7], [12.5, 0.7]]).round(2).tolist()
+        [[2.57], [2.47]]
+    """
+    if isinstance(job, str | Path):
+        job = load_job(job)
+    elif isinstance(job, Mapping):
+        job = Job.model_validate(dict(job))
+    if job.design.groups:
+        varied = ", ".join(name for group in job.design.groups for name in group.axes)
+        raise ArgumentError(f"the job varies {varied}: a simulator's rows differ in its parameters alone.")
+    if not job.run.one_a_row:
+        raise ArgumentError(f"a run of kind {job.run.kind_name} has several records for a row: use another.")
+    known = [q.name for q in (*job.design.model.parameters, *job.design.model.initial_conditions)]
+    for name in parameters:
+        if name not in known:
+            near = near_miss.suggestion(name, known)
+            raise ArgumentError(f"{name} is not a parameter or start value of {job.design.model.name}{near}")
+    return Simulator(job, parameters, columns)

@@ -1,0 +1,224 @@
+"""The table of a block of an atlas: gaits searched, branches followed, and those of an earlier run kept."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+from jaxtyping import Int
+
+from gaitsweep.analysis.atlas.atlas import BranchAtlas
+from gaitsweep.analysis.atlas.periodic_orbits import Orbit, OrbitSearch, SearchOptions, orbits_of, rows_of
+from gaitsweep.analysis.atlas.stored_points import points_of
+from gaitsweep.design import Design
+from gaitsweep.engine.poincare.maps import Points
+from gaitsweep.engine.sweep.sweep_spec import SweepSpec
+from gaitsweep.kinds.drawn_starts import DrawnStarts, Rows
+from gaitsweep.kinds.fixed_points import MappedRows
+from gaitsweep.kinds.run_kind import BlockProgress
+
+if TYPE_CHECKING:
+    from gaitsweep.kinds.atlas import Atlas
+
+# The columns of whole numbers.
+WHOLE = (
+    *("number", "period", "depth", "begins", "point", "unstable", "found", "corrections", "drawn_starts"),
+)
+# The columns of text that has few values.
+TEXTS = ("part", "symmetry", "events", "change", "special", "end", "gait", "status")
+
+
+@dataclasses.dataclass(frozen=True)
+class AtlasBlock:
+    """Some rows of an atlas.
+
+    Attributes:
+        run: the fields of the run.
+        rows: the job's rows.
+        spec: how they are simulated.
+        numbers: the rows of the block (n,).
+        on_progress: progress callback.
+        before: the records of these rows in the table that the run continues, `row` counted from 0, and
+            its `.attrs`; or None.
+    """
+
+    run: Atlas
+    rows: Design
+    spec: SweepSpec
+    numbers: Int[np.ndarray, " rows"]
+    on_progress: BlockProgress
+    before: pd.DataFrame | None = None
+
+    @functools.cached_property
+    def mapped(self) -> MappedRows:
+        """The rows at the value of the parameter at which gaits are searched."""
+        return self.run.at_place(self.run.mapped_rows(self.rows, self.spec, self.numbers))
+
+    @functools.cached_property
+    def like(self) -> Points:
+        """A point (1,) of the map, for the structure of its modes."""
+        return self.mapped.settled(0)[:1]
+
+    def table(self) -> pd.DataFrame:
+        """The records of the rows."""
+        search, atlas = self._followed()
+        before, first = self.before, int(self.numbers[0])
+        branches = atlas.table(search, self.run.place)
+        is_kept = (
+            branches["earlier"].notna().to_numpy() if before is not None else np.zeros(len(branches), bool)
+        )
+        kept, new = (branches.iloc[np.flatnonzero(mask)] for mask in (is_kept, ~is_kept))
+        table = self._joined_parts(search, atlas, new)
+        if len(table):
+            table = self._records_of(table)
+        if before is not None:
+            # a row without a gait has a new record
+            old = before.assign(row=before["row"] + first).loc[before["end"].astype(str) != "no_gait"]
+            of_kept = kept[["found", "point", "missing"]].to_numpy(float)
+            old.loc[kept["earlier"].to_numpy(int), ["found", "point", "missing"]] = of_kept
+            old["drawn_starts"] = [search.drawn(row) for row in old["row"] - first]
+            table = pd.concat([old, table], ignore_index=True) if len(table) else old
+            of_curve = (table["part"].astype(str) != "branch").to_numpy(bool)
+            order = np.lexsort([table["point"], table["number"], of_curve, table["row"]])
+            table = table.iloc[order].reset_index(drop=True)
+        left_out = np.array([atlas.left_out(row) for row in range(len(self.numbers))], np.int64)
+        return _typed(table.assign(left_out=left_out[table["row"].to_numpy(int) - first]))
+
+    def with_points(self) -> tuple[MappedRows, pd.DataFrame]:
+        """The rows, and the records of their branches with the point of each as `at`."""
+        search, atlas = self._followed()
+        table = atlas.table(search, self.run.place).rename(columns={"branch": "number"})
+        at = [branch.point(place) for branch in atlas.branches for place in range(len(branch.records))]
+        table["at"] = pd.Series(at, table.index, dtype=object)
+        return self.mapped.without(self.run.parameter), table
+
+    def _records_of(self, table: pd.DataFrame) -> pd.DataFrame:
+        """The records of a job's table from those of branches and curves."""
+        for name in self.run.second:
+            of_branch = self.mapped.values[name][table["row"].to_numpy(int)]
+            table[name] = np.where(table["part"] == "branch", of_branch, table.get(name, np.nan))
+        observed = {f"{quantity.name}_n" for quantity in self.rows.model.observables}
+        named = [c.name for c in self.run.columns(self.rows.model) if c.name not in observed]
+        table = table.reindex(columns=list(dict.fromkeys([*table, *named])))
+        has_point = table["special"].notna().to_numpy()
+        mapped = self.mapped.without(self.run.parameter)
+        return self.run.records(self.rows, mapped, table, has_point, has_point)
+
+    def _joined_parts(self, search: OrbitSearch, atlas: BranchAtlas, branches: pd.DataFrame) -> pd.DataFrame:
+        """The points of branches, those of curves over the second parameter, and rows without a gait."""
+        parts = [branches.assign(part="branch").rename(columns={"branch": "number"})]
+        curves_before: dict[int, int] = {}
+        if (before := self.before) is not None:
+            of_curves = before[~before["part"].astype(str).isin(["branch", ""])]
+            curves_before = of_curves.groupby("row")["number"].nunique().to_dict()
+        for second, within in self.run.second.items():
+            curves = atlas.follow_curves(second, within, atlas.steps, curves_before)
+            if len(curves):
+                parts.append(curves.rename(columns={"curve": "number", "kind": "part"}))
+        without = set(range(len(self.numbers))) - {branch.row for branch in atlas.branches}
+        parts.append(pd.DataFrame([self._without_gait(row, search) for row in sorted(without)]))
+        parts = [part for part in parts if len(part)]
+        if not parts:
+            return branches
+        table = pd.concat(parts, ignore_index=True)
+        drawn = np.array([search.drawn(row) for row in range(len(self.numbers))])
+        table = table.assign(drawn_starts=drawn[table["row"].to_numpy(int)])
+        return table.sort_values("row", kind="stable", ignore_index=True)
+
+    def _followed(self) -> tuple[OrbitSearch, BranchAtlas]:
+        """The search of the rows' gaits, and their branches.
+
+        What the run `before` has found is neither searched nor followed again.
+        """
+        run, mapped, before = self.run, self.mapped, self.before
+
+        def on_step(points: Any, shares: Any) -> None:
+            self.on_progress(f"{np.sum(points)} points of {len(points)} branches", float(np.mean(shares)))
+
+        atlas = BranchAtlas(
+            mapped.mapping,
+            mapped.values,
+            parameter=run.parameter,
+            within=run.path,
+            fix=run.fix,
+            steps=dataclasses.replace(run.steps(on_step), through=(run.place,)),
+            most_branches=run.branches,
+        )
+        if before is not None:
+            with_points = (before["part"].astype(str) == "branch") & (before["point"] >= 0)
+            atlas.restore(before.loc[with_points], self.like, int(before.attrs["job"]["run"]["depth"]))
+        search = self._searched()
+        atlas.follow(search, run.place, run.depth)
+        return search, atlas
+
+    def _searched(self) -> OrbitSearch:
+        """The search of the rows' gaits, from drawn starts and from where those of the first round settle.
+
+        The starts of the run `before` are neither drawn nor simulated again.
+        """
+        run, mapped, before = self.run, self.mapped, self.before
+        drawn = DrawnStarts(mapped, run.ranges, run.seed)
+
+        def on_round(count: int, orbits: int) -> None:
+            self.on_progress(f"{orbits} gaits from {count} starts of a row", 0.5 * count / run.budget)
+
+        def draw(row_of_start: Rows, begun: int) -> Points:
+            count = int(np.sum(row_of_start == row_of_start[0]))
+            return drawn.points(row_of_start, begun, count)
+
+        periods = 1 if run.stationary else run.periods  # a point at rest has no other
+        options = SearchOptions(periods, run.budget, run.batch, run.patience, on_round)
+        search = OrbitSearch(mapped.mapping, mapped.values, drawn.levels(run.fix), options)
+        if before is not None:
+            starts = before.groupby("row")["drawn_starts"].first().to_dict()
+            search.restore(_orbits_of_table(mapped, before, self.like), starts)
+            search.run(draw, range(len(mapped.numbers)))
+            return search
+        row_of_start = np.repeat(np.arange(len(mapped.numbers)), run.batch)
+        ends = drawn.points(row_of_start, 0, run.batch, max(run.settle, 1))
+        sound = np.asarray(np.isfinite(ends.at).all(axis=1))
+        settled = np.flatnonzero(sound)
+        if settled.size:
+            search.add(ends[settled], row_of_start[settled], drawn=False)
+        search.run(draw, range(len(mapped.numbers)))
+        if not run.fix:  # else the drawn starts lead to gaits with other values of what is conserved
+            search.mark_reached(ends, row_of_start, sound)
+        return search
+
+    def _without_gait(self, row: int, search: OrbitSearch) -> dict[str, Any]:
+        """The record of a row in which the search found no gait."""
+        return {
+            "row": row,
+            "part": "branch",
+            self.run.parameter: self.run.place,
+            "missing": search.missing(row),
+            "end": "no_gait",
+            "stored_point": "",
+        }
+
+
+def _typed(table: pd.DataFrame) -> pd.DataFrame:
+    """A table with whole numbers, flags and texts in the types of its columns."""
+    integers = {name: table[name].astype(float).fillna(-1).astype(np.int64) for name in WHOLE}
+    stable = table["stable"].astype("boolean").fillna(False).astype(bool)
+    texts = {name: pd.Categorical(table[name].astype(object).fillna("")) for name in TEXTS}
+    return table.assign(
+        stable=stable, stored_point=table["stored_point"].astype(object).fillna(""), **texts, **integers
+    )
+
+
+def _orbits_of_table(mapped: MappedRows, table: pd.DataFrame, like: Points) -> Iterator[Orbit]:
+    """The gaits of an earlier run's records, each with the place of its record."""
+    gaits = table.loc[(table["part"].astype(str) == "branch") & (table["found"] >= 0)]
+    for place, record in zip(gaits.index, gaits.to_dict("records"), strict=True):
+        point = points_of(record["stored_point"], like)[0].points
+        values = rows_of(mapped.values, np.array([record["row"]]))
+        (orbit,) = orbits_of(mapped.mapping, point, values, int(record["period"]))
+        if orbit is not None:
+            numbers = int(record["row"]), orbit, float(record["error"]), int(record["found"])
+            symmetry = tuple(filter(None, str(record["symmetry"]).split(", ")))
+            yield Orbit(*numbers, symmetry, float(record["reached"]), (int(place),))

@@ -1,0 +1,99 @@
+"""Simulators for inference: values in, observables out, and the calibration of a posterior that is known."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy import stats
+
+import gaitsweep as gs
+
+HOPS = {"name": "hops", "model": "gaitsweep.examples.hopper:Hopper", "run": {"kind": "settle"}}
+
+
+class Measured(gs.DeclaredModel):
+    """A body whose place is measured with an error of its own; it falls where the place is beyond 2.5."""
+
+    place = gs.parameter("m", "place", 0.0, low=-4.0, high=4.0)
+    seed = gs.parameter("1", "seed of the error", 0.0, whole=True)
+    x = gs.variable("m", "measured place", 0.0)
+
+    def complete(self, p, s):
+        return s.replace(x=p.place + gs.normal(p.seed, 0))
+
+    def flow(self, p, s):
+        return {"x": 0.0}
+
+    def failed(self, p, s):
+        return p.place > 2.5
+
+    def period(self, p):
+        return 1.0 + 0.0 * p.place
+
+
+@pytest.mark.slow
+def test_a_posterior_by_rejection_is_calibrated() -> None:
+    """The rank of the true value among accepted ones is uniform, and failed rows are marked.
+
+    With a flat prior and an error of variance 1, the posterior of the place is normal around the measurement.
+    """
+    random, n = np.random.default_rng(3), 20_000
+    job = {"name": "m", "model": f"{__name__}:Measured", "run": {"kind": "fixed_time", "duration": 0.5}}
+    measured = gs.simulator(job, ["place", "seed"], ["x_end"])
+    sets = np.stack([random.uniform(-4.0, 4.0, n), np.arange(n)], axis=1)
+    observed, status = measured.run(sets)
+    fallen = sets[:, 0] > 2.5
+    assert np.array_equal(np.isnan(observed[:, 0]), fallen)
+    assert set(status[fallen]) == {"fell"}
+    place, x = sets[~fallen, 0], observed[~fallen, 0]
+    np.testing.assert_allclose(x[:5], place[:5] + gs.normal(sets[~fallen, 1][:5], 0), rtol=1e-12)
+    ranks = []
+    for true, seen in zip(place[:300], x[:300], strict=True):
+        accepted = place[300:][np.abs(x[300:] - seen) < 0.1]
+        ranks.append((accepted < true).mean())
+    assert stats.kstest(ranks, "uniform").pvalue > 1e-3
+    # away from the ends of the prior
+    accepted = place[np.abs(x + 0.5) < 0.05]
+    assert accepted.mean() == pytest.approx(-0.5, abs=4.0 / np.sqrt(accepted.size))
+    assert accepted.std() == pytest.approx(1.0, abs=4.0 / np.sqrt(2.0 * accepted.size))
+
+
+def test_one_set_and_tensors_have_their_own_shapes() -> None:
+    hops = gs.simulator({**HOPS, "start": {"launch_0": 2.5}}, ["omega"], ["launch_end", "t_end"])
+
+    class Tensor(np.ndarray):
+        """A tensor of torch, as far as a simulator sees it."""
+
+        def new_tensor(self, values: Any) -> Tensor:
+            return np.asarray(values).view(Tensor)
+
+    one = hops(np.array([12.0]))
+    assert one.shape == (2,)
+    several = hops(np.array([[12.0], [12.5]]).view(Tensor))
+    assert isinstance(several, Tensor)
+    np.testing.assert_array_equal(several[0], one)
+    assert hops(np.empty((0, 1))).shape == (0, 2)
+    with pytest.raises(gs.ArgumentError, match=r"\(2, 3\), but 1 parameters"):
+        hops(np.zeros((2, 3)))
+
+
+@pytest.mark.parametrize(
+    ("fields", "parameters", "columns", "reason"),
+    [
+        ({"vary": {"omega": [1.0, 2.0]}}, ["push"], ["launch_end"], "varies omega"),
+        ({"run": {"kind": "return_map", "crossings": 3}}, ["omega"], ["launch_n"], "several records"),
+        ({}, ["omga"], ["launch_end"], "did you mean omega"),
+    ],
+)
+def test_a_job_that_is_no_simulator_is_refused(
+    fields: Any, parameters: list[str], columns: list[str], reason: str
+) -> None:
+    with pytest.raises(gs.ArgumentError, match=reason):
+        gs.simulator({**HOPS, **fields}, parameters, columns)
+
+
+def test_an_unknown_column_is_refused() -> None:
+    with pytest.raises(gs.ArgumentError, match="did you mean launch_end"):
+        gs.simulator(HOPS, ["omega"], ["launch_nd"])([12.0])

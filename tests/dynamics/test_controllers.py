@@ -1,0 +1,223 @@
+"""Model files and their controllers: closed forms, MuJoCo C's kinematics, and refusals with lines."""
+
+# MuJoCo's compiled modules come without types.
+# pyright: reportAttributeAccessIssue=false
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import jax.numpy as jnp
+import mujoco
+import numpy as np
+import pytest
+
+import gaitsweep as gs
+from gaitsweep.dynamics.controllers.leg_targets import two_link_leg
+from gaitsweep.dynamics.controllers.model_file import model_of_file
+from gaitsweep.dynamics.controllers.oscillators import (
+    HopfOscillators,
+    LegSenses,
+    MatsuokaOscillators,
+    PhaseOscillators,
+)
+from gaitsweep.schema.diagnostics import JobError
+from gaitsweep.shipped import EXAMPLES
+
+WALKERS = EXAMPLES / "walkers"
+LEGS = ("LF", "RF", "LH", "RH")
+DELTA = np.array([0.0, 3.0, 2.9, 0.3])
+PHASE = np.array([0.4, 3.9, 2.0, 5.5])
+LOADS = np.array([12.0, 0.0, 30.0, 5.0])
+SENSES = LegSenses(lambda: jnp.asarray(LOADS), lambda: jnp.asarray([0.1, -0.2, 0.3, 0.0]))
+
+
+def params(**values: float) -> Any:
+    deltas = {f"delta_{leg}": float(delta) for leg, delta in zip(LEGS, DELTA, strict=True)}
+    return SimpleNamespace(**{"omega": 9.0, "coupling": 1.5, "sigma": 0.02, "gain": 8.0, **deltas, **values})
+
+
+def phase_rates() -> np.ndarray:
+    """Rates of the phases (n,), by the sum over all pairs of legs."""
+    apart = PHASE - DELTA
+    pull = np.array([sum(np.sin(other - own) for other in apart) for own in apart])
+    return 9.0 - 0.02 * LOADS * np.cos(PHASE) + 1.5 * pull
+
+
+def test_phases_are_pulled_by_each_other_and_by_loads() -> None:
+    oscillators = PhaseOscillators.model_validate({"kind": "phase", "omega": 9.0, "sigma": 0.02})
+    rates = oscillators.rates(LEGS, params(), SimpleNamespace(phase=jnp.asarray(PHASE)), SENSES)
+    np.testing.assert_allclose(rates["phase"], phase_rates(), rtol=0, atol=1e-13)
+
+
+def test_hopf_oscillators_on_their_circle_are_the_phase_oscillators() -> None:
+    """Inside the circle the radius grows at gain (1 - r^2) r, in the pattern, where the coupling vanishes."""
+    oscillators = HopfOscillators.model_validate({"kind": "hopf", "omega": 9.0, "sigma": 0.02})
+    state = SimpleNamespace(hopf_x=jnp.cos(PHASE), hopf_y=jnp.sin(PHASE))
+    rates = oscillators.rates(LEGS, params(), state, SENSES)
+    turning = np.cos(PHASE) * rates["hopf_y"] - np.sin(PHASE) * rates["hopf_x"]
+    np.testing.assert_allclose(turning, phase_rates(), rtol=0, atol=1e-13)
+    small = SimpleNamespace(hopf_x=0.5 * jnp.cos(DELTA), hopf_y=0.5 * jnp.sin(DELTA))
+    rates = oscillators.rates(LEGS, params(), small, SENSES)
+    growth = np.cos(DELTA) * rates["hopf_x"] + np.sin(DELTA) * rates["hopf_y"]
+    np.testing.assert_allclose(growth, 8.0 * 0.75 * 0.5, rtol=0, atol=1e-13)
+
+
+def test_a_landing_foot_sets_its_phase() -> None:
+    """To the nearest phase that is the one of landing, so that a reset at the section crosses it."""
+    phases = PhaseOscillators.model_validate({"kind": "phase", "omega": 9.0, "reset": 0.0})
+    assert phases.resets
+    state = SimpleNamespace(phase=jnp.asarray([6.1, 0.3]))
+    state.replace = lambda phase: phase
+    np.testing.assert_allclose(phases.landed(params(phase_landing=0.0), state, 0), [2.0 * np.pi, 0.3])
+    np.testing.assert_allclose(phases.landed(params(phase_landing=0.0), state, 1), [6.1, 0.0], atol=1e-15)
+    hopf = HopfOscillators.model_validate({"kind": "hopf", "omega": 9.0, "reset": 0.5})
+    begun = SimpleNamespace(hopf_x=jnp.asarray([0.6]), hopf_y=jnp.asarray([-0.8]))
+    begun.replace = lambda **changes: changes
+    landed = hopf.landed(params(phase_landing=0.5), begun, 0)
+    np.testing.assert_allclose([landed["hopf_x"][0], landed["hopf_y"][0]], [np.cos(0.5), np.sin(0.5)])
+
+
+def test_matsuoka_oscillators_have_their_feedback_and_frequency() -> None:
+    """The rates of a lone half-centre by hand; the period against integration of a pair, within 15 %."""
+    fields = {"kind": "matsuoka", "rise": 0.05, "adaptation": 0.5, "hip": 3.0, "load": 0.01}
+    oscillators = MatsuokaOscillators.model_validate(fields)
+    numbers = {"Tr": 0.05, "Ta": 0.5, "b": 2.5, "gamma_": -2.0, "drive": 1.0, "between": -0.5}
+    p = SimpleNamespace(**numbers, k1=3.0, k2=0.01, theta0=0.0)
+    u, f = np.arange(8.0) / 8.0 - 0.3, np.arange(8.0) / 10.0
+    rates = oscillators.rates(LEGS, p, SimpleNamespace(u=jnp.asarray(u), f=jnp.asarray(f)), SENSES)
+    hip = 3.0 * np.array([0.1, -0.2, 0.3, 0.0])
+    felt = np.concatenate([hip, -hip - 0.01 * LOADS])
+    opposite = np.maximum(np.roll(u, 4), 0.0)
+    np.testing.assert_allclose(rates["u"], (-u - 2.0 * opposite - 2.5 * f + 1.0 + felt) / 0.05, atol=1e-12)
+    x, crossings, dt = np.array([1.0, 0.1, 0.0, 0.0]), [], 1e-3
+    for k in range(12000):
+        y = np.maximum(x[:2], 0.0)
+        change = np.concatenate([(-x[:2] - 2.0 * y[::-1] - 2.5 * x[2:] + 1.0) / 0.05, (y - x[2:]) / 0.5])
+        crossings += [k * dt] if x[0] < x[1] and (x + dt * change)[0] >= (x + dt * change)[1] else []
+        x = x + dt * change
+    assert oscillators.period(p) == pytest.approx(np.diff(crossings)[-1], rel=0.15)
+
+
+@pytest.mark.parametrize("side", ["lf", "rh"])
+def test_inverse_kinematics_put_the_foot_on_its_path(side: str) -> None:
+    """MuJoCo's own kinematics place the foot at the target; the knee bends within its range."""
+    m = mujoco.MjModel.from_xml_path(str(WALKERS / "quadruped.xml"))
+    data = mujoco.MjData(m)
+    leg = two_link_leg(m, f"hip_{side}", f"knee_{side}", f"foot_{side}")
+    for x, z in ((0.05, -0.3), (-0.12, -0.33), (0.0, -0.2), (0.1, -0.38)):
+        hip, knee = leg.angles(jnp.asarray(x), jnp.asarray(z))
+        data.joint(leg.hip).qpos[0], data.joint(leg.knee).qpos[0] = hip, knee
+        mujoco.mj_kinematics(m, data)
+        place = data.geom(f"foot_{side}").xpos - data.joint(leg.hip).xanchor
+        np.testing.assert_allclose(place[[0, 2]], [x, z], rtol=0, atol=1e-9)
+        low, high = m.joint(leg.knee).range
+        assert low - 1e-9 < knee < high + 1e-9
+
+
+@pytest.mark.slow
+def test_a_model_file_is_the_class_that_one_would_write() -> None:
+    """The boom walker's control and phases, from the same numbers in YAML."""
+    from gaitsweep.examples.boom_walker import BoomWalker
+
+    ours, theirs = model_of_file(WALKERS / "biped.yaml")(), BoomWalker()
+    assert model_of_file(WALKERS / "biped.yaml") is type(ours)
+    assert gs.models.find(gs.models.name_of(type(ours))) is type(ours)
+    results = []
+    for model in (ours, theirs):
+        values = {q.name: jnp.asarray(q.default, float) for q in model.parameters}
+        starts = {
+            q.name: jnp.asarray({"phase_1_0": 1.0, "phase_2_0": 4.3}.get(q.name, 0.0))
+            for q in model.initial_conditions
+        }
+        p = model.params(values)
+        state = model.init(p, starts).replace(phase=jnp.asarray([1.0, 4.3]))
+        results.append([model.control(p, state), model.rates(p, state)["phase"], model.period(p)])
+    for one, other in zip(*results, strict=True):
+        np.testing.assert_allclose(one, other, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        (
+            "hip: hip_l,",
+            "hip: hpi_l,",
+            r"line 9: controller\.legs\.L is not accepted: .*'hpi_l'; did you mean",
+        ),
+        ("foot: foot_l,", "foot: fot_l,", r"line 9: controller\.legs\.L\.foot is fot_l.*did you mean foot_l"),
+        ("knee: knee_l}", "kne: knee_l}", r"line 9: controller\.legs\.L\.kne is no role.*did you mean knee"),
+        ("kind: phase", "kind: phse", r"line 4: controller\.oscillators.*phse.*phase"),
+        ("omega: 6", "omga: 6", r"line 4: controller\.oscillators\.phase\.omga .*did you mean omega"),
+        ("omega: 6", "omega: -6", r"line 4: .*omega is -6, but must be above 0"),
+        (
+            "phases: {L: 0,",
+            "phases: {LL: 0,",
+            r"line 4: controller\.oscillators\.phases has LL.*did you mean L",
+        ),
+        (
+            "fallen: 0.47",
+            "falen: 0.47",
+            r"line 11: falen is not a field of a model file; did you mean fallen",
+        ),
+        ("  joints:", "  kp: 3\n  joints:", "kp or kd, but all of its joints have <position>"),
+        ("body: biped.xml", "body: bipd.xml", r"bipd\.xml does not exist"),
+    ],
+)
+def test_errors_of_a_model_file_have_its_line(tmp_path: Path, old: str, new: str, words: str) -> None:
+    text = (WALKERS / "biped.yaml").read_text()
+    assert old in text
+    (tmp_path / "biped.yaml").write_text(text.replace(old, new))
+    (tmp_path / "biped.xml").write_text((WALKERS / "biped.xml").read_text())
+    with pytest.raises((JobError, FileNotFoundError, ValueError), match=words):
+        model_of_file(tmp_path / "biped.yaml")
+
+
+def test_a_missing_model_file_is_refused_with_the_near_miss(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "biped.yaml").write_text("body: biped.xml\n")
+    with pytest.raises(gs.models.ModelError, match=r"no such file in .*; did you mean biped\.yaml"):
+        gs.models.find("bipde.yaml")
+
+
+@pytest.mark.slow
+def test_a_stepped_model_file_moves_as_mujoco_c(tmp_path: Path) -> None:
+    """The same controller by hand along MuJoCo C's own steps, through landings."""
+    text = (WALKERS / "biped.yaml").read_text().replace("controller:", "dynamics: stepped\ncontroller:", 1)
+    (tmp_path / "stepped.yaml").write_text(text)
+    (tmp_path / "biped.xml").write_text((WALKERS / "biped.xml").read_text())
+    kind: Any = model_of_file(tmp_path / "stepped.yaml")
+    model = kind(dynamics="mujoco")
+    m = mujoco.MjModel.from_xml_path(str(WALKERS / "biped.xml"))
+    dt = m.opt.timestep
+    trace = gs.simulate(model, duration=400 * dt, every=400 * dt, numerics={"dt": dt})
+    data, phase, loads = mujoco.MjData(m), np.array([0.0, np.pi]), np.zeros(2)
+    for _ in range(400):
+        lift = np.maximum(-np.sin(phase), 0.0)
+        hips, knees = 0.25 * np.cos(phase), 0.15 + lift
+        data.ctrl[:] = [hips[0], knees[0], hips[1], knees[1]]
+        pull = 4.0 * np.sin(phase[::-1] - phase - np.pi * np.array([1.0, -1.0]))
+        phase = phase + dt * (6.0 - 0.03 * loads * np.cos(phase) + pull)
+        mujoco.mj_step(m, data)
+        loads = data.sensordata.copy()
+    assert loads.max() > 30.0
+    np.testing.assert_allclose(trace[[f"q_{i}" for i in range(m.nq)]].iloc[-1], data.qpos, rtol=0, atol=1e-8)
+
+
+def test_angles_of_a_start_are_the_quaternion_of_mujoco() -> None:
+    """Yaw, pitch and roll as intrinsic z, y, x; a start's quaternion and angular velocity."""
+    xml = """<mujoco><worldbody><geom type="plane" size="1 1 .1"/><body pos="0 0 1"><freejoint name="root"/>
+      <geom name="ball" size=".1" mass="1"/></body></worldbody></mujoco>"""
+    members = {"control": lambda self, p, s: jnp.zeros(0), "period": lambda self, p: jnp.ones(())}
+    model = type("Ball", (gs.BodyModel,), {"body_file": xml, **members})()
+    start: dict[str, Any] = {q.name: q.default for q in model.initial_conditions}
+    start |= {"root_roll_0": 0.3, "root_pitch_0": 0.4, "root_yaw_0": 0.5, "root_w_y_0": 2.0}
+    q, v = model.started_at(start)
+    true = np.zeros(4)
+    mujoco.mju_euler2Quat(true, np.array([0.5, 0.4, 0.3]), "zyx")
+    np.testing.assert_allclose(q[3:], true, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(v, [0.0, 0.0, 0.0, 0.0, 2.0, 0.0])
