@@ -79,6 +79,7 @@ class Lazy:
         self._object = None
 
     def _loaded(self) -> Any:
+        """The object, imported at the first call."""
         if self._object is None:
             loaded = importlib.import_module(self._module)
             if self._member is not None:

@@ -176,6 +176,7 @@ def _imports(file: Path, stamp: Stamp, package: str) -> tuple[str, ...]:
 
 
 def _imported(node: ast.AST, package: str) -> Iterator[str]:
+    """The names that an import statement may import, absolute ones."""
     if isinstance(node, ast.Import):
         yield from (alias.name for alias in node.names)
     elif isinstance(node, ast.ImportFrom):

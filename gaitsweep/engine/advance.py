@@ -577,6 +577,8 @@ def _carry_after(
 
 
 def _advance_stepped(model: FixedStepDynamics, numerics: ResolvedNumerics, drive: Drive | None) -> Advance:
+    """The attempt of a model in steps of fixed length: one step, with events at its end."""
+
     def attempt(params: Params, carry: Carry) -> Carry:
         dt = carry.dt
         going = carry.halt == Halt.GOING

@@ -18,7 +18,7 @@ from typing import Any, ParamSpec, TypeVar
 import jax
 
 from gaitsweep.contract import Model, SteppedModel
-from gaitsweep.engine.content_reader import ContentReader, is_users
+from gaitsweep.engine.content_reader import ContentReader, is_user_module
 from gaitsweep.own_modules import modules_beside
 
 P = ParamSpec("P")
@@ -132,7 +132,7 @@ def _lasting(model: Model) -> str:
         return ""
     reader = _read(model)
     reader.read(model.data_digest)
-    if is_users(module.__name__):
+    if is_user_module(module.__name__):
         sources = modules_beside(module)
         reader.lasting &= bool(sources)
         for name, file in sorted(sources.items()):

@@ -13,7 +13,7 @@ import types
 from collections.abc import Iterable, Iterator, Mapping
 from enum import Enum
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
 
 import jax
@@ -40,7 +40,20 @@ _UNKNOWN = {
     *("random", "devices", "default_backend", "device_count", "local_devices", "callback", "pure_callback"),
 }
 _IMPORTS = opcode.opmap["IMPORT_NAME"]
-_CODES: WeakKeyDictionary[types.CodeType, tuple[bytes, tuple[str, ...], bool]] = WeakKeyDictionary()
+
+
+class _Code(NamedTuple):
+    """The digest of a code object, the names that it and its inner code read, and whether a digest holds all.
+
+    It does not where a name may read files, the environment or a clock.
+    """
+
+    digest: bytes
+    names: tuple[str, ...]
+    is_known: bool
+
+
+_CODES: WeakKeyDictionary[types.CodeType, _Code] = WeakKeyDictionary()
 
 
 class ContentReader:
@@ -74,7 +87,7 @@ class ContentReader:
         elif isinstance(value, type):
             self._class(value)
         elif isinstance(value, types.ModuleType):
-            self._know(value.__name__)
+            self._note_module(value.__name__)
             self._add("module", value.__name__.encode())
         elif isinstance(value, Enum):
             self._add("enum", f"{kind.__module__}.{value}".encode())
@@ -98,23 +111,25 @@ class ContentReader:
                 self._add("attribute", name.encode())
                 self.read(getattr(value, name))
 
-    def _know(self, module: str | None) -> None:
+    def _note_module(self, module: str | None) -> None:
         """Note whether other processes know what a module defines, by its name or its content."""
         top = str(module).partition(".")[0]
-        self.lasting &= top in _KNOWN or (top in sys.modules and is_users(str(module)))
+        self.lasting &= top in _KNOWN or (top in sys.modules and is_user_module(str(module)))
 
     def _add(self, label: str, data: bytes) -> None:
         self.digest.update(f"{label} {len(data)}:".encode() + data)
 
     def _all(self, label: str, values: Iterable[Any]) -> None:
+        """Add values one after the other, with their number."""
         items = list(values)
         self._add(label, str(len(items)).encode())
         for item in items:
             self.read(item)
 
     def _function(self, function: types.FunctionType) -> None:
-        digest, names, names_are_known = _code(function.__code__)
-        self._add("function", digest)
+        """Add a function: code, defaults and closure, and the globals that code of a user reads."""
+        code = _code(function.__code__)
+        self._add("function", code.digest)
         self.read(function.__defaults__)
         self.read(function.__kwdefaults__)
         for cell in function.__closure__ or ():
@@ -123,23 +138,23 @@ class ContentReader:
             except ValueError:  # not filled yet
                 self._add("empty", b"")
         of_module = function.__globals__
-        self._know(of_module.get("__name__"))
-        if not is_users(str(of_module.get("__name__"))):
+        self._note_module(of_module.get("__name__"))
+        if not is_user_module(str(of_module.get("__name__"))):
             return
-        self.lasting &= names_are_known
+        self.lasting &= code.is_known
         self.read(vars(function))
-        for name in names:
+        for name in code.names:
             if name in of_module:
                 self._add("global", name.encode())
-                self._global(of_module[name], names)
+                self._global(of_module[name], code.names)
 
     def _global(self, value: Any, names: tuple[str, ...]) -> None:
         """Add a global; of a module its members with one of the code's `names`."""
         if not isinstance(value, types.ModuleType) or id(value) in self._seen:
             self.read(value)
             return
-        users = is_users(value.__name__)
-        self._know(value.__name__)
+        users = is_user_module(value.__name__)
+        self._note_module(value.__name__)
         self._add("module", value.__name__.encode())
         for name in names:
             part = vars(value).get(name)
@@ -148,13 +163,16 @@ class ContentReader:
                 self._global(part, names)
 
     def _class(self, kind: type) -> None:
+        """Add the name of a class, and the members of all of its bases that a user may change."""
         self._add("class", f"{kind.__module__}.{kind.__qualname__}".encode())
         for base in kind.__mro__:
-            self._know(base.__module__)
+            self._note_module(base.__module__)
             # a class made by calling type() has the module of its metaclass, and no source of its own
             called = base.__module__ == "abc" and base is not abc.ABC
             self.lasting &= not called
-            users = called or is_users(base.__module__) or base.__module__.startswith("gaitsweep.models.")
+            users = (
+                called or is_user_module(base.__module__) or base.__module__.startswith("gaitsweep.models.")
+            )
             if not users:
                 continue
             for name, value in list(vars(base).items()):
@@ -163,6 +181,7 @@ class ContentReader:
                     self.read(value)
 
     def _array(self, value: Any) -> None:
+        """Add the dtype, shape and numbers of an array."""
         try:
             array = np.asarray(value)
             data = pickle.dumps(array) if array.dtype.hasobject else array.tobytes()
@@ -173,10 +192,12 @@ class ContentReader:
         self._add(f"{array.dtype} {array.shape}", data)
 
     def _object(self, value: Any) -> None:
+        """Add an object by what it refers to, or else by its pickle."""
         kind = type(value)
-        self._know(
-            kind.__module__ if kind.__module__ != "builtins" else getattr(value, "__module__", "builtins")
-        )
+        module = kind.__module__
+        if module == "builtins":  # such as a built-in function, which knows its own module
+            module = getattr(value, "__module__", "builtins")
+        self._note_module(module)
         self._add("object", f"{kind.__module__}.{kind.__qualname__}".encode())
         parts = [name for name in _PARTS.get(kind, ("__wrapped__",)) if hasattr(value, name)]
         for name in parts:
@@ -205,6 +226,7 @@ _PARTS: dict[type, tuple[str, ...]] = {
 
 
 def _slots(kind: type) -> Iterator[str]:
+    """The attributes that a class and its bases declare as slots."""
     for base in kind.__mro__:
         slots = vars(base).get("__slots__", ())
         for name in (slots,) if isinstance(slots, str) else slots:
@@ -212,8 +234,8 @@ def _slots(kind: type) -> Iterator[str]:
                 yield name
 
 
-def _code(code: types.CodeType) -> tuple[bytes, tuple[str, ...], bool]:
-    """The digest of a code object, the names that it and its inner code read, and whether these are known."""
+def _code(code: types.CodeType) -> _Code:
+    """Read a code object and its inner code, once."""
     entry = _CODES.get(code)
     if entry is None:
         names = dict.fromkeys(code.co_names)
@@ -224,14 +246,15 @@ def _code(code: types.CodeType) -> tuple[bytes, tuple[str, ...], bool]:
         digest.update(code.co_code + getattr(code, "co_exceptiontable", b""))
         for constant in code.co_consts:
             if isinstance(constant, types.CodeType):
-                inner, more, inner_known = _code(constant)
-                known &= inner_known
-                digest.update(inner)
-                names |= dict.fromkeys(more)
+                inner = _code(constant)
+                known &= inner.is_known
+                digest.update(inner.digest)
+                names |= dict.fromkeys(inner.names)
             else:
                 text = sorted(map(repr, constant)) if isinstance(constant, frozenset) else repr(constant)
                 digest.update(f"{type(constant).__name__} {text}".encode())
-        entry = _CODES[code] = digest.digest(), tuple(names), known
+        entry = _Code(digest.digest(), tuple(names), known)
+        _CODES[code] = entry
     return entry
 
 
@@ -247,7 +270,7 @@ def _holds_packages(folder: Path) -> bool:
     return folder.name in ("site-packages", "dist-packages") or any(folder.glob("*.dist-info"))
 
 
-def is_users(module: str) -> bool:
+def is_user_module(module: str) -> bool:
     """Whether a module may change while Python runs: it is neither gaitsweep's nor an installed package's."""
     if module == "gaitsweep" or module.startswith("gaitsweep."):
         return False

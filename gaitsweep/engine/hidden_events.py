@@ -33,7 +33,7 @@ TOP_WITHIN = 2.0
 # period is a fraction of the step could have the same value there as at the ends.
 PROBES = (0.29, 0.63)
 # Largest distance of a guard from its cubic, as a share of its largest value in the step.
-RESOLVED = 0.1
+MAX_CUBIC_ERROR = 0.1
 
 
 def guard_slopes(model: HybridModel, params: Params, state: State, rates: Rates) -> Guards:
@@ -113,7 +113,7 @@ def unresolved(
     suspect = jnp.zeros(near.shape, bool)
     for share, probe in zip(PROBES, inside, strict=True):
         deviation = jnp.abs(probe - _cubic(near, slopes, end, end_slopes, h, share))
-        suspect = suspect | (probe >= 0.0) | (deviation > RESOLVED * size)
+        suspect = suspect | (probe >= 0.0) | (deviation > MAX_CUBIC_ERROR * size)
     return jnp.any(suspect & (near < 0.0) & (end < 0.0))
 
 

@@ -133,6 +133,7 @@ class Document:
         return dataclasses.replace(diagnostic, file=self.file, place=place, text=text)
 
     def _place(self, path: diagnostics.Path) -> int | str | None:
+        """The line or the `--set` of the nearest field that contains a path, or None."""
         # an error in a field of the file that an override changed inside is located at the override
         for inner in self.overridden:  # few, where `places` may be many
             if inner in self.places and len(inner) > len(path) > 1 and inner[: len(path)] == path:
@@ -337,6 +338,7 @@ class _Reading:
             self._open.discard(id(node))
 
     def _mapping(self, node: yaml.MappingNode, path: diagnostics.Path) -> dict[str, Any]:
+        """The values of a mapping by key; duplicate and merge keys are refused."""
         result: dict[str, Any] = {}
         for key_node, value_node in node.value:
             line = key_node.start_mark.line + 1
@@ -352,6 +354,7 @@ class _Reading:
         return result
 
     def _key(self, node: yaml.Node, line: int, path: diagnostics.Path) -> str:
+        """The key of a mapping, which must be text."""
         if not isinstance(node, yaml.ScalarNode) or node.tag != f"{_CORE}str":
             shown = "a list or mapping"
             if isinstance(node, yaml.ScalarNode):
@@ -362,6 +365,7 @@ class _Reading:
         return node.value
 
     def _scalar(self, tag: str, text: str, line: int, path: diagnostics.Path) -> Any:
+        """The value of a scalar by its tag."""
         if tag == "null":
             return None
         if tag == "bool" and text.lower() in ("true", "false"):

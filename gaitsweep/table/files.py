@@ -112,6 +112,7 @@ def replace_file(path: Path, write: Callable[[BinaryIO], object]) -> None:
 
 
 def _without_links(path: str, flags: int) -> int:
+    """Open a file, as an `opener` of `open`; a symbolic link in its place is refused, not followed."""
     return os.open(path, flags | os.O_NOFOLLOW, 0o666)
 
 
@@ -127,6 +128,7 @@ def temporary_folder() -> Iterator[Path]:
 
 
 def _is_temporary(path: Path) -> bool:
+    """Whether a path is inside a folder of `temporary_folder`."""
     return any(f"{path}/".startswith(f"{folder}/") for folder in _TEMPORARY)
 
 

@@ -108,6 +108,7 @@ def _short(value: object) -> str:
 
 
 def _check_fields(file: Path, manifest: Mapping[str, Any]) -> None:
+    """Refuse a manifest in which a field that readers use has a wrong value."""
     try:
         _Fields.model_validate(manifest)
     except ValidationError as error:

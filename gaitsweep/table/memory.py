@@ -92,6 +92,7 @@ class MemoryTable:
         yield self._frame(columns, None)
 
     def _frame(self, columns: Sequence[str] | None, rows: Rows | None) -> pd.DataFrame:
+        """The records of some columns and rows."""
         selection = Selection.of(columns, rows, self.layout.rows)
         parts = (
             (selection.records_of(records), footer, records.num_rows / footer.rows)

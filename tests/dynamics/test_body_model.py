@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import types
 from functools import cache
 from pathlib import Path
@@ -184,9 +185,9 @@ def test_the_kernels_motion_is_mujocos_in_flight() -> None:
 def test_a_body_at_rest_is_as_deep_as_in_mujoco(friction: int) -> None:
     """At rest MuJoCo's contact is a spring; elliptic cones have it in the normal direction alone."""
     xml = f"""<mujoco><option timestep="0.0005" cone="elliptic"/><worldbody>
-      <geom type="plane" size="5 5 .1" condim="{friction}"/>
+      <geom type="plane" size="5 5 .1" condim="{friction}" margin=".003"/>
       <body pos="0 0 .1"><joint name="z" type="slide" axis="0 0 1"/>
-        <geom name="ball" type="sphere" size=".1" mass="2" condim="{friction}"/></body>
+        <geom name="ball" type="sphere" size=".1" mass="2" condim="{friction}" margin=".002"/></body>
     </worldbody></mujoco>"""
     m, data = in_c(xml, {})
     for _ in range(6000):
@@ -197,6 +198,20 @@ def test_a_body_at_rest_is_as_deep_as_in_mujoco(friction: int) -> None:
     params, state = begun(model, z_0=float(trace["q_0"].iloc[-1]))
     assert state.pushing.all()
     np.testing.assert_allclose(model.load(params, state, "ball"), 2.0 * 9.81, rtol=1e-6)
+
+
+@pytest.mark.slow
+def test_a_body_at_rest_on_a_limit_is_where_it_is_in_mujoco() -> None:
+    """A slide on the lower limit of its range, 1 cm before it by the margin; its spring is the deep one."""
+    xml = """<mujoco><option timestep="0.0005"/><worldbody><body pos="0 0 1">
+      <joint name="z" type="slide" axis="0 0 1" range="-.1 1" limited="true" margin=".01"/>
+      <geom name="ball" type="sphere" size=".1" mass="2"/></body></worldbody></mujoco>"""
+    m, data = in_c(xml, {})
+    for _ in range(8000):
+        mujoco.mj_step(m, data)
+    trace = gs.simulate(of(xml, control=lambda self, p, s: jnp.zeros(0)), duration=4.0, every=4.0)
+    assert data.qpos[0] > -0.0999
+    np.testing.assert_allclose(trace["q_0"].iloc[-1], data.qpos[0], rtol=0, atol=3e-4)
 
 
 @pytest.mark.slow
@@ -300,7 +315,6 @@ def test_formulas_replace_numbers_of_the_file() -> None:
             "Actuator 'm' has activation",
         ),
         ('damping=".2"', 'frictionloss=".2"', "Joint 'leg' has frictionloss"),
-        ('mass=".1" conaffinity="0"', 'mass=".1" conaffinity="0" margin=".01"', "Geom 'foot' has margin"),
         ('mass=".1" conaffinity="0"', 'mass=".1" conaffinity="0" condim="6"', "Geom 'foot' has condim 6"),
         (
             "</worldbody>",
@@ -317,6 +331,42 @@ def test_what_is_not_covered_is_refused(old: str, new: str, sentence: str | None
         return
     with pytest.raises(ValueError, match=sentence):
         _ = model.parameters
+
+
+GYMNASIUM, SUITE = "gymnasium/envs/mujoco/assets", "dm_control/suite"
+
+
+@pytest.mark.parametrize(
+    ("file", "refused"),
+    [
+        (f"{GYMNASIUM}/hopper.xml", "'torso_geom' and 'leg_geom' may touch"),
+        (f"{GYMNASIUM}/walker2d.xml", None),
+        (f"{GYMNASIUM}/half_cheetah.xml", None),
+        (f"{GYMNASIUM}/ant.xml", None),
+        (f"{GYMNASIUM}/swimmer.xml", "fluid"),
+        (f"{SUITE}/walker.xml", None),
+        (f"{SUITE}/acrobot.xml", None),
+        (f"{SUITE}/hopper.xml", "'torso' and 'thigh' may touch"),
+        (f"{SUITE}/cheetah.xml", "'torso' and 'bshin' may touch"),
+        (f"{SUITE}/quadruped.xml", "Actuator 'yaw_front_left' has activation dynamics"),
+    ],
+)
+def test_known_bodies_load_or_are_refused_by_the_name_of_an_element(file: str, refused: str | None) -> None:
+    """Bodies of Gymnasium and dm_control, where these packages are installed; MuJoCo C steps all of them."""
+    package = importlib.util.find_spec(file.partition("/")[0])
+    if package is None or not package.submodule_search_locations:
+        pytest.skip(f"{file.partition('/')[0]} is not installed")
+    path = str(Path(package.submodule_search_locations[0]).parent / file)
+    members = {"control": lambda self, p, s: jnp.zeros(0), "period": lambda self, p: jnp.ones(())}
+    assert type("Stepped", (gs.MjcfModel,), {"body_file": path, **members})(
+        dynamics="mujoco"
+    ).initial_conditions
+    located = type("Located", (gs.BodyModel,), {"body_file": path, **members})()
+    if refused is None:
+        assert any(q.name.endswith("_mass") for q in located.parameters)
+        return
+    with pytest.raises(ValueError, match=refused):
+        _ = located.parameters
 
 
 @pytest.mark.slow

@@ -16,7 +16,7 @@ import pytest
 
 import gaitsweep as gs
 from gaitsweep.engine.content import cached_by_content, content_of
-from gaitsweep.engine.content_reader import is_users
+from gaitsweep.engine.content_reader import is_user_module
 
 GAIN = 1.0
 TABLE = np.array([1.0, 2.0])
@@ -224,4 +224,4 @@ def test_installed_packages_are_not_a_users(tmp_path: Path, monkeypatch: pytest.
         if installed:
             (tmp_path / folder / "package-1.0.dist-info").mkdir()
         monkeypatch.setitem(sys.modules, module.__name__, module)
-        assert is_users(module.__name__) is not installed
+        assert is_user_module(module.__name__) is not installed

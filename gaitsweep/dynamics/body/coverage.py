@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import itertools
 import math
 from collections.abc import Iterator
@@ -17,15 +18,13 @@ from jaxtyping import Float
 
 _GEOM, _OFF = mujoco.mjtGeom, mujoco.mjtDisableBit
 _TOUCHING = (_GEOM.mjGEOM_SPHERE, _GEOM.mjGEOM_CAPSULE, _GEOM.mjGEOM_BOX)
-_REMEDY = "set its contype and conaffinity to 0, or derive the model from MjcfModel, which MJX steps"
+_REMEDY = "set its contype and conaffinity to 0, or derive the model from MjcfModel, which MuJoCo steps"
 # Fields of MjModel that a located body does not have: the field, its owner, the name in MJCF.
 _ACTING = (
     ("geom_adhesion", "geom", "adhesion"),
     ("geom_surfacevel", "geom", "surfacevel"),
     ("geom_fluid", "geom", "fluidshape ellipsoid"),
-    ("geom_margin", "geom", "margin"),
     ("geom_gap", "geom", "gap"),
-    ("jnt_margin", "joint", "margin"),
     ("jnt_actfrclimited", "joint", "actuatorfrcrange"),
     ("jnt_springyield", "joint", "springyield"),
     ("actuator_delay", "actuator", "a delay"),
@@ -95,7 +94,8 @@ def touches(m: Any) -> list[Touch]:
         softness = _softness(m, solref, solimp, float(m.body_invweight0[body, 0]), weight)
         points, radius = _points(m, geom)
         normal = _cleaned(data.geom_xmat[plane].reshape(3, 3)[:, 2])
-        origin = np.array(data.geom_xpos[plane])
+        # MuJoCo's contact is stretched from its margin on
+        origin = np.array(data.geom_xpos[plane]) + _margin(m, plane, geom) * normal
         result.append(
             Touch(geom, body, points, radius, normal, origin, softness, friction if condim == 3 else None)
         )
@@ -186,6 +186,24 @@ def _mixed(m: Any, one: int, other: int) -> tuple[float, np.ndarray, np.ndarray,
     solref = share * refs[0] + (1.0 - share) * refs[1] if (refs[:, 0] > 0.0).all() else refs.min(axis=0)
     solimp = share * m.geom_solimp[one] + (1.0 - share) * m.geom_solimp[other]
     return float(friction), solref, solimp, condim
+
+
+def _margin(m: Any, one: int, other: int) -> float:
+    """The distance (m) of two geoms at which they begin to touch."""
+    margins = [float(m.geom_margin[geom]) for geom in (one, other)]
+    return sum(margins) if _margins_add() else max(margins)
+
+
+@functools.cache
+def _margins_add() -> bool:
+    """Whether the margins of two geoms add, or the larger one counts, as in older versions of MuJoCo."""
+    m = mujoco.MjModel.from_xml_string(
+        '<mujoco><worldbody><geom type="plane" size="1 1 1" margin=".1"/><body pos="0 0 .1"><freejoint/>'
+        '<geom size=".1" mass="1" margin=".1"/></body></worldbody></mujoco>'
+    )
+    data = mujoco.MjData(m)
+    mujoco.mj_forward(m, data)
+    return bool(data.contact[0].includemargin > 0.15)
 
 
 def _softness(

@@ -325,8 +325,9 @@ class LocatedBody:
         for j in self._limits:
             name, at, dof = self._joint(j), self._m.jnt_qposadr[j], self._m.jnt_dofadr[j]
             K, D = values[f"{name}_limit_stiffness"], values[f"{name}_limit_damping"]
-            stops.append(Stretch(values[f"{name}_low"] - q[at], -v[dof], K, D))
-            stops.append(Stretch(q[at] - values[f"{name}_high"], v[dof], K, D))
+            margin = float(self._m.jnt_margin[j])  # from which on MuJoCo's limit is stretched
+            stops.append(Stretch(values[f"{name}_low"] + margin - q[at], -v[dof], K, D))
+            stops.append(Stretch(q[at] + margin - values[f"{name}_high"], v[dof], K, D))
         return stops
 
     @functools.partial(jax.jit, static_argnums=0)

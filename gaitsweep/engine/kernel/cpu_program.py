@@ -113,8 +113,8 @@ class Tile:
 
     The program's slots are followed by a flag and a sample for the loop that keeps samples, by the values
     that plain attempts share, and by room for values that a stage loads again. Slots that plain attempts
-    change exist twice, `apart` slots from each other: an attempt reads one side, `i`, and writes the other,
-    `j`.
+    change exist twice, `apart` slots from each other: an attempt reads one side and writes the other. In the
+    generated functions `s` is the array of slots, `i` the side that is read and `j` the side that is written.
 
     Args:
         chunk: the program.
@@ -123,7 +123,9 @@ class Tile:
     """
 
     def __init__(self, chunk: Chunk, lanes: int, *, contraction: bool) -> None:
-        self.chunk = chunk = contracted(chunk) if contraction and FUSES else chunk
+        if contraction and FUSES:
+            chunk = contracted(chunk)
+        self.chunk = chunk
         self.lanes = lanes
         self.keep = chunk.n_slots
         self.sample = self.keep + 1
@@ -133,16 +135,17 @@ class Tile:
         self.twice = {} if self._whole else chunk.changed
         end = self.sample + chunk.width + len(self.shared)
         self.apart = end - min(self.twice, default=end)
-        self.slots = self._room = max(self.twice, default=end - 1) + self.apart + 1
+        # slots from here on hold values that a stage loads again; stages that need more extend `slots`
+        self._room = max(self.twice, default=end - 1) + self.apart + 1
+        self.slots = self._room
         self._steady = {at: self._place(slot) for slot, at in chunk.steady.items()}
+        back = [f"{self._place(slot)} = {self._place(slot + self.apart)}" for slot in self.twice]
         self.stages = [
             self._stage("prepare", "s", self._lines(chunk.steady, {})),
             self._stage("share", "s", self._lines(self.shared, self._steady)),
             self._stage("attempt", "s, i, j", self._attempt()),
             self._stage("poll", "s, i", self._poll()),
-            self._stage(
-                "back", "s", [f"{self._place(k)} = {self._place(k + self.apart)}" for k in self.twice]
-            ),
+            self._stage("back", "s", back),
         ]
 
     def _attempt(self) -> list[str]:

@@ -35,6 +35,7 @@ def unavailable() -> str | None:
 
 
 def _is_installed(module: str) -> bool:
+    """Whether a module is installed, without importing it."""
     try:
         return importlib.util.find_spec(module) is not None
     except ModuleNotFoundError:  # of the package around it
@@ -131,6 +132,7 @@ class CudaDevice:
         self._copy_bytes(source, target, size * _NUMBER)
 
     def _copy_bytes(self, source: Any, target: Any, size: int) -> None:
+        """Copy so many bytes from one memory to another; see `copy`."""
         if not size:
             return
         from cuda.bindings import driver  # pyright: ignore[reportMissingImports]

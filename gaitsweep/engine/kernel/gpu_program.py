@@ -311,6 +311,7 @@ class _Thread:
         return c_function(head, [f"struct {structure} read;", *lines, "return read;"])
 
     def _attempt(self) -> str:
+        """The function `attempt`, which returns the carry after one more attempt."""
         # a waiting trajectory makes no attempt
         halt = self.chunk.carry.halt.first
         going = {at: "0.0" for at, slot in self.carried.items() if slot == halt}

@@ -193,7 +193,8 @@ class CpuLanes(KernelLanes):
         slots = self._slots.transpose(1, 0, 2)
 
         def read(successive: slice) -> Real[np.ndarray, "slots lanes"]:
-            return slots[successive].reshape(successive.stop - successive.start, -1)[:, : self.size]
+            count = successive.stop - successive.start  # 0 where a model has no guards
+            return slots[successive].reshape(count, tiles * TILE)[:, : self.size]
 
         output = self.output(read)
         self._slots[:, self._filled] = 0.0

@@ -114,6 +114,7 @@ def assembly(module: ir.Module) -> str:
 
 
 def _optimised(module: ir.Module) -> llvm.ModuleRef:
+    """The module after LLVM's passes."""
     parsed = llvm.parse_assembly(str(module))
     machine = _target_machine()
     parsed.verify()
@@ -240,6 +241,7 @@ class _Writer:
         raise ValueError(text)
 
     def _combined(self, op: type, left: Any, right: Any) -> Any:
+        """The instruction of an operator between two values, by their type."""
         if op in _FLAGS:
             return getattr(self.builder, _FLAGS[op])(left, right)
         if left.type == INDEX:
@@ -249,6 +251,7 @@ class _Writer:
         return getattr(self.builder, _ARITHMETIC[op])(left, right, flags=self.loose)
 
     def _compared(self, sign: str, left: Any, right: Any) -> Any:
+        """The instruction of a comparison of two values."""
         if left.type == self.flag:
             return self.builder.icmp_unsigned(sign, left, right)
         # comparisons with NaN are false, except !=
@@ -256,6 +259,7 @@ class _Writer:
         return ordered(sign, left, right)
 
     def _called(self, name: str, args: list[Any]) -> Any:
+        """The instructions of a call of a function of numbers."""
         if name == "float32":
             return self.builder.fptrunc(args[0], self.single) if args[0].type == self.double else args[0]
         if name == "float64":

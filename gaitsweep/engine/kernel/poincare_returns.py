@@ -134,6 +134,7 @@ class KernelReturns:
         return (params, nothing[0]), _LaneState(trajectory, nothing[1])
 
     def _value(self, params: Params, state: State) -> Returned:
+        """The return from a state, without derivative."""
         constants, carry = self._without_tangent(*self._opened(params, state))
         ends = self._ends_of(self._plain, vector((constants, carry)), self._values)
         leaves = jax.tree.leaves(self._shape)
@@ -142,6 +143,7 @@ class KernelReturns:
         return ended.carry.t, ended.carry.state, self.crossing.status(ended)
 
     def _slope(self, primals: Any, tangents: Any) -> Any:
+        """The return and its derivative along the tangents of parameters and state."""
         params, state = primals
         along, rate = map(_float_tangents, tangents)
         lane = _with_tangent(self.crossing.begin, (params, state), (along, rate))

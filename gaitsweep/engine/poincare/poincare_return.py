@@ -175,6 +175,8 @@ def crossing_of(model: Model, numerics: ResolvedNumerics, engine: str = "auto") 
 
 
 def _without_derivative(crossing: Crossing, refusal: str) -> Crossing:
+    """The same function, whose derivative is refused with a sentence."""
+
     @jax.custom_jvp
     def run(params: Params, state: State) -> Returned:
         return crossing(params, state)

@@ -6,27 +6,45 @@ the same map in a larger space, with a multiplier 0 for each variable that the s
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 from collections.abc import Callable, Sequence
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
-from gaitsweep.contract import Chart, HybridModel, Params, State
+from gaitsweep.contract import Chart, HybridModel, Params, Rates, State
 from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.leaves import AllVariables
 from gaitsweep.engine.numerics import Numerics, ResolvedNumerics
-from gaitsweep.engine.poincare.event_record import EventRecord, recorded_return
 from gaitsweep.engine.poincare.maps import BATCH_SIZES, Coordinates, Events, Points, Values
 from gaitsweep.engine.poincare.model_map import ModelMap
 from gaitsweep.engine.poincare.poincare_return import Returned, crossing_of
 from gaitsweep.engine.solver import fixed_step_scheme
 
+# Events of one guard between two crossings that have a time.
+MAX_TIMED_EVENTS = 3
+# The fields with which a state keeps the record: the time (s), and for each guard the times of its first
+# events and their number.
+RECORD_FIELDS = ("event_clock", "event_times", "event_counts")
+
 # The fraction of the step of a refined map.
 REFINED = 0.5
+
+
+class EventRecord(NamedTuple):
+    """The events of one return.
+
+    `times` (MAX_TIMED_EVENTS, guards) are the times (s) of the first events of each guard, NaN where there
+    was none; `counts` (guards,) are the numbers of their events.
+    """
+
+    times: Float[Array, "timed guards"]
+    counts: Int[Array, " guards"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -81,8 +99,8 @@ class BatchedReturnMap(ModelMap):
             parameters = {name: column[order] for name, column in complete.items()}
             record = _recorder(self)(parameters, batch.at, batch.modes)
             batches.append(jax.tree.map(np.asarray, record))
-        times = np.concatenate([batch_times for batch_times, _ in batches])[: len(points)]
-        counts = np.concatenate([batch_counts for _, batch_counts in batches])[: len(points)]
+        times = np.concatenate([record.times for record in batches])[: len(points)]
+        counts = np.concatenate([record.counts for record in batches])[: len(points)]
         declared = self.model.guard_names if isinstance(self.model, HybridModel) else ()
         names = declared or [f"guard {guard + 1}" for guard in range(counts.shape[1])]
         return [_in_order(*point, names) for point in zip(times, counts, strict=True)]
@@ -109,6 +127,56 @@ def _recorder(mapping: BatchedReturnMap) -> Callable[..., EventRecord]:
     def one(values: Any, at: Coordinates, modes: State) -> EventRecord:
         params = mapping.params(values)
         state = mapping.chart.from_coordinates(params, at, modes)
-        return recorded_return(model, mapping.integration, mapping.engine)(params, state)
+        return _recorded_return(model, mapping.integration, mapping.engine)(params, state)
 
     return jax.jit(jax.vmap(one))
+
+
+def _recorded_return(
+    model: HybridModel, numerics: ResolvedNumerics, engine: str
+) -> Callable[[Params, State], EventRecord]:
+    """The function `(params, state) -> EventRecord` of the return from a state, in JAX.
+
+    Args:
+        model: the model.
+        numerics: the method and its tolerances.
+        engine: as for `crossing_of`.
+    """
+
+    def one(params: Params, state: State) -> EventRecord:
+        guards = jax.eval_shape(model.guards, params, state).shape
+        kind = _with_record(type(state))
+
+        def with_record(plain: State, *record: Array) -> State:
+            fields = {field.name: getattr(plain, field.name) for field in dataclasses.fields(state)}
+            return kind(**fields, **dict(zip(RECORD_FIELDS, record, strict=True)))
+
+        def flow(params: Params, state: State) -> Rates:
+            return {**model.flow(params, state), RECORD_FIELDS[0]: jnp.ones(())}
+
+        def jump(params: Params, before: State, fired: Bool[Array, " guards"]) -> State:
+            clock, times, counts = (getattr(before, name) for name in RECORD_FIELDS)
+            happened = model.occurred(params, before, fired)
+            place = jnp.arange(MAX_TIMED_EVENTS)[:, None] == counts[None]
+            times = jnp.where(happened[None] & place, clock, times)
+            after = model.jump(params, before, fired)
+            return with_record(after, clock, times, counts + happened.astype(counts.dtype))
+
+        recording = copy.copy(model)
+        vars(recording).update(flow=flow, jump=jump)
+        crossing = crossing_of.__wrapped__(recording, numerics, engine)  # type: ignore[attr-defined]
+        empty = jnp.zeros(()), jnp.zeros((MAX_TIMED_EVENTS, *guards)), jnp.zeros(guards, jnp.int32)
+        _, end, _ = crossing(params, with_record(state, *empty))
+        _, times, counts = (getattr(end, name) for name in RECORD_FIELDS)
+        happened = jnp.arange(MAX_TIMED_EVENTS)[:, None] < counts[None]
+        return EventRecord(jnp.where(happened, times, jnp.nan), counts)
+
+    return one
+
+
+def _with_record(state: type) -> type:
+    """The type of states with the fields of the record."""
+    more: list[Any] = [(name, Any) for name in RECORD_FIELDS]
+    kind = dataclasses.make_dataclass(state.__name__, more, bases=(state,), frozen=True)
+    names = [field.name for field in dataclasses.fields(kind)]
+    return jax.tree_util.register_dataclass(kind, names, [])

@@ -33,7 +33,7 @@ from gaitsweep.errors import ArgumentError
 # Bound of h |lambda| / 2.
 MAX_HALF_STEP = 0.75
 # Displacements of a start, relative to the sizes of its variables, with which the flow is checked.
-DISPLACED = 0.1
+DISPLACEMENT = 0.1
 
 
 @dataclasses.dataclass(frozen=True)
@@ -148,7 +148,8 @@ class StationaryMap(ModelMap):
     def _is_past(self, params: Params, state: State) -> Bool[Array, ""]:
         """Whether a state is beyond an event whose jump changes its variables or their rates."""
         flow = self.flow
-        (params, state) = jax.lax.stop_gradient((params, state))
+        params = jax.lax.stop_gradient(params)
+        state = jax.lax.stop_gradient(state)
         past = flow.model.guards(params, state) > 0.0
         if not past.size:
             return jnp.zeros((), bool)
@@ -169,11 +170,10 @@ class StationaryMap(ModelMap):
         """
         at = points.at[0]
         name = self.model.name
-        away = np.random.default_rng(0).uniform(-DISPLACED, DISPLACED, (2, at.size)) * (
-            MIN_SCALE + np.abs(at)
-        )
+        relative = np.random.default_rng(0).uniform(-DISPLACEMENT, DISPLACEMENT, (2, at.size))
+        displacements = relative * (MIN_SCALE + np.abs(at))
         parameters = {name: column[0] for name, column in self.complete(values, len(points)).items()}
-        near = [linearised_flow(self)(parameters, at + shift, points[0].modes) for shift in away]
+        near = [linearised_flow(self)(parameters, at + shift, points[0].modes) for shift in displacements]
         rates = np.stack([flow_rates for flow_rates, _ in near])
         jacobians = np.stack([jacobian for _, jacobian in near])
         for k, quantity in enumerate(self.coordinates):

@@ -67,18 +67,23 @@ class TraceRecorder(Recorder):
         cycles = jnp.where(crossed, record.cycles + 1, record.cycles)
         begins = crossed & (cycles == self.after_cycles)
         waiting = cycles < self.after_cycles
-        lost = waiting & (carry.halt == Halt.TIME)
-        due = (begins | (~waiting & (carry.halt == Halt.TIME))) & (record.filled < BUFFER)
+        timed = carry.halt == Halt.TIME
+        # the time limit came before the cycle at which the recording begins
+        lost = waiting & timed
+        due = (begins | (~waiting & timed)) & (record.filled < BUFFER)
         signals = self.model.signal(params, carry.state)
         index = record.samples.astype(carry.t.dtype)
         sample = jnp.stack([index * self.every, *(signals[q.name] for q in self.model.signals)])
         recorded = counted(self.crossed(params, carry, record, crossed), due)
         done = due & (recorded.samples >= self.samples)
-        status = jnp.where(lost, Status.time_limit, jnp.where(done, Status.complete, Status.running))
-        waits = (carry.halt == Halt.TIME) & ~due & ~lost
+        status = jnp.where(done, Status.complete, Status.running)
+        status = jnp.where(lost, Status.time_limit, status)
+        # a sample is due, but the buffer is full: the lane stays halted until it has been read
+        waits = timed & ~due & ~lost
         origin = jnp.where(begins, carry.t, carry.stop - index * self.every)
         stop = jnp.where(due, origin + (index + 1.0) * self.every, carry.stop)
-        halt = jnp.where(waits, carry.halt, jnp.where(carry.halt == Halt.FINISHED, Halt.FINISHED, Halt.GOING))
+        halt = jnp.where(carry.halt == Halt.FINISHED, Halt.FINISHED, Halt.GOING)
+        halt = jnp.where(waits, carry.halt, halt)
         carry = dataclasses.replace(carry, stop=stop, halt=halt.astype(carry.halt.dtype))
         recorded = dataclasses.replace(recorded, status=status.astype(jnp.int32))
         return PollResult(carry, recorded, sample, due)

@@ -170,8 +170,10 @@ class LaneScheduler:
     def advance_all(self, polls: int) -> list[tuple[Group, ChunkOutput]]:
         """Advance all groups that have rows by `polls`, and wait for them."""
         busy = [group for group in self.groups if group.busy]
-        chunks = (self._threads.map if self._threads else map)(lambda group: group.chunk(polls), busy)
-        return [(group, chunk.output) for group, chunk in zip(busy, chunks, strict=True)]
+        if self._threads is None:
+            return [(group, group.chunk(polls).output) for group in busy]
+        running = [self._threads.submit(group.chunk, polls) for group in busy]
+        return [(group, future.result().output) for group, future in zip(busy, running, strict=True)]
 
     def start(self) -> None:
         """Start all groups; `step` collects their output."""

@@ -247,6 +247,7 @@ class _OpenRowsKeeper:
         self._storing = False
 
     def _keep(self, ended: Sequence[RowOutcome]) -> None:
+        """Store rows, and record the time that it takes."""
         assert self._open_rows is not None
         began = time.perf_counter()
         self._open_rows.keep(RowOutcome.concat(ended))
