@@ -65,7 +65,7 @@ class Ramp(RunKind):
         return Cost(crossings * cycle, crossings * cycle, max(crossings, 1.0))
 
 
-def moving_columns(parameter: str, schedule: RampSchedule, repeats: bool) -> list[Column]:
+def moving_columns(parameter: str, schedule: RampSchedule, *, repeats: bool) -> list[Column]:
     """The pass and the value of a parameter that moves, at the time `t` of each record."""
 
     def value(records: Records) -> Float[np.ndarray, " records"]:

@@ -81,7 +81,7 @@ def run_job(
             from gaitsweep.runs.figures import draw_of_complete  # which imports Matplotlib
 
             draw_of_complete(directory, resolved, on_progress, on_message)
-    _judge(context, checked, on_message, strict)
+    _judge(context, checked, on_message, strict=strict)
     return path
 
 
@@ -131,7 +131,7 @@ def _write_tables(context: RunContext, directory: ResultDirectory) -> None:
 
 
 def _judge(
-    context: RunContext, checked: dict[str, Any], on_message: Callable[[str], None], strict: bool
+    context: RunContext, checked: dict[str, Any], on_message: Callable[[str], None], *, strict: bool
 ) -> None:
     """Report a self-check that warned; raises SelfCheckError with `strict`."""
     if checked.get("verdict") != "warned":

@@ -16,7 +16,7 @@ import pandas as pd
 from jaxtyping import Bool, Float, Int
 
 from gaitsweep.contract import Model, State
-from gaitsweep.engine.poincare.maps import Points, sizes
+from gaitsweep.engine.poincare.maps import MapEvaluation, Points, sizes
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.engine.recorders.staircase import StepRecorder
 from gaitsweep.engine.recorders.states import StateRecorder, state_size, states_of
@@ -33,6 +33,7 @@ ALIKE, PARTS_OF_A_TURN = 1e-9, 24
 UNMOVED, SAME = 1e-6, 1e-3
 # States are displaced by this distance (of the scale of each coordinate), in so many directions.
 DISPLACED, DIRECTIONS = 1e-6, 3
+COPIES = 1 + DIRECTIONS  # trajectories of a state: its own, and the displaced ones
 # Displaced states are followed for so many crossings at most. One has left if it is `LEFT` away, or `GROWN`
 # times as far as at the start and, over the second half, faster than along a neutral direction. It has
 # returned if its distance has decayed to a share `RETURNED`.
@@ -75,11 +76,11 @@ def unstable_rests(
     crossing = records["crossing"].to_numpy(np.int64)
     of_sample = sum(int(crossing[place == row].max()) for row in range(rows.size))
     # a crossing of a simulator takes long: the least number suffices for one state
-    budget = max(of_sample, FOLLOWED * (1 + DIRECTIONS) if in_fixed_steps else LEAST_CROSSINGS)
+    budget = max(of_sample, FOLLOWED * COPIES if in_fixed_steps else LEAST_CROSSINGS)
     suspects = _suspects(model, records, begun)
     if not len(suspects):
         return rows[:0]
-    count = int(np.clip(budget // (SHORTEST * (1 + DIRECTIONS)), 1, MOST_STATES))
+    count = int(np.clip(budget // (SHORTEST * COPIES), 1, MOST_STATES))
     suspects = suspects.iloc[np.unique(np.linspace(0, len(suspects) - 1, count).astype(int))]
 
     parameters, starts = context.design.values_in(rows)
@@ -97,7 +98,7 @@ def unstable_rests(
         values[moving] = suspects[moving].to_numpy(float)
     mapping = BatchedReturnMap(model, tuple(following.items()), numerics, context.spec.engine)
     at_section = not isinstance(recorder.base, StepRecorder)
-    points = _points(mapping, values, states_of(samples[same], shape), at_section)
+    points = _points(mapping, values, states_of(samples[same], shape), at_section=at_section)
     leaves = _leave(mapping, points, values, suspects, budget, on_progress, smooth=not in_fixed_steps)
     return rows[np.unique(np.concatenate([elsewhere["place"], suspects["place"][leaves]]))]
 
@@ -189,6 +190,7 @@ def _points(
     mapping: BatchedReturnMap,
     values: Mapping[str, Float[np.ndarray, " states"]],
     states: State,
+    *,
     at_section: bool,
 ) -> Points:
     """The points of states (n,) at a crossing of the section, or of the next crossings of states between."""
@@ -223,47 +225,74 @@ def _leave(
         on_progress: called with the share that is followed.
         smooth: whether distances grow as under a smooth map, so that slow growth tells an unstable point.
     """
-    n, period = len(points), int(np.max(suspects["period"].to_numpy(np.int64), initial=1))
+    n = len(points)
+    period = int(np.max(suspects["period"].to_numpy(np.int64), initial=1))
     observed = suspects[[q.name for q in mapping.model.observables]].to_numpy(float)
     scattered_until = 0 if smooth else SCATTER_CROSSINGS * period
-    copies = 1 + DIRECTIONS
-    directions = np.random.default_rng(0).uniform(-1.0, 1.0, (DIRECTIONS, 1, points.at.shape[1]))
-    displaced = points.at + DISPLACED * sizes(points.at) * directions
-    batch = Points(np.concatenate([points.at, *displaced]), points[np.tile(np.arange(n), copies)].modes)
-    going, turn = np.arange(n), points.at  # the points whose trajectories are followed
-    rests, left, left_at = np.zeros(n, bool), np.zeros(n, bool), np.full(n, LEFT)
+    batch = _with_copies(points)
+    distances = [_from_first(mapping, batch.at.reshape(COPIES, n, -1))]
+    going = np.arange(n)  # the points whose trajectories are followed
+    turn = points.at
+    rests = np.zeros(n, bool)
+    left = np.zeros(n, bool)
+    left_at = np.full(n, LEFT)
     ended = np.zeros((DIRECTIONS, n), bool)
-    distances = [mapping.distance(np.broadcast_to(points.at, displaced.shape), displaced)]
     while going.size and (number := len(distances)) <= FOLLOWED:
         on_progress(number / FOLLOWED)
-        budget -= going.size * copies
+        budget -= going.size * COPIES
         if budget < 0 and number > SHORTEST:
             break
-        images = mapping.images(batch, {k: column[np.tile(going, copies)] for k, column in values.items()})
-        at = images.points.at.reshape(copies, going.size, -1)
+        images = mapping.images(batch, {k: column[np.tile(going, COPIES)] for k, column in values.items()})
+        batch = images.points
+        at = batch.at.reshape(COPIES, going.size, -1)
         if number <= period:
-            reached = np.stack([images.observed[q.name][:n] for q in mapping.model.observables], axis=1)
-            # records of earlier cycles, such as those of lifted feet, may differ on the same symmetric gait
-            rests |= _near(mapping.model, reached, observed, SAME) | symmetric(mapping.model, reached)
+            rests |= _on_the_gait(mapping.model, images[:n], observed)
         if number <= scattered_until and number % period == 0:
-            left_at, turn = np.maximum(left_at, SCATTERED * mapping.distance(turn, at[0])), at[0]
-        sound = images.sound.reshape(copies, going.size)
-        fails = ~ended[:, going] & sound[0] & ~sound[1:]
+            left_at = np.maximum(left_at, SCATTERED * mapping.distance(turn, at[0]))
+            turn = at[0]
+        sound = images.sound.reshape(COPIES, going.size)
+        left[going] |= (~ended[:, going] & sound[0] & ~sound[1:]).any(axis=0)
         ended[:, going] |= ~sound[0] | ~sound[1:]
         distance = distances[-1].copy()
-        distance[:, going] = mapping.distance(np.broadcast_to(at[0], at[1:].shape), at[1:])
+        distance[:, going] = _from_first(mapping, at)
         distance[ended] = 0.0
         distances.append(distance)
-        left[going] |= fails.any(axis=0)
         if number >= max(period, scattered_until):
             left |= (distance > left_at).any(axis=0)
             away = np.any(distance > RETURNED * distances[0], axis=0)
             stay = np.flatnonzero((away & ~left)[going])
-            batch = images.points[(np.arange(copies)[:, None] * going.size + stay).ravel()]
+            batch = batch[(np.arange(COPIES)[:, None] * going.size + stay).ravel()]
             going = going[stay]
-        else:
-            batch = images.points
     if smooth:
-        halfway, last = distances[len(distances) // 2], distances[-1]
+        halfway = distances[len(distances) // 2]
+        last = distances[-1]
         left |= ((last > GROWN * distances[0]) & (last > FASTER * halfway)).any(axis=0)
     return rests & left
+
+
+def _with_copies(points: Points) -> Points:
+    """The points (n,), and then those displaced in each direction."""
+    shape = (DIRECTIONS, 1, points.at.shape[1])
+    directions = np.random.default_rng(0).uniform(-1.0, 1.0, shape)
+    displaced = points.at + DISPLACED * sizes(points.at) * directions
+    return Points(
+        np.concatenate([points.at, *displaced]), points[np.tile(np.arange(len(points)), COPIES)].modes
+    )
+
+
+def _from_first(
+    mapping: BatchedReturnMap, at: Float[np.ndarray, "copies points coordinates"]
+) -> Float[np.ndarray, "directions points"]:
+    """The distances of the displaced points from the points themselves, the first of the copies."""
+    return mapping.distance(np.broadcast_to(at[0], at[1:].shape), at[1:])
+
+
+def _on_the_gait(
+    model: Model, images: MapEvaluation, observed: Float[np.ndarray, "points observables"]
+) -> Bool[np.ndarray, " points"]:
+    """Mask of images with the observables of records that rest, or with those of a symmetric gait.
+
+    Records of earlier cycles, such as those of lifted feet, may differ on the same symmetric gait.
+    """
+    reached = np.stack([images.observed[q.name] for q in model.observables], axis=1)
+    return _near(model, reached, observed, SAME) | symmetric(model, reached)

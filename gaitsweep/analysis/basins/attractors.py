@@ -137,7 +137,7 @@ def _point_groups(
 ) -> tuple[list[_Group], float]:
     """The rows of each attractor that is no orbit, the most frequent first, and the longest link."""
     rows = np.flatnonzero(_settled(table, columns))
-    points = space.points(table, columns)[rows]
+    points = _with_values(space.points(table, columns)[rows])
     binned = cells(space, points, grain)
     states = points[binned.first]
     links, lengths = spanning_tree(space, states)
@@ -201,6 +201,11 @@ def _settled(table: pd.DataFrame, columns: Sequence[str]) -> Bool[np.ndarray, " 
     )
 
 
+def _with_values(states: StateArray) -> StateArray:
+    """States with 0 for the observables that have no value on their gait."""
+    return np.where(np.isnan(states), 0.0, states)
+
+
 def _periods(table: pd.DataFrame) -> Int[np.ndarray, " rows"]:
     """The period (n,) of each row's attractor in crossings; 1 in older tables without that column."""
     if "attractor_period" not in table.columns:
@@ -221,7 +226,7 @@ def _orbit_groups(
     kind = f"period {period}"
     names = [[*columns], *([f"{name}_{k}" for name in columns] for k in range(2, period + 1))]
     ends = table.iloc[rows].reindex(columns=[name for own in names for name in own])
-    crossings = np.stack([space.points(ends, own) for own in names], axis=1)
+    crossings = np.stack([_with_values(space.points(ends, own)) for own in names], axis=1)
     of_older_version = not ends.columns.isin(table.columns).all()
     if of_older_version or not np.isfinite(crossings).all():
         return [_orbit_group(table, columns, rows, crossings[:0, 0], kind)]

@@ -100,35 +100,55 @@ def quantifiers(
         table = _with_column(table, label, column.astype(object).to_numpy())
     require(table, label)
     table, by, axes = panels_and_axes(table, parameter, None)
-    counted = {"": fractions(table, axes, label=label, by=by, level=level)}
+    shares = {"": fractions(table, axes, label=label, by=by, level=level)}
     if within is not None:
         in_time = table["t_end"].to_numpy(float) <= within
         early = np.array(table[label].astype(object))
         early[~in_time] = None
-        counted["within"] = fractions(
-            _with_column(table, label, early), axes, label=label, by=by, level=level
-        )
+        of_early = _with_column(table, label, early)
+        shares["within"] = fractions(of_early, axes, label=label, by=by, level=level)
     space = Space.of(table, axes, scales) if axes else None
-    values, names = table[parameter].to_numpy(float), table[label].astype(object).to_numpy()
+    records = _records(table, parameter, label, shares, space, axes)
+    return pd.DataFrame(records, columns=[parameter, label, *_COLUMNS])
+
+
+def _records(
+    table: pd.DataFrame,
+    parameter: str,
+    label: str,
+    shares: Mapping[str, pd.DataFrame],
+    space: Space | None,
+    axes: Sequence[str],
+) -> list[dict[str, Any]]:
+    """The quantifiers of each outcome at each value of the parameter.
+
+    Args:
+        table: a settle table.
+        parameter, label: the columns of the parameter and of the outcomes.
+        shares: the `fractions` of the outcomes, of all starts and of those that settle in time ("within").
+        space: the space of the starts; None if no axis is one of starts.
+        axes: the axes of the starts.
+    """
+    values = table[parameter].to_numpy(float)
+    names = table[label].astype(object).to_numpy()
     records = []
     for value in np.unique(values[np.isfinite(values)]):
         at = values == value
         shapes = _boundaries(_rows_of(table, at), axes, names[at].astype(str))
         for name in sorted({str(name) for name in names[at & pd.notna(names)]}):
-            own = at & (names.astype(str) == name)
-            record: dict[str, Any] = {parameter: value, label: name, "rows": int(own.sum())}
-            for which, shares in counted.items():
-                record |= _share(shares, parameter, value, name, which)
-            record |= _times(_rows_of(table, own))
+            is_own = at & (names.astype(str) == name)
+            own = _rows_of(table, is_own)
+            record: dict[str, Any] = {parameter: value, label: name, "rows": len(own)}
+            for which, of_outcomes in shares.items():
+                record |= _share(of_outcomes, parameter, value, name, which)
+            record |= _times(own)
             if _EXPONENT in table:
-                record["resilience"] = -float(table[_EXPONENT].to_numpy(float)[own].mean())
+                record["resilience"] = -float(own[_EXPONENT].to_numpy(float).mean())
             if space is not None:
-                record["least_shock"] = _least_shock(
-                    space, _rows_of(table, own), _rows_of(table, at & ~own), axes
-                )
+                record["least_shock"] = _least_shock(space, own, _rows_of(table, at & ~is_own), axes)
             record |= shapes.get(name, {})
             records.append(record)
-    return pd.DataFrame(records, columns=[parameter, label, *_COLUMNS])
+    return records
 
 
 def _rows_of(table: pd.DataFrame, mask: Bool[np.ndarray, " rows"]) -> pd.DataFrame:
@@ -159,8 +179,12 @@ def _times(own: pd.DataFrame) -> dict[str, float]:
     if not times.size:
         return {}
     tail = float(np.quantile(times, TAIL))
-    median, most = float(np.median(times)), float(times.max())
-    return {"time_mean": float(times.mean()), "time_median": median, "time_tail": tail, "time_most": most}
+    return {
+        "time_mean": float(times.mean()),
+        "time_median": float(np.median(times)),
+        "time_tail": tail,
+        "time_most": float(times.max()),
+    }
 
 
 def _boundaries(

@@ -44,9 +44,8 @@ class Space:
         return cls(turns / np.array(units), np.array(units))
 
     def points(self, table: pd.DataFrame, columns: Sequence[str]) -> Float[np.ndarray, "rows coordinates"]:
-        """The states of a table's rows, (n, d), angles in [0, period); what has no value there is 0."""
+        """The states of a table's rows, (n, d), angles in [0, period)."""
         points = table[list(columns)].to_numpy(float) / self.scales
-        points[np.isnan(points)] = 0.0
         closed = self.periods > 0.0
         points[:, closed] = np.mod(points[:, closed], self.periods[closed])
         # np.mod of a tiny negative number is the period itself, which is outside the range

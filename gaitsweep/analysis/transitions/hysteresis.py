@@ -288,7 +288,9 @@ def loop_area(table: pd.DataFrame, observable: str, parameter: str) -> pd.DataFr
     records = []
     for course in courses(table, observable, parameter):
         for loop in range(int(course.passes.max()) // 2 + 1):
-            records.append({**_place(course, axes), "loop": loop, **_area(course, 2 * loop, circular)})
+            records.append(
+                {**_place(course, axes), "loop": loop, **_area(course, 2 * loop, circular=circular)}
+            )
     return pd.DataFrame(records, columns=["row", *axes, "loop", "area", "signed", "low", "high"])
 
 
@@ -370,10 +372,10 @@ def _edges_of(
     return edges
 
 
-def _area(course: Course, first: int, circular: bool) -> dict[str, float]:
+def _area(course: Course, first: int, *, circular: bool) -> dict[str, float]:
     """The area between passes `first` and `first + 1` of a course."""
     no_area: dict[str, float] = dict.fromkeys(("area", "signed", "low", "high"), float("nan"))
-    branches = [_branch(course, number, circular) for number in (first, first + 1)]
+    branches = [_branch(course, number, circular=circular) for number in (first, first + 1)]
     if any(len(at) < 2 for at, _ in branches):
         return no_area
     low, high = max(at[0] for at, _ in branches), min(at[-1] for at, _ in branches)
@@ -388,7 +390,7 @@ def _area(course: Course, first: int, circular: bool) -> dict[str, float]:
 
 
 def _branch(
-    course: Course, number: int, circular: bool
+    course: Course, number: int, *, circular: bool
 ) -> tuple[Float[np.ndarray, " records"], Float[np.ndarray, " records"]]:
     """The parameter's values in a pass, ascending, and the observable at each."""
     records = records_of(course, number)

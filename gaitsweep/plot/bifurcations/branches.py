@@ -70,7 +70,7 @@ def branches(
             look: dict[str, Any] = {"color": "#555555", "ms": 7, "clip_on": False}
             axes.plot(without, 0.0 * without, "|", transform=axes.get_xaxis_transform(), **look)
         theme.value_axis(axes, angle=is_angle(table, name))
-        theme.legend(figure, _key(points, len(without) > 0), ncols=2)
+        theme.legend(figure, _key(points, without=len(without) > 0), ncols=2)
     return figure
 
 
@@ -89,7 +89,7 @@ def _draw(axes: Axes, points: pd.DataFrame, x: str) -> None:
         axes.errorbar(at, place, yerr=error, color=colour, elinewidth=0.8, **marks)
 
 
-def _key(points: pd.DataFrame, without: bool) -> list[Line2D]:
+def _key(points: pd.DataFrame, *, without: bool) -> list[Line2D]:
     """The legend of the points that occur, and of parameter values `without` a fixed point."""
     words = {True: "stable: starts nearby come to it", False: "unstable: starts nearby leave it"}
     handles = []

@@ -111,7 +111,10 @@ def hysteresis(
             "The table's job moves no parameter: hysteresis is drawn from a ramp or a staircase; "
             "for another table name the column as `parameter`."
         )
-    shown = [*panels_of(table, panels, with_table is not None), *panels_of_second(table, with_table, panels)]
+    shown = [
+        *panels_of(table, panels, beside=with_table is not None),
+        *panels_of_second(table, with_table, panels),
+    ]
     shown, title = theme.first_of(shown, _MOST_PANELS, title)
     tables = [panel.table for panel in shown if panel.table is not None]
     for of_panel in tables:
@@ -130,7 +133,7 @@ def hysteresis(
     parted = [irregular_parted(panel.table, name, parameter, least or LEAST) for panel in shown]
     strips = any(len(irregular) for _, irregular in parted)
     with theme.canvas(width, (3.5 if strips else 2.5) * down + 1.0, title) as figure:
-        grid, below = _panels(figure, len(shown), down, across, strips)
+        grid, below = _panels(figure, len(shown), down, across, strips=strips)
         broken: list[int] = []
         for number, (axes, strip, panel) in enumerate(zip(grid, below, shown, strict=True)):
             branches, irregular = parted[number]
@@ -175,7 +178,7 @@ def _name_parameter(axes: Axes, table: pd.DataFrame, parameter: str, room: float
 
 
 def _panels(
-    figure: Figure, count: int, down: int, across: int, strips: bool
+    figure: Figure, count: int, down: int, across: int, *, strips: bool
 ) -> tuple[Sequence[Axes], Sequence[Axes]]:
     """The panels, and the lowest one of each: the strip below it, or itself."""
     shape: dict[str, Any] = {"height_ratios": [2.5, 1.0] * down if strips else [1.0] * down}

@@ -23,7 +23,7 @@ class Panel(NamedTuple):
     note: str = ""
 
 
-def panels_of(table: pd.DataFrame, panels: str | None, beside: bool) -> list[Panel]:
+def panels_of(table: pd.DataFrame, panels: str | None, *, beside: bool) -> list[Panel]:
     """A table's panels; with a second table, their headings describe how the parameter moves."""
     if panels is None:
         return [Panel(_pace(table), table)]
@@ -51,7 +51,7 @@ def panels_of_second(
             text = f"{path.name} has no table yet: run its job, then gaitsweep plot."
             return [Panel(path.name, None, text)]
     notes = "".join(f"\n{note}" for note in remarks(other))
-    return [panel._replace(heading=panel.heading + notes) for panel in panels_of(other, panels, True)]
+    return [panel._replace(heading=panel.heading + notes) for panel in panels_of(other, panels, beside=True)]
 
 
 def _pace(table: pd.DataFrame) -> str:
