@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 import pandas as pd
@@ -93,7 +93,8 @@ class Atlas(FollowsFixedPoints):
         description="result directory of an atlas that this one continues: what it found is not searched or "
         "followed again (`gaitsweep atlas DIR --more` sets it)",
     )
-    _before: pd.DataFrame | None = PrivateAttr(None)  # the table to continue, where it is in memory
+    # the table to continue, where it is in memory: a pandas.DataFrame, whose name would import pandas here
+    _before: Any = PrivateAttr(None)
 
     def columns(self, model: Model) -> list[Column]:
         times = {} if self.stationary else _event_times(model)

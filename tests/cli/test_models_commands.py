@@ -136,7 +136,7 @@ def test_faults_of_a_model_are_one_sentence(number: int, tmp_path: Path, capsys:
     assert code == (2 if line else 0)
     assert sentence in (printed.err if line else printed.out)
     if line:
-        assert printed.err.startswith(f"The model is {module}:Mine, ")
+        assert printed.err.splitlines()[-1].startswith(f"The model is {module}:Mine, ")
         assert all(splitline.endswith(".") for splitline in printed.err.splitlines())
 
 
