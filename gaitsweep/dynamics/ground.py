@@ -22,11 +22,6 @@ from gaitsweep.dynamics.noise import normal
 from gaitsweep.errors import ArgumentError
 from gaitsweep.near_miss import suggestion
 
-__all__ = [
-    *("Ground", "asks_for_ground", "check_ground", "ground_field", "ground_profile"),
-    *("ground_quantities", "is_uneven"),
-]
-
 # The kinds that a job names; a profile is read from a file.
 KINDS = ("even", "slope", "steps", "rough")
 PROFILE = "profile"
