@@ -187,7 +187,7 @@ def test_a_foot_that_stands_has_no_steps_and_its_row_settles(drag: float, steps:
 
     table = gs.sweep(Dragging(N=2), phase_2_0=[np.pi], drag=[drag], run=gs.Settle(), verify=1).table
     assert (table["status"][0], table["gait"][0]) == ("settled", "walk" if steps else "none")
-    assert table["stride_1_end"][0] == pytest.approx(2.0 * np.pi / 5.0, rel=1e-9)
+    assert table["stride_1_end"].to_numpy(float)[0] == pytest.approx(2.0 * np.pi / 5.0, rel=1e-9)
     for name in ("stride_2_end", "lag_2_end", "duty_2_end"):
         assert np.isnan(table[name].to_numpy(float)[0]) != steps
 
