@@ -198,13 +198,16 @@ def _refuse_name(name: str) -> None:
 
     if not re.fullmatch(r"[a-z][a-z0-9_]*", name) or keyword.iskeyword(name):
         near = re.sub(r"\W+", "_", re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", name)).strip("_").lower()
-        hint = f"; did you mean {near}?" if re.fullmatch(r"[a-z][a-z0-9_]*", near) and near != name else "."
+        allowed = re.fullmatch(r"[a-z][a-z0-9_]*", near) and not keyword.iskeyword(near)
+        hint = f"; did you mean {near}?" if allowed else "."
         raise NewFilesError(
             f"The name {name!r} is not valid for a Python module: use lower-case letters, digits and "
             f"underscores, beginning with a letter{hint}"
         )
     if name in registry.names():
-        raise NewFilesError(f"A model named {name} comes with gaitsweep: choose another name.")
+        raise NewFilesError(
+            f"A model named {name} comes with gaitsweep or an installed paper: choose another name."
+        )
     installed = importlib.util.find_spec(name)
     if installed is not None and installed.origin is not None:
         raise NewFilesError(f"A module named {name} is installed in this Python: choose another name.")

@@ -9,7 +9,7 @@ import matplotlib as mpl
 
 POINTS = 8.0  # of text, unless the user's rcParams differ from Matplotlib's defaults
 _LETTER = 0.53  # mean width of a letter, as a share of the size of its font
-_FORMULA = re.compile(r"\$[^$]*\$")
+_FORMULA = re.compile(r"(?<!\\)\$(?:[^$\\]|\\.)*\$")  # \$ is a dollar sign, no begin of a formula
 # In a formula, what has no width, and commands, which are a letter wide.
 _MARKUP = re.compile(r"\\(?:mathrm|mathit|mathbf|bar|hat|tilde|dot|vec|left|right|,)(?![a-z])|[{}_^$]")
 _COMMAND = re.compile(r"\\[A-Za-z]+")

@@ -48,6 +48,7 @@ def test_a_new_model_is_a_folder_of_four_files(capsys: Capture) -> None:
     ("name", "sentence"),
     [
         ("MyHopper", "did you mean my_hopper?"),
+        ("Class", "beginning with a letter."),
         ("my-hopper", "did you mean my_hopper?"),
         ("3legs", "letter."),
         ("../out", "Python module"),

@@ -309,6 +309,8 @@ def test_a_formula_is_as_long_as_its_letters_and_has_no_break() -> None:
         "drift of the sum",
         r"$|m_{N + 1} - m_1|$ = 3",
     ]
+    priced = wrapped(r"a price of \$5 beside $\alpha + \beta + \gamma$ of the gait", 1.0, 7.5)
+    assert any(line.startswith(r"$\alpha + \beta + \gamma$") for line in priced.splitlines())
 
 
 def test_remarks_on_a_meaning_are_not_in_a_label() -> None:

@@ -107,7 +107,7 @@ class _Crossing:
 
     It counts only if the trajectory is at a crossing. `observed` (n,) are its observables, `now` the same for
     comparison (`comparable`), `cycles` its number, `free` is whether the gait is no longer constrained from
-    outside; `span` and `calm` are as in `Memory`; `latest` (w, n) are the observables at the latest
+    outside; `span` and `calm` are as in `Memory`; `latest` (w + 1, n) are those at this and the last
     crossings; `moves` (w, n) their absolute changes since each of those before, `moved` (w, n) the same in
     units of the bound, and `distances` (w,) the largest of these. `still`: all are within the bound;
     `leaves`: the state is about to leave a fixed point.
@@ -118,7 +118,7 @@ class _Crossing:
     cycles: Integer
     free: Flag
     span: Span
-    latest: Float[Array, "window observables"]
+    latest: Float[Array, "latest observables"]
     moves: Float[Array, "window observables"]
     moved: Float[Array, "window observables"]
     distances: Float[Array, " window"]

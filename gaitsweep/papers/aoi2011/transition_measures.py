@@ -231,8 +231,9 @@ def share_with_unstable_between(
     separated = []
     for _, points_at_value in points.groupby(parameter):
         stable = points_at_value.sort_values("value")["stable"].to_numpy(bool)
-        if np.count_nonzero(stable) >= 2:
-            separated.append(bool(stable[0] and stable[-1] and not stable.all()))
+        lowest_and_highest = np.flatnonzero(stable)[[0, -1]] if stable.any() else np.zeros(2, int)
+        if lowest_and_highest[0] < lowest_and_highest[1]:
+            separated.append(not stable[slice(*lowest_and_highest)].all())
     if not separated:
         raise AnalysisError("No value of the parameter has two stable fixed points.")
     return sum(separated) / len(separated)
