@@ -2,8 +2,9 @@
 
 The rows of a round follow from the labels of the rounds before it. Each round has its own result directory,
 `refinement/round-00` and so on, so that an interrupted run continues inside the round in which it was
-stopped. The parts of the job's table are written once every cell is decided: simulated rows with their
-results, the others with status `inferred` and the gait of their box.
+stopped; `gaitsweep/engine/sweep/boundary_cells.py` chooses its cells. The parts of the job's table are
+written once every cell is decided: simulated rows with their results, the others with status `inferred` and
+the gait of their box.
 """
 
 from __future__ import annotations

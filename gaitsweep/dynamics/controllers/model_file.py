@@ -108,7 +108,10 @@ _SECTIONS: dict[str, SchemaSection] = {
 
 
 def model_of_file(path: Path) -> type[BodyModel] | type[MjcfModel]:
-    """The class of the model that a model file describes, made once for each content of its files.
+    """The class of the model that a model file describes, made once for each content of the file.
+
+    A change of its MJCF is seen by the time of that file; after one of an included file or a mesh, start a
+    new Python process.
 
     Raises:
         JobError: the file is not read, or names what its MJCF does not have; with its line.
