@@ -85,7 +85,8 @@ def flip_test(problem: ContinuationProblem, branch_points: BranchPoints) -> PerB
 def pair_test(problem: ContinuationProblem, branch_points: BranchPoints) -> PerBranch:
     """The product of 1 - m_i m_k over pairs of multipliers, (n,): zero where a pair crosses the unit circle.
 
-    This is the test of Neimark-Sacker points. It is also zero at a neutral saddle: two real multipliers on both sides of the circle with product 1.
+    This is the test of Neimark-Sacker points. It is also zero at a neutral saddle: two real multipliers on
+    both sides of the circle with product 1.
     """
     factors = multipliers_of(problem, branch_points)
     i, k = np.triu_indices(factors.shape[1], 1)
