@@ -20,7 +20,6 @@ import pandas as pd
 import scipy
 from jaxtyping import Array, Bool, Float, Int
 
-from gaitsweep.analysis.basins.fractions import LEVEL
 from gaitsweep.analysis.records import AnalysisError
 from gaitsweep.contract import Params, State
 from gaitsweep.engine.content import cached_by_content
@@ -102,11 +101,11 @@ def rare_falls(
     noise: str,
     draws: Draws,
     *,
-    seed: str = "seed",
-    steps: int = 6,
-    rounds: int = 64,
-    scales: Sequence[float] = SCALES,
-    level: float = LEVEL,
+    seed: str,
+    steps: int,
+    rounds: int,
+    scales: Sequence[float],
+    level: float,
 ) -> RareFalls:
     """Estimate the chance of a fall in a step; arguments are those of `PoincareMap.rare_falls`.
 

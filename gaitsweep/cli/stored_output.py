@@ -25,7 +25,7 @@ _LOCK = ".lock"
 
 
 class StoredOutput(NamedTuple):
-    """What a command printed on standard output, and on standard error."""
+    """The output of a command: on standard output, and on standard error."""
 
     printed: str
     errors: str

@@ -34,7 +34,7 @@ _FIRST_STREAM, _COMPONENTS = 2.0**32, 4096.0
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class NoisePath:
-    """How far a row is along its path of noise: `steps` made, and the length `dt` (s) of the last one."""
+    """A row's place on its path of noise: `steps` made, and the length `dt` (s) of the last one."""
 
     steps: Int[Array, ""]
     dt: Float[Array, ""]

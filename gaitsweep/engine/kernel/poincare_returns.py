@@ -73,7 +73,7 @@ class _Lane:
         self.crossing = crossing
 
     def open(self, constants: Any, lane: _LaneState) -> Any:
-        """What `OneLane.open` returns, for a trajectory that has begun already."""
+        """Return what `OneLane.open` does, for a trajectory that has begun already."""
         none = jnp.zeros((), jnp.int32)
         return constants, lane, _Ends(none, none), jnp.zeros((0,)), jnp.zeros((), bool)
 

@@ -48,7 +48,7 @@ ROUNDING_FACTOR = 4.0
 
 
 class Transitions(NamedTuple):
-    """What events do to each leg, (N+1,).
+    """Effects of events on each leg, (N+1,).
 
     `corner`: its segment ends; `segment`: the segment after that; `wraps`: its phase passes 2 pi; `resets`:
     it touches down in its landing segment, which resets its phase.
@@ -62,7 +62,7 @@ class Transitions(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class ChainModel(MultileggedDrawing, HybridModel):
-    """What the full and the reduced chain of N + 1 legs share: parameters, observables, gaits and labels."""
+    """Base of the full and the reduced chain of N + 1 legs: parameters, observables, gaits and labels."""
 
     N: int = dataclasses.field(
         default=SPRINGS, metadata={"meaning": "springs; the chain has N + 1 legs", "low": 3, "high": 64}
