@@ -27,7 +27,6 @@ from gaitsweep.api.trajectories import simulate as simulate
 from gaitsweep.api.trajectories import sweep as sweep
 from gaitsweep.contract import HybridModel as HybridModel
 from gaitsweep.contract import Quantity as Quantity
-from gaitsweep.contract import Status as Status
 from gaitsweep.contract import SteppedModel as SteppedModel
 from gaitsweep.dynamics.body.body_model import BodyModel as BodyModel
 from gaitsweep.dynamics.declarations import energy as energy
@@ -71,6 +70,7 @@ from gaitsweep.runs.self_check_result import SelfCheckError as SelfCheckError
 from gaitsweep.skeleton import Limb as Limb
 from gaitsweep.skeleton import LimbLook as LimbLook
 from gaitsweep.skeleton import Skeleton as Skeleton
+from gaitsweep.status import Status as Status
 from gaitsweep.table import TableError as TableError
 from gaitsweep.table import load as load
 from gaitsweep.view.row_movie import write_movie as write_movie

@@ -1,19 +1,13 @@
-"""The abstract model that the engine runs, and the result codes of a row.
-
-A model is a set of pure JAX functions of *one* trajectory; the engine does the batching.
-This module imports nothing of gaitsweep, so a user's model needs only JAX and this file
-(and `gaitsweep/skeleton.py`, if it is to be drawn).
-"""
+"""The abstract model that the engine runs: a set of pure JAX functions of *one* trajectory."""
 
 from __future__ import annotations
 
 import abc
 import dataclasses
-import enum
 import math
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import jax.numpy as jnp
 import numpy as np
@@ -21,130 +15,17 @@ from jaxtyping import Array, Bool, Float, Real
 
 if TYPE_CHECKING:
     import pandas as pd
-    from numpy.typing import ArrayLike
 
     from gaitsweep.skeleton import LimbLook, Skeleton
 
 __all__ = [
-    "Chart", "FixedStepDynamics", "HybridModel", "Model", "Outcome", "Params", "Quantity", "Rates",
-    "Recommended", "ResultCode", "Simultaneous", "State", "Status", "SteppedModel", "Verdict",
+    "Chart", "FixedStepDynamics", "HybridModel", "Model", "Params", "Quantity", "Rates", "Recommended",
+    "Simultaneous", "State", "SteppedModel",
 ]  # fmt: skip
 
 Params = Any  # a frozen pytree of scalars: a model's parameters
 State = Any  # a frozen dataclass pytree: the continuous variables and the discrete modes of a trajectory
 Rates = dict[str, Float[Array, " ..."]]  # time derivative of each continuous field of a State, by field name
-
-
-class Verdict(enum.Enum):
-    """The class of a status: the row is complete, undecided, or failed."""
-
-    sound = "sound"  # the row reached the end that its run asked for
-    undecided = "undecided"  # a limit ended the row: with a larger limit its result is still open
-    failed = "failed"  # the body fell or the integration failed: the row has no final gait
-
-
-class ResultCode(enum.IntEnum):
-    """The base of result codes: a number, a sentence, and a verdict, by default undecided."""
-
-    sentence: str
-    verdict: Verdict
-
-    def __new__(cls, number: int, sentence: str, verdict: Verdict = Verdict.undecided) -> Self:
-        code = int.__new__(cls, number)
-        code._value_ = number
-        code.sentence = sentence
-        code.verdict = verdict
-        return code
-
-
-class StatusNames(frozenset[str]):
-    """The names of some statuses, as a table's column `status` has them."""
-
-    def among(self, values: ArrayLike) -> Bool[np.ndarray, " *rows"]:
-        """Which statuses (n,), names or the engine's numbers, are among these."""
-        statuses = np.asarray(values)
-        return np.isin(
-            statuses, [Status[name] for name in self] if statuses.dtype.kind in "iu" else list(self)
-        )
-
-
-class _OfVerdict:
-    """The statuses with one of some verdicts, as an attribute of their class."""
-
-    def __init__(self, *verdicts: Verdict) -> None:
-        self._verdicts = verdicts
-
-    def __get__(self, _: Status | None, statuses: type[Status]) -> StatusNames:
-        return StatusNames(status.name for status in statuses if status.verdict in self._verdicts)
-
-
-class Status(ResultCode):
-    """The result code of a row, with its sentence and its verdict.
-
-    Tables store the numbers: existing numbers must not change, and new ones are added at the end.
-
-    Example:
-        >>> import gaitsweep as gs
-        >>> gs.Status.cycle_limit.sentence
-        'The row reached run.max_cycles without settling.'
-        >>> gs.Status.cycle_limit.verdict.name
-        'undecided'
-        >>> gs.Status.FAILED.among(["settled", "fell"]).tolist()
-        [False, True]
-    """
-
-    running = 0, "The row has not ended yet."
-    settled = (
-        1,
-        "The state at the section stopped changing, or repeats every 2 to `max_period` crossings.",
-        Verdict.sound,
-    )
-    cycle_limit = 2, "The row reached run.max_cycles without settling."
-    fell = 3, "The body fell: the model's function `failed` became true.", Verdict.failed
-    diverged = 4, "A state variable grew past the bound of divergence.", Verdict.failed
-    not_a_number = 5, "A state variable became NaN, or the model's period is not finite.", Verdict.failed
-    event_stall = (
-        6,
-        "Events followed each other at one instant without end (stalled_by names them).",
-        Verdict.failed,
-    )
-    time_limit = 7, "The row reached run.max_time, or four nominal periods for each allowed cycle."
-    complete = 8, "The row recorded everything that its run requires.", Verdict.sound
-    inferred = 9, "The row was not simulated: its neighbours decide its label.", Verdict.sound
-    step_limit = 10, "The row needed more steps than its limit allows."
-    no_fixed_point = 11, "No fixed point was found at which a branch could begin."
-    at_rest = (
-        12,
-        "All rates of the flow vanished for good: the row is at a fixed point of the flow.",
-        Verdict.sound,
-    )
-
-    chaotic = (
-        13,
-        "The crossings do not repeat: their largest Lyapunov exponent is positive beyond its error.",
-        Verdict.sound,
-    )
-    quasi_periodic = (
-        14,
-        "The crossings return without repeating, and neighbours neither separate nor approach.",
-        Verdict.sound,
-    )
-
-    SOUND = _OfVerdict(Verdict.sound)
-    UNDECIDED = _OfVerdict(Verdict.undecided)
-    FAILED = _OfVerdict(Verdict.failed)
-
-
-# Statuses of rows on attractors without a period, whose crossings a table lists as a sample of the attractor.
-RECURRENT = StatusNames({"chaotic", "quasi_periodic"})
-
-
-class Outcome(enum.StrEnum):
-    """The outcomes of rows without a gait; the outcome of other rows is their gait."""
-
-    NO_GAIT = "none"  # a sound row whose gait the model does not name
-    NOT_SETTLED = "not settled"
-    FAILED = "failed"
 
 
 @dataclasses.dataclass(frozen=True)

@@ -259,7 +259,7 @@ def models() -> Iterator[str]:
 
 def statuses() -> Iterator[str]:
     """The statuses of a row, with what each means for its result."""
-    from gaitsweep.contract import Status
+    from gaitsweep.status import Status
 
     rows = [(f"`{status.name}`", status.verdict.value, _escaped(status.sentence)) for status in Status]
     yield from _table(("status", "verdict", "meaning"), rows)

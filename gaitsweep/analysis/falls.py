@@ -10,7 +10,7 @@ from jaxtyping import Bool
 
 from gaitsweep.analysis.basins.fractions import LEVEL, proportion_interval
 from gaitsweep.analysis.records import AnalysisError, panels_of, require, with_constants
-from gaitsweep.contract import Status
+from gaitsweep.status import Status
 
 _COLUMNS = ["rows", "falls", "tried", "steps", "low", "high"]
 

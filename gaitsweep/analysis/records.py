@@ -9,8 +9,8 @@ import pandas as pd
 from jaxtyping import Bool, Int
 
 from gaitsweep import near_miss
-from gaitsweep.contract import Outcome, Status
 from gaitsweep.errors import UserError
+from gaitsweep.status import Outcome, Status
 from gaitsweep.table.frames import outcomes
 
 BEFORE_A_FALL = 10  # crossings before a failure that belong to the fall, not to a gait

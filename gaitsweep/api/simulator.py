@@ -13,9 +13,9 @@ from numpy.typing import ArrayLike
 
 from gaitsweep import near_miss
 from gaitsweep.api.result import run_in_memory
-from gaitsweep.contract import Status
 from gaitsweep.errors import ArgumentError
 from gaitsweep.job import Job, load_job
+from gaitsweep.status import Status
 
 
 @final

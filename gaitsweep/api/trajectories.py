@@ -13,12 +13,12 @@ from pydantic import BaseModel
 from gaitsweep.api.keywords import AnyModel, job_of
 from gaitsweep.api.result import Result, run_in_memory
 from gaitsweep.api.result import run as run_job
-from gaitsweep.contract import Status
 from gaitsweep.design.design import row_params
 from gaitsweep.engine.content import held_contents
 from gaitsweep.errors import ArgumentError
 from gaitsweep.job import Job
 from gaitsweep.kinds import Perturb, Settle, Trace
+from gaitsweep.status import Status
 
 if TYPE_CHECKING:
     from distributed import Client  # pyright: ignore[reportMissingImports]

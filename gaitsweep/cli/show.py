@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Console
 from rich.table import Table
 
-from gaitsweep.contract import Model, Quantity, Status
+from gaitsweep.contract import Model, Quantity
 from gaitsweep.runs.sentences import (
     DESCRIBED,
     MISLABELLED,
@@ -25,6 +25,7 @@ from gaitsweep.runs.sentences import (
     status_sentence,
     unsettled,
 )
+from gaitsweep.status import Status
 from gaitsweep.table import Snapshot
 
 if TYPE_CHECKING:

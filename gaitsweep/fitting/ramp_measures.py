@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Shaped
 from pydantic import Field, WithJsonSchema
 
-from gaitsweep.contract import Model, Status
+from gaitsweep.contract import Model
 from gaitsweep.fitting.measure import (
     FieldError,
     Gaits,
@@ -25,6 +25,7 @@ from gaitsweep.fitting.measure import (
 )
 from gaitsweep.kinds import Ramp, RunKind
 from gaitsweep.schema.numbers import Count, CountOrZero, Text
+from gaitsweep.status import Status
 
 Column = Shaped[np.ndarray, " crossings"]
 _SUFFIX = "_n"

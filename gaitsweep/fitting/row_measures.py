@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Shaped
 from pydantic import Field
 
-from gaitsweep.contract import Model, Status
+from gaitsweep.contract import Model
 from gaitsweep.fitting.measure import (
     AMONG,
     FieldError,
@@ -29,6 +29,7 @@ from gaitsweep.fitting.measure import (
     within,
 )
 from gaitsweep.schema.numbers import Text
+from gaitsweep.status import Status
 
 
 class Value(RowMeasure):

@@ -20,7 +20,7 @@ from gaitsweep.analysis.continuation.branch_follower import ArclengthSteps
 from gaitsweep.analysis.continuation.flows import OF_FLOW, OF_MAP
 from gaitsweep.analysis.continuation.newton import newton
 from gaitsweep.analysis.continuation.stable_ranges import MARKS
-from gaitsweep.contract import Model, Status
+from gaitsweep.contract import Model
 from gaitsweep.design import Design
 from gaitsweep.engine.poincare.maps import Points, Values
 from gaitsweep.engine.poincare.model_map import ModelMap
@@ -36,6 +36,7 @@ from gaitsweep.kinds.columns import AT_REST, STATUSES, Column, gaits
 from gaitsweep.kinds.run_kind import BlockProgress, RunKind, StartingPoints, table_columns
 from gaitsweep.schema.diagnostics import Diagnostic, JobError, Path
 from gaitsweep.schema.numbers import Count, CountOrZero, Positive, Text
+from gaitsweep.status import Status
 
 # Values of a kind of bifurcation that a sentence lists.
 LISTED = 6

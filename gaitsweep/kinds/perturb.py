@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import Field
 
 from gaitsweep import near_miss
-from gaitsweep.contract import HybridModel, Model, Status
+from gaitsweep.contract import HybridModel, Model
 from gaitsweep.design import Design
 from gaitsweep.design.design import MAX_CHECKED, inside, requirement
 from gaitsweep.engine.pushed_model import CYCLES, DURATION, PREFIX, PushedModel, flow_places
@@ -33,6 +33,7 @@ from gaitsweep.kinds.run_kind import Cost
 from gaitsweep.kinds.settle import SettlesRows, tolerance_field
 from gaitsweep.schema.diagnostics import Diagnostic
 from gaitsweep.schema.numbers import Flag, Positive, PositiveOrEach, Text
+from gaitsweep.status import Status
 from gaitsweep.table.frames import categorical
 
 # What the column `recovery` says, in the order in which figures list it.

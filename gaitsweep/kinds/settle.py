@@ -11,7 +11,7 @@ import pandas as pd
 from pydantic import Field, PlainValidator, WithJsonSchema
 
 from gaitsweep import near_miss
-from gaitsweep.contract import Model, Status
+from gaitsweep.contract import Model
 from gaitsweep.design import Design
 from gaitsweep.engine.recorders.bounds import TOLERANCE, tolerances
 from gaitsweep.engine.recorders.settle import CONFIRMED_FOR, FIRST_TEST, MAX_PERIOD, SettleRecorder
@@ -43,6 +43,7 @@ from gaitsweep.schema.numbers import (
     read_whole,
     word,
 )
+from gaitsweep.status import Status
 
 MOST_COARSE = 1024  # cells a side
 MOST_PERIOD = 64  # crossings of the longest orbits that may be asked for

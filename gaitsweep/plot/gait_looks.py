@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from matplotlib.colors import to_hex, to_rgb
 
-from gaitsweep.contract import Outcome
 from gaitsweep.extension import gait_styles
 from gaitsweep.plot.figure_style import current
+from gaitsweep.status import Outcome
 
 HATCH = "/////"
 

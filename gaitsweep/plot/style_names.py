@@ -9,10 +9,11 @@ from typing import Any, Self
 import pandas as pd
 
 from gaitsweep import near_miss
-from gaitsweep.contract import Model, Outcome, Status
+from gaitsweep.contract import Model
 from gaitsweep.extension import gait_styles
 from gaitsweep.plot.columns import OTHER, bare
 from gaitsweep.plot.figure_style import FigureStyle
+from gaitsweep.status import Outcome, Status
 
 Unknown = tuple[tuple[str | int, ...], str]  # where in the style, and the end of the sentence
 _PERIODS = 65  # numbers of crossings that a gait of an atlas may have before there is a table

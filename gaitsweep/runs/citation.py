@@ -11,12 +11,12 @@ from typing import Any
 import yaml
 
 from gaitsweep import models
-from gaitsweep.contract import Status
 from gaitsweep.errors import UserError
 from gaitsweep.kinds import RUN_KINDS
 from gaitsweep.runs.provenance import NOT_INSTALLED, paper_of
 from gaitsweep.runs.sentences import lengths_of_steps, self_check_sentence
 from gaitsweep.shipped import shipped
+from gaitsweep.status import Status
 from gaitsweep.table import Snapshot
 from gaitsweep.version import version
 

@@ -10,7 +10,6 @@ import time
 
 import numpy as np
 
-from gaitsweep.contract import Status
 from gaitsweep.design import Design
 from gaitsweep.engine.recorders.recorder import POLL_INTERVAL
 from gaitsweep.engine.sweep.engines import polls_per_chunk
@@ -20,6 +19,7 @@ from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.job import Job
 from gaitsweep.kinds.run_kind import table_columns
 from gaitsweep.runs.prepare import RunContext, nominal_period, prepare
+from gaitsweep.status import Status
 from gaitsweep.table.parts import part_bytes
 
 # Located events add some attempts to the steps of a cycle; the chain's 33 events a cycle add 2 %.

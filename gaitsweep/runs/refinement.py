@@ -18,7 +18,7 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Int, Shaped
 
-from gaitsweep.contract import Status, names_gait
+from gaitsweep.contract import names_gait
 from gaitsweep.engine.sweep.boundary_cells import ALONE, UNKNOWN, Grid, inferred, wanted
 from gaitsweep.engine.sweep.sweep import Timings
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
@@ -26,6 +26,7 @@ from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.runs.executor import Executor, MissingBlocks
 from gaitsweep.runs.prepare import RunContext, row_values
 from gaitsweep.runs.progress import Progress, so_far
+from gaitsweep.status import Status
 from gaitsweep.table import ResultDirectory, load
 from gaitsweep.table.manifest import Layout
 

@@ -18,7 +18,7 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Bool, Float, Int
 
-from gaitsweep.contract import RECURRENT, Model, Quantity, Status
+from gaitsweep.contract import Model, Quantity
 from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.kernel.row_functions import over_rows
 from gaitsweep.engine.numerics import STEP_FACTOR, tolerance_scale
@@ -41,6 +41,7 @@ from gaitsweep.runs.prepare import RunContext, nominal_period
 from gaitsweep.runs.sampled_rows import CROSSINGS, LEAST_ROWS, finer_share, sample_rows
 from gaitsweep.runs.self_check_result import SelfCheck
 from gaitsweep.runs.unstable_rests import unstable_rests
+from gaitsweep.status import RECURRENT, Status
 from gaitsweep.table.self_check_fields import TOLERANCES
 
 Rows = Int[np.ndarray, " rows"]  # numbers of rows

@@ -10,9 +10,9 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Bool
 
-from gaitsweep.contract import Status
 from gaitsweep.kinds.columns import UNKNOWN_GAIT
 from gaitsweep.runs.provenance import NOT_INSTALLED
+from gaitsweep.status import Status
 from gaitsweep.table.self_check_fields import DIFFERENCES, STORED_DIFFERS, UNSTABLE
 
 

@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 
 from gaitsweep import models
-from gaitsweep.contract import Model, Status
+from gaitsweep.contract import Model
 from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.kernel.row_functions import over_rows
 from gaitsweep.kinds.columns import AT_REST
@@ -21,6 +21,7 @@ from gaitsweep.kinds.run_kind import table_columns
 from gaitsweep.own_modules import folder_of_class
 from gaitsweep.runs.prepare import RunContext
 from gaitsweep.runs.sentences import MISLABELLED, STARTS_BEYOND, WITHOUT_PERIOD
+from gaitsweep.status import Status
 from gaitsweep.table import Table
 
 # Rows whose starts are examined, at most; of models whose parameters the host computes row by row.

@@ -17,7 +17,7 @@ from jaxtyping import Float
 
 from gaitsweep import models
 from gaitsweep.angle_difference import wrapped_difference
-from gaitsweep.contract import HybridModel, Model, Params, Quantity, State, Status
+from gaitsweep.contract import HybridModel, Model, Params, Quantity, State
 from gaitsweep.dynamics.declarations import SingleEvent, mode, observable
 from gaitsweep.dynamics.declared_model import DeclaredModel
 from gaitsweep.engine.flow_spectrum import flow_eigenvalues
@@ -29,6 +29,7 @@ from gaitsweep.models.conformity import idle_starts, sets_starts
 from gaitsweep.models.value_faults import sample, written
 from gaitsweep.runs.execute import table_in_memory
 from gaitsweep.runs.sentences import MISLABELLED, remarks
+from gaitsweep.status import Status
 
 # Rows and cycles of the trial, and samples a cycle of the rate of an energy.
 ROWS, CYCLES, SAMPLES = 32, 12, 40

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,7 @@ import pyarrow.parquet as pq
 from numpy.typing import ArrayLike
 
 from gaitsweep import near_miss
+from gaitsweep.status import Outcome, Status
 from gaitsweep.table.files import TableError
 from gaitsweep.table.manifest import TABLE
 from gaitsweep.table.parts import Footer
@@ -92,22 +93,6 @@ def decoded_columns(columns: Sequence[str]) -> tuple[str, ...]:
     return (*columns, *_SOURCES) if "outcome" in columns else tuple(columns)
 
 
-def frame_of(
-    parts: Iterable[tuple[pa.Table, Footer, float]], n_rows: int, columns: Sequence[str] | None
-) -> pd.DataFrame:
-    """The records of parts in memory.
-
-    Args:
-        parts: the records of each part, its footer, and its number of records per row.
-        n_rows: the number of rows of all parts.
-        columns: the names of the columns, in their order; all by default.
-    """
-    together = PartRecords(n_rows)
-    for records, footer, records_per_row in parts:
-        together.add(records, footer, records_per_row)
-    return joined_parts(Path(), together, columns)
-
-
 def joined_parts(path: Path, parts: PartRecords, columns: Sequence[str] | None) -> pd.DataFrame:
     """The records of all parts.
 
@@ -143,8 +128,6 @@ def joined_parts(path: Path, parts: PartRecords, columns: Sequence[str] | None) 
 
 def outcomes(gait: pd.Categorical, status: ArrayLike) -> pd.Categorical:
     """The column `outcome`: the gait of each row (n,), or the reason why it has none."""
-    from gaitsweep.contract import Outcome, Status  # imports JAX
-
     names = list(dict.fromkeys([*gait.categories, *map(str, Outcome)]))
     codes = np.where(gait.codes < 0, names.index(Outcome.NO_GAIT), gait.codes.astype(np.int32))
     codes[~Status.SOUND.among(status)] = names.index(Outcome.FAILED)

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import collections
 from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import pandas as pd
 import pyarrow as pa
 
+from gaitsweep import near_miss
 from gaitsweep.schema.former_names import renamed
-from gaitsweep.table.frames import frame_of
+from gaitsweep.table.files import TableError
+from gaitsweep.table.frames import PartRecords, joined_parts
 from gaitsweep.table.manifest import Layout, json_value, new_manifest, sealed
 from gaitsweep.table.parts import Footer, checked_records
 from gaitsweep.table.reading import Rows, Selection, add_counts
@@ -92,11 +95,17 @@ class MemoryTable:
         yield self._frame(columns, None)
 
     def _frame(self, columns: Sequence[str] | None, rows: Rows | None) -> pd.DataFrame:
-        """The records of some columns and rows."""
+        """The records of some columns (by default of all) and rows.
+
+        Raises:
+            TableError: there is no such column.
+        """
         selection = Selection.of(columns, rows, self.layout.rows)
-        parts = (
-            (selection.records_of(records), footer, records.num_rows / footer.rows)
-            for _, (records, footer) in sorted(self._parts.items())
-        )
-        n_rows = self.layout.rows if selection.rows is None else len(selection.rows)
-        return frame_of(parts, n_rows, columns)
+        parts = PartRecords(self.layout.rows if selection.rows is None else len(selection.rows))
+        for _, (records, footer) in sorted(self._parts.items()):
+            for name in columns or ():
+                if name not in records.column_names:
+                    near = near_miss.suggestion(name, records.column_names)
+                    raise TableError(f"{name} is not a column of the table{near}")
+            parts.add(selection.records_of(records), footer, records.num_rows / footer.rows)
+        return joined_parts(Path(), parts, columns)

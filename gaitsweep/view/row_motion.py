@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Float
 
-from gaitsweep.contract import Model, Status
+from gaitsweep.contract import Model
 from gaitsweep.design.design import row_params
 from gaitsweep.job import Job
 from gaitsweep.job.load import stored_job
@@ -19,6 +19,7 @@ from gaitsweep.kinds.columns import gaits
 from gaitsweep.plot import PlotError
 from gaitsweep.plot.columns import rows_where, written
 from gaitsweep.runs.prepare import prepare
+from gaitsweep.status import Status
 from gaitsweep.table import load
 from gaitsweep.view.explorer.replay_groups import replayer_of
 from gaitsweep.view.explorer.replays import Windows

@@ -58,6 +58,7 @@ PUBLIC = (
     "gaitsweep.expression",
     "gaitsweep.near_miss",
     "gaitsweep.plot",
+    "gaitsweep.status",
 )
 
 

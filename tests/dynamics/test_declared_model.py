@@ -14,7 +14,7 @@ import pytest
 
 import gaitsweep as gs
 from gaitsweep import DeclaredModel, event, mode, observable, parameter, signal, variable
-from gaitsweep.contract import Quantity, Status
+from gaitsweep.contract import Quantity
 from gaitsweep.dynamics.declared import OF_TRACES
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.examples.compass_walker import CompassWalker
@@ -24,6 +24,7 @@ from gaitsweep.models.conformity import fault
 from gaitsweep.models.value_faults import faults
 from gaitsweep.run_columns import COLUMNS
 from gaitsweep.skeleton import LimbLook
+from gaitsweep.status import Status
 from smooth_oscillators import VanDerPol
 from tests.support.sweeping import run_rows, scalars
 

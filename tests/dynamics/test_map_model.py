@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 import gaitsweep as gs
-from gaitsweep.contract import Status
 from gaitsweep.examples.duffing import Duffing
 from gaitsweep.examples.henon import Henon
 from gaitsweep.models.conformity import fault
+from gaitsweep.status import Status
 
 
 class Logistic(gs.MapModel):

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from firing_neuron import Neuron, firing_times
-from gaitsweep.contract import Model, Status
+from gaitsweep.contract import Model
 from gaitsweep.engine.advance import advance
 from gaitsweep.engine.carry import Halt, start
 from gaitsweep.engine.numerics import Numerics
@@ -20,6 +20,7 @@ from gaitsweep.engine.poincare.poincare_return import crossing_of
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.row_outcome import RowOutcome
+from gaitsweep.status import Status
 from tests.support.sweeping import run_rows, scalars
 from toy_model import Toy, bounce_times, flight_time
 

@@ -18,7 +18,7 @@ import gaitsweep as gs
 from firing_neuron import Neuron
 from gaitsweep import models
 from gaitsweep.cli import show
-from gaitsweep.contract import HybridModel, Status
+from gaitsweep.contract import HybridModel
 from gaitsweep.dynamics.event_surface import EventSurface
 from gaitsweep.engine.event_stall import packed, unpacked
 from gaitsweep.engine.numerics import Numerics
@@ -28,6 +28,7 @@ from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.engine.recorders.trace import TraceRecorder
 from gaitsweep.examples.lorenz import Lorenz
 from gaitsweep.models.conformity import fault
+from gaitsweep.status import Status
 from gaitsweep.table import Snapshot
 from smooth_oscillators import Spring, VanDerPol
 from tests.support.sweeping import run_rows

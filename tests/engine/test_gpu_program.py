@@ -14,7 +14,6 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from gaitsweep.contract import Status
 from gaitsweep.dynamics.declarations import parameter, variable
 from gaitsweep.dynamics.map_model import MapModel
 from gaitsweep.engine.dependence import dependences
@@ -27,6 +26,7 @@ from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.engine.sweep import engines
 from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
+from gaitsweep.status import Status
 from plane_maps import Logistic
 from tests.support.host_card import HOST_HEAD, HostCard, compiler, library
 from tests.support.multilegged_crossings import wrapped

@@ -19,7 +19,6 @@ import numpy as np
 import pytest
 
 from firing_neuron import Neuron
-from gaitsweep.contract import Status
 from gaitsweep.engine.kernel import cpu_program, llvm_code
 from gaitsweep.engine.kernel.lanes import kernel_of
 from gaitsweep.engine.numerics import Numerics
@@ -31,6 +30,7 @@ from gaitsweep.engine.recorders.trace import TraceRecorder
 from gaitsweep.engine.sweep.engines import EngineError, choose
 from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
 from gaitsweep.row_outcome import RowOutcome
+from gaitsweep.status import Status
 from tests.support import environment
 from tests.support.multilegged_crossings import wrapped
 from tests.support.scalar_programs import native

@@ -10,10 +10,10 @@ import pytest
 
 from firing_neuron import Neuron, firing_times
 from gaitsweep import models
-from gaitsweep.contract import Status
 from gaitsweep.engine.numerics import Numerics, longest_step, step_of
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.solver.runge_kutta import DIFFERENCE, STAGES
+from gaitsweep.status import Status
 from tests.support.sweeping import run_rows, scalars
 from toy_model import Toy, bounce_times
 

@@ -6,12 +6,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from gaitsweep.contract import Status
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.fixed_time import FixedTimeRecorder
 from gaitsweep.engine.recorders.schedules import RampSchedule
 from gaitsweep.engine.recorders.trace import TraceRecorder
+from gaitsweep.status import Status
 from tests.support.sweeping import run_rows
 from toy_model import Toy, bounce_times, launches
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import gaitsweep as gs
-from gaitsweep.contract import Quantity, Status
+from gaitsweep.contract import Quantity
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.poincare.poincare_return import ReturnStatus, crossing_of
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
@@ -21,6 +21,7 @@ from gaitsweep.engine.recorders.recorder import BUFFER
 from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.engine.recorders.trace import TraceRecorder
 from gaitsweep.row_outcome import RowOutcome
+from gaitsweep.status import Status
 from plane_maps import Logistic, Params, Spiral, State
 from tests.support.sweeping import run_rows, scalars
 from toy_model import Toy, bounce_times, launches

@@ -15,13 +15,14 @@ import pytest
 import gaitsweep as gs
 from gaitsweep.analysis.basins.attractor_matching import follow_attractors
 from gaitsweep.analysis.basins.attractors import attractors
-from gaitsweep.contract import Quantity, Status
+from gaitsweep.contract import Quantity
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.orbits import first_crossing
 from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.job import JobError
 from gaitsweep.plot import draw
 from gaitsweep.row_outcome import RowOutcome
+from gaitsweep.status import Status
 from gaitsweep.table import Snapshot
 from plane_maps import Logistic, Spiral
 from simplest_walker import ANGLE, RATE, SimplestWalker

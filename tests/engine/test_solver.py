@@ -14,7 +14,7 @@ from reference import exponential_polynomial
 
 from firing_neuron import Neuron
 from gaitsweep import models
-from gaitsweep.contract import HybridModel, Status
+from gaitsweep.contract import HybridModel
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.poincare.poincare_return import crossing_of
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
@@ -22,6 +22,7 @@ from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.engine.solver import METHODS, refusal
 from gaitsweep.engine.solver.exponential import PROPAGATOR, PROPAGATOR6
 from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
+from gaitsweep.status import Status
 from tests.support.sweeping import run_rows, scalars
 from toy_model import Toy, flight_time
 

@@ -15,11 +15,12 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from firing_neuron import Neuron
-from gaitsweep.contract import Quantity, Status, SteppedModel
+from gaitsweep.contract import Quantity, SteppedModel
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.schedules import StepSchedule
 from gaitsweep.engine.recorders.staircase import StepRecorder
 from gaitsweep.row_outcome import RowOutcome
+from gaitsweep.status import Status
 from tests.support.sweeping import run_rows
 from toy_model import Toy
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gaitsweep.contract import Status
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.windows import WindowsRecorder
+from gaitsweep.status import Status
 from tests.support.sweeping import run_rows
 from toy_model import Toy, bounce_times, launches
 

@@ -24,13 +24,13 @@ from gaitsweep.contract import (
     Params,
     Simultaneous,
     State,
-    Status,
     SteppedModel,
 )
 from gaitsweep.kinds.columns import STATUSES
 from gaitsweep.models.value_faults import faults
 from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
 from gaitsweep.papers.ambe2021.multilegged.reduced import MultileggedReduced
+from gaitsweep.status import Status
 from tests.support.sweeping import scalars
 from toy_model import Toy
 

@@ -13,7 +13,7 @@ import pytest
 from reference import multilegged_scipy
 from reference.multilegged_page import Parameters
 
-from gaitsweep.contract import Params, State, Status
+from gaitsweep.contract import Params, State
 from gaitsweep.engine.advance import advance
 from gaitsweep.engine.carry import Halt, start
 from gaitsweep.engine.numerics import Numerics, step_of
@@ -22,6 +22,7 @@ from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.papers.ambe2021.multilegged.model import GAITS, Multilegged
 from gaitsweep.papers.ambe2021.multilegged.state import leg_lengths
+from gaitsweep.status import Status
 from tests.support.multilegged_crossings import FILE, reference, simulated, wrapped
 from tests.support.sweeping import run_rows, scalars
 

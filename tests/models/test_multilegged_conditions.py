@@ -11,7 +11,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gaitsweep.contract import Status
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.poincare.poincare_return import crossing_of
 from gaitsweep.engine.recorders.settle import SettleRecorder
@@ -20,6 +19,7 @@ from gaitsweep.papers.ambe2021.theory.chain import Chain, end_resets, touchdown_
 from gaitsweep.papers.ambe2021.theory.conditions import source_conditions, wave_conditions
 from gaitsweep.papers.ambe2021.theory.gaits import distances
 from gaitsweep.papers.ambe2021.theory.solution_sets import LagRule, branches, lag_rules, solution
+from gaitsweep.status import Status
 from tests.support.sweeping import run_rows
 
 STEPS = Numerics(method="semi_implicit", dt=0.4)

@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from reference import multilegged_reduced as reference
 from scipy.optimize import linprog
 
-from gaitsweep.contract import Status
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.settle import SettleRecorder
@@ -24,6 +23,7 @@ from gaitsweep.papers.ambe2021.theory.gaits import GAITS
 from gaitsweep.papers.ambe2021.theory.line_drift import drift
 from gaitsweep.papers.ambe2021.theory.solution_sets import Branch, branches, lag_rules
 from gaitsweep.papers.ambe2021.theory.stability import linear_map
+from gaitsweep.status import Status
 from tests.support.multilegged_solutions import solution_set, solution_sets, total
 from tests.support.sweeping import run_rows, scalars
 

@@ -11,7 +11,6 @@ import pandas as pd
 import pytest
 
 from gaitsweep.analysis.records import AnalysisError
-from gaitsweep.contract import Status
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.poincare.poincare_return import crossing_of
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
@@ -28,6 +27,7 @@ from gaitsweep.papers.ambe2021.theory.line_drift import drift, drift_on_ground
 from gaitsweep.papers.ambe2021.theory.order import order_sets, touchdown_residuals
 from gaitsweep.papers.ambe2021.theory.solution_sets import branches, lag_rules
 from gaitsweep.papers.ambe2021.theory.stability import linear_map
+from gaitsweep.status import Status
 from tests.support.multilegged_solutions import solution_sets, total
 from tests.support.sweeping import run_rows, scalars
 

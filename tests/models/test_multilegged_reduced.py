@@ -14,7 +14,6 @@ from hypothesis import strategies as st
 from reference import multilegged_reduced as reference
 
 import gaitsweep as gs
-from gaitsweep.contract import Status
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.poincare.poincare_return import crossing_of
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
@@ -27,6 +26,7 @@ from gaitsweep.papers.ambe2021.theory.gaits import gait_of, locked_state
 from gaitsweep.papers.ambe2021.theory.line_drift import drift
 from gaitsweep.papers.ambe2021.theory.solution_sets import Branch, branches, lag_rules
 from gaitsweep.papers.ambe2021.theory.stability import characteristic_polynomial, linear_map, multipliers
+from gaitsweep.status import Status
 from tests.support.multilegged_solutions import solution_set, solution_sets, total
 from tests.support.sweeping import run_rows, scalars
 

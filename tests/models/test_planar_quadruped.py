@@ -18,7 +18,6 @@ import pytest
 from reference.planar_quadruped_mujoco import COLUMNS, OnCompliantFeet, begun, followed
 from reference.planar_quadruped_mujoco import PlanarQuadruped as InMujoco
 
-from gaitsweep.contract import Status
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.trace import TraceRecorder
@@ -30,6 +29,7 @@ from gaitsweep.papers.fukuoka2015.planar_quadruped.bodies import default_body, e
 from gaitsweep.papers.fukuoka2015.planar_quadruped.mechanics import HIP, KNEE, joint_powers, mjcf
 from gaitsweep.papers.fukuoka2015.planar_quadruped.model import perturbation
 from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import LEGS
+from gaitsweep.status import Status
 from tests.support.sweeping import complete, run_rows
 
 DT = 1e-3

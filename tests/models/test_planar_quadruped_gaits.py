@@ -16,7 +16,6 @@ import pytest
 from reference.planar_quadruped_mujoco import PlanarQuadruped as InMujoco
 from reference.planar_quadruped_mujoco import onsets
 
-from gaitsweep.contract import Status
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.papers.fukuoka2015.analysis.gaits_of_onsets import gait_of
@@ -24,6 +23,7 @@ from gaitsweep.papers.fukuoka2015.analysis.swing_onsets import onsets_of_crossin
 from gaitsweep.papers.fukuoka2015.planar_quadruped import PlanarQuadruped, cycle
 from gaitsweep.papers.fukuoka2015.planar_quadruped.mechanics import mjcf
 from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import CHART, LEGS, signs
+from gaitsweep.status import Status
 from tests.support.gait_traces import ideal_phases
 from tests.support.sweeping import complete, run_rows, scalars
 

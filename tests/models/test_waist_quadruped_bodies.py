@@ -17,7 +17,6 @@ import numpy as np
 import pytest
 from reference.waist_quadruped_mujoco import Landing, landings
 
-from gaitsweep.contract import Status
 from gaitsweep.engine.advance import advance
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
@@ -27,6 +26,7 @@ from gaitsweep.job import Job, JobError, load_job
 from gaitsweep.papers.aoi2011.waist_quadruped import WaistQuadruped
 from gaitsweep.papers.aoi2011.waist_quadruped.foot_path import STANCE
 from gaitsweep.papers.aoi2011.waist_quadruped.sizes import mjcf
+from gaitsweep.status import Status
 from tests.support.sweeping import complete, run_rows
 
 DT = 2e-4

@@ -18,7 +18,6 @@ from reference.waist_quadruped_body import varied
 from reference.waist_quadruped_located import landings
 from scipy.integrate import solve_ivp
 
-from gaitsweep.contract import Status
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.job import Job, JobError
@@ -28,6 +27,7 @@ from gaitsweep.papers.aoi2011.waist_quadruped.foot_path import BEYOND, EARLY, LA
 from gaitsweep.papers.aoi2011.waist_quadruped.posture import HIP, KNEE, joint_angles, joint_rates
 from gaitsweep.papers.aoi2011.waist_quadruped.rhythm import desired_velocities
 from gaitsweep.papers.aoi2011.waist_quadruped.sizes import LIMBS, body, mjcf
+from gaitsweep.status import Status
 from tests.support.sweeping import complete, run_rows, scalars
 
 MODEL, HIGH = WaistQuadruped(), WaistQuadruped(heights="given")

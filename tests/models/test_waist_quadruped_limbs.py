@@ -16,7 +16,6 @@ import pytest
 from reference.waist_quadruped_body import varied
 from reference.waist_quadruped_located import landings
 
-from gaitsweep.contract import Status
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.settle import SettleRecorder
@@ -24,6 +23,7 @@ from gaitsweep.engine.recorders.trace import TraceRecorder
 from gaitsweep.papers.aoi2011.waist_quadruped import WaistQuadruped
 from gaitsweep.papers.aoi2011.waist_quadruped.rhythm import phase_rates
 from gaitsweep.papers.aoi2011.waist_quadruped.sizes import body, mjcf
+from gaitsweep.status import Status
 from tests.support.sweeping import complete, run_rows, scalars
 
 MODEL = WaistQuadruped()

@@ -7,9 +7,9 @@ from collections.abc import Mapping
 
 import pytest
 
-from gaitsweep.contract import Outcome
 from gaitsweep.extension import extensions
 from gaitsweep.plot import style, theme
+from gaitsweep.status import Outcome
 
 OUTCOMES = ["none", Outcome.NOT_SETTLED, Outcome.FAILED]
 EXTENSIONS = [name for name, each in extensions().items() if each.gait_styles]

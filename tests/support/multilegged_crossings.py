@@ -9,10 +9,10 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
-from gaitsweep.contract import Status
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
+from gaitsweep.status import Status
 from tests.support import REFERENCE
 from tests.support.sweeping import run_rows
 

@@ -18,6 +18,7 @@ CHECKED = (
     "gaitsweep.design",
     "gaitsweep.engine",
     "gaitsweep.row_outcome",
+    "gaitsweep.status",
 )
 # The names that modules on light paths import for type checkers alone.
 KINDS = ("Bool", "Float", "Int", "Num", "Real")

@@ -21,7 +21,7 @@ from gaitsweep.analysis.basins.sampled_sets import sampled_sets
 from gaitsweep.analysis.basins.single_linkage import cells, components, linking_distance, spanning_tree
 from gaitsweep.analysis.basins.state_space import Space, StateArray, extent, state_columns
 from gaitsweep.analysis.records import AnalysisError, require
-from gaitsweep.contract import RECURRENT, Status
+from gaitsweep.status import RECURRENT, Status
 
 CYCLES_OF_A_GRAIN = 10.0  # cycles in which a row settled to the tolerance of `run` may still move by a grain
 _GRAIN = 0.01  # rad; for tables without a tolerance

@@ -24,10 +24,10 @@ from gaitsweep.analysis.basins.attractor_mappers import (
     advanced,
     fates,
 )
-from gaitsweep.contract import ResultCode
 from gaitsweep.engine.poincare.maps import Map, MapEvaluation, Points, Values, sizes
 from gaitsweep.engine.poincare.poincare_return import ReturnStatus
 from gaitsweep.errors import ArgumentError
+from gaitsweep.status import ResultCode
 
 Rows = Int[np.ndarray, " rows"]  # numbers of pairs
 Coordinates = Float[np.ndarray, "... coordinates"]

@@ -17,7 +17,7 @@ from gaitsweep.analysis.basins.grid import find_grid
 from gaitsweep.analysis.basins.state_space import Space
 from gaitsweep.analysis.basins.wada import RADIUS, boundaries_nearby
 from gaitsweep.analysis.records import AnalysisError, require
-from gaitsweep.contract import Status
+from gaitsweep.status import Status
 
 TAIL = 0.95  # share of the starts of a basin whose convergence is faster than the tail
 _EXPONENT = "lyapunov_1"

@@ -15,7 +15,6 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from gaitsweep import near_miss
-from gaitsweep.contract import ResultCode
 from gaitsweep.engine.poincare.maps import (
     Map,
     MapEvaluation,
@@ -26,6 +25,7 @@ from gaitsweep.engine.poincare.maps import (
     wrap_difference,
 )
 from gaitsweep.errors import ArgumentError
+from gaitsweep.status import ResultCode
 
 Unknowns = Float[np.ndarray, "points unknowns"]  # coordinates and drifts
 Drifts = Float[np.ndarray, "points constrained"]

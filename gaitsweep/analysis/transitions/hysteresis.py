@@ -19,7 +19,7 @@ from gaitsweep.analysis.circular import branch_cut, is_circular, mean_direction,
 from gaitsweep.analysis.records import AnalysisError, axes_of, panels_of, require, section_column
 from gaitsweep.analysis.transitions.jumps import LEAST, Course, courses, records_of, rising, stretches
 from gaitsweep.angle_difference import TURN, wrapped_difference
-from gaitsweep.contract import Status
+from gaitsweep.status import Status
 
 
 @dataclasses.dataclass(frozen=True)

@@ -10,7 +10,7 @@ import jax
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from gaitsweep.contract import Params, Status
+from gaitsweep.contract import Params
 from gaitsweep.engine.dependence import dependences
 from gaitsweep.engine.devices import Device
 from gaitsweep.engine.kernel import gpu_program
@@ -20,6 +20,7 @@ from gaitsweep.engine.kernel.opening import OpenedRows
 from gaitsweep.engine.recorders.recorder import BUFFER
 from gaitsweep.engine.sweep.lane import ChunkOutput, Values
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
+from gaitsweep.status import Status
 
 
 # cached, since each group of lanes, and those of a self-check, would print it again

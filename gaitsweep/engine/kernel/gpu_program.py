@@ -17,13 +17,13 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from gaitsweep.contract import Status
 from gaitsweep.engine.kernel import philox
 from gaitsweep.engine.kernel.chunk import Chunk
 from gaitsweep.engine.kernel.program import Kind
 from gaitsweep.engine.kernel.schedule import depth_first, scheduled
 from gaitsweep.engine.kernel.source import C, c_function, c_structure, name_all, statements
 from gaitsweep.engine.recorders.recorder import POLL_INTERVAL
+from gaitsweep.status import Status
 
 # Threads of a block, each of which may have 255 registers, the maximum. With 168 or 128 registers more
 # threads run at once, but spill more: a body of 15 joints makes 0.58 and 0.4 times the steps. The bound of

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int, Real
 
-from gaitsweep.contract import Model, Status
+from gaitsweep.contract import Model
 from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.kernel import cpu_program
 from gaitsweep.engine.kernel.chunk import Chunk, Leaf, chunk_of
@@ -35,6 +35,7 @@ from gaitsweep.engine.recorders.recorder import BUFFER, Recorder
 from gaitsweep.engine.stored_programs import stored
 from gaitsweep.engine.sweep.lane import ChunkOutput, Lanes, OneLane, RowDrive, Values
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
+from gaitsweep.status import Status
 
 CACHE_LINE = 64  # bytes, also the size of the widest vector
 

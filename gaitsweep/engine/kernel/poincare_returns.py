@@ -19,12 +19,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from gaitsweep.contract import Params, State, Status
+from gaitsweep.contract import Params, State
 from gaitsweep.engine.devices import usable_cores
 from gaitsweep.engine.kernel import cpu_program
 from gaitsweep.engine.kernel.chunk import Leaf, chunk_of
 from gaitsweep.engine.leaves import float_leaves, tangent_of, vector, with_float_leaves
 from gaitsweep.engine.poincare.poincare_return import PoincareReturn, Returned, ReturnState
+from gaitsweep.status import Status
 
 # Polls in one call of the kernel: every return ends long before.
 _POLLS = 1 << 40

@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from gaitsweep.contract import HybridModel, Model, Params, ResultCode, State
+from gaitsweep.contract import HybridModel, Model, Params, State
 from gaitsweep.engine.advance import advance
 from gaitsweep.engine.carry import Carry, Halt, start
 from gaitsweep.engine.content import cached_by_content
@@ -25,6 +25,7 @@ from gaitsweep.engine.poincare.stagewise import Stages, begin, stagewise
 from gaitsweep.engine.recorders.recorder import ATTEMPTS_PER_STEP
 from gaitsweep.engine.solver import derivative_refusal
 from gaitsweep.errors import ArgumentError
+from gaitsweep.status import ResultCode
 
 # Nominal periods within which a return has to end.
 MAX_PERIODS = 4.0

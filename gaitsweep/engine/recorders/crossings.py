@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from gaitsweep.contract import Model, Params, Status
+from gaitsweep.contract import Model, Params
 from gaitsweep.engine.carry import Carry, Halt
 from gaitsweep.engine.recorders.recorder import (
     BUFFER,
@@ -25,6 +25,7 @@ from gaitsweep.engine.recorders.recorder import (
 )
 from gaitsweep.engine.shapes import Number
 from gaitsweep.row_outcome import RowOutcome
+from gaitsweep.status import Status
 
 # Largest number of jumps at one instant for an ordinary crossing.
 FEW_JUMPS = 2

@@ -16,11 +16,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from gaitsweep.contract import FixedStepDynamics, Model, Params, Quantity, Status
+from gaitsweep.contract import FixedStepDynamics, Model, Params, Quantity
 from gaitsweep.engine.carry import Carry
 from gaitsweep.engine.shapes import Integer, Number, Observed
 from gaitsweep.engine.tangents import Tangent, from_section, on_section, orthonormalised
 from gaitsweep.row_outcome import RowNumber
+from gaitsweep.status import Status
 
 # Batches in a span of crossings, and the first crossing at which one ends.
 BATCHES = 16

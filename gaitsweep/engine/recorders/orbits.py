@@ -8,8 +8,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from jaxtyping import Float, Int, Num
 
-from gaitsweep.contract import RECURRENT, Quantity
+from gaitsweep.contract import Quantity
 from gaitsweep.row_outcome import RowOutcome
+from gaitsweep.status import RECURRENT
 
 # Largest difference of values that count as equal in the order of crossings, as a share of the largest
 # extent of the orbit; an observable is relative to its scale, or to its magnitude.

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from gaitsweep.contract import Params, State, Status
+from gaitsweep.contract import Params, State
 from gaitsweep.engine.carry import Carry, Halt, restarted, select
 from gaitsweep.engine.pushed_model import PushedModel
 from gaitsweep.engine.recorders.bounds import change, comparable
@@ -28,6 +28,7 @@ from gaitsweep.engine.recorders.recorder import (
 from gaitsweep.engine.recorders.settle import Memory, SettleRecorder
 from gaitsweep.engine.shapes import Flag, Integer, Number, Observed
 from gaitsweep.row_outcome import RowNumber, RowOutcome
+from gaitsweep.status import Status
 
 # Least size of an observable without a scale, in its unit; larger ones are scaled by their magnitude.
 MIN_SIZE = 0.1

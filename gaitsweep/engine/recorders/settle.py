@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from gaitsweep.contract import HybridModel, Model, Params, Status
+from gaitsweep.contract import HybridModel, Model, Params
 from gaitsweep.engine.carry import Carry, Halt, select
 from gaitsweep.engine.rarity import unlikely
 from gaitsweep.engine.recorders.bounds import (
@@ -40,6 +40,7 @@ from gaitsweep.engine.recorders.recorder import (
 from gaitsweep.engine.shapes import Flag, Integer, Number, Observed
 from gaitsweep.engine.tangents import Tangent
 from gaitsweep.row_outcome import RowNumber, RowOutcome
+from gaitsweep.status import Status
 
 # The longest period (crossings) of an attractor that is detected, by default. The test is made at every
 # crossing whose number is a multiple of it, over two spans of that length.

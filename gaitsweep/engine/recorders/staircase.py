@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from gaitsweep.contract import Model, Params, Status
+from gaitsweep.contract import Model, Params
 from gaitsweep.engine.carry import Carry, Halt, restarted
 from gaitsweep.engine.recorders.bounds import (
     SETTLE_WINDOW,
@@ -36,6 +36,7 @@ from gaitsweep.engine.recorders.recorder import (
 from gaitsweep.engine.recorders.schedules import StepSchedule
 from gaitsweep.engine.shapes import Integer, Number
 from gaitsweep.row_outcome import RowOutcome
+from gaitsweep.status import Status
 
 _HEAD = ("stair", "crossing", "t", "settled", "slowest")  # the numbers of a sample before its observables
 # The last crossing and those before it, in which a stair has to settle.

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from gaitsweep.contract import Model, Params, State, Status
+from gaitsweep.contract import Model, Params, State
 from gaitsweep.engine.carry import Carry
 from gaitsweep.engine.recorders.recorder import (
     Beginning,
@@ -23,6 +23,7 @@ from gaitsweep.engine.recorders.recorder import (
 )
 from gaitsweep.engine.shapes import Number
 from gaitsweep.row_outcome import RowNumber, RowOutcome
+from gaitsweep.status import Status
 
 
 @final

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from gaitsweep.contract import Model, Params, Status
+from gaitsweep.contract import Model, Params
 from gaitsweep.engine.carry import Carry, Halt
 from gaitsweep.engine.recorders.recorder import (
     ATTEMPTS_PER_STEP,
@@ -27,6 +27,7 @@ from gaitsweep.engine.recorders.recorder import (
 )
 from gaitsweep.engine.shapes import Number
 from gaitsweep.row_outcome import RowOutcome
+from gaitsweep.status import Status
 
 
 @final

@@ -13,7 +13,6 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Int, Real
 
-from gaitsweep.contract import Status
 from gaitsweep.engine.recorders.recorder import RunningRows
 from gaitsweep.engine.sweep.block import Block
 from gaitsweep.engine.sweep.chunk_sizer import ChunkSizer
@@ -21,6 +20,7 @@ from gaitsweep.engine.sweep.engines import groups_on, polls_per_chunk
 from gaitsweep.engine.sweep.lane import ChunkOutput, Lanes
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress, SweepSpec
 from gaitsweep.row_outcome import ENGINE_NUMBERS, RowOutcome
+from gaitsweep.status import Status
 
 # Polls in XLA's first chunk, from whose duration the number of polls in the others follows.
 FIRST_POLLS = 4

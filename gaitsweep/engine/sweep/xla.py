@@ -17,7 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Shaped
 
-from gaitsweep.contract import Model, Params, Status
+from gaitsweep.contract import Model, Params
 from gaitsweep.engine.carry import Carry, select
 from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.devices import Device
@@ -26,6 +26,7 @@ from gaitsweep.engine.recorders.recorder import BUFFER, POLL_INTERVAL, LaneRecor
 from gaitsweep.engine.shapes import Flag, Integer
 from gaitsweep.engine.sweep.lane import ChunkOutput, Lanes, OneLane, RowDrive, Values
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
+from gaitsweep.status import Status
 
 # Polls of the recorder in one call of the device: 4 096 attempts, a fraction of a second. Between two calls
 # the host shows progress, stores ended rows and refills lanes.

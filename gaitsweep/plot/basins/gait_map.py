@@ -12,7 +12,6 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from gaitsweep.contract import Outcome
 from gaitsweep.plot import theme
 from gaitsweep.plot.arguments import GaitColumn, Horizontal, Title, Vertical
 from gaitsweep.plot.basins.cells import CellGrid, cell_grid, colour_cells, hatch_cells, hatch_look
@@ -27,6 +26,7 @@ from gaitsweep.plot.columns import (
     rows_where,
 )
 from gaitsweep.plot.kind import figure_kind
+from gaitsweep.status import Outcome
 
 _HATCHED = (Outcome.NOT_SETTLED, Outcome.FAILED)
 _STRIPES = ("\\\\\\", "---", "|||")  # of the second gait of a set, the third, ...

@@ -9,7 +9,6 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from gaitsweep.analysis.basins.measures import least_fatal_push
-from gaitsweep.contract import Outcome
 from gaitsweep.engine.pushed_model import PREFIX
 from gaitsweep.plot.arguments import Horizontal, Panels, Title, Vertical
 from gaitsweep.plot.basins.basin import basin
@@ -17,6 +16,7 @@ from gaitsweep.plot.basins.cells import check_cells
 from gaitsweep.plot.columns import require_columns, rows_where, unit_of
 from gaitsweep.plot.kind import figure_kind
 from gaitsweep.schema.numbers import Flag
+from gaitsweep.status import Outcome
 
 
 @figure_kind("perturb", check=check_cells)

@@ -10,13 +10,13 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from gaitsweep.analysis.basins.measures import basins
-from gaitsweep.contract import Status
 from gaitsweep.plot.arguments import TEXT_COLUMNS, AlongAxis, Column, Horizontal, Panels, Title
 from gaitsweep.plot.basins.basin import basin
 from gaitsweep.plot.basins.cells import check_cells
 from gaitsweep.plot.columns import require_columns, unit_of
 from gaitsweep.plot.kind import figure_kind
 from gaitsweep.plot.planned_table import PlannedTable, Refusal
+from gaitsweep.status import Status
 
 
 def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:

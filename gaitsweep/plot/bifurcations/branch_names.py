@@ -12,8 +12,8 @@ from jaxtyping import Float, Shaped
 from matplotlib.axes import Axes
 from matplotlib.transforms import Bbox
 
-from gaitsweep.contract import Outcome
 from gaitsweep.plot import theme
+from gaitsweep.status import Outcome
 
 _LEAST_SHARE = 0.02  # of the records that a gait with a name has
 _PLACES = 15  # along a branch at which room is looked for

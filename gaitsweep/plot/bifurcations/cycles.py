@@ -12,11 +12,11 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from pydantic import Field
 
-from gaitsweep.contract import Status
 from gaitsweep.plot import theme
 from gaitsweep.plot.arguments import Horizontal, Hue, Observable, Title
 from gaitsweep.plot.columns import column, described, is_angle, log_axes, symbol
 from gaitsweep.plot.kind import figure_kind
+from gaitsweep.status import Status
 
 _NAMED_LINES = 8
 _DASHES: tuple[Any, ...] = ("-", (0, (4, 1.5)), (0, (1, 1)), (0, (5, 1, 1, 1)))

@@ -15,7 +15,6 @@ from matplotlib.patches import Patch
 from gaitsweep.analysis.circular import unwrap_from
 from gaitsweep.analysis.records import in_order
 from gaitsweep.analysis.transitions.hysteresis import transition_points_by_gait
-from gaitsweep.contract import Outcome
 from gaitsweep.plot import theme
 from gaitsweep.plot.arguments import AlongAxis, Column, GaitColumn, Observed, Title
 from gaitsweep.plot.columns import (
@@ -31,6 +30,7 @@ from gaitsweep.plot.columns import (
     unit_of,
 )
 from gaitsweep.plot.kind import figure_kind
+from gaitsweep.status import Outcome
 
 _OPEN = "#777777"
 

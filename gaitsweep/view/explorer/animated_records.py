@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from gaitsweep.contract import Status
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.kinds.columns import gaits
 from gaitsweep.kinds.fixed_points import FollowsFixedPoints
@@ -17,6 +16,7 @@ from gaitsweep.runs.observable_changes import changes, circular
 from gaitsweep.runs.prepare import RunContext
 from gaitsweep.runs.progress import Progress
 from gaitsweep.skeleton import LimbLook
+from gaitsweep.status import Status
 from gaitsweep.view.explorer.encoding import compressed, crossing_fields, json_bytes, motion_fields
 from gaitsweep.view.explorer.page_columns import html_symbol
 from gaitsweep.view.explorer.replay_groups import ReplayGroup, replay_groups

@@ -16,7 +16,6 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Float, Int
 
-from gaitsweep.contract import Status
 from gaitsweep.engine.sweep.labels import gait_codes
 from gaitsweep.errors import ArgumentError
 from gaitsweep.job import Job
@@ -29,6 +28,7 @@ from gaitsweep.plot.provenance_marks import remarks
 from gaitsweep.runs.prepare import RunContext, prepare
 from gaitsweep.runs.progress import Progress
 from gaitsweep.runs.sentences import status_sentence
+from gaitsweep.status import Status
 from gaitsweep.table import replace_file, writing
 from gaitsweep.version import version
 from gaitsweep.view.explorer.animated_records import AnimatedRecords

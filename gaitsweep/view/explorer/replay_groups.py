@@ -12,11 +12,12 @@ from jaxtyping import Int
 
 from gaitsweep.analysis.atlas.stored_points import StoredPoint
 from gaitsweep.analysis.continuation.arclength import BranchPoints
-from gaitsweep.contract import Model, Status
+from gaitsweep.contract import Model
 from gaitsweep.kinds.fixed_points import FollowsFixedPoints
 from gaitsweep.kinds.run_kind import BlockProgress
 from gaitsweep.kinds.staircase import Staircase
 from gaitsweep.runs.prepare import RunContext
+from gaitsweep.status import Status
 from gaitsweep.view.explorer.replays import Crossings, ReplayedRow, Replayer, Stretch, Windows
 from gaitsweep.view.explorer.section_starts import PerPoint, states_at
 from gaitsweep.view.explorer.start_map import CELLS, StartMap

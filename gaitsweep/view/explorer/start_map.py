@@ -13,11 +13,11 @@ from jaxtyping import Float, Int
 
 from gaitsweep.analysis.circular import branch_cut
 from gaitsweep.analysis.records import in_order, outcome_labels, sound
-from gaitsweep.contract import Outcome, Status
 from gaitsweep.job import Job
 from gaitsweep.plot import PlotError, theme
 from gaitsweep.plot.basins.cells import cell_edges
 from gaitsweep.plot.columns import column, is_angle, is_logarithmic, rows_where
+from gaitsweep.status import Outcome, Status
 from gaitsweep.view.explorer.page_columns import label_of, written
 
 CELLS, POINTS = "cells", "points"

@@ -7,7 +7,6 @@ import pandas as pd
 from jaxtyping import Float, Int
 
 from gaitsweep.analyses import AnalysisError, wrapped_difference
-from gaitsweep.contract import Status
 from gaitsweep.papers.ambe2021.multilegged.chain_of_table import (
     chain_of,
     parameters_of,
@@ -15,6 +14,7 @@ from gaitsweep.papers.ambe2021.multilegged.chain_of_table import (
     set_columns,
 )
 from gaitsweep.papers.ambe2021.theory.line_drift import drift, drift_on_ground
+from gaitsweep.status import Status
 
 
 def source_place(table: pd.DataFrame) -> pd.DataFrame:

@@ -13,7 +13,6 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator, StrMethodFormatter
 
-from gaitsweep.contract import Outcome
 from gaitsweep.papers.ambe2021.multilegged.chain_of_table import chain_of, profile_parameters_of, springs_of
 from gaitsweep.papers.ambe2021.theory.line_drift import drift, worst_case_cycles
 from gaitsweep.plot import (
@@ -30,6 +29,7 @@ from gaitsweep.plot import (
     theme,
     word,
 )
+from gaitsweep.status import Outcome
 
 EQUAL_WITHIN = 1e-9  # largest difference between equal ends, in the unit of the parameter
 ENDS = {"m": ("m_1", "m_end"), "kappa": ("kappa_1", "kappa_end"), "a": ("a_1", "a_end")}

@@ -15,7 +15,6 @@ from mpl_toolkits.mplot3d import proj3d
 from pydantic import Field
 
 from gaitsweep.analyses import in_order
-from gaitsweep.contract import Outcome
 from gaitsweep.papers.ambe2021.multilegged.chain_of_table import (
     chain_of,
     largest_distance,
@@ -39,6 +38,7 @@ from gaitsweep.plot import (
     rows_where,
     theme,
 )
+from gaitsweep.status import Outcome
 
 _ThreeEntries = Field(min_length=3, max_length=3)
 _NAME_DISTANCE = 11.0  # points from a marked point to its name

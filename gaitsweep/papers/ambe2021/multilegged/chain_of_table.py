@@ -12,11 +12,12 @@ import pandas as pd
 from jaxtyping import Float
 
 from gaitsweep.analyses import AnalysisError, axes_of
-from gaitsweep.contract import Quantity, Status
+from gaitsweep.contract import Quantity
 from gaitsweep.expression import ExpressionError, evaluate, names_in
 from gaitsweep.papers.ambe2021.multilegged.parameters import PARAMETERS, SPRINGS, profile_parameters
 from gaitsweep.papers.ambe2021.theory.chain import Chain
 from gaitsweep.papers.ambe2021.theory.gaits import NONE_BEYOND
+from gaitsweep.status import Status
 
 
 def chain_of(table: pd.DataFrame, part: pd.DataFrame | None = None) -> Chain:

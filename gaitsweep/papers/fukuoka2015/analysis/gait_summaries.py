@@ -10,11 +10,11 @@ import numpy as np
 import pandas as pd
 
 from gaitsweep.analyses import AnalysisError, axes_of, require
-from gaitsweep.contract import Status
 from gaitsweep.papers.fukuoka2015.analysis.gait_tables import gaits_in
 from gaitsweep.papers.fukuoka2015.analysis.gaits_of_onsets import GAITS
 from gaitsweep.papers.fukuoka2015.analysis.loading_rule import REPEATS
 from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import CHART, THRESHOLD
+from gaitsweep.status import Status
 
 MEASURES = (
     "speed", "period", "flight", "pitch_range", "pitch_mean", "power_hip", "power_knee", "cost_of_transport",

@@ -10,10 +10,10 @@ import numpy as np
 import pandas as pd
 
 from gaitsweep.analyses import axes_of, require
-from gaitsweep.contract import Status
 from gaitsweep.papers.fukuoka2015.analysis.gaits_of_onsets import GAITS, IN_CYCLES, Steadiness, gait_of
 from gaitsweep.papers.fukuoka2015.analysis.swing_onsets import onsets_of
 from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import CHART, STRICT, THRESHOLD, margin, place
+from gaitsweep.status import Status
 
 _MEAN = "delta_{}_mean_end"
 

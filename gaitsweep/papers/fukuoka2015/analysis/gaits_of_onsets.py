@@ -12,7 +12,6 @@ import pandas as pd
 from jaxtyping import Bool, Float, Int
 
 from gaitsweep.analyses import require
-from gaitsweep.contract import Status
 from gaitsweep.papers.fukuoka2015.analysis.swing_onsets import require_legs
 from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import (
     CHART,
@@ -23,6 +22,7 @@ from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import (
     margin,
     place,
 )
+from gaitsweep.status import Status
 
 GAITS = (*CHART, "unsteady", "none")
 _UNSTEADY = len(CHART)

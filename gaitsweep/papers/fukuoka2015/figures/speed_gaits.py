@@ -11,7 +11,6 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from gaitsweep.contract import Status
 from gaitsweep.papers.fukuoka2015.analysis.gait_tables import gaits_in
 from gaitsweep.papers.fukuoka2015.figures.gait_looks import (
     ORDER,
@@ -37,6 +36,7 @@ from gaitsweep.plot import (
     theme,
     written,
 )
+from gaitsweep.status import Status
 
 _SPREAD = 0.62  # spread of rows of one speed, as a share of the distance between bands
 _HIDING_DISTANCE = (

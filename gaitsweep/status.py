@@ -1,0 +1,125 @@
+"""The result codes of rows: how a row ended, and what that means for its gait."""
+
+from __future__ import annotations
+
+import enum
+from typing import TYPE_CHECKING, Self
+
+import numpy as np
+from jaxtyping import Bool
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+__all__ = ["RECURRENT", "Outcome", "ResultCode", "Status", "StatusNames", "Verdict"]
+
+
+class Verdict(enum.Enum):
+    """The class of a status: the row is complete, undecided, or failed."""
+
+    sound = "sound"  # the row reached the end that its run asked for
+    undecided = "undecided"  # a limit ended the row: with a larger limit its result is still open
+    failed = "failed"  # the body fell or the integration failed: the row has no final gait
+
+
+class ResultCode(enum.IntEnum):
+    """The base of result codes: a number, a sentence, and a verdict, by default undecided."""
+
+    sentence: str
+    verdict: Verdict
+
+    def __new__(cls, number: int, sentence: str, verdict: Verdict = Verdict.undecided) -> Self:
+        code = int.__new__(cls, number)
+        code._value_ = number
+        code.sentence = sentence
+        code.verdict = verdict
+        return code
+
+
+class StatusNames(frozenset[str]):
+    """The names of some statuses, as a table's column `status` has them."""
+
+    def among(self, values: ArrayLike) -> Bool[np.ndarray, " *rows"]:
+        """Test for each of some statuses (n,), names or the engine's numbers, whether it is one of these."""
+        statuses = np.asarray(values)
+        if statuses.dtype.kind in "iu":
+            return np.isin(statuses, [Status[name] for name in self])
+        return np.isin(statuses, list(self))
+
+
+class _StatusesWith:
+    """The names of all statuses with one verdict; an attribute of `Status`."""
+
+    def __init__(self, verdict: Verdict) -> None:
+        self._verdict = verdict
+
+    def __get__(self, _: Status | None, statuses: type[Status]) -> StatusNames:
+        return StatusNames(status.name for status in statuses if status.verdict is self._verdict)
+
+
+class Status(ResultCode):
+    """The result code of a row, with its sentence and its verdict.
+
+    Tables store the numbers: existing numbers must not change, and new ones are added at the end.
+
+    Example:
+        >>> import gaitsweep as gs
+        >>> gs.Status.cycle_limit.sentence
+        'The row reached run.max_cycles without settling.'
+        >>> gs.Status.cycle_limit.verdict.name
+        'undecided'
+        >>> gs.Status.FAILED.among(["settled", "fell"]).tolist()
+        [False, True]
+    """
+
+    running = 0, "The row has not ended yet."
+    settled = (
+        1,
+        "The state at the section stopped changing, or repeats every 2 to `max_period` crossings.",
+        Verdict.sound,
+    )
+    cycle_limit = 2, "The row reached run.max_cycles without settling."
+    fell = 3, "The body fell: the model's function `failed` became true.", Verdict.failed
+    diverged = 4, "A state variable grew past the bound of divergence.", Verdict.failed
+    not_a_number = 5, "A state variable became NaN, or the model's period is not finite.", Verdict.failed
+    event_stall = (
+        6,
+        "Events followed each other at one instant without end (stalled_by names them).",
+        Verdict.failed,
+    )
+    time_limit = 7, "The row reached run.max_time, or four nominal periods for each allowed cycle."
+    complete = 8, "The row recorded everything that its run requires.", Verdict.sound
+    inferred = 9, "The row was not simulated: its neighbours decide its label.", Verdict.sound
+    step_limit = 10, "The row needed more steps than its limit allows."
+    no_fixed_point = 11, "No fixed point was found at which a branch could begin."
+    at_rest = (
+        12,
+        "All rates of the flow vanished for good: the row is at a fixed point of the flow.",
+        Verdict.sound,
+    )
+    chaotic = (
+        13,
+        "The crossings do not repeat: their largest Lyapunov exponent is positive beyond its error.",
+        Verdict.sound,
+    )
+    quasi_periodic = (
+        14,
+        "The crossings return without repeating, and neighbours neither separate nor approach.",
+        Verdict.sound,
+    )
+
+    SOUND = _StatusesWith(Verdict.sound)
+    UNDECIDED = _StatusesWith(Verdict.undecided)
+    FAILED = _StatusesWith(Verdict.failed)
+
+
+# Statuses of rows on attractors without a period, whose crossings a table lists as a sample of the attractor.
+RECURRENT = StatusNames({"chaotic", "quasi_periodic"})
+
+
+class Outcome(enum.StrEnum):
+    """The outcomes of rows without a gait; the outcome of other rows is their gait."""
+
+    NO_GAIT = "none"  # a sound row whose gait the model does not name
+    NOT_SETTLED = "not settled"
+    FAILED = "failed"
