@@ -17,12 +17,12 @@ DOCS = Path(__file__).parent
 sys.path[:0] = [str(DOCS / "extensions"), str(DOCS.parent)]
 os.environ.setdefault("JAX_PLATFORMS", "cpu")  # models are only described here
 
-from gaitsweep.version import version as installed_version  # noqa: E402 - needs the path above
+import gaitsweep  # noqa: E402 - needs the path above
 
 project = "gaitsweep"
 author = "gaitsweep authors"
 copyright = "gaitsweep authors, Apache-2.0"
-version = release = installed_version()
+version = release = gaitsweep.__version__
 
 root_doc = "docs/index"
 include_patterns = ["docs/*.md", "notebooks/*.ipynb", "CHANGELOG.md", "CONTRIBUTING.md"]

@@ -32,8 +32,9 @@ Rates = dict[str, Float[Array, " ..."]]  # time derivative of each continuous fi
 class Recommended:
     """The integration method and tolerances that a model recommends; steps follow from a row's parameters.
 
-    `method` is a value of `numerics.method` in a job; `rtol` and `atol` are the relative and absolute
-    tolerances on the local error, read by methods with step control.
+    Args:
+        method: a value of `numerics.method` in a job.
+        rtol, atol: the relative and the absolute tolerance on the local error, for methods with step control.
     """
 
     method: str
@@ -45,14 +46,21 @@ class Recommended:
 class Quantity:
     """Name, unit and meaning of a parameter, an initial condition, an observable, a label field or a signal.
 
-    `default` is a number, an expression over parameters ("2*sqrt(kappa)"), or None where a value must
-    be given. `low` and `high` bound the values that a job may set; `open_ends` excludes the bounds, and
-    `whole` admits whole numbers only.
-    `circular` marks an angle in rad of period 2 pi. `symbol` is the paper's, in TeX, for the axes of figures.
-    `scale` (in `unit`, above 0) is the reference size of an observable in the test of convergence of a run of
-    kind settle, and in the self-check; an infinite one leaves it out of both. None: the range of its values
-    over the crossings of the row so far. Circular angles are compared in rad. `may_be_nan` marks one that has
-    no value in some states, as the lag of a foot that stands.
+    Args:
+        name: its name in jobs and tables.
+        unit: its unit, "1" without one.
+        meaning: a few words.
+        default: a number, an expression over parameters ("2*sqrt(kappa)"), or None where a job must give it.
+        low, high: bounds of the values that a job may set.
+        open_ends: whether the bounds themselves are excluded.
+        circular: whether it is an angle in rad of period 2 pi.
+        symbol: the paper's symbol in TeX, for the axes of figures.
+        source: the paper, table or equation of the default.
+        scale: the size (in `unit`, above 0) of an observable that counts as one in the test of convergence of
+            a run of kind settle and in the self-check, which do not compare one with an infinite scale. None:
+            the range of its values over the crossings of the row so far. Angles are compared in rad.
+        whole: whether only whole numbers are admitted.
+        may_be_nan: whether it has no value in some states, as the lag of a foot that stands.
     """
 
     name: str
@@ -73,12 +81,12 @@ class Quantity:
     def positive(
         cls, name: str, unit: str, meaning: str, default: float | str, symbol: str = "", source: str = ""
     ) -> Quantity:
-        """A quantity above zero; arguments as of the fields with these names."""
+        """A quantity above zero, with the fields of the same names."""
         return cls(name, unit, meaning, default, low=0.0, open_ends=True, symbol=symbol, source=source)
 
 
 def names_gait(label: str) -> bool:
-    """Whether a label holds an index of a gait: `gait` itself, or a label field `gait_...`."""
+    """Return whether a label holds an index of a gait: `gait` itself, or a label field `gait_...`."""
     return label == "gait" or label.startswith("gait_")
 
 
@@ -140,7 +148,13 @@ class Chart(abc.ABC):
 
     @abc.abstractmethod
     def from_coordinates(self, params: Params, at: Float[Array, " coordinates"], modes: State, /) -> State:
-        """The state on the section with coordinates `at` (n,) and the modes of the nearby state `modes`."""
+        """The state on the section with some coordinates.
+
+        Args:
+            params: the parameters.
+            at: the coordinates (n,).
+            modes: a state near it on the section, whose discrete modes it has.
+        """
 
     def covers(self, params: Params, state: State, /) -> Bool[Array, ""]:
         """Whether `from_coordinates` can return this state, just after a crossing."""
@@ -197,9 +211,9 @@ class Model(Jumps):
     source: ClassVar[str]  # the paper
     bibtex: ClassVar[str] = ""  # its BibTeX entry
     gaits: ClassVar[tuple[str, ...]]  # the names that `label` indexes; "none" where no gait is recognised
-    # parameters that a job may set only together with another one: the name of that one, and the reason,
-    # which ends a sentence. An older job with a name that has another meaning now lacks the other, and is
-    # refused.
+    # Parameters that a job may set only together with another one, by name: the name of the other one, and
+    # the end of the sentence that refuses a job without it. For a parameter whose meaning has changed, a new
+    # one beside it refuses the jobs that were written for the old meaning.
     given_with: ClassVar[Mapping[str, tuple[str, str]]] = MappingProxyType({})
 
     def __init_subclass__(cls, **options: Any) -> None:
@@ -281,10 +295,10 @@ class Model(Jumps):
 
     @abc.abstractmethod
     def failed(self, params: Params, state: State, /) -> Bool[Array, ""]:
-        """Whether the body has fallen.
+        """Whether the body has fallen; a fallen body must stay so.
 
-        It is evaluated every 64 attempts (after every adaptive step), so the condition has to persist after
-        a fall.
+        The function is evaluated every 64 attempts of a method with fixed steps, and after every adaptive
+        step: a fall that ends between two evaluations would be missed.
         """
 
     @abc.abstractmethod
@@ -311,26 +325,26 @@ class Model(Jumps):
         return ""
 
     def free_after(self, params: Params, /) -> Float[Array, ""]:
-        """The time (s) until which the gait is externally constrained; no row settles before it."""
+        """The time (s) at which external constraints on the gait end; no row settles before it."""
         return 0.0 * self.period(params)
 
     def beyond_at_start(self, params: Params, state: State, /) -> dict[str, Bool[Array, ""]]:
         """Whether a start lies on or beyond the surface of an event that changes the state, by its name.
 
-        Such an event does not happen at the start; a run says how many rows began so.
+        Such an event does not happen at the start; a run prints how many rows have such a start.
         """
         return {}
 
     def symmetries(self) -> Mapping[str, Callable[[Params, State], State]]:
         """Maps of states that turn motions into motions, such as the exchange of left and right, by name.
 
-        Those that follow from others need not be given: an atlas combines them.
-        The image of a state just after a crossing need not be one: an atlas follows it to the next crossing.
+        An atlas combines them, so products of those given can be left out. It follows the image of a state
+        on the section to the next crossing, so the image may be off the section.
         """
         return {}
 
     def chart(self) -> Chart | None:
-        """Coordinates of the section; None: the return map uses all float variables of the state."""
+        """The coordinates of the section; None: the return map uses all float variables of the state."""
         return None
 
     @property

@@ -35,7 +35,7 @@ print(*mapping(np.array([0.4, 3.0])).round(6), *mapping.jacobian(np.array([0.4, 
 
 WRONG = """
 import numpy as np
-from gaitsweep.analysis.circular import mean_direction
+from gaitsweep.angles import mean_direction
 from gaitsweep.engine.poincare.maps import Points, wrap_difference
 from gaitsweep.engine.event_stall import unpacked
 from gaitsweep.engine.recorders.recorder import Readings

@@ -7,8 +7,6 @@ from gaitsweep.analysis.basins.measures import basins as basins
 from gaitsweep.analysis.basins.measures import least_fatal_push as least_fatal_push
 from gaitsweep.analysis.basins.wada import Wada as Wada
 from gaitsweep.analysis.basins.wada import wada as wada
-from gaitsweep.analysis.circular import mean_direction as mean_direction
-from gaitsweep.analysis.circular import unwrap_from as unwrap_from
 from gaitsweep.analysis.continuation.stable_ranges import stable_ranges as stable_ranges
 from gaitsweep.analysis.falls import steps_to_fall as steps_to_fall
 from gaitsweep.analysis.falls import survival as survival
@@ -24,8 +22,10 @@ from gaitsweep.analysis.transitions.hysteresis import (
     transition_points_by_gait as transition_points_by_gait,
 )
 from gaitsweep.analysis.transitions.return_map import fixed_points as fixed_points
-from gaitsweep.angle_difference import TURN as TURN
-from gaitsweep.angle_difference import wrapped_difference as wrapped_difference
+from gaitsweep.angles import TURN as TURN
+from gaitsweep.angles import mean_direction as mean_direction
+from gaitsweep.angles import unwrap_from as unwrap_from
+from gaitsweep.angles import wrapped_difference as wrapped_difference
 from gaitsweep.dynamics.footfalls import gait_of_footfalls as gait_of_footfalls
 from gaitsweep.dynamics.footfalls import support_patterns as support_patterns
 from gaitsweep.fitting.conflicts import Conflicts as Conflicts

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 import pandas as pd
 
+import gaitsweep
 from gaitsweep.claims.verdicts import ClaimVerdict
-from gaitsweep.version import version
 from gaitsweep.view.report import SCHEMES, document, figure_of
 
 if TYPE_CHECKING:
@@ -137,7 +137,7 @@ def _head(paper: str, table: pd.DataFrame, *, quick: bool) -> str:
     how = " These are the quick jobs, with fewer rows and wider tolerances." if quick else ""
     return (
         f"<h1>{html.escape(paper)}</h1><p>{len(table)} claims, compared with the results of "
-        f"gaitsweep {html.escape(version())}.{how}</p><table>{lines}</table>"
+        f"gaitsweep {html.escape(gaitsweep.__version__)}.{how}</p><table>{lines}</table>"
     )
 
 

@@ -13,6 +13,7 @@ from typing import Annotated
 
 import typer
 
+import gaitsweep
 from gaitsweep.cli import analyse, models
 from gaitsweep.cli.examples import examples
 from gaitsweep.cli.fits import search, sensitivity
@@ -22,7 +23,6 @@ from gaitsweep.cli.run import atlas, run
 from gaitsweep.cli.views import animate, explore
 from gaitsweep.errors import EXIT_REFUSED, UserError
 from gaitsweep.shipped import job_file as shipped_or_own
-from gaitsweep.version import version
 
 app = typer.Typer(
     help="Parameter sweeps of legged locomotion: from a job file to tables and figures.",
@@ -37,7 +37,7 @@ app = typer.Typer(
 def _print_version(requested: bool) -> None:
     """Print the version and exit, if asked to."""
     if requested:
-        print(f"gaitsweep {version()}")
+        print(f"gaitsweep {gaitsweep.__version__}")
         raise typer.Exit
 
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
-from gaitsweep import effort, near_miss
+from gaitsweep import near_miss
 from gaitsweep.fitting.fixed_point_measure import FixedPoint
 from gaitsweep.fitting.free_parameters import FreeParameter
 from gaitsweep.fitting.measure import Measure
@@ -169,7 +169,7 @@ def read_file(path: str | Path, overrides: Sequence[str], read: Callable[[Any, P
         JobError: what `read` refuses, with file and line.
     """
     path = job_file(path)
-    with effort.limited():
+    with near_miss.limited_effort():
         document = read_with_overrides(path, overrides)
         try:
             return read(document.data, path.parent)

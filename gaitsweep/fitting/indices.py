@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Float
 
-from gaitsweep.angle_difference import wrapped_difference
+from gaitsweep.angles import wrapped_difference
 from gaitsweep.fitting.sensitivity_design import LEVELS, SensitivityDesign, unit_cube
 
 PerSet = Float[np.ndarray, " sets"]  # a number for each set

@@ -14,7 +14,7 @@ import pandas as pd
 from jaxtyping import Int
 from matplotlib.figure import Figure
 
-from gaitsweep.angle_difference import wrapped_difference
+from gaitsweep.angles import wrapped_difference
 from gaitsweep.contract import Model
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.fitting.fit_directory import ClusterRows, describe, open_directory

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 from pydantic import Field, PlainValidator, WithJsonSchema
 
-from gaitsweep.angle_difference import wrapped_difference
+from gaitsweep.angles import wrapped_difference
 from gaitsweep.contract import Model
 from gaitsweep.fitting.measure import Measure, Measured
 from gaitsweep.schema.diagnostics import quoted

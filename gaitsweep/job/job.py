@@ -22,7 +22,7 @@ from pydantic import (
     model_validator,
 )
 
-from gaitsweep import effort
+from gaitsweep import near_miss
 from gaitsweep.design.design import Design
 from gaitsweep.design.vary import vary_schema
 from gaitsweep.dynamics.ground import KINDS
@@ -150,7 +150,7 @@ class Job(StrictModel):
     def _read(cls, data: Any, handler: ModelWrapValidatorHandler[Job], info: ValidationInfo) -> Job:
         if isinstance(data, Job):
             return data
-        with effort.limited():
+        with near_miss.limited_effort():
             folder = (info.context or {}).get("folder", Path.cwd())
             job, job._design, job._integration = read_job(data, folder, handler, _sections(data))
         return job

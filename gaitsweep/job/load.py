@@ -8,7 +8,7 @@ from typing import Any
 
 import pandas as pd
 
-from gaitsweep import effort, models
+from gaitsweep import models, near_miss
 from gaitsweep.errors import ArgumentError
 from gaitsweep.job.job import Job
 from gaitsweep.kinds.atlas import Atlas
@@ -36,7 +36,7 @@ def load_job(path: str | Path, overrides: Sequence[str] = ()) -> Job:
             "create a job from a dictionary."
         )
     path = job_file(path)
-    with effort.limited():
+    with near_miss.limited_effort():
         document = read_with_overrides(path, overrides)
         try:
             return Job.model_validate(document.data, context={"folder": path.parent})

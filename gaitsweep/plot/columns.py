@@ -12,9 +12,9 @@ import pandas as pd
 from jaxtyping import Float
 
 from gaitsweep import near_miss
-from gaitsweep.analysis.circular import branch_cut
-from gaitsweep.analysis.circular import is_circular as is_angle
 from gaitsweep.analysis.records import axes_of, outcome_labels
+from gaitsweep.angles import branch_cut
+from gaitsweep.angles import is_circular as is_angle
 from gaitsweep.design.vary import written_groups
 from gaitsweep.errors import UserError
 from gaitsweep.mathtext import can_be_set, settable

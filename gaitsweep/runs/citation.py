@@ -10,6 +10,7 @@ from typing import Any
 
 import yaml
 
+import gaitsweep
 from gaitsweep import models
 from gaitsweep.errors import UserError
 from gaitsweep.kinds import RUN_KINDS
@@ -18,7 +19,6 @@ from gaitsweep.runs.sentences import lengths_of_steps, self_check_sentence
 from gaitsweep.shipped import shipped
 from gaitsweep.status import Status
 from gaitsweep.table import Snapshot
-from gaitsweep.version import version
 
 _METHODS = {
     "tsit5": "a Runge-Kutta pair of orders 5 and 4 with step control",
@@ -47,7 +47,7 @@ def tool_entry(made_by: str | None = None, commit: str | None = None) -> str:
     Raises:
         CitationError: this installation lacks CITATION.cff.
     """
-    file, cited = shipped("CITATION.cff"), made_by or version()
+    file, cited = shipped("CITATION.cff"), made_by or gaitsweep.__version__
     try:
         facts = yaml.safe_load(file.read_text(encoding="utf-8"))
     except FileNotFoundError:

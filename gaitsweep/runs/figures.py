@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Int
 
+import gaitsweep
 from gaitsweep import plot
 from gaitsweep.errors import EXIT_FAILURE, UserError
 from gaitsweep.job import JobError, read_figures
@@ -31,7 +32,6 @@ from gaitsweep.table import (
     writing,
 )
 from gaitsweep.table.manifest import FIGURES, JOB, read_manifest
-from gaitsweep.version import version
 
 # Rows of a table of which all are shown; a page has fewer distinguishable points.
 MOST_SHOWN = 2_000_000
@@ -109,7 +109,8 @@ def _figure_digest(file: Path, spec: dict[str, Any]) -> str | None:
         drawn = read_file(file)
     except OSError:
         return None
-    return hashlib.sha256(json.dumps([spec, version()], sort_keys=True).encode() + drawn).hexdigest()
+    made_by = json.dumps([spec, gaitsweep.__version__], sort_keys=True)
+    return hashlib.sha256(made_by.encode() + drawn).hexdigest()
 
 
 def draw_figures(

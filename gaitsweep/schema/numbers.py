@@ -19,7 +19,7 @@ import numpy as np
 from pydantic import BeforeValidator, PlainValidator, WithJsonSchema
 from pydantic_core import PydanticCustomError
 
-from gaitsweep import effort, near_miss
+from gaitsweep import near_miss
 from gaitsweep.expression import CONSTANTS, ExpressionError, evaluate, names_in
 from gaitsweep.schema.diagnostics import Diagnostic, JobError, quoted
 
@@ -74,8 +74,8 @@ def read_number(value: Any) -> float | str:
         InvalidValue: it is not a finite number or arithmetic; YAML's traps (1:30, 010, dates) are explained.
     """
     if isinstance(value, str):
-        if not effort.spend("expressions"):  # the reading ends with one error, not one for each number
-            text = f"has more than {effort.LIMITS['expressions']} numbers written as text or expressions."
+        if not near_miss.spend("expressions"):  # the reading ends with one error, not one for each number
+            text = f"has more than {near_miss.BUDGET['expressions']} numbers written as text or expressions."
             raise JobError([Diagnostic((), text)])
         for pattern, sentence in _AMBIGUOUS:
             if len(value) < 100 and pattern.match(value):

@@ -12,9 +12,9 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+import gaitsweep
 from gaitsweep.table.files import TableError, is_partial, read_file, reason
 from gaitsweep.table.locks import LOCK_NAME
-from gaitsweep.version import version
 
 MANIFEST = "manifest.json"
 JOB = "job.yaml"
@@ -244,7 +244,7 @@ def new_manifest(layout: Layout, job: Mapping[str, Any]) -> dict[str, Any]:
     return {
         "format": FORMAT,
         **dataclasses.asdict(layout),
-        "gaitsweep": version(),
+        "gaitsweep": gaitsweep.__version__,
         "created": created,
         "job": dict(job),
     }

@@ -8,7 +8,7 @@ import pytest
 
 from gaitsweep.analysis.records import AnalysisError
 from gaitsweep.analysis.transitions.return_map import branches, drift, fixed_points, ghosts, pairs
-from gaitsweep.angle_difference import wrapped_difference
+from gaitsweep.angles import wrapped_difference
 from tests.support.hysteresis_tables import CENTRE, FOLD, SCALE, TURN, delta, map_table, roots, with_attrs
 
 EPS = 0.05

@@ -11,8 +11,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from gaitsweep.analysis.circular import is_circular
 from gaitsweep.analysis.records import AnalysisError
+from gaitsweep.angles import is_circular
 from gaitsweep.papers.fukuoka2015.analysis.gaits_of_onsets import GAITS, Steadiness, gait_of
 from gaitsweep.papers.fukuoka2015.analysis.swing_onsets import onsets_in
 from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import CHART, LEGS, margin, place, signs

@@ -8,12 +8,12 @@ from pathlib import Path
 import pytest
 import yaml
 
+import gaitsweep
 import gaitsweep as gs
 from gaitsweep.cli import main
 from gaitsweep.contract import Model
 from gaitsweep.runs.citation import tool_entry
 from gaitsweep.runs.provenance import git_commit
-from gaitsweep.version import version
 from tests.support.toy_directories import fill, open_toy
 
 Capture = pytest.CaptureFixture[str]
@@ -38,7 +38,7 @@ def test_the_entry_of_the_program_is_that_of_citation_cff(capsys: Capture) -> No
     assert main(["cite"]) == 0
     entry = fields(capsys.readouterr().out, "gaitsweep")
     assert entry["title"] == f"{{{facts['title']}}}"
-    assert entry["version"] == facts["version"] == version()
+    assert entry["version"] == facts["version"] == gaitsweep.__version__
     assert entry["year"] == str(facts["date-released"].year)
     assert "year" not in fields(tool_entry("0.0.1"), "gaitsweep")  # which CITATION.cff does not date
 
@@ -56,7 +56,7 @@ def test_a_result_cites_its_paper_method_check_and_versions(tmp_path: Path, caps
     methods = text.partition("Methods: ")[2]
     for piece in (
         "multilegged_reduced [ambe2021]",
-        f"gaitsweep {version()} [gaitsweep]",
+        f"gaitsweep {gaitsweep.__version__} [gaitsweep]",
         "2 rows over psi_1 (2).",
         "(settle, max_cycles 7, tolerance",
         f"({manifest['method']}), steps of at most 0.04 s, in float64",

@@ -14,6 +14,7 @@ from jax._src import tree_util
 # The modules whose functions and dataclasses are checked, with those below them.
 CHECKED = (
     "gaitsweep.analysis",
+    "gaitsweep.angles",
     "gaitsweep.contract",
     "gaitsweep.design",
     "gaitsweep.engine",

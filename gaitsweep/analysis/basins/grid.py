@@ -10,8 +10,7 @@ import pandas as pd
 import scipy
 from jaxtyping import Bool, Float, Int, Real
 
-from gaitsweep.analysis.circular import is_circular
-from gaitsweep.angle_difference import TURN
+from gaitsweep.angles import TURN, is_circular
 
 _EQUAL = 1e-6  # largest relative difference between the steps of a grid
 

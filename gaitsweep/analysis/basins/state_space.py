@@ -10,9 +10,8 @@ import pandas as pd
 import scipy
 from jaxtyping import Float, Int
 
-from gaitsweep.analysis.circular import is_circular
 from gaitsweep.analysis.records import AnalysisError, axes_of, require
-from gaitsweep.angle_difference import TURN
+from gaitsweep.angles import TURN, is_circular
 
 StateArray = Float[np.ndarray, "states coordinates"]
 Coordinates = Float[np.ndarray, "... coordinates"]

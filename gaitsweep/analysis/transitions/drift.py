@@ -11,10 +11,9 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Real
 
-from gaitsweep.analysis.circular import unwrap_from
 from gaitsweep.analysis.transitions.breaks import Pairs, breaks
 from gaitsweep.analysis.transitions.smoothing import Smooth, local_polynomial
-from gaitsweep.angle_difference import TURN
+from gaitsweep.angles import TURN, unwrap_from
 
 RowOfPair = Real[np.ndarray, " pairs"]
 POINTS_PER_BANDWIDTH = 5  # points of the curve in a bandwidth

@@ -12,10 +12,10 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from gaitsweep.analysis.circular import unwrap_from
 from gaitsweep.analysis.transitions.breaks import PairFlags, Pairs
 from gaitsweep.analysis.transitions.drift import POINTS_PER_BANDWIDTH, Drift
 from gaitsweep.analysis.transitions.smoothing import Smooth, local_polynomial
+from gaitsweep.angles import unwrap_from
 
 NEAR = 0.01  # rad a crossing; a slower drift holds a row for long
 SURE = 2.0  # standard errors from zero of a significant drift

@@ -15,10 +15,9 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Bool, Float, Shaped
 
-from gaitsweep.analysis.circular import branch_cut, is_circular, mean_direction, unwrap_from
 from gaitsweep.analysis.records import AnalysisError, axes_of, panels_of, require, section_column
 from gaitsweep.analysis.transitions.jumps import LEAST, Course, courses, records_of, rising, stretches
-from gaitsweep.angle_difference import TURN, wrapped_difference
+from gaitsweep.angles import TURN, branch_cut, is_circular, mean_direction, unwrap_from, wrapped_difference
 from gaitsweep.status import Status
 
 

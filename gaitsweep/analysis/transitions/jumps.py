@@ -16,8 +16,8 @@ import pandas as pd
 import scipy
 from jaxtyping import Bool, Float, Int, Shaped
 
-from gaitsweep.analysis.circular import is_circular
 from gaitsweep.analysis.records import require, section_column, sound
+from gaitsweep.angles import is_circular
 
 SMOOTH = 5  # crossings of a ramp over which the observable is averaged
 SPAN = 40  # crossings of a ramp within which a jump changes the observable by `least`

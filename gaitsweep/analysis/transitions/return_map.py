@@ -16,11 +16,10 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Int
 
-from gaitsweep.analysis.circular import branch_cut, is_circular, unwrap_from
 from gaitsweep.analysis.records import axes_of, panels_of, require, section_column, sound
 from gaitsweep.analysis.transitions.drift import Drift, drifts_of
 from gaitsweep.analysis.transitions.drift_zeros import NEAR, ghosts_of, zeros_of
-from gaitsweep.angle_difference import TURN, wrapped_difference
+from gaitsweep.angles import TURN, branch_cut, is_circular, unwrap_from, wrapped_difference
 
 BANDWIDTH = 0.05  # rad; half the width of the window of the local lines
 _SHARE = 0.05  # bandwidth of an observable that is not an angle, as a share of its range

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from gaitsweep.angle_difference import wrapped_difference
+from gaitsweep.angles import wrapped_difference
 from gaitsweep.contract import Model
 from gaitsweep.engine.shapes import Integer, Observed
 

@@ -14,8 +14,8 @@ from matplotlib.colors import to_rgba
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from gaitsweep.analysis.circular import unwrap_from
 from gaitsweep.analysis.continuation.stable_ranges import MARKS
+from gaitsweep.angles import unwrap_from
 from gaitsweep.plot import theme
 
 STABLE, UNSTABLE = "#0072B2", "#D55E00"

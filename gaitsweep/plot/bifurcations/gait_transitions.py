@@ -12,9 +12,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from gaitsweep.analysis.circular import unwrap_from
 from gaitsweep.analysis.records import in_order
 from gaitsweep.analysis.transitions.hysteresis import transition_points_by_gait
+from gaitsweep.angles import unwrap_from
 from gaitsweep.plot import theme
 from gaitsweep.plot.arguments import AlongAxis, Column, GaitColumn, Observed, Title
 from gaitsweep.plot.columns import (

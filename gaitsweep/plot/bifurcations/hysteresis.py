@@ -15,9 +15,9 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.transforms import ScaledTranslation
 
-from gaitsweep.analysis.circular import unwrap_from
 from gaitsweep.analysis.records import sound
 from gaitsweep.analysis.transitions.hysteresis import LEAST, jump_intervals, largest_jumps
+from gaitsweep.angles import unwrap_from
 from gaitsweep.plot import theme
 from gaitsweep.plot.arguments import Observable, Observed, Panels, TableOrName, Title
 from gaitsweep.plot.bifurcations.branch_names import name_branches, named_gaits

@@ -11,8 +11,8 @@ from matplotlib.axes import Axes
 from matplotlib.patches import FancyArrowPatch
 from matplotlib.transforms import ScaledTranslation
 
-from gaitsweep.analysis.circular import unwrap_from
 from gaitsweep.analysis.transitions.jumps import STEEPER, where_it_moves
+from gaitsweep.angles import unwrap_from
 from gaitsweep.plot import theme
 
 UP, DOWN = "#E69F00", "#0072B2"  # distinct for colour-blind readers, and in lightness

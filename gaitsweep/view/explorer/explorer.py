@@ -16,6 +16,7 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Float, Int
 
+import gaitsweep
 from gaitsweep.engine.sweep.labels import gait_codes
 from gaitsweep.errors import ArgumentError
 from gaitsweep.job import Job
@@ -30,7 +31,6 @@ from gaitsweep.runs.progress import Progress
 from gaitsweep.runs.sentences import status_sentence
 from gaitsweep.status import Status
 from gaitsweep.table import replace_file, writing
-from gaitsweep.version import version
 from gaitsweep.view.explorer.animated_records import AnimatedRecords
 from gaitsweep.view.explorer.encoding import compressed, json_bytes
 from gaitsweep.view.explorer.page_columns import columns_of, html_symbol
@@ -316,7 +316,7 @@ def _about(
             for look, colour in zip(animated.limbs, colours, strict=True)
         ],
         "provenance": {
-            "gaitsweep": version(),
+            "gaitsweep": gaitsweep.__version__,
             "job": str(manifest.get("job_hash", ""))[:12],
             "commit": str(manifest.get("git_commit", "") or "")[:12],
             "engine": str(manifest.get("engine", "")),

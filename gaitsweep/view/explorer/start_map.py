@@ -11,8 +11,8 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Float, Int
 
-from gaitsweep.analysis.circular import branch_cut
 from gaitsweep.analysis.records import in_order, outcome_labels, sound
+from gaitsweep.angles import branch_cut
 from gaitsweep.job import Job
 from gaitsweep.plot import PlotError, theme
 from gaitsweep.plot.basins.cells import cell_edges

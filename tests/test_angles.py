@@ -6,8 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from gaitsweep.analysis.circular import branch_cut, is_circular, mean_direction, unwrap_from
-from gaitsweep.angle_difference import TURN, wrapped_difference
+from gaitsweep.angles import TURN, branch_cut, is_circular, mean_direction, unwrap_from, wrapped_difference
 
 
 def test_differences_are_wrapped() -> None:

@@ -1,25 +1,50 @@
-"""Angles of period 2 pi: their columns in tables, their means, and where to cut the circle."""
+"""Angles of period 2 pi: their differences and means, where to cut the circle, and their columns."""
 
 from __future__ import annotations
 
+import math
 import re
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 import pandas as pd
 from jaxtyping import Float
 
-from gaitsweep.angle_difference import TURN
+if TYPE_CHECKING:
+    import jax
+
+TURN = 2.0 * math.pi  # rad
+
+Angles = TypeVar("Angles", "float", "np.ndarray", "jax.Array", "pd.Series")
+
+
+def wrapped_difference(difference: Angles) -> Angles:
+    """Differences of angles, wrapped to [-pi, pi).
+
+    Args:
+        difference: a number or an array of any shape, rad.
+
+    Example:
+        >>> import numpy as np, gaitsweep as gs
+        >>> degrees = np.array([350.0 - 10.0, 90.0 - 0.0])
+        >>> np.rad2deg(gs.analyses.wrapped_difference(np.deg2rad(degrees))).round(6).tolist()
+        [-20.0, 90.0]
+    """
+    return (difference + math.pi) % TURN - math.pi
 
 
 def is_circular(table: pd.DataFrame, name: str) -> bool:
-    """Whether a column is an angle: from `table.attrs["quantities"]`, else by its name (psi, phi, delta).
+    """Return whether a column is an angle.
 
-    The name is looked up as it is, then without the suffix _n, _end or _end_2 of section observables.
+    `table.attrs["quantities"]` decides where it names the column, as it is or without the suffix _n, _end or
+    _end_2 of section observables; else a name that begins with psi, phi or delta.
     """
     quantities = table.attrs.get("quantities", {})
     entry = quantities.get(name) or quantities.get(re.sub(r"_(n|end(_\d+)?)\Z", "", name)) or {}
     circular = entry.get("circular")
-    return bool(circular) if circular is not None else re.match(r"(psi|phi|delta)(_|\Z)", name) is not None
+    if circular is None:
+        return re.match(r"(psi|phi|delta)(_|\Z)", name) is not None
+    return bool(circular)
 
 
 def mean_direction(angles: Float[np.ndarray, " angles"]) -> float:
