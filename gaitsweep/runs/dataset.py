@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import itertools
 import json
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+import math
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -50,53 +51,92 @@ def dataset_of(table: pd.DataFrame) -> xarray.Dataset:
         ) from None
     job, manifest = table.attrs["job"], table.attrs["manifest"]
     axes = _axes(manifest)
-    lengths = {dimension: length for dimension, _, length in axes}
-    row = table["row"].to_numpy(np.int64)
-    record = table.groupby("row").cumcount().to_numpy()
-    records = int(record.max(initial=0)) + 1
-    kind = RUN_KINDS.get(job["run"]["kind"])
-    several = records > 1 or kind is None or not kind.one_a_row
-    shape = (*lengths.values(), *((records,) if several else ()))
-    dimensions = (*lengths, *((RECORD,) if several else ()))
-    place = row * records + record if several else row
+    grid = _grid(table, axes)
     quantities = table.attrs.get("quantities", {})
-
-    def variable(name: str) -> tuple[tuple[str, ...], Shaped[np.ndarray, " ..."], dict[str, Any]]:
-        values, attributes = _numbers(table[name])
-        quantity = quantities.get(name, {})
-        for key, field in (("units", "unit"), ("long_name", "meaning")):
-            if quantity.get(field):
-                attributes[key] = quantity[field]
-        return dimensions, _on_grid(values, place, shape, "flag_values" in attributes), attributes
-
-    names = [str(name) for name in table.columns if name != "row"]
-    variables = {name: variable(name) for name in names}
-    coordinates = {}
-    for dimension, moved, _ in axes:
-        for name in moved:
-            _, values, attributes = variables.pop(name)
-            along = _along(values, dimensions.index(dimension))
-            if along is None:  # an axis whose points follow another one
-                coordinates[name] = (dimensions, values, attributes)
-            else:
-                coordinates[name] = ((dimension,), along, attributes)
-    for name in [name for name in variables if name in dimensions]:
-        variables[f"{name}_value"] = variables.pop(name)  # xarray keeps a dimension's name for its coordinate
-    for dimension in [name for name in coordinates if name in dimensions and len(coordinates[name][0]) > 1]:
-        coordinates[f"{dimension}_value"] = coordinates.pop(dimension)
+    variables = {
+        str(name): _variable(column, quantities.get(name, {}), grid)
+        for name, column in table.items()
+        if name != "row"
+    }
+    coordinates = _coordinates(variables, axes, grid)
     about = {"name": job["name"], "model": job["model"], "job": json.dumps(job)}
     about |= {key: manifest[key] for key in ("gaitsweep", "job_hash", "created") if key in manifest}
     return xarray.Dataset(variables, coordinates, about)
 
 
-def _axes(manifest: Mapping[str, Any]) -> list[tuple[str, list[str], int]]:
-    """Return dimension, names that vary along it, and length of each axis of a table."""
+class _Axis(NamedTuple):
+    """A dimension, the names that vary along it, and its length."""
+
+    dimension: str
+    names: list[str]
+    length: int
+
+
+class _Grid(NamedTuple):
+    """The dimensions of a dataset, its shape, and the place of each record in it (n,)."""
+
+    dimensions: tuple[str, ...]
+    shape: tuple[int, ...]
+    place: Int[np.ndarray, " records"]
+
+
+def _axes(manifest: Mapping[str, Any]) -> list[_Axis]:
+    """The axes of a table, in the order of its rows."""
     points = itertools.chain([POINT], (f"{POINT}_{number}" for number in itertools.count(2)))
-    groups = [(axis["names"], axis["length"]) for axis in manifest["axes"]]
-    return [(names[0] if len(names) == 1 else next(points), names, length) for names, length in groups]
+    axes = []
+    for axis in manifest["axes"]:
+        names = axis["names"]
+        axes.append(_Axis(names[0] if len(names) == 1 else next(points), names, axis["length"]))
+    return axes
 
 
-def _numbers(column: Any) -> tuple[Shaped[np.ndarray, " records"], dict[str, Any]]:
+def _grid(table: pd.DataFrame, axes: Sequence[_Axis]) -> _Grid:
+    """The grid of a table: its axes, and `record` where rows may have several records."""
+    dimensions = tuple(axis.dimension for axis in axes)
+    shape = tuple(axis.length for axis in axes)
+    row = table["row"].to_numpy(np.int64)
+    record = table.groupby("row").cumcount().to_numpy()
+    records = int(record.max(initial=0)) + 1
+    kind = RUN_KINDS.get(table.attrs["job"]["run"]["kind"])
+    if records == 1 and kind is not None and kind.one_a_row:
+        return _Grid(dimensions, shape, row)
+    return _Grid((*dimensions, RECORD), (*shape, records), row * records + record)
+
+
+# What xarray takes as a variable: its dimensions, values and attributes.
+_Variable = tuple[tuple[str, ...], Shaped[np.ndarray, " ..."], dict[str, Any]]
+
+
+def _variable(column: pd.Series, quantity: Mapping[str, Any], grid: _Grid) -> _Variable:
+    """A column on the grid, with the unit and the meaning of its quantity."""
+    values, attributes = _numbers(column)
+    for key, field in (("units", "unit"), ("long_name", "meaning")):
+        if quantity.get(field):
+            attributes[key] = quantity[field]
+    return grid.dimensions, _on_grid(values, grid, flags="flag_values" in attributes), attributes
+
+
+def _coordinates(variables: dict[str, _Variable], axes: Sequence[_Axis], grid: _Grid) -> dict[str, _Variable]:
+    """Take the coordinates of the axes out of the variables; rename what has the name of a dimension."""
+    coordinates: dict[str, _Variable] = {}
+    for axis in axes:
+        for name in axis.names:
+            _, values, attributes = variables.pop(name)
+            along = _along(values, grid.dimensions.index(axis.dimension))
+            if along is None:  # an axis whose points follow another one
+                coordinates[name] = (grid.dimensions, values, attributes)
+            else:
+                coordinates[name] = ((axis.dimension,), along, attributes)
+    # xarray keeps the name of a dimension for the coordinate along it
+    for name in grid.dimensions:
+        if name in variables:
+            variables[f"{name}_value"] = variables.pop(name)
+        if name in coordinates and len(coordinates[name][0]) > 1:
+            coordinates[f"{name}_value"] = coordinates.pop(name)
+    return coordinates
+
+
+def _numbers(column: pd.Series) -> tuple[Shaped[np.ndarray, " records"], dict[str, Any]]:
     """Convert a column to numbers, with the attributes that name the meaning of integers."""
     if not isinstance(column.dtype, pd.CategoricalDtype):
         if not pd.api.types.is_numeric_dtype(column.dtype):
@@ -109,18 +149,18 @@ def _numbers(column: Any) -> tuple[Shaped[np.ndarray, " records"], dict[str, Any
 
 
 def _on_grid(
-    values: Shaped[np.ndarray, " records"],
-    place: Int[np.ndarray, " records"],
-    shape: tuple[int, ...],
-    flags: bool,
+    values: Shaped[np.ndarray, " records"], grid: _Grid, *, flags: bool
 ) -> Shaped[np.ndarray, " ..."]:
     """Place values (n,) on the grid; NaN, or -1 for flags, elsewhere."""
-    size = int(np.prod(shape))
-    if not flags and values.size < size:
-        values = values.astype(np.float64)
-    grid = np.full(size, -1 if flags else 0 if values.size == size else np.nan, values.dtype)
-    grid[place] = values
-    return grid.reshape(shape)
+    size = math.prod(grid.shape)
+    if flags:
+        placed = np.full(size, -1, values.dtype)
+    elif values.size < size:
+        placed = np.full(size, np.nan)
+    else:
+        placed = np.zeros(size, values.dtype)
+    placed[grid.place] = values
+    return placed.reshape(grid.shape)
 
 
 def _along(values: Shaped[np.ndarray, " ..."], axis: int) -> Shaped[np.ndarray, " points"] | None:

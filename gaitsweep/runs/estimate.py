@@ -27,19 +27,31 @@ EVENTS_SHARE = 1.05
 # Share of the rows of a refined grid that are simulated; the chain's slices of 99 x 99 need 0.15.
 REFINED_SHARE = 0.2
 BYTES_A_NUMBER = 8
-# Bytes of a part without its records, of each of its columns, and of an entry of a column that repeats itself
-# (an axis of a grid, a status, a time that all rows share).
-BYTES_A_PART, BYTES_A_COLUMN, BYTES_A_REPEAT = 900, 280, 0.3
+BYTES_A_PART = 900  # without its records and columns
+BYTES_A_COLUMN = 280  # of a part, without its entries
+BYTES_A_REPEAT = 0.3  # an entry of a column that repeats itself: an axis of a grid, a status
 
 
 @dataclasses.dataclass(frozen=True)
 class Estimate:
     """Estimate of a job.
 
-    `simulated` is the number of rows that are likely run, fewer than `rows` if the run refines. `records` and
-    `disk_bytes` are those of the table, `steps` the attempts of all rows. `seconds` is the likely time, and
-    `seconds_most` the time if all rows run to their limits; both include `compile_s`. `records_longer` and
-    `seconds_longer` are those of rows whose branches fold; for other kinds, the likely ones.
+    Args:
+        rows: the number of rows.
+        simulated: the number of rows that are likely run, fewer than `rows` if the run refines.
+        records: those of the table.
+        records_longer: those of a table whose branches fold; for other kinds, the likely ones.
+        blocks: the number of parts.
+        memory_bytes: the largest memory of this process.
+        disk_bytes: the size of the table.
+        seconds: the likely time, as all times with `compile_s`.
+        seconds_longer: that of rows whose branches fold.
+        seconds_most: the time if all rows run to their limits.
+        lanes: trajectories at a time.
+        device: the devices, in words.
+        engine: the engine's name.
+        steps: the attempts of all rows.
+        compile_s: the time of compilation (s).
     """
 
     rows: int
@@ -72,36 +84,41 @@ def estimate(job: Job) -> Estimate:
         compile_s = job.run.compile_time(context.design, spec)
         pace = dataclasses.replace(pace, at_a_time=1, compile_s=compile_s)
     cost = job.run.cost(context.design, pace.attempts / pace.crossings, 1.0 / pace.crossings)
-    slots = pace.at_a_time
-    # the last rows of a sweep leave lanes idle, so a sweep takes a whole number of its rows' rounds at least
     share = 1.0 if job.run.refined(context.design) is None else REFINED_SHARE
     simulated = math.ceil(share * spec.n_rows)
-    rounds, rounds_most = (max(rows / slots, 1.0) for rows in (simulated, spec.n_rows))
+    # fewer rows than run at a time leave lanes idle, and take as long as these
+    timed_rows = max(simulated, pace.at_a_time)
+    timed_rows_most = max(spec.n_rows, pace.at_a_time)
     columns = table_columns(context.design, job.run)
-    a_record = _bytes_of_record(context.design, job)
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
     records_longer = cost.records if cost.longer_records is None else cost.longer_records
     block_bytes = min(spec.block, spec.n_rows) * records_longer * len(columns) * BYTES_A_NUMBER
     blocks = math.ceil(spec.n_rows / spec.block)
-    skipped = (spec.n_rows - simulated) * BYTES_A_REPEAT * len(columns)
-    written = simulated * records_longer * a_record + skipped
+    simulated_bytes = simulated * records_longer * _bytes_of_record(context.design, job)
+    inferred_bytes = (spec.n_rows - simulated) * BYTES_A_REPEAT * len(columns)
+    part_headers = blocks * (BYTES_A_PART + BYTES_A_COLUMN * len(columns))
     return Estimate(
         rows=spec.n_rows,
         simulated=simulated,
         records=round(spec.n_rows * cost.records),
         records_longer=round(spec.n_rows * records_longer),
         blocks=blocks,
-        memory_bytes=int(peak + 2 * block_bytes),
-        disk_bytes=int(written + blocks * (BYTES_A_PART + BYTES_A_COLUMN * len(columns))),
-        seconds=pace.compile_s + pace.seconds(rounds * slots, cost.likely, spec),
-        seconds_longer=pace.compile_s + pace.seconds(rounds * slots, cost.longer or cost.likely, spec),
-        seconds_most=pace.compile_s + pace.seconds(rounds_most * slots, cost.most, spec),
+        memory_bytes=int(_peak_memory() + 2 * block_bytes),
+        disk_bytes=int(simulated_bytes + inferred_bytes + part_headers),
+        seconds=pace.compile_s + pace.seconds(timed_rows, cost.likely, spec),
+        seconds_longer=pace.compile_s + pace.seconds(timed_rows, cost.longer or cost.likely, spec),
+        seconds_most=pace.compile_s + pace.seconds(timed_rows_most, cost.most, spec),
         lanes=spec.lanes,
         device=context.device,
         engine=context.engine,
         steps=simulated * cost.likely,
         compile_s=pace.compile_s,
     )
+
+
+def _peak_memory() -> int:
+    """The largest memory of this process so far, bytes."""
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak if sys.platform == "darwin" else 1024 * peak
 
 
 def _bytes_of_record(design: Design, job: Job) -> float:
@@ -122,9 +139,13 @@ def _bytes_of_record(design: Design, job: Job) -> float:
 class Measured:
     """Measurements on the first rows.
 
-    `at_a_time` is the number of rows that run at a time, `host_s` the host's work for a row (s), `rate` the
-    attempts of all lanes in a second, `compile_s` the time of compilation (s), `attempts` and `crossings` the
-    numbers of a row in a second of simulated time.
+    Args:
+        at_a_time: the number of rows that run at a time.
+        host_s: the host's work for a row (s).
+        rate: attempts of all lanes in a second.
+        compile_s: the time of compilation (s).
+        attempts: those of a row in a second of simulated time.
+        crossings: those of a row in a second of simulated time.
     """
 
     at_a_time: int
@@ -136,10 +157,11 @@ class Measured:
 
     def seconds(self, rows: float, attempts: float, spec: SweepSpec) -> float:
         """Return the time (s) that rows take, with a number of attempts each."""
-        steps, host = rows * attempts / self.rate, min(rows, spec.n_rows) * self.host_s
-        # on a CPU the host's work takes cores from the rows
-        shares_cores = spec.devices[0].platform == "cpu"
-        return steps + host / len(spec.devices) if shares_cores else max(steps, host)
+        steps_s = rows * attempts / self.rate
+        host_s = min(rows, spec.n_rows) * self.host_s
+        if spec.devices[0].platform == "cpu":  # whose cores do the host's work too
+            return steps_s + host_s / len(spec.devices)
+        return max(steps_s, host_s)
 
 
 def _measured(context: RunContext) -> Measured:
@@ -151,19 +173,19 @@ def _measured(context: RunContext) -> Measured:
     compile_s = time.perf_counter() - began
     began = time.perf_counter()
     outputs = pool.advance_all(polls_per_chunk(spec))
-    spent = time.perf_counter() - began
+    seconds = time.perf_counter() - began
     at_a_time = sum(group.at_a_time for group in pool.groups)
-    rate = at_a_time * POLL_INTERVAL * polls_per_chunk(spec) / spent
+    rate = at_a_time * POLL_INTERVAL * polls_per_chunk(spec) / seconds
     host_s = _host_s(context, pool)
     pool.end()
-    ran = sum(int(np.count_nonzero(group.block_of >= 0)) for group, _ in outputs)
+    lanes_in_use = sum(int(np.count_nonzero(group.block_of >= 0)) for group, _ in outputs)
 
     def total(number: str) -> float:
         return float(sum(np.sum(output.numbers[number][group.block_of >= 0]) for group, output in outputs))
 
     simulated, crossings = total("t_end"), total("cycles")
     nominal = 1.0 / nominal_period(context.design)
-    if crossings < 2.0 * ran:  # too few for a mean
+    if crossings < 2.0 * lanes_in_use:  # too few for a mean
         crossings = nominal * simulated
     if simulated > 0.0:
         attempts, crossings = total("attempts") / simulated, crossings / simulated
@@ -181,12 +203,13 @@ def _host_s(context: RunContext, pool: LaneScheduler) -> float:
         return 0.0
     group, block = pool.groups[0], next(iter(pool.open.values()))
     block.ends.status[:] = Status.settled
-    spent = []
+    seconds_a_row = 0.0
     for _ in range(2):  # the first time programs are compiled
         began = time.perf_counter()
         group.open_again()
         opened = time.perf_counter()
         frame = context.table(labelled(context.spec, block))
         part_bytes(frame, block.number, context.job_hash, {})
-        spent.append((opened - began) / group.size + (time.perf_counter() - opened) / block.rows)
-    return spent[-1]
+        written = time.perf_counter()
+        seconds_a_row = (opened - began) / group.size + (written - opened) / block.rows
+    return seconds_a_row

@@ -68,7 +68,9 @@ def run_job(
 
     Raises:
         RunError, TableError, KeyboardInterrupt: the run ends; rows on disk are safe, and the next run
-        continues. FigureError: the table is complete, but a figure of it could not be drawn.
+            continues.
+        FigureError: the table is complete, but a figure of it could not be drawn.
+        SelfCheckError: with `strict`, the self-check warns.
     """
     path = RESULTS / job.name if out is None else Path(out)
     on_progress = on_progress or (lambda *_, **__: None)
@@ -118,7 +120,7 @@ def _run(
 
 
 def _write_tables(context: RunContext, directory: ResultDirectory) -> None:
-    """Write the parts of a complete table that its run kind keeps in files of their own, if they lack."""
+    """Write those tables of a complete run that its kind keeps in files of their own and that are missing."""
     kind = context.job.run
     if type(kind).tables is RunKind.tables or directory.missing_blocks():
         return
@@ -153,6 +155,12 @@ def table_in_memory(
 
     Large tables, rounds of a refined run and workers of a cluster need a directory, which is temporary.
 
+    Args:
+        job: the job.
+        on_progress: progress callback.
+        on_message: called with each note and warning, a sentence.
+        cluster: computes the blocks, if this process does not.
+
     Raises:
         RunError, TableError: as `run_job`.
     """
@@ -186,13 +194,16 @@ def _run_missing(
     executor: Executor,
 ) -> None:
     """Have an executor compute the missing blocks of a table, and sum the table up."""
-    before, total = table.rows_done + table.rows_open, context.spec.n_rows
+    before = table.rows_done + table.rows_open
+    total = context.spec.n_rows
     describe(context, table)
-    spent = table.manifest.get("timings", {})
-    timings, tallied = Timings(), tallied_column(context)
+    earlier_timings = table.manifest.get("timings", {})
+    timings = Timings()
+    tallied = tallied_column(context)
 
-    def spent_so_far() -> dict[str, float]:
-        return {name: value + spent.get(name, 0) for name, value in dataclasses.asdict(timings).items()}
+    def all_timings() -> dict[str, float]:
+        fields = dataclasses.asdict(timings).items()
+        return {name: value + earlier_timings.get(name, 0) for name, value in fields}
 
     def on_sweep_progress(now: SweepProgress) -> None:
         note = now.note or f"{now.attempts / max(now.seconds, 1e-9) / 1e6:.1f} million steps/s"
@@ -207,14 +218,14 @@ def _run_missing(
         compute_blocks(
             context, missing, table.encoded, table.write_encoded, on_sweep_progress, timings=timings
         )
-        sum_up(context, table, spent_so_far())
+        sum_up(context, table, all_timings())
         return
     try:
         with executor.serve(context, table, on_wait):
             if (grid := context.job.run.refined(context.design)) is not None:
                 Refinement(context, grid, table, executor).run(on_progress, timings)
             else:
-                stored = _OpenRowsOnDisk(table, spent_so_far)
+                stored = _OpenRowsOnDisk(table, all_timings)
                 executor.run_blocks(
                     MissingBlocks(context, table, missing, on_sweep_progress, timings, stored)
                 )
@@ -222,9 +233,9 @@ def _run_missing(
     except BaseException:
         # the exception that stopped the run is raised, not a failure to write the manifest
         with contextlib.suppress(TableError):
-            sum_up(context, table, spent_so_far())
+            sum_up(context, table, all_timings())
         raise
-    sum_up(context, table, spent_so_far())
+    sum_up(context, table, all_timings())
 
 
 @dataclasses.dataclass
@@ -232,11 +243,11 @@ class _OpenRowsOnDisk:
     """Store of finished rows of open blocks: the directory, with the time that they took."""
 
     directory: ResultDirectory
-    spent: Callable[[], dict[str, float]]
+    timings: Callable[[], dict[str, float]]
 
     def restored(self, number: int) -> RowOutcome | None:
         return self.directory.restored(number)
 
     def keep(self, rows: RowOutcome) -> None:
         self.directory.keep(rows)
-        self.directory.update_manifest(timings=self.spent())
+        self.directory.update_manifest(timings=self.timings())

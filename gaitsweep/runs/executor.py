@@ -6,7 +6,7 @@ import abc
 import contextlib
 import dataclasses
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, TypeVar
 
 import pandas as pd
@@ -16,15 +16,15 @@ from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.runs.prepare import RunContext
 from gaitsweep.table import ResultDirectory
 
-T = TypeVar("T")
+Part = TypeVar("Part")  # an encoded block
 COMPILING = "compiling"  # the note until something is measured
 
 
 def compute_blocks(
     context: RunContext,
     blocks: Sequence[int],
-    encode: Callable[[int, pd.DataFrame], T],
-    write: Callable[[int, T], None],
+    encode: Callable[[int, pd.DataFrame], Part],
+    write: Callable[[int, Part], None],
     on_progress: Callable[[SweepProgress], None],
     *,
     timings: Timings | None = None,
@@ -42,37 +42,48 @@ def compute_blocks(
         open_rows: stores the ended rows of incomplete blocks. The rows of a block that its run kind makes
             itself end together, so a kill loses at most one such block.
     """
-    spec, kind = context.spec, context.job.run
     timings = Timings() if timings is None else timings
-    if not kind.makes_tables:
-        sweep(
-            spec,
-            blocks,
-            write,
-            on_progress,
-            timings,
-            open_rows,
-            lambda number, outcome: encode(number, context.table(outcome)),
-        )
+    if context.job.run.makes_tables:
+        for number, frame in _tables_of_kind(context, blocks, on_progress, timings):
+            write(number, encode(number, frame))
         return
-    rows, done = context.layout.rows_in(blocks), 0
+    sweep(
+        context.spec,
+        blocks,
+        write,
+        on_progress,
+        timings,
+        open_rows,
+        lambda number, outcome: encode(number, context.table(outcome)),
+    )
+
+
+def _tables_of_kind(
+    context: RunContext,
+    blocks: Sequence[int],
+    on_progress: Callable[[SweepProgress], None],
+    timings: Timings,
+) -> Iterator[tuple[int, pd.DataFrame]]:
+    """The numbers and the records of blocks whose run kind makes its tables itself."""
+    kind = context.job.run
+    total = context.layout.rows_in(blocks)
+    done = 0  # rows
+    rows_of_block = 0
     began = time.perf_counter()
 
     def report(note: str = "", share: float = 0.0) -> None:
         timings.run_s = time.perf_counter() - began
-        measured = (done + share * (last - first)) / rows
+        done_share = (done + share * rows_of_block) / total
         text = note or kind.kind_name
-        on_progress(
-            SweepProgress(
-                done, rows, measured, 0, timings.run_s, text if measured else f"{COMPILING}, {text}"
-            )
-        )
+        text = text if done_share else f"{COMPILING}, {text}"
+        on_progress(SweepProgress(done, total, done_share, 0, timings.run_s, text))
 
     for number in blocks:
         first, last = context.layout.rows_of(number)
+        rows_of_block = last - first
         # reports each step too, so that Ctrl-C need not wait for the block's end
-        write(number, encode(number, kind.block_table(context.design, spec, first, last, report)))
-        done, first = done + last - first, last
+        yield number, kind.block_table(context.design, context.spec, first, last, report)
+        done += rows_of_block
         report()
 
 
@@ -83,10 +94,11 @@ def write_blocks(directory: ResultDirectory, blocks: Iterable[tuple[int, pd.Data
         directory: the result directory.
         blocks: the numbers and the records of blocks; the source continues once a block is on disk.
     """
-    spent, began = directory.manifest.get("timings", {}).get("run_s", 0.0), time.perf_counter()
+    earlier_s = directory.manifest.get("timings", {}).get("run_s", 0.0)
+    began = time.perf_counter()
     for number, frame in blocks:
         directory.write_part(number, frame)
-        seconds = spent + time.perf_counter() - began
+        seconds = earlier_s + time.perf_counter() - began
         directory.update_manifest(timings={"run_s": seconds}, counts=directory.counts(), complete=False)
 
 

@@ -56,7 +56,17 @@ def draw_of_complete(
     on_progress: Progress,
     on_message: Callable[[str], None],
 ) -> None:
-    """Draw the figures that a complete table lacks; errors say that the table is complete."""
+    """Draw the figures that a complete table lacks; errors say that the table is complete.
+
+    Args:
+        directory: the result directory.
+        job: the resolved job.
+        on_progress: progress callback.
+        on_message: called with a sentence before an unexpected exception is raised.
+
+    Raises:
+        FigureError: some figures are not drawn.
+    """
     rows = directory.layout.rows
     safe = f"The run is complete ({rows} row{'s' * (rows != 1)} in {directory.path})"
     try:
@@ -75,7 +85,11 @@ def _draw_missing_figures(directory: ResultDirectory, job: Mapping[str, Any], on
     drawn = directory.manifest.get("figures_drawn", {})
     specs, style = read_figures(job, str(directory.path / JOB))
     style_fields = style.model_dump(mode="json", exclude_none=True)
-    by_name = {name: style_fields | spec for spec in specs for name in _file_names(spec, style)}
+    by_name = {
+        name: style_fields | spec
+        for spec in specs
+        for name in _file_names(spec, spec.get("format") or style.format)
+    }
     wanted = {
         name
         for name, spec in by_name.items()
@@ -97,10 +111,9 @@ def _draw_missing_figures(directory: ResultDirectory, job: Mapping[str, Any], on
     directory.update_manifest(figures_drawn={name: digest for name, digest in now.items() if digest})
 
 
-def _file_names(spec: Mapping[str, Any], style: FigureStyle) -> list[str]:
-    """The names of a figure's files, one for each of its formats."""
-    formats = spec.get("format") or style.format or ["png"]
-    return [f"{spec.get('name') or spec['kind']}.{format}" for format in formats]
+def _file_names(spec: Mapping[str, Any], formats: Sequence[str] | None) -> list[str]:
+    """The names of a figure's files, one for each of its formats, by default PNG."""
+    return [f"{spec.get('name') or spec['kind']}.{ending}" for ending in formats or ("png",)]
 
 
 def _figure_digest(file: Path, spec: dict[str, Any]) -> str | None:
@@ -141,49 +154,80 @@ def draw_figures(
         WriteError: a figure cannot be written; the old file is kept.
         FigureError: the table lacks data for some figures; the others are drawn.
     """
-    shown = thinned(read_manifest(Path(path)))
-    snapshot, table = load_with_snapshot(path, rows=None if shown is None else shown.rows)
-    if shown is not None:
-        table.attrs["thinned"] = shown.remark
+    path = Path(path)
+    selection = thinned(read_manifest(path))
+    snapshot, table = load_with_snapshot(path, rows=None if selection is None else selection.rows)
+    if selection is not None:
+        table.attrs["thinned"] = selection.remark
     specs, job_style = _figures_of(snapshot)
     if not specs:
         return []
-    kinds, colours = [spec["kind"] for spec in specs], (style and style.colours) or {}
-    if colours and not any(plot.FIGURES[kind].colours_of(name) for kind in kinds for name in colours):
-        raise StyleError(f"colours has no effect: no figure of {path} colours gaits ({', '.join(kinds)}).")
-    with writing(f"{folder or Path(path) / FIGURES} cannot be made"):
-        if folder is None:
-            own_folder(folder := Path(path) / FIGURES)
-        else:
-            folder.mkdir(parents=True, exist_ok=True)
-    files, refused = [], []
+    style = style or FigureStyle()
+    _require_coloured_gaits(specs, style, path)
+    folder = _made_folder(path, folder)
+    files: list[Path] = []
+    errors: list[str] = []
     for number, spec in enumerate(specs):
-        own_style = read_style(**{key: spec.pop(key) for key in STYLE_FIELDS if key in spec})
-        whole_style = (style or FigureStyle()).over(own_style).over(job_style)
-        wanted = [folder / name for name in _file_names(spec, whole_style) if names is None or name in names]
+        kind = spec["kind"]
+        figure_style, own_fields = _style_and_fields(spec, style, job_style)
+        file_names = _file_names(spec, figure_style.format)
+        wanted = [folder / name for name in file_names if names is None or name in names]
         if not wanted:
             continue
         if on_progress is not None:
             on_progress(len(files) + 1)
-        fields = {key: value for key, value in spec.items() if key not in ("kind", "name")}
-        of_figure = plot.FIGURES[spec["kind"]].colours_of  # other colours are for other figures of the job
-        colours = {name: c for name, c in (whole_style.colours or {}).items() if of_figure(name)}
-        colours |= own_style.colours or {}
-        whole_style = whole_style.model_copy(update={"colours": colours or None})
-        fields |= {key: value for key, value in whole_style if value is not None}
+        style_fields = {key: value for key, value in figure_style if value is not None}
         try:
-            figure = plot.draw(spec["kind"], table, **fields)
+            figure = plot.draw(kind, table, **own_fields, **style_fields)
         except UserError as error:
-            refused.append(f"figures[{number}] ({spec['kind']}): {error}")
+            errors.append(f"figures[{number}] ({kind}): {error}")
             continue
         for file in wanted:
-            save = functools.partial(figure.savefig, format=file.suffix[1:], dpi=whole_style.dpi or 150)
+            save = functools.partial(figure.savefig, format=file.suffix[1:], dpi=figure_style.dpi or 150)
             with writing(f"{file} could not be written"):
                 replace_file(file, save)
-            files.append(file)
-    if refused:
-        raise FigureError("\n".join(refused), files)
+        files += wanted
+    if errors:
+        raise FigureError("\n".join(errors), files)
     return files
+
+
+def _require_coloured_gaits(specs: Sequence[Mapping[str, Any]], style: FigureStyle, path: Path) -> None:
+    """Raise StyleError if a style has colours of gaits and no figure shows gaits by colour."""
+    kinds = [spec["kind"] for spec in specs]
+    colours = style.colours or {}
+    if colours and not any(plot.FIGURES[kind].colours_of(gait) for kind in kinds for gait in colours):
+        raise StyleError(f"colours has no effect: no figure of {path} colours gaits ({', '.join(kinds)}).")
+
+
+def _made_folder(path: Path, folder: Path | None) -> Path:
+    """The folder of the figures of a directory, created where it is missing."""
+    made = path / FIGURES if folder is None else folder
+    with writing(f"{made} cannot be made"):
+        if folder is None:
+            own_folder(made)
+        else:
+            made.mkdir(parents=True, exist_ok=True)
+    return made
+
+
+def _style_and_fields(
+    spec: Mapping[str, Any], style: FigureStyle, job_style: FigureStyle
+) -> tuple[FigureStyle, dict[str, Any]]:
+    """The style of a figure, and the fields of its kind.
+
+    Args:
+        spec: the figure in the job.
+        style: the style that has precedence over the figure's own.
+        job_style: the style of the job's figures.
+    """
+    own_style = read_style(**{key: value for key, value in spec.items() if key in STYLE_FIELDS})
+    figure_style = style.over(own_style).over(job_style)
+    kind = plot.FIGURES[spec["kind"]]  # other colours are for other figures of the job
+    colours = {gait: colour for gait, colour in (figure_style.colours or {}).items() if kind.colours_of(gait)}
+    colours |= own_style.colours or {}
+    fields = {key: value for key, value in spec.items() if key not in (*STYLE_FIELDS, "kind", "name")}
+    return figure_style.model_copy(update={"colours": colours or None}), fields
 
 
 def _figures_of(snapshot: Snapshot) -> tuple[list[dict[str, Any]], FigureStyle]:
@@ -220,10 +264,12 @@ def thinned(manifest: Mapping[str, Any], most: int = MOST_SHOWN) -> Thinned | No
     if manifest["rows"] <= most or math.prod(axis["length"] for axis in axes) != manifest["rows"]:
         return None
     steps = [1] * len(axes)
-    while math.prod(_shown(axis, step) for axis, step in zip(axes, steps, strict=True)) > most:
-        longest = max(range(len(axes)), key=lambda at: _shown(axes[at], steps[at]))
+    lengths = [axis["length"] for axis in axes]
+    while math.prod(lengths) > most:
+        longest = lengths.index(max(lengths))
         # odd steps, so that the points of a grid of cells are the middles of larger cells
         steps[longest] += 2
+        lengths[longest] = _shown(axes[longest], steps[longest])
     rows = np.zeros(1, np.int64)
     thinned_names: dict[str, list[str]] = {}
     for axis, step in zip(axes, steps, strict=True):
@@ -240,10 +286,13 @@ def thinned(manifest: Mapping[str, Any], most: int = MOST_SHOWN) -> Thinned | No
 def _shown(axis: Mapping[str, Any], step: int) -> int:
     """The number of points of an axis that are shown."""
     length = axis["length"]
-    return max(length // step, 1) if axis["drawn"] else len(range(step // 2, length, step)) or 1
+    points = length // step if axis["drawn"] else len(range(step // 2, length, step))
+    return max(points, 1)
 
 
 def _ordinal(number: int) -> str:
     """An ordinal number: 3rd, 11th, 21st."""
-    ending = "th" if number % 100 in (11, 12, 13) else {1: "st", 2: "nd", 3: "rd"}.get(number % 10, "th")
+    if number % 100 in (11, 12, 13):
+        return f"{number}th"
+    ending = {1: "st", 2: "nd", 3: "rd"}.get(number % 10, "th")
     return f"{number}{ending}"

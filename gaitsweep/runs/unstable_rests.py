@@ -25,25 +25,35 @@ from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.runs.observable_changes import changes
 from gaitsweep.runs.prepare import RunContext
 
-# On a symmetric gait an angle is a part of a turn, within this many rad, or two observables of one unit are
-# equal, within this share of their magnitude.
-ALIKE, PARTS_OF_A_TURN = 1e-9, 24
-# A row that has moved by less than this from its start (of each observable's magnitude, at least 1) rests
-# where it began. A state whose next crossing differs by more from the stored one does not rest.
-UNMOVED, SAME = 1e-6, 1e-3
-# States are displaced by this distance (of the scale of each coordinate), in so many directions.
-DISPLACED, DIRECTIONS = 1e-6, 3
+# On a symmetric gait an angle is a multiple of a turn / `PARTS_OF_A_TURN`, within `ALIKE` (rad), or two
+# observables of one unit are equal, within a share `ALIKE` of their magnitude.
+ALIKE = 1e-9
+PARTS_OF_A_TURN = 24
+# A row rests where it began if it has moved by less than `UNMOVED` (of each observable's magnitude, at least
+# 1). A state does not rest if its next crossing differs by more than `SAME` from the stored one.
+UNMOVED = 1e-6
+SAME = 1e-3
+DISPLACEMENT = 1e-6  # of the scale of each coordinate
+DIRECTIONS = 3  # in which each state is displaced
 COPIES = 1 + DIRECTIONS  # trajectories of a state: its own, and the displaced ones
-# Displaced states are followed for so many crossings at most. One has left if it is `LEFT` away, or `GROWN`
-# times as far as at the start and, over the second half, faster than along a neutral direction. It has
-# returned if its distance has decayed to a share `RETURNED`.
-FOLLOWED, LEFT, GROWN, FASTER, RETURNED = 200, 1e-3, 10.0, 2.5, 1e-4
-# In steps of fixed length a crossing falls on a step's end: a state has left if it is this many times farther
-# away than successive crossings of the resting row are from each other, over so many crossings.
-SCATTERED, SCATTER_CROSSINGS = 10.0, 8
-# States are followed for as many crossings in total as the sample's rows have, or for these; and so many
-# states at most, each for `SHORTEST` crossings at least.
-LEAST_CROSSINGS, MOST_STATES, SHORTEST = 4000, 64, 40
+# A displaced state has left if it is `LEFT` away, or `GROWN` times as far as at the start and, after the
+# second half of its crossings, more than `FASTER` times as far as after the first: along a neutral direction
+# it is twice as far. It has returned if its distance has decayed to a share `RETURNED`.
+LEFT = 1e-3
+GROWN = 10.0
+FASTER = 2.5
+RETURNED = 1e-4
+# In steps of fixed length a crossing falls on a step's end: a state has left if it is `SCATTERED` times
+# farther away than successive crossings of the resting row are from each other, over the first crossings.
+SCATTERED = 10.0
+SCATTER_CROSSINGS = 8
+# A displaced state is followed for `MAX_CROSSINGS`, or until all states have used up the budget: as many
+# crossings as the rows of the sample have, at least `MIN_BUDGET`. With more states than `MAX_STATES`, or than
+# the budget has `MIN_CROSSINGS` for, some of them are followed.
+MAX_CROSSINGS = 200
+MIN_CROSSINGS = 40
+MIN_BUDGET = 4000
+MAX_STATES = 64
 
 
 def unstable_rests(
@@ -73,34 +83,36 @@ def unstable_rests(
         return np.zeros(0, np.int64)  # a map has no parameters that the host computes
     rows, place = np.unique(records["row"].to_numpy(np.int64), return_inverse=True)
     records = records.assign(place=place, sample=records.groupby("row").cumcount())
-    crossing = records["crossing"].to_numpy(np.int64)
-    of_sample = sum(int(crossing[place == row].max()) for row in range(rows.size))
-    # a crossing of a simulator takes long: the least number suffices for one state
-    budget = max(of_sample, FOLLOWED * COPIES if in_fixed_steps else LEAST_CROSSINGS)
     suspects = _suspects(model, records, begun)
     if not len(suspects):
         return rows[:0]
-    count = int(np.clip(budget // (SHORTEST * COPIES), 1, MOST_STATES))
+    # a crossing of a simulator takes long: the least number suffices for one state
+    min_budget = MAX_CROSSINGS * COPIES if in_fixed_steps else MIN_BUDGET
+    crossings = np.asarray(records.groupby("row")["crossing"].max(), np.int64)
+    budget = max(int(crossings.sum()), min_budget)
+    count = int(np.clip(budget // (MIN_CROSSINGS * COPIES), 1, MAX_STATES))
     suspects = suspects.iloc[np.unique(np.linspace(0, len(suspects) - 1, count).astype(int))]
 
     parameters, starts = context.design.values_in(rows)
     shape = _state_shape(context, parameters, starts)
-    again = np.unique(suspects["place"])
     recorder = StateRecorder(model, context.spec.recorder, state_size(shape))
-    outcome = rerun(rows[again], recorder)
-    samples, same = _samples(recorder, outcome, np.searchsorted(again, suspects["place"]), suspects)
-    elsewhere, suspects = suspects.iloc[np.flatnonzero(~same)], suspects.iloc[np.flatnonzero(same)]
+    rerun_places = np.unique(suspects["place"])
+    outcome = rerun(rows[rerun_places], recorder)
+    samples, same = _samples(recorder, outcome, np.searchsorted(rerun_places, suspects["place"]), suspects)
+    not_reproduced = suspects["place"][~same]
+    suspects = suspects.iloc[np.flatnonzero(same)]
 
     moving = context.job.run.moved
     following = context.design.following(moving) if moving is not None else {}
-    values = {k: column[suspects["place"]] for k, column in parameters.items() if k not in following}
+    values = {name: column[suspects["place"]] for name, column in parameters.items() if name not in following}
     if moving is not None:
         values[moving] = suspects[moving].to_numpy(float)
     mapping = BatchedReturnMap(model, tuple(following.items()), numerics, context.spec.engine)
     at_section = not isinstance(recorder.base, StepRecorder)
     points = _points(mapping, values, states_of(samples[same], shape), at_section=at_section)
-    leaves = _leave(mapping, points, values, suspects, budget, on_progress, smooth=not in_fixed_steps)
-    return rows[np.unique(np.concatenate([elsewhere["place"], suspects["place"][leaves]]))]
+    displaced = _DisplacedStates(mapping, points, values, suspects, smooth=not in_fixed_steps)
+    leaves = displaced.follow(budget, on_progress)
+    return rows[np.unique(np.concatenate([not_reproduced, suspects["place"][leaves]]))]
 
 
 def _suspects(
@@ -129,9 +141,10 @@ def symmetric(
             alike |= np.abs(observed[:, i] - part * np.round(observed[:, i] / part)) < ALIKE
     for i, k in itertools.combinations(range(len(model.observables)), 2):
         if model.observables[i].unit == model.observables[k].unit:
-            one, other = observed[:, i], observed[:, k]
+            values = observed[:, i]
+            equal = np.abs(values - observed[:, k]) <= ALIKE * np.abs(values)
             # whole numbers are counts, which may be equal on any gait
-            alike |= (np.abs(one - other) <= ALIKE * np.abs(one)) & (one != np.round(one))
+            alike |= equal & (values != np.round(values))
     return alike
 
 
@@ -158,8 +171,8 @@ def _state_shape(
         params = model.params(values) if drive is None else drive(values, jax.numpy.zeros(()))
         return model.init(params, start)
 
-    given = model.on_host(parameters), starts
-    return jax.eval_shape(state, *jax.tree.map(lambda x: jax.ShapeDtypeStruct(x.shape[1:], x.dtype), given))
+    inputs = model.on_host(parameters), starts
+    return jax.eval_shape(state, *jax.tree.map(lambda x: jax.ShapeDtypeStruct(x.shape[1:], x.dtype), inputs))
 
 
 def _samples(
@@ -176,14 +189,15 @@ def _samples(
         place: the place of each record's row among the rerun ones.
         suspects: the records.
     """
-    nth, names = suspects["sample"].to_numpy(), [q.name for q in recorder.model.observables]
-    exists = nth < outcome.kept[place]
+    names = [quantity.name for quantity in recorder.model.observables]
+    number = suspects["sample"].to_numpy()  # of the record in its row
+    exists = number < outcome.kept[place]
     first = np.cumsum(outcome.kept) - outcome.kept
-    samples = outcome.samples[np.where(exists, first[place] + nth, 0)]
-    now = outcome.last[place]
+    samples = outcome.samples[np.where(exists, first[place] + number, 0)]
+    observed = outcome.last[place]
     if recorder.base.names:
-        now = samples[:, [recorder.names.index(f"{name}_n") for name in names]]
-    return samples, exists & _near(recorder.model, now, suspects[names].to_numpy(float), SAME)
+        observed = samples[:, [recorder.names.index(f"{name}_n") for name in names]]
+    return samples, exists & _near(recorder.model, observed, suspects[names].to_numpy(float), SAME)
 
 
 def _points(
@@ -195,89 +209,110 @@ def _points(
 ) -> Points:
     """The points of states (n,) at a crossing of the section, or of the next crossings of states between."""
 
-    def one(own: Mapping[str, jax.Array], state: State) -> tuple[jax.Array, State]:
-        params = mapping.params(own)
+    def point(values_of_state: Mapping[str, jax.Array], state: State) -> tuple[jax.Array, State]:
+        params = mapping.params(values_of_state)
         crossed = state if at_section else mapping.state(params, state)[1]
         return mapping.chart.to_coordinates(params, crossed), crossed
 
     complete = mapping.complete(values, len(jax.tree.leaves(states)[0]))
-    return Points(*jax.tree.map(np.asarray, jax.jit(jax.vmap(one))(complete, states)))
+    return Points(*jax.tree.map(np.asarray, jax.jit(jax.vmap(point))(complete, states)))
 
 
-def _leave(
-    mapping: BatchedReturnMap,
-    points: Points,
-    values: Mapping[str, Float[np.ndarray, " points"]],
-    suspects: pd.DataFrame,
-    budget: int,
-    on_progress: Callable[[float], None],
-    *,
-    smooth: bool,
-) -> Bool[np.ndarray, " points"]:
-    """Mask of the points (n,) where rows rest and that trajectories from some side leave.
+class _DisplacedStates:
+    """Displaced copies of points (n,) where rows rest, followed to decide whether they leave the points.
 
     Args:
         mapping: the return map.
         points: the points.
         values: their parameters.
         suspects: their records.
-        budget: crossings in which all points and their displaced copies are followed.
-        on_progress: called with the share that is followed.
         smooth: whether distances grow as under a smooth map, so that slow growth tells an unstable point.
     """
-    n = len(points)
-    period = int(np.max(suspects["period"].to_numpy(np.int64), initial=1))
-    observed = suspects[[q.name for q in mapping.model.observables]].to_numpy(float)
-    scattered_until = 0 if smooth else SCATTER_CROSSINGS * period
-    batch = _with_copies(points)
-    distances = [_from_first(mapping, batch.at.reshape(COPIES, n, -1))]
-    going = np.arange(n)  # the points whose trajectories are followed
-    turn = points.at
-    rests = np.zeros(n, bool)
-    left = np.zeros(n, bool)
-    left_at = np.full(n, LEFT)
-    ended = np.zeros((DIRECTIONS, n), bool)
-    while going.size and (number := len(distances)) <= FOLLOWED:
-        on_progress(number / FOLLOWED)
-        budget -= going.size * COPIES
-        if budget < 0 and number > SHORTEST:
-            break
-        images = mapping.images(batch, {k: column[np.tile(going, COPIES)] for k, column in values.items()})
-        batch = images.points
-        at = batch.at.reshape(COPIES, going.size, -1)
-        if number <= period:
-            rests |= _on_the_gait(mapping.model, images[:n], observed)
-        if number <= scattered_until and number % period == 0:
-            left_at = np.maximum(left_at, SCATTERED * mapping.distance(turn, at[0]))
-            turn = at[0]
-        sound = images.sound.reshape(COPIES, going.size)
-        left[going] |= (~ended[:, going] & sound[0] & ~sound[1:]).any(axis=0)
-        ended[:, going] |= ~sound[0] | ~sound[1:]
-        distance = distances[-1].copy()
-        distance[:, going] = _from_first(mapping, at)
-        distance[ended] = 0.0
-        distances.append(distance)
-        if number >= max(period, scattered_until):
-            left |= (distance > left_at).any(axis=0)
-            away = np.any(distance > RETURNED * distances[0], axis=0)
-            stay = np.flatnonzero((away & ~left)[going])
-            batch = batch[(np.arange(COPIES)[:, None] * going.size + stay).ravel()]
-            going = going[stay]
-    if smooth:
-        halfway = distances[len(distances) // 2]
-        last = distances[-1]
-        left |= ((last > GROWN * distances[0]) & (last > FASTER * halfway)).any(axis=0)
-    return rests & left
+
+    def __init__(
+        self,
+        mapping: BatchedReturnMap,
+        points: Points,
+        values: Mapping[str, Float[np.ndarray, " points"]],
+        suspects: pd.DataFrame,
+        *,
+        smooth: bool,
+    ) -> None:
+        n = len(points)
+        self._mapping = mapping
+        self._points = points
+        self._values = values
+        self._observed = suspects[[q.name for q in mapping.model.observables]].to_numpy(float)
+        self._period = int(np.max(suspects["period"].to_numpy(np.int64), initial=1))
+        self._smooth = smooth
+        self._scattered_until = 0 if smooth else SCATTER_CROSSINGS * self._period
+        self._rests = np.zeros(n, bool)
+        self._left = np.zeros(n, bool)
+        self._left_at = np.full(n, LEFT)  # the distance from which on a state counts as left
+        self._ended = np.zeros((DIRECTIONS, n), bool)  # trajectories without another crossing
+
+    def follow(self, budget: int, on_progress: Callable[[float], None]) -> Bool[np.ndarray, " points"]:
+        """Return a mask of the points (n,) where rows rest and that trajectories from some side leave.
+
+        Args:
+            budget: crossings in which all points and their displaced copies are followed.
+            on_progress: called with the share that is followed.
+        """
+        n = len(self._points)
+        followed = np.arange(n)  # the points that are not decided
+        batch = _with_copies(self._points)
+        distances = [_from_first(self._mapping, batch.at.reshape(COPIES, n, -1))]
+        previous = self._points.at  # the coordinates a period of the orbit ago
+        while followed.size and (number := len(distances)) <= MAX_CROSSINGS:
+            on_progress(number / MAX_CROSSINGS)
+            budget -= followed.size * COPIES
+            if budget < 0 and number > MIN_CROSSINGS:
+                break
+            copies = np.tile(followed, COPIES)
+            values = {name: column[copies] for name, column in self._values.items()}
+            images = self._mapping.images(batch, values)
+            batch = images.points
+            at = batch.at.reshape(COPIES, followed.size, -1)
+            if number <= self._period:
+                self._rests |= _on_the_gait(self._mapping.model, images[:n], self._observed)
+            if number <= self._scattered_until and number % self._period == 0:
+                scatter = SCATTERED * self._mapping.distance(previous, at[0])
+                self._left_at = np.maximum(self._left_at, scatter)
+                previous = at[0]
+            self._record_ends(followed, images.sound.reshape(COPIES, followed.size))
+            distance = distances[-1].copy()
+            distance[:, followed] = _from_first(self._mapping, at)
+            distance[self._ended] = 0.0
+            distances.append(distance)
+            if number >= max(self._period, self._scattered_until):
+                self._left |= (distance > self._left_at).any(axis=0)
+                away = np.any(distance > RETURNED * distances[0], axis=0)
+                undecided = np.flatnonzero((away & ~self._left)[followed])
+                batch = batch[(np.arange(COPIES)[:, None] * followed.size + undecided).ravel()]
+                followed = followed[undecided]
+        if self._smooth:
+            halfway = distances[len(distances) // 2]
+            last = distances[-1]
+            grown = (last > GROWN * distances[0]) & (last > FASTER * halfway)
+            self._left |= grown.any(axis=0)
+        return self._rests & self._left
+
+    def _record_ends(
+        self, followed: Int[np.ndarray, " followed"], sound: Bool[np.ndarray, "copies followed"]
+    ) -> None:
+        """Count a point as left where a displaced trajectory ends before the point's own does."""
+        ended = self._ended[:, followed]
+        self._left[followed] |= (~ended & sound[0] & ~sound[1:]).any(axis=0)
+        self._ended[:, followed] = ended | ~sound[0] | ~sound[1:]
 
 
 def _with_copies(points: Points) -> Points:
     """The points (n,), and then those displaced in each direction."""
     shape = (DIRECTIONS, 1, points.at.shape[1])
     directions = np.random.default_rng(0).uniform(-1.0, 1.0, shape)
-    displaced = points.at + DISPLACED * sizes(points.at) * directions
-    return Points(
-        np.concatenate([points.at, *displaced]), points[np.tile(np.arange(len(points)), COPIES)].modes
-    )
+    displaced = points.at + DISPLACEMENT * sizes(points.at) * directions
+    copies = np.tile(np.arange(len(points)), COPIES)
+    return Points(np.concatenate([points.at, *displaced]), points[copies].modes)
 
 
 def _from_first(
