@@ -1,15 +1,17 @@
-"""Errors that a user can correct: a sentence, which is shown without a traceback, and an exit code."""
+"""Errors that a user can correct, each a sentence without a traceback, and the exit codes of the command."""
 
 from __future__ import annotations
 
+import signal
 import sys
 from typing import ClassVar
 
-# Exit codes of the command: a valid request failed, for example by a full disk; the request is invalid; with
-# `--strict`, a result is complete, but the self-check warns or a claim is not reproduced.
-EXIT_FAILURE = 1
-EXIT_REFUSED = 2
-EXIT_STRICT = 3
+# Exit codes of the command; success is 0.
+EXIT_FAILURE = 1  # a valid request failed, for example by a full disk
+EXIT_REFUSED = 2  # the request is invalid
+EXIT_STRICT = 3  # with `--strict`: complete, but the self-check warns or a claim is not reproduced
+EXIT_STOPPED = 128 + signal.SIGINT  # Ctrl-C
+EXIT_TERMINATED = 128 + signal.SIGTERM
 
 
 class UserError(Exception):
@@ -50,3 +52,12 @@ def refuse_windows() -> None:
 
 class ArgumentError(UserError, ValueError):
     """An invalid argument of a function; the message is a sentence with the allowed values."""
+
+
+class Terminated(KeyboardInterrupt):
+    """SIGTERM requested a stop of the run."""
+
+
+def exit_code_of_stop(stop: KeyboardInterrupt) -> int:
+    """The exit code of a command that a signal has stopped."""
+    return EXIT_TERMINATED if isinstance(stop, Terminated) else EXIT_STOPPED

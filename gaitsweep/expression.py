@@ -195,7 +195,8 @@ def _truth(text: str, node: ast.expr, columns: Mapping[str, np.ndarray]) -> Any:
     match node:
         case ast.BoolOp():
             parts = [_truth(text, part, columns) for part in node.values]
-            return functools.reduce(np.logical_and if isinstance(node.op, ast.And) else np.logical_or, parts)
+            join = np.logical_and if isinstance(node.op, ast.And) else np.logical_or
+            return functools.reduce(join, parts)
         case ast.UnaryOp():
             return np.logical_not(_truth(text, node.operand, columns))
         case ast.Name():
@@ -346,7 +347,10 @@ def _parse(text: str, *, condition: bool = False) -> ast.expr:
     except (SyntaxError, ValueError, MemoryError, RecursionError):
         needed = needed if condition else f"{needed} or arithmetic"
         raise ExpressionError(f"{_quoted(text)} is not {needed}{_hint(text)}.") from None
-    (_check_condition if condition else _check)(text, body)
+    if condition:
+        _check_condition(text, body)
+    else:
+        _check(text, body)
     return body
 
 

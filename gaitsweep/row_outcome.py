@@ -67,10 +67,13 @@ class _Number:
 class RowOutcome:
     """The results of rows (n,): numbers of each row, its records, and their gaits once they are labelled.
 
-    `row` (n,) is the number of each row in its table; `numbers` are (n,) or (n, k), by name (`RowNumber`);
-    `kept` (n,) counts the records of each row, and `samples` (m, width) holds them in the order of the rows.
-    `labels` are the gait (an index, -1: none) and the label fields of each row, (n,) by name, and
-    `sample_labels` (m,) those of each record, for recorders that read the gait there.
+    Args:
+        row: the number (n,) of each row in its table.
+        numbers: those of each row, (n,) or (n, k), by name (`RowNumber`).
+        kept: the number (n,) of records of each row.
+        samples: the records (m, width), in the order of the rows.
+        labels: the gait (an index, -1: none) and the label fields of each row, (n,) by name.
+        sample_labels: those of each record, (m,) by name, for recorders that read the gait there.
     """
 
     row: Int[np.ndarray, " rows"]
@@ -156,4 +159,5 @@ def _concatenated(parts: list[Any]) -> Any:
     """Arrays one after the other, or those of each name."""
     if isinstance(parts[0], dict):
         return {name: _concatenated([part[name] for part in parts]) for name in parts[0]}
-    return np.concatenate([part for part in parts if len(part)] or parts)  # an empty one has no dtype
+    filled = [part for part in parts if len(part)]  # an empty one may have another dtype
+    return np.concatenate(filled or parts)

@@ -1,4 +1,4 @@
-"""The result codes of rows: how a row ended, and what that means for its gait."""
+"""The result codes of rows, and of sets of constants: how they ended, and what that means for their gait."""
 
 from __future__ import annotations
 
@@ -9,9 +9,10 @@ import numpy as np
 from jaxtyping import Bool
 
 if TYPE_CHECKING:
+    import pandas as pd
     from numpy.typing import ArrayLike
 
-__all__ = ["RECURRENT", "Outcome", "ResultCode", "Status", "StatusNames", "Verdict"]
+__all__ = ["RECURRENT", "Outcome", "ResultCode", "SetStatus", "Status", "StatusNames", "Verdict"]
 
 
 class Verdict(enum.Enum):
@@ -123,3 +124,24 @@ class Outcome(enum.StrEnum):
     NO_GAIT = "none"  # a sound row whose gait the model does not name
     NOT_SETTLED = "not settled"
     FAILED = "failed"
+
+
+class SetStatus(enum.StrEnum):
+    """Statuses of a set of constants, in the table of a search or a sensitivity analysis.
+
+    Such a table has no rows of a sweep, so its column `status` has these names in place of those of `Status`.
+    """
+
+    COMPLETE = "complete"  # every target or output has a value
+    FAILED = "failed"  # one of them has none
+
+    @classmethod
+    def column(cls, failed: Bool[np.ndarray, " sets"]) -> pd.Categorical:
+        """Return the column `status` of a table, from a mask of the sets that failed."""
+        import pandas as pd  # only a search or a sensitivity analysis has such a column
+
+        return pd.Categorical.from_codes(failed.astype(int), [str(status) for status in cls])
+
+    def among(self, table: pd.DataFrame) -> Bool[np.ndarray, " sets"]:
+        """Return a mask of the sets of a table that have this status."""
+        return (table["status"].astype(str) == str(self)).to_numpy(bool)

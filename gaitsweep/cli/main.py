@@ -1,8 +1,6 @@
 """Running of commands; every user error becomes a sentence and an exit code.
 
-0: success; 1 (`EXIT_FAILURE`): a failure while running, such as a full disk; 2 (`EXIT_REFUSED`): the user's
-input was refused; 3 (`EXIT_STRICT`): with `--strict`, a self-check warned or a claim was not reproduced;
-130: Ctrl-C; 143: SIGTERM.
+`gaitsweep/errors.py` has the exit codes.
 """
 
 from __future__ import annotations
@@ -21,8 +19,7 @@ import typer
 
 from gaitsweep.cache_folder import cache_folder
 from gaitsweep.cli.commands import app
-from gaitsweep.cli.run import STOPPED
-from gaitsweep.errors import EXIT_FAILURE, UserError, refuse_windows
+from gaitsweep.errors import EXIT_FAILURE, UserError, exit_code_of_stop, refuse_windows
 from gaitsweep.lazy_imports import lazy_packages
 
 # Messages of JAX, Python and the loader of shared libraries when memory is exhausted.
@@ -62,7 +59,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             code = app(args=arguments, prog_name="gaitsweep", standalone_mode=False)
             sys.stdout.flush()
     except KeyboardInterrupt as stop:
-        return getattr(stop, "exit_code", STOPPED)
+        return exit_code_of_stop(stop)
     except UserError as error:
         return _report_error(error.sentence, error.exit_code)
     except typer.TyperException as error:

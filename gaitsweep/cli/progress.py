@@ -14,6 +14,7 @@ from rich.console import Console, RenderableType
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 from rich.text import Text
 
+from gaitsweep.errors import Terminated
 from gaitsweep.runs.progress import Progress as RunProgress
 from gaitsweep.runs.progress import percent, progress_lines
 
@@ -68,12 +69,6 @@ def shown_progress(unit: str = "rows", console: Console | None = None) -> Iterat
             shown.update(task, description=note, completed=steps, **fields)
 
         yield update
-
-
-class Terminated(KeyboardInterrupt):
-    """SIGTERM requested a stop of the run."""
-
-    exit_code = 128 + signal.SIGTERM
 
 
 @contextlib.contextmanager

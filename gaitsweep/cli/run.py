@@ -15,7 +15,7 @@ import typer
 
 from gaitsweep.cli import stored_output
 from gaitsweep.cli.options import DryRun, Open, Out, Settings, Trust, print_links, print_message
-from gaitsweep.errors import EXIT_STRICT
+from gaitsweep.errors import EXIT_STRICT, exit_code_of_stop
 from gaitsweep.shipped import config_file
 from gaitsweep.shipped import job_file as shipped_or_own
 
@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from gaitsweep.job import Job
     from gaitsweep.runs.cluster.dispatch import Cluster
     from gaitsweep.runs.progress import Progress
-
-STOPPED = 130  # exit code after Ctrl-C
 
 JobFile = Annotated[
     Path,
@@ -244,9 +242,9 @@ def running(
                     Cluster(connection, collect=collect, limit=limit, on_message=on_message)
                 )
             yield on_progress, workers
-    except KeyboardInterrupt as error:
+    except KeyboardInterrupt as stop:
         print_message(_stopped(name, out))
-        raise typer.Exit(getattr(error, "exit_code", STOPPED)) from None  # SIGTERM brings its own
+        raise typer.Exit(exit_code_of_stop(stop)) from None
 
 
 def _stopped(name: str, out: Path | None) -> str:

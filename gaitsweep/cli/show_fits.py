@@ -18,7 +18,7 @@ from gaitsweep.fitting.indices import INDICES
 from gaitsweep.fitting.search import SearchResult
 from gaitsweep.fitting.sensitivity import FIGURE, INDICES_FILE, Sensitivity
 from gaitsweep.fitting.targets import MISS
-from gaitsweep.runs.sentences import SetStatus
+from gaitsweep.status import SetStatus
 from gaitsweep.table.manifest import FIGURES, TABLE
 
 # Reasons that are shown where all sets failed.

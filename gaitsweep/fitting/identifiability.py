@@ -12,7 +12,7 @@ from jaxtyping import Float
 from gaitsweep.fitting.free_parameters import FreeParameter
 from gaitsweep.fitting.search_job import Search
 from gaitsweep.fitting.targets import MISS
-from gaitsweep.runs.sentences import SetStatus
+from gaitsweep.status import SetStatus
 
 # Where no set fits all targets, the near-best sets are those within this factor of the least score.
 NEAR_BEST_FACTOR = 1.1

@@ -42,8 +42,8 @@ from gaitsweep.runs import provenance
 from gaitsweep.runs.execute import RESULTS
 from gaitsweep.runs.executor import write_blocks
 from gaitsweep.runs.progress import Progress
-from gaitsweep.runs.sentences import SetStatus
 from gaitsweep.schema.diagnostics import Diagnostic
+from gaitsweep.status import SetStatus
 from gaitsweep.table import ResultDirectory, Snapshot, TableError, load
 from gaitsweep.table.manifest import Layout
 

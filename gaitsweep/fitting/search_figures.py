@@ -18,7 +18,7 @@ from gaitsweep.fitting.search_job import Search
 from gaitsweep.fitting.targets import FAILED_MISS, MISS
 from gaitsweep.plot import theme
 from gaitsweep.plot.columns import described
-from gaitsweep.runs.sentences import SetStatus
+from gaitsweep.status import SetStatus
 from gaitsweep.table import own_folder, replace_file
 
 # The figures, in their order.

@@ -30,7 +30,7 @@ from gaitsweep.runs import provenance
 from gaitsweep.runs.execute import RESULTS
 from gaitsweep.runs.executor import write_blocks
 from gaitsweep.runs.progress import Progress
-from gaitsweep.runs.sentences import SetStatus
+from gaitsweep.status import SetStatus
 from gaitsweep.table import ResultDirectory, load, replace_file
 from gaitsweep.table.files import writing
 from gaitsweep.table.manifest import FIGURES, Layout

@@ -25,11 +25,16 @@ class ConcurrentSelfCheck:
     """The self-check of a run: after its rows, or at the same time in a thread once `begin` was called.
 
     Its exceptions are raised by `result`. Its rows have their own lanes; the table is read at the end.
+
+    Args:
+        context: the job's context.
+        table: its table.
     """
 
     def __init__(self, context: RunContext, table: Table) -> None:
-        self._context, self._table = context, table
-        self._asked = rows_to_repeat(context)
+        self._context = context
+        self._table = table
+        self._rows = rows_to_repeat(context)
         self._thread = ThreadPoolExecutor(1)
         self._begun: Future[tuple[SelfCheck | None, RerunRows | None]] | None = None
         self._abandoned = threading.Event()
@@ -49,23 +54,22 @@ class ConcurrentSelfCheck:
                 raise InterruptedError
 
         if self._known is None:
-            self._begun = self._thread.submit(self_check, self._context, self._asked, stop_if_abandoned)
+            self._begun = self._thread.submit(self_check, self._context, self._rows, stop_if_abandoned)
 
     def result(self, on_progress: Progress) -> dict[str, Any]:
         """Return the result for a complete table: the stored one, or that of a new self-check."""
         if self._known is not None:
             return self._known
         total = self._context.spec.n_rows
-
         began = time.perf_counter()
 
         def on_sweep_progress(now: SweepProgress) -> None:
-            doing = now.note or f"{now.rows} reruns of rows"
+            task = now.note or f"{now.rows} reruns of rows"
             seconds = time.perf_counter() - began
-            on_progress(total, total, 0.0, 1.0, f"self-check for {seconds:.0f} s: {now.share:.0%} of {doing}")
+            on_progress(total, total, 0.0, 1.0, f"self-check for {seconds:.0f} s: {now.share:.0%} of {task}")
 
         if self._begun is None:
-            check, rerun = self_check(self._context, self._asked, on_sweep_progress)
+            check, rerun = self_check(self._context, self._rows, on_sweep_progress)
         else:
             while not self._begun.done():
                 on_progress(total, total, 0.0, 1.0, "self-check")  # where Ctrl-C is obeyed
@@ -73,10 +77,12 @@ class ConcurrentSelfCheck:
             check, rerun = self._begun.result()
         if check is not None and rerun is not None:
             compare_stored(self._context, check, rerun, self._stored, on_sweep_progress)
-        judged = {"rows": 0, "verdict": "off"} if check is None else check.judged()
-        timings = self._table.manifest.get("timings", {})
-        if check is not None:
-            timings = {**timings, SELF_CHECK_SECONDS: time.perf_counter() - began}
+        timings = dict(self._table.manifest.get("timings", {}))
+        if check is None:
+            judged: dict[str, Any] = {"rows": 0, "verdict": "off"}
+        else:
+            judged = check.judged()
+            timings[SELF_CHECK_SECONDS] = time.perf_counter() - began
         self._table.update_manifest(self_check=judged, timings=timings)
         return judged
 
@@ -90,4 +96,4 @@ class ConcurrentSelfCheck:
     def _known(self) -> dict[str, Any] | None:
         """Result of an earlier self-check with the same number of rows, or None."""
         before = self._table.manifest.get("self_check")
-        return before if isinstance(before, dict) and before.get("rows") == self._asked else None
+        return before if isinstance(before, dict) and before.get("rows") == self._rows else None

@@ -37,8 +37,7 @@ from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.table import WriteError, reason
 from gaitsweep.table.manifest import Layout
 
-# Number of rows of which the nominal period is computed.
-_LOOKED_AT = 4
+_ROWS_OF_PERIOD = 4  # of which the nominal period is computed
 
 
 class RunError(UserError):
@@ -47,11 +46,17 @@ class RunError(UserError):
 
 @dataclasses.dataclass(frozen=True)
 class RunContext:
-    """A job on this machine: its rows, the specification of their sweep, and the hash of its directory.
+    """A job on this machine.
 
-    `steps` are the lengths of the rows' steps; `note` says why the engine is another than the one preferred,
-    if it is; `rows_in(first, stop)` gives the rows (stop - first,) of the job where only some are simulated,
-    numbered anew from 0.
+    Args:
+        job: the job.
+        design: its rows.
+        spec: the specification of their sweep.
+        note: the reason why the engine is not the preferred one; None if it is.
+        job_hash: the hash of its directory.
+        steps: the lengths of the rows' steps.
+        rows_in: gives, as `rows_in(first, stop)`, the rows (stop - first,) of the job where only some are
+            simulated, numbered anew from 0.
     """
 
     job: Job
@@ -110,7 +115,8 @@ def prepare(job: Job) -> RunContext:
         raise RunError(str(error)) from error
     rows = job.design
     numerics = job.integration
-    recorder, moved = job.run.recorder(rows.model), job.run.moved
+    recorder = job.run.recorder(rows.model)
+    moved = job.run.moved
     schedule = job.run.schedule()
     drive = None if schedule is None or moved is None else Drive(rows, moved, schedule)
     try:
@@ -132,12 +138,12 @@ def prepare(job: Job) -> RunContext:
         drive=drive,
         engine=engine,
     )
-    digest = steps.digest if numerics.dt is None else None
-    job_hash = job.hash(device=devices[0].platform, engine=engine, lanes=lanes, steps=digest)
-    for own in (type(rows.model.original), type(job.run)):  # a user's own: edited, it is another job
-        job_hash = _with_source(job_hash, own)
-    if digest := rows.model.data_digest:
-        job_hash = hashlib.sha256((job_hash + digest).encode()).hexdigest()
+    step_digest = steps.digest if numerics.dt is None else None
+    job_hash = job.hash(device=devices[0].platform, engine=engine, lanes=lanes, steps=step_digest)
+    for own_class in (type(rows.model.original), type(job.run)):  # a user's own: edited, it is another job
+        job_hash = _with_source(job_hash, own_class)
+    if data_digest := rows.model.data_digest:
+        job_hash = hashlib.sha256((job_hash + data_digest).encode()).hexdigest()
     return RunContext(job, rows, spec, note, job_hash, steps)
 
 
@@ -148,10 +154,16 @@ def row_values(
     steps: RowSteps,
     rows_in: Callable[[int, int], Int[np.ndarray, " rows"]] | None = None,
 ) -> Callable[[int, int], tuple[Values, Values]]:
-    """Function `(first, last) -> (parameters, starts)` of rows first..last-1 of a run.
+    """The function `(first, last) -> (parameters, starts)` of rows first..last-1 of a run.
 
-    It checks the rows' steps if only some of them were checked when the job was read. `rows_in(first, last)`
-    gives the rows of the job (last - first,) if only some of them are simulated.
+    The function checks the rows' steps if only some of them were checked when the job was read.
+
+    Args:
+        design: the rows of the job.
+        run: its run kind.
+        numerics: its numerics.
+        steps: the lengths of its rows' steps.
+        rows_in: as of `RunContext`.
     """
     unchecked = numerics.dt is not None and steps.sampled and not design.model.host_parameters
 
@@ -166,7 +178,9 @@ def row_values(
 
 def nominal_period(design: Design) -> float:
     """Return the nominal period (s) of the first sampled row that has one; NaN if none has."""
-    values, _ = design.values_in(np.unique(np.linspace(0, design.n_rows - 1, _LOOKED_AT).astype(np.int64)))
+    values, _ = design.values_in(
+        np.unique(np.linspace(0, design.n_rows - 1, _ROWS_OF_PERIOD).astype(np.int64))
+    )
     model = design.model
     seconds = _period(model)(model.on_host(values))
     sound = seconds[(seconds > 0.0) & (seconds < np.inf)]
@@ -175,24 +189,31 @@ def nominal_period(design: Design) -> float:
 
 @cached_by_content(maxsize=16)
 def _period(model: Model) -> Callable[..., Float[np.ndarray, " rows"]]:
-    """`values -> period` of rows."""
+    """The function `values -> period` of rows."""
     return over_rows(lambda values: model.period(model.params(values)), "period", model)
 
 
 class Drive:
     """The parameters at a time, `(values, t) -> params`; formulas that use the moving parameter follow it.
 
-    `times` (s): where its passes begin and end, and some between, by which the length of steps is chosen.
+    `times` (s) are those where its passes begin and end, and some between: steps are chosen by them.
+
+    Args:
+        design: the rows of the job.
+        moved: the parameter that moves.
+        schedule: its values over time.
     """
 
-    def __init__(self, rows: Design, moved: str, schedule: Schedule) -> None:
-        self._rows, self._moved, self._schedule = rows, moved, schedule
-        self._following = rows.following(moved)
+    def __init__(self, design: Design, moved: str, schedule: Schedule) -> None:
+        self._model = design.model
+        self._moved = moved
+        self._schedule = schedule
+        self._following = design.following(moved)
         self.times = schedule.times
 
     def __call__(self, values: Mapping[str, jax.Array], t: jax.Array) -> Params:
-        moved = {**values, self._moved: self._schedule.at(t)}
-        return self._rows.model.params(resolve(self._following, moved, functions_of(jnp)))
+        values_now = {**values, self._moved: self._schedule.at(t)}
+        return self._model.params(resolve(self._following, values_now, functions_of(jnp)))
 
 
 @contextlib.contextmanager
@@ -206,9 +227,9 @@ def naming_the_file() -> Iterator[None]:
         raise WriteError(f"{error.filename} cannot be used: {reason(error)}.") from error
 
 
-def _with_source(job_hash: str, own: type) -> str:
+def _with_source(job_hash: str, own_class: type) -> str:
     """Extend a hash by the source of the user's module that defines a class, and of the modules beside it."""
-    module = inspect.getmodule(own)
+    module = inspect.getmodule(own_class)
     if module is None or module.__name__.startswith("gaitsweep."):
         return job_hash
     try:

@@ -15,20 +15,31 @@ _NAMES = 5  # of gaits in a remark
 def so_far(counts: Mapping[str, int]) -> str:
     """Format the rows of finished blocks by gait or status: "; 60 rows so far: 31 source, 29 direct"."""
     rows = sum(counts.values())
-    counted = [f"{number} {name}" for name, number in counts.items()]
-    named = ", ".join([*counted[:_NAMES], *(["..."] if counted[_NAMES:] else [])])
-    return f"; {rows} row{'s' * (rows != 1)} so far: {named}" if rows else ""
+    if not rows:
+        return ""
+    named = [f"{number} {name}" for name, number in counts.items()]
+    if len(named) > _NAMES:
+        named[_NAMES:] = ["..."]
+    return f"; {rows} row{'s' * (rows != 1)} so far: {', '.join(named)}"
 
 
 def percent(done: int, total: int, fraction: float) -> str:
     """Format the share done: "43 %", or "50 % of the work" where it differs from that of ended rows.
 
     Nothing is 100 % before its end.
+
+    Args:
+        done, total: rows that have ended, and in all.
+        fraction: the share done; running rows count in part.
     """
-    shown, rows = (
-        100 if part >= 1 else min(round(100 * part), 99) for part in (fraction, done / max(total, 1))
-    )
-    return f"{shown} %" if shown == rows else f"{shown} % of the work"
+    work = _whole_percent(fraction)
+    rows = _whole_percent(done / max(total, 1))
+    return f"{work} %" if work == rows else f"{work} % of the work"
+
+
+def _whole_percent(share: float) -> int:
+    """A share as a whole number of percent, 100 only where it is complete."""
+    return 100 if share >= 1 else min(round(100 * share), 99)
 
 
 class Progress(Protocol):
@@ -55,27 +66,30 @@ def progress_lines(unit: str = "rows", file: TextIO | None = None, interval: flo
         file: where the lines go, standard error by default.
         interval: least time between two lines, s, half a minute by default; the first comes after it.
     """
-    apart = INTERVAL if interval is None else interval
-    last = time.monotonic()
-    first: float | None = None  # share done at the first call
-    begun: tuple[float, float] | None = None  # when the share first rose, and the share done then
+    interval = INTERVAL if interval is None else interval
+    printed_at = time.monotonic()
+    first_share: float | None = None  # at the first call
+    rise: tuple[float, float] | None = None  # when the share first rose, and the share done then
 
     def update(done: int, total: int, rate: float, fraction: float, note: str) -> None:
-        nonlocal last, begun, first
+        nonlocal printed_at, rise, first_share
         now = time.monotonic()
-        if first is None or fraction < first:  # the next of several runs
-            first, begun = fraction, None
-        elif begun is None and fraction > first:
-            begun = now, fraction
-        if now - last < apart:
+        if first_share is None or fraction < first_share:  # the next of several runs
+            first_share = fraction
+            rise = None
+        elif rise is None and fraction > first_share:
+            rise = now, fraction
+        if now - printed_at < interval:
             return
-        last = now
+        printed_at = now
         parts = [f"{done}/{total} {unit}", percent(done, total, fraction)]
         if rate > 0:
             parts.append(f"{rate:.3g} {unit}/s")
-        if begun is not None and begun[1] + _ENOUGH <= fraction < 1:
-            since, share = begun
+        if rise is not None and rise[1] + _ENOUGH <= fraction < 1:
+            since, share = rise
             parts.append(f"{(now - since) * (1 - fraction) / (fraction - share):.0f} s left")
-        print(", ".join([*parts, note] if note else parts), file=file or sys.stderr, flush=True)
+        if note:
+            parts.append(note)
+        print(", ".join(parts), file=file or sys.stderr, flush=True)
 
     return update

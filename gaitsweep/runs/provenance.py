@@ -101,6 +101,11 @@ def _git(folder: Path, *arguments: str) -> str:
 def continue_directory(context: RunContext, directory: Table, on_message: Callable[[str], None]) -> None:
     """Record in the manifest which program makes the next parts, and warn if another made the present ones.
 
+    Args:
+        context: the job's context.
+        directory: its table.
+        on_message: called with each warning, a sentence.
+
     Raises:
         RunError: a function of the user's model differs from the one with which the directory was begun.
     """
@@ -109,25 +114,15 @@ def continue_directory(context: RunContext, directory: Table, on_message: Callab
         on_message(warning)
     fields: dict[str, Any] = {PROGRAM: dict(context.program) or None, "paper": paper_of(context.model)}
     missing = directory.missing_blocks()
-    before = {name: manifest[name] for name in _MAKER if manifest.get(name) is not None}
-    if missing and before:
-        present = sorted(set(directory.layout.blocks) - set(missing))
-        earlier = [dict(maker) for maker in manifest.get(EARLIER, ())]
-        for maker in earlier:
-            maker["parts"] = _ranges(set(_numbers(maker["parts"])) & set(present))
-        others = {number for maker in earlier for number in _numbers(maker["parts"])}
-        parts = _ranges(set(present) - others)
-        if difference := "; ".join(differing(before)):
-            earlier.append({**before, "parts": parts})
-            simulated = manifest.get("refinement", {}).get("simulated", 0)
-            done, total = directory.rows_done + directory.rows_open or simulated, directory.layout.rows
-            if done:
-                on_message(
-                    f"Warning: {done} of the {total} rows in {directory.path} were made with {difference}. "
-                    f"The other rows may differ from theirs in the last digits; {EARLIER} in manifest.json "
-                    "names the parts of each."
-                )
-        fields[EARLIER] = [maker for maker in earlier if maker["parts"]] or None
+    last_maker = {name: manifest[name] for name in _MAKER if manifest.get(name) is not None}
+    if missing and last_maker:
+        present = set(directory.layout.blocks) - set(missing)
+        makers = _earlier_makers(manifest, present)
+        if difference := "; ".join(differing(last_maker)):
+            known = {number for maker in makers for number in _numbers(maker["parts"])}
+            makers.append({**last_maker, "parts": _ranges(present - known)})
+            _warn_of_other_maker(directory, difference, on_message)
+        fields[EARLIER] = [maker for maker in makers if maker["parts"]] or None
     if missing:
         fields |= {"versions": versions(), "machine": machine()}
         fields["git_commit"] = git_commit()
@@ -135,8 +130,34 @@ def continue_directory(context: RunContext, directory: Table, on_message: Callab
         directory.update_manifest(**fields)
 
 
+def _earlier_makers(manifest: Mapping[str, Any], present: set[int]) -> list[dict[str, Any]]:
+    """The earlier makers in a manifest, each with those of its parts that are present."""
+    makers = [dict(maker) for maker in manifest.get(EARLIER, ())]
+    for maker in makers:
+        maker["parts"] = _ranges(set(_numbers(maker["parts"])) & present)
+    return makers
+
+
+def _warn_of_other_maker(directory: Table, difference: str, on_message: Callable[[str], None]) -> None:
+    """Warn that rows of a table, if it has any, were made by another program or machine."""
+    rows = directory.rows_done + directory.rows_open
+    if not rows:
+        rows = directory.manifest.get("refinement", {}).get("simulated", 0)
+    if rows:
+        on_message(
+            f"Warning: {rows} of the {directory.layout.rows} rows in {directory.path} were made with "
+            f"{difference}. The other rows may differ from theirs in the last digits; {EARLIER} in "
+            "manifest.json names the parts of each."
+        )
+
+
 def check_program(context: RunContext, path: Path | None, manifest: Mapping[str, Any]) -> list[str]:
     """Return warnings if a model's functions are traced differently by other versions.
+
+    Args:
+        context: the job's context.
+        path: the result directory, for messages.
+        manifest: its manifest.
 
     Raises:
         RunError: they are traced differently by the same versions.
@@ -148,8 +169,9 @@ def check_program(context: RunContext, path: Path | None, manifest: Mapping[str,
     if changed is None:
         return []
     what = f"the function {changed} of {context.job.model}"
-    old, new = manifest.get("versions", {}), versions()
-    if any(old.get(name) != new[name] for name in _TRACING) or _commits(manifest):
+    versions_before = manifest.get("versions", {})
+    other_versions = any(versions_before.get(name) != versions()[name] for name in _TRACING)
+    if other_versions or _commits(manifest):
         return [
             f"Warning: {path} was begun with {'; '.join(differing(manifest))}, and {what} differs. Other "
             "versions may trace the same function differently; whether a data file or a constant has changed "
@@ -164,9 +186,11 @@ def check_program(context: RunContext, path: Path | None, manifest: Mapping[str,
 
 def differing(before: Mapping[str, Any]) -> list[str]:
     """Describe how an earlier maker differs from this process."""
-    old, new = before.get("versions", {}), versions()
+    versions_before = before.get("versions", {})
     differences = [
-        f"{name} {old[name]} (here {value})" for name, value in new.items() if old.get(name, value) != value
+        f"{name} {versions_before[name]} (here {version})"
+        for name, version in versions().items()
+        if versions_before.get(name, version) != version
     ]
     differences += _commits(before)
     earlier = before.get("machine")

@@ -19,7 +19,6 @@ from gaitsweep.analysis.records import in_order
 from gaitsweep.plot import theme
 from gaitsweep.runs.sentences import (
     DESCRIBED,
-    SetStatus,
     advice,
     axes,
     plain,
@@ -28,6 +27,7 @@ from gaitsweep.runs.sentences import (
     status_sentence,
     unsettled,
 )
+from gaitsweep.status import SetStatus
 from gaitsweep.table import Snapshot, load, replace_file, writing
 
 # Colours of a page by name, light and dark.

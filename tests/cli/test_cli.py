@@ -27,7 +27,7 @@ from gaitsweep.cli import main
 from gaitsweep.cli.commands import app
 from gaitsweep.cli.progress import shown_progress
 from gaitsweep.cli.show import axes, duration, size
-from gaitsweep.errors import UserError
+from gaitsweep.errors import Terminated, UserError
 from gaitsweep.job import Job
 from gaitsweep.runs.progress import progress_lines
 from gaitsweep.runs.sentences import settings_of, status_sentence
@@ -246,9 +246,6 @@ def test_failures_while_running(
 
 
 def test_a_signal_has_its_own_code(job_file: Path, runner: FakeRunner) -> None:
-    class Terminated(KeyboardInterrupt):
-        exit_code = 143
-
     runner.error = Terminated()
     assert main(["run", str(job_file)]) == 143
 

@@ -26,9 +26,9 @@ from gaitsweep.fitting.population import Population
 from gaitsweep.fitting.search import FINALISTS, SearchResult, run_search
 from gaitsweep.fitting.search_job import SearchOptions, load_search, read_search
 from gaitsweep.fitting.targets import FAILED_MISS, MISS
-from gaitsweep.runs.sentences import SetStatus
 from gaitsweep.schema.diagnostics import Diagnostic, JobError
 from gaitsweep.schema.strict_model import plain
+from gaitsweep.status import SetStatus
 from gaitsweep.table import ResultDirectory, WriteError
 
 SWEEPS = Path(__file__).parents[2] / "sweeps"
