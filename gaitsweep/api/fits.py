@@ -99,16 +99,33 @@ def search(
         JobError: all other errors of the search.
         RunError, TableError: the search cannot run here, or the directory cannot be used.
     """
-    asked = {"free": free, "targets": targets, "method": method, "budget": budget, "population": population}
-    asked |= {"side_by_side": side_by_side, "start": None if isinstance(start, Mapping) else start}
-    asked |= {"first": first, "first_within": first_within, "known": known, "known_best": known_best}
-    asked |= {"width": width, "seed": seed, "finalists": finalists, "robust": robust}
-    fields = {"run": run, "params": params, "start": start if isinstance(start, Mapping) else None}
-    fields |= {"numerics": numerics, "engine": engine}
+    start_values, sobol_points = (start, None) if isinstance(start, Mapping) else (None, start)
     return _SEARCH.result(
         model,
-        own_fields=asked,
-        job_fields=fields,
+        own_fields={
+            "free": free,
+            "targets": targets,
+            "method": method,
+            "budget": budget,
+            "population": population,
+            "side_by_side": side_by_side,
+            "start": sobol_points,
+            "first": first,
+            "first_within": first_within,
+            "known": known,
+            "known_best": known_best,
+            "width": width,
+            "seed": seed,
+            "finalists": finalists,
+            "robust": robust,
+        },
+        job_fields={
+            "run": run,
+            "params": params,
+            "start": start_values,
+            "numerics": numerics,
+            "engine": engine,
+        },
         values=values,
         out=out,
         overrides=overrides,
@@ -167,13 +184,23 @@ def sensitivity(
     """
     if method is None and not is_job(model):
         method = "sobol"
-    asked = {"parameters": parameters, "outputs": outputs, "method": method, "n": n, "seed": seed}
-    fields = {"run": run, "params": params, "start": start, "numerics": numerics, "engine": engine}
-    fields |= {"verify": verify}
     return _SENSITIVITY.result(
         model,
-        own_fields=asked,
-        job_fields=fields,
+        own_fields={
+            "parameters": parameters,
+            "outputs": outputs,
+            "method": method,
+            "n": n,
+            "seed": seed,
+        },
+        job_fields={
+            "run": run,
+            "params": params,
+            "start": start,
+            "numerics": numerics,
+            "engine": engine,
+            "verify": verify,
+        },
         values=values,
         out=out,
         overrides=overrides,
@@ -204,7 +231,7 @@ class _Fit(Generic[FitT]):
         model: AnyModel | Path | Mapping[str, Any],
         *,
         own_fields: Mapping[str, Any],
-        job_fields: dict[str, Any],
+        job_fields: Mapping[str, Any],
         values: Mapping[str, Any],
         out: str | Path | None,
         overrides: Sequence[str],
@@ -214,37 +241,43 @@ class _Fit(Generic[FitT]):
         """Run a whole job, or one that is made of keywords.
 
         Args:
-            model: a model, or a whole job. own_fields: the command's own fields; None: not given. job_fields:
-            the other fields of a job; None: not given. values: parameters and start values by name. out: the
-            result directory. Without it, the result of keywords is in memory, and that of a job is in
-                `results/NAME`.
+            model: a model, or a whole job.
+            own_fields: the command's own fields; None: not given.
+            job_fields: the other fields of a job; None: not given.
+            values: parameters and start values by name.
+            out: the result directory. Without it, the result of keywords is in memory, and that of a job is
+                in `results/NAME`.
             overrides, on_progress, client: as for `search`.
+
+        Raises:
+            ArgumentError: keywords beside a whole job, or overrides of keywords.
         """
         if is_job(model):
             refuse_beside_a_job(model, own_fields)
             refuse_beside_a_job(model, {**job_fields, **values})
-            if not isinstance(model, Mapping):
-                job = self.load(model, overrides)
-            elif overrides:
-                raise ArgumentError("overrides are for a job file: change the mapping instead.")
-            else:
-                job = self.read(model, Path.cwd())
-            return self._run(job, out, on_progress, client)
+            return self._run(self._whole_job(model, overrides), out, on_progress, client)
         if overrides:
             raise ArgumentError("overrides are for a job file: give the values as keywords.")
-        assert not isinstance(model, Path | Mapping)  # it was read
-        if job_fields["run"] is None:
-            job_fields["run"] = Settle()
-        written = fields_without_axes(model, values, self.ranges, **job_fields)
+        assert not isinstance(model, Path | Mapping)  # these are jobs
+        run = Settle() if job_fields["run"] is None else job_fields["run"]
+        fields = fields_without_axes(model, values, self.ranges, **{**job_fields, "run": run})
         section = plain({name: value for name, value in own_fields.items() if value is not None})
-        job = self.read({**written, self.section: section}, Path.cwd())
+        job = self.read({**fields, self.section: section}, Path.cwd())
         if out is not None:
-            refuse_of_session(written["model"])
+            refuse_of_session(fields["model"])
             return self._run(job, out, on_progress, client)
         with tempfile.TemporaryDirectory(prefix="gaitsweep_") as folder:
             result = self._run(job, folder, on_progress, client, in_memory=True)
         del result.table.attrs["path"]
         return dataclasses.replace(result, path=None)
+
+    def _whole_job(self, job: str | Path | Mapping[str, Any], overrides: Sequence[str]) -> Any:
+        """Read a whole job: its file, or its fields."""
+        if not isinstance(job, Mapping):
+            return self.load(job, overrides)
+        if overrides:
+            raise ArgumentError("overrides are for a job file: change the mapping instead.")
+        return self.read(job, Path.cwd())
 
     def _run(
         self,

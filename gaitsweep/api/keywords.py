@@ -64,32 +64,19 @@ def fields_of(
     """
     if isinstance(fields.get("engine"), str):
         fields["engine"] = {"name": fields["engine"]}
-    name, fields_of_model, structure = _named(model)
-    settings = dict(values)
-    for field, more in (("params", params), ("start", start)):
-        repeated = next((key for key in more or {} if key in settings), None)
-        if repeated is not None:
-            raise ArgumentError(f"{repeated} is given twice, once in {field}.")
-        settings |= more or {}
-    sizes = {key: value for key, value in settings.items() if key in fields_of_model}
-    if structure is None:
-        structure = sizes
-    elif sizes:
-        size = next(iter(sizes))
-        raise ArgumentError(f"{size} shapes the model: give it to {type(model).__name__}, not here.")
+    settings = _merged(values, params=params, start=start)
+    name, structure = _name_and_structure(model, settings)
     spec, diagnostics = read_model_spec(name, structure, None, [], run)
     if spec is None or diagnostics:
         raise ArgumentError("\n".join(map(str, diagnostics)))
     vary: dict[str, Any] = {}
     constants: dict[str, dict[str, Any]] = {"params": {}, "start": {}}
     for key, value in settings.items():
-        if key in sizes:
+        if key in structure:
             continue
-        if key in _GROUPS:
-            vary[key] = plain(value)
-            continue
-        _check_name(key, spec)
-        if _is_axis(key, value):
+        if key not in _GROUPS:
+            _check_name(key, spec)
+        if key in _GROUPS or _is_axis(key, value):
             vary[key] = plain(value)
         else:
             constants["params" if key in spec.parameters else "start"][key] = plain(value)
@@ -106,6 +93,17 @@ def fields_of(
         "run": run,
         **{key: value for key, value in fields.items() if value is not None},
     }
+
+
+def _merged(values: Mapping[str, Any], **sections: Mapping[str, Any] | None) -> dict[str, Any]:
+    """The keywords with those of `params` and `start`; refuses a name that is given twice."""
+    settings = dict(values)
+    for section, more in sections.items():
+        for name, value in (more or {}).items():
+            if name in settings:
+                raise ArgumentError(f"{name} is given twice, once in {section}.")
+            settings[name] = value
+    return settings
 
 
 def is_job(model: object) -> TypeGuard[str | Path | Mapping[str, Any]]:
@@ -150,21 +148,26 @@ def fields_without_axes(
     return job_fields
 
 
-def _named(model: AnyModel) -> tuple[str, list[str], dict[str, Any] | None]:
-    """Return the name of a model, the names of its structure, and the structure of an instance."""
+def _name_and_structure(model: AnyModel, settings: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
+    """Return the name of a model, and its structure: that of an instance, else that among the keywords."""
     if isinstance(model, str):
-        return model, _structure_of(model), None
-    if isinstance(model, type) and issubclass(model, Model):
-        name = models.name_of(model)
-        return name, _structure_of(name), None
-    if isinstance(model, Model):
+        name = model
+    elif isinstance(model, Model):
         name = models.name_of(type(model))
-        fields = _structure_of(name)
-        return name, fields, {field: getattr(model, field) for field in fields}
-    raise ArgumentError(f"A model is an instance, a class or a name, not {type(model).__name__}.")
+    elif isinstance(model, type) and issubclass(model, Model):
+        name = models.name_of(model)
+    else:
+        raise ArgumentError(f"A model is an instance, a class or a name, not {type(model).__name__}.")
+    fields = _structure_names(name)
+    among_keywords = {field: value for field, value in settings.items() if field in fields}
+    if not isinstance(model, Model):
+        return name, among_keywords
+    for field in among_keywords:
+        raise ArgumentError(f"{field} shapes the model: give it to {type(model).__name__}, not here.")
+    return name, {field: getattr(model, field) for field in fields}
 
 
-def _structure_of(name: str) -> list[str]:
+def _structure_names(name: str) -> list[str]:
     """Return the names of the structure of a model; refuses one that is not found or no dataclass."""
     try:
         model_class = models.find(name)

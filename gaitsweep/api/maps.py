@@ -40,7 +40,14 @@ SectionPoints = Points | FixedPoints | Mapping[str, Any]
 
 
 class FixedPointsOfModel(abc.ABC):
-    """Fixed points of a map of a model's states, and their branches."""
+    """Fixed points of a map of a model's states, and their branches.
+
+    Args:
+        job: the job whose parameters and starts the map has.
+        without_start: the start values that were not given.
+        map_of: makes the map, as `map_of(model, settings)`.
+        period: how often the map is applied from a point to its image.
+    """
 
     def __init__(
         self,
@@ -49,17 +56,16 @@ class FixedPointsOfModel(abc.ABC):
         map_of: Callable[..., ModelMap],
         period: int = 1,
     ) -> None:
-        """Keep the map `map_of(model, settings)`, and the starts of a job."""
         design = job.design
         names = [quantity.name for quantity in design.model.parameters]
         parameters, starts = design.values(0, design.n_rows)
         moving = {name for name in names if design.spans(name)}
-        # parameters that follow others by a formula stay formulas, so that a branch moves them too
-        settings = {
-            name: design.derived.get(name, design.settings[name]) for name in names if name not in moving
-        }
-        settings |= {name: design.derived[name] for name in moving if name in design.derived}
-        settings |= {name: 0.0 for name in moving if name not in design.derived}
+        settings = {}
+        for name in names:
+            if name in design.derived:  # stays a formula, so that a branch moves it too
+                settings[name] = design.derived[name]
+            else:
+                settings[name] = 0.0 if name in moving else design.settings[name]
         self.model = design.model
         self._once = map_of(design.model, tuple(settings.items()))
         self._period = period
@@ -121,7 +127,7 @@ class FixedPointsOfModel(abc.ABC):
             >>> round(np.pi * 9.81 / 3.7, 4)
             8.3295
         """
-        self._check()
+        self._require_fixed_points()
         points = self._points(x)[0]
         conserved = self.conserved if fix is None else fix
         return newton(self.mapping, points, self._values, fix=conserved, tolerance=tolerance, most=most)
@@ -165,30 +171,23 @@ class FixedPointsOfModel(abc.ABC):
             >>> round((1.0 - 0.7) * np.pi * 9.81 / 2.6, 4)
             3.556
         """
-        self._check()
+        self._require_fixed_points()
         points = self._points(x)[0]
-        conserved = self.conserved if fix is None else fix
-        mapping: Map = self.mapping
-        constrained: Sequence[str] | dict[str, float | None] = conserved
-        if parameter in self.conserved:
-            mapping = LevelMap(mapping, parameter)
-            constrained = {**dict.fromkeys(conserved), parameter: 0.0}
-            images = self.mapping.linearised(points, self._values)
-            begin = images.conserved_values[:, self.conserved.index(parameter)]
-        else:
-            if parameter not in self._parameters:
-                self.mapping.complete({parameter: 0.0}, 1)  # refuses names that the model does not have
-            begin = self._parameters[parameter]
-            begin = begin if parameter in self._values else begin[:1]
+        begin = self._begin(points, parameter)
         low, high = min(within), max(within)
         if not (low <= begin.min() and begin.max() <= high):
             raise ArgumentError(
                 f"{parameter} is {begin[0]:g} at the map's points, but the range is from {low:g} to {high:g}."
             )
+        mapping: Map = self.mapping
+        fixed = self.conserved if fix is None else fix
+        constrained: Sequence[str] | dict[str, float | None] = fixed
+        if parameter in self.conserved:
+            mapping = LevelMap(mapping, parameter)
+            constrained = {**dict.fromkeys(fixed), parameter: 0.0}
         values = {name: value for name, value in self._values.items() if name != parameter}
         tables = []
-        directions = (1, -1) if towards is None else (towards,)
-        for direction in directions:
+        for direction in (1, -1) if towards is None else (towards,):
             end = high if direction > 0 else low
             if towards is None and np.all(begin == end):
                 continue
@@ -204,13 +203,25 @@ class FixedPointsOfModel(abc.ABC):
                 with_points=isinstance(self._once, StationaryMap),
             )
             tables.append(branches.assign(direction=direction))
-        table = pd.concat(tables, ignore_index=True)
+        return self._described(pd.concat(tables, ignore_index=True), parameter)
+
+    def _begin(self, points: Points, parameter: str) -> Float[np.ndarray, " begin"]:
+        """The values of a parameter or a conserved quantity at points: one each, or one for all."""
+        if parameter in self.conserved:
+            images = self.mapping.linearised(points, self._values)
+            return images.conserved_values[:, self.conserved.index(parameter)]
+        if parameter not in self._parameters:
+            self.mapping.complete({parameter: 0.0}, 1)  # refuses names that the model does not have
+        values = self._parameters[parameter]
+        return values if parameter in self._values else values[:1]
+
+    def _described(self, table: pd.DataFrame, parameter: str) -> pd.DataFrame:
+        """A table of branches with its coordinates, and with what figures read of a job's table."""
         if "at" in table:  # not every variable of a flow is an observable
-            sound = np.flatnonzero(table["at"].notna())
+            known = np.flatnonzero(table["at"].notna())
             for k, name in enumerate(self.coordinates):
-                table.loc[sound, name] = [point.points.at[0, k] for point in table["at"].iloc[sound]]
+                table.loc[known, name] = [point.points.at[0, k] for point in table["at"].iloc[known]]
             table = table.drop(columns="at")
-        # what figures read of a job's table
         table.attrs["job"] = {"run": {"kind": "continuation", "parameter": parameter}}
         names = (*self.coordinates, *(quantity.name for quantity in self.model.observables))
         recorded = [name for name in dict.fromkeys(names) if name in table]
@@ -241,8 +252,8 @@ class FixedPointsOfModel(abc.ABC):
         return self._settled({}, 0)
 
     @abc.abstractmethod
-    def _check(self) -> None:
-        """Refuse a map without isolated fixed points, or without a derivative."""
+    def _require_fixed_points(self) -> None:
+        """Raise ArgumentError if the map has no isolated fixed points, or no derivative."""
 
     def _settled(self, starts: Mapping[str, Any], cycles: int) -> Points:
         """The points of start values after a number of applications of the map."""
@@ -255,8 +266,8 @@ class FixedPointsOfModel(abc.ABC):
         missing = [name for name in self._without_start if name not in start_values]
         if missing:
             raise ArgumentError(f"{missing[0]} of {self.model.name} has no default: give this start value.")
-        points, way = self._once.settled(start_values, self._values, cycles * self._period)
-        failed = int(np.count_nonzero(way))
+        points, halts = self._once.settled(start_values, self._values, cycles * self._period)
+        failed = int(np.count_nonzero(halts))
         if failed:
             warnings.warn(
                 f"{failed} of {len(points)} starts did not cross the section {cycles} times.", stacklevel=2
@@ -280,10 +291,14 @@ class PoincareMap(FixedPointsOfModel):
 
     def __init__(self, job: Job, period: int, without_start: Sequence[str]) -> None:
         """Use `gaitsweep.return_map`; `without_start` are the start values that were not given."""
-        numerics, engine = job.integration, job.engine.name
-        super().__init__(
-            job, without_start, partial(BatchedReturnMap, numerics=numerics, engine=engine), period
-        )
+        map_of = partial(BatchedReturnMap, numerics=job.integration, engine=job.engine.name)
+        super().__init__(job, without_start, map_of, period)
+
+    @property
+    def _return_map(self) -> BatchedReturnMap:
+        """The map from one crossing to the next."""
+        assert isinstance(self._once, BatchedReturnMap)
+        return self._once
 
     @overload
     def __call__(self, x: SectionPoints) -> Points: ...
@@ -307,7 +322,7 @@ class PoincareMap(FixedPointsOfModel):
         Raises:
             ArgumentError: the map has no derivative.
         """
-        self._check()
+        self._require_fixed_points()
         points, single = self._points(x)
         jacobians = self.mapping.linearised(points, self._values).jacobian
         return jacobians[0] if single else jacobians
@@ -410,9 +425,8 @@ class PoincareMap(FixedPointsOfModel):
             >>> turns.phase_response(gait, ["x"], [0.0, 0.25, 0.5])["response_x"].abs().round(4).tolist()
             [0.0, 0.1592, 0.0]
         """
-        self._check()
-        assert isinstance(self._once, BatchedReturnMap)
-        assert isinstance(self.model, HybridModel)
+        self._require_fixed_points()
+        assert isinstance(self.model, HybridModel)  # others have no derivative
         places = flow_places(self.model)
         for name in push:
             if name not in places:
@@ -425,7 +439,7 @@ class PoincareMap(FixedPointsOfModel):
         if len(points) != 1:
             raise ArgumentError(f"x has {len(points)} points: give one gait.")
         variables = [places[name] for name in push]
-        response = phase_response(self._once, points, self._values, self._period, variables, shares)
+        response = phase_response(self._return_map, points, self._values, self._period, variables, shares)
         columns = {f"response_{name}": response[:, k] for k, name in enumerate(push)}
         return pd.DataFrame({"push_phase": shares, **columns})
 
@@ -438,9 +452,8 @@ class PoincareMap(FixedPointsOfModel):
         """
         return self._settled(starts or {}, cycles)
 
-    def _check(self) -> None:
-        assert isinstance(self._once, BatchedReturnMap)
-        method = self._once.integration.method
+    def _require_fixed_points(self) -> None:
+        method = self._return_map.integration.method
         if (refusal := derivative_refusal(method, self.model)) is not None:
             raise ArgumentError(
                 f"The return map of {self.model.name} by {method} has no derivative: {refusal}"
@@ -525,8 +538,8 @@ def return_map(
         >>> np.allclose(hops([0.0, 2.5]), [phase, 0.7 * 2.5 + 2.6 * (1.0 + np.cos(phase)) / 2.0])
         True
     """
-    job, without = job_of_map(model, params, start, values, numerics=numerics, engine=engine)
-    return PoincareMap(job, period, without)
+    job, without_start = job_of_map(model, params, start, values, numerics=numerics, engine=engine)
+    return PoincareMap(job, period, without_start)
 
 
 def job_of_map(
@@ -548,5 +561,6 @@ def job_of_map(
     job = job_of(model, values, run=run, params=params, start=start, any_start=True, **fields)
     for caveat in job.design.model.caveats():
         warnings.warn(caveat, stacklevel=3)
-    without = [q.name for q in job.design.model.initial_conditions if q.default is None]
-    return job, [name for name in without if name not in {**values, **(start or {})}]
+    given = {*values, *(start or {})}
+    without_default = [q.name for q in job.design.model.initial_conditions if q.default is None]
+    return job, [name for name in without_default if name not in given]

@@ -36,12 +36,14 @@ class StationaryPoints(FixedPointsOfModel):
         points, single = self._points(x)
         values = self._flow.complete(self._values, len(points))
         program = linearised_flow(self._flow)
-        of_point = [{name: column[k] for name, column in values.items()} for k in range(len(points))]
-        jacobians = [program(of_point[k], points.at[k], points[k].modes)[1] for k in range(len(points))]
-        factors = np.array(np.linalg.eigvals(np.stack(jacobians)), complex)
-        order = np.lexsort((-np.imag(factors), -np.real(factors)))
-        factors = np.take_along_axis(factors, order, axis=-1)
-        return factors[0] if single else factors
+        jacobians = []
+        for k in range(len(points)):
+            values_of_point = {name: column[k] for name, column in values.items()}
+            jacobians.append(program(values_of_point, points.at[k], points[k].modes)[1])
+        unordered = np.array(np.linalg.eigvals(np.stack(jacobians)), complex)
+        order = np.lexsort((-np.imag(unordered), -np.real(unordered)))
+        eigenvalues = np.take_along_axis(unordered, order, axis=-1)
+        return eigenvalues[0] if single else eigenvalues
 
     def cycle(
         self, hopf: Mapping[Any, Any] | pd.Series, parameter: str, amplitude: float, points: int = 32
@@ -81,7 +83,7 @@ class StationaryPoints(FixedPointsOfModel):
         """The reason why the flow has no stationary points, or None."""
         return self._flow.refusal(self._start, self._values)
 
-    def _check(self) -> None:
+    def _require_fixed_points(self) -> None:
         if self._refusal is not None:
             raise ArgumentError(self._refusal)
 

@@ -47,20 +47,22 @@ def tool_entry(made_by: str | None = None, commit: str | None = None) -> str:
     Raises:
         CitationError: this installation lacks CITATION.cff.
     """
-    file, cited = shipped("CITATION.cff"), made_by or gaitsweep.__version__
+    file = shipped("CITATION.cff")
+    cited = made_by or gaitsweep.__version__
     try:
         facts = yaml.safe_load(file.read_text(encoding="utf-8"))
     except FileNotFoundError:
         raise CitationError(f"{file} is missing: install gaitsweep again.") from None
-    notes = [facts["license"], *([f"commit {commit}"] if commit else [])]
     fields = {
         "author": " and ".join(map(_author, facts["authors"])),
         "title": f"{{{facts['title']}}}",
         "version": cited,
-        **({"year": str(facts["date-released"])[:4]} if cited == facts["version"] else {}),
-        **({"url": url} if (url := facts.get("url") or facts.get("repository-code")) else {}),
-        "note": ", ".join(notes),
     }
+    if cited == facts["version"]:
+        fields["year"] = str(facts["date-released"])[:4]
+    if url := facts.get("url") or facts.get("repository-code"):
+        fields["url"] = url
+    fields["note"] = f"{facts['license']}, commit {commit}" if commit else facts["license"]
     return _entry("software", "gaitsweep", fields)
 
 
@@ -86,10 +88,14 @@ def citation_of(path: Path) -> tuple[str, list[str]]:
         if not manifest.get(field):
             text = f"The manifest of {path} has no {field}: run the job again with gaitsweep run."
             raise CitationError(text)
-    name, missing = str(job.get("model", "")), []
-    paper = manifest.get("paper") or (paper_of(models.find(name)) if name in models.names() else None)
-    entries, cited = [tool_entry(manifest["versions"]["gaitsweep"], manifest.get("git_commit"))], ""
-    if paper is None:
+    name = str(job.get("model", ""))
+    paper = manifest.get("paper")
+    if not paper and name in models.names():
+        paper = paper_of(models.find(name))
+    entries = [tool_entry(manifest["versions"]["gaitsweep"], manifest.get("git_commit"))]
+    missing: list[str] = []
+    cited = ""
+    if not paper:
         missing.append(
             f"The paper of {name} is missing: set `source`, a line, or `bibtex`, an entry, in its class, and "
             "run the job again."

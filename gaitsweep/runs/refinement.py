@@ -105,7 +105,7 @@ class Refinement:
     ) -> pd.DataFrame:
         """Return the records of `rows` (n,), simulating those that are missing."""
         context = self.context
-        this = some_rows(context, rows.size, lambda first, stop: rows[first:stop])
+        round_context = some_rows(context, rows.size, lambda first, stop: rows[first:stop])
         path = self.directory.path / FOLDER / f"round-{number:02d}"
         job = {"round": number, "of": context.job.name}
         round_hash = hashlib.sha256(context.job_hash.encode() + rows.astype("<i8").tobytes()).hexdigest()
@@ -114,14 +114,12 @@ class Refinement:
                 spent = Timings()
                 try:
                     self.executor.run_blocks(
-                        MissingBlocks(this, part, missing, on_sweep_progress, spent, part)
+                        MissingBlocks(round_context, part, missing, on_sweep_progress, spent, part)
                     )
                     part.tidy_digests()
                 finally:
-                    for field in dataclasses.fields(Timings):
-                        setattr(
-                            timings, field.name, getattr(timings, field.name) + getattr(spent, field.name)
-                        )
+                    for name, value in dataclasses.asdict(spent).items():
+                        setattr(timings, name, getattr(timings, name) + value)
             frame = load(path)
         frame.attrs.clear()
         frame["row"] = rows[frame["row"].to_numpy()]
@@ -140,14 +138,23 @@ class Refinement:
             self.directory.write_part(number, frame.sort_values("row", ignore_index=True))
 
     def _inferred_frame(self, rows: Rows, gaits: Labels, like: pd.DataFrame) -> pd.DataFrame:
-        """Return records of rows (n,) that were not simulated: the gait of their neighbours, no numbers."""
-        model, n = self.context.model, rows.size
+        """Return records of rows (n,) that were not simulated: the gait of their neighbours, no numbers.
 
-        def unread(name: str) -> Shaped[np.ndarray, " rows"]:
-            kind = like[name].to_numpy().dtype
-            return np.full(n, -1) if names_gait(name) else np.full(n, np.nan if kind.kind == "f" else 0, kind)
+        Args:
+            rows: the rows.
+            gaits: their gaits (n,).
+            like: records of simulated rows, which have the types of the label fields.
+        """
+        model = self.context.model
 
-        fields = {q.name: unread(q.name) for q in model.label_fields}
+        def no_values(name: str) -> Shaped[np.ndarray, " rows"]:
+            """A label field of rows without a label."""
+            if names_gait(name):
+                return np.full(rows.size, -1)
+            dtype = like[name].to_numpy().dtype
+            return np.full(rows.size, np.nan if dtype.kind == "f" else 0, dtype)
+
+        fields = {quantity.name: no_values(quantity.name) for quantity in model.label_fields}
         nothing = RowOutcome.empty(rows, self.context.spec.recorder.numbers, len(model.observables))
         nothing.status[:] = Status.inferred
         labels = {"gait": gaits, **fields}

@@ -30,7 +30,7 @@ from gaitsweep.table.part_writer import PartWriter
 
 # Others hold a directory for a moment when they make it, and while the last of them completes it (s).
 PATIENCE = 20.0
-T = TypeVar("T")
+Returned = TypeVar("Returned")
 
 
 def run_rows(
@@ -102,10 +102,10 @@ def blocks_of(rows: str, layout: Layout) -> Sequence[int]:
     if not first < min(stop, n_rows):
         raise RunError(f"{what} names no row: this job has the rows 0 to {n_rows - 1}.")
     if first % block or (stop % block and stop < n_rows):
-        near = first // block * block, -(-stop // block) * block
+        near = f"{first // block * block}:{-(-stop // block) * block}"
         raise RunError(
             f"{what} are not whole blocks: both numbers must be multiples of engine.block, which is {block}; "
-            f"did you mean --rows {near[0]}:{near[1]}?"
+            f"did you mean --rows {near}?"
         )
     return range(first // block, -(-min(stop, n_rows) // block))
 
@@ -132,12 +132,12 @@ def _create(path: Path, context: RunContext, on_message: Callable[[str], None]) 
     _patiently(create)
 
 
-def _patiently(take: Callable[[], T]) -> T:
-    """Return the result of `take`, which is called again while another process holds the directory."""
+def _patiently(action: Callable[[], Returned]) -> Returned:
+    """Return the result of an action, which is tried again while another process holds the directory."""
     deadline = time.monotonic() + PATIENCE
     while True:
         try:
-            return take()
+            return action()
         except BusyDirectory:
             if time.monotonic() > deadline:
                 raise

@@ -13,8 +13,9 @@ from gaitsweep.runs.prepare import RunContext, nominal_period
 
 # The sample's steps, as a share of the run's own: irrational, so that no step ends where one of these does.
 FINER = 1.0 / math.sqrt(7.0)
-# The sample's share of a run's work, and the fewest rows, where a job does not say how many.
-MOST_WORK, LEAST_ROWS = 0.1, 4
+# The largest share of a run's work that its sample takes, and its fewest rows, if a job gives no number.
+MOST_WORK = 0.1
+LEAST_ROWS = 4
 # Crossings over which rows are compared that do not come to rest, and those of kinds that do not ask for it.
 CROSSINGS = 10
 

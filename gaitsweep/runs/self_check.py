@@ -54,9 +54,9 @@ MOST_CROSSINGS = 100
 MOVED = 1e-9
 # The tolerance of kinds that have none, as a share of an observable's size (rad for angles).
 TOLERANCE = 1e-3
-# Errors of a start that explain a difference, of its steps and of rounding: their effect is extrapolated from
-# that of MOVED.
-LOCAL_ERROR, ROUNDING_ERROR = 1e-6, 1e-12
+# Errors of a start that explain a difference: their effect is extrapolated from that of MOVED.
+LOCAL_ERROR = 1e-6  # by the steps of the integration
+ROUNDING_ERROR = 1e-12
 # Numbers of stored rows may differ by this share of their size from those of the same rows run again.
 ROUNDING = 1e-6
 
@@ -88,17 +88,18 @@ def self_check(
     exact = steps is not None and steps.is_return_map
     if count == 0 or exact or not context.job.run.integrates:
         return None, None
-    rows, compared = sample_rows(context.design, count), context.job.run.compared
+    rows = sample_rows(context.design, count)
     check = SelfCheck(rows=rows.size, of=context.design.n_rows)
     finer = finer_share(context)
     check.finer = f"{finer:.2g} of the step"
     if context.spec.numerics.adaptive:
         check.finer = f"tolerances {1.0 / tolerance_scale(finer):.0f} times finer"
-    comparison, rerun = _Comparison(context, on_progress), None
+    comparison = _Comparison(context, on_progress)
     points = context.job.run.starting_points(context.design, context.spec, rows, 1.0, finer)
     if points:
         return check, comparison.compare_starting_points(rows, points[0], points[1], check)
-    if compared in ("settled", "ends"):
+    rerun = None
+    if context.job.run.compared in ("settled", "ends"):
         rerun, resting = comparison.compare_ends(rows, check)
         rows = rows[~resting]
     if rows.size:
@@ -148,11 +149,10 @@ def compare_stored(
         rests["row"] = records["row"]
         if run.moved is not None:
             rests[run.moved] = records[run.moved]
-        begun = comparison.observed_at_starts(np.unique(records["row"].to_numpy(np.int64)))
         check.unstable = unstable_rests(
             context,
             rests,
-            begun,
+            comparison.observed_at_starts(np.unique(records["row"].to_numpy(np.int64))),
             lambda rows, recorder: comparison.repeated(recorder, [(rows, 1.0, 0.0)])[0],
             comparison.on_following,
         ).size
@@ -160,7 +160,7 @@ def compare_stored(
 
 @cached_by_content(maxsize=16)
 def _observed(model: Model, drive: Callable[..., Any] | None) -> Callable[..., Observed]:
-    """`(values, starts) -> observables (n, k)` of rows at their starts."""
+    """The function `(values, starts) -> observables (n, k)` of rows at their starts."""
 
     def observed(values: Any, start: Any) -> jax.Array:
         params = model.params(values) if drive is None else drive(values, jax.numpy.zeros(()))
@@ -168,6 +168,31 @@ def _observed(model: Model, drive: Callable[..., Any] | None) -> Callable[..., O
         return jax.numpy.stack([observables[q.name] for q in model.observables])
 
     return over_rows(observed, "observed", model if drive is None else None)
+
+
+@dataclasses.dataclass(frozen=True)
+class _DifferingEnds:
+    """Rows (n,) whose ends differ with finer steps.
+
+    Args:
+        once: their results with the same steps.
+        other_status, other_gait, other_count: masks of what differs.
+        off: a mask (n, k) of observables that change by more than is allowed.
+        change: the changes (n, k) of observables.
+    """
+
+    once: RowOutcome
+    other_status: RowMask
+    other_gait: RowMask
+    other_count: RowMask
+    off: Bool[np.ndarray, "rows observables"]
+    change: Observed
+
+
+def _tolerance(recorder: Recorder) -> Float[np.ndarray, "..."]:
+    """The tolerance on a change, a share of an observable's size: that of settling, if rows settle."""
+    settle = getattr(recorder, "settle", recorder)
+    return np.asarray(settle.tolerance if isinstance(settle, SettleRecorder) else TOLERANCE)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -213,53 +238,73 @@ class _Comparison:
 
     def compare_ends(self, rows: Rows, check: SelfCheck) -> tuple[RerunRows, RowMask]:
         """Compare the ends of rows (n,); return the rerun, and a mask of those that settled in both runs."""
-        spec, model = self.context.spec, self.context.model
-        once, finer = self.repeated(spec.recorder, [(rows, 1.0, 0.0), (rows, finer_share(self.context), 0.0)])
+        recorder, model = self.context.spec.recorder, self.context.model
+        once, finer = self.repeated(recorder, [(rows, 1.0, 0.0), (rows, finer_share(self.context), 0.0)])
         at_times = self.context.job.run.compared == "ends"
-        ends, finer_ends = (end_values_of(spec.recorder, outcome) for outcome in (once, finer))
+        ends, finer_ends = (end_values_of(recorder, outcome) for outcome in (once, finer))
         sound = Status.SOUND.among(once.status)
         other_status = once.status != finer.status
-        other_gait = ~other_status & _others(spec.recorder, once, finer)
-        own = fixed_step_scheme(spec.numerics.method, model) is not None
-        other_count = ~other_status & at_times & (not own) & (once.cycles != finer.cycles)
-        # an orbit of several cycles may have been read at another of its points
-        same = sound & ~other_status & ~other_gait & (once.numbers["period"] <= 1)
-        # nor do rows without a period end at one point
-        same &= ~RECURRENT.among(once.status)
+        other_gait = ~other_status & _others(recorder, once, finer)
+        fixed_steps = fixed_step_scheme(self.context.spec.numerics.method, model) is not None
+        other_count = ~other_status & at_times & (not fixed_steps) & (once.cycles != finer.cycles)
+        # an orbit of several cycles may have been read at another of its points, and rows without a period
+        # do not end at one point
+        comparable = sound & ~other_status & ~other_gait & (once.numbers["period"] <= 1)
+        comparable &= ~RECURRENT.among(once.status)
         change = changes(model, ends, finer_ends)
         size = sizes(model.observables, self.with_starts(rows, ends))
-        check.record_changes(model.observables, change[same], size)
+        check.record_changes(model.observables, change[comparable], size)
         off = np.zeros_like(change, bool)
-        if not own or not at_times:
-            tolerance = np.full(change.shape[1], TOLERANCE)
-            settle = getattr(spec.recorder, "settle", spec.recorder)
-            if isinstance(settle, SettleRecorder):
-                tolerance[:] = settle.tolerance
-            bound = TOLERANCES * tolerance * size
-            counts = counted(model, ends[same], finer_ends[same])
-            off = same[:, None] & (change > np.where(counts, 0.0, bound))
+        if not fixed_steps or not at_times:
+            counts = counted(model, ends[comparable], finer_ends[comparable])
+            bound = np.where(counts, 0.0, TOLERANCES * _tolerance(recorder) * size)
+            off = comparable[:, None] & (change > bound)
             other_count |= np.any(off & counts, axis=1)
-        differs = np.flatnonzero(other_status | other_gait | other_count | off.any(axis=1))
-        if differs.size:
-            differing = rows[differs]
-            flips, spread = np.zeros(differs.size, bool), np.zeros((differs.size, change.shape[1]))
-            for moved in self.repeated(spec.recorder, [(differing, 1.0, MOVED), (differing, 1.0, -MOVED)]):
-                flips |= moved.status != once.status[differs]
-                flips |= _others(spec.recorder, moved, once.take(differs))
-                flips |= at_times & (moved.cycles != once.cycles[differs])
-                spread = np.fmax(spread, changes(model, end_values_of(spec.recorder, moved), ends[differs]))
-            # whether a chaotic row falls after many cycles is decided by the smallest of its errors
-            flips |= (once.status[differs] == Status.chaotic) | (finer.status[differs] == Status.chaotic)
-            wrong = np.any(off[differs] & (change[differs] > spread / MOVED * LOCAL_ERROR), axis=1)
-            discrete = (other_status | other_gait | other_count)[differs]
-            sensitive = np.where(discrete, flips | (other_count[differs] & ~wrong), ~wrong)
-            check.sensitive += int(sensitive.sum())
-            check.status_differs += int((other_status[differs] & ~sensitive).sum())
-            check.gait_differs += int((other_gait[differs] & ~sensitive).sum())
-            check.count_differs += int((other_count[differs] & ~sensitive).sum())
-            check.moved += int((wrong & ~discrete).sum())
+        differs = other_status | other_gait | other_count | off.any(axis=1)
+        if differs.any():
+            differing = _DifferingEnds(
+                once.take(np.flatnonzero(differs)),
+                other_status[differs],
+                other_gait[differs],
+                other_count[differs],
+                off[differs],
+                change[differs],
+            )
+            chaotic = (once.status == Status.chaotic) | (finer.status == Status.chaotic)
+            self._explain(differing, rows[differs], chaotic[differs], check)
         resting = at_times | sound | other_status | Status.FAILED.among(once.status)
-        return RerunRows(rows, spec.recorder, once), np.broadcast_to(resting, rows.shape)
+        return RerunRows(rows, recorder, once), np.broadcast_to(resting, rows.shape)
+
+    def _explain(self, differing: _DifferingEnds, rows: Rows, chaotic: RowMask, check: SelfCheck) -> None:
+        """Count rows that differ with finer steps, as sensitive if moved starts change them as much.
+
+        Args:
+            differing: the differences.
+            rows: the rows (n,).
+            chaotic: a mask (n,) of those with a chaotic end; the smallest of its errors decides whether such
+                a row falls after many cycles.
+            check: the result that counts them.
+        """
+        recorder, model = self.context.spec.recorder, self.context.model
+        at_times = self.context.job.run.compared == "ends"
+        once = differing.once
+        ends = end_values_of(recorder, once)
+        flips = chaotic.copy()
+        spread = np.zeros(ends.shape)
+        for moved in self.repeated(recorder, [(rows, 1.0, MOVED), (rows, 1.0, -MOVED)]):
+            flips |= moved.status != once.status
+            flips |= _others(recorder, moved, once)
+            flips |= at_times & (moved.cycles != once.cycles)
+            spread = np.fmax(spread, changes(model, end_values_of(recorder, moved), ends))
+        unexplained = differing.change > spread / MOVED * LOCAL_ERROR
+        wrong = np.any(differing.off & unexplained, axis=1)
+        discrete = differing.other_status | differing.other_gait | differing.other_count
+        sensitive = np.where(discrete, flips | (differing.other_count & ~wrong), ~wrong)
+        check.sensitive += int(sensitive.sum())
+        check.status_differs += int((differing.other_status & ~sensitive).sum())
+        check.gait_differs += int((differing.other_gait & ~sensitive).sum())
+        check.count_differs += int((differing.other_count & ~sensitive).sum())
+        check.moved += int((wrong & ~discrete).sum())
 
     def compare_crossings(self, rows: Rows, check: SelfCheck) -> RerunRows:
         """Compare the first crossings of rows (n,) and their times; return the rerun."""
@@ -267,15 +312,16 @@ class _Comparison:
         if not isinstance(recorder, CrossingRecorder):
             recorder = CrossingRecorder(model, crossings=CROSSINGS)
         lanes = [(rows, 1.0, 0.0), (rows, finer_share(self.context), 0.0), (rows, 1.0, MOVED)]
-        once, finer, moved = repeated = self.repeated(recorder, lanes)
-        samples = [_crossings(outcome, rows.size, recorder.after_cycles) for outcome in repeated]
+        outcomes = self.repeated(recorder, lanes)
+        samples = [_crossings(outcome, rows.size, recorder.after_cycles) for outcome in outcomes]
         if not np.any(np.isfinite(samples[0][:, 1:])) and math.isfinite(end := self.comparable_time):
             # no section was crossed: the state is compared after as many nominal periods
             recorder = FixedTimeRecorder(model, end)
-            once, finer, moved = repeated = self.repeated(recorder, lanes)
-            begun = self.with_starts(rows, np.zeros((0, len(model.observables))))
-            ends = [np.stack([begun, end_values(outcome)], axis=1) for outcome in repeated]
+            outcomes = self.repeated(recorder, lanes)
+            starts = self.observed_at_starts(rows)
+            ends = [np.stack([starts, end_values(outcome)], axis=1) for outcome in outcomes]
             samples = [np.concatenate([np.zeros((*at.shape[:2], 1)), at], axis=2) for at in ends]
+        once, finer, moved = outcomes
         differs = once.status != finer.status
         boundary = differs & (once.status != moved.status)
         check.sensitive += int(boundary.sum())
@@ -294,15 +340,15 @@ class _Comparison:
         spread = np.nanmax(changes(model, observed[0], observed[2]), axis=1, initial=0.0)
         wrong = off & (most > spread / MOVED * LOCAL_ERROR)
         late = np.nanmax(np.abs(times[0] - times[1]), axis=1, initial=0.0)
-        own = np.nanmax(np.abs(times[0] - times[2]), axis=1, initial=0.0) / MOVED * LOCAL_ERROR
+        late_if_moved = np.nanmax(np.abs(times[0] - times[2]), axis=1, initial=0.0) / MOVED * LOCAL_ERROR
         interval = np.fmin(_mean_interval(times[0]), _mean_interval(times[1]))
         off_time = late > TOLERANCES * TOLERANCE * interval
         check.record_changes((Quantity("t", "s", "time"),), late[:, None], interval[:, None])
         other_count = ~differs & np.any(wrong & counts, axis=1)
-        other = ~differs & ~other_count & (wrong.any(axis=1) | (off_time & (late > own)))
+        off_row = ~differs & ~other_count & (wrong.any(axis=1) | (off_time & (late > late_if_moved)))
         check.count_differs += int(other_count.sum())
-        check.moved += int(other.sum())
-        check.sensitive += int(np.sum((off.any(axis=1) | off_time) & ~differs & ~other_count & ~other))
+        check.moved += int(off_row.sum())
+        check.sensitive += int(np.sum((off.any(axis=1) | off_time) & ~differs & ~other_count & ~off_row))
         return RerunRows(rows, recorder, once)
 
     def compare_starting_points(
@@ -335,8 +381,8 @@ class _Comparison:
             places = np.flatnonzero(off.any(axis=1))
             lanes = [(rerun.rows[places], 1.0, MOVED)]
             moved = end_values_of(rerun.recorder, self.repeated(rerun.recorder, lanes)[0])
-            own = changes(model, moved, now[places]) / MOVED * ROUNDING_ERROR
-            off[places] &= changes(model, now, before)[places] > own
+            by_rounding = changes(model, moved, now[places]) / MOVED * ROUNDING_ERROR
+            off[places] &= changes(model, now, before)[places] > by_rounding
         return differs | off.any(axis=1)
 
     def with_starts(self, rows: Rows, ends: Observed) -> Observed:
@@ -410,7 +456,8 @@ def _other_records(model: Model, rerun: RerunRows, stored: pd.DataFrame) -> RowM
         place=[number[int(row)] for row in known["row"]], nth=known.groupby("row").cumcount()
     )
     if isinstance(recorder, StepRecorder):
-        records["nth"], known = records["stair"].astype(int), known.assign(nth=known["stair"].astype(int))
+        records["nth"] = records["stair"].astype(int)
+        known["nth"] = known["stair"].astype(int)
     both = records.merge(known[["place", "nth", *names]], on=["place", "nth"], suffixes=("", " stored"))
     described = tuple(quantities.get(name, Quantity(name, "1", "")) for name in names)
     now = both[names].to_numpy(float)
@@ -438,9 +485,10 @@ def end_values_of(recorder: Recorder, result: RowOutcome) -> Observed:
 
 def _mean_interval(times: Float[np.ndarray, "rows crossings"]) -> PerRow:
     """The mean time (s) between the crossings (n, m) of each row; NaN where there are fewer than two."""
-    first, last = np.nanmin(times, axis=1, initial=np.inf), np.nanmax(times, axis=1, initial=-np.inf)
-    known = np.isfinite(times).sum(axis=1) - 1
-    return np.where(known > 0, (last - first) / np.maximum(known, 1), np.nan)
+    first = np.nanmin(times, axis=1, initial=np.inf)
+    last = np.nanmax(times, axis=1, initial=-np.inf)
+    intervals = np.isfinite(times).sum(axis=1) - 1
+    return np.where(intervals > 0, (last - first) / np.maximum(intervals, 1), np.nan)
 
 
 def _crossings(result: RowOutcome, n: int, after: int) -> Float[np.ndarray, "rows crossings columns"]:

@@ -10,9 +10,10 @@ from gaitsweep.runs.provenance import NOT_INSTALLED
 from gaitsweep.status import SetStatus, Status
 from gaitsweep.table.self_check_fields import DIFFERENCES, STORED_DIFFERS, UNSTABLE
 
-# Fields of the manifest: rows whose label is not the index of a gait, rows that begin beyond an event's
-# surface, rows whose nominal period is not a positive time.
-MISLABELLED, STARTS_BEYOND, WITHOUT_PERIOD = "mislabelled", "starts_beyond", "without_period"
+# Fields of the manifest.
+MISLABELLED = "mislabelled"  # rows whose label is not the index of a gait
+STARTS_BEYOND = "starts_beyond"  # rows that begin beyond an event's surface
+WITHOUT_PERIOD = "without_period"  # rows whose nominal period is not a positive time
 # Settled rows that repeat after one crossing.
 _AT = {"1": "at a fixed point"}
 # The finer steps in manifests of older versions, which halved the step.
@@ -25,9 +26,12 @@ def self_check_sentence(check: dict[str, Any]) -> str:
     """Format the result of a self-check, on one line."""
     if check.get("verdict") == "off":
         return "Self-check: off."
-    rows, total = check["rows"], check.get("of", check["rows"])
+    rows = check["rows"]
+    total = check.get("of", rows)
     sample = f"{rows} row{'s' * (rows != 1)}" if rows == total else f"{rows} of {total} rows"
-    finer, sensitive, change = _finer(check), check.get("sensitive"), _largest(check)
+    finer = _finer(check)
+    sensitive = check.get("sensitive")
+    change = _largest(check)
     rerun = f"Self-check: {sample} rerun {'at' if 'step' in finer else 'with'} {finer}"
     if check["verdict"] == "passed":
         among = f", {sensitive} of them on a boundary or sensitive" if sensitive else ""
@@ -55,7 +59,12 @@ def _largest(check: dict[str, Any]) -> str:
 
 
 def advice(check: dict[str, Any], dt: float | None) -> str:
-    """Advise what to change where a self-check warned."""
+    """Advise what to change where a self-check warned.
+
+    Args:
+        check: its result, from the manifest.
+        dt: the step (s) that the job gives, if it does.
+    """
     wrong = [name for name in DIFFERENCES if check.get(name)]
     if wrong == [STORED_DIFFERS]:
         text = "Another model, data file, cache or version made this table"
@@ -128,18 +137,16 @@ def status_sentence(status: str, job: Mapping[str, Any], periods: Mapping[str, i
         job: the job, whose limits the sentence names.
         periods: settled rows by the number of crossings after which they repeat, if known.
     """
-    result = next((word for field, word in _RESULTS.items() if field in job), None)
+    for field, result in _RESULTS.items():
+        if field in job:
+            return _sentence_of_set(status, result)
     run = job.get("run", {})
-    if result is not None:
-        sets: dict[str, str] = {
-            SetStatus.COMPLETE: f"Every {result} has a value for this set of constants.",
-            SetStatus.FAILED: f"Some {result} has no value for this set; the column `why` says which and "
-            "why.",
-        }
-        return sets.get(status, "")
     if status == Status.settled.name and periods:
-        at = (f"{n} {_AT.get(period, f'on an orbit of {period} crossings')}" for period, n in periods.items())
-        return f"The state at the section repeats: {', '.join(at)}."
+        orbits = [
+            f"{rows} {_AT.get(period, f'on an orbit of {period} crossings')}"
+            for period, rows in periods.items()
+        ]
+        return f"The state at the section repeats: {', '.join(orbits)}."
     sentence = Status[status].sentence if status in Status.__members__ else ""
     if status == Status.time_limit.name:
         of_job, _, otherwise = sentence.removesuffix(".").partition(", or ")
@@ -147,6 +154,15 @@ def status_sentence(status: str, job: Mapping[str, Any], periods: Mapping[str, i
         return f"The row reached {otherwise}." if limit is None else f"{of_job}, {limit:g} s."
     most = f", {run['max_cycles']} cycles," if "max_cycles" in run else ""
     return sentence.replace("run.max_cycles", f"run.max_cycles{most}")
+
+
+def _sentence_of_set(status: str, result: str) -> str:
+    """The sentence of the status of a set of constants; `result` is a target or an output."""
+    if status == SetStatus.COMPLETE:
+        return f"Every {result} has a value for this set of constants."
+    if status == SetStatus.FAILED:
+        return f"Some {result} has no value for this set; the column `why` says which and why."
+    return ""
 
 
 def remarks(manifest: Mapping[str, Any]) -> list[str]:
@@ -199,6 +215,6 @@ def axes(of_job: Sequence[Mapping[str, Any]]) -> str:
 def _rows(about: Mapping[str, Any]) -> str:
     """Format a number of rows and the first of them: "3 rows (the first is row 7)"."""
     examined = f" of {about['of']} that were examined" if "of" in about else ""
-    several = about["rows"] > 1
-    first = f"the first is row {about['row']}" if several else f"row {about['row']}"
-    return f"{about['rows']} row{'s' * several} ({first}){examined}"
+    if about["rows"] == 1:
+        return f"1 row (row {about['row']}){examined}"
+    return f"{about['rows']} rows (the first is row {about['row']}){examined}"

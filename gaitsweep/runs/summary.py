@@ -24,8 +24,11 @@ from gaitsweep.runs.sentences import MISLABELLED, STARTS_BEYOND, WITHOUT_PERIOD
 from gaitsweep.status import Status
 from gaitsweep.table import Table
 
-# Rows whose starts are examined, at most; of models whose parameters the host computes row by row.
-_MOST_STARTS, _MOST_STARTS_OF_HOST = 100_000, 64
+# Rows whose starts are examined, at most.
+_MOST_STARTS = 100_000
+_MOST_STARTS_OF_HOST = 64  # of models whose parameters the host computes row by row
+# Parts of the path of a project's folder, at least: /home/user is none.
+_PROJECT_DEPTH = 3
 
 
 def describe(context: RunContext, table: Table) -> None:
@@ -57,17 +60,27 @@ def _model_folder(context: RunContext, path: Path | None) -> dict[str, str]:
     It is relative to the result directory, and omitted if the two share no project folder, so that a
     directory which is passed on does not reveal where its owner's files are.
     """
-    own = path is not None and context.job.model not in models.names()
-    folder = folder_of_class(type(context.model.original)) if own else None
-    if path is None or folder is None or len(Path(os.path.commonpath([folder, path.resolve()])).parts) < 3:
+    if path is None or context.job.model in models.names():
+        return {}
+    folder = folder_of_class(type(context.model.original))
+    if folder is None:
+        return {}
+    shared = Path(os.path.commonpath([folder, path.resolve()]))
+    if len(shared.parts) < _PROJECT_DEPTH:
         return {}
     return {models.MODEL_FOLDER: os.path.relpath(folder, path.resolve())}
 
 
 def sum_up(context: RunContext, table: Table, timings: dict[str, float]) -> None:
-    """Write timings, counts and, once complete, the summary of the records into the manifest, at once."""
-    complete, counts = not table.missing_blocks(), table.counts()
-    fields: dict[str, Any] = {"timings": timings, "counts": counts, "complete": complete}
+    """Write timings, counts and, once complete, the summary of the records into the manifest, at once.
+
+    Args:
+        context: the job's context.
+        table: its table.
+        timings: the time spent (s), by its name in the manifest.
+    """
+    complete = not table.missing_blocks()
+    fields: dict[str, Any] = {"timings": timings, "counts": table.counts(), "complete": complete}
     if complete:
         table.tidy_digests()
         fields |= _of_records(context, table)
@@ -114,10 +127,12 @@ def _period_and_beyond(model: Model) -> Callable[..., tuple[jax.Array, dict[str,
 
 def summed_up(context: RunContext, table: Table) -> bool:
     """Return whether the manifest of a table with all its parts is complete."""
-    known = table.manifest
+    manifest = table.manifest
+    if manifest.get("complete") is not True or manifest.get("counts") != table.counts():
+        return False
     # without mislabelled rows there is no field for them
     needed = {*_summaries(context, table), "quantities"} - {MISLABELLED}
-    return known.get("complete") is True and known.get("counts") == table.counts() and needed <= known.keys()
+    return needed <= manifest.keys()
 
 
 def tallied_column(context: RunContext) -> str | None:
@@ -130,7 +145,8 @@ def tallied_column(context: RunContext) -> str | None:
 
 def _summaries(context: RunContext, table: Table) -> dict[str, set[str]]:
     """Return the fields of the manifest that summarise records, with the columns that each needs."""
-    columns, counts = set(table_columns(context.design, context.job.run)), table.counts()
+    columns = set(table_columns(context.design, context.job.run))
+    counts = table.counts()
     columns_of_rows = columns if context.job.run.one_a_row else set()
     names_gaits = tuple(context.model.gaits) != ("none",)
     needs = {
@@ -154,7 +170,7 @@ def _of_records(context: RunContext, table: Table) -> dict[str, Any]:
     stalls: dict[str, dict[str, Any]] = {}
     counts = {name: collections.Counter[str]() for name in _COUNTED if name in summaries}
     distances: list[tuple[float, int]] = []
-    read: list[pd.DataFrame] = []
+    parts_of_findings: list[pd.DataFrame] = []
     for part in table.load_parts(["row", "status", *sorted(set().union(*summaries.values()))]):
         if MISLABELLED in summaries:
             _add_mislabelled(mislabelled, part, [*context.model.gaits, AT_REST])
@@ -165,7 +181,7 @@ def _of_records(context: RunContext, table: Table) -> dict[str, Any]:
             values: Any = part[column] if status is None else part[column][part["status"] == status.name]
             counter.update({str(value): int(n) for value, n in values.value_counts().items() if n})
         if "findings" in summaries:
-            read.append(part.filter(list(context.job.run.columns_of_findings)))
+            parts_of_findings.append(part.filter(list(context.job.run.columns_of_findings)))
         if "largest_distance" in summaries:
             distances += filter(None, [context.model.analytic_distance(part)])
     farthest = max(distances, key=lambda distance: distance[0], default=None)
@@ -176,8 +192,9 @@ def _of_records(context: RunContext, table: Table) -> dict[str, Any]:
     }
     if "periods" in fields:
         fields["periods"] = dict(sorted(fields["periods"].items()))
-    if read:
-        fields["findings"] = context.job.run.findings(pd.concat(read, ignore_index=True))
+    if parts_of_findings:
+        records = pd.concat(parts_of_findings, ignore_index=True)
+        fields["findings"] = context.job.run.findings(records)
     if mislabelled:
         fields[MISLABELLED] = mislabelled
     return {name: fields[name] for name in summaries if name in fields}

@@ -31,15 +31,25 @@ from gaitsweep.runs.execute import table_in_memory
 from gaitsweep.runs.sentences import MISLABELLED, remarks
 from gaitsweep.status import Status
 
-# Rows and cycles of the trial, and samples a cycle of the rate of an energy.
-ROWS, CYCLES, SAMPLES = 32, 12, 40
+ROWS = 32
+CYCLES = 12
+SAMPLES = 40  # of the rate of an energy in a cycle
+# Ends of rows are the same within this share of the observable's size, which is at least `_LEAST_SIZE`.
+_SAME = 1e-9
+_LEAST_SIZE = 1e-3
 # An energy whose rate is below this share of the power that its terms exchange is kept.
 KEPT = 1e-9
-# Rates of the flow, in nominal periods, from which on steps are many; how many times that at the defaults.
-STIFF, STIFFER = 2000.0, 10.0
+# A flow is stiff if its fastest rate times the nominal period is above `STIFF`; an end of a range is reported
+# if that is also above `STIFFER` times its value at the defaults.
+STIFF = 2000.0
+STIFFER = 10.0
 Values = Mapping[str, Float[np.ndarray, " rows"]]
-_RATE, _POWER = "_rate_of_change", "_power"
-_TIMES, _COUNT = "times_of_events", "count_of_event"
+# Ends of the names of signals: the rate of an energy, and the power that its terms exchange.
+_RATE = "_rate_of_change"
+_POWER = "_power"
+# The mode that counts the events of each kind, and the observables that show it.
+_TIMES = "times_of_events"
+_COUNT = "count_of_event"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -93,19 +103,23 @@ def trial(kind: type[Model], on_message: Callable[[str], None] = lambda _: None)
 
 def _constant(model: Model, table: pd.DataFrame) -> list[str]:
     """Return a sentence about the observables that have one value at the end of all rows."""
-    same = []
+    constant = []
     for quantity in model.observables:
         ends = table[f"{quantity.name}_end"].to_numpy(float)
         ends = ends[np.isfinite(ends)]
-        away = ends - ends[:1]
-        away = wrapped_difference(away) if quantity.circular else away
-        size = max(abs(ends[0]), quantity.scale or 1e-3) if ends.size > 1 else 0.0
-        if np.max(np.abs(away), initial=0.0) <= 1e-9 * size < math.inf and size > 0.0:
-            same.append(f"{quantity.name} ({ends[0].round(9) + 0.0:.6g})")
-    if not same:
+        if ends.size < 2:
+            continue
+        differences = ends - ends[0]
+        if quantity.circular:
+            differences = wrapped_difference(differences)
+        size = max(abs(ends[0]), quantity.scale or _LEAST_SIZE)
+        if math.isfinite(size) and np.max(np.abs(differences)) <= _SAME * size:
+            constant.append(f"{quantity.name} ({ends[0].round(9) + 0.0:.6g})")
+    if not constant:
         return []
     advice = "observed=False leaves out a variable that the section fixes"
-    return [f"These observables are the same at the end of all rows tried: {', '.join(same)}; {advice}."]
+    names = ", ".join(constant)
+    return [f"These observables are the same at the end of all rows tried: {names}; {advice}."]
 
 
 def _counted(model: Model) -> list[SingleEvent]:
@@ -236,14 +250,25 @@ def _energies(model: HybridModel, kind: type[Model], values: Values) -> list[str
         most = table.groupby("row")[name + _POWER].transform("max").to_numpy(float)
         share = np.where(most > 0.0, rates / np.where(most > 0.0, most, 1.0), 0.0)[np.isfinite(rates)]
         low, high = (float(share.min()), float(share.max())) if share.size else (0.0, 0.0)
-        largest = max(-low, high)
-        if largest < KEPT:
-            how = f"is kept between events: its rate of change is at most {largest:.1e} of"
-        else:
-            falls = "only falls" if high < KEPT else "only rises" if -low < KEPT else "rises and falls"
-            how = f"is not kept between events: it {falls}, by up to {largest:.2g} of"
-        sentences.append(f"The energy {name} {how} the power that its terms exchange ({share.size} states).")
+        sentences.append(
+            f"The energy {name} {_change_of_energy(low, high)} the power that its terms exchange "
+            f"({share.size} states)."
+        )
     return sentences
+
+
+def _change_of_energy(low: float, high: float) -> str:
+    """Words for the lowest and the highest rate of an energy, shares of the power that its terms exchange."""
+    largest = max(-low, high)
+    if largest < KEPT:
+        return f"is kept between events: its rate of change is at most {largest:.1e} of"
+    if high < KEPT:
+        direction = "only falls"
+    elif -low < KEPT:
+        direction = "only rises"
+    else:
+        direction = "rises and falls"
+    return f"is not kept between events: it {direction}, by up to {largest:.2g} of"
 
 
 def _with_rates(kind: type[Model]) -> type[Model]:

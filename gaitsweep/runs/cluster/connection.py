@@ -54,11 +54,15 @@ _SETTINGS = {
 
 
 class Connection(abc.ABC):
-    """A connection to a scheduler, which may be lost and come back."""
+    """A connection to a scheduler, which may be lost and come back.
+
+    Args:
+        where: the user's words for it.
+    """
 
     def __init__(self, where: str) -> None:
-        """Keep the user's text `where`; `why` is the reason why the last try to connect failed."""
-        self.where, self.why = where, ""
+        self.where = where
+        self.why = ""  # the reason why the last try to connect failed
         self._client: Client | None = None
         self._closing = contextlib.ExitStack()  # what `close` closes, the last first
 
@@ -87,21 +91,24 @@ class Connection(abc.ABC):
 
     def _disconnect(self) -> None:
         """Close the client, if there is one."""
-        client, self._client = self._client, None
+        client = self._client
+        self._client = None
         if client is not None:
             with contextlib.suppress(Exception):  # it may be gone
                 client.close(timeout=2)
 
 
 class RemoteScheduler(Connection):
-    """A scheduler at an address, or one that has written its address into a file."""
+    """A scheduler at an address, or one that has written its address into a file.
+
+    Args:
+        where: the address, or the path of the file.
+
+    Raises:
+        RunError: it is not the address of a scheduler.
+    """
 
     def __init__(self, where: str) -> None:
-        """Keep an address, or the path of a file.
-
-        Raises:
-            RunError: it is not the address of a scheduler.
-        """
         super().__init__(where)
         self._loop: LoopRunner | None = None
         if "://" in where:
@@ -124,11 +131,7 @@ class RemoteScheduler(Connection):
             address = self._address()
             sync(loop, _greet, address, _certificates())
             self._client = Client(
-                address,
-                timeout=_CONNECT,
-                loop=loop,
-                set_as_default=False,
-                name="gaitsweep",
+                address, timeout=_CONNECT, loop=loop, set_as_default=False, name="gaitsweep"
             )
         except (OSError, TimeoutError) as error:
             self.why = _innermost(error)
@@ -153,7 +156,8 @@ class RemoteScheduler(Connection):
         if "://" in self.where:
             return self.where
         file = Path(self.where)
-        text, age = file.read_text(errors="replace"), time.time() - file.stat().st_mtime
+        text = file.read_text(errors="replace")
+        age = time.time() - file.stat().st_mtime  # s
         try:
             address = str(json.loads(text)["address"])
         except (KeyError, TypeError, ValueError) as error:
@@ -214,23 +218,28 @@ def _check_address(address: str, what: str) -> None:
 
 def _innermost(error: BaseException) -> str:
     """Return the reason of an error: that of the operating system if it caused the error."""
-    text, cause = str(error) or type(error).__name__, error.__cause__
+    if isinstance(error, OSError) and error.strerror:
+        return reason(error)
+    text = str(error) or type(error).__name__
+    cause = error.__cause__
     while cause is not None:
         if isinstance(cause, OSError) and cause.strerror:
             text = reason(cause)
         cause = cause.__cause__
-    return reason(error) if isinstance(error, OSError) and error.strerror else text
+    return text
 
 
 class UserClient(Connection):
-    """A client of the user's, which stays open."""
+    """A client of the user's, which stays open.
+
+    Args:
+        client: the client.
+
+    Raises:
+        ArgumentError: it is not a client, or is closed.
+    """
 
     def __init__(self, client: Client) -> None:
-        """Keep a client.
-
-        Raises:
-            ArgumentError: it is not a client, or is closed.
-        """
         _require_distributed()
         from distributed import Client
 
@@ -253,6 +262,9 @@ class LocalWorkers(Connection):
     They communicate by TLS with a certificate that is made for this run and never written to a file that
     others can read. A client without it, such as another user of this machine, is refused; otherwise it could
     run code as this user.
+
+    Args:
+        count: the number of workers.
     """
 
     def __init__(self, count: int) -> None:
@@ -279,7 +291,7 @@ class LocalWorkers(Connection):
         # a terminal sends Ctrl-C to the workers too: the command obeys it, and ends them; they inherit what
         # this thread blocks, unless a thread of theirs starts the tracker, which unblocks it
         resource_tracker.ensure_running()
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        signals_before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
             cluster = SpecCluster(
                 workers=self._workers(options),
@@ -291,7 +303,7 @@ class LocalWorkers(Connection):
         except RuntimeError as error:
             raise RunError(f"The workers of {self.where} do not start: {error}.") from error
         finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+            signal.pthread_sigmask(signal.SIG_SETMASK, signals_before)
         self._closing.callback(_close_quietly, cluster)
         self._client = Client(cluster, set_as_default=False, name="gaitsweep")
         self._closing.callback(self._disconnect)
@@ -340,19 +352,21 @@ def connection_to(where: str) -> Connection:
     _require_distributed()
     for name in ("distributed", "distributed.client"):  # whose levels Dask sets itself
         logging.getLogger(name).setLevel(logging.CRITICAL)
-    scheme, colon, rest = where.partition(":")
+    scheme, colon, place = where.partition(":")
     if scheme == "local" and colon:
-        if not re.fullmatch(r"\d{1,9}", rest) or not 1 <= int(rest) <= MOST_LOCAL:
+        if not re.fullmatch(r"\d{1,9}", place) or not 1 <= int(place) <= MOST_LOCAL:
             raise RunError(
-                f"--cluster {where} asks for {rest or 'no number of'} workers: from 1 to {MOST_LOCAL} are "
+                f"--cluster {where} asks for {place or 'no number of'} workers: from 1 to {MOST_LOCAL} are "
                 "allowed."
             )
-        return LocalWorkers(int(rest))
+        return LocalWorkers(int(place))
     if "://" in where or where.endswith(".json"):
         return RemoteScheduler(where)
-    near = near_miss.suggestion(scheme, ("local", *_SCHEMES)) if colon and rest else "."
-    if re.fullmatch(r"\d{1,5}", rest) and near_miss.nearest(scheme, ("local", *_SCHEMES)) is None:
+    schemes = ("local", *_SCHEMES)
+    if re.fullmatch(r"\d{1,5}", place) and near_miss.nearest(scheme, schemes) is None:
         near = f"; did you mean tcp://{where}?"
+    else:
+        near = near_miss.suggestion(scheme, schemes) if colon and place else "."
     raise RunError(f"--cluster {where or 'WHERE'} is not valid: {_FORMS}{near}")
 
 
@@ -368,7 +382,7 @@ def _require_distributed() -> None:
 
 
 def _environment() -> dict[str, str]:
-    """Environment in which a worker computes as this process does."""
+    """The environment variables with which a worker computes as this process does."""
     import jax
 
     environment = {"PYTHONPATH": os.environ.get("PYTHONPATH", "")}

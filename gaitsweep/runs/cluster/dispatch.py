@@ -34,16 +34,20 @@ from gaitsweep.table.locks import BLOCK_LOCKS
 
 # Tasks in flight: two for each worker, so that no worker waits for the client, or as many as end in
 # `_AHEAD` s.
-_AHEAD, _MOST_IN_FLIGHT = 1.0, 4096
+_AHEAD = 1.0
+_MOST_IN_FLIGHT = 4096
 _MOST_GATHERED = 16  # parts that come back through the scheduler at the same time
-# Time between two polls of the tasks (s) if more than `_MANY` end in a second, and else: each poll takes
-# time of a core on which a worker may run.
-_POLL_OFTEN, _POLL, _MANY = 0.01, 0.05, 10.0
+# Each poll of the tasks takes time of a core on which a worker may run: they are polled every `_POLL` s, and
+# every `_POLL_OFTEN` s if more than `_MANY` end in a second.
+_POLL = 0.05
+_POLL_OFTEN = 0.01
+_MANY = 10.0
 _REPORT = 0.1  # s between two reports of progress
 _MOST_FAILURES = 3  # of a block by an error
-# The time limit of a block, after which its worker counts as hanging: a multiple of the longest time of a
-# block so far, and the least limit (s).
-_TIMES_LONGEST, _LEAST_LIMIT = 10.0, 120.0
+# The time limit of a block, after which its worker counts as hanging: this multiple of the longest time of a
+# block so far, and at least this time (s).
+_TIMES_LONGEST = 10.0
+_LEAST_LIMIT = 120.0
 # A worker waits so long (s) for another process that holds its block, and at most half the limit.
 _LOCK_PATIENCE = 60.0
 _BETWEEN_LIMIT_CHECKS = 10.0  # s between two polls of the tasks that each worker holds
@@ -74,7 +78,7 @@ class _TasksOfWorker(NamedTuple):
 
 
 class Cluster(Executor):
-    """The workers of a cluster, as the computer of a job's blocks; use it as a context manager.
+    """The executor whose blocks the workers of a cluster compute; a context manager, which disconnects.
 
     Args:
         connection: connection to the cluster.
@@ -95,9 +99,11 @@ class Cluster(Executor):
         on_message: Callable[[str], None] = lambda _: None,
     ) -> None:
         self.workers = Workers(connection, on_message)
-        self.collect, self._limit = collect, limit
+        self.collect = collect
+        self._limit = limit
         self._ticket: JobTicket | None = None
-        self._group, self._submitted = f"gaitsweep-{secrets.token_hex(4)}", itertools.count()
+        self._group = f"gaitsweep-{secrets.token_hex(4)}"
+        self._submitted = itertools.count()
         self._free_keys: collections.deque[Any] = collections.deque()
 
     @property
@@ -114,8 +120,8 @@ class Cluster(Executor):
     ) -> Iterator[None]:
         token = secrets.token_hex(8)
         probe = directory.path / f"{_PROBE}{token}"
-        for left in directory.path.glob(f"{_PROBE}*"):  # by clients that were killed
-            left.unlink(missing_ok=True)
+        for old_probe in directory.path.glob(f"{_PROBE}*"):  # of clients that were killed
+            old_probe.unlink(missing_ok=True)
         if not self.collect:
             with writing(f"{directory.path} cannot be written"):
                 replace_file(probe, lambda file: file.write(token.encode()))
@@ -132,8 +138,8 @@ class Cluster(Executor):
                 self.workers.connect(on_wait)
             yield
         finally:
-            for left in directory.path.glob(f"{probe.name}*"):  # also by workers that were killed
-                left.unlink(missing_ok=True)
+            for own_probe in directory.path.glob(f"{probe.name}*"):  # also of workers that were killed
+                own_probe.unlink(missing_ok=True)
 
     def close(self) -> None:
         """Disconnect from the cluster; workers of this command end."""
@@ -148,7 +154,8 @@ class Cluster(Executor):
     def run_blocks(self, missing: MissingBlocks) -> None:
         if self._ticket is None:
             raise RuntimeError("run_blocks is called inside `serve`.")
-        path, patience = missing.directory.path, min(_LOCK_PATIENCE, self.limit(None) / 2)
+        path = missing.directory.path
+        patience = min(_LOCK_PATIENCE, self.limit(None) / 2)
         assignment = Assignment(self._ticket, str(path.absolute()), missing.directory.layout, patience)
         # deaths that an earlier run has counted are forgotten
         (path / BLOCK_LOCKS).unlink(missing_ok=True)
@@ -157,8 +164,14 @@ class Cluster(Executor):
     def submit(
         self, tasks: Sequence[tuple[int, Int[np.ndarray, " rows"] | None]], assignment: Assignment
     ) -> list[Any]:
-        """Submit blocks to the scheduler; return a task in flight for each."""
-        only, now = self.workers.chosen, time.monotonic()
+        """Submit blocks to the scheduler; return a task in flight for each.
+
+        Args:
+            tasks: the numbers of the blocks, each with the rows (n,) of the job that a refined run chooses.
+            assignment: the description that all tasks share.
+        """
+        only = self.workers.chosen
+        now = time.monotonic()
         futures = self.workers.client.map(
             self.task,
             [number for number, _ in tasks],
@@ -203,8 +216,11 @@ class Dispatch:
     """
 
     def __init__(self, cluster: Cluster, missing: MissingBlocks, assignment: Assignment) -> None:
-        self.cluster, self.workers = cluster, cluster.workers
-        self.missing, self.directory, self.assignment = missing, missing.directory, assignment
+        self.cluster = cluster
+        self.workers = cluster.workers
+        self.missing = missing
+        self.directory = missing.directory
+        self.assignment = assignment
         self.waiting = collections.deque(missing.numbers)
         self.flight: dict[int, _InFlight] = {}
         self.ended: list[int] = []
@@ -215,8 +231,9 @@ class Dispatch:
         self._reported = -_REPORT
         self._began = time.monotonic()
         self._longest: float | None = None  # s, of the tasks that have ended
-        # blocks that ended since `_counted` (s), and their number in a second before that
-        self._ends, self._counted, self._rate = 0, self._began, 0.0
+        self._ends = 0  # blocks that ended since `_counted` (s)
+        self._counted = self._began
+        self._rate = 0.0  # blocks that ended in a second before that
         self._checked_at = self._began
         self._tasks_of_workers: dict[str, _TasksOfWorker] = {}  # by the worker's address
 
@@ -271,7 +288,8 @@ class Dispatch:
         now = time.monotonic()
         if now - self._counted >= 0.5 * _AHEAD:
             self._rate = self._ends / (now - self._counted)
-            self._ends, self._counted = 0, now
+            self._ends = 0
+            self._counted = now
         wanted = min(max(2 * slots, int(self._rate * _AHEAD)), _MOST_IN_FLIGHT) if slots else 0
         free = min(wanted - len(self.flight), len(self.waiting))
         if free <= 0 or free < min(wanted // 8, len(self.waiting)):  # many at once are cheaper
@@ -293,23 +311,17 @@ class Dispatch:
         """Process the tasks that have ended, well or not; return their number."""
         # read once: it changes while the scheduler is lost
         status = {number: task.future.status for number, task in self.flight.items() if task.future.done()}
-        sound = [number for number, state in status.items() if state == "finished"]
-        if self.cluster.collect:
-            for number in sound[_MOST_GATHERED:]:  # the others are taken at the next look
-                del status[number]
-            sound = sound[:_MOST_GATHERED]
         errors = {
             number: self.flight[number].future.exception(timeout=30)
             for number, state in status.items()
             if state == "error"
         }
-        if self.cluster.collect and sound:
-            try:
-                parts = self.workers.client.gather([self.flight[number].future for number in sound])
-            except CancelledError:  # the scheduler is lost, and the parts that it had with it
+        if self.cluster.collect:
+            finished = [number for number, state in status.items() if state == "finished"]
+            for number in finished[_MOST_GATHERED:]:  # these are taken in the next call
+                del status[number]
+            if not self._gather(finished[:_MOST_GATHERED]):
                 return 0
-            for number, data in zip(sound, parts, strict=True):
-                self.directory.write_part_bytes(number, data)
         now = time.monotonic()
         for number in status:
             task = self.flight.pop(number)
@@ -325,6 +337,18 @@ class Dispatch:
                 self.waiting.appendleft(number)
             task.future.release()
         return len(status)
+
+    def _gather(self, numbers: Sequence[int]) -> bool:
+        """Write the parts of finished blocks, which the scheduler sends; return False if it is lost."""
+        if not numbers:
+            return True
+        try:
+            parts = self.workers.client.gather([self.flight[number].future for number in numbers])
+        except CancelledError:  # the scheduler is lost, and the parts that it had with it
+            return False
+        for number, data in zip(numbers, parts, strict=True):
+            self.directory.write_part_bytes(number, data)
+        return True
 
     def _fail(self, number: int, error: BaseException) -> None:
         """Submit a block again, or give it up."""
@@ -374,7 +398,8 @@ class Dispatch:
             return
         self._checked_at = now
         ours = {task.future.key: number for number, task in self.flight.items()}
-        before, self._tasks_of_workers = self._tasks_of_workers, {}
+        before = self._tasks_of_workers
+        self._tasks_of_workers = {}
         for address, keys in self.workers.client.processing().items():
             keys_of_worker = {key for key in keys if key in ours}
             if not keys_of_worker:
@@ -426,9 +451,10 @@ class Dispatch:
         if now - self._reported < _REPORT:
             return
         self._reported = now
-        spent, note = now - self._began, self.cluster.note
-        self.missing.timings.run_s = spent
-        self.missing.on_progress(SweepProgress(self.done, self.rows, self.done / self.rows, 0, spent, note))
+        seconds = now - self._began
+        self.missing.timings.run_s = seconds
+        share = self.done / self.rows
+        self.missing.on_progress(SweepProgress(self.done, self.rows, share, 0, seconds, self.cluster.note))
 
     def _sentence(self) -> str:
         """The sentences about the blocks that failed."""

@@ -160,7 +160,8 @@ def _block_lock(writer: PartWriter, number: int, patience: float) -> Iterator[bo
                 _stop_if_unwanted()
                 time.sleep(_POLL)
                 deaths, last = locks.unfinished_starts(number)
-            if missing := not writer.has(number):
+            missing = not writer.has(number)
+            if missing:
                 if deaths >= MOST_DEATHS:
                     raise BlockGivenUp(f"it ended {deaths} workers that began it, the last of them {last}")
                 locks.begin(number)
@@ -181,9 +182,10 @@ def _compute(
     context = _context_of(assignment.ticket)
     quantities = context.quantities
     if rows is not None:  # a round of a refined run, whose columns have no units in one process either
-        quantities, (before, _) = None, assignment.layout.rows_of(number)
+        quantities = None
+        offset, _ = assignment.layout.rows_of(number)
         context = some_rows(
-            context, assignment.layout.rows, lambda first, stop: rows[first - before : stop - before]
+            context, assignment.layout.rows, lambda first, stop: rows[first - offset : stop - offset]
         )
     parts: list[bytes] = []
     last = time.monotonic()
@@ -203,7 +205,8 @@ def _compute(
 
 def _stop_if_unwanted() -> None:
     """Raise Unwanted if the scheduler has cancelled the task of this thread."""
-    if (worker := _worker()) is None:
+    worker = _worker()
+    if worker is None:
         return
     task = worker.state.tasks.get(worker.get_current_task())
     if task is None or task.state == "cancelled":

@@ -28,7 +28,8 @@ class Workers:
     """
 
     def __init__(self, connection: Connection, on_message: Callable[[str], None]) -> None:
-        self.connection, self.on_message = connection, on_message
+        self.connection = connection
+        self.on_message = on_message
         self.names: dict[str, str] = {}  # by address
         self.most = 0  # usable ones at one time
         self.slots = 0  # blocks that they compute at the same time
@@ -67,11 +68,16 @@ class Workers:
         return f"{count} worker{'s' * (count != 1)}"
 
     def connect(self, on_wait: Callable[[], None]) -> None:
-        """Connect, or connect again, for as long as it takes; `on_wait` is called meanwhile."""
+        """Connect, or connect again, for as long as it takes.
+
+        Args:
+            on_wait: called meanwhile; an exception that it raises ends the wait.
+        """
         while not self.connection.alive:
             self._unreachable = not self.connection.try_to_connect()
             if self._unreachable:
-                self.names, self.slots = {}, 0
+                self.names = {}
+                self.slots = 0
                 self._message_once(
                     f"The scheduler {self.connection.where} does not answer ({self.connection.why}): waiting "
                     "for it."
@@ -128,6 +134,10 @@ class Workers:
     def examine(self, ticket: JobTicket, on_wait: Callable[[], None]) -> bool:
         """Ask the present workers whether they can compute a job; return False if the scheduler is lost.
 
+        Args:
+            ticket: the job.
+            on_wait: called meanwhile; an exception that it raises ends the wait.
+
         Raises:
             RunError: some cannot, each named with the reason.
         """
@@ -168,7 +178,8 @@ class Workers:
         """The reasons of the workers that cannot compute a job, from the tasks that examine them."""
         reasons: dict[str, str] = {}
         asked = dict(futures)
-        deadline, answers = time.monotonic() + _EXAMINATION, 0
+        deadline = time.monotonic() + _EXAMINATION
+        answers = 0
         while asked and self.connection.alive and (time.monotonic() < deadline or not answers):
             for address, future in list(asked.items()):
                 if not future.done():
@@ -176,7 +187,8 @@ class Workers:
                 del asked[address]
                 reason = None
                 if future.status == "finished":
-                    answers, reason = answers + 1, future.result()
+                    answers += 1
+                    reason = future.result()
                 elif future.status == "error":
                     reason = future.exception()
                 if reason is not None:
