@@ -108,7 +108,7 @@ def _unsafe(folder: Path) -> str | None:
 
 
 def _is_own_group(group: int, user: int) -> bool:
-    """Whether a group is a user's own, as many systems make one for each user."""
+    """Return whether a group is a user's own, as many systems make one for each user."""
     import grp
     import pwd
 

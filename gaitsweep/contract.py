@@ -157,7 +157,7 @@ class Chart(abc.ABC):
         """
 
     def covers(self, params: Params, state: State, /) -> Bool[Array, ""]:
-        """Whether `from_coordinates` can return this state, just after a crossing."""
+        """Return whether `from_coordinates` can return this state, just after a crossing."""
         return jnp.ones((), bool)
 
     def conserved_values(
@@ -185,7 +185,7 @@ class Jumps(abc.ABC):
 
     @abc.abstractmethod
     def section(self, params: Params, before: State, fired: Bool[Array, " events"], /) -> Bool[Array, ""]:
-        """Whether the events `fired` close a cycle; `before` is the state before their jump."""
+        """Return whether the events `fired` close a cycle; `before` is the state before their jump."""
 
 
 class Model(Jumps):
@@ -295,7 +295,7 @@ class Model(Jumps):
 
     @abc.abstractmethod
     def failed(self, params: Params, state: State, /) -> Bool[Array, ""]:
-        """Whether the body has fallen; a fallen body must stay so.
+        """Return whether the body has fallen; a fallen body must stay so.
 
         The function is evaluated every 64 attempts of a method with fixed steps, and after every adaptive
         step: a fall that ends between two evaluations would be missed.
@@ -329,7 +329,7 @@ class Model(Jumps):
         return 0.0 * self.period(params)
 
     def beyond_at_start(self, params: Params, state: State, /) -> dict[str, Bool[Array, ""]]:
-        """Whether a start lies on or beyond the surface of an event that changes the state, by its name.
+        """Masks, by an event's name, of starts on or beyond the surface of an event that changes the state.
 
         Such an event does not happen at the start; a run prints how many rows have such a start.
         """
@@ -466,7 +466,7 @@ class HybridModel(Model):
 
     @property
     def locates_events(self) -> bool:
-        """Whether events can be located; else `flow` only names the moving fields."""
+        """Return whether events can be located; else `flow` only names the moving fields."""
         return True
 
     def fixed_step_scheme(self) -> FixedStepDynamics | None:
@@ -514,7 +514,7 @@ class HybridModel(Model):
     def occurred(
         self, params: Params, state: State, fired: Bool[Array, " guards"], /
     ) -> Bool[Array, " guards"]:
-        """Which of the guards that fired are events of the motion (a bool each), for the order of events.
+        """Mask of the guards that are events of the motion, among those that fired, for the order of events.
 
         A guard that only arms another one is none; by default all are.
         """

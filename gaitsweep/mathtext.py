@@ -7,7 +7,7 @@ import functools
 
 @functools.lru_cache(maxsize=1024)
 def can_be_set(text: str) -> bool:
-    r"""Whether Matplotlib can draw a text; TeX stands between two dollar signs, and \$ is a dollar."""
+    r"""Return whether Matplotlib can draw a text; TeX stands between two dollar signs, and \$ is a dollar."""
     if text.replace("\\$", "").count("$") < 2:
         return True
     from matplotlib.mathtext import MathTextParser  # only for texts that have formulas

@@ -56,7 +56,7 @@ def modules_in(folder: Path) -> list[str]:
 
 
 def installed(module: ModuleType) -> bool:
-    """Whether a module belongs to Python or to an installed package, which does not change."""
+    """Return whether a module belongs to Python or to an installed package, which does not change."""
     folder = _folder_of(module)
     return folder is None or _installed(folder)
 
@@ -125,7 +125,7 @@ def _package_folders() -> frozenset[Path]:
 
 
 def _installed(folder: Path) -> bool:
-    """Whether a folder contains installed packages, which are independent of each other."""
+    """Return whether a folder contains installed packages, which are independent of each other."""
     return folder in _package_folders() or folder.name in ("site-packages", "dist-packages")
 
 

@@ -58,8 +58,8 @@ def share(table: pd.DataFrame, *, where: Condition, of: Condition | None = None)
         MeasureError: no row fulfils `of`.
         ExpressionError: a condition cannot be evaluated over the table's columns.
     """
-    among = records(table, of)
-    return len(records(among, where, may_be_empty=True)) / len(among)
+    all_rows = records(table, of)
+    return len(records(all_rows, where, may_be_empty=True)) / len(all_rows)
 
 
 @measure
@@ -76,6 +76,18 @@ def difference_of_shares(table: pd.DataFrame, *, where: Condition, of: Condition
     return share(table, where=where, of=of) - share(table, where=where, of=less)
 
 
+# What `value` takes of a column.
+_REDUCTIONS: dict[str, Callable[[pd.Series], float]] = {
+    "min": pd.Series.min,
+    "max": pd.Series.max,
+    "median": pd.Series.median,
+    "mean": pd.Series.mean,
+    "first": lambda column: column.iloc[0],
+    "last": lambda column: column.iloc[-1],
+    "count": pd.Series.count,
+}
+
+
 @measure
 def value(table: pd.DataFrame, *, column: str, where: Condition | None = None, take: str = "median") -> float:
     """One number from a column, in its unit.
@@ -90,13 +102,9 @@ def value(table: pd.DataFrame, *, column: str, where: Condition | None = None, t
         MeasureError: no record fulfils `where`, or the table has no such column or `take` is not allowed.
     """
     rows = records(table, where, may_be_empty=take == "count")
-    if column not in rows.columns:
-        raise MeasureError(f"The table has no column {column}.")
-    if take in ("first", "last"):
-        return float(rows[column].iloc[0 if take == "first" else -1])
-    if take not in ("min", "max", "median", "mean", "count"):
-        raise MeasureError(f"take is {take}: allowed are min, max, median, mean, first, last, count.")
-    return float(getattr(rows[column], take)())
+    if take not in _REDUCTIONS:
+        raise MeasureError(f"take is {take}{suggestion(take, _REDUCTIONS)}")
+    return float(_REDUCTIONS[take](_column(rows, column)))
 
 
 @measure
@@ -111,10 +119,7 @@ def texts(table: pd.DataFrame, *, column: str, where: Condition | None = None) -
     Raises:
         MeasureError: no record fulfils `where`, or the table has no such column.
     """
-    rows = records(table, where)
-    if column not in rows.columns:
-        raise MeasureError(f"The table has no column {column}.")
-    return [str(text) for text in rows[column].dropna().unique()]
+    return [str(text) for text in _column(records(table, where), column).dropna().unique()]
 
 
 @measure
@@ -178,12 +183,19 @@ def records(table: pd.DataFrame, where: str | None, *, may_be_empty: bool = Fals
 
 
 def _plain(column: pd.Series) -> Shaped[np.ndarray, " rows"]:
-    """Booleans and numbers unchanged, other values as objects; missing values are NaN."""
+    """The values of a column: booleans and numbers unchanged, others as objects; missing ones are NaN."""
     if pd.api.types.is_bool_dtype(column.dtype) and not column.hasnans:
         return column.to_numpy(bool)
     if pd.api.types.is_numeric_dtype(column.dtype):
         return column.to_numpy(np.float64, na_value=np.nan)
     return column.astype(object).where(column.notna(), np.nan).to_numpy(object)
+
+
+def _column(table: pd.DataFrame, name: str) -> pd.Series:
+    """A column of a table; refuses names that it does not have."""
+    if name not in table.columns:
+        raise MeasureError(f"{name} is not a column of the table{suggestion(name, map(str, table.columns))}")
+    return pd.Series(table[name])
 
 
 def masked(table: pd.DataFrame, mask: ArrayLike) -> pd.DataFrame:
@@ -192,8 +204,12 @@ def masked(table: pd.DataFrame, mask: ArrayLike) -> pd.DataFrame:
 
 
 def numbers(table: pd.DataFrame, column: str) -> Float[np.ndarray, " rows"]:
-    """A column as floats, (n,), in its unit."""
-    return np.asarray(table[column], float)
+    """A column as floats, (n,), in its unit.
+
+    Raises:
+        MeasureError: the table has no such column.
+    """
+    return np.asarray(_column(table, column), float)
 
 
 def stances(

@@ -63,7 +63,10 @@ class JobRun:
 class Reproduction:
     """Verdicts on a paper's claims.
 
-    `table` has a row for each claim, `folder` the files of `reproduce`; `failed`: a job failed.
+    Args:
+        table: a row for each claim.
+        folder: the folder of the files of `reproduce`.
+        failed: whether a job failed.
     """
 
     table: pd.DataFrame
@@ -137,17 +140,17 @@ class _PaperRun:
         """Run the jobs, judge the claims, and write the table and the page."""
         paper = self.paper
         folder = self.folder
-        asked = [(claim, claim.as_quick() if self.quick else claim) for claim in paper.claims]
-        used = {name for _, judged in asked if judged for name in judged.of}
+        claims = [(claim, claim.as_quick() if self.quick else claim) for claim in paper.claims]
+        used = {name for _, judged in claims if judged for name in judged.of}
         needed = [name for name in paper.jobs if name in used]
         for number, name in enumerate(needed, 1):
             if not self.quick or paper.jobs[name].quick is not False:
                 self.on_message(f"{paper.name}: job {number} of {len(needed)}, {name}")
                 self.runs[name] = self._run(name)
-        table = pd.DataFrame([self._row(*claims) for claims in asked])
+        table = pd.DataFrame([self._row(written_claim, judged) for written_claim, judged in claims])
         # a folder that is passed on does not tell where it was made
         stored = table.assign(
-            figure=[figure and os.path.relpath(figure, folder) for figure in table["figure"]]
+            figure=[os.path.relpath(figure, folder) if figure else "" for figure in table["figure"]]
         )
         _write(folder, TABLE, lambda file: stored.to_parquet(file, index=False, write_page_checksum=True))
         text = page(paper.paper, table, list(self.runs.values()), quick=self.quick)
@@ -159,12 +162,12 @@ class _PaperRun:
         job = self.paper.jobs[name]
         file = self.paper.job_file(name)
         path = self.folder / ("quick" if self.quick else "jobs") / name
-        # a quick job is small, so that its self-check would take longer than its rows
-        fields = job.set_ | ({"verify": 0, **(job.quick or {})} if self.quick else {})
+        fields = job.set_
+        if self.quick:  # a quick job is small, so that its self-check would take longer than its rows
+            fields = fields | {"verify": 0} | (job.quick or {})
         overrides = [f"{key}={_inline(value)}" for key, value in fields.items()]
-        command = " ".join(
-            [f"gaitsweep run {_short(file)}", *(f"--set '{override}'" for override in overrides)]
-        )
+        settings = [f"--set '{override}'" for override in overrides]
+        command = " ".join([f"gaitsweep run {_short(file)}", *settings])
         began = time.perf_counter()
         try:
             run_job(load_job(file, overrides), path, on_progress=self.on_progress, on_message=self.on_message)
@@ -202,7 +205,8 @@ class _PaperRun:
             missed = ClaimVerdict.open_constants if claim.open else ClaimVerdict.not_reproduced
             reason = error.sentence if isinstance(error, UserError) else f"{type(error).__name__}: {error}"
             return None, missed, reason
-        return ours, verdict(claim, ours), claim.step and f"finer steps change the verdict: {claim.step}"
+        reason = f"finer steps change the verdict: {claim.step}" if claim.step else ""
+        return ours, verdict(claim, ours), reason
 
     def _row(self, written_claim: Claim, judged: Claim | None) -> dict[str, object]:
         """The verdict on a claim as a record; `judged` is the claim as `--quick` asks for it, if it does."""

@@ -65,7 +65,7 @@ def verdict(claim: Claim, ours: Value) -> ClaimVerdict:
 
 
 def agrees(claim: Claim, ours: Value) -> bool:
-    """Whether a value is within a claim's tolerance and bounds, or equals its text; false for NaN.
+    """Return whether a value is within a claim's tolerance and bounds, or equals its text; false for NaN.
 
     Args:
         claim, ours: as for `verdict`.
@@ -76,16 +76,17 @@ def agrees(claim: Claim, ours: Value) -> bool:
         low, high = claim.interval
         return all(_is_finite(value) and low <= value <= high for value in values)
     expected: Any = claim.paper if claim.equals is None or tolerance is not None else claim.equals
-    theirs = _items(expected)
-    if _is_list(expected) != _is_list(ours) or len(theirs) != len(values):
+    expected_values = _items(expected)
+    if _is_list(expected) != _is_list(ours) or len(expected_values) != len(values):
         return False
     if tolerance is None:
-        return theirs == values
-    pairs = zip(theirs, values, strict=True)
-    return all(_is_finite(value) and abs(expected - value) <= tolerance for expected, value in pairs)
+        return expected_values == values
+    pairs = zip(expected_values, values, strict=True)
+    return all(_is_finite(value) and abs(target - value) <= tolerance for target, value in pairs)
 
 
 def _is_list(value: Value) -> bool:
+    """Return whether a value is a list; a text is none."""
     return isinstance(value, Sequence) and not isinstance(value, str)
 
 
@@ -95,4 +96,5 @@ def _items(value: Any) -> list[Any]:
 
 
 def _is_finite(value: object) -> bool:
+    """Return whether a value is a finite number."""
     return isinstance(value, (int, float)) and math.isfinite(value)

@@ -268,15 +268,16 @@ def _from_job(table: pd.DataFrame, option: str, kind: str, field: str, names: li
         BadParameter: the job gives none, or several.
     """
     job = table.attrs.get("job", {})
-    run = [job.get("run", {}).get(field)]
-    figures = [figure.get(field) for figure in job.get("figures", []) if figure["kind"] == kind]
-    for several in (run, figures, names):
-        values = list(dict.fromkeys(value for value in several if value))
-        if len(values) == 1:
-            return str(values[0])
-        if values:
+    of_run = [job.get("run", {}).get(field)]
+    of_figures = [figure.get(field) for figure in job.get("figures", []) if figure["kind"] == kind]
+    candidates: list[str] = []
+    for source in (of_run, of_figures, names):  # the first that has any decides
+        candidates = list(dict.fromkeys(str(value) for value in source if value))
+        if candidates:
             break
-    named = " and ".join(values) or "none"
+    if len(candidates) == 1:
+        return candidates[0]
+    named = " and ".join(candidates) or "none"
     text = f"is not given, and the job names {named}: give {option}."
     raise typer.BadParameter(text, param_hint=option)
 

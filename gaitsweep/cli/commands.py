@@ -7,7 +7,6 @@ Each imports its dependencies when it runs, so that `--help` and `--version` do 
 from __future__ import annotations
 
 import json
-import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -120,11 +119,11 @@ def plot(
         text = f"The job of {directory} has no figures: add `figures:` to it and run it again."
         if "sensitivity" in job:
             text = f"`gaitsweep sensitivity` draws the figures of {directory}: run it again."
-        print(text, file=sys.stderr)
+        print_message(text)
 
 
 def _named_colour(text: str) -> tuple[str, str]:
-    """The gait and the colour of `--colour GAIT=COLOUR`."""
+    """The gait and the colour of `--colour GAIT=COLOUR`; refuses other texts."""
     gait, equals, colour = text.partition("=")
     if not equals:
         raise typer.BadParameter(f"is {text}, but must be GAIT=COLOUR, such as trot=#0072B2.")
@@ -165,18 +164,22 @@ def check(
     for job_file in job_files:
         try:
             print(f"{job_file}: valid, {_size_of(job_file)}")
-        except UserError as error:  # such as a package that a method needs; the other jobs are still checked
+        except JobError as error:  # which names its file
             valid = False
-            text = (
-                str(error) if isinstance(error, JobError) else f"{job_file}: {error}"
-            )  # a JobError names its file
-            print(text, file=sys.stderr)
+            print_message(str(error))
+        except UserError as error:  # such as a package that a method needs
+            valid = False
+            print_message(f"{job_file}: {error}")
     if not valid:
         raise typer.Exit(EXIT_REFUSED)
 
 
 def _size_of(job_file: Path) -> str:
-    """The number of a job's rows or sets, in words; prints warnings about rows; raises JobError."""
+    """The number of a job's rows or sets, in words, after printing warnings about its rows.
+
+    Raises:
+        JobError: the job is not valid.
+    """
     from gaitsweep.job import load_job
     from gaitsweep.job.checks import remarks_on_rows
     from gaitsweep.schema.yaml_document import read_document
@@ -186,7 +189,8 @@ def _size_of(job_file: Path) -> str:
         from gaitsweep.fitting.search_job import load_search
 
         search = load_search(job_file)
-        rows, sets = search.fit.population().rows_of_a_set, search.options.budget
+        rows = search.fit.population().rows_of_a_set
+        sets = search.options.budget
         return f"{sets} set{'s' * (sets != 1)} of {rows} row{'s' * (rows != 1)}"
     if "sensitivity" in fields:
         from gaitsweep.fitting.sensitivity_job import load_sensitivity

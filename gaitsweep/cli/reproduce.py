@@ -71,9 +71,11 @@ def _print_verdicts(judged: Reproduction) -> None:
 
     counts = judged.counts
     total = len(judged.table)
-    others = [v for v in ClaimVerdict if v is not ClaimVerdict.reproduced and counts[v.value]]
     texts = [f"{counts[ClaimVerdict.reproduced.value]} of {total} claim{'s' * (total != 1)} reproduced"]
-    print(", ".join([*texts, *(f"{counts[verdict.value]} {verdict.words}" for verdict in others)]) + ".")
+    for verdict in ClaimVerdict:
+        if verdict is not ClaimVerdict.reproduced and counts[verdict.value]:
+            texts.append(f"{counts[verdict.value]} {verdict.words}")
+    print(f"{', '.join(texts)}.")
     if len(judged.by_constants) > 1:
         sets = ", ".join(f"{number} with {constants}" for constants, number in judged.by_constants.items())
         print(f"Claims reproduced by simulation: {sets}.")

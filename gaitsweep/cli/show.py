@@ -41,9 +41,9 @@ _PIPED_WIDTH = 240  # columns, where the output is no terminal
 
 def estimate(needs: Estimate) -> str:
     """Format the resources that a job would need."""
-    folds = needs.records_longer > needs.records
-    time, records = f"about {duration(needs.seconds)}", f"about {needs.records}"
-    if folds:
+    time = f"about {duration(needs.seconds)}"
+    records = f"about {needs.records}"
+    if needs.records_longer > needs.records:
         time += f", {duration(needs.seconds_longer)} if each branch folds twice and is followed again"
         records += f", {needs.records_longer} if each branch folds twice"
     if needs.seconds_most > 1.05 * needs.seconds:
@@ -76,12 +76,12 @@ def stalled(stalls: Mapping[str, Mapping[str, Any]]) -> str:
     """Format the guards that stalled rows, and times: "3 event_stall: leg 2 touches or lifts, t = 1.25 s"."""
     texts = []
     for guards, stall in stalls.items():
-        when = ""
+        times = ""
         for key, words in (("t", "t ="), ("after", "after t =")):
             span = [f"{t:.6g}" for t in stall.get(key, [])]
             if span:
-                when = f", {words} {' to '.join(dict.fromkeys(span))} s"
-        texts.append(f"{stall.get('rows', 0)} {Status.event_stall.name}: {guards}{when}")
+                times = f", {words} {' to '.join(dict.fromkeys(span))} s"
+        texts.append(f"{stall.get('rows', 0)} {Status.event_stall.name}: {guards}{times}")
     return "; ".join(texts)
 
 
@@ -92,34 +92,33 @@ def distance(far: Mapping[str, Any]) -> str:
 
 def outcome(snapshot: Snapshot) -> str:
     """Format the results of a run on disk."""
-    rows = snapshot.manifest["rows"]
+    manifest = snapshot.manifest
+    rows = manifest["rows"]
     parts = len(snapshot.files.footers)
     so_far = "" if snapshot.complete else f" of {rows}"
-    lines = [
-        f"{snapshot.rows_done}{so_far} row{'s' * (rows != 1)}: {counts(snapshot.counts)}.",
-        f"Table: {snapshot.files.folder} ({parts} part{'s' * (parts != 1)}).",
-    ]
-    if gaits := snapshot.manifest.get("gaits"):
-        lines.insert(1, f"Gaits: {counts(gaits)}.")
-    elif len(snapshot.counts) > 1:
-        lines.insert(1, f"Shares: {shares(snapshot.counts)}.")
-    lines[1:1] = snapshot.manifest.get("findings", [])
-    if far := snapshot.manifest.get("largest_distance"):
-        lines.append(f"Largest distance from the analytic solutions: {distance(far)}.")
-    if stalls := snapshot.manifest.get("stalls"):
-        lines.insert(1, f"Stalled: {stalled(stalls)}.")
-    if slowest := snapshot.manifest.get("slowest"):
-        lines.insert(1, f"Rows did not settle because of {unsettled(slowest)}.")
+    lines = [f"{snapshot.rows_done}{so_far} row{'s' * (rows != 1)}: {counts(snapshot.counts)}."]
     if snapshot.counts and not set(snapshot.counts) & Status.SOUND:
         worst = next(iter(snapshot.counts))
         meaning = "This version does not know this status."
         if worst in Status.__members__:
             meaning = status_sentence(worst, snapshot.job)
-        lines.insert(1, f"No row ended normally. {worst}: {meaning}")
-    if isinstance(check := snapshot.manifest.get("self_check"), dict):
+        lines.append(f"No row ended normally. {worst}: {meaning}")
+    if slowest := manifest.get("slowest"):
+        lines.append(f"Rows did not settle because of {unsettled(slowest)}.")
+    if stalls := manifest.get("stalls"):
+        lines.append(f"Stalled: {stalled(stalls)}.")
+    lines += manifest.get("findings", [])
+    if gaits := manifest.get("gaits"):
+        lines.append(f"Gaits: {counts(gaits)}.")
+    elif len(snapshot.counts) > 1:
+        lines.append(f"Shares: {shares(snapshot.counts)}.")
+    lines.append(f"Table: {snapshot.files.folder} ({parts} part{'s' * (parts != 1)}).")
+    if far := manifest.get("largest_distance"):
+        lines.append(f"Largest distance from the analytic solutions: {distance(far)}.")
+    if isinstance(check := manifest.get("self_check"), dict):
         lines.append(self_check_sentence(check))
-    lines.extend(remarks(snapshot.manifest))
-    lines.extend(f"Figure: {figure}" for figure in snapshot.figures)
+    lines += remarks(manifest)
+    lines += [f"Figure: {figure}" for figure in snapshot.figures]
     return "\n".join(lines)
 
 
@@ -179,7 +178,7 @@ def _of_manifest(manifest: Mapping[str, Any]) -> dict[str, str]:
 
 def model_list(models: Iterable[tuple[str, type[Model]]]) -> None:
     """Print the names and descriptions of models."""
-    rows = [(name, (kind.__doc__ or "").strip().splitlines()[0], kind.source) for name, kind in models]
+    rows = [(name, (kind.__doc__ or "").strip().partition("\n")[0], kind.source) for name, kind in models]
     _print_table("", ("model", "description", "source"), rows)
 
 
@@ -200,9 +199,9 @@ def model(name: str, kind: type[Model]) -> None:
     from gaitsweep.models.conformity import idle_starts  # which imports the engine
 
     instance = kind()
-    doc = (kind.__doc__ or "").strip().splitlines()
+    summary = (kind.__doc__ or "").strip().partition("\n")[0]
     console = _console()
-    console.print(f"{name}: {doc[0] if doc else ''}\n{kind.source}", highlight=False, markup=False)
+    console.print(f"{name}: {summary}\n{kind.source}", highlight=False, markup=False)
     fields = dataclasses.fields(kind)  # pyright: ignore[reportArgumentType] (each is a dataclass)
     structure = [structure_field(field) for field in fields]
     if structure:

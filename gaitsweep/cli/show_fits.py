@@ -45,15 +45,15 @@ def search_estimate(needs: SearchEstimate) -> str:
 
 def search_outcome(result: SearchResult) -> str:
     """Format the result of a search: sets by status, the best one, its targets, and each constant's range."""
-    counts = ", ".join(f"{status.among(result.table).sum()} {status}" for status in SetStatus)
-    lines = [f"{len(result.table)} sets: {counts}."]
+    by_status = ", ".join(f"{status.among(result.table).sum()} {status}" for status in SetStatus)
+    lines = [f"{len(result.table)} sets: {by_status}."]
     if result.path is not None:
         lines.append(f"Table: {result.path / 'table'}")
     near = result.identifiability
     if not len(near.best):
-        most = result.table["why"].value_counts().head(_REASONS)
-        why = [f"  {count} sets: {reason}" for reason, count in most.items()]
-        return "\n".join([*lines, "No set has a value for every target. Most frequent reasons:", *why])
+        counts_of_reasons = result.table["why"].value_counts().head(_REASONS)
+        reasons = [f"  {count} sets: {reason}" for reason, count in counts_of_reasons.items()]
+        return "\n".join([*lines, "No set has a value for every target. Most frequent reasons:", *reasons])
     best: dict[str, Any] = near.best.iloc[0].to_dict()
     lines.append(
         f"Best set: row {best['row']}, score {best['score']:.4g} (root mean square miss in reading errors)."
@@ -70,21 +70,30 @@ def search_outcome(result: SearchResult) -> str:
         for constant in near.constants
     ]
     lines.append(_table(("constant", "best", "near-best", "share of range", ""), constants))
-    targets = []
+    lines.append(_targets(result, best))
+    lines += [f"Figure: {figure}" for figure in result.figures]
+    return "\n".join(lines)
+
+
+def _targets(result: SearchResult, best: Mapping[Any, Any]) -> str:
+    """Format the targets of a search with the values of its best set."""
+    rows = []
     half = result.finalists
     for name, target in result.job.targets.items():
         low, high = target.value.wanted
         wanted = f"{low:g}" if low == high else f"{low:g} to {high:g}"
-        wanted = f"{wanted} +- {target.value.error:g}"
         at_half = "" if half is None else f"{half.iloc[0][f'{name}_half']:.5g}"
-        held_back = "held back" if target.value.held_back else ""
-        targets.append(
-            (name, wanted, f"{best[name]:.5g}", at_half, f"{best[f'{MISS}{name}']:+.2f}", held_back)
+        rows.append(
+            (
+                name,
+                f"{wanted} +- {target.value.error:g}",
+                f"{best[name]:.5g}",
+                at_half,
+                f"{best[f'{MISS}{name}']:+.2f}",
+                "held back" if target.value.held_back else "",
+            )
         )
-    head = ("target", "wanted", "best set", "at half the step", "miss in reading errors", "")
-    lines.append(_table(head, targets))
-    lines += [f"Figure: {figure}" for figure in result.figures]
-    return "\n".join(lines)
+    return _table(("target", "wanted", "best set", "at half the step", "miss in reading errors", ""), rows)
 
 
 def _table(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:

@@ -44,9 +44,10 @@ def load_output(command: Sequence[str]) -> StoredOutput | None:
         stored = json.loads(load_cached(file) or b"")
         folder = Path(stored["folder"])
         files = stored["files"]
-        if set(_files_in(folder)) != {name for name in files if Path(name).is_relative_to(folder)}:
+        in_folder = {name for name in files if Path(name).is_relative_to(folder)}
+        if stored["program"] != _program() or set(_files_in(folder)) != in_folder:
             return None
-        if stored["program"] != _program() or any(_digest(Path(name)) != files[name] for name in files):
+        if any(_digest(Path(name)) != digest for name, digest in files.items()):
             return None
         return StoredOutput(str(stored["printed"]), str(stored["errors"]))
     except (OSError, ValueError, KeyError, TypeError):
@@ -73,9 +74,8 @@ def store_output(
         files = {name: _digest(Path(name)) for name in names}
         state = {"folder": str(folder), "files": files, "program": _program()}
         store_cached(file, json.dumps({**state, "printed": printed, "errors": errors}).encode())
-        for old in sorted(file.parent.glob("*.json"), key=lambda output: output.stat().st_mtime)[
-            :-_MAX_STORED
-        ]:
+        oldest_first = sorted(file.parent.glob("*.json"), key=lambda output: output.stat().st_mtime)
+        for old in oldest_first[:-_MAX_STORED]:
             old.unlink()
 
 

@@ -149,33 +149,38 @@ def _methods(model: str, job: Mapping[str, Any], manifest: Mapping[str, Any], ch
 
     `changed` is the sentence of `_changed`.
     """
-    versions, numerics = manifest["versions"], job.get("numerics", {})
-    run, n = job.get("run", {}), manifest["rows"]
+    versions = manifest["versions"]
+    run = job.get("run", {})
+    n = manifest["rows"]
     noun = f"{'set' if job.keys() & {'search', 'sensitivity'} else 'row'}{'s' * (n != 1)}"
     axes = [f"{' with '.join(part['names'])} ({part['length']})" for part in manifest.get("axes", ())]
     over = f" over {', '.join(axes)}" if axes else ""
     inferred = manifest.get("counts", {}).get(Status.inferred.name, 0)
     split = f", of which {n - inferred} were simulated and {inferred} inferred between equal neighbours"
-    steps = lengths_of_steps(manifest.get("dt"))
-    tolerances = [f"{name} {numerics[name]:g}" for name in ("rtol", "atol") if name in numerics]
-    packages = {title: versions.get(key, NOT_INSTALLED) for key, title in _PACKAGES.items()}
     check = manifest.get("self_check") or {"verdict": "off"}
+    packages = {title: versions.get(key, NOT_INSTALLED) for key, title in _PACKAGES.items()}
     listed = ", ".join(f"{title} {part}" for title, part in packages.items() if part != NOT_INSTALLED)
-    integration = (
-        f"Integration: {_METHODS.get(manifest['method'], 'the method')} ({manifest['method']}), "
-        + "".join(f"{part}, " for part in [*tolerances, *([f"steps of at most {steps}"] if steps else [])])
-        + f"in {manifest.get('precision', 'float64')}."
-    )
     sentences = [
         f"The model {model} was simulated with gaitsweep {versions['gaitsweep']} [gaitsweep]: "
         f"{n} {noun}{over}{split if inferred else ''}.",
         changed,
         _run(run, " simulated row" if inferred else ""),
-        "" if run.get("stationary") else integration,
+        "" if run.get("stationary") else _integration(job.get("numerics", {}), manifest),
         "There was no self-check." if check["verdict"] == "off" else self_check_sentence(check),
         f"Versions: {listed}.",
     ]
     return f"Methods: {' '.join(part for part in sentences if part)}"
+
+
+def _integration(numerics: Mapping[str, Any], manifest: Mapping[str, Any]) -> str:
+    """Describe the method of integration, with tolerances and steps where there are any."""
+    method = manifest["method"]
+    parts = [f"{_METHODS.get(method, 'the method')} ({method})"]
+    parts += [f"{name} {numerics[name]:g}" for name in ("rtol", "atol") if name in numerics]
+    if steps := lengths_of_steps(manifest.get("dt")):
+        parts.append(f"steps of at most {steps}")
+    parts.append(f"in {manifest.get('precision', 'float64')}")
+    return f"Integration: {', '.join(parts)}."
 
 
 def _run(run: Mapping[str, Any], row: str) -> str:

@@ -183,14 +183,17 @@ def _measured(context: RunContext) -> Measured:
     def total(number: str) -> float:
         return float(sum(np.sum(output.numbers[number][group.block_of >= 0]) for group, output in outputs))
 
-    simulated, crossings = total("t_end"), total("cycles")
+    simulated = total("t_end")
+    crossings = total("cycles")
     nominal = 1.0 / nominal_period(context.design)
     if crossings < 2.0 * lanes_in_use:  # too few for a mean
         crossings = nominal * simulated
     if simulated > 0.0:
-        attempts, crossings = total("attempts") / simulated, crossings / simulated
+        attempts = total("attempts") / simulated
+        crossings = crossings / simulated
     else:
-        attempts, crossings = EVENTS_SHARE / float(np.min(context.steps.dt)), nominal
+        attempts = EVENTS_SHARE / float(np.min(context.steps.dt))
+        crossings = nominal
     return Measured(at_a_time, host_s, rate, compile_s, attempts, crossings)
 
 
@@ -201,7 +204,8 @@ def _host_s(context: RunContext, pool: LaneScheduler) -> float:
     """
     if context.job.run.makes_tables:
         return 0.0
-    group, block = pool.groups[0], next(iter(pool.open.values()))
+    group = pool.groups[0]
+    block = next(iter(pool.open.values()))
     block.ends.status[:] = Status.settled
     seconds_a_row = 0.0
     for _ in range(2):  # the first time programs are compiled

@@ -182,7 +182,7 @@ def table_in_memory(
 
 
 def _rows_leave_the_host_idle(context: RunContext) -> bool:
-    """Whether the rows run on a GPU, where the rows of a self-check take no time from them."""
+    """Return whether the rows run on a GPU, where the rows of a self-check take no time from them."""
     return context.spec.devices[0].platform != "cpu"
 
 

@@ -60,7 +60,8 @@ class Paper(TypedDict):
 
 def paper_of(model: Model | type[Model]) -> Paper | None:
     """Return the reference to a model's paper; None if the model names none."""
-    source, entry = getattr(model, "source", ""), model.bibtex.strip()
+    source = getattr(model, "source", "")  # a user's class may lack it
+    entry = model.bibtex.strip()
     return {"source": source, "bibtex": entry} if source or entry else None
 
 
@@ -162,10 +163,10 @@ def check_program(context: RunContext, path: Path | None, manifest: Mapping[str,
     Raises:
         RunError: they are traced differently by the same versions.
     """
-    before, now = manifest.get(PROGRAM), context.program
-    if not isinstance(before, dict):
+    program_before = manifest.get(PROGRAM)
+    if not isinstance(program_before, dict):
         return []
-    changed = first_difference(before, now)
+    changed = first_difference(program_before, context.program)
     if changed is None:
         return []
     what = f"the function {changed} of {context.job.model}"

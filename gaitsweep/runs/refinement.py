@@ -72,7 +72,8 @@ class Refinement:
         known = np.full(self.grid.lengths, UNKNOWN, np.int32)
         frames: list[pd.DataFrame] = []
         gaits: collections.Counter[str] = collections.Counter()  # of simulated rows
-        simulated, reached = 0, 0.0  # rows of earlier rounds, and the largest share reported
+        simulated = 0  # rows of earlier rounds
+        reached = 0.0  # the largest share that was reported
         halvings = sum(1 for _ in self.grid.levels())
 
         def on_sweep_progress(now: SweepProgress) -> None:

@@ -124,7 +124,8 @@ def compare_stored(
         stored: returns the stored records of rows (n,).
         on_progress: progress callback.
     """
-    run, comparison = context.job.run, _Comparison(context, on_progress)
+    run = context.job.run
+    comparison = _Comparison(context, on_progress)
     if isinstance(rerun.result, StartingPoints):
         records = stored(rerun.rows)
         differs = _other_beginnings(context.model, run, rerun.result, rerun.rows, records)
@@ -137,7 +138,8 @@ def compare_stored(
         records = stored(rerun.rows)
         differs = comparison.other_ends(rerun, records)
     else:
-        recorder, few = comparison.beginning, rerun.rows[:LEAST_ROWS]
+        recorder = comparison.beginning
+        few = rerun.rows[:LEAST_ROWS]
         if recorder != rerun.recorder:
             rerun = RerunRows(few, recorder, comparison.repeated(recorder, [(few, 1.0, 0.0)])[0])
         records = stored(rerun.rows)
@@ -189,7 +191,7 @@ class _DifferingEnds:
     change: Observed
 
 
-def _tolerance(recorder: Recorder) -> Float[np.ndarray, "..."]:
+def _tolerance(recorder: Recorder) -> Float[np.ndarray, ...]:
     """The tolerance on a change, a share of an observable's size: that of settling, if rows settle."""
     settle = getattr(recorder, "settle", recorder)
     return np.asarray(settle.tolerance if isinstance(settle, SettleRecorder) else TOLERANCE)
@@ -375,7 +377,8 @@ class _Comparison:
         gait = np.asarray(gaits(model, result.labels["gait"]).astype(object))
         differs |= sound & (stored["gait"].astype(object).to_numpy() != gait)
         names = [f"{q.name}_end" for q in model.observables]
-        now, before = end_values_of(rerun.recorder, result), stored[names].to_numpy(float)
+        now = end_values_of(rerun.recorder, result)
+        before = stored[names].to_numpy(float)
         off = sound[:, None] & (changes(model, now, before) > ROUNDING * sizes(model.observables, now))
         if off.any():
             places = np.flatnonzero(off.any(axis=1))

@@ -95,7 +95,8 @@ def _of_starts(context: RunContext) -> dict[str, Any]:
         For each event, and for each such value of the period: the number of rows `rows`, and the first one
         `row`; with more than `_MOST_STARTS` rows, `of` evenly spaced ones are examined.
     """
-    n, model = context.spec.n_rows, context.model
+    n = context.spec.n_rows
+    model = context.model
     most = _MOST_STARTS_OF_HOST if model.host_parameters else _MOST_STARTS
     rows = np.arange(n) if n <= most else np.linspace(0, n - 1, most).astype(np.int64)
     parameters, starts = context.design.values_in(rows)
@@ -230,7 +231,8 @@ def _add_stalls(stalls: dict[str, dict[str, Any]], part: pd.DataFrame) -> None:
     stalled = part[part["stalled_by"].notna()]
     time, key = ("t_end", "t") if "t_end" in part.columns else ("t", "after")
     last = stalled.groupby("row").agg(by=("stalled_by", "last"), t=(time, "max"))
-    guards, times = np.asarray(last["by"].astype(str)), np.asarray(last["t"], np.float64)
+    guards = np.asarray(last["by"].astype(str))
+    times = np.asarray(last["t"], np.float64)
     for names in np.unique(guards):
         stall = stalls.setdefault(str(names), {"rows": 0, key: []})
         known = np.array([*stall[key], *times[(guards == names) & np.isfinite(times)]])
