@@ -11,7 +11,6 @@ import functools
 import hashlib
 import os
 import stat
-import tempfile
 import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -24,6 +23,8 @@ def cache_folder(name: str) -> Path | None:
 
     Warns if another user owns it or may write to it.
     """
+    import tempfile  # which `--help` does not need
+
     base = os.environ.get("GAITSWEEP_CACHE")
     try:
         if base is None:
@@ -48,6 +49,8 @@ def _warn_once(sentence: str) -> None:
 
 def store_cached(file: Path, content: bytes) -> None:
     """Write a file of the cache with its digest, atomically; do nothing if it cannot be written."""
+    import tempfile
+
     with contextlib.suppress(OSError):
         # closed below, before it is renamed
         draft = tempfile.NamedTemporaryFile(dir=file.parent, suffix=".tmp", delete=False)  # noqa: SIM115

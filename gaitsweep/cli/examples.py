@@ -6,7 +6,6 @@ import dataclasses
 import os
 import re
 import shutil
-import tempfile
 import textwrap
 from collections.abc import Mapping
 from pathlib import Path
@@ -127,6 +126,8 @@ def write_folder(folder: Path, files: Mapping[str, str]) -> None:
         NewFilesError: the folder exists.
         TableError: it cannot be written.
     """
+    import tempfile  # which `--help` does not need
+
     from gaitsweep.table import writing  # loads pandas
 
     if folder.exists() or folder.is_symlink():

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-import webbrowser
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated
@@ -52,8 +51,11 @@ def print_links(paths: Iterable[Path | str], *, open_them: bool) -> None:
     for path in paths:
         link = Path(path).resolve().as_uri()
         print_message(f"Link: {link}")
-        if open_them and not webbrowser.open(link):
-            print_message("No browser opened here: copy the link.")
+        if open_them:
+            import webbrowser  # which most commands do not need
+
+            if not webbrowser.open(link):
+                print_message("No browser opened here: copy the link.")
 
 
 def print_message(sentence: str) -> None:

@@ -141,7 +141,7 @@ def run(
 
 
 def _is_repeatable(job: Job, messages: Sequence[str]) -> bool:
-    """Return whether the same command would print the same, as long as the job and its directory do not change.
+    """Return whether the same command prints the same while the job and its directory do not change.
 
     It would not where a message was about a repair, or where the job depends on other files: those of a
     user's model, or another table that a figure shows.

@@ -10,7 +10,7 @@ import contextlib
 import hashlib
 import json
 import os
-import socket
+import platform
 import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -85,7 +85,7 @@ def _output_file(command: Sequence[str]) -> Path | None:
     if folder is None:
         return None
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    device = [socket.gethostname(), cores, *map(os.environ.get, _DEVICE_VARIABLES)]
+    device = [platform.node(), cores, *map(os.environ.get, _DEVICE_VARIABLES)]
     key = json.dumps([list(command), str(Path.cwd()), device])
     return folder / f"{hashlib.sha256(key.encode()).hexdigest()[:32]}.json"
 
