@@ -14,7 +14,7 @@ import importlib
 from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from gaitsweep.errors import UserError
 
@@ -78,15 +78,17 @@ def extensions() -> Mapping[str, Extension]:
                 f"{error}): repair it, or uninstall {owner}."
             ) from error
         if not isinstance(extension, Extension):
-            wrong = f"{entry.value}, which is not a gaitsweep.Extension"
-            raise ExtensionError(f"The extension {entry.name} of {owner} is {wrong}.")
+            raise ExtensionError(
+                f"The extension {entry.name} of {owner} is {entry.value}, which is not a gaitsweep.Extension."
+            )
         remedy = f"uninstall {owner} or the other package"
         if entry.name in by_name:
             raise ExtensionError(f"There are two extensions named {entry.name}: {remedy}.")
         for name in extension.models:
             if name in models:
-                both = f"The extensions {models[name]} and {entry.name} both have a model {name}"
-                raise ExtensionError(f"{both}: {remedy}.")
+                raise ExtensionError(
+                    f"The extensions {models[name]} and {entry.name} both have a model {name}: {remedy}."
+                )
             models[name] = entry.name
         by_name[entry.name] = extension
     return MappingProxyType(by_name)
@@ -106,21 +108,24 @@ def gait_styles() -> Mapping[str, Style]:
     return MappingProxyType(styles)
 
 
-def import_all(kind: str) -> None:
-    """Import the modules of one kind of all extensions (figures, ...), which register what they define."""
+def import_all(kind: Literal["figures", "run_kinds", "analyses", "measures"]) -> None:
+    """Import the modules of one kind of all extensions, which register what they define."""
     for extension in extensions().values():
         for name in getattr(extension, kind):
             importlib.import_module(name)
 
 
-def folders(kind: str) -> list[Path]:
-    """The folders of all extensions of one kind: jobs, configs or claims."""
+def folders(kind: Literal["jobs", "configs", "claims"]) -> list[Path]:
+    """The folders of one kind of all extensions."""
     declared = (getattr(extension, kind) for extension in extensions().values())
     return list(dict.fromkeys(folder for folder in declared if folder is not None))
 
 
 def _entries() -> list[tuple[EntryPoint, str]]:
-    """Entry points, and the package of each, gaitsweep's own first; those of a checkout where it is one."""
+    """The entry points of installed packages, each with its package; gaitsweep's own first.
+
+    In a checkout, gaitsweep's own are those of its `pyproject.toml`.
+    """
     installed = _installed()
     own = _of_checkout() or [entry for entry in installed if entry[1] == "gaitsweep"]
     return [*own, *(entry for entry in installed if entry[1] != "gaitsweep")]

@@ -13,7 +13,13 @@ if TYPE_CHECKING:
 
 @dataclasses.dataclass(frozen=True)
 class LimbLook:
-    """The name of a limb, and its place in the body; see `Limb`."""
+    """The name of a limb, and its place in the body, for figures.
+
+    Args:
+        name: its name.
+        pair: limbs of one pair have the same colour.
+        far: whether it is on the left side, away from the viewer, where limbs are drawn lighter.
+    """
 
     name: str
     pair: int = 0
@@ -22,10 +28,11 @@ class LimbLook:
 
 @dataclasses.dataclass(frozen=True)
 class Limb:
-    """A limb as it is drawn: `points` (n, k, 3) m from its root to its foot, over n samples.
+    """A limb as it is drawn.
 
-    Limbs of one `pair` have the same colour. A `far` limb is on the left side, away from the viewer, and is
-    drawn lighter.
+    Args:
+        name, pair, far: as of `LimbLook`.
+        points: from its root to its foot, (n, k, 3) m over n samples.
     """
 
     name: str
@@ -38,10 +45,12 @@ class Limb:
 class Skeleton:
     """A body as it is drawn, over n samples; x forward, y to the left, z up from the ground, m.
 
-    `limbs` are in the order of the signals contact_1, contact_2, ... `bodies` (n, k, 3) are drawn as the
-    hulls of their points, from head to tail. `springs` (n, 2, 3) are the two ends of each spring. `note` is
-    a remark for viewers. `heading` is the direction of walking, rad from x; by default from the tail to the
-    head.
+    Args:
+        limbs: in the order of the signals contact_1, contact_2, ...
+        bodies: the points (n, k, 3) of each body, from head to tail; their hull is drawn.
+        springs: the two ends (n, 2, 3) of each spring.
+        note: a remark for viewers.
+        heading: the direction of walking, rad from x; by default from the tail to the head.
     """
 
     limbs: tuple[Limb, ...]

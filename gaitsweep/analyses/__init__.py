@@ -1,4 +1,4 @@
-"""Analyses of result tables, and what they are written with: `gs.analyses.attractors(table)`."""
+"""Analyses of result tables, and the functions that they share: `gs.analyses.attractors(table)`."""
 
 from __future__ import annotations
 
@@ -12,11 +12,10 @@ _public, _, __all__ = attach_stub(__name__, __file__)
 
 
 def __getattr__(name: str) -> Any:
-    """An analysis, or a module of such that an extension brings, imported when it is first used."""
-    place = "" if name in __all__ else _of_extensions().get(name, "")
-    if not place:
+    """An analysis, or an extension's module of analyses, imported when it is first used."""
+    if name in __all__ or name not in (of_extensions := _of_extensions()):
         return _public(name)
-    module, _, function = place.partition(":")
+    module, _, function = of_extensions[name].partition(":")
     imported = importlib.import_module(module)
     return getattr(imported, function) if function else imported
 

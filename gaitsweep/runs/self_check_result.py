@@ -22,17 +22,23 @@ class SelfCheckError(UserError):
 
 @dataclasses.dataclass
 class SelfCheck:
-    """Result of a self-check of `rows` rows, of `of` rows of the job.
+    """Result of a self-check; a row that is sensitive counts nowhere else.
 
-    `stored_differs` counts rows that do not reproduce their stored records with the same steps.
-    `status_differs`, `gait_differs` and `count_differs` count rows that end with another status, gait, or
-    number of crossings or whole-numbered observable with finer steps. `moved` counts rows of which an
-    observable or the time of a crossing changes by more than is allowed. None of these count rows that are
-    `sensitive`. `unstable` counts rows that rest on an unstable gait.
-
-    `largest` is the largest change of each observable: of settled rows at their end, of others over their
-    first crossings. `worst` is the observable with the largest change relative to its size. `finer` describes
-    the finer steps. `verdict` is passed, warned or off.
+    Args:
+        rows: the number of rows rerun.
+        of: the number of rows of the job.
+        stored_differs: rows that do not reproduce their stored records with the same steps.
+        status_differs: rows that end with another status with finer steps.
+        gait_differs: rows with another gait.
+        count_differs: rows with another number of crossings, or of another whole-numbered observable.
+        sensitive: rows on a boundary, or whose moved starts change as much.
+        moved: rows of which an observable or the time of a crossing changes by more than is allowed.
+        unstable: rows that rest on an unstable gait.
+        largest: the largest change of each observable: of settled rows at their end, of others over their
+            first crossings.
+        worst: name and unit of the observable with the largest change relative to its size.
+        finer: the finer steps, in words.
+        verdict: passed, warned or off.
     """
 
     rows: int

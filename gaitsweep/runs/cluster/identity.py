@@ -16,6 +16,7 @@ from gaitsweep.runs.prepare import RunContext
 from gaitsweep.runs.provenance import versions
 
 Identity = Mapping[str, str]
+MODEL_FILE = ""  # in place of a module's name, where a model is a file and not a module
 
 
 class WorkerUnfit(UserError):
@@ -63,15 +64,16 @@ def difference(worker: Identity, client: Identity) -> str | None:
 def own_modules(context: RunContext) -> tuple[tuple[str, str], ...]:
     """Return the user's modules that a job needs, with the folders from which they are imported.
 
-    A model file has no module, but an empty name, and the folder from which its path begins.
+    A model file has the name `MODEL_FILE`, and the folder from which its path in the job begins.
     """
     folders: dict[str, str] = {}
-    for own in (type(context.model.original), type(context.job.run)):
-        if (model_file := getattr(own, "model_file", None)) is not None:
-            begins = (path for path in model_file.parents if (path / context.job.model).is_file())
-            folders[""] = str(next(begins, model_file.parent))
+    for own_class in (type(context.model.original), type(context.job.run)):
+        model_file = getattr(own_class, "model_file", None)
+        if model_file is not None:
+            bases = (path for path in model_file.parents if (path / context.job.model).is_file())
+            folders[MODEL_FILE] = str(next(bases, model_file.parent))
             continue
-        module = inspect.getmodule(own)
+        module = inspect.getmodule(own_class)
         file = getattr(module, "__file__", None)
         if module is None or file is None or module.__name__.startswith("gaitsweep.") or installed(module):
             continue

@@ -21,7 +21,7 @@ from jaxtyping import Int
 
 from gaitsweep.errors import EXIT_FAILURE, UserError
 from gaitsweep.job import Job
-from gaitsweep.runs.cluster.identity import WorkerUnfit, difference, identity_of
+from gaitsweep.runs.cluster.identity import MODEL_FILE, WorkerUnfit, difference, identity_of
 from gaitsweep.runs.executor import compute_blocks
 from gaitsweep.runs.prepare import RunContext, prepare
 from gaitsweep.runs.refinement import some_rows
@@ -237,7 +237,7 @@ def _context_of(ticket: JobTicket) -> RunContext:
     for module, folder in ticket.modules:
         if module not in sys.modules and folder not in sys.path:
             sys.path.append(folder)
-        if not module:  # of a model file
+        if module == MODEL_FILE:
             continue
         try:
             importlib.import_module(module)
