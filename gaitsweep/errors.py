@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import signal
 import sys
 from typing import ClassVar
 
@@ -10,8 +9,8 @@ from typing import ClassVar
 EXIT_FAILURE = 1  # a valid request failed, for example by a full disk
 EXIT_REFUSED = 2  # the request is invalid
 EXIT_STRICT = 3  # with `--strict`: complete, but the self-check warns or a claim is not reproduced
-EXIT_STOPPED = 128 + signal.SIGINT  # Ctrl-C
-EXIT_TERMINATED = 128 + signal.SIGTERM
+EXIT_STOPPED = 130  # Ctrl-C: 128 and the number of SIGINT
+EXIT_TERMINATED = 143  # 128 and the number of SIGTERM
 
 
 class UserError(Exception):
