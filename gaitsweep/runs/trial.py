@@ -20,7 +20,7 @@ from gaitsweep.angle_difference import wrapped_difference
 from gaitsweep.contract import HybridModel, Model, Params, Quantity, State, Status
 from gaitsweep.dynamics.declarations import SingleEvent, mode, observable
 from gaitsweep.dynamics.declared_model import DeclaredModel
-from gaitsweep.engine.flow_spectrum import flow_eigenvalues
+from gaitsweep.engine.flow_spectrum import STIFF, flow_eigenvalues
 from gaitsweep.errors import UserError
 from gaitsweep.job import Job
 from gaitsweep.kinds import Settle, Trace
@@ -34,8 +34,8 @@ from gaitsweep.runs.sentences import MISLABELLED, remarks
 ROWS, CYCLES, SAMPLES = 32, 12, 40
 # An energy whose rate is below this share of the power that its terms exchange is kept.
 KEPT = 1e-9
-# Rates of the flow, in nominal periods, from which on steps are many; how many times that at the defaults.
-STIFF, STIFFER = 2000.0, 10.0
+# How many times as stiff as at its defaults a flow is at an end of a range that is worth a warning.
+STIFFER = 10.0
 Values = Mapping[str, Float[np.ndarray, " rows"]]
 _RATE, _POWER = "_rate_of_change", "_power"
 _TIMES, _COUNT = "times_of_events", "count_of_event"
