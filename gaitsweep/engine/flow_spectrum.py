@@ -1,4 +1,4 @@
-"""The eigenvalues of the matrix of a flow, for all combinations of contacts, and what they say of its steps."""
+"""The eigenvalues of the matrix of a flow, for all combinations of contacts, and its stiffness."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def decay_per_period(
 
 @cached_by_content(maxsize=64)
 def _matrices_of_rows(model: HybridModel) -> Callable[..., Any]:
-    """The function from the values and starts of rows to the flow's matrices in all modes, and periods (s)."""
+    """The function from values and starts of rows to the flow's matrices in all modes, and periods (s)."""
 
     def of_row(values: Any, starts: Any) -> tuple[Array, Array]:
         params = model.params(values)

@@ -56,8 +56,8 @@ class NumericsSpec(StrictModel):
         "tsit5: Runge-Kutta pair of orders 5 and 4 with step control by rtol and atol; taylor: Taylor series "
         "of an order that follows from rtol, for smooth flows to fine tolerances; rodas5p: Rosenbrock method "
         "of orders 5 and 4 with step control, for stiff flows of at most 30 variables; rk4: classic "
-        "Runge-Kutta of order 4; propagator6: order 6 with long steps over stiff contacts, for flows that are linear "
-        "between events; propagator: the same, with each transient resolved to 1e-6; semi_implicit: steps "
+        "Runge-Kutta of order 4; propagator6: order 6 with long steps over stiff contacts, for flows that "
+        "are linear between events; propagator: the same, with each transient resolved to 1e-6; semi_implicit: steps "
         "of fixed length with events inside them, for models that define such steps",
     )
     dt: Annotated[
@@ -71,11 +71,11 @@ class NumericsSpec(StrictModel):
     )
     rtol: Positive | None = Field(
         default=None,
-        description="relative tolerance of a step's error, for methods with step control; by default the model's",
+        description="relative tolerance of a step's error, with step control; by default the model's",
     )
     atol: Positive | None = Field(
         default=None,
-        description="absolute tolerance of a step's error, for methods with step control; by default the model's",
+        description="absolute tolerance of a step's error, with step control; by default the model's",
     )
     precision: Annotated[Literal["float64", "float32", "mixed"], word("float64", "float32", "mixed")] = Field(
         default="float64",

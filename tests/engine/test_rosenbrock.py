@@ -154,7 +154,7 @@ def test_return_maps_have_derivatives_through_it() -> None:
     """The multiplier of Van der Pol's cycle, exp of the integral of the flow's divergence (Liouville)."""
     mapping = gs.return_map(VanDerPol(), mu=1.0, numerics={"method": "rodas5p", "rtol": 1e-10, "atol": 1e-12})
     cycle = mapping.fixed_points(mapping.settled(cycles=20))
-    top = float(np.ravel(cycle.points)[0])
+    top = float(cycle.points.at[0, 0])
 
     def rates(t: float, y: np.ndarray) -> list[float]:
         return [y[1], (1.0 - y[0] ** 2) * y[1] - y[0], 1.0 - y[0] ** 2]
