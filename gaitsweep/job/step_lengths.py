@@ -95,8 +95,9 @@ def suited_to_stiffness(design: Design, run: RunKind, numerics: ResolvedNumerics
         numerics: the resolved numerics, of the method auto.
     """
     model = design.model
-    recommended = not isinstance(model, HybridModel) or model.recommended.method != "auto"
-    if recommended or model.host_parameters or refusal("rodas5p", model, numerics.precision) is not None:
+    if not isinstance(model, HybridModel) or model.recommended.method != "auto" or model.host_parameters:
+        return numerics
+    if refusal("rodas5p", model, numerics.precision) is not None:
         return numerics
     count = min(design.n_rows, MAX_STIFFNESS_ROWS)
     values, starts = design.values_in(np.linspace(0, design.n_rows - 1, count).astype(np.int64))
