@@ -57,8 +57,8 @@ class NumericsSpec(StrictModel):
         "of an order that follows from rtol, for smooth flows to fine tolerances; rodas5p: Rosenbrock method "
         "of orders 5 and 4 with step control, for stiff flows of at most 30 variables; rk4: classic "
         "Runge-Kutta of order 4; propagator6: order 6 with long steps over stiff contacts, for flows that "
-        "are linear between events; propagator: the same, with each transient resolved to 1e-6; semi_implicit: steps "
-        "of fixed length with events inside them, for models that define such steps",
+        "are linear between events; propagator: the same, with each transient resolved to 1e-6; "
+        "semi_implicit: steps of fixed length with events inside them, for models that define such steps",
     )
     dt: Annotated[
         float | Literal["auto"],
