@@ -1,9 +1,11 @@
-"""The eigenvalues of the matrix of a linear flow, for all combinations of contacts."""
+"""The eigenvalues of the matrix of a flow, for all combinations of contacts, and its stiffness."""
 
 from __future__ import annotations
 
 import dataclasses
 import itertools
+from collections.abc import Callable, Mapping
+from typing import Any
 
 import jax
 import jax.flatten_util
@@ -12,10 +14,14 @@ import numpy as np
 from jaxtyping import Array, Float, Inexact
 
 from gaitsweep.contract import HybridModel, Params, State
+from gaitsweep.engine.content import cached_by_content
+from gaitsweep.engine.kernel.row_functions import over_rows
 from gaitsweep.engine.solver import METHODS
 
 # Largest number of flags whose combinations are evaluated; each flag doubles the number of combinations.
 MAX_FLAGS = 8
+# Rates of a flow, in nominal periods, from which on it is stiff: explicit methods take as many steps a cycle.
+STIFF = 2000.0
 
 
 def flow_eigenvalues(model: HybridModel, params: Params, state: State) -> Inexact[np.ndarray, "modes fields"]:
@@ -24,36 +30,73 @@ def flow_eigenvalues(model: HybridModel, params: Params, state: State) -> Inexac
     Modes other than bools, and flags after the first `MAX_FLAGS`, are those of `state`.
 
     Args:
-        model: a model whose flow is linear between events.
+        model: a model, whose flow is linearised at the state.
         params, state: its parameters and a state.
     """
-    names = list(jax.eval_shape(model.flow, params, state))
+    matrix = jax.jit(lambda modes: _matrix(model, params, modes))
+    return np.array([np.linalg.eigvals(np.asarray(matrix(modes))) for modes in _in_all_modes(state)])
+
+
+def decay_per_period(
+    model: HybridModel, values: Mapping[str, Float[np.ndarray, " rows"]], starts: Mapping[str, Any]
+) -> float:
+    """The fastest rate at which a motion of the flow decays at the starts of some rows, in nominal periods.
+
+    Args:
+        model: the model.
+        values, starts: the parameters and the initial conditions of the rows, (n,) each.
+    """
+    matrices, periods = _matrices_of_rows(model)(values, starts)
+    finite = np.all(np.isfinite(matrices), axis=(1, 2, 3)) & np.isfinite(periods)
+    if not finite.any() or matrices.shape[-1] == 0:
+        return 0.0
+    rates = -np.linalg.eigvals(matrices[finite]).real
+    return float(np.max(rates.max(axis=(1, 2)) * periods[finite]))
+
+
+@cached_by_content(maxsize=64)
+def _matrices_of_rows(model: HybridModel) -> Callable[..., Any]:
+    """The function from values and starts of rows to the flow's matrices in all modes, and periods (s)."""
+
+    def of_row(values: Any, starts: Any) -> tuple[Array, Array]:
+        params = model.params(values)
+        state = model.init(params, starts)
+        matrices = jnp.stack([_matrix(model, params, modes) for modes in _in_all_modes(state)])
+        return matrices, jnp.asarray(model.period(params), float)
+
+    return over_rows(of_row, "flow_matrices", model)
+
+
+def _matrix(model: HybridModel, params: Params, state: State) -> Float[Array, "fields fields"]:
+    """The derivative of the flow by the fields that it moves."""
+    moving = {name: getattr(state, name) for name in jax.eval_shape(model.flow, params, state)}
+    flat, unravel = jax.flatten_util.ravel_pytree(moving)
+
+    def rates(x: Float[Array, " fields"]) -> Float[Array, " fields"]:
+        flow_rates = model.flow(params, dataclasses.replace(state, **unravel(x)))
+        shaped = {name: jnp.broadcast_to(flow_rates[name], jnp.shape(moving[name])) for name in moving}
+        return jax.flatten_util.ravel_pytree(shaped)[0]
+
+    return jax.jacfwd(rates)(flat)
+
+
+def _in_all_modes(state: State) -> list[State]:
+    """The state with each combination of its flags, of the first `MAX_FLAGS` if it has more."""
     leaves, tree = jax.tree.flatten(state)
     flags: list[tuple[int, int]] = []  # the leaf of each flag, and its place in the flat leaf
     for i, leaf in enumerate(leaves):
         if jnp.issubdtype(jnp.result_type(leaf), jnp.bool_):
             flags += [(i, k) for k in range(int(np.size(leaf)))]
     flags = flags[:MAX_FLAGS]
-
-    @jax.jit
-    def matrix(state: State) -> Float[Array, "fields fields"]:
-        moving = {name: getattr(state, name) for name in names}
-        flat, unravel = jax.flatten_util.ravel_pytree(moving)
-
-        def rates(x: Float[Array, " fields"]) -> Float[Array, " fields"]:
-            flow_rates = model.flow(params, dataclasses.replace(state, **unravel(x)))
-            shaped = {name: jnp.broadcast_to(flow_rates[name], jnp.shape(moving[name])) for name in names}
-            return jax.flatten_util.ravel_pytree(shaped)[0]
-
-        return jax.jacfwd(rates)(flat)
-
-    spectra = []
+    states = []
     for combination in itertools.product((False, True), repeat=len(flags)):
-        numbers = [np.array(leaf) for leaf in leaves]
+        changed = list(leaves)
         for (i, k), flag in zip(flags, combination, strict=True):
-            numbers[i].reshape(-1)[k] = flag
-        spectra.append(np.linalg.eigvals(np.asarray(matrix(jax.tree.unflatten(tree, numbers)))))
-    return np.array(spectra)
+            flat = jnp.ravel(changed[i])
+            single = jnp.asarray([flag])
+            changed[i] = jnp.concatenate([flat[:k], single, flat[k + 1 :]]).reshape(jnp.shape(changed[i]))
+        states.append(jax.tree.unflatten(tree, changed))
+    return states
 
 
 def slowest_limit(model: HybridModel, params: Params, state: State, method: str) -> float:

@@ -19,7 +19,7 @@ _SMALL = 1024
 _LARGE = 32_768
 _PARTS = 64
 _MAX_PARTS = 500
-METHOD_NAMES = ("auto", "tsit5", "taylor", "rk4", "propagator6", "propagator", "semi_implicit")
+METHOD_NAMES = ("auto", "tsit5", "taylor", "rodas5p", "rk4", "propagator6", "propagator", "semi_implicit")
 
 
 def _step(value: Any) -> float | str:
@@ -47,16 +47,18 @@ class NumericsSpec(StrictModel):
     """Integration of trajectories; the model recommends values for the fields that are left out."""
 
     method: Annotated[
-        Literal["auto", "tsit5", "taylor", "rk4", "propagator6", "propagator", "semi_implicit"],
+        Literal["auto", "tsit5", "taylor", "rodas5p", "rk4", "propagator6", "propagator", "semi_implicit"],
         word(*METHOD_NAMES, former=former_names.METHODS),
     ] = Field(
         default="auto",
-        description="auto: the method that the model recommends, or else tsit5 (taylor where it is faster); "
+        description="auto: the method that the model recommends, or else tsit5 (taylor where it is faster, "
+        "rodas5p where the flow is stiff); "
         "tsit5: Runge-Kutta pair of orders 5 and 4 with step control by rtol and atol; taylor: Taylor series "
-        "of an order that follows from rtol, for smooth flows to fine tolerances; rk4: classic Runge-Kutta "
-        "of order 4; propagator6: order 6 with long steps over stiff contacts, for flows that are linear "
-        "between events; propagator: the same, with each transient resolved to 1e-6; semi_implicit: steps "
-        "of fixed length with events inside them, for models that define such steps",
+        "of an order that follows from rtol, for smooth flows to fine tolerances; rodas5p: Rosenbrock method "
+        "of orders 5 and 4 with step control, for stiff flows of at most 30 variables; rk4: classic "
+        "Runge-Kutta of order 4; propagator6: order 6 with long steps over stiff contacts, for flows that "
+        "are linear between events; propagator: the same, with each transient resolved to 1e-6; "
+        "semi_implicit: steps of fixed length with events inside them, for models that define such steps",
     )
     dt: Annotated[
         float | Literal["auto"],
@@ -69,11 +71,11 @@ class NumericsSpec(StrictModel):
     )
     rtol: Positive | None = Field(
         default=None,
-        description="relative tolerance of a step's error, for tsit5 and taylor; by default the model's",
+        description="relative tolerance of a step's error, with step control; by default the model's",
     )
     atol: Positive | None = Field(
         default=None,
-        description="absolute tolerance of a step's error, for tsit5 and taylor; by default the model's",
+        description="absolute tolerance of a step's error, with step control; by default the model's",
     )
     precision: Annotated[Literal["float64", "float32", "mixed"], word("float64", "float32", "mixed")] = Field(
         default="float64",

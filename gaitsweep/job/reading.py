@@ -17,7 +17,7 @@ from gaitsweep.expression import ExpressionError, evaluate, names_in
 from gaitsweep.job.checks import check_figures, check_names, check_ranges
 from gaitsweep.job.config import Config
 from gaitsweep.job.model_spec import ModelSpec, read_model_spec, read_settings
-from gaitsweep.job.step_lengths import check_numerics, check_steps
+from gaitsweep.job.step_lengths import check_numerics, check_steps, suited_to_stiffness
 from gaitsweep.kinds import parameter_written
 from gaitsweep.kinds.fixed_points import FollowsFixedPoints
 from gaitsweep.kinds.run_kind import RunKind, table_columns
@@ -97,6 +97,8 @@ def read_job(
         config.refuse([*diagnostics, *_beside(diagnostics, design, spec, job, places)])
     numerics = job.numerics.resolve(spec.model, contraction=job.engine.contraction)
     config.refuse(_check_whole(design, spec, job, numerics))
+    if job.numerics.method == "auto":
+        numerics = suited_to_stiffness(design, job.run, numerics)
     config.refuse(check_steps(design, job.run, numerics))
     return job, design, numerics
 

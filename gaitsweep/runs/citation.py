@@ -23,6 +23,7 @@ from gaitsweep.table import Snapshot
 _METHODS = {
     "tsit5": "a Runge-Kutta pair of orders 5 and 4 with step control",
     "taylor": "Taylor series of the solution with step control, of an order that follows from the tolerance",
+    "rodas5p": "the Rosenbrock method Rodas5P of orders 5 and 4 with step control (Steinebach 2023)",
     "rk4": "the classic Runge-Kutta method of order 4",
     "propagator6": "a polynomial of order 6 for the propagator of the flow, which is linear between events",
     "propagator": "a polynomial for the propagator of the flow, which is linear between events",

@@ -104,6 +104,8 @@ def _run(
         continue_directory(context, table, on_message)
         missing = table.missing_blocks()
         if missing:
+            if context.job.numerics.method == "auto" and spec.numerics.method == "rodas5p":
+                on_message("The flow is stiff, so its rows are integrated by the method rodas5p.")
             if notice := spec.model.caveats_notice:
                 on_message(notice)
             for caveat in spec.model.caveats():

@@ -20,7 +20,7 @@ from gaitsweep.angles import wrapped_difference
 from gaitsweep.contract import HybridModel, Model, Params, Quantity, State
 from gaitsweep.dynamics.declarations import SingleEvent, mode, observable
 from gaitsweep.dynamics.declared_model import DeclaredModel
-from gaitsweep.engine.flow_spectrum import flow_eigenvalues
+from gaitsweep.engine.flow_spectrum import STIFF, flow_eigenvalues
 from gaitsweep.errors import UserError
 from gaitsweep.job import Job
 from gaitsweep.kinds import Settle, Trace
@@ -41,7 +41,6 @@ _LEAST_SIZE = 1e-3
 KEPT = 1e-9
 # A flow is stiff if its fastest rate times the nominal period is above `STIFF`; an end of a range is reported
 # if that is also above `STIFFER` times its value at the defaults.
-STIFF = 2000.0
 STIFFER = 10.0
 Values = Mapping[str, Float[np.ndarray, " rows"]]
 # Ends of the names of signals: the rate of an energy, and the power that its terms exchange.

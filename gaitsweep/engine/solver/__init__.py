@@ -8,6 +8,7 @@ from gaitsweep.contract import FixedStepDynamics, HybridModel, Model
 from gaitsweep.dynamics.ground import is_uneven
 from gaitsweep.engine.solver.exponential import PROPAGATOR, PROPAGATOR6, exponential
 from gaitsweep.engine.solver.method import Method, Step, euler_update
+from gaitsweep.engine.solver.rosenbrock import MAX_VARIABLES, rodas5p, too_many_variables
 from gaitsweep.engine.solver.runge_kutta import rk4, tsit5
 from gaitsweep.engine.solver.taylor import lacking_recurrence, taylor
 from gaitsweep.errors import ArgumentError
@@ -18,6 +19,7 @@ from gaitsweep.errors import ArgumentError
 METHODS: dict[str, Method] = {
     "tsit5": Method(tsit5, first_step=0.25, growth=5.0, adaptive=True),
     "taylor": Method(taylor, first_step=0.5, growth=4.0, adaptive=True, series=True),
+    "rodas5p": Method(rodas5p, first_step=0.25, growth=5.0, adaptive=True),
     "rk4": Method(rk4, first_step=0.125, growth=1.25, limits=((0.0, 2.6), (1.0, 2.7))),
     "propagator6": Method(
         exponential(PROPAGATOR6),
@@ -77,9 +79,8 @@ def refusal(name: str, model: Model, precision: str) -> str | None:
         return reason
     if precision == "mixed" and fixed_step_scheme(name, model) is None:
         return f"is {name}, but precision mixed is for steps of fixed length. Allowed in mixed: {_OWN}."
-    if METHODS[name].series and isinstance(model, HybridModel):
-        lacking = lacking_recurrence(model)
-        return lacking and f"is {name}, which has no recurrence for {lacking} in {model.name}: use tsit5."
+    if METHODS[name].adaptive and isinstance(model, HybridModel):
+        return _adaptive_refusal(name, model, precision)
     if not METHODS[name].linear_only:
         return None
     general_methods = []
@@ -93,6 +94,19 @@ def refusal(name: str, model: Model, precision: str) -> str | None:
         return f"is {name}, which {needs}, but {lacks}. Allowed: {general}."
     if precision != "float64":
         return f"is {name}, which needs numerics.precision float64. Allowed in {precision}: {general}."
+    return None
+
+
+def _adaptive_refusal(name: str, model: HybridModel, precision: str) -> str | None:
+    """The `refusal` of a method with step control."""
+    if METHODS[name].series and (lacking := lacking_recurrence(model)):
+        return f"is {name}, which has no recurrence for {lacking} in {model.name}: use tsit5."
+    if name != "rodas5p":
+        return None
+    if precision != "float64":
+        return f"is {name}, which needs numerics.precision float64."
+    if (size := too_many_variables(model)) is not None:
+        return f"is {name}, for at most {MAX_VARIABLES} variables, but {model.name} has {size}: use tsit5."
     return None
 
 
