@@ -20,7 +20,7 @@ from typing import Any, cast
 import jax.numpy as jnp
 
 from gaitsweep.contract import FixedStepDynamics, HybridModel, Model, Params, Rates, State
-from gaitsweep.engine.carry import Carry, Halt, select
+from gaitsweep.engine.carry import Carry, Flag, GuardFlags, Guards, Halt, Number, likely, select, unlikely
 from gaitsweep.engine.event_location import (
     BISECTION_AFTER,
     MAX_OVERSHOOT,
@@ -37,8 +37,6 @@ from gaitsweep.engine.event_location import (
 from gaitsweep.engine.event_stall import longest_chain
 from gaitsweep.engine.hidden_events import PROBES, guard_slopes, interpolated, may_hide, unresolved
 from gaitsweep.engine.numerics import DEFAULT_STEPS_PER_PERIOD, MIN_STEPS_PER_PERIOD, ORDER, ResolvedNumerics
-from gaitsweep.engine.rarity import likely, unlikely
-from gaitsweep.engine.shapes import Flag, GuardFlags, Guards, Number
 from gaitsweep.engine.solver import METHODS, Method, Step, euler_update, fixed_step_scheme
 from gaitsweep.engine.solver.taylor import Expansion, bends_back, first_zero, order_of, polynomial
 from gaitsweep.engine.step_control import (

@@ -16,9 +16,7 @@ import jax
 import jax.numpy as jnp
 
 from gaitsweep.contract import Rates, State
-from gaitsweep.engine.carry import Carry
-from gaitsweep.engine.rarity import likely
-from gaitsweep.engine.shapes import Flag, GuardFlags, Guards, Integer, Number
+from gaitsweep.engine.carry import Carry, Flag, GuardFlags, Guards, Integer, Number, likely
 from gaitsweep.engine.solver import euler_update
 
 # A guard's value before a step is limited to this multiple of its value after it: a model may disarm a guard

@@ -20,8 +20,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from gaitsweep.contract import HybridModel, Params, Rates, State
-from gaitsweep.engine.rarity import unlikely
-from gaitsweep.engine.shapes import Flag, Guards, Number
+from gaitsweep.engine.carry import Flag, Guards, Number, unlikely
 from gaitsweep.engine.solver import euler_update
 
 # A guard may have passed a maximum if the parabola through its values at both ends, with its slope at the

@@ -14,8 +14,8 @@ import jax
 import jax.numpy as jnp
 
 from gaitsweep.contract import HybridModel, Model, Params
+from gaitsweep.engine.carry import Number
 from gaitsweep.engine.content import cached_by_content
-from gaitsweep.engine.shapes import Number
 from gaitsweep.engine.solver import METHODS, fixed_step_scheme
 from gaitsweep.engine.solver.taylor import lacking_recurrence
 from gaitsweep.engine.switches import may_switch, moving_operations

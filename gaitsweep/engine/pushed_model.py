@@ -18,10 +18,9 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Real
 
 from gaitsweep.contract import HybridModel, Model, Params, Quantity, Rates, Recommended, State
-from gaitsweep.engine.carry import select
+from gaitsweep.engine.carry import Flag, Number, select
 from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.leaves import element_names
-from gaitsweep.engine.shapes import Flag, Number
 from gaitsweep.engine.solver import METHODS
 
 if TYPE_CHECKING:

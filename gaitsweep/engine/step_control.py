@@ -8,9 +8,8 @@ import jax
 import jax.numpy as jnp
 
 from gaitsweep.contract import Rates, State
-from gaitsweep.engine.carry import Carry
+from gaitsweep.engine.carry import Carry, Flag, Number
 from gaitsweep.engine.numerics import ORDER, ResolvedNumerics, tolerance_scale
-from gaitsweep.engine.shapes import Flag, Number
 from gaitsweep.engine.solver import Method
 
 # The safety factor of a step, and the smallest factor by which a step that missed the tolerance is

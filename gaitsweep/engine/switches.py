@@ -18,8 +18,8 @@ from jax.extend.core import ClosedJaxpr, Jaxpr, JaxprEqn, Literal, jaxpr_as_fun
 from jaxtyping import Array, Float
 
 from gaitsweep.contract import HybridModel, Params, Rates, State
+from gaitsweep.engine.carry import Flag, Number
 from gaitsweep.engine.hidden_events import PROBES, may_hide, slopes_along, unresolved
-from gaitsweep.engine.shapes import Flag, Number
 
 # Arguments below which exp is too small for step control (2e-9), and beyond which tanh and similar functions
 # are constant (within 2e-7).

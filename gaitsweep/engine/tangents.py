@@ -17,9 +17,8 @@ from jaxtyping import Array, Float
 
 from gaitsweep.contract import Chart, Model, Params, State
 from gaitsweep.engine.advance import Advance
-from gaitsweep.engine.carry import Carry
+from gaitsweep.engine.carry import Carry, Number
 from gaitsweep.engine.leaves import AllVariables, float_leaves, with_float_leaves
-from gaitsweep.engine.shapes import Number
 
 Directions = list[Float[Array, " coordinates"]]  # orthonormal directions on the section
 

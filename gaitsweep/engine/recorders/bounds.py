@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 
 from gaitsweep.angle_difference import wrapped_difference
 from gaitsweep.contract import Model
-from gaitsweep.engine.shapes import Integer, Observed
+from gaitsweep.engine.carry import Integer, Observed
 
 # Crossings over which a settled state must be constant.
 SETTLE_WINDOW = 10

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from gaitsweep.contract import Model, Params, Status
-from gaitsweep.engine.carry import Carry, Halt
+from gaitsweep.engine.carry import Carry, Halt, Number
 from gaitsweep.engine.recorders.recorder import (
     BUFFER,
     SPARE_CYCLES,
@@ -23,7 +23,6 @@ from gaitsweep.engine.recorders.recorder import (
     attempts_until,
     counted,
 )
-from gaitsweep.engine.shapes import Number
 from gaitsweep.row_outcome import RowOutcome
 
 # Largest number of jumps at one instant for an ordinary crossing.

@@ -17,8 +17,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from gaitsweep.contract import FixedStepDynamics, Model, Params, Quantity, Status
-from gaitsweep.engine.carry import Carry
-from gaitsweep.engine.shapes import Integer, Number, Observed
+from gaitsweep.engine.carry import Carry, Integer, Number, Observed
 from gaitsweep.engine.tangents import Tangent, from_section, on_section, orthonormalised
 from gaitsweep.row_outcome import RowNumber
 

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from gaitsweep.contract import Params, State, Status
-from gaitsweep.engine.carry import Carry, Halt, restarted, select
+from gaitsweep.engine.carry import Carry, Flag, Halt, Integer, Number, Observed, restarted, select
 from gaitsweep.engine.pushed_model import PushedModel
 from gaitsweep.engine.recorders.bounds import change, comparable
 from gaitsweep.engine.recorders.orbits import from_first_crossing
@@ -26,7 +26,6 @@ from gaitsweep.engine.recorders.recorder import (
     readings_at_the_end,
 )
 from gaitsweep.engine.recorders.settle import Memory, SettleRecorder
-from gaitsweep.engine.shapes import Flag, Integer, Number, Observed
 from gaitsweep.row_outcome import RowNumber, RowOutcome
 
 # Least size of an observable without a scale, in its unit; larger ones are scaled by their magnitude.

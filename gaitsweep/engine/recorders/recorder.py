@@ -20,9 +20,8 @@ from jaxtyping import Array, Bool, Float, Int, Real
 from gaitsweep.contract import HybridModel, Model, Params, State, Status
 from gaitsweep.dynamics.declarations import Variable
 from gaitsweep.dynamics.declared import Declared
-from gaitsweep.engine.carry import Carry, Halt, select
+from gaitsweep.engine.carry import Carry, Flag, Halt, Integer, Number, Observed, select
 from gaitsweep.engine.event_stall import fired_guards, is_stalled
-from gaitsweep.engine.shapes import Flag, Integer, Number, Observed
 from gaitsweep.row_outcome import RowNumber, RowOutcome
 
 # Attempts between two polls of a trajectory. Results depend on it (a failed row ends at a multiple of it), so

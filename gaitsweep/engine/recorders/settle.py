@@ -11,8 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from gaitsweep.contract import HybridModel, Model, Params, Status
-from gaitsweep.engine.carry import Carry, Halt, select
-from gaitsweep.engine.rarity import unlikely
+from gaitsweep.engine.carry import Carry, Flag, Halt, Integer, Number, Observed, select, unlikely
 from gaitsweep.engine.recorders.bounds import (
     SETTLE_WINDOW,
     TOLERANCE,
@@ -37,7 +36,6 @@ from gaitsweep.engine.recorders.recorder import (
     attempts_until,
     readings_at_the_end,
 )
-from gaitsweep.engine.shapes import Flag, Integer, Number, Observed
 from gaitsweep.engine.tangents import Tangent
 from gaitsweep.row_outcome import RowNumber, RowOutcome
 

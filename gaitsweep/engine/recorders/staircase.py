@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from gaitsweep.contract import Model, Params, Status
-from gaitsweep.engine.carry import Carry, Halt, restarted
+from gaitsweep.engine.carry import Carry, Halt, Integer, Number, restarted
 from gaitsweep.engine.recorders.bounds import (
     SETTLE_WINDOW,
     TOLERANCE,
@@ -34,7 +34,6 @@ from gaitsweep.engine.recorders.recorder import (
     counted,
 )
 from gaitsweep.engine.recorders.schedules import StepSchedule
-from gaitsweep.engine.shapes import Integer, Number
 from gaitsweep.row_outcome import RowOutcome
 
 _HEAD = ("stair", "crossing", "t", "settled", "slowest")  # the numbers of a sample before its observables

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from gaitsweep.contract import Model, Params, State, Status
-from gaitsweep.engine.carry import Carry
+from gaitsweep.engine.carry import Carry, Number
 from gaitsweep.engine.recorders.recorder import (
     Beginning,
     LaneRecord,
@@ -21,7 +21,6 @@ from gaitsweep.engine.recorders.recorder import (
     RunningRows,
     counted,
 )
-from gaitsweep.engine.shapes import Number
 from gaitsweep.row_outcome import RowNumber, RowOutcome
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from gaitsweep.contract import Model, Params, Status
-from gaitsweep.engine.carry import Carry, Halt
+from gaitsweep.engine.carry import Carry, Halt, Number
 from gaitsweep.engine.recorders.recorder import (
     ATTEMPTS_PER_STEP,
     BUFFER,
@@ -24,7 +24,6 @@ from gaitsweep.engine.recorders.recorder import (
     counted,
     readings_at_the_end,
 )
-from gaitsweep.engine.shapes import Number
 from gaitsweep.row_outcome import RowOutcome
 
 

@@ -18,7 +18,7 @@ from collections.abc import Callable
 import jax
 
 from gaitsweep.contract import HybridModel, Params, Rates, State
-from gaitsweep.engine.shapes import Number
+from gaitsweep.engine.carry import Number
 from gaitsweep.engine.solver.method import Step, euler_update
 
 # The factors of the Taylor terms, s_1, s_2, ...

@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Float
 
 from gaitsweep.contract import HybridModel, Params, Rates, State
-from gaitsweep.engine.shapes import Flag, Guards, Number
+from gaitsweep.engine.carry import Flag, Guards, Number
 from gaitsweep.engine.solver.recurrences import NoRecurrenceError, Value
 from gaitsweep.engine.solver.taylor_series import along, solution
 

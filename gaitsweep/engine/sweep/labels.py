@@ -10,11 +10,11 @@ import numpy as np
 from jaxtyping import Array, Int, Real
 
 from gaitsweep.contract import Model, names_gait
+from gaitsweep.engine.carry import Number, Observed
 from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.kernel.row_functions import over_rows
 from gaitsweep.engine.recorders.orbits import from_first_crossing
 from gaitsweep.engine.recorders.recorder import Readings
-from gaitsweep.engine.shapes import Number, Observed
 from gaitsweep.engine.sweep.block import Block
 from gaitsweep.engine.sweep.lane import RowDrive, Values
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec

@@ -13,10 +13,9 @@ from jaxtyping import Array, Bool, Float, Int, Real
 
 from gaitsweep.contract import Model, Params
 from gaitsweep.engine.advance import advance
-from gaitsweep.engine.carry import Carry, start
+from gaitsweep.engine.carry import Carry, Flag, Number, start
 from gaitsweep.engine.numerics import STEP_FACTOR, ResolvedNumerics, step_of
 from gaitsweep.engine.recorders.recorder import LaneRecord, PollResult, Recorder
-from gaitsweep.engine.shapes import Flag, Number
 from gaitsweep.engine.tangents import coordinate_count, first_directions, from_section, with_tangents
 
 # The parameters at a time (s), from the values of a row: a ramp or a staircase. Its optional attribute

@@ -18,12 +18,11 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Shaped
 
 from gaitsweep.contract import Model, Params, Status
-from gaitsweep.engine.carry import Carry, select
+from gaitsweep.engine.carry import Carry, Flag, Integer, select
 from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.devices import Device
 from gaitsweep.engine.numerics import ResolvedNumerics
 from gaitsweep.engine.recorders.recorder import BUFFER, POLL_INTERVAL, LaneRecord, Recorder
-from gaitsweep.engine.shapes import Flag, Integer
 from gaitsweep.engine.sweep.lane import ChunkOutput, Lanes, OneLane, RowDrive, Values
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 
