@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+from collections.abc import Iterator
 
 import jax
 import jax.flatten_util
@@ -25,15 +26,10 @@ def flow_eigenvalues(model: HybridModel, params: Params, state: State) -> Inexac
 
     Args:
         model: a model whose flow is linear between events.
-        params, state: its parameters and a state.
+        params: its parameters.
+        state: a state.
     """
     names = list(jax.eval_shape(model.flow, params, state))
-    leaves, tree = jax.tree.flatten(state)
-    flags: list[tuple[int, int]] = []  # the leaf of each flag, and its place in the flat leaf
-    for i, leaf in enumerate(leaves):
-        if jnp.issubdtype(jnp.result_type(leaf), jnp.bool_):
-            flags += [(i, k) for k in range(int(np.size(leaf)))]
-    flags = flags[:MAX_FLAGS]
 
     @jax.jit
     def matrix(state: State) -> Float[Array, "fields fields"]:
@@ -47,26 +43,38 @@ def flow_eigenvalues(model: HybridModel, params: Params, state: State) -> Inexac
 
         return jax.jacfwd(rates)(flat)
 
-    spectra = []
+    return np.array([np.linalg.eigvals(np.asarray(matrix(modes))) for modes in _all_modes(state)])
+
+
+def _all_modes(state: State) -> Iterator[State]:
+    """The state with all combinations of its first `MAX_FLAGS` flags."""
+    leaves, tree = jax.tree.flatten(state)
+    flags: list[tuple[int, int]] = []  # the leaf of each flag, and its place in the flat leaf
+    for number, leaf in enumerate(leaves):
+        if jnp.issubdtype(jnp.result_type(leaf), jnp.bool_):
+            flags += [(number, place) for place in range(int(np.size(leaf)))]
+    flags = flags[:MAX_FLAGS]
     for combination in itertools.product((False, True), repeat=len(flags)):
-        numbers = [np.array(leaf) for leaf in leaves]
-        for (i, k), flag in zip(flags, combination, strict=True):
-            numbers[i].reshape(-1)[k] = flag
-        spectra.append(np.linalg.eigvals(np.asarray(matrix(jax.tree.unflatten(tree, numbers)))))
-    return np.array(spectra)
+        arrays = [np.array(leaf) for leaf in leaves]
+        for (number, place), flag in zip(flags, combination, strict=True):
+            arrays[number].reshape(-1)[place] = flag
+        yield jax.tree.unflatten(tree, arrays)
 
 
 def slowest_limit(model: HybridModel, params: Params, state: State, method: str) -> float:
     """The longest accurate step (s) of a method for all eigenvalues of a linear flow.
 
     Args:
-        model, params, state: as for `flow_eigenvalues`.
+        model: a model whose flow is linear between events.
+        params: its parameters.
+        state: a state.
         method: a name of `METHODS`, one that has `limits`.
     """
     eigenvalues = flow_eigenvalues(model, params, state)
     rates = np.abs(eigenvalues)
-    fast = rates > 0.0
-    damping = np.where(fast, -np.real(eigenvalues) / np.where(fast, rates, 1.0), 1.0)
+    moves = rates > 0.0
+    divisors = np.where(moves, rates, 1.0)
+    damping = np.where(moves, -np.real(eigenvalues) / divisors, 1.0)
     ratios, limits = zip(*METHODS[method].limits, strict=True)
-    allowed = np.interp(damping, ratios, limits) / np.where(fast, rates, 1.0)
-    return float(np.min(np.where(fast, allowed, np.inf)))
+    steps = np.interp(damping, ratios, limits) / divisors
+    return float(np.min(np.where(moves, steps, np.inf)))

@@ -16,10 +16,11 @@ import jax.numpy as jnp
 from jaxtyping import Array, Int
 
 from gaitsweep.contract import HybridModel, Params, Rates
-from gaitsweep.engine.advance import Precomputed, advance
+from gaitsweep.engine.advance import advance
 from gaitsweep.engine.carry import Carry, select
 from gaitsweep.engine.numerics import ResolvedNumerics
 from gaitsweep.engine.solver import euler_update
+from gaitsweep.engine.trial import Precomputed
 
 # Stages of the next evaluation: 1 to 3 are those after the first stage of a step, then the trial follows.
 LAST, TRIAL = 3, 4
