@@ -27,11 +27,21 @@ from gaitsweep.engine.recorders.recorder import (
 )
 from gaitsweep.row_outcome import RowOutcome
 
+# A duration may be shorter than its whole number of intervals by this share of itself.
+ROUNDING = 1e-12
+
 
 @final
 @dataclasses.dataclass(frozen=True)
 class TraceRecorder(Recorder):
-    """Records the signals every `every` seconds for `duration` seconds, after `after_cycles` crossings."""
+    """Records the signals at equal intervals of time.
+
+    Args:
+        model: the model.
+        duration: the time from the first sample to the last one (s).
+        every: the time between two samples (s).
+        after_cycles: the crossings of the section before the first sample.
+    """
 
     model: Model
     duration: float
@@ -40,7 +50,8 @@ class TraceRecorder(Recorder):
 
     @property
     def samples(self) -> int:
-        return int(self.duration / self.every * (1.0 + 1e-12)) + 1
+        """The number of samples; rounding of the duration loses none."""
+        return int(self.duration / self.every * (1.0 + ROUNDING)) + 1
 
     @property
     def names(self) -> tuple[str, ...]:
