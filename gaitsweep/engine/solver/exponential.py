@@ -58,7 +58,7 @@ PROPAGATOR: Shares = (
 
 
 def exponential(shares: Shares) -> Callable[[HybridModel], Step]:
-    """The method with these factors of the Taylor terms.
+    """The method with some factors of the Taylor terms: it returns the step of a model.
 
     A nonlinear flow is linearised at the beginning of each step, which is accurate to second order. Powers of
     rates are not scaled, so float64 is required.
