@@ -137,7 +137,13 @@ def start(
 
 
 def select(condition: Flag, yes: T, no: T) -> T:
-    """The leaves of `yes` or those of `no`, two pytrees of the same structure."""
+    """The leaves of one of two pytrees of the same structure.
+
+    Args:
+        condition: whether they are those of `yes`.
+        yes: a pytree.
+        no: a pytree.
+    """
     return jax.tree.map(lambda a, b: jnp.where(condition, a, b), yes, no)
 
 

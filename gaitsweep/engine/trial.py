@@ -77,7 +77,15 @@ class Scheme:
         sensitivities: bool,
         precomputed: Precomputed | None,
     ) -> Scheme:
-        """The scheme of an attempt; arguments as of `advance`."""
+        """The scheme of an attempt.
+
+        Args:
+            model: the model.
+            numerics: the method and its tolerances.
+            drive: as of `Scheme`.
+            sensitivities: as of `Scheme`.
+            precomputed: the step and its rates, if they are computed beforehand.
+        """
         method = METHODS[numerics.method]
         assert method.step is not None
         order = order_of(numerics.rtol) if method.series else ORDER - 1

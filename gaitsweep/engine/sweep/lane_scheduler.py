@@ -282,44 +282,44 @@ class LaneScheduler:
 
     def _pass_to_blocks(self, collected: _Collected) -> None:
         """Pass samples and ended rows to their blocks, and free the lanes of ended rows."""
-        group, output, running, ended = collected
-        changed = np.flatnonzero(ended | (running & (output.filled > 0)))
+        group, output, is_running, has_ended = collected
+        changed = np.flatnonzero(has_ended | (is_running & (output.filled > 0)))
         changed = changed[np.argsort(group.block_of[changed], kind="stable")]
         numbers, first = np.unique(group.block_of[changed], return_index=True)
         # without any row `split` gives an empty part all the same
         for number, lanes in zip(numbers, np.split(changed, first[1:]), strict=False):
             block = self.open[number]
             block.keep(group.row_of, output, lanes[output.filled[lanes] > 0])
-            block.end(group.row_of, output, lanes[ended[lanes]])
+            block.end(group.row_of, output, lanes[has_ended[lanes]])
             if block.missing == 0:
                 self.complete.append(int(number))
-        group.block_of[ended] = IDLE
+        group.block_of[has_ended] = IDLE
 
     def _count(self, collected: _Collected) -> None:
         """Count the ended rows, and estimate the progress of running ones."""
-        group, output, running, ended = collected
+        group, output, is_running, has_ended = collected
         cycles = output.numbers["cycles"]
         attempts = output.numbers["attempts"]
-        self.done += int(np.count_nonzero(ended))
-        self.attempts += int(attempts[ended].sum())
-        self.cycles += int(cycles[ended].sum())
+        self.done += int(np.count_nonzero(has_ended))
+        self.attempts += int(attempts[has_ended].sum())
+        self.cycles += int(cycles[has_ended].sum())
         # the first rows that end are short ones, so running rows count in the estimate as well
         typical = self.cycles / self.done if self.done else 0.0
-        if running.any() and self.done:
-            typical = max(typical, float(np.mean(cycles[running])))
+        if is_running.any() and self.done:
+            typical = max(typical, float(np.mean(cycles[is_running])))
         rows = RunningRows(cycles, output.samples, output.numbers["t_end"])
         progress = self.spec.recorder.progress(rows, typical)
-        group.progress = float(np.sum(progress[running]))
-        group.attempts = int(np.sum(attempts[running]))
+        group.progress = float(np.sum(progress[is_running]))
+        group.attempts = int(np.sum(attempts[is_running]))
 
     def _size_chunk(self, collected: _Collected) -> None:
         """Choose the size of the group's next chunk."""
-        group, output, running, _ = collected
+        group, output, is_running, _ = collected
         if self.spec.engine != "kernel":
             group.sizer.choose_for_xla()
             return
         of_ended = self.attempts / self.done if self.done else 0.0
-        of_running = float(np.mean(output.numbers["attempts"][running])) if running.any() else 0.0
+        of_running = float(np.mean(output.numbers["attempts"][is_running])) if is_running.any() else 0.0
         waiting = group.size / group.at_a_time - 1.0
         group.sizer.choose(max(of_ended, of_running), int(output.filled.max(initial=0)), waiting)
 

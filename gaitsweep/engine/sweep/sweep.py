@@ -81,17 +81,11 @@ def sweep(
         labelled(spec, next(iter(scheduler.open.values())))
     timings.compile_s = time.perf_counter() - began
     scheduler.start()
-    disk = _Writer(scheduler.close, len(spec.devices) if spec.devices[0].platform == "gpu" else 1)
+    disk = _Writer(spec, encode, write, written=scheduler.close)
     keeper = _OpenRowsKeeper(scheduler, open_rows, disk)
-
-    def write_block(block: Block) -> None:
-        encoding = functools.partial(_encoded, spec, block, encode)
-        writing = functools.partial(write, block.number)
-        disk.write(block.number, encoding, writing, last=not scheduler.busy)
-
     try:
         while scheduler.busy or scheduler.complete:
-            _run_chunk(scheduler, keeper, write_block)
+            _run_chunk(scheduler, disk, keeper)
             timings.attempts = scheduler.attempts
             timings.run_s = time.perf_counter() - began - timings.compile_s
             if on_progress is not None:
@@ -110,66 +104,77 @@ def sweep(
     return timings
 
 
-def _run_chunk(
-    scheduler: LaneScheduler, keeper: _OpenRowsKeeper, write_block: Callable[[Block], None]
-) -> None:
+def _run_chunk(scheduler: LaneScheduler, disk: _Writer, keeper: _OpenRowsKeeper) -> None:
     """Run a chunk of one group of lanes, write complete blocks, and store the ended rows of others."""
     if scheduler.busy:
         keeper.chunk_ended(scheduler.step())
     for number in list(scheduler.complete):
         keeper.store_if_due()
-        write_block(scheduler.take(number))
+        disk.write(scheduler.take(number), last=not scheduler.busy)
     keeper.store_if_due(keeper.chunk_s)
-
-
-def _encoded(spec: SweepSpec, block: Block, encode: Callable[[int, RowOutcome], Any] | None) -> Any:
-    """The labelled rows of a block, converted by `encode` if it is given."""
-    result = labelled(spec, block)
-    return result if encode is None else encode(block.number, result)
 
 
 class _Writer:
     """A thread that writes blocks one after the other while rows continue, and threads that encode them.
 
     Args:
+        spec: the sweep.
+        encode: as of `sweep`.
+        write: as of `sweep`.
         written: called with the number of each written block, by the waiting thread.
-        gpus: the number of GPUs that end rows; 1 for CPUs.
     """
 
-    # Blocks that may wait for each GPU.
+    # Blocks that may wait, for each GPU.
     MAX_WAITING = 8
-    # Threads for each GPU that label and encode, since that takes as long as the rows do on a GPU.
+    # Threads that label and encode, for each GPU, since that takes as long as the rows do on a GPU.
     ENCODING = 2
 
-    def __init__(self, written: Callable[[int], None], gpus: int) -> None:
-        self._thread = ThreadPoolExecutor(1)
+    def __init__(
+        self,
+        spec: SweepSpec,
+        encode: Callable[[int, RowOutcome], Any] | None,
+        write: Callable[[int, Any], None],
+        written: Callable[[int], None],
+    ) -> None:
+        gpus = len(spec.devices) if spec.devices[0].platform == "gpu" else 1
+        self._spec = spec
+        self._encode = encode
+        self._write = write
         self._written = written
+        self._thread = ThreadPoolExecutor(1)
         self._most = self.MAX_WAITING * gpus
         self._encoding = ThreadPoolExecutor(self.ENCODING * gpus)
         # writes in progress, each with the function to call when it is on disk
         self._pending: deque[tuple[Future[None], Callable[[], None]]] = deque()
         self._latest_s = 1.0  # s of writing the latest block; the first one loads libraries
 
-    def write(
-        self, number: int, encode: Callable[[], Any], write: Callable[[Any], None], *, last: bool = False
-    ) -> None:
+    def write(self, block: Block, *, last: bool) -> None:
         """Queue a block for encoding and writing; an error of an earlier block is raised.
 
         Args:
-            number: the number of the block.
-            encode: labels and encodes it.
-            write: writes what `encode` returns.
+            block: the block.
             last: whether no row is left that could run meanwhile; the block is then written at once.
         """
         self.take_done(self._most)
         if last and not self._pending:
-            write(encode())
-            self._written(number)
+            self._write(block.number, self._encoded(block))
+            self._written(block.number)
             return
-        encoded = self._encoding.submit(copy_context().run, encode)
-        job = self._thread.submit(self._timed, lambda: write(encoded.result()))
+        encoded = self._encoding.submit(copy_context().run, self._encoded, block)
+        job = self._thread.submit(self._write_timed, block.number, encoded)
         # a block that could not be written stays open, so that its rows are stored
-        self._pending.append((job, lambda: self._written(number)))
+        self._pending.append((job, functools.partial(self._written, block.number)))
+
+    def _encoded(self, block: Block) -> Any:
+        """The labelled rows of a block, converted by `encode` if the sweep has one."""
+        rows = labelled(self._spec, block)
+        return rows if self._encode is None else self._encode(block.number, rows)
+
+    def _write_timed(self, number: int, encoded: Future[Any]) -> None:
+        """Write a block when it is encoded, and record the time that it takes."""
+        began = time.perf_counter()
+        self._write(number, encoded.result())
+        self._latest_s = time.perf_counter() - began
 
     def store(self, keep: Callable[[], None], stored: Callable[[], None]) -> None:
         """Queue a store of rows.
@@ -211,12 +216,6 @@ class _Writer:
             self._encoding.shutdown()
         if failures:
             raise failures[0]
-
-    def _timed(self, write: Callable[[], None]) -> None:
-        """Write a block, and record the time that it takes."""
-        began = time.perf_counter()
-        write()
-        self._latest_s = time.perf_counter() - began
 
 
 class _OpenRowsKeeper:
