@@ -4,6 +4,9 @@ The amounts are parameters of the model beside its own, so that they vary betwee
 at present is a mode of the state; the recorder that settles a row changes these modes (`pushed`, `released`).
 """
 
+# `_of_model` redefines properties of `Model`:
+# pyright: reportIncompatibleMethodOverride=false
+
 from __future__ import annotations
 
 import dataclasses
@@ -85,7 +88,7 @@ class PushedModel(HybridModel):
     stepped: str | None = None
     event: str | None = None
 
-    # what describes the model is that of the model itself
+    # descriptions of the model are those of the model itself
     name = _of_model("name")
     source = _of_model("source")
     bibtex = _of_model("bibtex")

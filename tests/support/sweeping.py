@@ -15,7 +15,7 @@ from gaitsweep.contract import Model
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.recorder import Recorder
 from gaitsweep.engine.sweep.sweep import sweep
-from gaitsweep.engine.sweep.sweep_spec import SweepSpec
+from gaitsweep.engine.sweep.sweep_spec import EngineName, SweepSpec
 from gaitsweep.expression import evaluate
 from gaitsweep.row_outcome import RowOutcome
 
@@ -72,7 +72,7 @@ def run_rows(
     devices: int = 1,
     block: int | None = None,
     drive: Callable[[Any, Any], Any] | None = None,
-    engine: str = "kernel",
+    engine: EngineName = "kernel",
     on: str | None = None,
     varied: frozenset[str] = frozenset(),
 ) -> RowOutcome:
