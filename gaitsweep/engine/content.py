@@ -37,7 +37,7 @@ _MEMO: ContextVar[dict[tuple[Any, ...], Any] | None] = ContextVar("memo", defaul
 def cached_by_content(maxsize: int) -> Callable[[Callable[P, T]], Callable[P, T]]:
     """Cache a function as `functools.lru_cache` does, keyed on the content of models as well.
 
-    The models are those among its positional arguments, and those that other arguments have as their `model`.
+    The models are those among its arguments, and those that other arguments have as their `model`.
 
     Args:
         maxsize: the largest number of results that are kept.
@@ -51,7 +51,7 @@ def cached_by_content(maxsize: int) -> Callable[[Callable[P, T]], Callable[P, T]
         @functools.wraps(function)
         def call(*args: P.args, **options: P.kwargs) -> T:
             contents = []
-            for argument in args:
+            for argument in (*args, *options.values()):
                 model = argument if isinstance(argument, Model) else getattr(argument, "model", None)
                 if isinstance(model, Model):
                     contents.append(content_of(model))

@@ -148,12 +148,13 @@ def test_functions_are_called_again_for_changed_content_only(monkeypatch: pytest
         return GAIN
 
     assert [compiled(Spring()), compiled(Spring()), compiled(Spring(), size=2)] == [1.0, 1.0, 1.0]
-    assert calls == [1, 2]
+    assert compiled(model=Spring(), size=3) == 1.0
+    assert calls == [1, 2, 3]
     _global(monkeypatch)
-    assert compiled(Spring()) == 4.0
+    assert compiled(Spring()) == compiled(model=Spring(), size=3) == 4.0
     monkeypatch.undo()
-    assert compiled(Spring()) == 1.0
-    assert calls == [1, 2, 1]
+    assert compiled(Spring()) == compiled(model=Spring(), size=3) == 1.0
+    assert calls == [1, 2, 3, 1, 3]
 
 
 @dataclasses.dataclass(frozen=True)
