@@ -217,7 +217,7 @@ def test_a_file_that_a_function_reads_as_it_is_traced(tmp_path: Path) -> None:
 
 
 def test_installed_packages_are_not_a_users(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Also packages that `pip install --target` has put in a folder of any name."""
+    """Packages that `pip install --target` has put in a folder of any name are installed ones, too."""
     for folder, installed in (("target", True), ("project", False)):
         module = types.ModuleType(f"module_in_{folder}")
         module.__file__ = str(tmp_path / folder / "package" / "__init__.py")

@@ -169,7 +169,7 @@ def test_a_thread_for_each_lane_that_runs(on_card: Any, monkeypatch: pytest.Monk
 
 @pytest.mark.slow
 def test_settling_thread_by_thread(on_card: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    """As on a CPU, whose compiler contracts other sums."""
+    """Rows settle as on a CPU, whose compiler contracts other sums."""
     options: dict[str, Any] = {"numerics": NUMERICS, "lanes": 16}
     card = on_card(Toy(), SettleRecorder(Toy()), {"launch_1": LAUNCH}, **options)
     monkeypatch.undo()
