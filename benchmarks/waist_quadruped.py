@@ -26,7 +26,8 @@ import numpy as np
 from benchmarks.bodies_alone import mjx_alone, mujoco_c
 from benchmarks.sweep_rate import Rate, sweep_rate
 from gaitsweep.engine.devices import local_devices
-from gaitsweep.engine.numerics import Numerics
+from gaitsweep.engine.numerics import Numerics, Precision
+from gaitsweep.engine.sweep.sweep_spec import EngineName
 from gaitsweep.papers.aoi2011.waist_quadruped import WaistQuadruped
 from gaitsweep.papers.aoi2011.waist_quadruped.sizes import mjcf
 
@@ -37,13 +38,13 @@ CYCLES = {("kernel", "cpu"): 20, ("kernel", "gpu"): 100, ("xla", "cpu"): 2, ("xl
 
 
 def ours(
-    engine: str,
+    engine: EngineName,
     method: str,
     dt: float,
     seconds: float,
     lanes: int | None,
     body: str = "tree",
-    precision: str = "float64",
+    precision: Precision = "float64",
 ) -> Rate:
     """Whole sweeps of the model."""
 

@@ -6,7 +6,7 @@ import dataclasses
 import functools
 import types
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, cast
 
 import jax
 import numpy as np
@@ -72,7 +72,7 @@ def run_rows(
     devices: int = 1,
     block: int | None = None,
     drive: Callable[[Any, Any], Any] | None = None,
-    engine: EngineName = "kernel",
+    engine: str = "kernel",
     on: str | None = None,
     varied: frozenset[str] = frozenset(),
 ) -> RowOutcome:
@@ -94,7 +94,7 @@ def run_rows(
         devices=devices_on(on, engine)[:devices],
         values=lambda a, b: ({k: v[a:b] for k, v in held.items()}, {k: v[a:b] for k, v in begin.items()}),
         drive=None if drive is None else Drive(drive),
-        engine=engine,
+        engine=cast(EngineName, engine),
         varied=varied,
     )
     blocks: dict[int, RowOutcome] = {}
