@@ -94,7 +94,7 @@ def main() -> None:
         "rk4": f"rk4 {1e3 * LOCATED:g} ms, located events",
     }
     results: list[tuple[str, str, Rate]] = []
-    cases = [
+    cases: list[tuple[EngineName, str, str, Precision]] = [
         ("kernel", "semi_implicit", "tree", "float64"),
         ("kernel", "semi_implicit", "tree", "mixed"),
         ("xla", "semi_implicit", "mjx", "float64"),
