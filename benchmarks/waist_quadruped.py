@@ -100,7 +100,8 @@ def main() -> None:
         ("xla", "semi_implicit", "mjx", "float64"),
     ]
     if not chosen.quick:
-        cases += [("kernel", "rk4", "tree", "float64"), ("xla", "semi_implicit", "tree", "float64")]
+        cases.append(("kernel", "rk4", "tree", "float64"))
+        cases.append(("xla", "semi_implicit", "tree", "float64"))
     for engine, method, body, precision in cases:
         dt = STEP if method == "semi_implicit" else LOCATED
         lanes = chosen.lanes if engine == "kernel" else None
