@@ -13,7 +13,7 @@ from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.sweep.engines import EngineError, choose, default_lanes
 from gaitsweep.engine.sweep.sweep import Timings, sweep
-from gaitsweep.engine.sweep.sweep_spec import SweepSpec
+from gaitsweep.engine.sweep.sweep_spec import EngineName, SweepSpec
 from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
 from gaitsweep.row_outcome import RowOutcome
 
@@ -34,7 +34,7 @@ MOST_ROWS = 2**19
 
 
 def measure(
-    engine: str = "kernel",
+    engine: EngineName = "kernel",
     method: str = "rk4",
     *,
     lanes: int | None = None,
@@ -109,7 +109,7 @@ def measure(
 
 
 def measure_all(
-    engines: list[str], lanes: list[int | None], crossings: int
+    engines: list[EngineName], lanes: list[int | None], crossings: int
 ) -> Iterator[tuple[tuple[str, str], Row]]:
     """Yields engine and method, and the row: rk4 alone in XLA, every method in the kernel."""
     for engine in engines:

@@ -24,6 +24,7 @@ from benchmarks.bodies_alone import mjx_alone, mujoco_c
 from benchmarks.sweep_rate import Rate, sweep_rate
 from gaitsweep.engine.devices import local_devices
 from gaitsweep.engine.numerics import Numerics
+from gaitsweep.engine.sweep.sweep_spec import EngineName
 from gaitsweep.papers.fukuoka2015.planar_quadruped import PlanarQuadruped
 from gaitsweep.papers.fukuoka2015.planar_quadruped.mechanics import HIP, KNEE, Z, mjcf
 
@@ -34,7 +35,7 @@ STANDING, LIFTED = 0.130, 0.057  # m, lengths of knees
 TROTTING = (STANDING, LIFTED, LIFTED, STANDING)
 
 
-def gaitsweep_rate(engine: str, body: str, seconds: float, lanes: int | None) -> Rate:
+def gaitsweep_rate(engine: EngineName, body: str, seconds: float, lanes: int | None) -> Rate:
     """The rate of sweeps over speed and seeds with one engine and one body."""
 
     def rows_of(n: int) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:

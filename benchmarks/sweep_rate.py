@@ -13,7 +13,7 @@ from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.sweep.engines import default_lanes
 from gaitsweep.engine.sweep.sweep import Timings, sweep
-from gaitsweep.engine.sweep.sweep_spec import SweepSpec
+from gaitsweep.engine.sweep.sweep_spec import EngineName, SweepSpec
 from gaitsweep.expression import evaluate
 
 Values = Mapping[str, np.ndarray]
@@ -30,7 +30,7 @@ class Rate(NamedTuple):
 def sweep_rate(
     model: HybridModel | SteppedModel,
     numerics: Numerics,
-    engine: str,
+    engine: EngineName,
     cycles: int,
     rows_of: Callable[[int], tuple[Values, Values]],
     *,

@@ -26,7 +26,8 @@ import numpy as np
 from benchmarks.bodies_alone import mjx_alone, mujoco_c
 from benchmarks.sweep_rate import Rate, sweep_rate
 from gaitsweep.engine.devices import local_devices
-from gaitsweep.engine.numerics import Numerics
+from gaitsweep.engine.numerics import Numerics, Precision
+from gaitsweep.engine.sweep.sweep_spec import EngineName
 from gaitsweep.papers.aoi2011.waist_quadruped import WaistQuadruped
 from gaitsweep.papers.aoi2011.waist_quadruped.sizes import mjcf
 
@@ -37,13 +38,13 @@ CYCLES = {("kernel", "cpu"): 20, ("kernel", "gpu"): 100, ("xla", "cpu"): 2, ("xl
 
 
 def ours(
-    engine: str,
+    engine: EngineName,
     method: str,
     dt: float,
     seconds: float,
     lanes: int | None,
     body: str = "tree",
-    precision: str = "float64",
+    precision: Precision = "float64",
 ) -> Rate:
     """Whole sweeps of the model."""
 
@@ -93,13 +94,14 @@ def main() -> None:
         "rk4": f"rk4 {1e3 * LOCATED:g} ms, located events",
     }
     results: list[tuple[str, str, Rate]] = []
-    cases = [
+    cases: list[tuple[EngineName, str, str, Precision]] = [
         ("kernel", "semi_implicit", "tree", "float64"),
         ("kernel", "semi_implicit", "tree", "mixed"),
         ("xla", "semi_implicit", "mjx", "float64"),
     ]
     if not chosen.quick:
-        cases += [("kernel", "rk4", "tree", "float64"), ("xla", "semi_implicit", "tree", "float64")]
+        cases.append(("kernel", "rk4", "tree", "float64"))
+        cases.append(("xla", "semi_implicit", "tree", "float64"))
     for engine, method, body, precision in cases:
         dt = STEP if method == "semi_implicit" else LOCATED
         lanes = chosen.lanes if engine == "kernel" else None

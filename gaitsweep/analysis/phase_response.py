@@ -22,14 +22,13 @@ from jaxtyping import Array, Float
 
 from gaitsweep.contract import HybridModel, State
 from gaitsweep.engine.advance import advance
-from gaitsweep.engine.carry import Halt, start
+from gaitsweep.engine.carry import Halt, Number, start
 from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.numerics import step_of
 from gaitsweep.engine.poincare.maps import Coordinates, Points, Values
 from gaitsweep.engine.poincare.poincare_return import ReturnStatus
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.engine.pushed_model import Place
-from gaitsweep.engine.shapes import Number
 from gaitsweep.errors import ArgumentError
 
 # The largest distance of a multiplier from 1 that counts as that of a family of gaits, and the largest share

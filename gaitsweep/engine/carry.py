@@ -1,17 +1,33 @@
-"""The state of one trajectory's integration, from its start to the reason why it waits for its recorder."""
+"""The state of one trajectory's integration, with the types of its arrays and choices between its values.
+
+All decisions along a trajectory are selects. A condition that is seldom or nearly always true is marked
+(`unlikely`, `likely`): a kernel computes what depends on the exception only where there is one; XLA computes
+everything.
+"""
 
 from __future__ import annotations
 
 import dataclasses
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import jax
 import jax.numpy as jnp
+from jax.ad_checkpoint import checkpoint_name
+from jaxtyping import Array, Bool, Float, Int
 
 from gaitsweep.contract import HybridModel, Model, Params, State
-from gaitsweep.engine.shapes import Flag, Guards, Integer, Number
+
+Number = Float[Array, ""]
+Flag = Bool[Array, ""]
+Integer = Int[Array, ""]
+Guards = Float[Array, " guards"]  # one number for each guard of a model
+GuardFlags = Bool[Array, " guards"]
+Observed = Float[Array, " observables"]
 
 T = TypeVar("T")  # a pytree
+
+# The usual value of a marked condition, by the name of its mark.
+USUAL = {"gaitsweep.unlikely": False, "gaitsweep.likely": True}
 
 
 class Halt:
@@ -85,7 +101,9 @@ def start(
     """A trajectory at t = 0; the first attempt of a hybrid model has zero length and fires guards >= 0 there.
 
     Args:
-        model, params, state: the model, its parameters and its initial state.
+        model: the model.
+        params: its parameters.
+        state: its initial state.
         dt: its longest step (s), with the factor `step_factor` applied.
         stop: the time (s) at which to halt.
         step_factor: see `Carry`.
@@ -119,8 +137,24 @@ def start(
 
 
 def select(condition: Flag, yes: T, no: T) -> T:
-    """`yes` or `no`, two pytrees of the same structure, leaf by leaf."""
+    """The leaves of one of two pytrees of the same structure.
+
+    Args:
+        condition: whether they are those of `yes`.
+        yes: a pytree.
+        no: a pytree.
+    """
     return jax.tree.map(lambda a, b: jnp.where(condition, a, b), yes, no)
+
+
+def unlikely(condition: Flag) -> Flag:
+    """The condition itself, marked as seldom true."""
+    return cast(jax.Array, checkpoint_name(condition, "gaitsweep.unlikely"))
+
+
+def likely(condition: Flag) -> Flag:
+    """The condition itself, marked as nearly always true."""
+    return cast(jax.Array, checkpoint_name(condition, "gaitsweep.likely"))
 
 
 def restarted(carry: Carry, now: Flag) -> Carry:

@@ -37,7 +37,7 @@ _MEMO: ContextVar[dict[tuple[Any, ...], Any] | None] = ContextVar("memo", defaul
 def cached_by_content(maxsize: int) -> Callable[[Callable[P, T]], Callable[P, T]]:
     """Cache a function as `functools.lru_cache` does, keyed on the content of models as well.
 
-    They are the models among the arguments, and those that other arguments have as their `model`.
+    The models are those among its arguments, and those that other arguments have as their `model`.
 
     Args:
         maxsize: the largest number of results that are kept.
@@ -51,7 +51,7 @@ def cached_by_content(maxsize: int) -> Callable[[Callable[P, T]], Callable[P, T]
         @functools.wraps(function)
         def call(*args: P.args, **options: P.kwargs) -> T:
             contents = []
-            for argument in args:
+            for argument in (*args, *options.values()):
                 model = argument if isinstance(argument, Model) else getattr(argument, "model", None)
                 if isinstance(model, Model):
                     contents.append(content_of(model))
@@ -68,13 +68,13 @@ def content_of(model: Model) -> str:
     Code of installed packages and of gaitsweep counts by name only. Another process has another digest.
     """
     memo = _MEMO.get()
-    if memo is not None and (known := memo.get((type(model), model))) is not None:
-        return known
+    if memo is not None and (type(model), model) in memo:
+        return memo[type(model), model]
     reader = _read(model)
     key = _key(model)
     reader.read(model.data_digest)
     for file in sorted(_FILES.get(key, ())):
-        reader.read((str(file), (file.stat().st_mtime_ns, file.stat().st_size) if file.is_file() else None))
+        reader.read((str(file), _stamp(file)))
     content = reader.digest.hexdigest()
     # JAX keeps traces of a user's jitted functions and loops, which may have read what has changed
     if _LATEST.get(key, content) != content:
@@ -83,6 +83,15 @@ def content_of(model: Model) -> str:
     if memo is not None:
         memo[type(model), model] = content
     return content
+
+
+def _stamp(file: Path) -> tuple[int, int] | None:
+    """The modification time (ns) and the size of a file; None without a file."""
+    try:
+        status = file.stat()
+    except OSError:
+        return None
+    return status.st_mtime_ns, status.st_size
 
 
 @contextlib.contextmanager
@@ -97,7 +106,12 @@ def held_contents() -> Iterator[None]:
 
 
 def held_result(key: tuple[Any, ...], compute: Callable[[], T]) -> T:
-    """The result of `compute`, called once for each key inside `held_contents`, and always outside."""
+    """The result of `compute`, which is called once for each key inside `held_contents`.
+
+    Args:
+        key: all that decides the result.
+        compute: returns the result; it is always called outside of `held_contents`.
+    """
     memo = _MEMO.get()
     if memo is None:
         return compute()
@@ -111,6 +125,10 @@ def lasting_content(model: Model, *others: Any) -> str | None:
 
     It includes the sources of the model's modules.
 
+    Args:
+        model: the model.
+        others: the other objects.
+
     Returns:
         The digest; None for a model that may read what no digest holds: files, the environment, a clock,
         packages other than JAX and NumPy, or a class without a source.
@@ -118,9 +136,11 @@ def lasting_content(model: Model, *others: Any) -> str | None:
     if _FILES.get(_key(model)):
         return None
     content = held_result((type(model), model, "lasting"), lambda: _lasting(model))
+    if not content:
+        return None
     reader = ContentReader(model, type(model))
     reader.read((content, others))
-    return reader.digest.hexdigest() if content and reader.lasting else None
+    return reader.digest.hexdigest() if reader.lasting else None
 
 
 def _lasting(model: Model) -> str:
@@ -152,7 +172,12 @@ def _read(model: Model) -> ContentReader:
 
 
 def depends_on(model: Model, files: Iterable[Path]) -> None:
-    """Let the content of a model include files that its functions read as they are traced."""
+    """Include files in the content of a model.
+
+    Args:
+        model: the model.
+        files: the files that its functions read as they are traced.
+    """
     _FILES.setdefault(_key(model), set()).update(files)
     if (memo := _MEMO.get()) is not None:
         memo.pop((type(model), model), None)

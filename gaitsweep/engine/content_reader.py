@@ -5,6 +5,7 @@ from __future__ import annotations
 import abc
 import functools
 import hashlib
+import itertools
 import opcode
 import pickle
 import sys
@@ -43,9 +44,13 @@ _IMPORTS = opcode.opmap["IMPORT_NAME"]
 
 
 class _Code(NamedTuple):
-    """The digest of a code object, the names that it and its inner code read, and whether a digest holds all.
+    """The content of a code object and its inner code.
 
-    It does not where a name may read files, the environment or a clock.
+    Attributes:
+        digest: its digest.
+        names: the names that it reads.
+        is_known: whether the digest holds all that it reads: no name may read files, the environment or a
+            clock.
     """
 
     digest: bytes
@@ -57,9 +62,7 @@ _CODES: WeakKeyDictionary[types.CodeType, _Code] = WeakKeyDictionary()
 
 
 class ContentReader:
-    """Adds values to a digest, with all that they refer to.
-
-    `lasting` is whether the digest holds in other processes.
+    """A digest of values with all that they refer to; `lasting` is whether it holds in other processes.
 
     Args:
         known: objects that are added by their places among these alone.
@@ -98,7 +101,7 @@ class ContentReader:
         elif isinstance(value, set | frozenset):
             self._all(kind.__name__, sorted(value, key=repr))
         elif isinstance(value, Mapping):
-            self._all(kind.__name__, (part for item in list(value.items()) for part in item))
+            self._all(kind.__name__, itertools.chain.from_iterable(list(value.items())))
         else:
             self._object(value)
 
@@ -153,14 +156,14 @@ class ContentReader:
         if not isinstance(value, types.ModuleType) or id(value) in self._seen:
             self.read(value)
             return
-        users = is_user_module(value.__name__)
+        is_users = is_user_module(value.__name__)
         self._note_module(value.__name__)
         self._add("module", value.__name__.encode())
         for name in names:
-            part = vars(value).get(name)
-            if part is not None and (users or isinstance(part, (*_PLAIN, np.ndarray, np.generic))):
+            member = vars(value).get(name)
+            if member is not None and (is_users or isinstance(member, (*_PLAIN, np.ndarray, np.generic))):
                 self._add("of module", name.encode())
-                self._global(part, names)
+                self._global(member, names)
 
     def _class(self, kind: type) -> None:
         """Add the name of a class, and the members of all of its bases that a user may change."""
@@ -168,12 +171,10 @@ class ContentReader:
         for base in kind.__mro__:
             self._note_module(base.__module__)
             # a class made by calling type() has the module of its metaclass, and no source of its own
-            called = base.__module__ == "abc" and base is not abc.ABC
-            self.lasting &= not called
-            users = (
-                called or is_user_module(base.__module__) or base.__module__.startswith("gaitsweep.models.")
-            )
-            if not users:
+            is_called = base.__module__ == "abc" and base is not abc.ABC
+            self.lasting &= not is_called
+            is_models = base.__module__.startswith("gaitsweep.models.")
+            if not (is_called or is_models or is_user_module(base.__module__)):
                 continue
             for name, value in list(vars(base).items()):
                 if name not in _FORMAL:
@@ -235,33 +236,36 @@ def _slots(kind: type) -> Iterator[str]:
 
 
 def _code(code: types.CodeType) -> _Code:
-    """Read a code object and its inner code, once."""
-    entry = _CODES.get(code)
-    if entry is None:
-        names = dict.fromkeys(code.co_names)
-        digest = hashlib.sha256()
-        known = _UNKNOWN.isdisjoint(code.co_names) and _IMPORTS not in code.co_code[::2]
-        shape = code.co_argcount, code.co_posonlyargcount, code.co_kwonlyargcount, code.co_flags
-        digest.update(repr((shape, code.co_names, code.co_varnames, code.co_freevars)).encode())
-        digest.update(code.co_code + getattr(code, "co_exceptiontable", b""))
-        for constant in code.co_consts:
-            if isinstance(constant, types.CodeType):
-                inner = _code(constant)
-                known &= inner.is_known
-                digest.update(inner.digest)
-                names |= dict.fromkeys(inner.names)
-            else:
-                text = sorted(map(repr, constant)) if isinstance(constant, frozenset) else repr(constant)
-                digest.update(f"{type(constant).__name__} {text}".encode())
-        entry = _Code(digest.digest(), tuple(names), known)
-        _CODES[code] = entry
-    return entry
+    """The entry of a code object, which is read once, with its inner code."""
+    if code in _CODES:
+        return _CODES[code]
+    names = dict.fromkeys(code.co_names)
+    digest = hashlib.sha256()
+    is_known = _UNKNOWN.isdisjoint(code.co_names) and _IMPORTS not in code.co_code[::2]
+    signature = code.co_argcount, code.co_posonlyargcount, code.co_kwonlyargcount, code.co_flags
+    digest.update(repr((signature, code.co_names, code.co_varnames, code.co_freevars)).encode())
+    digest.update(code.co_code + code.co_exceptiontable)
+    for constant in code.co_consts:
+        if isinstance(constant, types.CodeType):
+            inner = _code(constant)
+            is_known &= inner.is_known
+            digest.update(inner.digest)
+            names |= dict.fromkeys(inner.names)
+            continue
+        # the order of a frozenset differs between processes
+        text = sorted(map(repr, constant)) if isinstance(constant, frozenset) else repr(constant)
+        digest.update(f"{type(constant).__name__} {text}".encode())
+    _CODES[code] = _Code(digest.digest(), tuple(names), is_known)
+    return _CODES[code]
 
 
 @functools.lru_cache(maxsize=4096)
 def _in_packages(file: str) -> bool:
+    """Whether a file is of Python's standard library or of an installed package."""
     folders = Path(file).resolve().parents
-    return Path(sysconfig.get_paths()["stdlib"]).resolve() in folders or any(map(_holds_packages, folders))
+    if Path(sysconfig.get_paths()["stdlib"]).resolve() in folders:
+        return True
+    return any(_holds_packages(folder) for folder in folders)
 
 
 @functools.lru_cache(maxsize=4096)

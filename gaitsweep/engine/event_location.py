@@ -16,17 +16,15 @@ import jax
 import jax.numpy as jnp
 
 from gaitsweep.contract import Rates, State
-from gaitsweep.engine.carry import Carry
-from gaitsweep.engine.rarity import likely
-from gaitsweep.engine.shapes import Flag, GuardFlags, Guards, Integer, Number
+from gaitsweep.engine.carry import Carry, Flag, GuardFlags, Guards, Integer, Number, likely
 from gaitsweep.engine.solver import euler_update
 
 # A guard's value before a step is limited to this multiple of its value after it: a model may disarm a guard
 # by a large negative number, with which the secant would locate nothing.
 MAX_NEAR_RATIO = 1e9
-# Trials before the location of an event falls back to bisection (superlinear location takes 5 to 8), and
-# before its tolerance begins to grow (bisection of a whole step to 1e-12 s takes another 31).
+# Trials before the location of an event falls back to bisection: superlinear location takes 5 to 8.
 BISECTION_AFTER = 24
+# Trials before its tolerance begins to grow: bisection of a whole step to 1e-12 s takes another 31.
 PATIENT_TRIALS = 60
 # Least time of an event's trial past the root, as a share of the tolerance.
 MIN_OVERSHOOT = 0.25
@@ -47,11 +45,17 @@ class Bracket:
 
 
 def first_to_fire(near: Guards, far: Guards) -> tuple[Number, Number]:
-    """The guard, of those that fire at the far end, whose secant crosses zero first.
+    """The distances from zero of the guard that fires at the far end and whose secant crosses zero first.
+
+    The smallest quotient below / above is found without division.
+
+    Args:
+        near: the guards at the near end of the bracket.
+        far: the guards at its far end.
 
     Returns:
-        Its distance below zero at the near end and above zero at the far end, both >= 0; (1, 0) if none
-        fires. The smallest quotient below / above is found without division.
+        The distance below zero at the near end and above zero at the far end, both >= 0; (1, 0) if no guard
+        fires.
     """
     if near.size == 0:  # a flow without events
         none = jnp.zeros((), near.dtype)
@@ -63,18 +67,13 @@ def first_to_fire(near: Guards, far: Guards) -> tuple[Number, Number]:
     # pairs of guards are compared until one is left, the second half with the first
     while below.size > 1:
         half = below.size // 2
-        first = slice(0, half)
-        second = slice(half, 2 * half)
-        rest = slice(2 * half, None)
-        below1 = below[first]
-        below2 = below[second]
-        below_rest = below[rest]
-        above1 = above[first]
-        above2 = above[second]
-        above_rest = above[rest]
+        below1 = below[:half]
+        below2 = below[half : 2 * half]
+        above1 = above[:half]
+        above2 = above[half : 2 * half]
         is_second = below2 * above1 < below1 * above2
-        below = jnp.concatenate([jnp.where(is_second, below2, below1), below_rest])
-        above = jnp.concatenate([jnp.where(is_second, above2, above1), above_rest])
+        below = jnp.concatenate([jnp.where(is_second, below2, below1), below[2 * half :]])
+        above = jnp.concatenate([jnp.where(is_second, above2, above1), above[2 * half :]])
     return below[0], above[0]
 
 
@@ -82,7 +81,8 @@ def secant_root(below: Number, above: Number) -> Number:
     """The zero of the secant, as a share of the bracket from its near end.
 
     Args:
-        below, above: the distances of a guard from zero at the near and the far end, from `first_to_fire`.
+        below: the distance of a guard below zero at the near end, from `first_to_fire`.
+        above: its distance above zero at the far end.
     """
     rise = below + above
     return jnp.where(rise > 0.0, below / jnp.where(rise > 0.0, rise, 1.0), 0.0)
@@ -109,16 +109,17 @@ def next_bracket(
         land: whether the trial is the event.
         keeps: the guards whose values at the trial are kept: at an instant with jumps only that which jumps.
     """
-    back = hit & ~land
-    rest = carry.far - h
+    shortens = hit & ~land
+    is_new = likely(carry.far == jnp.inf)
+    remaining = carry.far - h
     # an accepted step that reaches the far end without firing (rounding) ends the location
-    fresh = likely(carry.far == jnp.inf)
-    far = jnp.where(back, h, jnp.where(fresh, jnp.inf, jnp.where(accepted & (rest > 0.0), rest, jnp.inf)))
+    advanced = jnp.where(accepted & (remaining > 0.0), remaining, jnp.inf)
+    far = jnp.where(shortens, h, jnp.where(is_new, jnp.inf, advanced))
     stayed_near = jnp.where(carry.weight > 0.0, 0.5 * carry.weight, 1.0)
     stayed_far = jnp.where(carry.weight < 0.0, 0.5 * carry.weight, -1.0)
-    weight = jnp.where(fresh, 1.0, jnp.where(back, stayed_near, stayed_far))
+    weight = jnp.where(is_new, 1.0, jnp.where(shortens, stayed_near, stayed_far))
     # a location that ended without an event is continued: only an accepted step resets its trials
-    trials = jnp.where(land | (accepted & fresh), 0, carry.trials + 1)
+    trials = jnp.where(land | (accepted & is_new), 0, carry.trials + 1)
     waits = ~(accepted | hit)
     return Bracket(
         near=jnp.where(accepted, guards, carry.near),
@@ -133,8 +134,9 @@ def next_trial(bracket: Bracket, below: Number, above: Number, tolerance: Number
     """The next trial (s) inside the bracket: the weighted secant, half a tolerance past its root.
 
     Args:
-        bracket: from `next_bracket`.
-        below, above: the distances from zero of the guard that fires first, from `first_to_fire`.
+        bracket: the bracket, from `next_bracket`.
+        below: the distance below zero, at the near end, of the guard that fires first (`first_to_fire`).
+        above: its distance above zero at the far end.
         tolerance: of the event time (s).
     """
     weight = bracket.weight
@@ -156,8 +158,10 @@ def implicit_event_time(
     g(x(t)) = 0 along every neighbouring trajectory, so dt = -dg/g' for the guard that jumps (`rooted`).
 
     Args:
-        trial, rates: the state at the trial, and the flow's rates there.
-        guards, speed: the guards there and their time derivatives.
+        trial: the state at the trial.
+        rates: the flow's rates there.
+        guards: the guards there.
+        speed: their time derivatives.
         rooted: the guard that jumps at its root, at most one.
     """
     if guards.size == 0:

@@ -10,8 +10,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Int
 
 from gaitsweep.contract import HybridModel, Model
-from gaitsweep.engine.carry import Carry
-from gaitsweep.engine.shapes import Flag, GuardFlags, Guards
+from gaitsweep.engine.carry import Carry, Flag, GuardFlags, Guards
 
 # Jumps at one instant, for each guard, beyond which a row is stalled: far above most physical chains of
 # events.

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections.abc import Callable, Mapping
-from typing import Any
 
 import jax
 import jax.flatten_util
@@ -103,13 +101,16 @@ def slowest_limit(model: HybridModel, params: Params, state: State, method: str)
     """The longest accurate step (s) of a method for all eigenvalues of a linear flow.
 
     Args:
-        model, params, state: as for `flow_eigenvalues`.
+        model: a model whose flow is linear between events.
+        params: its parameters.
+        state: a state.
         method: a name of `METHODS`, one that has `limits`.
     """
     eigenvalues = flow_eigenvalues(model, params, state)
     rates = np.abs(eigenvalues)
-    fast = rates > 0.0
-    damping = np.where(fast, -np.real(eigenvalues) / np.where(fast, rates, 1.0), 1.0)
+    moves = rates > 0.0
+    divisors = np.where(moves, rates, 1.0)
+    damping = np.where(moves, -np.real(eigenvalues) / divisors, 1.0)
     ratios, limits = zip(*METHODS[method].limits, strict=True)
-    allowed = np.interp(damping, ratios, limits) / np.where(fast, rates, 1.0)
-    return float(np.min(np.where(fast, allowed, np.inf)))
+    steps = np.interp(damping, ratios, limits) / divisors
+    return float(np.min(np.where(moves, steps, np.inf)))

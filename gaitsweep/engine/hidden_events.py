@@ -20,8 +20,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from gaitsweep.contract import HybridModel, Params, Rates, State
-from gaitsweep.engine.rarity import unlikely
-from gaitsweep.engine.shapes import Flag, Guards, Number
+from gaitsweep.engine.carry import Flag, Guards, Number, unlikely
 from gaitsweep.engine.solver import euler_update
 
 # A guard may have passed a maximum if the parabola through its values at both ends, with its slope at the
@@ -40,8 +39,10 @@ def guard_slopes(model: HybridModel, params: Params, state: State, rates: Rates)
     """Time derivatives of the guards along a flow (their units per s), without derivatives of their own.
 
     Args:
-        model, params: the model and its parameters.
-        state, rates: a state, and the flow's rates there.
+        model: the model.
+        params: its parameters.
+        state: a state.
+        rates: the flow's rates there.
     """
     params = jax.lax.stop_gradient(params)
     return slopes_along(lambda s: model.guards(params, s), state, rates)
@@ -54,20 +55,25 @@ def slopes_along(
 
     Args:
         function: from a state to values (n,).
-        state, rates: a state, and the flow's rates there.
+        state: a state.
+        rates: the flow's rates there.
     """
-    still = jax.lax.stop_gradient(state)
-    along = {name: jax.lax.stop_gradient(rate) for name, rate in rates.items()}
-    zero = jnp.zeros_like(jax.tree.leaves(along)[0], shape=())
-    _, slopes = jax.jvp(lambda s: function(euler_update(still, along, s)), (zero,), (jnp.ones_like(zero),))
-    return slopes
+    constant_state = jax.lax.stop_gradient(state)
+    constant_rates = {name: jax.lax.stop_gradient(rate) for name, rate in rates.items()}
+    zero = jnp.zeros_like(jax.tree.leaves(constant_rates)[0], shape=())
+
+    def after(t: Number) -> Float[Array, " values"]:
+        return function(euler_update(constant_state, constant_rates, t))
+
+    return jax.jvp(after, (zero,), (jnp.ones_like(zero),))[1]
 
 
 def may_hide(near: Guards, slopes: Guards, end: Guards, h: Number) -> Flag:
     """Whether a guard may be above zero inside a step and is below zero at both ends.
 
     Args:
-        near, slopes: the guards and their time derivatives at the step's beginning.
+        near: the guards at the step's beginning.
+        slopes: their time derivatives there.
         end: the guards at its end.
         h: its length (s).
     """
@@ -82,8 +88,10 @@ def interpolated(state: State, rates: Rates, end: State, end_rates: Rates, h: Nu
     """The state at a share of a step, on the cubic through its ends.
 
     Args:
-        state, rates: the state at the step's beginning, and the flow's rates there.
-        end, end_rates: the same at its end.
+        state: the state at the step's beginning.
+        rates: the flow's rates there.
+        end: the state at the step's end.
+        end_rates: the flow's rates there.
         h: its length (s).
         share: the share, 0 to 1.
     """
@@ -100,8 +108,10 @@ def unresolved(
     """Whether a step is too long for one of its guards.
 
     Args:
-        near, slopes: the guards and their time derivatives at the step's beginning.
-        end, end_slopes: the same at its end.
+        near: the guards at the step's beginning.
+        slopes: their time derivatives there.
+        end: the guards at the step's end.
+        end_slopes: their time derivatives there.
         inside: the guards at the shares `PROBES` of the step.
         h: its length (s).
     """
@@ -125,10 +135,10 @@ def _cubic(
     h: Number,
     s: float,
 ) -> Float[Array, " ..."]:
-    """The cubic Hermite polynomial at the share s of a step."""
-    rest = 1.0 - s
+    """The cubic Hermite polynomial at the share `s` of a step, from values and rates at its ends a and b."""
+    left = 1.0 - s
     return (
-        (1.0 + 2.0 * s) * rest**2 * a
+        (1.0 + 2.0 * s) * left**2 * a
         + (3.0 - 2.0 * s) * s**2 * b
-        + h * (s * rest**2 * a_rate - s**2 * rest * b_rate)
+        + h * (s * left**2 * a_rate - s**2 * left * b_rate)
     )

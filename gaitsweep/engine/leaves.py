@@ -1,14 +1,18 @@
-"""The float leaves of a pytree, which have derivatives; its other leaves (bools, integers) are modes."""
+"""The leaves of a pytree: floats, which have derivatives, and modes (bools, integers), which have none.
+
+`dependences` finds which leaves a function reads for each of its results.
+"""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.extend.core import Literal
 from jaxtyping import Array, Float
 
 from gaitsweep.contract import Chart, Params, Quantity, State
@@ -25,7 +29,7 @@ def float_leaves(tree: Any) -> list[Any]:
 
 
 def with_float_leaves(tree: Any, numbers: Iterable[Any]) -> Any:
-    """The tree with its float leaves replaced by `numbers`."""
+    """The tree with its float leaves replaced by `numbers`, in order."""
     remaining = iter(numbers)
     return jax.tree.map(lambda leaf: next(remaining) if is_float(leaf) else leaf, tree)
 
@@ -49,6 +53,31 @@ def vector(tree: Any) -> Float[Array, " values"]:
 def element_names(field: str, shape: tuple[int, ...]) -> list[str]:
     """The names of the elements of a state's field: `angle` of a number, `phi_1`, `phi_2` of an array."""
     return ["_".join([field, *(str(i + 1) for i in place)]) for place in np.ndindex(*shape)]
+
+
+def dependences(function: Callable[..., Any], *inputs: Any) -> list[frozenset[str]]:
+    """The names of the arguments on which each array that a function returns depends.
+
+    A result of an inner function (of `jax.jit`, or a branch) counts as dependent on all arguments of that
+    function.
+
+    Args:
+        function: of mappings of arrays by name.
+        inputs: shapes and dtypes of its arguments, each a mapping.
+    """
+    program = jax.make_jaxpr(function)(*inputs).jaxpr
+    paths = [path for path, _ in jax.tree_util.tree_flatten_with_path(inputs)[0]]
+    names = {
+        variable: frozenset({path[-1].key}) for variable, path in zip(program.invars, paths, strict=True)
+    }
+
+    def names_of(*atoms: Any) -> frozenset[str]:
+        variables = (atom for atom in atoms if not isinstance(atom, Literal))
+        return frozenset[str]().union(*(names.get(variable, ()) for variable in variables))
+
+    for equation in program.eqns:
+        names.update(dict.fromkeys(equation.outvars, names_of(*equation.invars)))
+    return [names_of(atom) for atom in program.outvars]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -75,7 +104,9 @@ class AllVariables(Chart):
 
     def from_coordinates(self, params: Params, at: Float[Array, " coordinates"], modes: State) -> State:
         leaves = float_leaves(modes)
-        cuts = np.cumsum([leaf.size for leaf in leaves])[:-1]
-        pieces = jnp.split(at, cuts.tolist())
-        shaped = [p.reshape(x.shape).astype(x.dtype) for p, x in zip(pieces, leaves, strict=True)]
+        ends = np.cumsum([leaf.size for leaf in leaves])
+        pieces = jnp.split(at, ends[:-1].tolist())
+        shaped = [
+            piece.reshape(leaf.shape).astype(leaf.dtype) for piece, leaf in zip(pieces, leaves, strict=True)
+        ]
         return with_float_leaves(modes, shaped)

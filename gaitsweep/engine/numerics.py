@@ -7,20 +7,19 @@ These are the defaults of a job.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
-from typing import TypeVar
+from typing import Literal, TypeVar
 
 import jax
 import jax.numpy as jnp
 
 from gaitsweep.contract import HybridModel, Model, Params
+from gaitsweep.engine.carry import Number
 from gaitsweep.engine.content import cached_by_content
-from gaitsweep.engine.shapes import Number
 from gaitsweep.engine.solver import METHODS, fixed_step_scheme
 from gaitsweep.engine.solver.taylor import lacking_recurrence
 from gaitsweep.engine.switches import may_switch, moving_operations
 
-_Share = TypeVar("_Share", float, jax.Array)
+_Factor = TypeVar("_Factor", float, jax.Array)
 
 # The name, among a row's initial conditions, of the factor on its steps: 1, or less if a row is repeated to
 # test how its results depend on the step. No name of a model has a dot. An input of its own would give the
@@ -40,6 +39,8 @@ MIN_STEPS_PER_PERIOD = 8.0
 FINE_TOLERANCE = 1e-10
 _CIRCULAR = {"sin", "cos"}
 
+Precision = Literal["float64", "float32", "mixed"]
+
 
 @dataclasses.dataclass(frozen=True)
 class Numerics:
@@ -48,7 +49,7 @@ class Numerics:
     Attributes:
         dt: the longest step (s).
         method: one of `METHODS`.
-        precision: float64, float32, or mixed: states and times are float64, and a step's length is passed to
+        precision: the dtype of states and times; mixed: they are float64, and a step's length is passed to
             the model as float32, so that it may compute forces in float32.
         event_tolerance: the tolerance on event times, as a share of the nominal period.
         rtol, atol: the relative and absolute tolerances on the local error, for methods with step control.
@@ -57,7 +58,7 @@ class Numerics:
 
     dt: float | None = None
     method: str = "auto"
-    precision: str = "float64"
+    precision: Precision = "float64"
     event_tolerance: float = 1.0e-12
     rtol: float | None = None
     atol: float | None = None
@@ -85,35 +86,28 @@ def taylor_is_faster(model: Model) -> bool:
     if not isinstance(model, HybridModel) or model.host_parameters or lacking_recurrence(model):
         return False
     number = jax.ShapeDtypeStruct((), jnp.float64)
-    is_faster = False
-
-    # the programs of the flow and the guards need parameters and a state, which a trace has without values
-    def examine(values: Mapping[str, jax.Array], starts: Mapping[str, jax.Array]) -> None:
-        nonlocal is_faster
-        params = model.params(values)
-        state = model.init(params, starts)
-        circular = not _CIRCULAR.isdisjoint(moving_operations(model, params, state))
-        is_faster = circular and not may_switch(model, params, state)
-
-    jax.eval_shape(
-        examine,
-        {q.name: number for q in model.parameters},
-        {q.name: number for q in model.initial_conditions},
-    )
-    return is_faster
+    values = {q.name: number for q in model.parameters}
+    starts = {q.name: number for q in model.initial_conditions}
+    # the programs of the flow and the guards are traced with shapes, without values
+    params = jax.eval_shape(model.params, values)
+    state = jax.eval_shape(model.init, params, starts)
+    if _CIRCULAR.isdisjoint(moving_operations(model, params, state)):
+        return False
+    return not may_switch(model, params, state)
 
 
 @dataclasses.dataclass(frozen=True)
 class ResolvedNumerics:
-    """The numerics of runs of one model, as `Numerics` with nothing left to the model.
+    """The numerics of runs of one model, with nothing left to the model; other attributes as of `Numerics`.
 
-    `dt` is the longest step (s) of all rows; None: that of each row follows from its parameters
-    (`step_of`). `factor`, at most 1, multiplies all steps; tolerances become finer accordingly.
+    Attributes:
+        dt: the longest step (s) of all rows; None: that of each row follows from its parameters (`step_of`).
+        factor: the factor on all steps, at most 1; tolerances become finer accordingly.
     """
 
     dt: float | None
     method: str
-    precision: str
+    precision: Precision
     event_tolerance: float
     rtol: float
     atol: float
@@ -153,12 +147,14 @@ def longest_step(model: Model, method: str, params: Params) -> Number | None:
         method: a name of `METHODS`.
         params: its parameters.
     """
-    if (steps := fixed_step_scheme(method, model)) is not None:
+    steps = fixed_step_scheme(method, model)
+    if steps is not None:
         return steps.longest_step(params)
-    assert isinstance(model, HybridModel)
+    assert isinstance(model, HybridModel)  # another model has only its own steps
     if METHODS[method].adaptive:
         return model.period(params) / MIN_STEPS_PER_PERIOD
-    if (modes := model.fast_modes(params)) is None:
+    modes = model.fast_modes(params)
+    if modes is None:
         return None
     rates, damping = modes
     ratios, limits = zip(*METHODS[method].limits, strict=True)
@@ -171,7 +167,8 @@ def recommended_step(model: Model, numerics: ResolvedNumerics, params: Params) -
     """The longest step (s) of a row, from the numerics or else from the recommendation of its model.
 
     Args:
-        model, numerics: the model and its numerics.
+        model: the model.
+        numerics: its numerics.
         params: the parameters of the row.
 
     Returns:
@@ -180,9 +177,8 @@ def recommended_step(model: Model, numerics: ResolvedNumerics, params: Params) -
     if numerics.dt is not None:
         return jnp.full_like(model.period(params), numerics.dt)
     longest = longest_step(model, numerics.method, params)
-    if longest is None or fixed_step_scheme(numerics.method, model) is not None:
-        return longest
-    if METHODS[numerics.method].series:
+    takes_longest = METHODS[numerics.method].series or fixed_step_scheme(numerics.method, model) is not None
+    if longest is None or takes_longest:
         return longest
     if numerics.adaptive:
         return longest * (MIN_STEPS_PER_PERIOD / DEFAULT_STEPS_PER_PERIOD)
@@ -190,7 +186,12 @@ def recommended_step(model: Model, numerics: ResolvedNumerics, params: Params) -
 
 
 def step_of(model: Model, numerics: ResolvedNumerics, params: Params) -> Number:
-    """The `recommended_step` (s), whose arguments it has.
+    """The `recommended_step` (s).
+
+    Args:
+        model: the model.
+        numerics: its numerics.
+        params: the parameters of the row.
 
     Raises:
         ValueError: neither the numerics nor the model determine it.
@@ -206,6 +207,6 @@ def unknown_step(model: Model, method: str) -> str:
     return f"{model.name} does not recommend a step length for {method}: set numerics.dt."
 
 
-def tolerance_scale(share: _Share) -> _Share:
-    """The factor on the tolerances of a row with this share of the step: 1/32 for half the step."""
-    return share**ORDER
+def tolerance_scale(step_factor: _Factor) -> _Factor:
+    """The factor on the tolerances of a row with this factor on its steps: 1/32 for half the step."""
+    return step_factor**ORDER

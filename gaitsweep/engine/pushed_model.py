@@ -4,6 +4,9 @@ The amounts are parameters of the model beside its own, so that they vary betwee
 at present is a mode of the state; the recorder that settles a row changes these modes (`pushed`, `released`).
 """
 
+# `_of_model` redefines properties of `Model`:
+# pyright: reportIncompatibleMethodOverride=false
+
 from __future__ import annotations
 
 import dataclasses
@@ -17,15 +20,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Real
 
-from gaitsweep.contract import HybridModel, Model, Params, Quantity, Rates, Recommended, State
-from gaitsweep.engine.carry import select
+from gaitsweep.contract import HybridModel, Params, Quantity, Rates, Recommended, State
+from gaitsweep.engine.carry import Flag, Number, select
 from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.leaves import element_names
-from gaitsweep.engine.shapes import Flag, Number
 from gaitsweep.engine.solver import METHODS
 
 if TYPE_CHECKING:
-    from gaitsweep.skeleton import LimbLook, Skeleton
+    from gaitsweep.skeleton import Skeleton
 
 # The names of the parameters that are added: `push_` and the name of a variable or parameter, and these.
 PREFIX = "push_"
@@ -33,7 +35,7 @@ PHASE = "push_phase"
 DURATION = "push_duration"
 CYCLES = "push_cycles"
 # The modes that are added to a state: a force or step acts now; the next event of the push's kind is awaited;
-# it has come; the section has been crossed since the recorder last looked.
+# that event has come; the section has been crossed since the latest poll of the recorder.
 MODES = ("push_acts", "push_awaited", "push_due", "push_crossed")
 
 # A variable of the flow: the field of a state, and the place in its array.
@@ -43,9 +45,15 @@ Place = tuple[str, tuple[int, ...]]
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class PushedParams:
-    """Parameters of a model, the same with the step of a parameter (() without one), and the pushes (n,).
+    """The parameters of a model and of the push.
 
-    `phase` is a share of the gait's period, `duration` in s; `cycles` counts section crossings.
+    Attributes:
+        plain: the model's own parameters.
+        stepped: the same with the step of a parameter; () without one.
+        amounts: the changes (n,) of the pushed variables.
+        phase: the phase of the push, a share of the gait's period.
+        duration: the duration of the push (s).
+        cycles: the section crossings until the stepped parameter has its old value again.
     """
 
     plain: Params
@@ -80,7 +88,7 @@ class PushedModel(HybridModel):
     stepped: str | None = None
     event: str | None = None
 
-    # what describes the model is that of the model itself
+    # descriptions of the model are those of the model itself
     name = _of_model("name")
     source = _of_model("source")
     bibtex = _of_model("bibtex")
@@ -91,82 +99,43 @@ class PushedModel(HybridModel):
     caveats = _of_model("caveats")
     free_link = _of_model("free_link")
     analytic_distance = _of_model("analytic_distance")
-
-    @property
-    def original(self) -> Model:
-        return self.model.original
-
-    @property
-    def precisions(self) -> tuple[str, ...]:
-        return self.model.precisions
-
-    @property
-    def initial_conditions(self) -> tuple[Quantity, ...]:
-        return self.model.initial_conditions
-
-    @property
-    def observables(self) -> tuple[Quantity, ...]:
-        return self.model.observables
-
-    @property
-    def signals(self) -> tuple[Quantity, ...]:
-        return self.model.signals
-
-    @property
-    def label_fields(self) -> tuple[Quantity, ...]:
-        return self.model.label_fields
-
-    @property
-    def host_parameters(self) -> tuple[str, ...]:
-        return self.model.host_parameters
-
-    @property
-    def locates_events(self) -> bool:
-        return self.model.locates_events
-
-    @property
-    def longest_chain(self) -> int | None:
-        return self.model.longest_chain
-
-    @property
-    def guard_names(self) -> tuple[str, ...]:
-        return self.model.guard_names
-
-    @property
-    def data_digest(self) -> str:
-        return self.model.data_digest
-
-    @property
-    def limbs(self) -> tuple[LimbLook, ...]:
-        return self.model.limbs
-
-    @property
-    def caveats_notice(self) -> str:
-        return self.model.caveats_notice
+    original = _of_model("original")
+    precisions = _of_model("precisions")
+    initial_conditions = _of_model("initial_conditions")
+    observables = _of_model("observables")
+    signals = _of_model("signals")
+    label_fields = _of_model("label_fields")
+    host_parameters = _of_model("host_parameters")
+    locates_events = _of_model("locates_events")
+    longest_chain = _of_model("longest_chain")
+    guard_names = _of_model("guard_names")
+    data_digest = _of_model("data_digest")
+    limbs = _of_model("limbs")
+    caveats_notice = _of_model("caveats_notice")
 
     @property
     def added(self) -> tuple[Quantity, ...]:
         """The parameters of the push."""
         known = {q.name: q for q in (*self.model.signals, *self.model.observables)}
         known |= {q.name: q for q in (*self.model.initial_conditions, *self.model.parameters)}
-        names = [*self.variables, *([] if self.stepped is None else [self.stepped])]
-        pushed = []
+        names = list(self.variables)
+        if self.stepped is not None:
+            names.append(self.stepped)
+        added = []
         for name in names:
             quantity = known.get(name, Quantity(name, "", ""))
             symbol = rf"\Delta {quantity.symbol}" if quantity.symbol else ""
             meaning = f"change of {name} by the push"
-            pushed.append(Quantity(f"{PREFIX}{name}", quantity.unit, meaning, 0.0, symbol=symbol))
-        when = []
-        lasts = []
+            added.append(Quantity(f"{PREFIX}{name}", quantity.unit, meaning, 0.0, symbol=symbol))
         if self.event is None:
             meaning = "phase of the push: share of the gait's period after a section crossing"
-            when = [Quantity(PHASE, "1", meaning, 0.0, low=0.0, high=1.0)]
+            added.append(Quantity(PHASE, "1", meaning, 0.0, low=0.0, high=1.0))
         if self.forced:
-            lasts = [Quantity(DURATION, "s", "duration of the push", low=0.0, open_ends=True)]
+            added.append(Quantity(DURATION, "s", "duration of the push", low=0.0, open_ends=True))
         if self.stepped is not None:
             meaning = "section crossings until the parameter has its old value again"
-            lasts.append(Quantity(CYCLES, "1", meaning, 1.0, low=1.0, whole=True))
-        return (*pushed, *when, *lasts)
+            added.append(Quantity(CYCLES, "1", meaning, 1.0, low=1.0, whole=True))
+        return tuple(added)
 
     @property
     def parameters(self) -> tuple[Quantity, ...]:
@@ -199,18 +168,17 @@ class PushedModel(HybridModel):
         plain = self.model.params(own)
         stepped = ()
         if self.stepped is not None:
-            stepped = self.model.params(
-                {**own, self.stepped: own[self.stepped] + values[f"{PREFIX}{self.stepped}"]}
-            )
+            value = own[self.stepped] + values[f"{PREFIX}{self.stepped}"]
+            stepped = self.model.params({**own, self.stepped: value})
         zero = jnp.zeros_like(jnp.asarray(self.model.period(plain)))
         amounts = [values[f"{PREFIX}{name}"] + zero for name in self.variables]
         return PushedParams(
-            plain,
-            stepped,
-            jnp.stack(amounts) if amounts else jnp.zeros((0,), zero.dtype),
-            values.get(PHASE, 0.0) + zero,
-            values.get(DURATION, 0.0) + zero,
-            values.get(CYCLES, 1.0) + zero,
+            plain=plain,
+            stepped=stepped,
+            amounts=jnp.stack(amounts) if amounts else jnp.zeros((0,), zero.dtype),
+            phase=values.get(PHASE, 0.0) + zero,
+            duration=values.get(DURATION, 0.0) + zero,
+            cycles=values.get(CYCLES, 1.0) + zero,
         )
 
     def init(self, params: PushedParams, start: Mapping[str, Float[Array, ""]], /) -> State:
@@ -291,7 +259,7 @@ class PushedModel(HybridModel):
         return self.model.energies(self._acting(params, state), _plain(state))
 
     def awaiting(self, state: State, waits: Flag) -> State:
-        """The state that awaits the event of the push if `waits`; the recorder calls this."""
+        """The state that awaits the event of the push if `waits`."""
         return dataclasses.replace(state, push_awaited=state.push_awaited | waits)
 
     def pushed(self, params: PushedParams, state: State, now: Flag) -> State:
@@ -302,8 +270,8 @@ class PushedModel(HybridModel):
             state: the state.
             now: whether the push comes.
         """
-        at_once = {} if self.forced else self._along(state, params.amounts)
-        moved = {name: getattr(state, name) + jnp.where(now, more, 0.0) for name, more in at_once.items()}
+        impulse = {} if self.forced else self._along(state, params.amounts)
+        moved = {name: getattr(state, name) + jnp.where(now, more, 0.0) for name, more in impulse.items()}
         lasts = self.forced or self.stepped is not None
         return dataclasses.replace(
             state, **moved, push_acts=state.push_acts | (now & lasts), push_due=state.push_due & ~now
@@ -315,8 +283,8 @@ class PushedModel(HybridModel):
 
     def _own(self, values: Mapping[str, Any]) -> dict[str, Any]:
         """The values of the model's own parameters."""
-        added = {quantity.name for quantity in self.added}
-        return {name: value for name, value in values.items() if name not in added}
+        names_of_push = {quantity.name for quantity in self.added}
+        return {name: value for name, value in values.items() if name not in names_of_push}
 
     def _acting(self, params: PushedParams, state: State) -> Params:
         """The model's parameters at a state."""
@@ -337,15 +305,15 @@ class PushedModel(HybridModel):
 
     def _is_event(self, params: Params, before: State, fired: Bool[Array, " events"]) -> Flag:
         """Whether the event of the push is among those that fired."""
-        which = np.array([name == self.event for name in self.model.guard_names])
-        return jnp.any(self.model.occurred(params, before, fired) & which)
+        is_of_push = np.array([name == self.event for name in self.model.guard_names])
+        return jnp.any(self.model.occurred(params, before, fired) & is_of_push)
 
 
 @cached_by_content(maxsize=64)
 def flow_places(model: HybridModel) -> dict[str, Place]:
     """The variables that the flow of a model moves, by name: `angle`, or `phi_1`, `phi_2` of an array."""
 
-    def shapes(values: Any, start: Any) -> Any:
+    def start_of(values: Any, start: Any) -> tuple[State, Rates]:
         params = model.params(values)
         state = model.init(params, start)
         return state, model.flow(params, state)
@@ -354,29 +322,37 @@ def flow_places(model: HybridModel) -> dict[str, Place]:
     for quantity in model.parameters:
         default = quantity.default if isinstance(quantity.default, int | float) else 1.0
         row[quantity.name] = np.full(1, default)
-    values = {k: jax.ShapeDtypeStruct(np.shape(v)[1:], jnp.float64) for k, v in model.on_host(row).items()}
+    values = {}
+    for name, column in model.on_host(row).items():
+        values[name] = jax.ShapeDtypeStruct(np.shape(column)[1:], jnp.float64)
     start = {q.name: jax.ShapeDtypeStruct((), jnp.float64) for q in model.initial_conditions}
-    state, rates = jax.eval_shape(shapes, values, start)
+    state, rates = jax.eval_shape(start_of, values, start)
     return places_of(state, rates)
 
 
 def places_of(state: State, rates: Rates) -> dict[str, Place]:
-    """The variables that rates move, by name; of shapes or of numbers."""
+    """The variables that rates move, by name.
+
+    Args:
+        state: a state, of shapes or of numbers.
+        rates: the rates of its fields.
+    """
     places: dict[str, Place] = {}
-    for field in (field.name for field in dataclasses.fields(state) if field.name in rates):
-        shape = np.shape(getattr(state, field))
-        names = element_names(field, shape)
-        places |= {name: (field, place) for name, place in zip(names, np.ndindex(*shape), strict=True)}
+    for field in dataclasses.fields(state):
+        if field.name not in rates:
+            continue
+        shape = np.shape(getattr(state, field.name))
+        for name, place in zip(element_names(field.name, shape), np.ndindex(*shape), strict=True):
+            places[name] = (field.name, place)
     return places
 
 
 @functools.lru_cache(maxsize=64)
 def _kind_with_modes(kind: type) -> type:
-    """The type of states with the modes of a push."""
-    added: list[Any] = [(name, Any) for name in MODES]
-    extended = dataclasses.make_dataclass(kind.__name__, added, bases=(kind,), frozen=True)
+    """The type of states with the modes of a push, derived from that of the model's states alone."""
+    modes: list[Any] = [(name, Any) for name in MODES]
+    extended = dataclasses.make_dataclass(kind.__name__, modes, bases=(kind,), frozen=True)
     names = [field.name for field in dataclasses.fields(extended)]
-    extended.without_modes = kind  # pyright: ignore[reportAttributeAccessIssue]
     return jax.tree_util.register_dataclass(extended, names, [])
 
 
@@ -387,6 +363,6 @@ def _with_modes(state: State, modes: tuple[Flag, ...]) -> State:
 
 
 def _plain(state: State) -> State:
-    """The state of the model itself."""
-    kind = type(state).without_modes
+    """The state of the model itself, from one of `_with_modes`."""
+    (kind,) = type(state).__bases__
     return kind(**{field.name: getattr(state, field.name) for field in dataclasses.fields(kind)})

@@ -36,17 +36,17 @@ def stored(name: str, model: Model, others: tuple[Any, ...] | None, compute: Cal
         others: other objects that decide the result; None if they have no digest: then nothing is stored.
         compute: traces the model; called only if the cache lacks the result.
     """
-    deciding = (model, name, *(others or ()))
-    content = None if others is None else lasting_content(*deciding)
+    content = None if others is None else lasting_content(model, name, *others)
     folder = None if content is None else cache_folder("programs")
+    if folder is None or others is None:
+        return json.loads(json.dumps(compute()))
     key = repr((content, _SOURCES, _VERSIONS, _settings()))
-    digest = hashlib.sha256(key.encode()).hexdigest()[:32]
-    file = None if folder is None else folder / f"{name}_{digest}"
-    text = None if file is None else load_cached(file)
+    file = folder / f"{name}_{hashlib.sha256(key.encode()).hexdigest()[:32]}"
+    text = load_cached(file)
     if text is None:
         text = json.dumps(compute()).encode()
         # files that tracing reads are known only afterwards, and change the content
-        if file is not None and lasting_content(*deciding) == content:
+        if lasting_content(model, name, *others) == content:
             store_cached(file, text)
     return json.loads(text)
 
@@ -69,7 +69,7 @@ _VERSIONS = sys.version, jax.__version__, jaxlib_version, np.__version__, os.env
 def _settings() -> list[tuple[str, str]]:
     """The settings of JAX that may change a trace."""
     settings = []
-    for name in sorted(jax.config.values):
+    for name, value in sorted(jax.config.values.items()):
         if not any(word in name for word in _WITHOUT_EFFECT):
-            settings.append((name, repr(getattr(jax.config, name, None))))
+            settings.append((name, repr(value)))
     return settings

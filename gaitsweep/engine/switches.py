@@ -14,16 +14,16 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jax.extend.core import ClosedJaxpr, Jaxpr, JaxprEqn, Literal, jaxpr_as_fun
+from jax.extend.core import ClosedJaxpr, Jaxpr, JaxprEqn, Literal, Var, jaxpr_as_fun
 from jaxtyping import Array, Float
 
 from gaitsweep.contract import HybridModel, Params, Rates, State
+from gaitsweep.engine.carry import Flag, Number
 from gaitsweep.engine.hidden_events import PROBES, may_hide, slopes_along, unresolved
-from gaitsweep.engine.shapes import Flag, Number
 
-# Arguments below which exp is too small for step control (2e-9), and beyond which tanh and similar functions
-# are constant (within 2e-7).
+# The argument below which exp is too small for step control (2e-9).
 NEGLIGIBLE = -20.0
+# The argument beyond which tanh and similar functions are constant (within 2e-7).
 SATURATION = 8.0
 # Operations whose results are constant between switches of a flow, and those whose arguments decide a switch
 # by the sign of their difference.
@@ -42,10 +42,12 @@ _SMOOTH_IN = {"div": {0}, "select_n": {1, 2}, "gather": {0}, "dynamic_slice": {0
 
 
 class Switching(NamedTuple):
-    """Possible switches of a flow at one state: `levels` are constant between switches, `surfaces` smooth.
+    """Possible switches of a flow at one state.
 
-    A level (n,) is the truth of a comparison, a sign or a rounded number, which differs by 1 or more after a
-    switch; a surface (m,) a difference whose sign decides a comparison, a maximum or a minimum.
+    Attributes:
+        levels: the truths of comparisons, signs and rounded numbers (n,): constant between switches, and
+            different by 1 or more after one.
+        surfaces: the differences (m,) whose signs decide a comparison, a maximum or a minimum.
     """
 
     levels: Float[Array, " levels"]
@@ -56,7 +58,8 @@ def switching(flow: Callable[[Params, State], Rates], params: Params, state: Sta
     """Possible switches of a flow as its variables move, from its program without loops and branches.
 
     Args:
-        flow, params: the flow and its parameters.
+        flow: the flow.
+        params: its parameters.
         state: the state.
     """
     with jax.disable_jit():  # the program of a jitted function is then inlined
@@ -64,10 +67,9 @@ def switching(flow: Callable[[Params, State], Rates], params: Params, state: Sta
     program = closed.jaxpr
     inputs = jax.tree.leaves((params, state))
     equations = [e for e, _ in _moving(program, state, rates) if e.primitive.name in _SWITCHES]
-    read = [variable for equation in equations for variable in (*equation.invars, equation.outvars[0])]
-    variables = list(dict.fromkeys(v for v in read if not isinstance(v, Literal)))
-    names = program.debug_info and program.debug_info._replace(result_paths=None)
-    part = ClosedJaxpr(program.replace(outvars=variables, debug_info=names), closed.consts)
+    variables = _variables(equations)
+    debug_info = program.debug_info and program.debug_info._replace(result_paths=None)
+    part = ClosedJaxpr(program.replace(outvars=variables, debug_info=debug_info), closed.consts)
     values = dict(zip(variables, jaxpr_as_fun(part)(*inputs), strict=True))
     levels = [jnp.zeros((0,))]
     surfaces = [jnp.zeros((0,))]
@@ -78,6 +80,16 @@ def switching(flow: Callable[[Params, State], Rates], params: Params, state: Sta
             levels += [jnp.ravel(level) for level in _levels(equation, args, result)]
             surfaces += [jnp.ravel(surface) for surface in _surfaces(equation, args)]
     return Switching(jnp.concatenate(levels), jnp.concatenate(surfaces))
+
+
+def _variables(equations: list[JaxprEqn]) -> list[Var]:
+    """The arguments of equations and their first results, each once."""
+    variables: dict[Var, None] = {}
+    for equation in equations:
+        for variable in (*equation.invars, equation.outvars[0]):
+            if not isinstance(variable, Literal):
+                variables[variable] = None
+    return list(variables)
 
 
 def _levels(equation: JaxprEqn, args: list[Array], result: Array) -> list[Array]:
@@ -103,23 +115,25 @@ def _surfaces(equation: JaxprEqn, args: list[Array]) -> list[Array]:
 
 
 def _ahead(operation: str, values: Float[Array, " ..."], axes: Sequence[int]) -> Float[Array, " ..."]:
-    """By how much each element is beyond all others over some axes; above zero for the extreme one."""
+    """The distance of each element beyond all others over some axes; above zero for the extreme one."""
     flat = jnp.moveaxis(values if operation == "reduce_max" else -values, axes, range(len(axes)))
     flat = flat.reshape(-1, *flat.shape[len(axes) :])
-    others = [jnp.concatenate([flat[:i], flat[i + 1 :]]) for i in range(len(flat))]
     if len(flat) < 2:
         return jnp.zeros((0,))
-    return jnp.stack([one - jnp.max(rest, axis=0) for one, rest in zip(flat, others, strict=True)])
+    others = [jnp.concatenate([flat[:i], flat[i + 1 :]]) for i in range(len(flat))]
+    return jnp.stack([one - jnp.max(several, axis=0) for one, several in zip(flat, others, strict=True)])
 
 
 def may_bend(
     function: Callable[[Params, State], Float[Array, " values"]], params: Params, state: State, rates: Rates
 ) -> bool:
-    """Whether a function may jump or bend as a flow moves the state: not all its operations are smooth.
+    """Whether a function may jump or bend as a flow moves the state, since an operation is not smooth.
 
     Args:
-        function, params: the function and its parameters.
-        state, rates: a state, and the flow's rates there.
+        function: the function.
+        params: its parameters.
+        state: a state.
+        rates: the flow's rates there.
     """
     with jax.disable_jit():
         program = jax.make_jaxpr(function)(params, state).jaxpr
@@ -136,7 +150,8 @@ def may_switch(model: HybridModel, params: Params, state: State) -> bool:
     A part of a guard without derivative (`stop_gradient`), such as a margin for rounding, does not count.
 
     Args:
-        model, params: the model and its parameters.
+        model: the model.
+        params: its parameters.
         state: a state, of which only the shape counts.
     """
     rates = jax.eval_shape(model.flow, params, state)
@@ -145,20 +160,32 @@ def may_switch(model: HybridModel, params: Params, state: State) -> bool:
         return True
     with jax.disable_jit():
         program = jax.make_jaxpr(model.guards)(params, state).jaxpr
-    needed = {v for v in program.outvars if not isinstance(v, Literal)}
-    counted = set()
-    for equation in reversed(program.eqns):
-        if needed.intersection(equation.outvars) and equation.primitive.name != "stop_gradient":
-            needed.update(v for v in equation.invars if not isinstance(v, Literal))
-            counted.update(equation.outvars)
+    deciding = _with_derivative(program)
     return any(
-        counted.intersection(equation.outvars) and not _is_smooth(equation, places)
+        deciding.intersection(equation.outvars) and not _is_smooth(equation, places)
         for equation, places in _moving(program, state, rates)
     )
 
 
+def _with_derivative(program: Jaxpr) -> set[Var]:
+    """The variables of a program that its results read other than through `stop_gradient`."""
+    needed = {v for v in program.outvars if not isinstance(v, Literal)}
+    deciding: set[Var] = set()
+    for equation in reversed(program.eqns):
+        if needed.intersection(equation.outvars) and equation.primitive.name != "stop_gradient":
+            needed.update(v for v in equation.invars if not isinstance(v, Literal))
+            deciding.update(equation.outvars)
+    return deciding
+
+
 def moving_operations(model: HybridModel, params: Params, state: State) -> set[str]:
-    """JAX's names of the operations in the flow that move as it moves the state; see `may_switch`."""
+    """JAX's names of the operations in the flow that move as it moves the state.
+
+    Args:
+        model: the model.
+        params: its parameters.
+        state: a state, of which only the shape counts.
+    """
     with jax.disable_jit():
         closed, rates = jax.make_jaxpr(model.flow, return_shape=True)(params, state)
     return {equation.primitive.name for equation, _ in _moving(closed.jaxpr, state, rates)}
@@ -200,8 +227,10 @@ def switches_within(
     """Detect switches of a flow within a step.
 
     Args:
-        flow, params: the flow and its parameters.
-        ends, rates: the states at the step's beginning and end, and the flow's rates there.
+        flow: the flow.
+        params: its parameters.
+        ends: the states at the step's beginning and end.
+        rates: the flow's rates there.
         h: its length (s).
         within: the state at a share of the step.
 

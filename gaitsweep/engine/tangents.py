@@ -17,9 +17,8 @@ from jaxtyping import Array, Float
 
 from gaitsweep.contract import Chart, Model, Params, State
 from gaitsweep.engine.advance import Advance
-from gaitsweep.engine.carry import Carry
+from gaitsweep.engine.carry import Carry, Number
 from gaitsweep.engine.leaves import AllVariables, float_leaves, with_float_leaves
-from gaitsweep.engine.shapes import Number
 
 Directions = list[Float[Array, " coordinates"]]  # orthonormal directions on the section
 
@@ -27,10 +26,12 @@ Directions = list[Float[Array, " coordinates"]]  # orthonormal directions on the
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Tangent:
-    """The derivative of a trajectory along one direction: of the float leaves of its state, and of its time.
+    """The derivative of a trajectory along one direction.
 
-    `t` is that of the time (s) at which the trajectory has the state, which events change; `shift` that of
-    `Carry.shift`.
+    Attributes:
+        state: that of the float leaves of its state.
+        t: that of the time (s) at which it has the state, which events change.
+        shift: that of `Carry.shift`.
     """
 
     state: list[Array]
@@ -45,20 +46,22 @@ def with_tangents(attempt: Advance) -> Advance:
         attempt: an attempt with the derivatives of event times (`advance(..., sensitivities=True)`).
     """
 
-    def moved(params: Params, carry: Carry) -> Carry:
+    def attempt_with_tangents(params: Params, carry: Carry) -> Carry:
         bare = dataclasses.replace(carry, tangents=())
 
-        def numbers(leaves: list[Array], t: Number, shift: Number) -> Any:
+        def advance(leaves: list[Array], t: Number, shift: Number) -> Any:
             state = with_float_leaves(bare.state, leaves)
             after = attempt(params, dataclasses.replace(bare, state=state, t=t, shift=shift))
             return (float_leaves(after.state), after.t, after.shift), after
 
-        at = (float_leaves(bare.state), bare.t, bare.shift)
-        _, linear, after = jax.linearize(numbers, *at, has_aux=True)
-        tangents = [Tangent(*linear(along.state, along.t, along.shift)) for along in carry.tangents]
+        variables = (float_leaves(bare.state), bare.t, bare.shift)
+        _, derivative, after = jax.linearize(advance, *variables, has_aux=True)
+        tangents = [
+            Tangent(*derivative(tangent.state, tangent.t, tangent.shift)) for tangent in carry.tangents
+        ]
         return dataclasses.replace(after, tangents=tangents)
 
-    return moved
+    return attempt_with_tangents
 
 
 def chart_of(model: Model, state: State) -> Chart:
@@ -76,7 +79,7 @@ def coordinate_count(model: Model) -> int:
 
 
 def first_directions(size: int, count: int) -> Directions:
-    """Orthonormal directions in a space of coordinates, which no model has a reason to prefer.
+    """Orthonormal random directions in a space of coordinates, the same in every process.
 
     Args:
         size: the number of coordinates.
@@ -90,7 +93,8 @@ def from_section(model: Model, params: Params, state: State, directions: Directi
     """The tangents of a trajectory that is at a crossing, along directions on the section.
 
     Args:
-        model, params: the model and its parameters.
+        model: the model.
+        params: its parameters.
         state: the state just after the crossing.
         directions: in the coordinates of the section, (n,) each.
     """
@@ -108,7 +112,8 @@ def on_section(model: Model, params: Params, carry: Carry) -> Directions:
     """The tangents of a trajectory at a crossing in the coordinates of the section, (n,) each.
 
     Args:
-        model, params: the model and its parameters.
+        model: the model.
+        params: its parameters.
         carry: the trajectory just after the crossing, with its tangents.
     """
     chart = chart_of(model, carry.state)
@@ -121,18 +126,18 @@ def on_section(model: Model, params: Params, carry: Carry) -> Directions:
 
 
 def orthonormalised(vectors: Directions) -> tuple[list[Number], Directions]:
-    """The lengths of vectors without their parts along those before them, and the unit vectors along these.
+    """Orthonormal vectors and their lengths before normalisation, by the modified Gram-Schmidt process.
 
-    By the modified Gram-Schmidt process. A vector that is lost has the length 0, and another direction.
+    A vector that depends on those before it has the length 0, and another direction.
     """
     lengths: list[Number] = []
     units: Directions = []
     spare = first_directions(vectors[0].size, len(vectors))
     for vector, other in zip(vectors, spare, strict=True):
-        rest = vector
+        normal = vector
         for unit in units:
-            rest = rest - jnp.sum(unit * rest) * unit
-        length = jnp.sqrt(jnp.sum(rest * rest))
+            normal = normal - jnp.sum(unit * normal) * unit
+        length = jnp.sqrt(jnp.sum(normal * normal))
         lengths.append(length)
-        units.append(jnp.where(length > 0.0, rest / jnp.where(length > 0.0, length, 1.0), other))
+        units.append(jnp.where(length > 0.0, normal / jnp.where(length > 0.0, length, 1.0), other))
     return lengths, units

@@ -24,7 +24,7 @@ from gaitsweep.engine.kernel.row_functions import over_rows
 from gaitsweep.engine.numerics import ResolvedNumerics
 from gaitsweep.engine.sweep.engines import EngineError, choose, default_lanes
 from gaitsweep.engine.sweep.lane import Values
-from gaitsweep.engine.sweep.sweep_spec import SweepSpec
+from gaitsweep.engine.sweep.sweep_spec import EngineName, SweepSpec
 from gaitsweep.errors import UserError
 from gaitsweep.expression import functions_of, resolve
 from gaitsweep.job import Job
@@ -94,7 +94,7 @@ class RunContext:
         return traced_program(self.model.original).digests
 
     @property
-    def engine(self) -> str:
+    def engine(self) -> EngineName:
         return self.spec.engine
 
     @property

@@ -53,7 +53,7 @@ def test_order_of_convergence_with_events() -> None:
 
 @pytest.mark.slow
 def test_located_event_times_are_exact() -> None:
-    """With steps too small to matter the event times are right to the event tolerance, not to the step."""
+    """Event times are exact to the event tolerance, not to the step, with steps too small to matter."""
     first = np.array([0.3, 1.0, 2.0, 5.0])
     _, t = crossing_times(Toy(), {"launch_1": first}, 12, numerics=Numerics(dt=1e-3, method="rk4"))
     for row, launch in enumerate(first):

@@ -41,7 +41,7 @@ def run(sizer: ChunkSizer, clock: Clock, chunks: int, row_polls: float, fullest:
 
 
 def test_a_chunk_weighs_the_host_against_rows_that_wait(clock: Clock) -> None:
-    """Of sqrt(2 x host x row), the least sum of half a chunk a row and the host's share of each chunk."""
+    """A chunk lasts sqrt(2 x host x row): the least sum of half a chunk per row and the host's work."""
     sizer, row_polls = ChunkSizer(4), 5_000
     run(sizer, clock, 60, row_polls)
     assert sizer.polls * POLL == pytest.approx(math.sqrt(2.0 * HOST * row_polls * POLL), rel=0.01)

@@ -148,12 +148,13 @@ def test_functions_are_called_again_for_changed_content_only(monkeypatch: pytest
         return GAIN
 
     assert [compiled(Spring()), compiled(Spring()), compiled(Spring(), size=2)] == [1.0, 1.0, 1.0]
-    assert calls == [1, 2]
+    assert compiled(model=Spring(), size=3) == 1.0
+    assert calls == [1, 2, 3]
     _global(monkeypatch)
-    assert compiled(Spring()) == 4.0
+    assert compiled(Spring()) == compiled(model=Spring(), size=3) == 4.0
     monkeypatch.undo()
-    assert compiled(Spring()) == 1.0
-    assert calls == [1, 2, 1]
+    assert compiled(Spring()) == compiled(model=Spring(), size=3) == 1.0
+    assert calls == [1, 2, 3, 1, 3]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -216,7 +217,7 @@ def test_a_file_that_a_function_reads_as_it_is_traced(tmp_path: Path) -> None:
 
 
 def test_installed_packages_are_not_a_users(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Also packages that `pip install --target` has put in a folder of any name."""
+    """Packages that `pip install --target` has put in a folder of any name are installed ones, too."""
     for folder, installed in (("target", True), ("project", False)):
         module = types.ModuleType(f"module_in_{folder}")
         module.__file__ = str(tmp_path / folder / "package" / "__init__.py")

@@ -208,7 +208,7 @@ def test_a_stall_has_its_guards_and_its_time(engine: str, tmp_path: Path) -> Non
 
 @pytest.mark.slow
 def test_guards_without_names_are_reported_by_number(tmp_path: Path) -> None:
-    """In every kind of table."""
+    """Tables of every run kind name guards by number."""
     runs = {
         "return_map": {"crossings": 40},
         "trace": {"duration": 2.0, "every": 0.5},
@@ -227,7 +227,7 @@ def test_guards_without_names_are_reported_by_number(tmp_path: Path) -> None:
 
 
 class Alternating(Neuron):
-    """Its potential goes to and fro between two guards."""
+    """A neuron whose potential alternates between two guards."""
 
     def guards(self, params, state):
         (fires,) = super().guards(params, state)

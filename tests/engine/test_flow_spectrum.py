@@ -79,7 +79,7 @@ def test_eigenvalues_of_a_flow_are_found_by_its_flags() -> None:
 
 @pytest.mark.slow
 def test_the_waist_quadrupeds_fastest_motion_is_close_to_its_largest_eigenvalue() -> None:
-    """Of random stiffnesses, dampings and masses: never far below it, and 15 % above it at most for most."""
+    """Random stiffnesses, dampings and masses: never far below it, and mostly 15 % above it at most."""
     model, random = WaistQuadruped(), np.random.default_rng(0)
     defaults = {q.name: q.default for q in model.parameters}
     names = ("K_TL", "D_TL", "kappa_1", "kappa_2", "sigma_1", "sigma_2", "body_mass", "link_mass")

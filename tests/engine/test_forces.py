@@ -186,7 +186,7 @@ BLOCK = """
 
 
 def test_yielding_forces_are_evaluated_at_the_end_of_the_step() -> None:
-    """For a block under -c v, v' = v / (1 + c dt / m), which does not change sign."""
+    """A block under -c v has v' = v / (1 + c dt / m), which does not change sign."""
     tree, geometry = tree_of(BLOCK)
     c, dt, v = 5e4, 1e-2, 3.0
     damper = YieldingForce(0, jnp.zeros(3), jnp.array([-c * v, 0.0, 0.0]), jnp.array([dt * c, 0.0, 0.0]))

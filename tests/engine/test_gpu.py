@@ -24,7 +24,7 @@ pytestmark = pytest.mark.gpu
 
 
 def test_packages_of_kernels_are_installed() -> None:
-    """Without them `auto` would use XLA in all of these tests."""
+    """`auto` would use XLA in all of these tests without these packages."""
     assert unavailable() is None
 
 

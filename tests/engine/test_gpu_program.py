@@ -16,11 +16,11 @@ import pytest
 
 from gaitsweep.dynamics.declarations import parameter, variable
 from gaitsweep.dynamics.map_model import MapModel
-from gaitsweep.engine.dependence import dependences
 from gaitsweep.engine.kernel import cuda_lanes, philox
 from gaitsweep.engine.kernel.operations import OPERATIONS
 from gaitsweep.engine.kernel.program import Kind, Program
 from gaitsweep.engine.kernel.source import C, c_function, statements
+from gaitsweep.engine.leaves import dependences
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.settle import SettleRecorder
@@ -169,7 +169,7 @@ def test_a_thread_for_each_lane_that_runs(on_card: Any, monkeypatch: pytest.Monk
 
 @pytest.mark.slow
 def test_settling_thread_by_thread(on_card: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    """As on a CPU, whose compiler contracts other sums."""
+    """Rows settle as on a CPU, whose compiler contracts other sums."""
     options: dict[str, Any] = {"numerics": NUMERICS, "lanes": 16}
     card = on_card(Toy(), SettleRecorder(Toy()), {"launch_1": LAUNCH}, **options)
     monkeypatch.undo()

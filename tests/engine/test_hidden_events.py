@@ -95,7 +95,7 @@ def test_a_peak_shorter_than_a_step_is_met_at_its_time(method: str, engine: str)
 @pytest.mark.slow("xla")
 @pytest.mark.parametrize("engine", ["xla", "kernel"])
 def test_a_peak_below_zero_is_not_an_event(engine: str) -> None:
-    """At 1e-10 below the height the step is halved about fifteen times and then accepted."""
+    """A step that peaks 1e-10 below the height is halved about fifteen times and then accepted."""
     numerics = Numerics(method="propagator", dt=0.2)
     result = run_rows(
         Peaks(),

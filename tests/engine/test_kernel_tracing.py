@@ -41,7 +41,7 @@ def _by_jax(function: Callable[..., Any], *args: Any) -> Any:
 
 @functools.cache
 def _cases_by_jax(place: int) -> dict[str, Any]:
-    """What JAX gives for `TOGETHER` cases, as one program: XLA takes as long for a program of a few lines."""
+    """Results of JAX for `TOGETHER` cases, as one program: XLA takes as long for a program of a few lines."""
     cases = dict(list(CASES.items())[place : place + TOGETHER])
 
     def every(args: dict[str, tuple[Any, ...]]) -> dict[str, Any]:

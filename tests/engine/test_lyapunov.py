@@ -63,7 +63,7 @@ def pooled(table: pd.DataFrame, name: str = "lyapunov_1") -> tuple[float, float]
 
 @pytest.mark.parametrize("engine", ["kernel", pytest.param("xla", marks=pytest.mark.slow)])
 def test_the_logistic_map(engine: str) -> None:
-    """At r = 4 the exponent is ln 2; of a stable orbit it is the logarithm of its multiplier a step."""
+    """The exponent is ln 2 at r = 4; that of a stable orbit is the logarithm of its multiplier per step."""
     starts = np.linspace(0.1, 0.4, 16)
     chaotic = settled(Logistic(), r=4.0, x_0=starts, cycles=4000, engine=engine)
     assert set(chaotic["status"]) == {"chaotic"}

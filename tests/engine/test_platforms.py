@@ -57,7 +57,7 @@ def test_kernels_run_where_jax_may_not_use_the_cpu(monkeypatch: pytest.MonkeyPat
 
 
 def test_starts_are_worked_out_on_the_cpu_where_jax_sees_one(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Also where a card comes first: the last bits of starts do not depend on it."""
+    """The last bits of starts do not depend on a card that comes first."""
     asked: list[str | None] = []
     real = jax.local_devices()
 

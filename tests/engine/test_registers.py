@@ -91,7 +91,7 @@ def test_rows_are_the_same_with_few_registers(monkeypatch: pytest.MonkeyPatch) -
 
 @pytest.mark.slow
 def test_rows_that_wait_alone_are_polled_as_beside_others() -> None:
-    """With tsit5 every attempt may end a row, so that the reason to wait is there twice."""
+    """Every attempt of tsit5 may end a row, so that the program has the reason to wait twice."""
     model = Multilegged()
     recorder, numerics = CrossingRecorder(model, crossings=2), Numerics(dt=4e-3, method="tsit5")
     one, other = (
@@ -105,7 +105,7 @@ def test_rows_that_wait_alone_are_polled_as_beside_others() -> None:
 
 
 def test_a_product_in_sums_alone_is_fused_in_all_of_them() -> None:
-    """What is written at an event and beside it is rounded alike: each sum is one node."""
+    """Values written at an event and beside it have the same rounding: each sum is one node."""
     numerics = Numerics(dt=4e-3, method="rk4")
     model = Multilegged()
     chunk = kernel_of(model, CrossingRecorder(model, crossings=2), numerics.resolve(model), None).chunk

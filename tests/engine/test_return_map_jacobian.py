@@ -191,7 +191,7 @@ def test_images_without_derivatives_are_the_same(model: str, request: pytest.Fix
 
 
 def test_place_and_read_are_each_others_inverse(chain: BatchedReturnMap) -> None:
-    """At starts of each gait, and beside them."""
+    """The functions are inverse at starts of each gait, and beside them."""
     chart, params = chain.chart, scalars(Multilegged())
     init, read, place = (jax.jit(f) for f in (chain.model.init, chart.to_coordinates, chart.from_coordinates))
     random = np.random.default_rng(1)

@@ -90,7 +90,7 @@ def test_an_angle_that_jumps_to_and_fro_over_the_wrap_settles(engine: str) -> No
 @pytest.mark.slow("xla")
 @pytest.mark.parametrize("engine", ENGINES)
 def test_an_angle_that_advances_by_a_turn_each_cycle_settles(engine: str) -> None:
-    """It settles whether or not the model's numbers include whole turns."""
+    """A row settles whether or not the model's numbers include whole turns."""
 
     class Going(Turning):
         def step(self, params: Params, state: State, dt: jax.Array) -> State:
@@ -310,7 +310,7 @@ class Watched(Toy):
 @pytest.mark.slow("crossings", "settle")
 @pytest.mark.parametrize("kind", ["settle", "hold", "crossings"])
 def test_the_last_observation_is_that_of_the_last_crossing(kind: str) -> None:
-    """Not of the moment at which the row's time is over, in flight."""
+    """The observation is not that of the end of the row's time, in flight."""
     model, end = Watched(), 3.7
     recorder = {
         "settle": SettleRecorder(model, 150, 1e-9, max_time=end),

@@ -136,7 +136,7 @@ def test_observables_settle_by_their_own_size() -> None:
 
 
 class Declining(Spiral):
-    """Its x tends to 0 and has a scale."""
+    """A spiral whose x tends to 0 and has a scale."""
 
     @property
     def observables(self) -> tuple[Quantity, ...]:
@@ -165,7 +165,7 @@ def test_scales_of_a_model_apply_to_observables_that_tend_to_0() -> None:
 
 @dataclasses.dataclass(frozen=True)
 class Shifted(Logistic):
-    """Its x is counted from another zero."""
+    """A logistic map whose x is counted from another zero."""
 
     zero: float = 0.0
 
@@ -195,7 +195,7 @@ def test_the_zero_of_an_observable_does_not_matter() -> None:
 
 
 def test_a_row_that_starts_at_its_fixed_point_settles() -> None:
-    """Its range is 0, or that of rounding; y copies x from crossing 1 on."""
+    """The range of x is 0, or that of rounding; y copies x from crossing 1 on."""
     r = np.array([2.5, 2.8, 2.9])
     result = logistic(r, start=1.0 - 1.0 / r)
     assert result.numbers["period"].tolist() == [1, 1, 1]

@@ -81,7 +81,7 @@ def test_a_foot_is_placed_to_single_precision() -> None:
 
 @pytest.mark.slow
 def test_gaits_are_kept_in_mixed_precision() -> None:
-    """At f = 2.6 rounding changes trot and walk by some mrad; the branches are 0.44 rad apart."""
+    """Rounding at f = 2.6 changes trot and walk by some mrad; the branches are 0.44 rad apart."""
     model, starts = WaistQuadruped(), np.linspace(1.57, 3.46, 16)
     ends = {}
     for precision in ("float64", "mixed"):

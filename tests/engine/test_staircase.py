@@ -63,7 +63,7 @@ def test_each_pass_has_equal_stairs_and_its_turning_value_once() -> None:
     dtype=st.sampled_from([np.float64, np.float32]),
 )
 def test_a_stair_lasts_from_the_end_of_the_one_before(values, step, dwell, first, dtype) -> None:
-    """At the time of a change the value is the new one, whatever the rounding; then it is constant."""
+    """The value at the time of a change is the new one, whatever the rounding; then it is constant."""
     stairs = StepSchedule(tuple(values), step, dwell, first * dwell)
     # always as many, since JAX compiles anew for other shapes
     some = np.round(np.linspace(0, stairs.count - 1, 64)).astype(dtype)
@@ -137,7 +137,7 @@ def test_more_stairs_than_a_buffer_holds() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("crossings", [(9, 10), (10, 9)])
 def test_a_stair_settles_after_ten_crossings_of_its_own(crossings: tuple[int, int]) -> None:
-    """Without restitution each launch speed is the kick, so only the number of crossings decides."""
+    """Each launch speed is the kick without restitution, so only the number of crossings decides."""
     kick, preload = 0.5, (0.5, 1.0)
     flight = np.arctan(kick / (2.0 * np.array(preload)))
     # the change comes at the apex, from where the mass falls with the new preload

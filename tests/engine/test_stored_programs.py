@@ -143,7 +143,7 @@ print(result.table[["x_end", "v_end"]].to_numpy().tolist())
 
 def test_another_process_traces_nothing_and_an_edited_model_anew(tmp_path: Path) -> None:
     def run(stiffness: float) -> tuple[int, str]:
-        """How often the flow was traced, and the table."""
+        """The number of traces of the flow, and the table."""
         (tmp_path / "beside.py").write_text(f"STIFFNESS = {stiffness}\n")
         paths = os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])
         place = {**os.environ, "GAITSWEEP_CACHE": str(tmp_path / "cache"), "PYTHONPATH": paths}

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import types
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, cast
 
 import jax
 import numpy as np
@@ -14,7 +15,7 @@ from gaitsweep.contract import Model
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.recorder import Recorder
 from gaitsweep.engine.sweep.sweep import sweep
-from gaitsweep.engine.sweep.sweep_spec import SweepSpec
+from gaitsweep.engine.sweep.sweep_spec import EngineName, SweepSpec
 from gaitsweep.expression import evaluate
 from gaitsweep.row_outcome import RowOutcome
 
@@ -49,6 +50,17 @@ def devices_on(platform: str | None, engine: str) -> list[Any]:
     return jax.local_devices(backend=platform)
 
 
+@dataclasses.dataclass(frozen=True)
+class Drive:
+    """The parameters at a time by a function of a test, with one step length for the whole row."""
+
+    params: Callable[[Any, Any], Any]
+    times: tuple[float, ...] = ()
+
+    def __call__(self, values: Mapping[str, Any], t: Any, /) -> Any:
+        return self.params(values, t)
+
+
 def run_rows(
     model: Model,
     recorder: Recorder,
@@ -59,7 +71,7 @@ def run_rows(
     lanes: int = 8,
     devices: int = 1,
     block: int | None = None,
-    drive: Any = None,
+    drive: Callable[[Any, Any], Any] | None = None,
     engine: str = "kernel",
     on: str | None = None,
     varied: frozenset[str] = frozenset(),
@@ -81,8 +93,8 @@ def run_rows(
         lanes=lanes,
         devices=devices_on(on, engine)[:devices],
         values=lambda a, b: ({k: v[a:b] for k, v in held.items()}, {k: v[a:b] for k, v in begin.items()}),
-        drive=drive,
-        engine=engine,
+        drive=None if drive is None else Drive(drive),
+        engine=cast(EngineName, engine),
         varied=varied,
     )
     blocks: dict[int, RowOutcome] = {}

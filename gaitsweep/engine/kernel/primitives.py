@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from gaitsweep.engine import rarity
+from gaitsweep.engine.carry import USUAL
 from gaitsweep.engine.kernel import arithmetic, arrays, control, elementary, indexing
 from gaitsweep.engine.kernel.refusals import refuse
 from gaitsweep.engine.kernel.trace import Build, Nodes, Rule, Tracer, kind_of
@@ -53,7 +53,7 @@ def _reduce_precision(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[
 
 
 def _name(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
-    usual = rarity.USUAL.get(equation.params["name"])
+    usual = USUAL.get(equation.params["name"])
     if usual is not None:
         tracer.program.usual.update(dict.fromkeys(args[0].ravel().tolist(), usual))
     return list(args)

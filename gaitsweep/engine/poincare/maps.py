@@ -14,10 +14,10 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int, Real
 
 from gaitsweep.contract import Quantity, State
+from gaitsweep.engine.carry import Integer
 from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.devices import refuse_fork
 from gaitsweep.engine.poincare.poincare_return import ReturnStatus
-from gaitsweep.engine.shapes import Integer
 
 # Batch sizes for which programs are compiled. A larger batch is split; a smaller one is filled up to the next
 # size by repeating its last point, which costs kernels nothing.
@@ -46,12 +46,17 @@ class Batch:
         return jax.tree.map(lambda *leaves: np.concatenate(leaves), *several)
 
     def merged(self, which: Int[np.ndarray, " some"], others: Self) -> Self:
-        """The batch with the elements at the indices `which` replaced by `others`."""
+        """The batch with some elements replaced.
+
+        Args:
+            which: the indices (m,) of these elements.
+            others: the m new elements.
+        """
 
         def replaced(values: np.ndarray, new: np.ndarray) -> np.ndarray:
-            values = np.array(values)
-            values[which] = new
-            return values
+            merged = np.array(values)
+            merged[which] = new
+            return merged
 
         return jax.tree.map(replaced, self, others)
 
@@ -62,13 +67,20 @@ def format_points(at: Any) -> str:
     for point in at[:POINTS_SHOWN]:
         coordinates = ", ".join(f"{coordinate:.6g}" for coordinate in point)
         texts.append(f"[{coordinates}]")
-    return ", ".join([*texts, "..."] if len(at) > POINTS_SHOWN else texts)
+    if len(at) > POINTS_SHOWN:
+        texts.append("...")
+    return ", ".join(texts)
 
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Points(Batch):
-    """A batch of points: their coordinates `at` (n, size), and states `modes` with their discrete modes."""
+    """A batch of points.
+
+    Args:
+        at: their coordinates (n, size).
+        modes: states with their discrete modes, the leaves (n, ...).
+    """
 
     at: Float[np.ndarray, "points coordinates"]
     modes: State
@@ -85,11 +97,16 @@ class Points(Batch):
 class MapEvaluation(Batch):
     """The images of n points under a map, and their derivatives.
 
-    `points` are the images; `status` (n,) their `ReturnStatus`; `observed` the observables (n,) by name;
-    `conserved_values` (n, k) the conserved quantities at the points themselves, and `conserved_jacobian`
-    (n, k, size) their derivative by the points' coordinates. If requested: `jacobian` (n, size, size) of the
-    images (else NaN); the derivatives by a parameter, `d_parameter` (n, size) of the images and
-    `conserved_d_parameter` (n, k) of the conserved quantities (else 0).
+    Attributes:
+        points: the images.
+        status: their `ReturnStatus` (n,).
+        observed: the observables (n,) by name.
+        conserved_values: the conserved quantities (n, k) at the points themselves.
+        jacobian: the derivative (n, size, size) of the images by the points' coordinates; NaN if it is not
+            requested.
+        d_parameter: the derivative (n, size) of the images by a parameter; 0 if it is not requested.
+        conserved_jacobian: the derivative (n, k, size) of the conserved quantities by the coordinates.
+        conserved_d_parameter: their derivative (n, k) by the parameter; 0 if it is not requested.
     """
 
     points: Points
@@ -135,11 +152,21 @@ class Map(abc.ABC):
 
     @abc.abstractmethod
     def conserved_values(self, values: Values, at: Coordinates) -> Float[Array, " conserved"]:
-        """The values (k,) of the `conserved` quantities at one point, in JAX."""
+        """The values (k,) of the `conserved` quantities at one point, in JAX.
+
+        Args:
+            values: parameters by name, one scalar each.
+            at: the coordinates (size,) of the point.
+        """
 
     @abc.abstractmethod
     def complete(self, values: Values, n: int) -> dict[str, Float[np.ndarray, " points"]]:
-        """All parameters that `follow` reads, (n,) each: the given values, then the defaults."""
+        """All parameters that `follow` reads, (n,) each; those without a value have their defaults.
+
+        Args:
+            values: parameters by name, numbers or (n,).
+            n: the number of points.
+        """
 
     @abc.abstractmethod
     def refined(self) -> Map | None:
@@ -148,18 +175,28 @@ class Map(abc.ABC):
     @property
     @abc.abstractmethod
     def durations(self) -> tuple[str, ...]:
-        """The observables that are durations of an iteration: they add up over several."""
+        """The observables that are durations of an iteration: those of several iterations add up."""
 
     @abc.abstractmethod
     def mirrored(self, points: Points, values: Values) -> dict[str, Points]:
-        """Points of the images of these points' orbits under the symmetries, by name."""
+        """Points of the images of these points' orbits under the symmetries, by name.
+
+        Args:
+            points: the points.
+            values: parameters by name, numbers or (n,).
+        """
 
     @abc.abstractmethod
     def events(self, points: Points, values: Values) -> list[Events]:
-        """The events between each of n points and its image, in their order."""
+        """The events between each of n points and its image, in their order.
+
+        Args:
+            points: the points.
+            values: parameters by name, numbers or (n,).
+        """
 
     def iterated(self, count: int) -> Map:
-        """The map that applies this one `count` times."""
+        """The map that applies this one a number of times, 1 or more."""
         return self if count == 1 else IteratedMap(self, count)
 
     @functools.cached_property
@@ -209,8 +246,8 @@ class FollowedMap(Map):
         batches = []
         for first in range(0, len(points), BATCH_SIZES[-1]):
             count = min(BATCH_SIZES[-1], len(points) - first)
-            room = next(size for size in BATCH_SIZES if size >= count)
-            order = np.minimum(first + np.arange(room), first + count - 1)
+            width = next(size for size in BATCH_SIZES if size >= count)
+            order = np.minimum(first + np.arange(width), first + count - 1)
             batch = points[order]
             parameters = {name: column[order] for name, column in complete.items()}
             outputs = program(parameters, batch.at, batch.modes)
@@ -290,13 +327,14 @@ class IteratedMap(DerivedMap):
     def events(self, points: Points, values: Values) -> list[Events]:
         values = self.base.complete(values, len(points))
         events: list[Events] = [[] for _ in range(len(points))]
-        begun = np.zeros(len(points))
+        starts = np.zeros(len(points))
         for _ in range(self.count):
-            for so_far, new, start in zip(events, self.base.events(points, values), begun, strict=True):
-                so_far += [(start + t, name) for t, name in new]
+            events_of_iteration = self.base.events(points, values)
+            for events_of_point, later, start in zip(events, events_of_iteration, starts, strict=True):
+                events_of_point += [(start + t, name) for t, name in later]
             images = self.base.images(points, values)
             points = images.points
-            begun = begun + images.observed.get("time", 0.0)
+            starts = starts + images.observed.get("time", 0.0)
         return events
 
     def _evaluated(
@@ -328,36 +366,41 @@ class IteratedMap(DerivedMap):
 def _program(mapping: Map, over: str | None, *, derivatives: bool) -> Callable[..., Any]:
     """The map of a batch of points and its derivatives, compiled for each batch size."""
 
-    def one(values: Any, at: Coordinates, modes: State) -> Any:
+    def of_point(values: Any, at: Coordinates, modes: State) -> Any:
         size = at.size
 
-        def image_of(x: Float[Array, " variables"]) -> Any:
-            parameters = values if over is None else {**values, over: x[size]}
-            image, state, status, observed = mapping.follow(parameters, x[:size], modes)
-            conserved = mapping.conserved_values(parameters, x[:size])
+        def image_of(variables: Float[Array, " variables"]) -> Any:
+            parameters = values if over is None else {**values, over: variables[size]}
+            image, state, status, observed = mapping.follow(parameters, variables[:size], modes)
+            conserved = mapping.conserved_values(parameters, variables[:size])
             return jnp.concatenate([image, conserved]), (image, state, status, observed, conserved)
 
-        x = at if over is None else jnp.concatenate([at, values[over][None]])
+        variables = at if over is None else jnp.concatenate([at, values[over][None]])
         if derivatives:
-            slopes, outputs = jax.jacfwd(image_of, has_aux=True)(x)
+            slopes, outputs = jax.jacfwd(image_of, has_aux=True)(variables)
         else:
-            _, outputs = image_of(x)
+            _, outputs = image_of(variables)
             gradients = jax.jacfwd(lambda at: mapping.conserved_values(values, at))(at)
             slopes = jnp.concatenate([jnp.full((size, size), jnp.nan), gradients])
         return (*outputs, slopes)
 
-    return jax.jit(jax.vmap(one))
+    return jax.jit(jax.vmap(of_point))
 
 
 def sizes(at: ManyCoordinates) -> ManyCoordinates:
-    """The scale of each coordinate (..., size)."""
+    """The scale of each of some coordinates (..., size)."""
     return MIN_SCALE + np.abs(at)
 
 
 def wrap_difference(
     difference: ManyCoordinates, circular: Bool[np.ndarray, " coordinates"]
 ) -> ManyCoordinates:
-    """Differences; differences of angles (rad) are wrapped to [-pi, pi]."""
+    """Differences of coordinates, of which those of angles (rad) are wrapped to [-pi, pi].
+
+    Args:
+        difference: the differences (..., size).
+        circular: mask of the coordinates that are angles.
+    """
     if not circular.any():
         return difference
     with np.errstate(invalid="ignore"):  # an infinite difference stays one

@@ -16,12 +16,12 @@ from jaxtyping import Array, Bool, Float, Int
 
 from gaitsweep import near_miss
 from gaitsweep.contract import Chart, Model, Params, Quantity, State
+from gaitsweep.engine.carry import Integer, select
 from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.devices import refuse_fork
 from gaitsweep.engine.poincare.maps import Coordinates, FollowedMap, Image, Points, Values
 from gaitsweep.engine.poincare.poincare_return import Returned, ReturnStatus
 from gaitsweep.engine.poincare.symmetry_group import group_of
-from gaitsweep.engine.shapes import Integer
 from gaitsweep.errors import ArgumentError
 from gaitsweep.expression import functions_of, names_in, resolve
 
@@ -30,8 +30,7 @@ from gaitsweep.expression import functions_of, names_in, resolve
 class ModelMap(FollowedMap):
     """A map of a model's states, in JAX and for many points at once.
 
-    1. A map gives `_chart`, `state`, `events` and `refined`.
-    2. The other members are built from them.
+    A map defines `_chart`, `state`, `events` and `refined`; the other members are built from them.
 
     Args:
         model: the model.
@@ -52,7 +51,12 @@ class ModelMap(FollowedMap):
 
     @abc.abstractmethod
     def state(self, params: Params, state: State) -> Returned:
-        """The time (s) to the image of a state, the image, and the `ReturnStatus`, in JAX."""
+        """The time (s) to the image of a state, the image, and the `ReturnStatus`, in JAX.
+
+        Args:
+            params: the parameters of the model.
+            state: the state.
+        """
 
     @property
     def coordinates(self) -> tuple[Quantity, ...]:
@@ -78,11 +82,11 @@ class ModelMap(FollowedMap):
 
     def complete(self, values: Values, n: int) -> dict[str, Float[np.ndarray, " points"]]:
         self._refuse_unknown(values)
-        numbers = {name: text for name, text in self._written.items() if not isinstance(text, str)}
-        return {
-            name: np.broadcast_to(np.asarray(value, np.float64), (n,)).copy()
-            for name, value in {**numbers, **values}.items()
-        }
+        numbers = {name: value for name, value in self._written.items() if not isinstance(value, str)}
+        columns = {}
+        for name, value in {**numbers, **values}.items():
+            columns[name] = np.broadcast_to(np.asarray(value, np.float64), (n,)).copy()
+        return columns
 
     def follow(self, values: Values, at: Coordinates, modes: State) -> Image:
         params = self.params(values)
@@ -115,7 +119,7 @@ class ModelMap(FollowedMap):
             The points, and their `ReturnStatus` (n,).
         """
         refuse_fork()
-        n = max([np.size(v) for v in (*starts.values(), *values.values())], default=1)
+        n = max([np.size(column) for column in (*starts.values(), *values.values())], default=1)
         starts_of_points = {
             q.name: np.broadcast_to(np.asarray(starts.get(q.name, q.default), np.float64), (n,))
             for q in self.model.initial_conditions
@@ -126,7 +130,12 @@ class ModelMap(FollowedMap):
         return Points(np.asarray(at), jax.tree.map(np.asarray, state)), np.asarray(status)
 
     def covers(self, points: Points, values: Values) -> Bool[np.ndarray, " points"]:
-        """Whether the chart covers the states of points that `settled` returned."""
+        """Whether the chart covers the states of points that `settled` returned, (n,).
+
+        Args:
+            points: the points.
+            values: parameters by name, numbers or (n,).
+        """
         complete = self.complete(values, len(points))
         covered = jax.vmap(lambda v, state: self.chart.covers(self.params(v), state))
         return np.asarray(jax.jit(covered)(complete, points.modes))
@@ -176,7 +185,7 @@ def _mirrors(mapping: ModelMap) -> Callable[..., Any]:
         model.symmetries(), params, state, lambda image: mapping.chart.to_coordinates(params, image)
     )
 
-    def one(values: Any, at: Coordinates, modes: State) -> dict[str, Any]:
+    def of_point(values: Any, at: Coordinates, modes: State) -> dict[str, Any]:
         params = mapping.params(values)
         state = mapping.chart.from_coordinates(params, at, modes)
         images = {}
@@ -187,26 +196,28 @@ def _mirrors(mapping: ModelMap) -> Callable[..., Any]:
             images[name] = jnp.where(status == ReturnStatus.crossed, coordinates, jnp.nan), crossed
         return images
 
-    return jax.jit(jax.vmap(one))
+    return jax.jit(jax.vmap(of_point))
 
 
 @cached_by_content(maxsize=16)
 def _settler(mapping: ModelMap, cycles: int) -> Callable[..., Any]:
     """The function `(values, starts) -> (state, status)` of many points, after `cycles` images."""
 
-    def one(values: Any, starts: Any) -> tuple[State, Integer]:
+    def settle(values: Any, starts: Any) -> tuple[State, Integer]:
         params = mapping.params(values)
         # a loop requires constant dtypes, so none may be weak
-        begun = jax.tree.map(lambda x: jnp.asarray(x, jnp.result_type(x)), mapping.model.init(params, starts))
+        state = mapping.model.init(params, starts)
+        start = jax.tree.map(lambda leaf: jnp.asarray(leaf, jnp.result_type(leaf)), state)
 
-        def apply(_: Any, loop: tuple[State, Integer]) -> tuple[State, Integer]:
-            state, status = loop
-            _, moved, status_after = mapping.state(params, state)
-            going = (status == ReturnStatus.crossed) & (status_after == ReturnStatus.crossed)
-            last = jax.tree.map(lambda a, b: jnp.where(going, a, b), moved, state)
-            return last, jnp.where(status == ReturnStatus.crossed, status_after, status).astype(jnp.int32)
+        def apply(_: Any, progress: tuple[State, Integer]) -> tuple[State, Integer]:
+            state, status = progress
+            _, image, status_of_image = mapping.state(params, state)
+            goes_on = status == ReturnStatus.crossed
+            is_defined = goes_on & (status_of_image == ReturnStatus.crossed)
+            status_after = jnp.where(goes_on, status_of_image, status).astype(jnp.int32)
+            return select(is_defined, image, state), status_after
 
         crossed = jnp.asarray(ReturnStatus.crossed, jnp.int32)
-        return jax.lax.fori_loop(0, cycles, apply, (begun, crossed))
+        return jax.lax.fori_loop(0, cycles, apply, (start, crossed))
 
-    return jax.jit(jax.vmap(one))
+    return jax.jit(jax.vmap(settle))

@@ -1,4 +1,4 @@
-"""One return of a trajectory to the Poincare section: its state, its functions, its result code.
+"""One return of a trajectory to the Poincare section.
 
 `crossing_of` is the whole return as a JAX function with forward-mode derivatives, by XLA or a kernel.
 """
@@ -50,8 +50,10 @@ class ReturnStatus(ResultCode):
 class ReturnState:
     """A trajectory between two crossings.
 
-    `carry` is the engine's; `stages` are the stages of the current step where it is computed stage by stage
-    (else empty); `limit` is the largest number of attempts.
+    Attributes:
+        carry: its state of integration.
+        stages: the stages of the current step if it is computed stage by stage, else ().
+        limit: the largest number of attempts.
     """
 
     carry: Carry
@@ -87,7 +89,12 @@ class PoincareReturn:
             self._attempt = lambda params, pair: (step(params, pair[0]), ())
 
     def begin(self, params: Params, state: State) -> ReturnState:
-        """The trajectory that starts from a state just after the jump of a crossing."""
+        """The trajectory that starts from a state just after the jump of a crossing.
+
+        Args:
+            params: the parameters of the model.
+            state: the state.
+        """
         # the step length depends on the parameters, but the result does not depend on the step length
         dt = self.numerics.factor * jax.lax.stop_gradient(step_of(self.model, self.numerics, params))
         stop = MAX_PERIODS * self.model.period(params)
@@ -97,24 +104,30 @@ class PoincareReturn:
         return ReturnState(*self._begin(params, carry), limit)
 
     def attempt(self, params: Params, trajectory: ReturnState) -> ReturnState:
-        """The trajectory after one more attempt, or one more stage of an attempt."""
+        """The trajectory after one more attempt, or one more stage of an attempt.
+
+        Args:
+            params: the parameters of the model.
+            trajectory: the trajectory.
+        """
         return ReturnState(*self._attempt(params, (trajectory.carry, trajectory.stages)), trajectory.limit)
 
     def ended(self, trajectory: ReturnState) -> Bool[Array, ""]:
         """Whether the return has ended, by a crossing or otherwise."""
+        return (trajectory.carry.halt != Halt.GOING) | self._is_stuck(trajectory)
+
+    def _is_stuck(self, trajectory: ReturnState) -> Bool[Array, ""]:
+        """Whether a trajectory has made too many jumps at one instant, or too many attempts."""
         carry = trajectory.carry
-        return (
-            (carry.halt != Halt.GOING) | is_stalled(self.model, carry) | (carry.attempts > trajectory.limit)
-        )
+        return is_stalled(self.model, carry) | (carry.attempts > trajectory.limit)
 
     def status(self, trajectory: ReturnState) -> Int[Array, ""]:
         """The `ReturnStatus` of a return that has ended."""
         carry = trajectory.carry
         numbers = [carry.t, carry.unit, *float_leaves(carry.state)]
         sound = jnp.all(jnp.stack([jnp.all(jnp.isfinite(x)) for x in numbers]))
-        stuck = is_stalled(self.model, carry) | (carry.attempts > trajectory.limit)
         late = jnp.where(carry.halt == Halt.FELL, ReturnStatus.fell, ReturnStatus.late)
-        missed = jnp.where(stuck, ReturnStatus.stalled, late)
+        missed = jnp.where(self._is_stuck(trajectory), ReturnStatus.stalled, late)
         crossed = jnp.where(carry.halt == Halt.CROSSING, ReturnStatus.crossed, missed)
         return jnp.where(sound, crossed, ReturnStatus.lost).astype(jnp.int32)
 
@@ -149,34 +162,44 @@ def crossing_of(model: Model, numerics: ResolvedNumerics, engine: str = "auto") 
         return end.carry.t, end.carry.state, crossing.status(end)
 
     if crossing.refusal is not None:
-        which = f"The return map of {model.name} by {numerics.method}"
-        return _without_derivative(by_xla, f"{which} has no derivative: {crossing.refusal}")
+        return_map = f"The return map of {model.name} by {numerics.method}"
+        return _without_derivative(by_xla, f"{return_map} has no derivative: {crossing.refusal}")
     if engine == "xla" or (engine == "auto" and jax.default_backend() != "cpu"):
         return by_xla
-    by_shapes: dict[Hashable, Crossing] = {}
+    return _by_kernel(crossing, None if engine == "kernel" else by_xla)
+
+
+def _by_kernel(crossing: PoincareReturn, substitute: Crossing | None) -> Crossing:
+    """The return by a kernel, which is compiled for each structure of parameters and states.
+
+    Args:
+        crossing: the functions of the return.
+        substitute: the function to use where there is no kernel; None: that is an error.
+    """
+    returns: dict[Hashable, Crossing] = {}
 
     def by_kernel(params: Params, state: State) -> Returned:
         from gaitsweep.engine.kernel.poincare_returns import KernelReturns
         from gaitsweep.engine.kernel.refusals import UnsupportedError
 
         shapes = jax.tree.map(
-            lambda x: jax.ShapeDtypeStruct(jnp.shape(x), jnp.result_type(x)), (params, state)
+            lambda leaf: jax.ShapeDtypeStruct(jnp.shape(leaf), jnp.result_type(leaf)), (params, state)
         )
         key = jax.tree.structure(shapes), tuple(jax.tree.leaves(shapes))
-        if key not in by_shapes:
+        if key not in returns:
             try:
-                by_shapes[key] = KernelReturns(crossing, *shapes)
+                returns[key] = KernelReturns(crossing, *shapes)
             except UnsupportedError:
-                if engine == "kernel":
+                if substitute is None:
                     raise
-                by_shapes[key] = by_xla
-        return by_shapes[key](params, state)
+                returns[key] = substitute
+        return returns[key](params, state)
 
     return by_kernel
 
 
 def _without_derivative(crossing: Crossing, refusal: str) -> Crossing:
-    """The same function, whose derivative is refused with a sentence."""
+    """The same function, whose derivative raises an ArgumentError with the sentence `refusal`."""
 
     @jax.custom_jvp
     def run(params: Params, state: State) -> Returned:

@@ -28,8 +28,8 @@ from gaitsweep.engine.solver import fixed_step_scheme
 
 # Events of one guard between two crossings that have a time.
 MAX_TIMED_EVENTS = 3
-# The fields with which a state keeps the record: the time (s), and for each guard the times of its first
-# events and their number.
+# The fields of a state that hold the record: the time (s), and for each guard the times of its first events
+# and their number.
 RECORD_FIELDS = ("event_clock", "event_times", "event_counts")
 
 # The fraction of the step of a refined map.
@@ -39,8 +39,10 @@ REFINED = 0.5
 class EventRecord(NamedTuple):
     """The events of one return.
 
-    `times` (MAX_TIMED_EVENTS, guards) are the times (s) of the first events of each guard, NaN where there
-    was none; `counts` (guards,) are the numbers of their events.
+    Attributes:
+        times: the times (s) of the first events of each guard (MAX_TIMED_EVENTS, guards), NaN where there was
+            none.
+        counts: the number of events of each guard (guards,).
     """
 
     times: Float[Array, "timed guards"]
@@ -52,7 +54,8 @@ class BatchedReturnMap(ModelMap):
     """The return map of a model, in JAX and for many points at once.
 
     Args:
-        model, settings: as of `ModelMap`.
+        model: the model.
+        settings: as of `ModelMap`.
         numerics: by default the recommendations of the model. With located events (tsit5, rk4, propagator6,
             propagator) the map has derivatives; in steps of fixed length it is a staircase of that step's
             size, and derivatives are refused.
@@ -69,7 +72,11 @@ class BatchedReturnMap(ModelMap):
         return numerics if isinstance(numerics, ResolvedNumerics) else numerics.resolve(self.model)
 
     def refined(self, factor: float = REFINED) -> BatchedReturnMap | None:
-        """The same map with a factor on its steps: half of them, or tolerances 32 times finer."""
+        """The same map with a finer integration; None for a model whose step is the map.
+
+        Args:
+            factor: the factor on its steps; with half the step, tolerances are 32 times finer.
+        """
         if self._is_step:
             return None
         return dataclasses.replace(self, numerics=self.integration.refined(factor))
@@ -113,8 +120,9 @@ def _in_order(
     events: Events = []
     for times_of_guard, count, name in zip(times.T, counts, names, strict=True):
         events += [(float(t), name) for t in times_of_guard if t >= 0.0]
-        # later events of a guard have no time: they are listed after its last one that has
-        events += [(float(times_of_guard[-1]), name)] * max(int(count) - len(times_of_guard), 0)
+        # later events of a guard have no time of their own: they get that of the last one that has
+        untimed = max(int(count) - len(times_of_guard), 0)
+        events += [(float(times_of_guard[-1]), name)] * untimed
     return sorted(events)
 
 
@@ -124,12 +132,12 @@ def _recorder(mapping: BatchedReturnMap) -> Callable[..., EventRecord]:
     model = mapping.model
     assert isinstance(model, HybridModel)
 
-    def one(values: Any, at: Coordinates, modes: State) -> EventRecord:
+    def of_point(values: Any, at: Coordinates, modes: State) -> EventRecord:
         params = mapping.params(values)
         state = mapping.chart.from_coordinates(params, at, modes)
         return _recorded_return(model, mapping.integration, mapping.engine)(params, state)
 
-    return jax.jit(jax.vmap(one))
+    return jax.jit(jax.vmap(of_point))
 
 
 def _recorded_return(
@@ -143,7 +151,7 @@ def _recorded_return(
         engine: as for `crossing_of`.
     """
 
-    def one(params: Params, state: State) -> EventRecord:
+    def recorded(params: Params, state: State) -> EventRecord:
         guards = jax.eval_shape(model.guards, params, state).shape
         kind = _with_record(type(state))
 
@@ -162,6 +170,7 @@ def _recorded_return(
             after = model.jump(params, before, fired)
             return with_record(after, clock, times, counts + happened.astype(counts.dtype))
 
+        # the model itself, whose state has a clock and a record of events beside its variables
         recording = copy.copy(model)
         vars(recording).update(flow=flow, jump=jump)
         crossing = crossing_of.__wrapped__(recording, numerics, engine)  # type: ignore[attr-defined]
@@ -171,12 +180,12 @@ def _recorded_return(
         happened = jnp.arange(MAX_TIMED_EVENTS)[:, None] < counts[None]
         return EventRecord(jnp.where(happened, times, jnp.nan), counts)
 
-    return one
+    return recorded
 
 
 def _with_record(state: type) -> type:
     """The type of states with the fields of the record."""
-    more: list[Any] = [(name, Any) for name in RECORD_FIELDS]
-    kind = dataclasses.make_dataclass(state.__name__, more, bases=(state,), frozen=True)
+    fields: list[Any] = [(name, Any) for name in RECORD_FIELDS]
+    kind = dataclasses.make_dataclass(state.__name__, fields, bases=(state,), frozen=True)
     names = [field.name for field in dataclasses.fields(kind)]
     return jax.tree_util.register_dataclass(kind, names, [])

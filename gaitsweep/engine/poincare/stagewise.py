@@ -16,13 +16,15 @@ import jax.numpy as jnp
 from jaxtyping import Array, Int
 
 from gaitsweep.contract import HybridModel, Params, Rates
-from gaitsweep.engine.advance import Precomputed, advance
+from gaitsweep.engine.advance import advance
 from gaitsweep.engine.carry import Carry, select
 from gaitsweep.engine.numerics import ResolvedNumerics
 from gaitsweep.engine.solver import euler_update
+from gaitsweep.engine.trial import Precomputed
 
-# Stages of the next evaluation: 1 to 3 are those after the first stage of a step, then the trial follows.
-LAST, TRIAL = 3, 4
+# Stages of the next evaluation: `FIRST` to `LAST` are those after the rates at the state, then the trial
+# follows.
+FIRST, LAST, TRIAL = 1, 3, 4
 
 
 @jax.tree_util.register_dataclass
@@ -30,8 +32,11 @@ LAST, TRIAL = 3, 4
 class Stages:
     """The progress of an attempt.
 
-    `stage` is the stage of the next evaluation of the flow; `at` the continuous fields of that evaluation;
-    `first` the rates at the state; `total` the weighted sum of the rates so far.
+    Attributes:
+        stage: the stage of the next evaluation of the flow.
+        at: the continuous fields of that evaluation.
+        first: the rates at the state.
+        total: the weighted sum of the rates so far.
     """
 
     stage: Int[Array, ""]
@@ -44,21 +49,32 @@ Pair = tuple[Carry, Stages]
 
 
 def begin(model: HybridModel, params: Params, carry: Carry) -> Pair:
-    """The carry and stages of a new trajectory, whose first attempt has zero length."""
+    """The carry and stages of a new trajectory, whose first attempt has zero length.
+
+    Args:
+        model: the model.
+        params: its parameters.
+        carry: the trajectory at its start.
+    """
     at = {name: getattr(carry.state, name) for name in jax.eval_shape(model.flow, params, carry.state)}
     unknown = {name: jnp.zeros_like(value) for name, value in at.items()}
     return carry, Stages(jnp.full_like(carry.halt, TRIAL), at, unknown, unknown)
 
 
 def stagewise(model: HybridModel, numerics: ResolvedNumerics) -> Callable[[Params, Pair], Pair]:
-    """The function of one stage; forward-mode derivatives include those of located event times."""
+    """The function of one stage; forward-mode derivatives include those of located event times.
+
+    Args:
+        model: the model.
+        numerics: the tolerances of the method rk4.
+    """
 
     def evaluate(params: Params, pair: Pair) -> Pair:
-        carry, s = pair
-        stage_state = dataclasses.replace(carry.state, **s.at)
+        carry, stages = pair
+        stage_state = dataclasses.replace(carry.state, **stages.at)
         rates = model.flow(params, stage_state)
-        tried = s.stage == TRIAL
-        precomputed = Precomputed(lambda *_: stage_state, lambda *_: s.first, lambda *_: rates)
+        tried = stages.stage == TRIAL
+        precomputed = Precomputed(lambda *_: stage_state, lambda *_: stages.first, lambda *_: rates)
         conclude = advance(model, numerics, sensitivities=True, precomputed=precomputed)
         fired = jnp.any(model.guards(params, stage_state) >= 0.0)
         after = conclude(params, carry)
@@ -66,20 +82,20 @@ def stagewise(model: HybridModel, numerics: ResolvedNumerics) -> Callable[[Param
         accepted = tried & ~fired & ((after.t > carry.t) | (carry.h == 0.0))
         carry = select(tried, after, carry)
 
-        first = select(accepted, rates, s.first)
-        weight = jnp.where(s.stage == LAST, 1.0, 2.0)
-        summed = {name: total + weight * rates[name] for name, total in s.total.items()}
+        first = select(accepted, rates, stages.first)
+        weight = jnp.where(stages.stage == LAST, 1.0, 2.0)
+        summed = {name: total + weight * rates[name] for name, total in stages.total.items()}
         total = select(tried, first, summed)
-        follows = jnp.where(tried, 1, s.stage + 1)
+        next_stage = jnp.where(tried, FIRST, stages.stage + 1)
         h = jnp.minimum(carry.h, jnp.maximum(carry.stop - carry.t, 0.0))
-        share = jnp.where(follows == TRIAL, 1.0 / 6.0, jnp.where(follows == LAST, 1.0, 0.5))
-        along = select(follows == TRIAL, total, select(tried, first, rates))
+        share = jnp.where(next_stage == TRIAL, 1.0 / 6.0, jnp.where(next_stage == LAST, 1.0, 0.5))
+        along = select(next_stage == TRIAL, total, select(tried, first, rates))
         # the attempt after a jump has zero length, and its rates are not known yet
         jumped = tried & (carry.h == 0.0)
         along = {name: jnp.where(jumped, 0.0, rate) for name, rate in along.items()}
         next_state = euler_update(carry.state, along, h * share)
-        at = {name: getattr(next_state, name) for name in s.at}
-        stage = jnp.where(jumped, TRIAL, follows).astype(s.stage.dtype)
+        at = {name: getattr(next_state, name) for name in stages.at}
+        stage = jnp.where(jumped, TRIAL, next_stage).astype(stages.stage.dtype)
         return carry, Stages(stage, at, first, total)
 
     return evaluate

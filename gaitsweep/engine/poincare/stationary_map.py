@@ -74,6 +74,7 @@ class FlowVariables(Chart):
         return self._joined(*full)[jnp.array(self.places)]
 
     def _joined(self, *values: Any) -> Float[Array, " numbers"]:
+        """The numbers of some fields as one vector."""
         return jnp.concatenate([jnp.ravel(jnp.asarray(value)).astype(jnp.float64) for value in values])
 
 
@@ -85,7 +86,8 @@ class StationaryMap(ModelMap):
     observable `time` is the step h (s).
 
     Args:
-        model, settings: as of `ModelMap`.
+        model: the model.
+        settings: as of `ModelMap`.
         without: variables that need not rest: they keep the values of the start.
     """
 
@@ -102,7 +104,11 @@ class StationaryMap(ModelMap):
 
     @cached_property
     def flow(self) -> FlowVariables:
-        """The variables that the flow moves, and their rates."""
+        """The variables that the flow moves, and their rates.
+
+        Raises:
+            ArgumentError: the model has no flow, or a name of `without` is no variable of it.
+        """
         model = self.model
         if not isinstance(model, HybridModel):
             raise ArgumentError(f"{model.name} moves in steps: it has no flow, so no stationary points.")
@@ -118,12 +124,19 @@ class StationaryMap(ModelMap):
                 raise ArgumentError(f"{name} is no variable of the flow of {model.name}{near}")
         places = tuple(place for place, name in enumerate(names) if name not in self.without)
         quantities = []
-        for name in (names[place] for place in places):
+        for place in places:
+            name = names[place]
             quantities.append(known.get(name, Quantity(name, "", f"{name} of the state")))
         return FlowVariables(model, fields, places, tuple(quantities))
 
     def rates(self, values: Values, at: Coordinates, modes: State) -> Coordinates:
-        """The rates (n,) of the coordinates at one point, in JAX; arguments as of `follow`."""
+        """The rates (n,) of the coordinates at one point, in JAX.
+
+        Args:
+            values: parameters by name, one scalar each.
+            at: the coordinates (n,) of the point.
+            modes: a state with its discrete modes.
+        """
         params = self.params(values)
         return self.flow.rates(params, self.flow.from_coordinates(params, at, modes))
 
@@ -137,8 +150,10 @@ class StationaryMap(ModelMap):
         f = rates(at)
         jacobian = jax.jacfwd(rates)(at)
         scale = jnp.sqrt(MIN_SCALE**2 + at**2)
-        size = jnp.sum((jacobian * scale[None] / scale[:, None]) ** 2)
-        step = 2.0 * MAX_HALF_STEP / jnp.sqrt((2.0 * jnp.pi / self.model.period(params)) ** 2 + size)
+        # a bound of the largest |lambda|^2
+        squared_norm = jnp.sum((jacobian * scale[None] / scale[:, None]) ** 2)
+        frequency = 2.0 * jnp.pi / self.model.period(params)
+        step = 2.0 * MAX_HALF_STEP / jnp.sqrt(frequency**2 + squared_norm)
         moved = at + step * jnp.linalg.solve(jnp.eye(at.size) - 0.5 * step * jacobian, f)
         status = jnp.where(self._is_past(params, state), ReturnStatus.elsewhere, ReturnStatus.crossed)
         sound = jnp.all(jnp.isfinite(moved)) & jnp.isfinite(step)
@@ -177,13 +192,13 @@ class StationaryMap(ModelMap):
         rates = np.stack([flow_rates for flow_rates, _ in near])
         jacobians = np.stack([jacobian for _, jacobian in near])
         for k, quantity in enumerate(self.coordinates):
-            what = f"{quantity.name} of {name}"
+            variable = f"{quantity.name} of {name}"
             leave_out = "name it in `without`."
             if rates[:, k].all() and not jacobians[:, k].any():
                 rate = f"{rates[0, k]:g} {quantity.unit or '1'}/s"
-                return f"{what} always changes by {rate}, so it is never at rest: {leave_out}"
+                return f"{variable} always changes by {rate}, so it is never at rest: {leave_out}"
             if not jacobians[:, :, k].any():
-                return f"No rate depends on {what}, so no point of rest is isolated: {leave_out}"
+                return f"No rate depends on {variable}, so no point of rest is isolated: {leave_out}"
         return None
 
 
@@ -191,10 +206,11 @@ class StationaryMap(ModelMap):
 def linearised_flow(mapping: StationaryMap) -> Callable[..., Any]:
     """The function `(values, at, modes) -> (rates, their Jacobian)` of one point."""
 
-    def one(values: Any, at: Coordinates, modes: State) -> Any:
-        return mapping.rates(values, at, modes), jax.jacfwd(lambda x: mapping.rates(values, x, modes))(at)
+    def linearised(values: Any, at: Coordinates, modes: State) -> Any:
+        jacobian = jax.jacfwd(lambda x: mapping.rates(values, x, modes))(at)
+        return mapping.rates(values, at, modes), jacobian
 
-    return jax.jit(one)
+    return jax.jit(linearised)
 
 
 @cached_by_content(maxsize=16)
@@ -206,7 +222,7 @@ def flow_derivatives(mapping: StationaryMap) -> Callable[..., Any]:
         of directions u, v, w, (n, size) each.
     """
 
-    def one(values: Any, at: Coordinates, modes: State, u: Any, v: Any, w: Any) -> Any:
+    def along(values: Any, at: Coordinates, modes: State, u: Any, v: Any, w: Any) -> Any:
         def first(x: Coordinates) -> Coordinates:
             return jax.jvp(lambda x: mapping.rates(values, x, modes), (x,), (u,))[1]
 
@@ -215,11 +231,16 @@ def flow_derivatives(mapping: StationaryMap) -> Callable[..., Any]:
 
         return jax.jvp(second, (at,), (w,))
 
-    return jax.jit(jax.vmap(one, in_axes=(None, None, None, 0, 0, 0)))
+    return jax.jit(jax.vmap(along, in_axes=(None, None, None, 0, 0, 0)))
 
 
 def eigenvalues(
     multipliers: Complex[np.ndarray, " *points"], step: Float[np.ndarray, " *points"] | float
 ) -> Complex[np.ndarray, " *points"]:
-    """The eigenvalues (1/s) of a flow from the multipliers of its `StationaryMap`, and the step h (s)."""
+    """The eigenvalues (1/s) of a flow from the multipliers of its `StationaryMap`.
+
+    Args:
+        multipliers: the multipliers.
+        step: the step h of the map (s), its observable `time`.
+    """
     return 2.0 / step * (multipliers - 1.0) / (multipliers + 1.0)

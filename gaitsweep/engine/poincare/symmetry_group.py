@@ -32,39 +32,40 @@ def group_of(
     Args:
         generators: the symmetries that a model names.
         params: parameters of the model.
-        state: a state; combinations with the same image of a random state like it are one element.
-        read: the numbers of a state that are compared; others may be a memory of the past.
+        state: a state; combinations with the same image of a random state of its shape are one element.
+        read: returns the numbers of a state that are compared; others may be a memory of the past.
 
     Raises:
-        ArgumentError: the symmetries generate more than 47 others, so that one of them is no symmetry of
+        ArgumentError: the symmetries generate more than `MAX_ELEMENTS`, so that one of them is no symmetry of
             finite order.
     """
     random = np.random.default_rng(SEED)
-    drawn = [random.uniform(0.1, 0.9, np.shape(leaf)) for leaf in float_leaves(state)]
-    generic = with_float_leaves(state, drawn)
-    elements: dict[str, Action] = {}
+    numbers = [random.uniform(0.1, 0.9, np.shape(leaf)) for leaf in float_leaves(state)]
+    generic = with_float_leaves(state, numbers)
+    # named symmetries are elements even if they are the identity at these parameters alone
+    elements = dict(generators)
     images = [np.asarray(read(generic))]
-    new: dict[str, Action] = {"": lambda params, state: state}
-    while new:
-        later: dict[str, Action] = {}
-        for before, inner in new.items():
-            for name, outer in generators.items():
+    images += [np.asarray(read(action(params, generic))) for action in generators.values()]
+    latest = dict(generators)
+    while latest:
+        combinations: dict[str, Action] = {}
+        for inner_name, inner in latest.items():
+            for outer_name, outer in generators.items():
                 combined = _after(outer, inner)
                 image = np.asarray(read(combined(params, generic)))
-                # a named symmetry may be the identity at these parameters alone
-                if before and any(np.allclose(image, known, rtol=0.0, atol=SAME_IMAGE) for known in images):
-                    continue
-                images.append(image)
-                later[f"{name} after {before}" if before else name] = combined
-        elements |= later
+                if not any(np.allclose(image, other, rtol=0.0, atol=SAME_IMAGE) for other in images):
+                    images.append(image)
+                    combinations[f"{outer_name} after {inner_name}"] = combined
+        elements |= combinations
         if len(elements) > MAX_ELEMENTS:
             raise ArgumentError(
                 f"The symmetries {', '.join(generators)} generate more than {MAX_ELEMENTS} others: each has "
                 "to be of finite order (angles are compared as numbers, so wrap them with jnp.mod)."
             )
-        new = later
+        latest = combinations
     return elements
 
 
 def _after(outer: Action, inner: Action) -> Action:
+    """The symmetry `outer` applied after `inner`."""
     return lambda params, state: outer(params, inner(params, state))

@@ -10,15 +10,16 @@ from jaxtyping import Array, Float
 
 from gaitsweep.angles import wrapped_difference
 from gaitsweep.contract import Model
-from gaitsweep.engine.shapes import Integer, Observed
+from gaitsweep.engine.carry import Integer, Observed
 
 # Crossings over which a settled state must be constant.
 SETTLE_WINDOW = 10
 # Largest change of a settled observable in a crossing, as a share of its scale.
 TOLERANCE = 1.0e-3
-# The smallest scale of an observable without a scale of its own: a share of its magnitude (integration errors
-# and rounding are relative to that), and a number in its unit, so that an observable at 0 settles.
+# The smallest scale of an observable without a scale of its own, as a share of its magnitude: integration
+# errors and rounding are relative to that.
 MIN_RELATIVE_SCALE = 1.0e-5
+# The smallest scale of such an observable in its unit, so that an observable at 0 settles.
 MIN_SCALE = 1.0e-9
 # Differences of the observables between a crossing and those before it, or their values at these.
 Crossings = Float[Array, "crossings observables"]
@@ -45,12 +46,12 @@ def per_observable(tolerance: float | tuple[float, ...]) -> tuple[float, ...]:
 
 
 def _unscaled(model: Model) -> list[int]:
-    """The observables without a scale of their own."""
+    """The places of the observables without a scale of their own."""
     return [i for i, q in enumerate(model.observables) if not q.circular and q.scale is None]
 
 
 def first_span(model: Model, like: Observed) -> Span:
-    """The least and largest values (2, n) of no crossing, of the observables without a scale.
+    """The span (2, n) of the observables without a scale before the first crossing: (inf, -inf).
 
     Args:
         model: the model.
@@ -89,26 +90,28 @@ def bounds(model: Model, tolerance: float | tuple[float, ...], latest: Crossings
         latest: the observables at the latest crossings (w, n).
         span: the least and largest values of the observables without a scale, from `widened`.
     """
-    each = per_observable(tolerance)
-    each = each * len(model.observables) if len(each) == 1 else each
-    share = jnp.asarray([SETTLE_WINDOW * tolerance for tolerance in each], latest.dtype)
+    tolerance_of_each = per_observable(tolerance)
+    if len(tolerance_of_each) == 1:
+        tolerance_of_each = tolerance_of_each * len(model.observables)
+    share = jnp.asarray([SETTLE_WINDOW * number for number in tolerance_of_each], latest.dtype)
     declared = [1.0 if q.circular else q.scale for q in model.observables]
     scales = jnp.asarray([0.0 if scale is None else scale for scale in declared], latest.dtype)
-    if not (unscaled := _unscaled(model)):
+    unscaled = np.asarray(_unscaled(model), np.int64)
+    if unscaled.size == 0:
         return share * scales
-    smallest = MIN_RELATIVE_SCALE * jnp.max(jnp.abs(latest[:, np.asarray(unscaled)]), axis=0)
+    smallest = MIN_RELATIVE_SCALE * jnp.max(jnp.abs(latest[:, unscaled]), axis=0)
     of_span = jnp.maximum(jnp.maximum(span[1] - span[0], smallest), MIN_SCALE)
-    return share * scales.at[np.asarray(unscaled)].set(of_span)
+    return share * scales.at[unscaled].set(of_span)
 
 
 def slowest(moved: Crossings) -> Integer:
-    """The number of the observable with the largest change (w, n), in units of its bound; -1 if unknown."""
+    """The place of the observable with the largest change (w, n), in units of its bound; -1 if unknown."""
     largest = jnp.max(moved, axis=0)
     return jnp.where(jnp.any(jnp.isnan(largest)), -1, jnp.argmax(largest))
 
 
 def comparable(observed: Float[Array, "*crossings observables"]) -> Float[Array, "*crossings observables"]:
-    """Observables for comparison: those that have no value (NaN), as the lag of a standing foot, are 0."""
+    """Observables for comparison: one without a value (NaN), such as the lag of a standing foot, is 0."""
     return jnp.where(jnp.isnan(observed), 0.0, observed)
 
 

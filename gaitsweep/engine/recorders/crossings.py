@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from gaitsweep.contract import Model, Params
-from gaitsweep.engine.carry import Carry, Halt
+from gaitsweep.engine.carry import Carry, Halt, Number
 from gaitsweep.engine.recorders.recorder import (
     BUFFER,
     SPARE_CYCLES,
@@ -23,7 +23,6 @@ from gaitsweep.engine.recorders.recorder import (
     attempts_until,
     counted,
 )
-from gaitsweep.engine.shapes import Number
 from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.status import Status
 
@@ -36,10 +35,16 @@ GAIT_BATCH = 4096
 @final
 @dataclasses.dataclass(frozen=True)
 class CrossingRecorder(Recorder):
-    """Records the number, t (s) and observables of every crossing of the section; the start is crossing 0.
+    """Records the number, the time (s) and the observables of every crossing of the section.
 
-    A row ends after `crossings` crossings beyond the first `after_cycles`, or at `duration` (s) for a ramp.
-    With `gaits` the gait is read at every crossing after the start.
+    The start is crossing 0.
+
+    Args:
+        model: the model.
+        crossings: the crossings to record, after which the row ends; None: it ends at `duration`.
+        after_cycles: the crossings before the first one that is recorded.
+        duration: the time (s) at which the row of a ramp ends.
+        gaits: whether the gait is read at every crossing after the start.
     """
 
     model: Model
@@ -73,6 +78,7 @@ class CrossingRecorder(Recorder):
         return counted(record, keep), self._sample(carry, record), keep
 
     def _sample(self, carry: Carry, record: LaneRecord) -> Float[Array, " width"]:
+        """The numbers of the latest crossing."""
         head = jnp.stack([record.cycles.astype(record.last.dtype), carry.t])
         return jnp.concatenate([head, record.last])
 

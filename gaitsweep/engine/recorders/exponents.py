@@ -1,4 +1,4 @@
-"""Lyapunov exponents of a row's return map, their errors, and what they say of a row that has not settled.
+"""Lyapunov exponents of a row's return map, their errors, and the status of a row by its exponents.
 
 The exponents are the mean rates (1/s) at which neighbouring crossings of the section separate: lengths of
 tangents, orthonormalised at each crossing (Benettin et al. 1980, Meccanica 15:9; Shimada and Nagashima 1979,
@@ -17,8 +17,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from gaitsweep.contract import FixedStepDynamics, Model, Params, Quantity
-from gaitsweep.engine.carry import Carry
-from gaitsweep.engine.shapes import Integer, Number, Observed
+from gaitsweep.engine.carry import Carry, Integer, Number, Observed, select
 from gaitsweep.engine.tangents import Tangent, from_section, on_section, orthonormalised
 from gaitsweep.row_outcome import RowNumber
 from gaitsweep.status import Status
@@ -33,30 +32,40 @@ ERRORS = 3.0
 # The logarithm of the factor by which neighbours of a chaotic row separate over the spans at least. On a
 # torus of a map that keeps areas they separate in proportion to the number of crossings: by less than 4.
 SEPARATION = 7.0
-# The largest logarithm of that factor of a quasi-periodic row, and the largest change, between the spans, of
-# the mean logarithm of its steps from crossing to crossing, which become shorter while a row settles.
+# The largest logarithm of that factor of a quasi-periodic row.
 NEUTRAL = 2.0
+# The largest change, between the spans, of the mean logarithm of the steps of a quasi-periodic row from
+# crossing to crossing, which become shorter while a row settles.
 PERSISTENT = 0.1
-# Share of the observables' scales within which a quasi-periodic row comes back to where it was; and the least
-# such distance, multiplied by the number of crossings. On a circle that product is of the order of 1 for most
-# ratios of frequencies. It vanishes on orbits of long periods, which no test of settling detects.
+# The distance within which a quasi-periodic row comes back to a point, as a share of the observables' scales.
 RECURRENCE = 0.1
+# The least such distance, multiplied by the number of crossings. On a circle that product is of the order of
+# 1 for most ratios of frequencies. It vanishes on orbits of long periods, which no test of settling detects.
 REPEATED = 0.1
 
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Exponents:
-    """Sums over the last two spans of crossings; k exponents, n observables.
+    """Sums over the last two spans of crossings, for k exponents and n observables.
 
-    The first of two entries is that of the last complete span, the second that of the current one. `sums`
-    (2, k) are logarithms of the tangents' lengths, `time` (2,) the durations (s); `steps` (2,) the logarithms
-    of the distances between crossings, and `crossings` (2,) their number; `means` (2, k) and `squares` (2, k)
-    the mean of the rates of batches and the sum of their squared deviations, `batches` (2,) their number;
-    `batch` (k + 1,) the sums and the duration of the current batch, `left` the crossings that it lacks of its
-    `length`; `end` the crossing at which the current span ends; `begin` (2, n) the observables where a span
-    began, and `nearest` (2,) the least distance from there since, as a share of the scales; `logs` (w, k) the
-    logarithms at the last crossings, the latest first.
+    The first of two entries is that of the last complete span, the second that of the current one.
+
+    Attributes:
+        sums: the logarithms of the tangents' lengths (2, k).
+        time: the durations (2,) (s).
+        steps: the logarithms of the distances between crossings (2,).
+        crossings: their number (2,).
+        means: the mean of the rates of batches (2, k).
+        squares: the sum of their squared deviations (2, k).
+        batches: their number (2,).
+        batch: the sums and the duration of the current batch (k + 1,).
+        left: the crossings that the current batch lacks.
+        length: the crossings of a batch.
+        end: the crossing at which the current span ends.
+        begin: the observables where a span began (2, n).
+        nearest: the least distance from there since (2,), as a share of the scales.
+        logs: the logarithms at the last crossings (w, k), the latest first.
     """
 
     sums: Float[Array, "2 exponents"]
@@ -124,50 +133,55 @@ class Exponents:
             cycles: the number of this crossing.
             now: its observables.
         """
+        log_step = jnp.log(jnp.maximum(step, jnp.finfo(step.dtype).tiny))
         grown = jnp.stack([*logs, duration])
-        batch = self.batch + grown
-        rates = batch[:-1] / batch[-1]
-        number = self.batches[1] + 1.0
-        deviation = rates - self.means[1]
-        mean = self.means[1] + deviation / number
-        squares = self.squares[1] + deviation * (rates - mean)
-        closed = self.left <= 1
-        far = jnp.log(jnp.maximum(step, jnp.finfo(step.dtype).tiny))
-        current = Exponents(
+        current = dataclasses.replace(
+            self._with_batch(self.batch + grown),
             sums=self.sums.at[1].add(grown[:-1]),
             time=self.time.at[1].add(duration),
-            steps=self.steps.at[1].add(far),
+            steps=self.steps.at[1].add(log_step),
             crossings=self.crossings.at[1].add(1.0),
-            means=jnp.where(closed, self.means.at[1].set(mean), self.means),
-            squares=jnp.where(closed, self.squares.at[1].set(squares), self.squares),
-            batches=jnp.where(closed, self.batches.at[1].set(number), self.batches),
-            batch=jnp.where(closed, jnp.zeros_like(batch), batch),
-            left=jnp.where(closed, self.length, self.left - 1),
-            length=self.length,
-            end=self.end,
-            begin=self.begin,
             nearest=jnp.minimum(self.nearest, shares),
             logs=jnp.concatenate([grown[None, :-1], self.logs[:-1]]),
         )
-        ends = cycles >= self.end
-        longer = jnp.maximum(cycles // BATCHES, 1).astype(self.length.dtype)
-        none = jax.tree.map(lambda x: jnp.stack([x[1], jnp.zeros_like(x[1])]), current._pairs)
-        shifted = Exponents(
-            **none,
-            batch=jnp.zeros_like(batch),
-            left=longer,
-            length=longer,
-            end=2 * self.end,
-            begin=jnp.stack([current.begin[1], now]),
-            nearest=jnp.stack([current.nearest[1], jnp.full_like(step, jnp.inf)]),
-            logs=current.logs,
-        )
-        return jax.tree.map(lambda a, b: jnp.where(ends, a, b), shifted, current)
+        return select(cycles >= self.end, current._next_span(cycles, now), current)
 
-    @property
-    def _pairs(self) -> dict[str, Array]:
+    def _with_batch(self, batch: Float[Array, " numbers"]) -> Exponents:
+        """The sums with the current batch, which is complete where no crossing is left.
+
+        Mean and squared deviations are updated by Welford's recurrence.
+        """
+        complete = self.left <= 1
+        number = self.batches[1] + 1.0
+        rates = batch[:-1] / batch[-1]
+        deviation = rates - self.means[1]
+        mean = self.means[1] + deviation / number
+        squares = self.squares[1] + deviation * (rates - mean)
+        return dataclasses.replace(
+            self,
+            means=jnp.where(complete, self.means.at[1].set(mean), self.means),
+            squares=jnp.where(complete, self.squares.at[1].set(squares), self.squares),
+            batches=jnp.where(complete, self.batches.at[1].set(number), self.batches),
+            batch=jnp.where(complete, jnp.zeros_like(batch), batch),
+            left=jnp.where(complete, self.length, self.left - 1),
+        )
+
+    def _next_span(self, cycles: Integer, now: Observed) -> Exponents:
+        """The sums where a span begins, at the crossing number `cycles` with the observables `now`."""
+        length = jnp.maximum(cycles // BATCHES, 1).astype(self.length.dtype)
         names = ("sums", "time", "steps", "crossings", "means", "squares", "batches")
-        return {name: getattr(self, name) for name in names}
+        pairs = {name: getattr(self, name) for name in names}
+        nearest = self.nearest[1]
+        return dataclasses.replace(
+            self,
+            **{name: jnp.stack([pair[1], jnp.zeros_like(pair[1])]) for name, pair in pairs.items()},
+            batch=jnp.zeros_like(self.batch),
+            left=length,
+            length=length,
+            end=2 * self.end,
+            begin=jnp.stack([self.begin[1], now]),
+            nearest=jnp.stack([nearest, jnp.full_like(nearest, jnp.inf)]),
+        )
 
     def rates(self) -> tuple[Float[Array, " exponents"], Float[Array, " exponents"]]:
         """The exponents (k,) in 1/s, and their standard errors (k,); NaN where no span is complete."""
@@ -192,16 +206,20 @@ class Exponents:
         rates, errors = self.rates()
         place = jnp.arange(len(ago))
         turn = jnp.maximum(period, 1)
-        last = len(ago) // turn * turn
-        duration = jnp.sum(jnp.where(place == last - 1, ago, 0.0))
-        turns = jnp.sum(jnp.where((place < last)[:, None], self.logs, 0.0), axis=0) / duration
-        deviation = self.logs * (len(ago) / ago[-1]) - turns[None, :]
-        own = jnp.sqrt(jnp.sum(deviation**2, axis=0) / (len(ago) * (len(ago) - 1)))
-        fixed = (period == 1) & ~(own[0] > errors[0])
-        rates = jnp.where((period > 1) | fixed, turns, rates)
-        errors = jnp.where(period > 1, jnp.nan, jnp.where(fixed, own, errors))
-        named = {f"lyapunov_{i + 1}": rate for i, rate in enumerate(rates)}
-        return named | {f"lyapunov_{i + 1}_error": error for i, error in enumerate(errors)}
+        crossings_of_turns = len(ago) // turn * turn
+        duration = jnp.sum(jnp.where(place == crossings_of_turns - 1, ago, 0.0))
+        logs_of_turns = jnp.where((place < crossings_of_turns)[:, None], self.logs, 0.0)
+        window_rates = jnp.sum(logs_of_turns, axis=0) / duration
+        deviation = self.logs * (len(ago) / ago[-1]) - window_rates[None, :]
+        window_errors = jnp.sqrt(jnp.sum(deviation**2, axis=0) / (len(ago) * (len(ago) - 1)))
+        fixed = (period == 1) & ~(window_errors[0] > errors[0])
+        rates = jnp.where((period > 1) | fixed, window_rates, rates)
+        errors = jnp.where(period > 1, jnp.nan, jnp.where(fixed, window_errors, errors))
+        named = {}
+        for number, (rate, error) in enumerate(zip(rates, errors, strict=True), start=1):
+            named[f"lyapunov_{number}"] = rate
+            named[f"lyapunov_{number}_error"] = error
+        return named
 
     def status(self, cycles: Integer, *, may_turn: bool) -> Integer:
         """`chaotic` or `quasi_periodic`, of a row that has not settled, or `cycle_limit`.
@@ -216,7 +234,7 @@ class Exponents:
             cycles: the number of this crossing.
             may_turn: see the function `may_turn`.
         """
-        (rates, errors) = self.rates()
+        rates, errors = self.rates()
         known = cycles >= MIN_CROSSINGS
         growth = rates[0] * jnp.sum(self.time)
         chaotic = (rates[0] > ERRORS * errors[0]) & (growth > SEPARATION)
@@ -229,8 +247,8 @@ class Exponents:
         returned = self.nearest[0] < RECURRENCE
         repeated = self.nearest[0] * jnp.sum(self.crossings) < REPEATED
         torus = (jnp.abs(growth) < NEUTRAL) & persistent & returned & ~repeated
-        unsettled = jnp.where(torus, Status.quasi_periodic, Status.cycle_limit)
-        return jnp.where(known & chaotic, Status.chaotic, jnp.where(known, unsettled, Status.cycle_limit))
+        status = jnp.where(known & torus, Status.quasi_periodic, Status.cycle_limit)
+        return jnp.where(known & chaotic, Status.chaotic, status)
 
 
 def may_turn(model: Model) -> bool:

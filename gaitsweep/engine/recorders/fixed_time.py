@@ -1,4 +1,4 @@
-"""Runs that last for a given time: one row a start, read where it ends."""
+"""The recorder of runs that last for a given time."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from gaitsweep.contract import Model, Params
-from gaitsweep.engine.carry import Carry, Halt
+from gaitsweep.engine.carry import Carry, Halt, Number
 from gaitsweep.engine.recorders.recorder import (
     Beginning,
     LaneRecord,
@@ -22,7 +22,6 @@ from gaitsweep.engine.recorders.recorder import (
     counted,
     readings_at_the_end,
 )
-from gaitsweep.engine.shapes import Number
 from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.status import Status
 
@@ -30,7 +29,12 @@ from gaitsweep.status import Status
 @final
 @dataclasses.dataclass(frozen=True)
 class FixedTimeRecorder(Recorder):
-    """The state at `duration` (s), a record, and the last crossing before it, at which the gait is read."""
+    """Records the observables at the end of a row; its gait is read at the last crossing before.
+
+    Args:
+        model: the model.
+        duration: the time at which the row ends (s).
+    """
 
     model: Model
     duration: float
@@ -66,7 +70,7 @@ class FixedTimeRecorder(Recorder):
 
 
 def end_values(rows: RowOutcome) -> Float[np.ndarray, "rows observables"]:
-    """The observables (n, k) of rows at the given time; of those that failed at their last crossing."""
+    """The observables (n, k) of rows at their end; those of failed rows at their last crossing."""
     values = rows.last.copy()
     values[rows.place] = rows.samples
     return values

@@ -1,4 +1,4 @@
-"""Periodic orbits of the return map: the order of their crossings, which is the same for all rows on one."""
+"""Periodic orbits of the return map, whose crossings have the same order in all rows that reach one."""
 
 from __future__ import annotations
 
@@ -20,9 +20,12 @@ SAME_VALUE = 0.01
 def with_orbits(numbers: Mapping[str, Num[np.ndarray, "rows ..."]]) -> dict[str, Num[np.ndarray, "rows ..."]]:
     """The numbers of ended rows with `orbit`, the crossings before the last one, the latest first.
 
-    They are in the recorder's `window` (n, crossings, observables + 2), the last one first. Rows that settled
-    at one point have none. Other numbers of several crossings (n, crossings, observables) become rows of
-    numbers, too.
+    Rows that settled at one point have none: NaN. Other numbers of several crossings become rows of numbers,
+    too.
+
+    Args:
+        numbers: numbers by name; `window` (n, crossings, observables + 2) has the latest crossing first, and
+            other numbers of several crossings have the shape (n, crossings, observables).
     """
     if "window" not in numbers:
         return {**numbers}
@@ -38,7 +41,12 @@ def with_orbits(numbers: Mapping[str, Num[np.ndarray, "rows ..."]]) -> dict[str,
 
 
 def from_first_crossing(observables: Sequence[Quantity], rows: RowOutcome) -> RowOutcome:
-    """The rows, with `last` at the `first_crossing` of an orbit and `orbit` at those after it."""
+    """The rows, with `last` at the `first_crossing` of an orbit and `orbit` at those after it.
+
+    Args:
+        observables: the observables of the model.
+        rows: ended rows; without the number `orbit` they are unchanged.
+    """
     if "orbit" not in rows.numbers:
         return rows
     periods = rows.numbers["period"]
@@ -46,14 +54,14 @@ def from_first_crossing(observables: Sequence[Quantity], rows: RowOutcome) -> Ro
     others = rows.numbers["orbit"].copy()
     k = len(observables)
     for p in np.unique(periods[periods > 1]).tolist():
-        on = np.flatnonzero(periods == p)
-        # in the order of time
-        orbits = np.concatenate([last[on], others[on, : (p - 1) * k]], axis=1).reshape(on.size, p, k)[:, ::-1]
+        of_period = np.flatnonzero(periods == p)
+        latest_first = np.concatenate([last[of_period], others[of_period, : (p - 1) * k]], axis=1)
+        orbits = latest_first.reshape(of_period.size, p, k)[:, ::-1]
         order = (first_crossing(observables, orbits)[:, None] + np.arange(p)) % p
-        orbits = np.take_along_axis(orbits, order[:, :, None], axis=1).reshape(on.size, p * k)
-        last[on] = orbits[:, :k]
-        others[on] = np.nan
-        others[on, : (p - 1) * k] = orbits[:, k:]
+        ordered = np.take_along_axis(orbits, order[:, :, None], axis=1).reshape(of_period.size, p * k)
+        last[of_period] = ordered[:, :k]
+        others[of_period] = np.nan
+        others[of_period, : (p - 1) * k] = ordered[:, k:]
     return dataclasses.replace(rows, numbers={**rows.numbers, "last": last, "orbit": others})
 
 
@@ -64,12 +72,19 @@ def first_crossing(
 
     Angles are in the order of their cosines, then of their sines, which have no jump. Values that differ by
     less than `SAME_VALUE` are in the order of the next observable, so that rounding does not decide.
+
+    Args:
+        observables: the observables of the model.
+        orbits: their values at the crossings of each orbit, in the order of time.
     """
     columns = []
     for i, quantity in enumerate(observables):
-        x = np.nan_to_num(orbits[:, :, i])
-        size = quantity.scale or np.abs(x).max(axis=1, keepdims=True)
-        columns += [np.cos(x), np.sin(x)] if quantity.circular else [x / np.where(size > 0.0, size, 1.0)]
+        values = np.nan_to_num(orbits[:, :, i])
+        if quantity.circular:
+            columns += [np.cos(values), np.sin(values)]
+            continue
+        size = quantity.scale or np.abs(values).max(axis=1, keepdims=True)
+        columns.append(values / np.where(size > 0.0, size, 1.0))
     equal = SAME_VALUE * np.max([np.ptp(column, axis=1) for column in columns], axis=0)
     n, p = orbits.shape[:2]
     place = np.zeros((n, p), np.int64)
@@ -80,8 +95,8 @@ def first_crossing(
         np.put_along_axis(rank, order[:, 1:], np.cumsum(steps, axis=1), axis=1)
         place = _ranks(p * place + rank)
     # the places of 2, 4, 8, ... successive crossings
-    for length in (1 << np.arange((p - 1).bit_length())).tolist():
-        place = _ranks(p * place + np.roll(place, -length, axis=1))
+    for doublings in range((p - 1).bit_length()):
+        place = _ranks(p * place + np.roll(place, -(1 << doublings), axis=1))
     return np.argmin(place, axis=1)
 
 

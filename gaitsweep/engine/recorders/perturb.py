@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from gaitsweep.contract import Params, State
-from gaitsweep.engine.carry import Carry, Halt, restarted, select
+from gaitsweep.engine.carry import Carry, Flag, Halt, Integer, Number, Observed, restarted, select
 from gaitsweep.engine.pushed_model import PushedModel
 from gaitsweep.engine.recorders.bounds import change, comparable
 from gaitsweep.engine.recorders.orbits import from_first_crossing
@@ -21,12 +21,12 @@ from gaitsweep.engine.recorders.recorder import (
     PollResult,
     Readings,
     Recorder,
+    ResultMemory,
     RunningRows,
     attempts_until,
     readings_at_the_end,
 )
 from gaitsweep.engine.recorders.settle import Memory, SettleRecorder
-from gaitsweep.engine.shapes import Flag, Integer, Number, Observed
 from gaitsweep.row_outcome import RowNumber, RowOutcome
 from gaitsweep.status import Status
 
@@ -46,14 +46,21 @@ class Stage:
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
-class PushMemory:
+class PushMemory(ResultMemory):
     """The memory of a row that is pushed.
 
-    `settle` is that of the recorder that settles it, and `crossings` counts those that it has seen. `stage`
-    is one of `Stage`. `gait` (p, k) are the observables at the crossings of the gait that is left, the latest
-    first, `times` (p,) s when they were, NaN beyond its `period`. `pushed` is the time (s) of the push;
-    `since` counts section crossings after it, `outside` is the last of these that was far from the gait, and
-    `back` the time (s) from the push to the one after that.
+    Attributes:
+        settle: the memory of the recorder that settles it.
+        crossings: the crossings that this recorder has polled.
+        stage: one of `Stage`.
+        gait: the observables (p, k) at the crossings of the gait that is left, the latest first; NaN beyond
+            its period.
+        times: the times (p,) of these crossings (s).
+        period: the period of the gait (crossings).
+        pushed: the time of the push (s).
+        since: the section crossings after the push.
+        outside: the last of these that was far from the gait, 0 if none.
+        back: the time from the push to the crossing after that (s).
     """
 
     settle: Memory
@@ -84,15 +91,25 @@ class _Stages:
 
     @classmethod
     def of(cls, stage: Integer) -> _Stages:
-        order = (Stage.SETTLES, Stage.WAITS, Stage.ACTS, Stage.RETURNS)
-        return cls(*(stage == other for other in order))
+        """The stage of a row, one of `Stage`, as conditions."""
+        return cls(
+            settling=stage == Stage.SETTLES,
+            waiting=stage == Stage.WAITS,
+            acting=stage == Stage.ACTS,
+            returning=stage == Stage.RETURNS,
+        )
 
 
 @dataclasses.dataclass(frozen=True)
 class _Settling:
-    """The record of the recorder that settles the row, and the status with which it ends.
+    """The poll of the recorder that settles the row.
 
-    `arrives`: the row settles now for the first time; `period` is that of its gait (crossings).
+    Attributes:
+        polled: its record.
+        ended: its status.
+        settled: whether the row has settled.
+        arrives: whether it has settled for the first time.
+        period: the period of its gait (crossings).
     """
 
     polled: LaneRecord
@@ -104,7 +121,14 @@ class _Settling:
 
 @dataclasses.dataclass(frozen=True)
 class _Gait:
-    """The gait that the push leaves: see `PushMemory.gait`; `duration` is that of its period (s)."""
+    """The gait that the push leaves.
+
+    Attributes:
+        observed: as `PushMemory.gait`.
+        times: as of `PushMemory`.
+        period: its period (crossings).
+        duration: its period (s).
+    """
 
     observed: Float[Array, "period observables"]
     times: Float[Array, " period"]
@@ -114,9 +138,17 @@ class _Gait:
 
 @dataclasses.dataclass(frozen=True)
 class _Push:
-    """The push at a poll: it comes (`hits`), begins to act, is over, or did not come in time (`given_up`).
+    """The push at a poll.
 
-    `returns`: the row begins to settle again; `time`, `since` and `stage` are as in `PushMemory`.
+    Attributes:
+        hits: whether it comes.
+        given_up: whether it did not come in time.
+        begins: whether it begins to act for some time.
+        over: whether it stops acting.
+        returns: whether the row begins to settle again.
+        time: as `PushMemory.pushed`.
+        since: as of `PushMemory`.
+        stage: the stage after the poll.
     """
 
     hits: Flag
@@ -131,10 +163,15 @@ class _Push:
 
 @dataclasses.dataclass(frozen=True)
 class _Distance:
-    """The observables `now` of the latest crossing, the `nearest` crossing of the gait, and the distance.
+    """The distance of the latest crossing from the gait.
 
-    `far`: it is more than the recorder allows; `outside` and `time_back` are as in `PushMemory`, `excursion`
-    the largest distance after the push.
+    Attributes:
+        now: its observables.
+        nearest: the place of the nearest crossing of the gait.
+        far: whether the distance is more than the recorder allows.
+        outside: as of `PushMemory`.
+        time_back: as `PushMemory.back`.
+        excursion: the largest distance after the push.
     """
 
     now: Observed
@@ -156,11 +193,15 @@ class _Moved(NamedTuple):
 @final
 @dataclasses.dataclass(frozen=True)
 class PerturbRecorder(Recorder):
-    """Settles a row, pushes it once, and settles it again; one result for each row.
+    """Settles a row, pushes it once, and settles it again.
 
-    `settle` decides when a row has settled; its limits hold before and after the push. A row is back at its
-    gait where each observable is within a share `within` of its size (`sizes`) of its value at a crossing of
-    the gait. The phase shift compares the last crossing with that which the row would have had without push.
+    The phase shift compares the last crossing with that which the row would have had without push.
+
+    Args:
+        model: the model with the push.
+        settle: decides when a row has settled; its limits hold before and after the push.
+        within: the largest distance of a crossing from one of the gait that counts as back: the largest
+            difference of an observable, as a share of its scale, or of its magnitude without one.
     """
 
     model: PushedModel  # pyright: ignore[reportIncompatibleVariableOverride]
@@ -193,19 +234,19 @@ class PerturbRecorder(Recorder):
         record, sample, keep = self.settle.begin(params, carry)
         # this recorder's own numbers
         record = dataclasses.replace(record, numbers=self.unsampled(params, carry)[0].numbers)
-        none = jnp.zeros((), jnp.int32)
+        zero = jnp.zeros((), jnp.int32)
         unknown = jnp.full((), jnp.nan, record.last.dtype)
         longest = self.settle.max_period
         memory = PushMemory(
             settle=record.memory,
-            crossings=none,
-            stage=none + Stage.SETTLES,
+            crossings=zero,
+            stage=zero + Stage.SETTLES,
             gait=jnp.full((longest, record.last.size), jnp.nan, record.last.dtype),
             times=jnp.full((longest,), jnp.nan, record.last.dtype),
-            period=none,
+            period=zero,
             pushed=unknown,
-            since=none,
-            outside=none,
+            since=zero,
+            outside=zero,
             back=jnp.zeros_like(unknown),
         )
         return dataclasses.replace(record, memory=memory), sample, keep
@@ -221,52 +262,33 @@ class PerturbRecorder(Recorder):
         gait = self._gait_left(carry, memory, settling)
         push = self._push(params, carry, memory, stages, settling, crossed=crossed, timed=timed)
         distance = self._distance(params, carry, record, stages, gait, push, crossed)
-
-        # a row that has settled again
-        final = stages.returning & settling.settled
-        recovered = final & ~distance.far
-        ahead = (_value_at(gait.times, distance.nearest) - carry.t) / gait.duration
-        # NaN where the gait has more crossings than there were since the push
-        ahead = jnp.where(memory.crossings >= gait.period, ahead - jnp.round(ahead), jnp.nan)
-        status = jnp.where(settling.arrives, Status.running, settling.ended)
-        status = jnp.where(push.given_up, Status.time_limit, status)
-        back = {
-            "cycles_back": jnp.where(distance.outside > 0, distance.outside + 1, 0).astype(ahead.dtype),
-            "time_back": distance.time_back,
-            "phase_shift": ahead,
-        }
-
         moved = self._pushed(params, carry, settling, gait, push)
-        expired = stages.acting & timed & ~push.over
-        status = jnp.where(expired, Status.time_limit, status)
-        fresh = self._fresh(
-            params, dataclasses.replace(carry, state=moved.state), settling.polled, distance.now
-        )
-        moved = dataclasses.replace(
+        next_carry = dataclasses.replace(
             restarted(carry, moved.restarts),
             state=moved.state,
             stop=moved.stop,
             halt=jnp.zeros_like(carry.halt),
         )
+        fresh = self._fresh(
+            params, dataclasses.replace(carry, state=moved.state), settling.polled, distance.now
+        )
         recorded = dataclasses.replace(
             record,
-            status=status.astype(jnp.int32),
+            status=_status(stages, settling, push, timed).astype(jnp.int32),
             cycles=jnp.where(crossed, record.cycles + 1, record.cycles),
             last=jnp.where(crossed, distance.now, settling.polled.last),
             memory=_memory_after(settling, gait, push, distance, fresh),
             numbers={
                 **record.numbers,
-                **{name: jnp.where(recovered, value, jnp.nan) for name, value in back.items()},
-                "period": jnp.where(final, settling.period, 0).astype(jnp.int32),
+                **_numbers_of_return(carry, memory, stages, settling, gait, distance),
                 "slowest": settling.polled.numbers["slowest"],
                 "period_before": gait.period.astype(jnp.int32),
                 "stage": push.stage.astype(jnp.int32),
-                "recovered": recovered.astype(jnp.int32),
                 "t_push": push.time,
                 "excursion": distance.excursion,
             },
         )
-        return PollResult(moved, recorded, jnp.zeros((0,), record.last.dtype), jnp.asarray(False))
+        return PollResult(next_carry, recorded, jnp.zeros((0,), record.last.dtype), jnp.asarray(False))
 
     def _settling(
         self, params: Params, carry: Carry, record: LaneRecord, stages: _Stages, crossed: Flag
@@ -313,15 +335,22 @@ class PerturbRecorder(Recorder):
         if model.event is not None:
             comes = carry.state.push_due & (carry.halt == Halt.CROSSING)
         hits = stages.waiting & comes
-        given_up = stages.waiting & timed & ~hits
         begins = hits & jnp.asarray(model.forced or model.stepped is not None)
-        time = jnp.where(hits, carry.t, memory.pushed)
         since = jnp.where(crossed & (stages.acting | stages.returning), memory.since + 1, memory.since)
-        ends = stages.acting & timed if model.forced else stages.acting & crossed & (since >= params.cycles)
-        returns = ends | (hits & ~begins)
+        lasted = timed if model.forced else crossed & (since >= params.cycles)
+        over = stages.acting & lasted
+        returns = over | (hits & ~begins)
         stage = jnp.where(settling.arrives, Stage.WAITS, memory.stage)
-        stage = jnp.where(begins, Stage.ACTS, jnp.where(returns, Stage.RETURNS, stage))
-        return _Push(hits, given_up, begins, ends, returns, time, since, stage)
+        return _Push(
+            hits=hits,
+            given_up=stages.waiting & timed & ~hits,
+            begins=begins,
+            over=over,
+            returns=returns,
+            time=jnp.where(hits, carry.t, memory.pushed),
+            since=since,
+            stage=jnp.where(begins, Stage.ACTS, jnp.where(returns, Stage.RETURNS, stage)),
+        )
 
     def _distance(
         self,
@@ -366,37 +395,70 @@ class PerturbRecorder(Recorder):
     def _fresh(self, params: Params, carry: Carry, record: LaneRecord, now: Observed) -> Memory:
         """The memory of the settling recorder where a row begins to settle again."""
         begun = self.settle.begin(params, carry)[0].memory
-        seen = jnp.broadcast_to(now, begun.window[:, :-2].shape)
+        observed = jnp.broadcast_to(now, begun.window[:, :-2].shape)
         # rates are compared with the largest of the whole row, and spans of rest begin now
-        rest = begun.rest + jnp.stack([carry.t, 0.0 * carry.t, 0.0 * carry.t]).astype(begun.rest.dtype)
-        window = jnp.concatenate([seen, begun.window[:, -2:]], axis=1)
+        since = jnp.stack([carry.t, 0.0 * carry.t, 0.0 * carry.t])
         return dataclasses.replace(
-            begun, window=window, span=record.memory.span, fastest=record.memory.fastest, rest=rest
+            begun,
+            window=jnp.concatenate([observed, begun.window[:, -2:]], axis=1),
+            span=record.memory.span,
+            fastest=record.memory.fastest,
+            rest=begun.rest + since.astype(begun.rest.dtype),
         )
 
     def _distances(self, now: Observed, gait: Float[Array, "period observables"]) -> Float[Array, " period"]:
         """The distance (p,) of observables from each crossing of a gait, infinite where it has none."""
         model = self.model
-        given = [1.0 if q.circular else q.scale for q in model.observables]
-        known = jnp.asarray([np.nan if scale is None else scale for scale in given], now.dtype)
-        size = jnp.where(jnp.isnan(known), MIN_SIZE + jnp.abs(comparable(gait)), known[None, :])
-        missing = jnp.all(jnp.isnan(gait), axis=1)  # crossings that the gait has not
+        declared = [1.0 if q.circular else q.scale for q in model.observables]
+        scales = jnp.asarray([np.nan if scale is None else scale for scale in declared], now.dtype)
+        size = jnp.where(jnp.isnan(scales), MIN_SIZE + jnp.abs(comparable(gait)), scales[None, :])
+        missing = jnp.all(jnp.isnan(gait), axis=1)  # places beyond the period of the gait
         moved = jnp.abs(change(model, comparable(now)[None, :] - comparable(gait)))
         return jnp.where(missing, jnp.inf, jnp.max(moved / size, axis=1))
 
     def readings(self, rows: RowOutcome) -> Readings:
-        left = rows.numbers["before"]
+        period = rows.numbers["period_before"]
+        crossings = rows.numbers["before"]
         k = len(self.model.observables)
-        orbits = {"period": rows.numbers["period_before"], "last": left[:, :k], "orbit": left[:, k:]}
-        before = from_first_crossing(
-            self.model.observables, dataclasses.replace(rows, numbers={**rows.numbers, **orbits})
-        )
-        known = rows.numbers["period_before"] > 0
-        earlier = Readings(np.arange(rows.row.size), rows.t_end, before.last, known)
+        orbits = {"period": period, "last": crossings[:, :k], "orbit": crossings[:, k:]}
+        before = dataclasses.replace(rows, numbers={**rows.numbers, **orbits})
+        last = from_first_crossing(self.model.observables, before).last
+        earlier = Readings(np.arange(rows.row.size), rows.t_end, last, readable=period > 0)
         return dataclasses.replace(readings_at_the_end(rows), earlier=earlier)
 
     def progress(self, rows: RunningRows, typical: float) -> Float[np.ndarray, " rows"]:
         return np.minimum(rows.cycles / (typical or 2.0 * self.settle.max_cycles), 0.95)
+
+
+def _status(stages: _Stages, settling: _Settling, push: _Push, timed: Flag) -> Integer:
+    """The status of a row after a poll; `timed`: it has halted at a time."""
+    status = jnp.where(settling.arrives, Status.running, settling.ended)
+    expired = stages.acting & timed & ~push.over
+    return jnp.where(push.given_up | expired, Status.time_limit, status)
+
+
+def _numbers_of_return(
+    carry: Carry,
+    memory: PushMemory,
+    stages: _Stages,
+    settling: _Settling,
+    gait: _Gait,
+    distance: _Distance,
+) -> dict[str, Array]:
+    """The numbers of a row that has settled again, by name."""
+    settled_again = stages.returning & settling.settled
+    recovered = settled_again & ~distance.far
+    ahead = (_value_at(gait.times, distance.nearest) - carry.t) / gait.duration
+    # NaN where the gait has more crossings than there were since the push
+    phase_shift = jnp.where(memory.crossings >= gait.period, ahead - jnp.round(ahead), jnp.nan)
+    cycles_back = jnp.where(distance.outside > 0, distance.outside + 1, 0).astype(phase_shift.dtype)
+    return {
+        "cycles_back": jnp.where(recovered, cycles_back, jnp.nan),
+        "time_back": jnp.where(recovered, distance.time_back, jnp.nan),
+        "phase_shift": jnp.where(recovered, phase_shift, jnp.nan),
+        "period": jnp.where(settled_again, settling.period, 0).astype(jnp.int32),
+        "recovered": recovered.astype(jnp.int32),
+    }
 
 
 def _memory_after(
@@ -419,6 +481,5 @@ def _memory_after(
 
 def _value_at(values: Float[Array, " n"], place: Integer) -> Number:
     """The value at a place, which changes along a trajectory."""
-    return jnp.sum(
-        jnp.where(jnp.arange(values.size) == place, jnp.where(jnp.isnan(values), 0.0, values), 0.0)
-    )
+    at_place = jnp.arange(values.size) == place
+    return jnp.sum(jnp.where(at_place, jnp.where(jnp.isnan(values), 0.0, values), 0.0))

@@ -20,14 +20,14 @@ from jaxtyping import Array, Bool, Float, Int, Real
 from gaitsweep.contract import HybridModel, Model, Params, State
 from gaitsweep.dynamics.declarations import Variable
 from gaitsweep.dynamics.declared import Declared
-from gaitsweep.engine.carry import Carry, Halt, select
+from gaitsweep.engine.carry import Carry, Flag, Halt, Integer, Number, Observed, select
 from gaitsweep.engine.event_stall import fired_guards, is_stalled
-from gaitsweep.engine.shapes import Flag, Integer, Number, Observed
+from gaitsweep.engine.leaves import float_leaves
 from gaitsweep.row_outcome import RowNumber, RowOutcome
 from gaitsweep.status import Status
 
-# Attempts between two polls of a trajectory. Results depend on it (a failed row ends at a multiple of it), so
-# it is a constant and not a tuning parameter.
+# Attempts between two polls of a trajectory. A constant and not a tuning parameter, since results depend on
+# it: a failed row ends at a multiple of it.
 POLL_INTERVAL = 64
 # Records of a trajectory that can wait on the device for the host.
 BUFFER = 32
@@ -44,10 +44,15 @@ ATTEMPTS_PER_STEP = 8.0
 class LaneRecord:
     """The progress and the results of the row in a lane.
 
-    `status` is a `Status`, `cycles` the number of crossings without the start, and `last` (n,) the
-    observables at the last crossing. `memory` is the recorder's own state. `filled` counts the samples in
-    the buffer that wait for the host, at most `BUFFER`, and `samples` all samples so far. `numbers` are
-    those that the recorder declares, by name. `fired` has a bit for each guard whose jumps stalled the row.
+    Attributes:
+        status: a `Status`.
+        cycles: the number of crossings without the start.
+        last: the observables (n,) at the last crossing.
+        memory: the recorder's own state, a pytree or a `ResultMemory`.
+        filled: the samples in the buffer that wait for the host, at most `BUFFER`.
+        samples: all samples so far.
+        numbers: those that the recorder declares, by name.
+        fired: a bit for each guard whose jumps stalled the row.
     """
 
     status: Integer
@@ -61,13 +66,30 @@ class LaneRecord:
 
     def results(self, carry: Carry) -> dict[str, Array]:
         """The numbers of `RowOutcome` by name, final once the row has ended."""
-        ends = {"status": self.status, "cycles": self.cycles, "attempts": carry.attempts, "t_end": carry.t}
-        remembered = getattr(self.memory, "results", {})
-        return {**ends, "last": self.last, "fired": self.fired, **self.numbers, **remembered}
+        remembered = self.memory.results if isinstance(self.memory, ResultMemory) else {}
+        return {
+            "status": self.status,
+            "cycles": self.cycles,
+            "attempts": carry.attempts,
+            "t_end": carry.t,
+            "last": self.last,
+            "fired": self.fired,
+            **self.numbers,
+            **remembered,
+        }
+
+
+class ResultMemory(abc.ABC):
+    """A recorder's own state along a row that holds numbers of the ended row."""
+
+    @property
+    @abc.abstractmethod
+    def results(self) -> dict[str, Array]:
+        """Numbers of a row that has ended, by name."""
 
 
 class PollResult(NamedTuple):
-    """Carry and record after a poll, a sample (width,) of numbers, and whether to keep that sample."""
+    """The carry and the record after a poll, a sample (width,) of numbers, and whether to keep it."""
 
     carry: Carry
     record: LaneRecord
@@ -77,11 +99,16 @@ class PollResult(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class Readings:
-    """Points of rows at which the model labels gaits: `rows` (n,), times `t` (n,) s, `observed` (n, k).
+    """Points of rows at which the model labels gaits.
 
-    `readable` (n,) is false where there is no gait to read. `batch` is the number of readings in one call of
-    the model's `label`, if samples are read; None for one reading of each row. `earlier` are readings of the
-    same rows before a push, for their label `gait_before`.
+    Attributes:
+        rows: the places (n,) of the rows in their block.
+        t: the times (n,) s.
+        observed: the observables (n, k).
+        readable: mask (n,) of the points that have a gait to read.
+        batch: the number of readings in one call of the model's `label`, if samples are read; None for one
+            reading of each row.
+        earlier: readings of the same rows before a push, for their label `gait_before`.
     """
 
     rows: Int[np.ndarray, " readings"]
@@ -111,7 +138,7 @@ class Recorder(abc.ABC):
     """
 
     # Numbers of each row in addition to the engine's, which `record` may set: the period of the attractor in
-    # crossings, 0 if unknown, and the index of the observable that kept the row from settling.
+    # crossings, 0 if unknown, and the place of the observable that kept the row from settling.
     numbers: tuple[RowNumber, ...] = (
         RowNumber("period", np.int8),
         RowNumber("slowest", np.int64, absent=-1),
@@ -178,7 +205,9 @@ class Recorder(abc.ABC):
         """The record with one more crossing, and its observables.
 
         Args:
-            params, carry, record: as of `record`.
+            params: the parameters of the row, at its present time if they move.
+            carry: the trajectory.
+            record: the record before this poll.
             crosses: whether the trajectory is at a crossing; else the record is unchanged.
         """
         cycles = jnp.where(crosses, record.cycles + 1, record.cycles)
@@ -196,37 +225,45 @@ class Recorder(abc.ABC):
             memory=(),
             filled=count,
             samples=count,
-            numbers={n.name: _absent(n, last) for n in self.numbers if not n.crossings},
+            numbers={number.name: _absent(number, last) for number in self.numbers if not number.crossings},
             fired=jnp.zeros_like(fired_guards(carry)),
         )
         return record, jnp.zeros((self.width,), last.dtype), jnp.asarray(False)
 
     def poll(self, params: Params, carry: Carry, record: LaneRecord, dt: Number | float) -> PollResult:
-        """Test for failure, then record; an ended row is unchanged.
+        """Record, and end a row that has failed; an ended row is unchanged.
 
         Args:
-            params, carry, record: as of `record`.
+            params: the parameters of the row, at its present time if they move.
+            carry: the trajectory.
+            record: the record before this poll.
             dt: the step (s) for which the attempts of a row are limited, see `max_attempts`.
         """
-        running = record.status == Status.running
+        is_running = record.status == Status.running
         recorded_carry, recorded, sample, keep = self.record(params, carry, record)
         failure = self._failure_status(params, carry, dt)
         status = jnp.where(failure != Status.running, failure, recorded.status)
         fired = jnp.where(failure == Status.event_stall, fired_guards(carry), record.fired)
-        new = select(running, dataclasses.replace(recorded, status=status, fired=fired), record)
-        new = dataclasses.replace(new, last=jnp.where(failure != Status.running, record.last, new.last))
+        later = select(is_running, dataclasses.replace(recorded, status=status, fired=fired), record)
+        # the state of a failed row is not recorded
+        last = jnp.where(failure != Status.running, record.last, later.last)
         halt = jnp.where(status != Status.running, Halt.FINISHED, recorded_carry.halt)
         moved = dataclasses.replace(recorded_carry, halt=halt.astype(carry.halt.dtype))
-        return PollResult(select(running, moved, carry), new, sample, keep & running)
+        return PollResult(
+            carry=select(is_running, moved, carry),
+            record=dataclasses.replace(later, last=last),
+            sample=sample,
+            keep=keep & is_running,
+        )
 
     def _failure_status(self, params: Params, carry: Carry, dt: Number | float) -> Integer:
         """The status of a row that cannot continue, `running` otherwise."""
-        moving = carry.state
+        continuous = carry.state
         if isinstance(self.model, HybridModel):  # modes may have any value, also infinity
             names = dict.fromkeys([*self.model.flow(params, carry.state), *_variables(self.model)])
-            moving = [getattr(carry.state, name) for name in names]
-        leaves = [x for x in jax.tree.leaves(moving) if jnp.issubdtype(x.dtype, jnp.floating)]
-        flat = jnp.concatenate([jnp.zeros((1,)), *(jnp.ravel(leaf) for leaf in leaves)])
+            continuous = [getattr(carry.state, name) for name in names]
+        leaves = [jnp.ravel(leaf) for leaf in float_leaves(continuous)]
+        values = jnp.concatenate([jnp.zeros((1,)), *leaves])
         limit = self.max_attempts(params, dt)
         # a comparison with NaN is never true, so a row with such a limit would not end
         unknown = jnp.isnan(limit) | jnp.isnan(self.model.free_after(params))
@@ -235,8 +272,8 @@ class Recorder(abc.ABC):
         status = jnp.where(endless, Status.step_limit, Status.running)
         status = jnp.where(is_stalled(self.model, carry), Status.event_stall, status)
         status = jnp.where(self.model.failed(params, carry.state), Status.fell, status)
-        status = jnp.where(jnp.any(jnp.abs(flat) > DIVERGED), Status.diverged, status)
-        unknown = unknown | jnp.any(jnp.isnan(flat))
+        status = jnp.where(jnp.any(jnp.abs(values) > DIVERGED), Status.diverged, status)
+        unknown = unknown | jnp.any(jnp.isnan(values))
         return jnp.where(unknown, Status.not_a_number, status).astype(jnp.int32)
 
 
@@ -259,9 +296,9 @@ def readings_at_the_end(rows: RowOutcome) -> Readings:
 
 def _variables(model: Model) -> list[str]:
     """The declared variables of a model; those that only jumps change are not in its `flow`."""
-    own = model.original
-    declared = own.declarations if isinstance(own, Declared) else {}
-    return [name for name, declaration in declared.items() if isinstance(declaration, Variable)]
+    original = model.original
+    declarations = original.declarations if isinstance(original, Declared) else {}
+    return [name for name, declaration in declarations.items() if isinstance(declaration, Variable)]
 
 
 def counted(record: LaneRecord, keep: Flag) -> LaneRecord:

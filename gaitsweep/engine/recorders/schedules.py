@@ -12,17 +12,20 @@ from jaxtyping import Array, Float, Int, Real
 
 # Parts of a pass at whose ends the length of steps is evaluated; it changes smoothly with a parameter.
 PARTS_OF_A_PASS = 4
-# A distance may be longer than its whole number of steps by this share of a step: rounding, no stair more.
+# The share of a step by which a distance may be longer than its whole number of steps, from rounding.
 _ROUNDING = 1e-9
-# Resolutions of the longest time by which a time may lie before a change and count as the change itself.
+# A time counts as a change if it is before the change by fewer resolutions of the longest time than this.
 _EARLY = 16
 
 
 @dataclasses.dataclass(frozen=True)
 class RampSchedule:
-    """Straight passes between the `values` at `rate` (units of the parameter per second).
+    """Straight passes between values of a parameter at a constant rate.
 
-    The first value is kept for `initial_dwell` s before the first pass.
+    Args:
+        values: the values at which passes begin and end, two at least.
+        rate: the rate (units of the parameter per s), above 0.
+        initial_dwell: the time for which the first value stays before the first pass (s).
     """
 
     values: tuple[float, ...]
@@ -37,18 +40,18 @@ class RampSchedule:
 
     @property
     def duration(self) -> float:
+        """The end of the last pass (s)."""
         return float(self.knots[-1])
 
     @property
     def times(self) -> tuple[float, ...]:
         """The knots, and instants that divide each pass in `PARTS_OF_A_PASS` equal ones."""
-        inner = [
-            np.linspace(since, until, PARTS_OF_A_PASS + 1) for since, until in itertools.pairwise(self.knots)
-        ]
+        passes = itertools.pairwise(self.knots)
+        inner = [np.linspace(since, until, PARTS_OF_A_PASS + 1) for since, until in passes]
         return tuple(float(t) for t in np.unique(np.concatenate(inner)))
 
     def at(self, t: Float[Array, " *times"]) -> Float[Array, " *times"]:
-        """The parameter at time `t` (s); the ends are kept before and after."""
+        """The parameter at time `t` (s), which is constant before the first pass and after the last one."""
         knots = self.knots
         value = jnp.full_like(t, self.values[0])
         # a sum of clipped straight lines: a search over the knots would not be straight-line code
@@ -63,11 +66,16 @@ class RampSchedule:
 
 @dataclasses.dataclass(frozen=True)
 class StepSchedule:
-    """Stairs between the `values` of a parameter, at most `step` apart, each kept for `dwell` s.
+    """Stairs between values of a parameter.
 
     Each pass from one of `values` to the next is divided into equal stairs. A turning value is one stair and
-    belongs to the pass that reaches it; the first value belongs to pass 0. Stair 0 is kept for
-    `first_dwell` s (None: `dwell`).
+    belongs to the pass that reaches it; the first value belongs to pass 0.
+
+    Args:
+        values: the values at which passes begin and end, two at least.
+        step: the largest distance between two stairs, above 0.
+        dwell: the time on each stair (s).
+        first_dwell: the time on stair 0 (s); None: `dwell`.
     """
 
     values: tuple[float, ...]
@@ -83,6 +91,7 @@ class StepSchedule:
 
     @property
     def count(self) -> int:
+        """The number of stairs."""
         return 1 + sum(self.lengths)
 
     @property
@@ -92,6 +101,7 @@ class StepSchedule:
 
     @property
     def duration(self) -> float:
+        """The end of the last stair (s)."""
         return self.first + (self.count - 1) * self.dwell
 
     def end(self, stair: Real[Array, " *stairs"] | Real[np.ndarray, " *stairs"]) -> Float[Array, " *stairs"]:
@@ -103,7 +113,7 @@ class StepSchedule:
         return np.where(stair == 0, 0.5 * self.first, self.first + (stair - 0.5) * self.dwell)
 
     def stair(self, t: Float[Array, " *times"]) -> Float[Array, " *times"]:
-        """The stair at time `t` (s), a whole number in the dtype of `t`; a change counts as after it."""
+        """The stair at time `t` (s), a whole number in the dtype of `t`; at a change, the later one."""
         # the end of a stair is a product, so that this quotient may lie by rounding below the whole number
         slack = _EARLY * float(jnp.finfo(t.dtype).eps) * self.duration / self.dwell
         begun = jnp.floor((t - self.first) / self.dwell + slack)

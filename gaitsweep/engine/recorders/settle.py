@@ -11,8 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from gaitsweep.contract import HybridModel, Model, Params
-from gaitsweep.engine.carry import Carry, Halt, select
-from gaitsweep.engine.rarity import unlikely
+from gaitsweep.engine.carry import Carry, Flag, Halt, Integer, Number, Observed, select, unlikely
 from gaitsweep.engine.recorders.bounds import (
     SETTLE_WINDOW,
     TOLERANCE,
@@ -33,11 +32,11 @@ from gaitsweep.engine.recorders.recorder import (
     PollResult,
     Readings,
     Recorder,
+    ResultMemory,
     RunningRows,
     attempts_until,
     readings_at_the_end,
 )
-from gaitsweep.engine.shapes import Flag, Integer, Number, Observed
 from gaitsweep.engine.tangents import Tangent
 from gaitsweep.row_outcome import RowNumber, RowOutcome
 from gaitsweep.status import Status
@@ -47,7 +46,7 @@ from gaitsweep.status import Status
 MAX_PERIOD = 8
 # The first crossing of the test, in longest periods.
 FIRST_TEST = 3
-# Longest periods for which an orbit that was found has to be found again: as many as the test looks at.
+# Longest periods for which a detected orbit has to be detected again: as many as the test looks at.
 CONFIRMED_FOR = 2
 # Smallest ratio of the distance between an orbit's points to the remaining motion.
 ORBIT_SEPARATION = 10.0
@@ -56,35 +55,41 @@ ORBIT_SEPARATION = 10.0
 NO_MOTION = 1.0e-3
 # A state leaves an unstable fixed point if its latest change is this many times the smallest in the window.
 LEAVING = 2.0
-# Crossings in each of three successive spans whose lengths in time are extrapolated as a geometric series;
-# crossings accumulate if the limit of that length is less than a share of the present one. Lengths that
-# change by less than `STEADY` of themselves do not. They have accumulated if that length is a `NEGLIGIBLE`
-# share of the mean over the row.
+# Crossings in each of three successive spans whose lengths in time are extrapolated as a geometric series.
 CROSSINGS_PER_SPAN = 3
+# Crossings accumulate if the limit of these lengths is less than this share of the present one,
 ACCUMULATED = 0.1
+# and the lengths shrink by more than this share of themselves.
 STEADY = 1.0e-3
+# They have accumulated if the present length is less than this share of the mean over the row.
 NEGLIGIBLE = 1.0e-4
-# A row is at rest if all rates of its flow, each as a share of the largest that it had, are below `REST` at
-# all polls in two successive spans of `REST_PERIODS` nominal periods, and not larger in the second one. A
-# rate by which a variable changes in a period by `MIN_RATE` (in its unit, or as a share) is rounding.
+# A row is at rest if all rates of its flow, each as a share of the largest that it had, are below this share
 REST = 1.0e-6
+# at all polls in two successive spans of so many nominal periods, and not larger in the second one.
 REST_PERIODS = 10.0
+# A rate is rounding if it changes a variable in a period by less than this (in its unit, or as a share).
 MIN_RATE = 1.0e-12
 
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
-class Memory:
+class Memory(ResultMemory):
     """The memory of a row.
 
-    `window` (w, n + 2) the last `SETTLE_WINDOW` crossings, or `max_period` if that is more: their
-    observables, their time (s) and their distance from the crossing before them, in units of the bound;
-    `moves` (2, p) the largest distances from the state 1, ..., p crossings earlier, over the current span of
-    crossings and the one before it; `span` (2, n) the least and largest values of the observables, without
-    the start's (see `first_span`); `calm` successive crossings at which the state stood still; `orbit` the
-    period found by the last tests and the crossing of the first of these, both 0 if none; `fastest` (m,) the
-    largest rates of the flow; `rest` when the current span of rest began (s), its largest rate and that of
-    the span before it, -1 if there was none.
+    Attributes:
+        window: the last `SETTLE_WINDOW` crossings (w, n + 2), or `max_period` if that is more: their
+            observables, their time (s) and their distance from the crossing before, in units of the bound.
+        moves: the largest distances (2, p) from the state 1, ..., p crossings earlier, over the current span
+            of crossings and the one before it.
+        span: the least and largest values (2, n) of the observables, without those of the start
+            (`first_span`).
+        calm: successive crossings at which the state stood still.
+        orbit: the period of the orbit that the last tests showed, and the crossing of the first of these
+            tests; both 0 if none.
+        fastest: the largest rates (m,) of the flow.
+        rest: the beginning of the current span of rest (s), its largest rate, and that of the span before it,
+            -1 if there was none.
+        exponents: the sums of Lyapunov exponents; () if they are not followed.
     """
 
     window: Float[Array, "window numbers"]
@@ -104,14 +109,23 @@ class Memory:
 
 @dataclasses.dataclass(frozen=True)
 class _Crossing:
-    """The present state as one more crossing, compared with the w crossings before it.
+    """The present state as one more crossing, which counts only if the trajectory is at one.
 
-    It counts only if the trajectory is at a crossing. `observed` (n,) are its observables, `now` the same for
-    comparison (`comparable`), `cycles` its number, `free` is whether the gait is no longer constrained from
-    outside; `span` and `calm` are as in `Memory`; `latest` (w + 1, n) are those at this and the last
-    crossings; `moves` (w, n) their absolute changes since each of those before, `moved` (w, n) the same in
-    units of the bound, and `distances` (w,) the largest of these. `still`: all are within the bound;
-    `leaves`: the state is about to leave a fixed point.
+    It is compared with the w crossings before it.
+
+    Attributes:
+        observed: its observables (n,).
+        now: the same for comparison (`comparable`).
+        cycles: its number.
+        free: whether the gait is no longer constrained from outside.
+        span: as of `Memory`.
+        latest: the observables (w + 1, n) at this and the last crossings.
+        moves: the absolute changes (w, n) since each of those before.
+        moved: the same in units of the bound.
+        distances: the largest of these (w,).
+        still: whether all are within the bound.
+        calm: as of `Memory`.
+        leaves: whether the state is about to leave a fixed point.
     """
 
     observed: Observed
@@ -136,9 +150,13 @@ class _Crossing:
 
 @dataclasses.dataclass(frozen=True)
 class _OrbitTest:
-    """The period of the attractor that a row has reached (crossings), 0 if none.
+    """The test whether a row has reached an attractor of the return map.
 
-    `tested`: the test for orbits is made at this crossing; `moves` and `orbit` are as in `Memory`.
+    Attributes:
+        period: the period of the attractor (crossings), 0 if none.
+        tested: whether the test for orbits is made at this crossing.
+        moves: the largest distances (p,) of the current span, as of `Memory`.
+        orbit: as of `Memory`.
     """
 
     period: Integer
@@ -154,11 +172,36 @@ class _OrbitTest:
 
 @dataclasses.dataclass(frozen=True)
 class _Rest:
-    """`Memory.fastest` and `Memory.rest` after a poll, and whether the row is at rest."""
+    """The test whether a row is at rest.
+
+    Attributes:
+        fastest: `Memory.fastest` after the poll.
+        span: `Memory.rest` after the poll.
+        rests: whether the row is at rest.
+    """
 
     fastest: Float[Array, " rates"]
     span: Float[Array, " 3"]
     rests: Flag
+
+
+@dataclasses.dataclass(frozen=True)
+class _Growth:
+    """The growth of a row's tangents, if Lyapunov exponents are followed.
+
+    Attributes:
+        tangents: the tangents after this poll, orthonormal at a crossing.
+        exponents: as of `Memory`.
+        at_cycle_limit: the status of a row that has not settled at the limit of its cycles.
+        at_time_limit: the same at the limit of its time.
+        numbers: the exponents and their errors by name.
+    """
+
+    tangents: list[Tangent]
+    exponents: Exponents | tuple[()]
+    at_cycle_limit: Integer
+    at_time_limit: Integer
+    numbers: dict[str, Number]
 
 
 @final
@@ -166,14 +209,20 @@ class _Rest:
 class SettleRecorder(Recorder):
     """Ends a row at a fixed point of the return map, at an orbit of period 2 to `max_period`, or at rest.
 
-    Settled with period 1: each observable differs from its values at the last `SETTLE_WINDOW` crossings by
-    less than `SETTLE_WINDOW` times its `tolerance`, in units of its scale (see `bounds`). A state that is
-    about to leave (`LEAVING`) has to do so for as many more crossings. Settled with period p: see `_period`;
-    the orbit is found again for `CONFIRMED_FOR` of the longest periods. Crossings that accumulate do not
-    settle. At rest: all rates of the flow vanish (`REST`). `tolerance` is one for all observables, or one for
-    each.
-    `max_time` (s) is by default four nominal periods for each of `max_cycles`. With `exponents`, a number of
-    Lyapunov exponents, rows may end as chaotic or quasi-periodic (`Exponents.status`).
+    1. Settled with period 1: each observable stayed within its bound (`bounds`) of its values at the last
+       `SETTLE_WINDOW` crossings. A state that is about to leave (`LEAVING`) has to stay for as many more
+       crossings. Crossings that accumulate do not settle.
+    2. Settled with period p: `_period` finds an orbit, again for `CONFIRMED_FOR` of the longest periods.
+    3. At rest: all rates of the flow vanish (`REST`).
+
+    Args:
+        model: the model.
+        max_cycles: the crossings at which a row ends that has not settled.
+        tolerance: one for all observables, or one for each, as a share of its scale.
+        max_time: the time at which a row ends (s); by default four nominal periods for each of `max_cycles`.
+        max_period: the longest period that is detected (crossings).
+        exponents: the number of Lyapunov exponents; with them, rows may end as chaotic or quasi-periodic
+            (`Exponents.status`).
     """
 
     model: Model
@@ -204,16 +253,16 @@ class SettleRecorder(Recorder):
     def begin(self, params: Params, carry: Carry) -> Beginning:
         record, sample, keep = self.unsampled(params, carry)
         last = record.last
-        dtype = record.last.dtype
+        dtype = last.dtype
         length = max(SETTLE_WINDOW, self.max_period)
         observed = jnp.broadcast_to(last, (length, *last.shape))
-        none = jnp.zeros((), jnp.int32)
+        zero = jnp.zeros((), jnp.int32)
         memory = Memory(
             window=jnp.concatenate([observed, jnp.zeros((length, 2), dtype)], axis=1),
             moves=jnp.zeros((2, self.max_period), dtype),
             span=first_span(self.model, last),
-            calm=none,
-            orbit=jnp.stack([none, none]),
+            calm=zero,
+            orbit=jnp.stack([zero, zero]),
             fastest=jnp.zeros_like(self._rates(params, carry)[0]),
             rest=jnp.asarray([0.0, 0.0, -1.0], dtype),
             exponents=Exponents.begun(self.exponents, last, length) if self.exponents else (),
@@ -221,58 +270,40 @@ class SettleRecorder(Recorder):
         return dataclasses.replace(record, memory=memory), sample, keep
 
     def record(self, params: Params, carry: Carry, record: LaneRecord) -> PollResult:
+        memory: Memory = record.memory
         crossed = unlikely(carry.halt == Halt.CROSSING)
-        memory = record.memory
         crossing = self._compared(params, carry, record)
         test = self._tested(carry, memory, crossing)
+        growth = self._growth(params, carry, record, crossing, test.period, crossed)
+        rest = self._rest(params, carry, memory)
         # crossings at one instant are not cycles
         settled = (test.period > 0) & (carry.chain < SETTLE_WINDOW)
         given_up = crossing.cycles >= self.max_cycles
-        unsettled = jnp.asarray(Status.cycle_limit)
-        late = jnp.asarray(Status.time_limit)
-        named: dict[str, Number] = {}
-        exponents = memory.exponents
-        if isinstance(exponents, Exponents):
-            exponents, tangents = self._followed(params, carry, memory, crossing, crossed)
-            cycles = jnp.where(crossed, crossing.cycles, record.cycles)
-            unsettled = exponents.status(cycles, may_turn=may_turn(self.model))
-            late = jnp.where(unsettled == Status.cycle_limit, late, unsettled)
-            carry = dataclasses.replace(carry, tangents=select(crossed, tangents, carry.tangents))
-            named = exponents.numbers(test.period, carry.t - memory.window[:, -2])
-        ended = jnp.where(settled, Status.settled, jnp.where(given_up, unsettled, Status.running))
-
-        rest = self._rest(params, carry, memory)
-        rests = rest.rests & crossing.free & ~crossed
-        timed = jnp.where(carry.halt == Halt.TIME, late, Status.running)
-        status = jnp.where(crossed, ended, jnp.where(rests, Status.at_rest, timed))
-        moves = test.next_moves(memory)
-        window = crossing.next_window(carry, memory)
+        at_rest = rest.rests & crossing.free & ~crossed
+        at_crossing = jnp.where(given_up, growth.at_cycle_limit, Status.running)
+        at_crossing = jnp.where(settled, Status.settled, at_crossing)
+        at_time = jnp.where(carry.halt == Halt.TIME, growth.at_time_limit, Status.running)
+        status = jnp.where(crossed, at_crossing, jnp.where(at_rest, Status.at_rest, at_time))
+        slowest_place = jnp.where(crossed & given_up & ~settled, slowest(crossing.moved[:SETTLE_WINDOW]), -1)
+        # rows that fail have no exponents
+        exponents = {
+            name: jnp.where(status == Status.running, jnp.nan, number)
+            for name, number in growth.numbers.items()
+        }
         recorded = dataclasses.replace(
             record,
             status=status.astype(jnp.int32),
             cycles=jnp.where(crossed, crossing.cycles, record.cycles),
-            last=jnp.where(crossed | rests, crossing.observed, record.last),
-            memory=Memory(
-                window=jnp.where(crossed, jnp.where(crossing.free, window, jnp.nan), memory.window),
-                moves=jnp.where(crossed, moves, memory.moves),
-                span=jnp.where(crossed, crossing.span, memory.span),
-                calm=jnp.where(crossed, crossing.calm, memory.calm).astype(jnp.int32),
-                orbit=jnp.where(crossed, test.orbit, memory.orbit).astype(jnp.int32),
-                fastest=rest.fastest,
-                rest=rest.span.astype(crossing.now.dtype),
-                exponents=exponents,
-            ),
+            last=jnp.where(crossed | at_rest, crossing.observed, record.last),
+            memory=_memory_after(carry, memory, crossing, test, rest, growth, crossed),
             numbers={
                 **record.numbers,
-                # rows that fail have none
-                **{name: jnp.where(status == Status.running, jnp.nan, x) for name, x in named.items()},
+                **exponents,
                 "period": jnp.where(crossed & settled, test.period, 0).astype(jnp.int32),
-                "slowest": jnp.where(
-                    crossed & given_up & ~settled, slowest(crossing.moved[:SETTLE_WINDOW]), -1
-                ).astype(jnp.int32),
+                "slowest": slowest_place.astype(jnp.int32),
             },
         )
-        carry = dataclasses.replace(carry, halt=jnp.zeros_like(carry.halt))
+        carry = dataclasses.replace(carry, tangents=growth.tangents, halt=jnp.zeros_like(carry.halt))
         return PollResult(carry, recorded, jnp.zeros((0,), record.last.dtype), jnp.asarray(False))
 
     def _compared(self, params: Params, carry: Carry, record: LaneRecord) -> _Crossing:
@@ -297,7 +328,18 @@ class SettleRecorder(Recorder):
         distances = jnp.max(moved, axis=1)
         leaves = (distances[0] > LEAVING * jnp.min(steps[: SETTLE_WINDOW - 1])) & (distances[0] > NO_MOTION)
         return _Crossing(
-            observed, now, cycles, free, span, latest, moves, moved, distances, still, calm, leaves
+            observed=observed,
+            now=now,
+            cycles=cycles,
+            free=free,
+            span=span,
+            latest=latest,
+            moves=moves,
+            moved=moved,
+            distances=distances,
+            still=still,
+            calm=calm,
+            leaves=leaves,
         )
 
     def _tested(self, carry: Carry, memory: Memory, crossing: _Crossing) -> _OrbitTest:
@@ -317,35 +359,57 @@ class SettleRecorder(Recorder):
         period = jnp.where(fixed, 1, jnp.where(lasted, repeats, 0))
         return _OrbitTest(period, tested, moves, orbit)
 
-    def _followed(
-        self, params: Params, carry: Carry, memory: Memory, crossing: _Crossing, crossed: Flag
-    ) -> tuple[Exponents, list[Tangent]]:
-        """The sums of the Lyapunov exponents after a crossing, and its orthonormal tangents."""
+    def _growth(
+        self,
+        params: Params,
+        carry: Carry,
+        record: LaneRecord,
+        crossing: _Crossing,
+        period: Integer,
+        crossed: Flag,
+    ) -> _Growth:
+        """The growth of tangents up to this crossing; `period` is that of the attractor, 0 if none."""
+        memory: Memory = record.memory
         exponents = memory.exponents
-        assert isinstance(exponents, Exponents)
+        at_cycle_limit = jnp.asarray(Status.cycle_limit)
+        at_time_limit = jnp.asarray(Status.time_limit)
+        if not isinstance(exponents, Exponents):
+            return _Growth(carry.tangents, exponents, at_cycle_limit, at_time_limit, {})
         scales = bounds(self.model, 1.0 / SETTLE_WINDOW, crossing.latest, crossing.span)
         away = jnp.abs(change(self.model, crossing.now[None, :] - exponents.begin)) / scales[None, :]
         logs, tangents = separated(self.model, params, carry)
-        step = jnp.max(crossing.moves[0] / scales)
         later = exponents.after(
             logs,
             duration=carry.t - memory.window[0, -2],
-            step=step,
+            step=jnp.max(crossing.moves[0] / scales),
             shares=jnp.max(away, axis=1),
             cycles=crossing.cycles,
             now=crossing.now,
         )
-        return select(crossed, later, exponents), tangents
+        exponents = select(crossed, later, exponents)
+        cycles = jnp.where(crossed, crossing.cycles, record.cycles)
+        at_cycle_limit = exponents.status(cycles, may_turn=may_turn(self.model))
+        at_time_limit = jnp.where(at_cycle_limit == Status.cycle_limit, at_time_limit, at_cycle_limit)
+        return _Growth(
+            tangents=select(crossed, tangents, carry.tangents),
+            exponents=exponents,
+            at_cycle_limit=at_cycle_limit,
+            at_time_limit=at_time_limit,
+            numbers=exponents.numbers(period, carry.t - memory.window[:, -2]),
+        )
 
     def _rates(self, params: Params, carry: Carry) -> tuple[Float[Array, " rates"], Float[Array, " rates"]]:
         """The absolute rates (m,) of the flow and the magnitudes of its variables; none without a flow."""
         rates = {}
         if isinstance(self.model, HybridModel) and self.model.locates_events:
             rates = self.model.flow(params, carry.state)
-        none = jnp.zeros((0,), carry.t.dtype)
-        sizes = [jnp.ravel(getattr(carry.state, name)) for name in rates]
-        flat = [jnp.ravel(jnp.broadcast_to(rate, getattr(carry.state, k).shape)) for k, rate in rates.items()]
-        return jnp.abs(jnp.concatenate([none, *flat])), jnp.abs(jnp.concatenate([none, *sizes]))
+        all_rates = [jnp.zeros((0,), carry.t.dtype)]
+        all_values = [jnp.zeros((0,), carry.t.dtype)]
+        for name, rate in rates.items():
+            values = getattr(carry.state, name)
+            all_values.append(jnp.ravel(values))
+            all_rates.append(jnp.ravel(jnp.broadcast_to(rate, values.shape)))
+        return jnp.abs(jnp.concatenate(all_rates)), jnp.abs(jnp.concatenate(all_values))
 
     def _rest(self, params: Params, carry: Carry, memory: Memory) -> _Rest:
         """The test whether all rates of the flow have vanished."""
@@ -358,14 +422,13 @@ class SettleRecorder(Recorder):
         share = jnp.max(jnp.where(moves, rates / jnp.where(moves, fastest, 1.0), 0.0))
         slow = (share < REST) & ~unlikely(carry.halt == Halt.CROSSING)
         begun = memory.rest[0]
-        largest = memory.rest[1]
-        before = memory.rest[2]
-        largest = jnp.maximum(largest, share)
-        over = carry.t - begun >= REST_PERIODS * period
-        rests = slow & over & (largest <= before)
+        largest = jnp.maximum(memory.rest[1], share)
+        largest_before = memory.rest[2]
+        is_over = carry.t - begun >= REST_PERIODS * period
+        rests = slow & is_over & (largest <= largest_before)
         next_span = jnp.stack([carry.t, 0.0 * largest, largest])
-        same_span = jnp.stack([begun, largest, before])
-        continued = jnp.where(over, next_span, same_span)
+        same_span = jnp.stack([begun, largest, largest_before])
+        continued = jnp.where(is_over, next_span, same_span)
         no_span = jnp.stack([carry.t, 0.0 * largest, 0.0 * largest - 1.0])
         return _Rest(fastest, jnp.where(slow, continued, no_span), rests)
 
@@ -413,9 +476,37 @@ class SettleRecorder(Recorder):
         return np.minimum(rows.cycles / (typical or self.max_cycles), 0.95)
 
 
+def _memory_after(
+    carry: Carry,
+    memory: Memory,
+    crossing: _Crossing,
+    test: _OrbitTest,
+    rest: _Rest,
+    growth: _Growth,
+    crossed: Flag,
+) -> Memory:
+    """The memory of a row after a poll, at a crossing or between two."""
+    window = jnp.where(crossing.free, crossing.next_window(carry, memory), jnp.nan)
+    return Memory(
+        window=jnp.where(crossed, window, memory.window),
+        moves=jnp.where(crossed, test.next_moves(memory), memory.moves),
+        span=jnp.where(crossed, crossing.span, memory.span),
+        calm=jnp.where(crossed, crossing.calm, memory.calm).astype(jnp.int32),
+        orbit=jnp.where(crossed, test.orbit, memory.orbit).astype(jnp.int32),
+        fastest=rest.fastest,
+        rest=rest.span.astype(crossing.now.dtype),
+        exponents=growth.exponents,
+    )
+
+
 def _maximal_divisors(p: int) -> list[int]:
     """The divisors of p by primes: if one of them is a period, p is not."""
-    return [d for d in range(1, p) if p % d == 0 and all((p // d) % q for q in range(2, p // d))]
+    divisors = []
+    for quotient in range(2, p + 1):
+        is_prime = all(quotient % factor for factor in range(2, quotient))
+        if p % quotient == 0 and is_prime:
+            divisors.append(p // quotient)
+    return divisors[::-1]
 
 
 def _accumulate(cycles: Integer, t: Number, times: Float[Array, " window"]) -> Flag:

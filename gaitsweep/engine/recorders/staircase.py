@@ -1,4 +1,4 @@
-"""Runs in which a parameter moves in steps: a record at the end of each stair."""
+"""The recorder of runs in which a parameter moves in steps."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from gaitsweep.contract import Model, Params
-from gaitsweep.engine.carry import Carry, Halt, restarted
+from gaitsweep.engine.carry import Carry, Halt, Integer, Number, restarted
 from gaitsweep.engine.recorders.bounds import (
     SETTLE_WINDOW,
     TOLERANCE,
@@ -34,7 +34,6 @@ from gaitsweep.engine.recorders.recorder import (
     counted,
 )
 from gaitsweep.engine.recorders.schedules import StepSchedule
-from gaitsweep.engine.shapes import Integer, Number
 from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.status import Status
 
@@ -51,10 +50,15 @@ class StepRecorder(Recorder):
     """Records the end of each stair: its number, the crossings, t (s), settled, slowest, the observables.
 
     The observables are those at the last crossing. A stair is settled if each observable differs from its
-    values at the last `SETTLE_WINDOW` crossings by less than `SETTLE_WINDOW` times its `tolerance`, in
-    units of its scale, and all of these crossings were on this stair; orbits of several crossings do not
-    settle. Else `slowest` is the number of the observable that moved most, -1 if it is unknown. A drive
-    over the same `stairs` moves the parameter; the state continues from stair to stair.
+    values at the last `SETTLE_WINDOW` crossings by less than its bound (`bounds`), and all of these crossings
+    were on this stair; orbits of several crossings do not settle. Else `slowest` is the place of the
+    observable that moved most, -1 if it is unknown. A drive over the same `stairs` moves the parameter; the
+    state continues from stair to stair.
+
+    Args:
+        model: the model.
+        stairs: the stairs.
+        tolerance: one for all observables, or one for each, as a share of its scale.
     """
 
     model: Model
@@ -68,17 +72,16 @@ class StepRecorder(Recorder):
     def readings(self, rows: RowOutcome) -> Readings:
         samples = rows.samples
         observed = samples[:, len(_HEAD) :]
-        return Readings(
-            rows.place, self.stairs.middle(samples[:, 0]), observed, _readable(samples), GAIT_BATCH
-        )
+        times = self.stairs.middle(samples[:, 0])
+        return Readings(rows.place, times, observed, _readable(samples), GAIT_BATCH)
 
     def stop(self, params: Params) -> Number:
         return jnp.full_like(self.model.period(params), self.stairs.first)
 
     def max_attempts(self, params: Params, dt: Number | float) -> Number:
         # a stair shorter than a step takes attempts of its own
-        rest = (self.stairs.duration - self.stairs.first) / dt + 2 * self.stairs.count
-        return attempts_until(self.stop(params), dt) + ATTEMPTS_PER_STEP * rest
+        steps_of_others = (self.stairs.duration - self.stairs.first) / dt + 2 * self.stairs.count
+        return attempts_until(self.stop(params), dt) + ATTEMPTS_PER_STEP * steps_of_others
 
     def begin(self, params: Params, carry: Carry) -> Beginning:
         record, sample, keep = self.unsampled(params, carry)
@@ -87,7 +90,7 @@ class StepRecorder(Recorder):
 
     def record(self, params: Params, carry: Carry, record: LaneRecord) -> PollResult:
         crossed = carry.halt == Halt.CROSSING
-        (window, span) = record.memory
+        window, span = record.memory
         due = (carry.halt == Halt.TIME) & (record.filled < BUFFER)
         waits = (carry.halt == Halt.TIME) & ~due
         recorded = self.crossed(params, carry, record, crossed)
@@ -101,8 +104,9 @@ class StepRecorder(Recorder):
         moved = jnp.where(missing, jnp.nan, moved)
         bound = bounds(self.model, self.tolerance, comparable(window), span)[None, :]
         settled = jnp.all(moved < bound)
-        head = (record.samples, cycles, carry.t, settled, jnp.where(settled, -1, slowest(moved / bound)))
-        sample = jnp.concatenate([jnp.stack([x.astype(last.dtype) for x in head]), last])
+        slowest_place = jnp.where(settled, -1, slowest(moved / bound))
+        head = (record.samples, cycles, carry.t, settled, slowest_place)
+        sample = jnp.concatenate([jnp.stack([number.astype(last.dtype) for number in head]), last])
 
         recorded = counted(recorded, due)
         status = jnp.where(due & (recorded.samples >= self.stairs.count), Status.complete, Status.running)

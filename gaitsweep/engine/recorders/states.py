@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from gaitsweep.contract import Model, Params, State
-from gaitsweep.engine.carry import Carry
+from gaitsweep.engine.carry import Carry, Number
 from gaitsweep.engine.recorders.recorder import (
     Beginning,
     LaneRecord,
@@ -21,7 +21,6 @@ from gaitsweep.engine.recorders.recorder import (
     RunningRows,
     counted,
 )
-from gaitsweep.engine.shapes import Number
 from gaitsweep.row_outcome import RowNumber, RowOutcome
 from gaitsweep.status import Status
 
@@ -76,6 +75,7 @@ class StateRecorder(Recorder):
         return PollResult(polled.carry, recorded, self._extended(polled.sample, carry), keep)
 
     def _extended(self, sample: Float[Array, " numbers"], carry: Carry) -> Float[Array, " width"]:
+        """A sample with the numbers of the state."""
         leaves = [jnp.ravel(leaf).astype(sample.dtype) for leaf in jax.tree.leaves(carry.state)]
         return jnp.concatenate([sample, *leaves])
 
@@ -104,6 +104,7 @@ def states_of(samples: Float[np.ndarray, "samples width"], shape: State) -> Stat
     leaves, structure = jax.tree.flatten(shape)
     sizes = [int(np.prod(leaf.shape)) for leaf in leaves]
     numbers = samples[:, samples.shape[1] - sum(sizes) :]
-    pieces = np.split(numbers, np.cumsum(sizes)[:-1], axis=1)
-    shaped = [p.reshape(len(p), *x.shape).astype(x.dtype) for p, x in zip(pieces, leaves, strict=True)]
-    return jax.tree.unflatten(structure, shaped)
+    arrays = []
+    for piece, leaf in zip(np.split(numbers, np.cumsum(sizes)[:-1], axis=1), leaves, strict=True):
+        arrays.append(piece.reshape(len(piece), *leaf.shape).astype(leaf.dtype))
+    return jax.tree.unflatten(structure, arrays)

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from gaitsweep.contract import Model, Params
-from gaitsweep.engine.carry import Carry, Halt
+from gaitsweep.engine.carry import Carry, Halt, Number
 from gaitsweep.engine.recorders.recorder import (
     ATTEMPTS_PER_STEP,
     BUFFER,
@@ -25,15 +25,24 @@ from gaitsweep.engine.recorders.recorder import (
     counted,
     readings_at_the_end,
 )
-from gaitsweep.engine.shapes import Number
 from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.status import Status
+
+# A duration may be shorter than its whole number of intervals by this share of itself.
+ROUNDING = 1e-12
 
 
 @final
 @dataclasses.dataclass(frozen=True)
 class TraceRecorder(Recorder):
-    """Records the signals every `every` seconds for `duration` seconds, after `after_cycles` crossings."""
+    """Records the signals at equal intervals of time.
+
+    Args:
+        model: the model.
+        duration: the time from the first sample to the last one (s).
+        every: the time between two samples (s).
+        after_cycles: the crossings of the section before the first sample.
+    """
 
     model: Model
     duration: float
@@ -42,7 +51,8 @@ class TraceRecorder(Recorder):
 
     @property
     def samples(self) -> int:
-        return int(self.duration / self.every * (1.0 + 1e-12)) + 1
+        """The number of samples; rounding of the duration loses none."""
+        return int(self.duration / self.every * (1.0 + ROUNDING)) + 1
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from gaitsweep.contract import Model, Params
-from gaitsweep.engine.carry import Carry, Halt
+from gaitsweep.engine.carry import Carry, Halt, Number
 from gaitsweep.engine.recorders.recorder import (
     ATTEMPTS_PER_STEP,
     BUFFER,
@@ -24,9 +24,11 @@ from gaitsweep.engine.recorders.recorder import (
     counted,
     readings_at_the_end,
 )
-from gaitsweep.engine.shapes import Number
 from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.status import Status
+
+# The number of the crossing in a record that is a sample of a window.
+NO_CROSSING = -1.0
 
 
 @final
@@ -34,9 +36,17 @@ from gaitsweep.status import Status
 class WindowsRecorder(Recorder):
     """Records every crossing with its observables, and the signals inside windows of equal length.
 
-    The first window begins at `first` s; `more` others begin at `second` s, `second + spacing` s and so on.
-    Each has `samples` samples, `every` s apart, and ends before the next one begins. The row ends with the
-    last sample. A record is a crossing, or a sample, whose `crossing` is -1; its other numbers are 0.
+    The row ends with the last sample of the last window. A record is a crossing or a sample, whose `crossing`
+    is `NO_CROSSING`.
+
+    Args:
+        model: the model.
+        every: the time between two samples of a window (s).
+        samples: the number of samples in a window, which ends before the next one begins.
+        first: the beginning of the first window (s).
+        second: the beginning of the second window (s).
+        spacing: the time from the beginning of the second window to that of the third one, and so on (s).
+        more: the number of windows after the first.
     """
 
     model: Model
@@ -64,7 +74,7 @@ class WindowsRecorder(Recorder):
         return ("crossing", "t", *observed, *(q.name for q in self.model.signals))
 
     def time(self, sample: Float[Array, " *samples"]) -> Float[Array, " *samples"]:
-        """The time (s) of a sample, a whole number in floating point, counted over all windows."""
+        """The time (s) of a sample, by its number over all windows in floating point."""
         window = jnp.floor((sample + 0.5) / self.samples)
         inside = (sample - window * self.samples) * self.every
         return jnp.where(window < 0.5, self.first, self.second + (window - 1.0) * self.spacing) + inside
@@ -94,12 +104,13 @@ class WindowsRecorder(Recorder):
         recorded = counted(self.crossed(params, carry, record, crossed), crossed | timed)
         last = recorded.last
         signals = self.model.signal(params, carry.state)
-        number = jnp.where(crossed, recorded.cycles.astype(last.dtype), -1.0)
-        recorded_signals = [signals[q.name] for q in self.model.signals]
+        number = jnp.where(crossed, recorded.cycles.astype(last.dtype), NO_CROSSING)
         # a scheme whose steps cannot be shortened gives the state at the end of the step nearest to that time
         t = jnp.where(timed, self.time(index), carry.t)
-        stacked = [jnp.stack(recorded_signals)] if recorded_signals else []
-        sample = jnp.concatenate([jnp.stack([number, t]), last, *stacked])
+        numbers = [jnp.stack([number, t]), last]
+        if self.model.signals:
+            numbers.append(jnp.stack([signals[q.name] for q in self.model.signals]))
+        sample = jnp.concatenate(numbers)
         done = timed & (index >= self.total - 1.0)
         status = jnp.where(done, Status.complete, Status.running)
         stop = jnp.where(timed, self.time(index + 1.0), carry.stop)
@@ -113,4 +124,4 @@ class WindowsRecorder(Recorder):
         return readings_at_the_end(rows)
 
     def progress(self, rows: RunningRows, typical: float) -> Float[np.ndarray, " rows"]:
-        return rows.t / max(self.duration, 1e-300)
+        return rows.t / self.duration if self.duration > 0.0 else np.ones_like(rows.t)

@@ -48,12 +48,17 @@ __all__ = ["METHODS", "Method", "Step", "derivative_refusal", "euler_update", "f
 def fixed_step_scheme(name: str, model: Model) -> FixedStepDynamics | None:
     """The model's own fixed steps, if it has nothing else or the method is semi_implicit; else None.
 
+    Args:
+        name: a name of `METHODS`.
+        model: the model.
+
     Raises:
         ArgumentError: the method needs a flow, but the model has only steps.
     """
     if not isinstance(model, HybridModel):
         return model if isinstance(model, FixedStepDynamics) else None
-    if (reason := _steps_alone(name, model)) is not None:
+    reason = _steps_alone(name, model)
+    if reason is not None:
         raise ArgumentError(f"The method {reason}")
     return model.fixed_step_scheme() if METHODS[name].step is None else None
 
@@ -66,29 +71,35 @@ def refusal(name: str, model: Model, precision: str) -> str | None:
         model: the model.
         precision: float64, float32 or mixed.
     """
-    linear = isinstance(model, HybridModel) and model.linear
     if not isinstance(model, HybridModel) and METHODS[name].step is not None:
         return f"is {name}, which needs a flow, but {model.name} has only steps. Allowed: {_OWN}."
     if METHODS[name].step is None and fixed_step_scheme(name, model) is None:
+        linear = isinstance(model, HybridModel) and model.linear
         suitable = []
         for other, method in METHODS.items():
             if method.step and (linear or not method.linear_only):
                 suitable.append(other)
         return f"is {name}, a step that {model.name} does not have. Allowed: {', '.join(suitable)}."
-    if (reason := _steps_alone(name, model)) is not None:
+    reason = _steps_alone(name, model)
+    if reason is not None:
         return reason
     if precision == "mixed" and fixed_step_scheme(name, model) is None:
         return f"is {name}, but precision mixed is for steps of fixed length. Allowed in mixed: {_OWN}."
     if METHODS[name].adaptive and isinstance(model, HybridModel):
         return _adaptive_refusal(name, model, precision)
-    if not METHODS[name].linear_only:
-        return None
+    if METHODS[name].linear_only:
+        return _refusal_of_linear_method(name, model, precision)
+    return None
+
+
+def _refusal_of_linear_method(name: str, model: Model, precision: str) -> str | None:
+    """The reason why a method for linear flows does not suit a model and a precision, or None."""
     general_methods = []
     for other, method in METHODS.items():
         if not method.linear_only and (method.step or fixed_step_scheme(other, model) is not None):
             general_methods.append(other)
     general = ", ".join(general_methods)
-    if not linear:
+    if not (isinstance(model, HybridModel) and model.linear):
         lacks = f"{model.name} does not declare that of its flow"
         needs = "needs a flow that is linear in the state between events"
         return f"is {name}, which {needs}, but {lacks}. Allowed: {general}."
@@ -111,7 +122,11 @@ def _adaptive_refusal(name: str, model: HybridModel, precision: str) -> str | No
 
 
 def derivative_refusal(name: str, model: Model) -> str | None:
-    """Return why a return map by a method has no derivative, and what to use instead; None where it has one.
+    """The reason why a return map by a method has no derivative, with an alternative; None if it has one.
+
+    Args:
+        name: a name of `METHODS`.
+        model: the model.
 
     Raises:
         ArgumentError: the method needs a flow, but the model has only steps.
@@ -139,8 +154,10 @@ def _steps_alone(name: str, model: Model) -> str | None:
     """The reason why a method is refused for a model that has only its own steps, or None."""
     if METHODS[name].step is None or not isinstance(model, HybridModel) or model.locates_events:
         return None
-    fields = dataclasses.fields(model)  # pyright: ignore[reportArgumentType] (each is a dataclass)
-    chosen = {field.name: getattr(model, field.name) for field in fields}
-    defaults = {field.name: field.default for field in fields}
-    shape = ", ".join(f"{name} {value}" for name, value in chosen.items() if value != defaults[name])
-    return f"is {name}, which needs a flow, but {model.name} has only steps with {shape}. Allowed: {_OWN}."
+    structure = []
+    for field in dataclasses.fields(model):  # pyright: ignore[reportArgumentType] (each is a dataclass)
+        value = getattr(model, field.name)
+        if value != field.default:
+            structure.append(f"{field.name} {value}")
+    steps = f"has only steps with {', '.join(structure)}"
+    return f"is {name}, which needs a flow, but {model.name} {steps}. Allowed: {_OWN}."

@@ -18,7 +18,7 @@ from collections.abc import Callable
 import jax
 
 from gaitsweep.contract import HybridModel, Params, Rates, State
-from gaitsweep.engine.shapes import Number
+from gaitsweep.engine.carry import Number
 from gaitsweep.engine.solver.method import Step, euler_update
 
 # The factors of the Taylor terms, s_1, s_2, ...
@@ -58,7 +58,7 @@ PROPAGATOR: Shares = (
 
 
 def exponential(shares: Shares) -> Callable[[HybridModel], Step]:
-    """The method with these factors of the Taylor terms.
+    """The method with some factors of the Taylor terms: it returns the step of a model.
 
     A nonlinear flow is linearised at the beginning of each step, which is accurate to second order. Powers of
     rates are not scaled, so float64 is required.

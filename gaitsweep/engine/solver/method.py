@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import Any
 
 from gaitsweep.contract import Params, Rates, State
-from gaitsweep.engine.shapes import Number
+from gaitsweep.engine.carry import Number
 
 # The state after a time h (s), with unchanged modes.
 Step = Callable[[Params, State, Number], State]

@@ -73,12 +73,14 @@ def _moment(k: int, a: Series, b: Series, *, last: bool = True) -> Coefficient:
 
 
 def _plus(a: Coefficient, b: Coefficient) -> Coefficient:
+    """The sum of two coefficients."""
     if a is None:
         return b
     return a if b is None else a + b
 
 
 def _minus(a: Coefficient, b: Coefficient) -> Coefficient:
+    """The difference of two coefficients."""
     if b is None:
         return a
     return -b if a is None else a - b
@@ -90,7 +92,7 @@ def _filled(value: Coefficient, like: Value) -> Value:
 
 
 def _linear(operation: Operation, k: int, args: list[Series]) -> Series:
-    """An operation that only moves the elements of its arguments."""
+    """An operation that is linear in all its arguments, such as a concatenation."""
     return [operation.bind(*(_filled(a[k], a[0]) for a in args))]
 
 
@@ -126,13 +128,15 @@ def _square(operation: Operation, k: int, args: list[Series]) -> Series:
 
 
 def _div(operation: Operation, k: int, args: list[Series]) -> Series:
+    """A quotient c = a / b: b_0 c_k = a_k - sum of b_j c_(k-j) over j = 1..k."""
     a, b = args
-    rest = _sum([(b[j], operation.results[0][k - j]) for j in range(1, k + 1)])
-    top = _minus(a[k], rest)
-    return [None if top is None else top / b[0]]
+    lower_terms = _sum([(b[j], operation.results[0][k - j]) for j in range(1, k + 1)])
+    numerator = _minus(a[k], lower_terms)
+    return [None if numerator is None else numerator / b[0]]
 
 
 def _dot(operation: Operation, k: int, args: list[Series]) -> Series:
+    """A product of matrices or vectors."""
     total = None
     for j in range(k + 1):
         a = args[0][j]
@@ -161,9 +165,10 @@ def _of_power(exponent: Any, k: int, a: Series, c: Series) -> Coefficient:
 
 
 def _sqrt(operation: Operation, k: int, args: list[Series]) -> Series:
+    """A square root c: 2 c_0 c_k = a_k - sum of c_j c_(k-j) over j = 1..k-1."""
     c = operation.results[0]
-    top = _minus(args[0][k], _sum([(c[j], c[k - j]) for j in range(1, k)]))
-    return [None if top is None else top / (2.0 * c[0])]
+    numerator = _minus(args[0][k], _sum([(c[j], c[k - j]) for j in range(1, k)]))
+    return [None if numerator is None else numerator / (2.0 * c[0])]
 
 
 def _pow(operation: Operation, k: int, args: list[Series]) -> Series:
@@ -188,11 +193,11 @@ def _integer_pow(operation: Operation, k: int, args: list[Series]) -> Series:
         own = powers.setdefault(str(n), [series[0] ** n])
         if len(own) == k:
             own.append(_product(k, series, below))
-    top = series if abs(exponent) == 1 else powers[str(abs(exponent))]
+    power = series if abs(exponent) == 1 else powers[str(abs(exponent))]
     if exponent > 0:
-        return [top[k]]
-    rest = _sum([(top[j], operation.results[0][k - j]) for j in range(1, k + 1)])
-    return [None if rest is None else -rest / top[0]]
+        return [power[k]]
+    lower_terms = _sum([(power[j], operation.results[0][k - j]) for j in range(1, k + 1)])
+    return [None if lower_terms is None else -lower_terms / power[0]]
 
 
 def _derivative(slope: Callable[[Operation, int, Series], Series]) -> Rule:
@@ -213,10 +218,12 @@ def _grown(operation: Operation, name: str, k: int, coefficient: Callable[[int],
 
 
 def _own(operation: Operation, k: int, a: Series) -> Series:
+    """The slope c of the exponential function."""
     return operation.results[0]
 
 
 def _own_plus_one(operation: Operation, k: int, a: Series) -> Series:
+    """The slope c + 1 of exp(a) - 1."""
     return _plus_one(operation.results[0])
 
 
@@ -230,7 +237,7 @@ def _one_minus_square(operation: Operation, k: int, a: Series) -> Series:
     return _grown(operation, "slope", k - 1, coefficient)
 
 
-def _own_times_rest(operation: Operation, k: int, a: Series) -> Series:
+def _own_times_complement(operation: Operation, k: int, a: Series) -> Series:
     """The slope c (1 - c) of the logistic function."""
     c = operation.results[0]
 
@@ -244,9 +251,13 @@ def _one_plus_square_of(operation: Operation, k: int, args: list[Series]) -> Ser
     """The arctangent: (1 + a^2) c' = a'."""
     a = args[0]
     c = operation.results[0]
-    d = _grown(operation, "slope", k - 1, lambda n: 1.0 + a[0] * a[0] if n == 0 else _product(n, a, a))
-    top = _minus(a[k], _moment(k, c, d, last=False) if k > 1 else None)
-    return [None if top is None else top / d[0]]
+
+    def coefficient(n: int) -> Coefficient:
+        return 1.0 + a[0] * a[0] if n == 0 else _product(n, a, a)
+
+    d = _grown(operation, "slope", k - 1, coefficient)
+    numerator = _minus(a[k], _moment(k, c, d, last=False) if k > 1 else None)
+    return [None if numerator is None else numerator / d[0]]
 
 
 def _circular(other: Callable[[Value], Value], own_sign: float, other_sign: float) -> Rule:
@@ -283,21 +294,24 @@ def _log1p(operation: Operation, k: int, args: list[Series]) -> Series:
 
 
 def _plus_one(a: Series) -> Series:
+    """The series of 1 + a."""
     return [1.0 + a[0], *a[1:]]
 
 
 def _of_log(k: int, a: Series, c: Series) -> Coefficient:
     """The coefficient of order k of c = log a."""
-    top = _minus(a[k], _moment(k, c, a, last=False) if k > 1 else None)
-    return None if top is None else top / a[0]
+    numerator = _minus(a[k], _moment(k, c, a, last=False) if k > 1 else None)
+    return None if numerator is None else numerator / a[0]
 
 
 def _chosen(operation: Operation, k: int, args: list[Series]) -> Series:
+    """A choice between cases by a condition, which is constant between switches."""
     which, *cases = args
     return [operation.bind(which[0], *(_filled(case[k], case[0]) for case in cases))]
 
 
 def _extreme(operation: Operation, k: int, args: list[Series]) -> Series:
+    """The larger or the smaller of two arguments, which is the same one between switches."""
     a, b = args
     first = a[0] >= b[0] if operation.name == "max" else a[0] <= b[0]
     shape = jnp.broadcast_shapes(jnp.shape(a[0]), jnp.shape(b[0]))
@@ -307,7 +321,7 @@ def _extreme(operation: Operation, k: int, args: list[Series]) -> Series:
 
 
 def _extreme_of(operation: Operation, k: int, args: list[Series]) -> Series:
-    """The coefficient of the element that is largest or smallest over some axes."""
+    """The largest or the smallest element over some axes, which is the same one between switches."""
     a = args[0]
     if a[k] is None:
         return [None]
@@ -335,19 +349,22 @@ def _constant(operation: Operation, k: int, args: list[Series]) -> Series:
 
 
 def _converted(operation: Operation, k: int, args: list[Series]) -> Series:
+    """A conversion of the dtype; to integers or flags it is constant between switches."""
     floating = jnp.issubdtype(operation.equation.outvars[0].aval.dtype, jnp.floating)
     return _first_moves(operation, k, args) if floating else [None]
 
 
 def _scattered(operation: Operation, k: int, args: list[Series]) -> Series:
+    """An array with elements set, or increased, at constant indices."""
     into, indices, values = args
     return [operation.bind(_filled(into[k], into[0]), indices[0], _filled(values[k], values[0]))]
 
 
 def _updated(operation: Operation, k: int, args: list[Series]) -> Series:
+    """An array with a slice set at constant indices."""
     into, values, *indices = args
-    filled = (_filled(x[k], x[0]) for x in (into, values))
-    return [operation.bind(*filled, *(index[0] for index in indices))]
+    updated = _filled(into[k], into[0])
+    return [operation.bind(updated, _filled(values[k], values[0]), *(index[0] for index in indices))]
 
 
 RULES: dict[str, Rule] = {
@@ -367,7 +384,7 @@ RULES: dict[str, Rule] = {
     "exp": _derivative(_own),
     "expm1": _derivative(_own_plus_one),
     "tanh": _derivative(_one_minus_square),
-    "logistic": _derivative(_own_times_rest),
+    "logistic": _derivative(_own_times_complement),
     "atan": _one_plus_square_of,
     "log": _log,
     "log1p": _log1p,

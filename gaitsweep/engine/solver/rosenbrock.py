@@ -19,7 +19,7 @@ import jax
 import jax.numpy as jnp
 
 from gaitsweep.contract import HybridModel, Params, Rates, State
-from gaitsweep.engine.shapes import Flag, Number
+from gaitsweep.engine.carry import Flag, Number
 from gaitsweep.engine.solver.method import Estimate
 
 Vector = list[Number]  # the numbers of a state, or their rates

@@ -7,7 +7,7 @@ Comput. Math. Appl. 62 (2011) 770-775.
 from __future__ import annotations
 
 from gaitsweep.contract import HybridModel, Params, Rates, State
-from gaitsweep.engine.shapes import Number
+from gaitsweep.engine.carry import Number
 from gaitsweep.engine.solver.method import Estimate, Step, euler_update
 
 # a_ij, one row for each stage after the first; the last row has the weights of the solution of order 5.
@@ -50,20 +50,19 @@ def tsit5(model: HybridModel) -> Estimate:
 
     def step(params: Params, state: State, h: Number) -> tuple[State, Rates]:
         rates = [model.flow(params, state)]
-        at = state
+        end = state
         for weights in STAGES:
-            at = euler_update(state, _sum(weights, rates), h)
-            rates.append(model.flow(params, at))
+            end = euler_update(state, _sum(weights, rates), h)
+            rates.append(model.flow(params, end))
         error = {name: h * rate for name, rate in _sum(DIFFERENCE, rates).items()}
-        return at, error
+        return end, error
 
     return step
 
 
 def _sum(weights: tuple[float, ...], rates: list[Rates]) -> Rates:
     """The weighted sum of the rates of some stages, by field."""
-    first, *others = zip(weights, rates, strict=True)
-    total = {name: first[0] * rate for name, rate in first[1].items()}
-    for weight, rates_of_stage in others:
+    total = {name: weights[0] * rate for name, rate in rates[0].items()}
+    for weight, rates_of_stage in zip(weights[1:], rates[1:], strict=True):
         total = {name: total[name] + weight * rate for name, rate in rates_of_stage.items()}
     return total

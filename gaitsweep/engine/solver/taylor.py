@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Float
 
 from gaitsweep.contract import HybridModel, Params, Rates, State
-from gaitsweep.engine.shapes import Flag, Guards, Number
+from gaitsweep.engine.carry import Flag, Guards, Number
 from gaitsweep.engine.solver.recurrences import NoRecurrenceError, Value
 from gaitsweep.engine.solver.taylor_series import along, solution
 
@@ -37,7 +37,11 @@ def order_of(rtol: float) -> int:
 
 @dataclasses.dataclass(frozen=True)
 class Expansion:
-    """The solution about a state: `series` has its Taylor coefficients by field."""
+    """The Taylor expansion of a solution about a state.
+
+    Args:
+        series: the coefficients by field, in order of rising power.
+    """
 
     series: dict[str, list[Value]]
 
@@ -47,8 +51,14 @@ class Expansion:
         return len(next(iter(self.series.values()))) - 1
 
     def at(self, state: State, t: Number) -> State:
-        """The state at a time t (s) after `state`, the one that was expanded."""
-        return dataclasses.replace(state, **{name: polynomial(c, t) for name, c in self.series.items()})
+        """The state at a time on the solution.
+
+        Args:
+            state: the state about which the solution is expanded.
+            t: the time after it (s).
+        """
+        moved = {name: polynomial(coefficients, t) for name, coefficients in self.series.items()}
+        return dataclasses.replace(state, **moved)
 
     def error(self, h: Number, rates: Rates | None = None) -> Rates:
         """An estimate of the error after h seconds, by field.
@@ -57,27 +67,35 @@ class Expansion:
             h: the length of the step (s).
             rates: of a flow that may switch, the rates at its end, in which a switch within the step shows.
         """
-        p = self.order
         power = h ** (self.order - 1)
-        # odd or even solutions lack every other term
-        terms = {
-            name: jnp.maximum(jnp.abs(c[p] * (power * h)), TERM_RATIO * jnp.abs(c[p - 1] * power))
-            for name, c in self.series.items()
-        }
-        if rates is None:
-            return terms
-        return {
-            name: jnp.maximum(term, h * jnp.abs(rates[name] - polynomial(_derivative(self.series[name]), h)))
-            for name, term in terms.items()
-        }
+        errors = {}
+        for name, coefficients in self.series.items():
+            last = jnp.abs(coefficients[-1] * (power * h))
+            # odd or even solutions lack every other term
+            error = jnp.maximum(last, TERM_RATIO * jnp.abs(coefficients[-2] * power))
+            if rates is not None:
+                defect = jnp.abs(rates[name] - polynomial(_derivative(coefficients), h))
+                error = jnp.maximum(error, h * defect)
+            errors[name] = error
+        return errors
 
     def along(self, function: Callable[[State], Value], state: State) -> list[Value]:
-        """The Taylor coefficients of a function of the state along the solution."""
+        """The Taylor coefficients of a function of the state along the solution.
+
+        Args:
+            function: the function of one state.
+            state: the state about which the solution is expanded.
+        """
         return along(function, state, self.series, self.order)
 
 
 def taylor(model: HybridModel, order: int) -> Callable[[Params, State, Number], Expansion]:
-    """The step of Taylor's method."""
+    """The step of Taylor's method, which returns the expansion of the solution.
+
+    Args:
+        model: the model.
+        order: the order of the expansion.
+    """
     return lambda params, state, h: Expansion(solution(model.flow, params, state, order))
 
 
@@ -103,7 +121,7 @@ def lacking_recurrence(model: HybridModel) -> str | None:
 
 
 def polynomial(coefficients: list[Value], t: Number) -> Value:
-    """The value of a polynomial at t, by Horner's scheme."""
+    """The value of a polynomial at `t`, by Horner's scheme; coefficients are in order of rising power."""
     total = coefficients[-1]
     for coefficient in reversed(coefficients[:-1]):
         total = coefficient + t * total
@@ -125,29 +143,33 @@ def bends_back(coefficients: list[Guards], h: Number) -> Flag:
         coefficients: those of the guards along the step.
         h: its length (s).
     """
-    order = len(coefficients) - 1
     scaled = []
     power = jnp.ones_like(h)
     for coefficient in coefficients:
         scaled.append(coefficient * power)
         power = power * h
     error = jnp.maximum(jnp.abs(scaled[-1]), TERM_RATIO * jnp.abs(scaled[-2]))
-    weights = _BERNSTEIN_WEIGHTS[order]
-    bernstein = []
-    for j in range(order + 1):
-        total = scaled[0]
-        for i in range(1, j + 1):
-            total = total + float(weights[j, i]) * scaled[i]
-        bernstein.append(total)
     risen = jnp.zeros(error.shape, bool)
     fallen = jnp.zeros(error.shape, bool)
     size = jnp.zeros_like(error)
-    for value in bernstein:
+    for value in _bernstein(scaled):
         above = value >= -error
         fallen = fallen | (risen & ~above)
         risen = risen | above
         size = jnp.maximum(size, jnp.abs(value))
     return jnp.any((fallen | (error > MAX_POLYNOMIAL_ERROR * size)) & (coefficients[0] < 0.0))
+
+
+def _bernstein(scaled: list[Guards]) -> list[Guards]:
+    """The Bernstein coefficients of polynomials of the share of a step, from their Taylor coefficients."""
+    weights = _BERNSTEIN_WEIGHTS[len(scaled) - 1]
+    bernstein = []
+    for j in range(len(scaled)):
+        total = scaled[0]
+        for i in range(1, j + 1):
+            total = total + float(weights[j, i]) * scaled[i]
+        bernstein.append(total)
+    return bernstein
 
 
 def first_zero(coefficients: list[Guards], h: Number) -> Number:
@@ -158,9 +180,9 @@ def first_zero(coefficients: list[Guards], h: Number) -> Number:
         h: its length (s).
     """
     near = coefficients[0]
-    end = polynomial(coefficients, h)
     if near.size == 0:  # a flow without events
         return jnp.full_like(h, jnp.inf)
+    end = polynomial(coefficients, h)
     slopes = _derivative(coefficients)
     rises = (near < 0.0) & (end >= 0.0)
     low = jnp.zeros_like(near)
@@ -178,8 +200,8 @@ def first_zero(coefficients: list[Guards], h: Number) -> Number:
 
 def _bernstein_weights(order: int) -> Float[np.ndarray, "coefficients coefficients"]:
     """The weights of the Taylor coefficients, scaled by the step, in each Bernstein coefficient."""
-    ratios = [[math.comb(j, i) / math.comb(order, i) for i in range(order + 1)] for j in range(order + 1)]
-    return np.array(ratios)
+    places = range(order + 1)
+    return np.array([[math.comb(j, i) / math.comb(order, i) for i in places] for j in places])
 
 
 _BERNSTEIN_WEIGHTS = {order: _bernstein_weights(order) for order in range(MIN_ORDER, MAX_ORDER + 1)}

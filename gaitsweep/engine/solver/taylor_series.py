@@ -45,18 +45,16 @@ def solution(
     places = jax.tree.unflatten(tree, range(len(values)))[1]
     inputs: list[Series] = [[value] for value in values]
     for k in range(order):
-        if k:
-            for series in inputs:
-                if len(series) == k:
-                    series.append(None)
-        for name, rate in zip(names, program(k, inputs), strict=True):
-            term = None if rate is None else jnp.broadcast_to(rate / (k + 1), jnp.shape(getattr(state, name)))
+        rates_of_order = program(k, [_up_to(series, k) for series in inputs])
+        for name, rate in zip(names, rates_of_order, strict=True):
+            shape = jnp.shape(getattr(state, name))
+            term = None if rate is None else jnp.broadcast_to(rate / (k + 1), shape)
             inputs[getattr(places, name)].append(term)
-    zero = {name: jnp.zeros_like(getattr(state, name)) for name in names}
     solutions: dict[str, list[Value]] = {}
     for name in names:
+        zero = jnp.zeros_like(getattr(state, name))
         terms = inputs[getattr(places, name)]
-        solutions[name] = [zero[name] if term is None else term for term in terms]
+        solutions[name] = [zero if term is None else term for term in terms]
     return solutions
 
 
@@ -114,6 +112,7 @@ class _Program:
         return [self._series(atom, k)[k] for atom in self.jaxpr.outvars]
 
     def _series(self, atom: Any, k: int) -> Series:
+        """The coefficients of a variable or a number up to order k."""
         series = [jnp.asarray(atom.val)] if isinstance(atom, Literal) else self.known[atom]
         return series if len(series) > k else _up_to(series, k)
 
@@ -126,9 +125,12 @@ class _Operation:
         self.name: str = equation.primitive.name
         self.results: list[Series] = [[] for _ in equation.outvars]
         self.auxiliary: dict[str, Series] = {}
-        inner = next((equation.params[key] for key in _INNER if key in equation.params), None)
-        closed = inner if inner is None or isinstance(inner, ClosedJaxpr) else ClosedJaxpr(inner, [])
-        self.inner = None if closed is None else _Program(closed)
+        self.inner: _Program | None = None
+        for key in _INNER:
+            if key in equation.params:
+                inner = equation.params[key]
+                self.inner = _Program(inner if isinstance(inner, ClosedJaxpr) else ClosedJaxpr(inner, []))
+                break
 
     def __call__(self, k: int, args: list[Series]) -> Series:
         """The coefficients of order k of the results."""

@@ -20,6 +20,7 @@ class Block:
 
     Outside the command line a KeyboardInterrupt may be raised between any two statements. So a row's values
     are set before its `ended`, and `_samples` is replaced as a pair: a row is always complete or absent.
+    `waiting` are the rows that have to be run, of which the first `opened` have a lane already.
 
     Args:
         spec: the sweep.
@@ -32,16 +33,17 @@ class Block:
         self.first = number * spec.block
         self.rows = min(spec.block, spec.n_rows - self.first)
         params, starts = spec.values(self.first, self.first + self.rows)
+        # the initial conditions of a row may have a factor of its own
         self.starts = {STEP_FACTOR: np.full(self.rows, spec.numerics.factor), **starts}
         self.params = spec.model.on_host(params)
-        self.opened = 0  # rows of `waiting` that have a lane already
+        self.opened = 0
         recorder = spec.recorder
         self.ends = RowOutcome.empty(
             self.first + np.arange(self.rows), recorder.numbers, len(spec.model.observables), recorder.width
         )
         self.ended = np.zeros(self.rows, bool)
         self.stored = np.zeros(self.rows, bool)  # ended and on disk, in a part or in a file of open rows
-        # samples of stored rows, then those of all other rows: lists of pairs (rows (n,), numbers (n, width))
+        # the samples of stored rows, then those of all other rows
         self._samples: tuple[list[_Samples], list[_Samples]] = ([], [])
         if restored is not None:
             places = restored.row - self.first
@@ -49,7 +51,7 @@ class Block:
             if len(restored.samples):
                 self._samples[0].append((np.repeat(places, restored.kept), restored.samples))
             self.ended[places] = self.stored[places] = True
-        self.waiting = np.flatnonzero(~self.ended)  # rows that have to be run
+        self.waiting = np.flatnonzero(~self.ended)
 
     @property
     def missing(self) -> int:
@@ -96,20 +98,22 @@ class Block:
         width = self.ends.samples.shape[1]
         owner, samples = _in_order(self._samples[1], width)
         done = stored[owner]
-        settled = [*self._samples[0], (owner[done], samples[done])]
+        stored_samples = [*self._samples[0], (owner[done], samples[done])]
         self.stored = stored  # first, since the samples of a row that is not stored are in the second list
-        self._samples = settled, [(owner[~done], samples[~done])]
+        self._samples = stored_samples, [(owner[~done], samples[~done])]
 
     def result(self) -> RowOutcome:
         """All rows with all of their samples."""
         return self._with([*self._samples[0], *self._samples[1]])
 
     def _with(self, parts: Sequence[_Samples]) -> RowOutcome:
+        """The rows with some of their samples."""
         owner, samples = _in_order(parts, self.ends.samples.shape[1])
         counts = np.bincount(owner, minlength=self.rows)
         return dataclasses.replace(self.ends, kept=counts, samples=samples)
 
 
+# The rows (n,) of samples (n, width) in their block, and the samples.
 _Samples = tuple[Int[np.ndarray, " _records"], Float[np.ndarray, "_records _width"]]
 
 

@@ -19,7 +19,7 @@ from jaxtyping import Bool, Int
 
 UNKNOWN = -1  # not simulated
 ALONE = -2  # simulated, with a label that no other cell gets
-_NONE = np.iinfo(np.int32).max
+_NONE = np.iinfo(np.int32).max  # above every label
 
 Sides = dict[int, int]  # cells along the side of a box, by refined axis
 
@@ -28,8 +28,13 @@ Sides = dict[int, int]  # cells along the side of a box, by refined axis
 class Grid:
     """A grid of rows with some refined axes; each cell along the other axes is a separate panel.
 
-    `lengths`: cells along each axis. `wraps`: for each refined axis, by its place, whether its last cell and
-    its first are neighbours. `coarse`: cells along a side of the first boxes, a power of two.
+    Args:
+        lengths: the cells along each axis.
+        wraps: for each refined axis, by its place, whether its last cell and its first are neighbours.
+        coarse: the cells along a side of the first boxes, a power of two.
+
+    Raises:
+        ValueError: `coarse` is not a power of two.
     """
 
     lengths: tuple[int, ...]
@@ -50,7 +55,12 @@ class Grid:
                 sides = halved
 
     def corners(self, axis: int, side: int) -> tuple[Int[np.ndarray, " corners"], int]:
-        """Corners of boxes of this side along an axis, and the number of boxes between them."""
+        """The corners of boxes along an axis, and the number of boxes between them.
+
+        Args:
+            axis: the axis, by its place.
+            side: the cells along a side of the boxes.
+        """
         length = self.lengths[axis]
         points = np.arange(0, length, side)
         if self.wraps[axis]:
@@ -88,7 +98,12 @@ def wanted(known: Int[np.ndarray, " *cells"], grid: Grid) -> Bool[np.ndarray, " 
 
 
 def inferred(known: Int[np.ndarray, " *cells"], grid: Grid) -> Int[np.ndarray, " *cells"]:
-    """The label of every cell: its own, or that of the box that contains it, else UNKNOWN."""
+    """The label of every cell: its own, or that of the box that contains it, else UNKNOWN.
+
+    Args:
+        known: integers of the grid's shape: a label >= 0 or ALONE for simulated cells, else UNKNOWN.
+        grid: the grid.
+    """
     labels = np.array(known)
     for sides, _ in grid.levels():
         low, high = _spans(known, grid, sides)
@@ -103,12 +118,10 @@ def inferred(known: Int[np.ndarray, " *cells"], grid: Grid) -> Int[np.ndarray, "
 
 def _points(grid: Grid, sides: Sides) -> tuple[Int[np.ndarray, " ..."], ...]:
     """The corners of boxes, as an index of the grid's arrays."""
-    return np.ix_(
-        *(
-            grid.corners(axis, sides[axis])[0] if axis in sides else np.arange(length)
-            for axis, length in enumerate(grid.lengths)
-        )
-    )
+    places = []
+    for axis, length in enumerate(grid.lengths):
+        places.append(grid.corners(axis, sides[axis])[0] if axis in sides else np.arange(length))
+    return np.ix_(*places)
 
 
 def _spans(

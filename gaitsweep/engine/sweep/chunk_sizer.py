@@ -7,7 +7,7 @@ import time
 
 from gaitsweep.engine.recorders.recorder import BUFFER, POLL_INTERVAL
 
-# Longest duration of a chunk (s), so that progress is shown and Ctrl-C is answered.
+# Longest duration of a chunk (s), so that progress is shown and Ctrl-C takes effect.
 MAX_CHUNK = 0.25
 # Weight of the newest chunk in the exponential averages of durations.
 NEWEST_WEIGHT = 0.2
@@ -15,6 +15,9 @@ NEWEST_WEIGHT = 0.2
 NEARLY_FULL = 0.75 * BUFFER
 # The share of the waiting lanes that may start during a chunk.
 STARTED_SHARE = 0.75
+# The largest factor between the polls of two successive chunks.
+GROWTH = 2.0
+XLA_GROWTH = 4
 # Longest duration of a chunk of XLA (s), whose chunks have `shortest` polls unless they take longer.
 MAX_CHUNK_XLA = 1.0
 
@@ -38,13 +41,22 @@ class ChunkSizer:
         self._poll = math.nan  # s of a poll and the attempts before it
 
     def record_start(self) -> float:
-        """Record the start of a chunk and the host's time since the last one; returns the time (s)."""
+        """Record the start of a chunk, and the host's work since the last one.
+
+        Returns:
+            The time of the start (s).
+        """
         now = time.perf_counter()
         self._host = _smoothed(self._host, now - self._returned)
         return now
 
     def record_end(self, began: float, polls: int) -> None:
-        """Record the end of the chunk that began at `began` (s) and had `polls` polls."""
+        """Record the end of a chunk.
+
+        Args:
+            began: the time of its start, from `record_start` (s).
+            polls: its number of polls.
+        """
         self._returned = time.perf_counter()
         self._poll = _smoothed(self._poll, (self._returned - began) / max(polls, 1))
 
@@ -58,9 +70,10 @@ class ChunkSizer:
         """
         if math.isnan(self._host) or self._poll <= 0.0:
             return
-        row = row_attempts / POLL_INTERVAL
-        best = max(math.sqrt(2.0 * self._host / self._poll * row), STARTED_SHARE * waiting * row)
-        most = min(best, MAX_CHUNK / self._poll, 2.0 * self.polls)
+        row_polls = row_attempts / POLL_INTERVAL
+        least_idle = math.sqrt(2.0 * self._host / self._poll * row_polls)
+        best = max(least_idle, STARTED_SHARE * waiting * row_polls)
+        most = min(best, MAX_CHUNK / self._poll, GROWTH * self.polls)
         if fullest > NEARLY_FULL:
             most = min(most, 0.5 * self.polls)
         self.polls = max(self.shortest, int(most))
@@ -68,7 +81,8 @@ class ChunkSizer:
     def choose_for_xla(self) -> None:
         """Set the number of polls in XLA's next chunk: `shortest`, or what fits into `MAX_CHUNK_XLA`."""
         if self._poll > 0.0:
-            self.polls = max(1, min(self.shortest, int(MAX_CHUNK_XLA / self._poll), 4 * self.polls))
+            fitting = int(MAX_CHUNK_XLA / self._poll)
+            self.polls = max(1, min(self.shortest, fitting, XLA_GROWTH * self.polls))
 
 
 def _smoothed(old: float, new: float) -> float:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Sequence
+from typing import Literal
 
 from gaitsweep.contract import Model
 from gaitsweep.engine.devices import Device
@@ -12,7 +13,7 @@ from gaitsweep.engine.numerics import ResolvedNumerics
 from gaitsweep.engine.recorders.recorder import Recorder
 from gaitsweep.engine.sweep import xla
 from gaitsweep.engine.sweep.lane import Lanes, RowDrive
-from gaitsweep.engine.sweep.sweep_spec import SweepSpec
+from gaitsweep.engine.sweep.sweep_spec import EngineName, SweepSpec
 from gaitsweep.errors import UserError
 
 # Initial polls in a chunk of a kernel, by kind of device. On a CPU chunks are short, since an ended row waits
@@ -25,29 +26,32 @@ class EngineError(UserError):
 
 
 def choose(
-    wanted: str,
+    requested: Literal["auto", "xla", "kernel"],
     device: Device,
     model: Model,
     recorder: Recorder,
     numerics: ResolvedNumerics,
     drive: RowDrive | None,
-) -> tuple[str, str | None]:
+) -> tuple[EngineName, str | None]:
     """The name of the engine, and the reason if `auto` cannot use its first choice, the kernel.
 
     Args:
-        wanted: auto, xla or kernel.
+        requested: the engine that the job asks for.
         device: the first device of the run.
-        model, recorder, numerics, drive: the program that the engine runs.
+        model: the model.
+        recorder: the recorder.
+        numerics: the numerics.
+        drive: the parameters at a time, for a ramp or a staircase.
 
     Raises:
         EngineError: `kernel` is requested but not available.
     """
-    if wanted == "xla":
+    if requested == "xla":
         return "xla", None
     reason = _obstacle(device, model, recorder, numerics, drive)
     if reason is None:
         return "kernel", None
-    if wanted == "kernel":
+    if requested == "kernel":
         raise EngineError(f"engine.name is kernel, but {reason}. Allowed here: auto, xla.")
     return "xla", f"engine: xla, because {reason}."
 
@@ -63,7 +67,8 @@ def _obstacle(
     if device.platform == "gpu":
         from gaitsweep.engine.kernel.cuda_device import unavailable
 
-        if (reason := unavailable()) is not None:
+        reason = unavailable()
+        if reason is not None:
             return reason
     from gaitsweep.engine.kernel.lanes import kernel_of
     from gaitsweep.engine.kernel.refusals import UnsupportedError
@@ -78,15 +83,19 @@ def _obstacle(
 def groups_on(device: Device, spec: SweepSpec) -> Sequence[Lanes]:
     """The lanes of a sweep on one device, in groups that run independently of each other.
 
-    A card has two, so that one runs while the host collects the other's results.
+    A GPU has two, so that one runs while the host collects the results of the other.
+
+    Args:
+        device: the device.
+        spec: the sweep.
     """
     if spec.engine == "xla":
         return [xla.XlaLanes(spec, device)]
     if device.platform == "gpu":
         from gaitsweep.engine.kernel.cuda_lanes import CudaLanes
 
-        halves = (spec.lanes + 1) // 2, spec.lanes // 2
-        return [CudaLanes(dataclasses.replace(spec, lanes=half), device) for half in halves if half]
+        sizes = [size for size in ((spec.lanes + 1) // 2, spec.lanes // 2) if size]
+        return [CudaLanes(dataclasses.replace(spec, lanes=size), device) for size in sizes]
     from gaitsweep.engine.kernel.lanes import CpuLanes
 
     return [CpuLanes(spec)]
@@ -98,7 +107,7 @@ def polls_per_chunk(spec: SweepSpec) -> int:
     return KERNEL_POLLS_PER_CHUNK[platform] if spec.engine == "kernel" else xla.POLLS_PER_CHUNK
 
 
-def default_lanes(engine: str, n_rows: int, platform: str) -> int:
+def default_lanes(engine: EngineName, n_rows: int, platform: str) -> int:
     """The default number of lanes on each device.
 
     XLA on a CPU reaches its full rate at about 256 lanes, and an attempt on a GPU costs about the same for 1
@@ -110,16 +119,17 @@ def default_lanes(engine: str, n_rows: int, platform: str) -> int:
         platform: the kind of device, such as cpu or gpu.
     """
     if platform != "cpu":
-        least = 256
+        fewest = 256
         most = 131072
-        share = 1.0
+        rows_per_lane = 1.0
     elif engine == "kernel":
         # many lanes make the host's work between chunks small, few lanes end at the same time
-        least = 16
+        fewest = 16
         most = 512
-        share = 8.0
+        rows_per_lane = 8.0
     else:
-        least = 8
+        fewest = 8
         most = 256
-        share = 4.0
-    return min(most, max(least, 2 ** math.ceil(math.log2(max(n_rows / share, 1.0)))))
+        rows_per_lane = 4.0
+    power_of_two = 2 ** math.ceil(math.log2(max(n_rows / rows_per_lane, 1.0)))
+    return min(most, max(fewest, power_of_two))

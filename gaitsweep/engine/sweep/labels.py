@@ -10,19 +10,27 @@ import numpy as np
 from jaxtyping import Array, Int, Real
 
 from gaitsweep.contract import Model, names_gait
+from gaitsweep.engine.carry import Number, Observed
 from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.kernel.row_functions import over_rows
 from gaitsweep.engine.recorders.orbits import from_first_crossing
 from gaitsweep.engine.recorders.recorder import Readings
-from gaitsweep.engine.shapes import Number, Observed
 from gaitsweep.engine.sweep.block import Block
 from gaitsweep.engine.sweep.lane import RowDrive, Values
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.row_outcome import RowOutcome
 
+# The code of a gait that was not read.
+NOT_READ = -1
+
 
 def labelled(spec: SweepSpec, block: Block) -> RowOutcome:
-    """The rows of a block with their labels, of each row or sample; `gait` is a code of `gait_codes`."""
+    """The rows of a block with their labels, of each row or sample; `gait` is a code of `gait_codes`.
+
+    Args:
+        spec: the sweep.
+        block: the block; without readings of its recorder, its rows are not labelled.
+    """
     rows = from_first_crossing(spec.model.observables, block.result())
     readings = spec.recorder.readings(rows)
     if readings is None:
@@ -32,13 +40,17 @@ def labelled(spec: SweepSpec, block: Block) -> RowOutcome:
     labels = {}
     for name, values in _read_labels(spec, block.params, readings, width).items():
         if names_gait(name):
-            labels[name] = np.where(readings.readable, gait_codes(values), -1).astype(np.int32)
+            labels[name] = np.where(readings.readable, gait_codes(values), NOT_READ).astype(np.int32)
         else:
-            labels[name] = np.where(readings.readable, values, 0 if values.dtype.kind in "iu" else np.nan)
-    if (earlier := readings.earlier) is not None:
+            missing = 0 if np.issubdtype(values.dtype, np.integer) else np.nan
+            labels[name] = np.where(readings.readable, values, missing)
+    earlier = readings.earlier
+    if earlier is not None:
         before = _read_labels(spec, block.params, earlier, width)["gait"]
-        labels["gait_before"] = np.where(earlier.readable, gait_codes(before), -1).astype(np.int32)
-    return dataclasses.replace(rows, **{"labels" if readings.batch is None else "sample_labels": labels})
+        labels["gait_before"] = np.where(earlier.readable, gait_codes(before), NOT_READ).astype(np.int32)
+    if readings.batch is None:
+        return dataclasses.replace(rows, labels=labels)
+    return dataclasses.replace(rows, sample_labels=labels)
 
 
 def _read_labels(
@@ -66,7 +78,7 @@ def _read_labels(
 def gait_codes(labels: Real[np.ndarray, " *readings"]) -> Int[np.ndarray, " *readings"]:
     """The codes of gaits from the results of `label`: an index is its own code, a number -n becomes -1 - n.
 
-    So -1 stands for gaits that were not read, and a label that is not an index of a gait is recognisable.
+    So `NOT_READ` is no gait's code, and a label that is not an index of a gait is recognisable.
     """
     labels = np.clip(np.asarray(labels, np.int64), -(2**31) + 1, 2**31 - 1)
     return np.where(labels < 0, labels - 1, labels)
@@ -77,8 +89,8 @@ def _label(model: Model, drive: RowDrive | None) -> Callable[..., dict[str, np.n
     """The function `(values, t, observed) -> labels` of many readings."""
     names = [q.name for q in model.observables]
 
-    def one(values: Any, t: Number, observed: Observed) -> dict[str, Real[Array, ""]]:
+    def label(values: Any, t: Number, observed: Observed) -> dict[str, Real[Array, ""]]:
         params = model.params(values) if drive is None else drive(values, t)
         return model.label(params, {name: observed[i] for i, name in enumerate(names)})
 
-    return over_rows(one, "label", model if drive is None else None, all_rows=True)
+    return over_rows(label, "label", model if drive is None else None, all_rows=True)

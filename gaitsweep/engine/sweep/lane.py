@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import abc
 import dataclasses
-from collections.abc import Callable, Mapping
-from typing import NamedTuple, final
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple, Protocol, final
 
 import jax.numpy as jnp
 import numpy as np
@@ -13,24 +13,36 @@ from jaxtyping import Array, Bool, Float, Int, Real
 
 from gaitsweep.contract import Model, Params
 from gaitsweep.engine.advance import advance
-from gaitsweep.engine.carry import Carry, start
+from gaitsweep.engine.carry import Carry, Flag, Number, start
 from gaitsweep.engine.numerics import STEP_FACTOR, ResolvedNumerics, step_of
 from gaitsweep.engine.recorders.recorder import LaneRecord, PollResult, Recorder
-from gaitsweep.engine.shapes import Flag, Number
 from gaitsweep.engine.tangents import coordinate_count, first_directions, from_section, with_tangents
 
-# The parameters at a time (s), from the values of a row: a ramp or a staircase. Its optional attribute
-# `times` lists the times (s) at which the step length has to be evaluated.
-RowDrive = Callable[[Mapping[str, Float[Array, " ..."]], Number], Params]
-
 Values = Mapping[str, Real[np.ndarray, "rows ..."]]
+
+
+class RowDrive(Protocol):
+    """The parameters of a row at a time, for a ramp or a staircase."""
+
+    @property
+    def times(self) -> Sequence[float]:
+        """Times (s) at which the step length has to be evaluated."""
+        ...
+
+    def __call__(self, values: Mapping[str, Float[Array, " ..."]], t: Number, /) -> Params:
+        """The model's parameters at a time `t` (s), from the values of the row by name."""
+        ...
 
 
 class Opened(NamedTuple):
     """A trajectory at its start.
 
-    `constants` are what does not change along it, `sample` (width,) is its first sample, and `keep` whether
-    to keep that sample.
+    Attributes:
+        constants: what does not change along it: its parameters, or its values if a drive moves one.
+        carry: its state of integration.
+        record: its record.
+        sample: its first sample (width,).
+        keep: whether to keep that sample.
     """
 
     constants: Params
@@ -43,8 +55,11 @@ class Opened(NamedTuple):
 class ChunkOutput(NamedTuple):
     """The output of a chunk of attempts for the host; the first axis of each array is the lane.
 
-    `numbers` are those of `RowOutcome` by name, final where a row has ended; `buffers` (lanes, BUFFER, width)
-    have new samples, the first `filled` (lanes,) of each; `samples` (lanes,) counts those of the whole row.
+    Attributes:
+        numbers: those of `RowOutcome` by name, final where a row has ended.
+        filled: the number of new samples (lanes,).
+        samples: the number of samples of the whole row (lanes,).
+        buffers: the new samples (lanes, BUFFER, width), at the first `filled` places of each.
     """
 
     numbers: dict[str, Real[np.ndarray, "lanes ..."]]
@@ -67,7 +82,8 @@ class Lanes(abc.ABC):
         """Start new trajectories.
 
         Args:
-            params, starts: the parameters and the initial conditions of all lanes, (size,) each, by name.
+            params: the parameters of all lanes, (size,) each, by name.
+            starts: their initial conditions, (size,) each, by name.
             fresh: mask of the lanes in which a trajectory starts, (size,).
         """
 
@@ -81,7 +97,9 @@ class OneLane:
     """Opening, an attempt and a poll of one trajectory: pure functions of scalars and small arrays.
 
     Args:
-        model, recorder, numerics: those of the sweep.
+        model: the model.
+        recorder: the recorder.
+        numerics: the numerics.
         drive: the parameters at a time, for a ramp or a staircase.
     """
 
@@ -114,18 +132,20 @@ class OneLane:
         dt = factor * self._longest_step(values, params)
         stop = self.recorder.stop(params)
         carry = start(self.model, params, state, dt=dt, stop=stop, step_factor=factor)
-        if count := self.recorder.exponents:
-            directions = first_directions(coordinate_count(self.model), count)
+        if self.recorder.exponents:
+            directions = first_directions(coordinate_count(self.model), self.recorder.exponents)
             tangents = from_section(self.model, params, state, directions)
             carry = dataclasses.replace(carry, tangents=tangents)
         # constants of a trajectory are computed once
-        constants = values if self.driven else params
+        constants = params if self._drive is None else values
         return Opened(constants, carry, *self.recorder.begin(params, carry))
 
     def _longest_step(self, values: Mapping[str, Float[Array, " ..."]], params: Params) -> Number:
         """The longest step of a row (s); for a moving parameter, the smallest over its values."""
         dt = jnp.asarray(step_of(self.model, self.numerics, params))  # a model's period may be a plain number
-        for t in getattr(self._drive, "times", ()) if self.driven else ():
+        if self._drive is None:
+            return dt
+        for t in self._drive.times:
             moved = self.params_at(values, jnp.asarray(t, dt.dtype))
             dt = jnp.minimum(dt, step_of(self.model, self.numerics, moved))
         return dt
@@ -135,6 +155,12 @@ class OneLane:
         return self._advance(constants, carry)
 
     def poll(self, constants: Params, carry: Carry, record: LaneRecord) -> PollResult:
-        """Poll the recorder; a moving parameter has its present value."""
-        params = self.params_at(constants, carry.t) if self.driven else constants
+        """Poll the recorder.
+
+        Args:
+            constants: as of `Opened`.
+            carry: the trajectory; a moving parameter has its value at `carry.t`.
+            record: the record before the poll.
+        """
+        params = constants if self._drive is None else self._drive(constants, carry.t)
         return self.recorder.poll(params, carry, record, carry.dt / self.numerics.steps_in_longest)

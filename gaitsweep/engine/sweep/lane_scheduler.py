@@ -24,24 +24,57 @@ from gaitsweep.status import Status
 
 # Polls in XLA's first chunk, from whose duration the number of polls in the others follows.
 FIRST_POLLS = 4
+# The block of a lane without a row.
+IDLE = -1
 
 
 class _Chunk(NamedTuple):
-    """The output of a chunk, and when it began (s)."""
+    """The output of a chunk, and the time at which it began (s)."""
 
     output: ChunkOutput
     began: float
 
 
+class _Collected(NamedTuple):
+    """The output of a chunk of a group, and masks of the lanes by the state of their rows.
+
+    Attributes:
+        group: the group.
+        output: the output.
+        running: the lanes whose rows have not ended.
+        ended: the lanes whose rows have ended.
+    """
+
+    group: Group
+    output: ChunkOutput
+    running: Bool[np.ndarray, " lanes"]
+    ended: Bool[np.ndarray, " lanes"]
+
+    @classmethod
+    def of(cls, group: Group, output: ChunkOutput) -> _Collected:
+        """The output with the masks of the group's lanes, of which idle ones are in neither."""
+        busy = group.block_of != IDLE
+        is_running = output.numbers["status"] == Status.running
+        return cls(group, output, busy & is_running, busy & ~is_running)
+
+
 class Group:
-    """Some lanes of a device, the rows in them, and their progress."""
+    """Some lanes of a device, the rows in them, and their progress.
+
+    `block_of` is the number of each lane's block, `IDLE` without a row, and `row_of` the row in that block;
+    `progress` and `attempts` are sums over the running rows, of the share of their work that is done and of
+    their attempts.
+
+    Args:
+        lanes: the lanes.
+        spec: the sweep.
+    """
 
     def __init__(self, lanes: Lanes, spec: SweepSpec) -> None:
         self.lanes = lanes
         self.size = lanes.size
-        self.block_of = np.full(self.size, -1)
+        self.block_of = np.full(self.size, IDLE)
         self.row_of = np.zeros(self.size, np.int64)
-        # sums over the running rows: the share of its work that each has done, and their attempts
         self.progress = 0.0
         self.attempts = 0
         self.sizer = ChunkSizer(polls_per_chunk(spec))
@@ -53,7 +86,8 @@ class Group:
 
     @property
     def busy(self) -> bool:
-        return bool(np.any(self.block_of >= 0))
+        """Whether any lane has a row."""
+        return bool(np.any(self.block_of != IDLE))
 
     @property
     def at_a_time(self) -> int:
@@ -92,7 +126,11 @@ class Group:
         self.lanes.fill(params, starts, np.ones(self.size, bool))
 
     def chunk(self, polls: int | None = None) -> _Chunk:
-        """Open fresh rows and advance all by `polls`, by default the number that the sizer chooses."""
+        """Open fresh rows and advance all.
+
+        Args:
+            polls: the number of polls, by default that which the sizer chooses.
+        """
         if self._fresh.any():
             params, starts = self._values
             self.lanes.fill(params, starts, self._fresh)
@@ -108,7 +146,7 @@ class Group:
 def _complete(
     spec: SweepSpec, blocks: Sequence[int], restored: Callable[[int], RowOutcome | None]
 ) -> dict[int, RowOutcome]:
-    """The restored rows by block, without rows that lack a number: another version stored them."""
+    """The restored rows by block, without rows of another version, which lack a number."""
     declared = {row_number.name for row_number in (*ENGINE_NUMBERS, *spec.recorder.numbers)}
     rows_by_block: dict[int, RowOutcome] = {}
     for number in blocks:
@@ -154,16 +192,17 @@ class LaneScheduler:
 
     @property
     def busy(self) -> bool:
+        """Whether any lane has a row."""
         return any(group.busy for group in self.groups)
 
     def begin(self) -> None:
         """Open the first rows; the programs are compiled."""
         sizes = [group.size for group in self.groups]
-        which = np.repeat(np.arange(len(sizes)), sizes)
-        lanes = np.concatenate([np.zeros(0, np.int64), *map(np.arange, sizes)])
+        group_of = np.repeat(np.arange(len(sizes)), sizes)
+        lanes = np.concatenate([np.zeros(0, np.int64), *(np.arange(size) for size in sizes)])
         # consecutive rows go to different groups, so that a few rows use all devices
-        order = np.lexsort((which, lanes))
-        self._fill(which[order], lanes[order])
+        order = np.lexsort((group_of, lanes))
+        self._fill(group_of[order], lanes[order])
         for group, output in self.advance_all(0):
             self._collect(group, output)
 
@@ -172,8 +211,8 @@ class LaneScheduler:
         busy = [group for group in self.groups if group.busy]
         if self._threads is None:
             return [(group, group.chunk(polls).output) for group in busy]
-        running = [self._threads.submit(group.chunk, polls) for group in busy]
-        return [(group, future.result().output) for group, future in zip(busy, running, strict=True)]
+        futures = [self._threads.submit(group.chunk, polls) for group in busy]
+        return [(group, future.result().output) for group, future in zip(busy, futures, strict=True)]
 
     def start(self) -> None:
         """Start all groups; `step` collects their output."""
@@ -187,7 +226,7 @@ class LaneScheduler:
             chunk = group.chunk()
         else:
             wait(self._running, return_when=FIRST_COMPLETED)
-            future = next(running for running in self._running if running.done())
+            future = next(future for future in self._running if future.done())
             group = self._running.pop(future)
             chunk = future.result()
         self._collect(group, chunk.output)
@@ -201,13 +240,13 @@ class LaneScheduler:
 
     def _continue(self, group: Group) -> None:
         """Fill the free lanes of a group, and start its next chunk in a thread if there are threads."""
-        free = np.flatnonzero(group.block_of < 0)
+        free = np.flatnonzero(group.block_of == IDLE)
         self._fill(np.full(free.size, self.groups.index(group)), free)
         if self._threads is not None and group.busy:
             self._running[self._threads.submit(group.chunk)] = group
 
-    def _fill(self, which: Int[np.ndarray, " free"], lanes: Int[np.ndarray, " free"]) -> None:
-        """Put waiting rows into the free lanes `lanes` (n,) of the groups `which` (n,)."""
+    def _fill(self, group_of: Int[np.ndarray, " free"], lanes: Int[np.ndarray, " free"]) -> None:
+        """Put waiting rows into free lanes (n,), each of the group with the number `group_of` (n,)."""
         filled = 0
         while filled < lanes.size or not self.groups:
             block = self._with_waiting_rows()
@@ -217,9 +256,9 @@ class LaneScheduler:
             block.opened += rows.size
             part = slice(filled, filled + rows.size)
             filled += rows.size
-            for number in np.unique(which[part]):
-                of_block = which[part] == number
-                self.groups[number].place(block, rows[of_block], lanes[part][of_block])
+            for number in np.unique(group_of[part]):
+                of_group = group_of[part] == number
+                self.groups[number].place(block, rows[of_group], lanes[part][of_group])
 
     def _with_waiting_rows(self) -> Block | None:
         """The newest block while it has waiting rows, then the next block."""
@@ -236,60 +275,53 @@ class LaneScheduler:
 
     def _collect(self, group: Group, output: ChunkOutput) -> None:
         """Collect the output of a group's chunk."""
-        busy = group.block_of >= 0
-        running = busy & (output.numbers["status"] == Status.running)
-        ended = busy & ~running
-        self._collect_rows(group, output, busy, ended)
-        self._count(group, output, running, ended)
+        collected = _Collected.of(group, output)
+        self._pass_to_blocks(collected)
+        self._count(collected)
+        self._size_chunk(collected)
 
-    def _collect_rows(
-        self,
-        group: Group,
-        output: ChunkOutput,
-        busy: Bool[np.ndarray, " lanes"],
-        ended: Bool[np.ndarray, " lanes"],
-    ) -> None:
+    def _pass_to_blocks(self, collected: _Collected) -> None:
         """Pass samples and ended rows to their blocks, and free the lanes of ended rows."""
-        changed = np.flatnonzero(busy & (ended | (output.filled > 0)))
+        group, output, is_running, has_ended = collected
+        changed = np.flatnonzero(has_ended | (is_running & (output.filled > 0)))
         changed = changed[np.argsort(group.block_of[changed], kind="stable")]
         numbers, first = np.unique(group.block_of[changed], return_index=True)
         # without any row `split` gives an empty part all the same
         for number, lanes in zip(numbers, np.split(changed, first[1:]), strict=False):
             block = self.open[number]
             block.keep(group.row_of, output, lanes[output.filled[lanes] > 0])
-            block.end(group.row_of, output, lanes[ended[lanes]])
+            block.end(group.row_of, output, lanes[has_ended[lanes]])
             if block.missing == 0:
                 self.complete.append(int(number))
-        group.block_of[ended] = -1
+        group.block_of[has_ended] = IDLE
 
-    def _count(
-        self,
-        group: Group,
-        output: ChunkOutput,
-        running: Bool[np.ndarray, " lanes"],
-        ended: Bool[np.ndarray, " lanes"],
-    ) -> None:
-        """Count the ended rows, estimate the progress of running ones, and size the group's next chunk."""
+    def _count(self, collected: _Collected) -> None:
+        """Count the ended rows, and estimate the progress of running ones."""
+        group, output, is_running, has_ended = collected
         cycles = output.numbers["cycles"]
         attempts = output.numbers["attempts"]
-        self.done += int(np.count_nonzero(ended))
-        self.attempts += int(attempts[ended].sum())
-        self.cycles += int(cycles[ended].sum())
+        self.done += int(np.count_nonzero(has_ended))
+        self.attempts += int(attempts[has_ended].sum())
+        self.cycles += int(cycles[has_ended].sum())
         # the first rows that end are short ones, so running rows count in the estimate as well
         typical = self.cycles / self.done if self.done else 0.0
-        if running.any() and self.done:
-            typical = max(typical, float(np.mean(cycles[running])))
+        if is_running.any() and self.done:
+            typical = max(typical, float(np.mean(cycles[is_running])))
         rows = RunningRows(cycles, output.samples, output.numbers["t_end"])
         progress = self.spec.recorder.progress(rows, typical)
-        group.progress = float(np.sum(progress[running]))
-        group.attempts = int(np.sum(attempts[running]))
-        if self.spec.engine == "kernel":
-            of_ended = self.attempts / self.done if self.done else 0.0
-            of_running = float(np.mean(attempts[running])) if running.any() else 0.0
-            waiting = group.size / group.at_a_time - 1.0
-            group.sizer.choose(max(of_ended, of_running), int(output.filled.max(initial=0)), waiting)
-        else:
+        group.progress = float(np.sum(progress[is_running]))
+        group.attempts = int(np.sum(attempts[is_running]))
+
+    def _size_chunk(self, collected: _Collected) -> None:
+        """Choose the size of the group's next chunk."""
+        group, output, is_running, _ = collected
+        if self.spec.engine != "kernel":
             group.sizer.choose_for_xla()
+            return
+        of_ended = self.attempts / self.done if self.done else 0.0
+        of_running = float(np.mean(output.numbers["attempts"][is_running])) if is_running.any() else 0.0
+        waiting = group.size / group.at_a_time - 1.0
+        group.sizer.choose(max(of_ended, of_running), int(output.filled.max(initial=0)), waiting)
 
     def take(self, number: int) -> Block:
         """A complete block that can be written; it stays open until it is closed."""
@@ -308,7 +340,7 @@ class LaneScheduler:
         return any(bool(np.any(block.ended & ~block.stored)) for block in self.open.values())
 
     def ended(self, except_blocks: Container[int] = ()) -> list[RowOutcome]:
-        """The ended rows of open blocks that are not on disk, by block, without some blocks."""
+        """The ended rows that are not on disk, one element for each open block, without some blocks."""
         unstored = [block.unstored() for number, block in self.open.items() if number not in except_blocks]
         return [rows for rows in unstored if rows.row.size]
 

@@ -54,13 +54,15 @@ def sweep(
     open_rows: OpenRows | None = None,
     encode: Callable[[int, RowOutcome], Any] | None = None,
 ) -> Timings:
-    """Run the rows of `blocks`, and pass each block to `write(number, result)` when all its rows have ended.
+    """Run the rows of blocks, and write each block when all of its rows have ended.
+
+    An exception of `write`, `on_progress`, `open_rows` or `encode` stops the sweep and is raised.
 
     Args:
         spec: the sweep.
         blocks: the numbers of the blocks to run.
-        write: called with each complete block.
-        on_progress: called after each chunk; an exception that it raises stops the sweep.
+        write: called as `write(number, result)` with each complete block.
+        on_progress: called after each chunk.
         timings: updated during the sweep, so that it is also correct for an interrupted sweep.
         open_rows: stores the ended rows of incomplete blocks within `SAFE_WITHIN` s, and also when an
             exception stops the sweep; rows that it already has are not run again.
@@ -79,18 +81,11 @@ def sweep(
         labelled(spec, next(iter(scheduler.open.values())))
     timings.compile_s = time.perf_counter() - began
     scheduler.start()
-    disk = _Writer(scheduler.close, len(spec.devices) if spec.devices[0].platform == "gpu" else 1)
+    disk = _Writer(spec, encode, write, written=scheduler.close)
     keeper = _OpenRowsKeeper(scheduler, open_rows, disk)
     try:
         while scheduler.busy or scheduler.complete:
-            if scheduler.busy:
-                keeper.chunk_ended(scheduler.step())
-            for number in list(scheduler.complete):
-                keeper.store_if_due()
-                block = scheduler.take(number)
-                encoding = functools.partial(_encoded, spec, block, encode)
-                disk.write(number, encoding, functools.partial(write, number), last=not scheduler.busy)
-            keeper.store_if_due(keeper.chunk_s)
+            _run_chunk(scheduler, disk, keeper)
             timings.attempts = scheduler.attempts
             timings.run_s = time.perf_counter() - began - timings.compile_s
             if on_progress is not None:
@@ -109,57 +104,85 @@ def sweep(
     return timings
 
 
-def _encoded(spec: SweepSpec, block: Block, encode: Callable[[int, RowOutcome], Any] | None) -> Any:
-    """The labelled rows of a block, converted by `encode` if it is given."""
-    result = labelled(spec, block)
-    return result if encode is None else encode(block.number, result)
+def _run_chunk(scheduler: LaneScheduler, disk: _Writer, keeper: _OpenRowsKeeper) -> None:
+    """Run a chunk of one group of lanes, write complete blocks, and store the ended rows of others."""
+    if scheduler.busy:
+        keeper.chunk_ended(scheduler.step())
+    for number in list(scheduler.complete):
+        keeper.store_if_due()
+        disk.write(scheduler.take(number), last=not scheduler.busy)
+    keeper.store_if_due(keeper.chunk_s)
 
 
 class _Writer:
-    """A thread that writes blocks one after the other while rows continue; others encode the next blocks.
+    """A thread that writes blocks one after the other while rows continue, and threads that encode them.
 
     Args:
+        spec: the sweep.
+        encode: as of `sweep`.
+        write: as of `sweep`.
         written: called with the number of each written block, by the waiting thread.
-        cards: number of GPUs that end rows.
     """
 
-    # Blocks that may wait for each card.
+    # Blocks that may wait, for each GPU.
     MAX_WAITING = 8
-    # Threads for each card that label and encode, since that takes as long as the rows do on a card
+    # Threads that label and encode, for each GPU, since that takes as long as the rows do on a GPU.
     ENCODING = 2
 
-    def __init__(self, written: Callable[[int], None], cards: int = 1) -> None:
-        self._thread = ThreadPoolExecutor(1)
+    def __init__(
+        self,
+        spec: SweepSpec,
+        encode: Callable[[int, RowOutcome], Any] | None,
+        write: Callable[[int, Any], None],
+        written: Callable[[int], None],
+    ) -> None:
+        gpus = len(spec.devices) if spec.devices[0].platform == "gpu" else 1
+        self._spec = spec
+        self._encode = encode
+        self._write = write
         self._written = written
-        self._most = self.MAX_WAITING * cards
-        self._encoding = ThreadPoolExecutor(self.ENCODING * cards)
+        self._thread = ThreadPoolExecutor(1)
+        self._most = self.MAX_WAITING * gpus
+        self._encoding = ThreadPoolExecutor(self.ENCODING * gpus)
         # writes in progress, each with the function to call when it is on disk
         self._pending: deque[tuple[Future[None], Callable[[], None]]] = deque()
-        self._longest_s = 1.0  # s of writing a block; the first time it loads libraries
+        self._latest_s = 1.0  # s of writing the latest block; the first one loads libraries
 
-    def write(
-        self, number: int, encode: Callable[[], Any], write: Callable[[Any], None], *, last: bool = False
-    ) -> None:
-        """Queue a block for encoding and writing; raises errors of earlier blocks.
+    def write(self, block: Block, *, last: bool) -> None:
+        """Queue a block for encoding and writing; an error of an earlier block is raised.
 
         Args:
-            number: the number of the block.
-            encode: labels and encodes it.
-            write: writes what `encode` returns.
+            block: the block.
             last: whether no row is left that could run meanwhile; the block is then written at once.
         """
         self.take_done(self._most)
         if last and not self._pending:
-            write(encode())
-            self._written(number)
+            self._write(block.number, self._encoded(block))
+            self._written(block.number)
             return
-        encoded = self._encoding.submit(copy_context().run, encode)
-        job = self._thread.submit(self._timed, lambda: write(encoded.result()))
+        encoded = self._encoding.submit(copy_context().run, self._encoded, block)
+        job = self._thread.submit(self._write_timed, block.number, encoded)
         # a block that could not be written stays open, so that its rows are stored
-        self._pending.append((job, lambda: self._written(number)))
+        self._pending.append((job, functools.partial(self._written, block.number)))
+
+    def _encoded(self, block: Block) -> Any:
+        """The labelled rows of a block, converted by `encode` if the sweep has one."""
+        rows = labelled(self._spec, block)
+        return rows if self._encode is None else self._encode(block.number, rows)
+
+    def _write_timed(self, number: int, encoded: Future[Any]) -> None:
+        """Write a block when it is encoded, and record the time that it takes."""
+        began = time.perf_counter()
+        self._write(number, encoded.result())
+        self._latest_s = time.perf_counter() - began
 
     def store(self, keep: Callable[[], None], stored: Callable[[], None]) -> None:
-        """Queue rows for `keep`, and call `stored` afterwards."""
+        """Queue a store of rows.
+
+        Args:
+            keep: stores the rows, in the writing thread.
+            stored: called afterwards, by the waiting thread.
+        """
         self._pending.append((self._thread.submit(keep), stored))
 
     def take_done(self, most: int) -> None:
@@ -168,6 +191,7 @@ class _Writer:
             self._take()
 
     def _take(self) -> None:
+        """Wait for the first pending write, and record it."""
         future, done = self._pending.popleft()
         future.result()
         done()
@@ -175,10 +199,11 @@ class _Writer:
     @property
     def ahead_s(self) -> float:
         """The estimated time (s) until one more block would be written."""
-        return (1 + sum(not future.done() for future, _ in self._pending)) * self._longest_s
+        waiting = sum(not future.done() for future, _ in self._pending)
+        return (1 + waiting) * self._latest_s
 
     def end(self) -> None:
-        """Finish all pending writes; raises the error of the first one that failed."""
+        """Finish all pending writes; the error of the first one that failed is raised."""
         failures: list[BaseException] = []
         try:
             while self._pending:
@@ -192,14 +217,17 @@ class _Writer:
         if failures:
             raise failures[0]
 
-    def _timed(self, block: Callable[[], None]) -> None:
-        began = time.perf_counter()
-        block()
-        self._longest_s = time.perf_counter() - began
-
 
 class _OpenRowsKeeper:
-    """Stores ended rows of open blocks before the oldest of them has waited `SAFE_WITHIN` s."""
+    """Stores ended rows of open blocks before the oldest of them has waited `SAFE_WITHIN` s.
+
+    `chunk_s` is the duration of the latest chunk (s).
+
+    Args:
+        scheduler: has the open blocks.
+        open_rows: the storage; None: rows of incomplete blocks are not stored.
+        disk: the writer of complete blocks, which stores rows as well.
+    """
 
     def __init__(self, scheduler: LaneScheduler, open_rows: OpenRows | None, disk: _Writer) -> None:
         self._scheduler = scheduler
@@ -208,7 +236,7 @@ class _OpenRowsKeeper:
         self.chunk_s = 0.0
         self._store_s = 0.1
         self._storing = False  # at most one store at a time
-        # begin of the chunk in which the oldest row ended that is not stored and not being stored
+        # start of the chunk in which the oldest row ended that is neither stored nor being stored
         self._oldest: float | None = None
 
     def chunk_ended(self, began: float) -> None:
@@ -218,7 +246,11 @@ class _OpenRowsKeeper:
             self._oldest = began
 
     def store_if_due(self, ahead: float = 0.0) -> None:
-        """Store the rows if the oldest would wait too long: for `ahead` s, and for the disk."""
+        """Store the rows if the oldest would wait longer than `SAFE_WITHIN`.
+
+        Args:
+            ahead: the time until the next call (s).
+        """
         self._disk.take_done(sys.maxsize)
         if self._oldest is None or self._storing:
             return
@@ -243,6 +275,7 @@ class _OpenRowsKeeper:
         self._oldest = None
 
     def _stored(self, ended: Sequence[RowOutcome]) -> None:
+        """Mark rows as stored."""
         self._scheduler.mark_stored(ended)
         self._storing = False
 

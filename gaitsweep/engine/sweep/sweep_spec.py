@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
+from typing import Literal
 
 from gaitsweep.contract import Model
 from gaitsweep.engine.devices import Device
@@ -11,13 +12,17 @@ from gaitsweep.engine.numerics import ResolvedNumerics
 from gaitsweep.engine.recorders.recorder import Recorder
 from gaitsweep.engine.sweep.lane import RowDrive, Values
 
+EngineName = Literal["xla", "kernel"]
+
 
 @dataclasses.dataclass(frozen=True)
 class SweepSpec:
     """The specification of a sweep: its rows and their model, recorder, numerics and engine.
 
     Attributes:
-        model, recorder, numerics: those of all rows.
+        model: the model of all rows.
+        recorder: the recorder of all rows.
+        numerics: the numerics of all rows.
         n_rows: the number of rows.
         block: the number of rows in a block.
         lanes: the number of lanes on each device.
@@ -26,7 +31,7 @@ class SweepSpec:
             arrays of that length by name. The initial conditions may contain `STEP_FACTOR`, the factor on a
             row's step lengths.
         drive: the parameters at a time from a row's values, for ramps and staircases.
-        engine: xla or kernel.
+        engine: the engine that runs the rows.
         varied: names of parameters that may differ between rows even where those of this sweep do not: sweeps
             that vary the same ones share a kernel of a GPU, whatever their rows are.
     """
@@ -40,7 +45,7 @@ class SweepSpec:
     devices: list[Device]
     values: Callable[[int, int], tuple[Values, Values]]
     drive: RowDrive | None = None
-    engine: str = "xla"
+    engine: EngineName = "xla"
     varied: frozenset[str] = frozenset()
 
 
@@ -66,5 +71,7 @@ class SweepProgress:
 
     @property
     def rate(self) -> float:
-        """Rows a second; 0 until a row has ended, since how long rows take is not known before."""
-        return self.share * self.rows / self.seconds if self.done and self.seconds > 0 else 0.0
+        """Rows per second; 0 until a row has ended, since the duration of rows is not known before."""
+        if self.done == 0 or self.seconds <= 0.0:
+            return 0.0
+        return self.share * self.rows / self.seconds

@@ -18,12 +18,11 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Shaped
 
 from gaitsweep.contract import Model, Params
-from gaitsweep.engine.carry import Carry, select
+from gaitsweep.engine.carry import Carry, Flag, Integer, select
 from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.devices import Device
 from gaitsweep.engine.numerics import ResolvedNumerics
 from gaitsweep.engine.recorders.recorder import BUFFER, POLL_INTERVAL, LaneRecord, Recorder
-from gaitsweep.engine.shapes import Flag, Integer
 from gaitsweep.engine.sweep.lane import ChunkOutput, Lanes, OneLane, RowDrive, Values
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.status import Status
@@ -83,6 +82,7 @@ class XlaLanes(Lanes):
         return {name: self._put(np.asarray(column, self._dtype)) for name, column in columns.items()}
 
     def _put(self, array: Shaped[np.ndarray, " ..."] | np.generic) -> Shaped[Array, " ..."]:
+        """The array on the device."""
         return jax.device_put(array, self._device)
 
 
@@ -92,24 +92,28 @@ def _compiled(
     model: Model, recorder: Recorder, numerics: ResolvedNumerics, drive: RowDrive | None
 ) -> _Programs:
     """The programs of a sweep; each device compiles its own."""
-    one = OneLane(model, recorder, numerics, drive)
-    chunk = partial(_chunk, jax.vmap(one.attempt), jax.vmap(partial(_poll, one)))
-    return _Programs(jax.jit(jax.vmap(partial(_open, one))), jax.jit(jax.vmap(select)), jax.jit(chunk))
+    lane = OneLane(model, recorder, numerics, drive)
+    chunk = partial(_chunk, jax.vmap(lane.attempt), jax.vmap(partial(_poll, lane)))
+    return _Programs(
+        open=jax.jit(jax.vmap(partial(_open, lane))),
+        merge=jax.jit(jax.vmap(select)),
+        chunk=jax.jit(chunk),
+    )
 
 
-def _open(one: OneLane, values: Scalars, starts: Scalars) -> tuple[Params, Carry, LaneRecord, Buffer]:
+def _open(lane: OneLane, values: Scalars, starts: Scalars) -> tuple[Params, Carry, LaneRecord, Buffer]:
     """A trajectory's constants, carry and record, and its buffer of samples."""
-    constants, carry, record, sample, keep = one.open(values, starts)
+    constants, carry, record, sample, keep = lane.open(values, starts)
     buffer = jnp.zeros((BUFFER if sample.size else 0, sample.size), sample.dtype)
     return constants, carry, record, _appended(buffer, jnp.zeros((), jnp.int32), sample, keep)
 
 
 def _poll(
-    one: OneLane, constants: Params, carry: Carry, record: LaneRecord, samples: Buffer
+    lane: OneLane, constants: Params, carry: Carry, record: LaneRecord, samples: Buffer
 ) -> tuple[Carry, LaneRecord, Buffer]:
     """A trajectory's carry, record and buffer after a poll."""
-    carry, after, sample, keep = one.poll(constants, carry, record)
-    return carry, after, _appended(samples, record.filled, sample, keep)
+    carry, polled, sample, keep = lane.poll(constants, carry, record)
+    return carry, polled, _appended(samples, record.filled, sample, keep)
 
 
 def _appended(samples: Buffer, place: Integer, sample: Float[Array, " width"], keep: Flag) -> Buffer:
@@ -124,19 +128,20 @@ def _chunk(
     """The lanes after up to `polls` polls, with empty buffers, and the output for the host.
 
     Args:
-        attempt, poll: the functions of all lanes.
+        attempt: the attempt of all lanes.
+        poll: the poll of all lanes.
         polls: the number of polls.
         lanes: constants, carry, record and samples of all lanes.
     """
     constants, carry, record, samples = lanes
 
-    def goes_on(loop: Any) -> Flag:
-        count, _, record, _ = loop
+    def goes_on(progress: Any) -> Flag:
+        count, _, record, _ = progress
         return (count < polls) & jnp.any(record.status == Status.running)
 
-    def attempts_and_poll(loop: Any) -> Any:
-        count, carry, record, samples = loop
-        carry = jax.lax.fori_loop(0, POLL_INTERVAL, lambda _, c: attempt(constants, c), carry)
+    def attempts_and_poll(progress: Any) -> Any:
+        count, carry, record, samples = progress
+        carry = jax.lax.fori_loop(0, POLL_INTERVAL, lambda _, carry: attempt(constants, carry), carry)
         return count + 1, *poll(constants, carry, record, samples)
 
     beginning = (jnp.zeros((), jnp.int32), carry, record, samples)
