@@ -18,8 +18,7 @@ from jaxtyping import Float
 from gaitsweep.contract import Model
 from gaitsweep.engine.devices import host_device
 from gaitsweep.engine.kernel.operations import OPERATIONS
-from gaitsweep.engine.kernel.refusals import UnsupportedError
-from gaitsweep.engine.kernel.trace import traced_function
+from gaitsweep.engine.kernel.trace import UnsupportedError, traced_function
 from gaitsweep.engine.stored_programs import stored
 
 # Rows that are computed at a time, since the values of all nodes are in memory.

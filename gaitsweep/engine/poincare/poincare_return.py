@@ -156,7 +156,7 @@ def crossing_of(model: Model, numerics: ResolvedNumerics, engine: str = "auto") 
 
     def by_kernel(params: Params, state: State) -> Returned:
         from gaitsweep.engine.kernel.poincare_returns import KernelReturns
-        from gaitsweep.engine.kernel.refusals import UnsupportedError
+        from gaitsweep.engine.kernel.trace import UnsupportedError
 
         shapes = jax.tree.map(
             lambda x: jax.ShapeDtypeStruct(jnp.shape(x), jnp.result_type(x)), (params, state)
