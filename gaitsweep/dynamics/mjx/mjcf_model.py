@@ -23,6 +23,7 @@ from gaitsweep.dynamics.declarations import SingleEvent
 from gaitsweep.dynamics.declared import Declared, Values
 from gaitsweep.dynamics.mjcf.source import (
     OfMjcf,
+    Stamps,
     compiled_content,
     compiled_mjcf,
     content_key,
@@ -218,22 +219,22 @@ class MjcfModel(OfMjcf, Declared, SteppedModel):
 
 
 @functools.lru_cache(maxsize=32)
-def _c_body(source: str, written: int | None, keyframe: str) -> CBody:
-    """The body for C, made once for each content of its file."""
+def _c_body(source: str, stamps: Stamps, keyframe: str) -> CBody:
+    """The body for C, made once for each content of its files."""
     from gaitsweep.dynamics.mjx.c_body import CBody
 
-    model = compiled_content(source, written)
+    model = compiled_content(source, stamps)
     return CBody(model, keyframe_number(model, keyframe))
 
 
 @functools.lru_cache(maxsize=32)
-def _mjx_body(source: str, written: int | None, keyframe: str) -> MjxBody:
-    """The body for MJX, made once for each content of its file.
+def _mjx_body(source: str, stamps: Stamps, keyframe: str) -> MjxBody:
+    """The body for MJX, made once for each content of its files.
 
     Raises:
         ValueError: MJX would ignore a part of it; the message says which.
     """
     from gaitsweep.dynamics.mjx.body import MjxBody
 
-    model = compiled_content(source, written)
+    model = compiled_content(source, stamps)
     return MjxBody(model, contact=True, keyframe=keyframe_number(model, keyframe))
