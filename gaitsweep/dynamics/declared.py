@@ -19,17 +19,16 @@ from jaxtyping import Array, Bool, Float, Real
 
 from gaitsweep.contract import Model, Quantity
 from gaitsweep.dynamics.declarations import (
-    Event,
     Mode,
     Parameter,
     Reading,
-    SingleEvent,
     Symmetry,
     Time,
     Variable,
     faults_of_quantity,
 )
 from gaitsweep.dynamics.diffusion import PATH, SEED, Diffusion, begun_path
+from gaitsweep.dynamics.event_declarations import Event, SingleEvent
 from gaitsweep.dynamics.footfalls import Footfalls
 from gaitsweep.dynamics.ground import Ground, asks_for_ground, check_ground, ground_quantities
 from gaitsweep.expression import RESERVED

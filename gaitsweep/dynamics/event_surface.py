@@ -11,7 +11,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from gaitsweep.dynamics.declarations import SingleEvent, Variable
+from gaitsweep.dynamics.declarations import Variable
+from gaitsweep.dynamics.event_declarations import SingleEvent
 
 if TYPE_CHECKING:
     from gaitsweep.dynamics.declared_model import DeclaredModel

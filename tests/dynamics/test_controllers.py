@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -189,7 +190,10 @@ def test_an_edit_of_an_included_file_or_a_mesh_is_seen_and_the_body_is_drawn(tmp
 
     def write_mesh(edge: float) -> None:
         vertices = f"v 0 0 0\nv {edge} 0 0\nv 0 {edge} 0\nv 0 0 {edge}\n"
-        (tmp_path / "meshes" / "load.obj").write_text(vertices + "f 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n")
+        file = tmp_path / "meshes" / "load.obj"
+        file.write_text(vertices + "f 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n")
+        # MuJoCo keeps meshes by their times in whole seconds
+        os.utime(file, (1000.0 * edge, 1000.0 * edge))
 
     def write_assets(scale: float) -> None:
         mesh = f'<mesh name="load" file="load.obj" scale="{scale} {scale} {scale}"/>'

@@ -15,9 +15,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from gaitsweep.dynamics import declarations
 from gaitsweep.dynamics.controllers.leg_targets import Targets
 from gaitsweep.dynamics.controllers.oscillators import LegSenses
+from gaitsweep.dynamics.declarations import observable, parameter, signal, variable
+from gaitsweep.dynamics.event_declarations import event
 from gaitsweep.dynamics.footfalls import LEGS, footfalls
 from gaitsweep.dynamics.mjcf.source import identifier, keyframe_number
 from gaitsweep.dynamics.tree import tilt_and_heading
@@ -88,18 +89,14 @@ class ControlledBody:
 
         members: dict[str, Any] = {**oscillators.declarations(names), **self.targets.declarations()}
         if controller.kp is not None and controller.kd is not None:
-            members["kp"] = declarations.parameter(
-                "N m/rad", "position gain of motors", controller.kp, low=0.0
-            )
-            members["kd"] = declarations.parameter(
-                "N m s/rad", "velocity gain of motors", controller.kd, low=0.0
-            )
+            members["kp"] = parameter("N m/rad", "position gain of motors", controller.kp, low=0.0)
+            members["kd"] = parameter("N m s/rad", "velocity gain of motors", controller.kd, low=0.0)
         members |= {
-            "clock": declarations.variable("s", "time since the section", observed=False, signal=False),
+            "clock": variable("s", "time since the section", observed=False, signal=False),
             "control": self._control(),
             "rates": rates,
             "period": period,
-            "force": declarations.signal("N", "force of the ground on foot", count=len(names))(force),
+            "force": signal("N", "force of the ground on foot", count=len(names))(force),
         }
         if oscillators.resets:
             members["landing"] = self._landing()
@@ -138,8 +135,8 @@ class ControlledBody:
         def landed(model: Any, params: Any, state: Any, i: int) -> Any:
             return self.file.controller.oscillators.landed(params, state, i)
 
-        event = declarations.event("foot {} lands", count=len(self.legs))
-        landing = event(depths if self.is_located else contacts)
+        declare = event("foot {} lands", count=len(self.legs))
+        landing = declare(depths if self.is_located else contacts)
         landing.jump(landed)
         return landing
 
@@ -155,7 +152,7 @@ class ControlledBody:
         names = tuple(leg.name for leg in self.legs)
         if sorted(names) in [sorted(names_of_gaits) for names_of_gaits in LEGS.values()]:
             return {"feet": footfalls("clock", legs=names)(feet)}
-        return {"contact": declarations.signal("1", "whether foot is down", count=len(names))(contact)}
+        return {"contact": signal("1", "whether foot is down", count=len(names))(contact)}
 
     def _of_trunk(self) -> dict[str, Any]:
         """The section, with the mean speed of each cycle; the trunk's height; and its fall."""
@@ -168,15 +165,13 @@ class ControlledBody:
         def failed(model: Any, params: Any, state: Any) -> Bool[Array, ""]:
             return height(model, params, state) < lowest
 
-        observed_height = declarations.observable("m", "height of the trunk", scale=0.1, signal=True)
+        observed_height = observable("m", "height of the trunk", scale=0.1, signal=True)
         members: dict[str, Any] = {"turn": self._section(trunk)}
         if trunk.moves:
-            members["begin"] = declarations.variable(
+            members["begin"] = variable(
                 "m", "place of the trunk at the section", count=2, observed=False, signal=False
             )
-            members["speed"] = declarations.variable(
-                "m/s", "mean speed of the last cycle", observed=True, scale=1.0
-            )
+            members["speed"] = variable("m/s", "mean speed of the last cycle", observed=True, scale=1.0)
         members["height"] = observed_height(height)
         if lowest is not None:
             members["failed"] = failed
@@ -197,7 +192,7 @@ class ControlledBody:
                 changes["speed"] = trunk.ahead(q, state.begin) / state.clock
             return oscillators.wrapped(state).replace(**changes)
 
-        section = declarations.event("the first leg ends its swing", section=True)(turn)
+        section = event("the first leg ends its swing", section=True)(turn)
         section.jump(begin_cycle)
         return section
 

@@ -19,8 +19,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from gaitsweep.contract import Quantity, SteppedModel
-from gaitsweep.dynamics.declarations import SingleEvent
 from gaitsweep.dynamics.declared import Declared, Values
+from gaitsweep.dynamics.event_declarations import SingleEvent
 from gaitsweep.dynamics.mjcf.source import (
     OfMjcf,
     Stamps,
