@@ -227,7 +227,9 @@ def faults_of_quantity(quantity: Quantity, start: bool) -> Iterator[str]:
         quantity: with its name.
         start: whether it is an initial condition, whose default may be NaN: then the model decides it.
     """
-    name, low, high = quantity.name, quantity.low, quantity.high
+    name = quantity.name
+    low = quantity.low
+    high = quantity.high
     for field in ("unit", "meaning"):
         if not getattr(quantity, field):
             unit = ' ("1" for a number without one)' if field == "unit" else ""

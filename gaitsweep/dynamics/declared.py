@@ -51,7 +51,8 @@ def _record(model: type, name: str, fields: Any) -> type:
         frozen=True,
         namespace={"replace": _replaced, "__getattr__": _unknown},
     )
-    record.__module__, record.__qualname__ = model.__module__, f"{model.__qualname__}.{name}"
+    record.__module__ = model.__module__
+    record.__qualname__ = f"{model.__qualname__}.{name}"
     record.__doc__ = f"The {'parameters' if name == 'Params' else 'variables and modes'} of {model.__name__}."
     return jax.tree_util.register_dataclass(record, data_fields=list(fields), meta_fields=[])
 
@@ -178,7 +179,8 @@ class Declared(Model):
         if (events := cls.declared_events()) and not any(event.section for event in events):
             remedy = "write section=True for the one that ends a cycle"
             raise TypeError(f"{cls.__name__} has events but no section: {remedy}.")
-        feet, variables = cls._feet(), cls._named(Variable)
+        feet = cls._feet()
+        variables = cls._named(Variable)
         if feet is not None and feet.clock not in variables:
             near = suggestion(feet.clock, variables)
             raise TypeError(f"{cls.__name__} has footfalls of the clock {feet.clock}, no variable{near}")
@@ -282,13 +284,15 @@ class Declared(Model):
 
     @property
     def observables(self) -> tuple[Quantity, ...]:
-        recorded, feet = self._recorded("observed"), self._feet()
+        recorded = self._recorded("observed")
+        feet = self._feet()
         declared = (q for name, declaration in recorded.items() for q in declaration.recorded(self, name))
         return (*declared, *(feet.observables if feet is not None else ()))
 
     @property
     def signals(self) -> tuple[Quantity, ...]:
-        recorded, feet = self._recorded("signal"), self._feet()
+        recorded = self._recorded("signal")
+        feet = self._feet()
         declared = (q for name, declaration in recorded.items() for q in declaration.recorded(self, name))
         return (*declared, *(feet.signals if feet is not None else ()))
 
@@ -299,7 +303,8 @@ class Declared(Model):
 
     def section_variables(self) -> list[tuple[str, Variable]]:
         """The variables that are coordinates of the section, by name; clocks are none."""
-        variables, feet = self._named(Variable), self._feet()
+        variables = self._named(Variable)
+        feet = self._feet()
         clocks = {name for name, variable in variables.items() if isinstance(variable, Time)}
         clocks |= set() if feet is None else {feet.clock}
         return [(name, variable) for name, variable in variables.items() if name not in clocks]
@@ -325,11 +330,13 @@ class Declared(Model):
         return fields
 
     def observe(self, params: Any, state: Any, /) -> dict[str, Real[Array, ""]]:
-        read, feet = self._read("observed", params, state), self._feet()
+        read = self._read("observed", params, state)
+        feet = self._feet()
         return read if feet is None else read | feet.observed(self, params, state, state.steps)
 
     def signal(self, params: Any, state: Any, /) -> dict[str, Real[Array, ""]]:
-        read, feet = self._read("signal", params, state), self._feet()
+        read = self._read("signal", params, state)
+        feet = self._feet()
         if feet is None:
             return read
         down = feet.down(self, params, state).astype(float)

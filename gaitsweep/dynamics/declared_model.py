@@ -135,7 +135,8 @@ class DeclaredModel(Declared, HybridModel):
         unit = self.period(params)
         modes = []
         for event in self._armed():
-            surface, rate = surfaces.of(event), surfaces.rate(event)
+            surface = surfaces.of(event)
+            rate = surfaces.rate(event)
             turned = False if crossed and event.is_section else self._turned(event, params, state)
             band = surface.band(jnp.zeros(()), unit, rate) if crossed else surface.rounding
             modes.append(surface.begun(band, rate, turned))
@@ -184,7 +185,8 @@ class DeclaredModel(Declared, HybridModel):
         return jnp.stack(happened) if happened else fired
 
     def jump(self, params: Any, state: Any, fired: Bool[Array, " events"], /) -> Any:
-        after, rates = state, {}
+        after = state
+        rates = {}
         for place, (event, flags) in zip(self._places(), self._flags(fired), strict=True):
             if not event.jumps:
                 continue
@@ -230,7 +232,8 @@ class DeclaredModel(Declared, HybridModel):
         `rates` are those of the events' heights just after their own jumps.
         """
         unit = self.period(params)
-        was, now = Surfaces(self, params, before), Surfaces(self, params, after)
+        was = Surfaces(self, params, before)
+        now = Surfaces(self, params, after)
         flags = dict(self._flags(fired))
         events = self._armed()
         late = jnp.max(
@@ -238,7 +241,9 @@ class DeclaredModel(Declared, HybridModel):
         )
         modes = []
         for place, event in enumerate(events):
-            surface, rate, mode = now.of(event), now.rate(event), _at(before.arming, place)
+            surface = now.of(event)
+            rate = now.rate(event)
+            mode = _at(before.arming, place)
             band = surface.band(late, unit, was.rate(event), rate)
             crossed, returned = flags[event]
             holds = event.holds(params, before)

@@ -213,7 +213,7 @@ def _with_lengths(xml: str, body: LocatedBody, values: Mapping[str, float]) -> s
     for part in spec.bodies:
         if part.id == 0:
             continue
-        name = body.name_of_body(part.id)
+        name = body.elements.name_of_body(part.id)
         size = values.get(f"{name}_size", 1.0)
         sizes[part.id] = size
         place = [values.get(f"{name}_{axis}", x) for axis, x in zip("xyz", part.pos, strict=True)]
@@ -223,7 +223,7 @@ def _with_lengths(xml: str, body: LocatedBody, values: Mapping[str, float]) -> s
         for site in part.sites:
             site.pos = size * site.pos
         for geom in part.geoms:
-            radius = values.get(f"{body.name_of_geom(geom.id)}_radius", geom.size[0])
+            radius = values.get(f"{body.elements.name_of_geom(geom.id)}_radius", geom.size[0])
             geom.size = size * np.array([radius, *geom.size[1:]])
             geom.pos = size * geom.pos
             geom.fromto = size * geom.fromto

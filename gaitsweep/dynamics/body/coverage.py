@@ -16,7 +16,8 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
-_GEOM, _OFF = mujoco.mjtGeom, mujoco.mjtDisableBit
+_GEOM = mujoco.mjtGeom
+_OFF = mujoco.mjtDisableBit
 _TOUCHING = (_GEOM.mjGEOM_SPHERE, _GEOM.mjGEOM_CAPSULE, _GEOM.mjGEOM_BOX)
 _REMEDY = "set its contype and conaffinity to 0, or derive the model from MjcfModel, which MuJoCo steps"
 # Fields of MjModel that a located body does not have: the field, its owner, the name in MJCF.
@@ -231,9 +232,11 @@ def _softness(
         d = low + (high - low) * _rise(x, solimp[3], solimp[4])
         return k * d * d / ((1.0 - d) * w)
 
-    shallow, deep = 0.0, math.inf
+    shallow = 0.0
+    deep = math.inf
     if math.isfinite(load):  # the force rises with the stretch: halve the interval that has it
-        shallow, deep = 0.0, load / spring(0.0)
+        shallow = 0.0
+        deep = load / spring(0.0)
         for _ in range(60):
             middle = 0.5 * (shallow + deep)
             shallow, deep = (shallow, middle) if middle * spring(middle) > load else (middle, deep)
@@ -256,7 +259,9 @@ def _points(m: Any, geom: int) -> tuple[np.ndarray, float]:
     """Centres of a geom's spheres or its corners, (k, 3) m in the body's frame, and the radius, m."""
     matrix = np.zeros(9)
     mujoco.mju_quat2Mat(matrix, m.geom_quat[geom])
-    turn, at, size = _cleaned(matrix.reshape(3, 3)), np.array(m.geom_pos[geom]), m.geom_size[geom]
+    turn = _cleaned(matrix.reshape(3, 3))
+    at = np.array(m.geom_pos[geom])
+    size = m.geom_size[geom]
     if m.geom_type[geom] == _GEOM.mjGEOM_SPHERE:
         return at[None], float(size[0])
     if m.geom_type[geom] == _GEOM.mjGEOM_CAPSULE:

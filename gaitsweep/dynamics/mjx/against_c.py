@@ -114,7 +114,8 @@ class _SideBySide:
     """
 
     def __init__(self, model: MjcfModel, steps: int) -> None:
-        self._body, self._steps = model.mjx_body, steps
+        self._body = model.mjx_body
+        self._steps = steps
         self._m = m = self._body.mj_model
         # the same with constraints that are solved to rounding
         self._exact = copy.copy(m)
@@ -154,7 +155,8 @@ class _SideBySide:
         first = self._state.replace(body=body, sensors=0.0)
         states = jax.tree.map(lambda leaf: jnp.stack([leaf] * self._steps), first)
         after, controls = self._stepped(states, False, self._m.opt.tolerance)
-        ours, largest = _numbers(after), 0.0
+        ours = _numbers(after)
+        largest = 0.0
         data = self._body.at_start()
         _set_state(data, jax.tree.map(np.asarray, body), start.time)
         for k, control in enumerate(controls):
@@ -179,8 +181,10 @@ class _SideBySide:
         self, i: int, steps: int, before: Any, ours: np.ndarray, controls: np.ndarray, time: float
     ) -> str:
         """The likely cause of a difference of number `i`, found in the first step that differs by itself."""
-        m, moved = self._m, self._m.nq + self._m.nv + self._m.na
-        exact, solved_otherwise = _numbers(self._stepped(before, True, _EXACT)[0]), False
+        m = self._m
+        moved = self._m.nq + self._m.nv + self._m.na
+        exact = _numbers(self._stepped(before, True, _EXACT)[0])
+        solved_otherwise = False
         for k in range(steps):
             state = jax.tree.map(lambda leaf, k=k: leaf[k], before.body)
             theirs = []
@@ -334,7 +338,10 @@ def _differences(ours: np.ndarray, theirs: np.ndarray) -> np.ndarray:
 
 
 def _set_state(data: mujoco.MjData, body: BodyState, time: float) -> None:
-    data.qpos[:], data.qvel[:], data.act[:], data.time = body.q, body.v, body.act, time
+    data.qpos[:] = body.q
+    data.qvel[:] = body.v
+    data.act[:] = body.act
+    data.time = time
     data.qacc_warmstart[:] = body.warm if body.warm.size else 0.0
 
 

@@ -93,7 +93,8 @@ class MjxBody:
         self._keyframe = keyframe
         at_start = self.at_start()
         has_clock = (model.sensor_type == mujoco.mjtSensor.mjSENS_CLOCK).any()
-        self._act, self._time = np.array(at_start.act), np.full(int(has_clock), at_start.time)
+        self._act = np.array(at_start.act)
+        self._time = np.full(int(has_clock), at_start.time)
         # a body may be created while a program is traced
         with jax.ensure_compile_time_eval(), jax.enable_x64(True):
             try:
@@ -125,7 +126,8 @@ class MjxBody:
 
     def start(self, q: Float[Array, " nq"], v: Float[Array, " nv"]) -> BodyState:
         """The state at these positions (nq,) and velocities (nv,)."""
-        act, time = jnp.asarray(self._act, q.dtype), jnp.asarray(self._time, q.dtype)
+        act = jnp.asarray(self._act, q.dtype)
+        time = jnp.asarray(self._time, q.dtype)
         return BodyState(q, v, act, jnp.zeros(v.size if self._constrained else 0, q.dtype), time)
 
     def at_start(self) -> mujoco.MjData:
@@ -147,9 +149,11 @@ class MjxBody:
         with _as_mjx_wants(q):
             model, data = self._begun(numbers, self.start(q, v))
             data = mjx.com_vel(model, mjx.com_pos(model, mjx.kinematics(model, data)))
-            at, body = data.site_xpos[self._sites], self.mj_model.site_bodyid[self._sites]
+            at = data.site_xpos[self._sites]
+            body = self.mj_model.site_bodyid[self._sites]
             # MuJoCo's cvel is at the centre of mass of the kinematic tree
-            turning, moving = data.cvel[body, :3], data.cvel[body, 3:]
+            turning = data.cvel[body, :3]
+            moving = data.cvel[body, 3:]
             lever = at - data.subtree_com[self.mj_model.body_rootid[body]]
             return at, moving + jnp.cross(turning, lever)
 

@@ -35,7 +35,9 @@ if TYPE_CHECKING:
     from gaitsweep.dynamics.mjx.body import MjxBody, Numbers
     from gaitsweep.dynamics.mjx.c_body import CBody
 
-BODY, SENSORS = "body", "sensors"  # fields of a state besides those that are declared
+# fields of a state besides those that are declared
+BODY = "body"
+SENSORS = "sensors"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -156,7 +158,8 @@ class MjcfModel(OfMjcf, Declared, SteppedModel):
         if name not in names:
             raise ValueError(f"The MJCF has no sensor '{name}'{suggestion(name, names)}")
         i = names.index(name)
-        first, size = int(m.sensor_adr[i]), int(m.sensor_dim[i])
+        first = int(m.sensor_adr[i])
+        size = int(m.sensor_dim[i])
         return state.sensors[first] if size == 1 else state.sensors[first : first + size]
 
     def init(self, params: Any, start: Values, /) -> Any:
