@@ -242,7 +242,8 @@ def faults_of_quantity(quantity: Quantity, start: bool) -> Iterator[str]:
         undecided = start and math.isnan(quantity.default)  # a start that the model itself decides
         inside = low < quantity.default < high if quantity.open_ends else low <= quantity.default <= high
         if not undecided and not (inside and math.isfinite(quantity.default)):
-            bounds = f"within its bounds, {low:g} and {high:g}{', both excluded' * quantity.open_ends}"
+            excluded = ", both excluded" if quantity.open_ends else ""
+            bounds = f"within its bounds, {low:g} and {high:g}{excluded}"
             must = "a finite number" if inside or math.isnan(quantity.default) else bounds
             yield f"whose {name} has the default {quantity.default:g}, which must be {must}."
     if quantity.scale is not None and not quantity.scale > 0.0:
@@ -250,7 +251,11 @@ def faults_of_quantity(quantity: Quantity, start: bool) -> Iterator[str]:
 
 
 def _quantity(unit: str, meaning: str, *others: Any, **more: Any) -> Quantity:
-    """A quantity that has no name yet; TypeError where the order of the first two was mistaken."""
+    """A quantity that has no name yet.
+
+    Raises:
+        TypeError: the unit or the meaning is no text, as where the order of arguments was mistaken.
+    """
     for field, text in (("unit", unit), ("meaning", meaning)):
         if not isinstance(text, str):
             example = 'parameter("m/s2", "gravitational acceleration", 9.81)'

@@ -41,7 +41,7 @@ from gaitsweep.dynamics.controllers.model_class import (
     follows_targets,
     model_class,
 )
-from gaitsweep.dynamics.controllers.oscillators import OSCILLATORS, Oscillators, unknown_legs
+from gaitsweep.dynamics.controllers.oscillators import OSCILLATORS, Oscillators
 from gaitsweep.dynamics.mjcf.source import Stamps, compiled_mjcf, stamps_of_mjcf
 from gaitsweep.dynamics.mjx.mjcf_model import MjcfModel
 from gaitsweep.near_miss import suggestion
@@ -203,11 +203,11 @@ class _Checks:
             raise self._error("needs either joints: or path:.", "controller")
         for leg, parts in controller.legs.items():
             self._check_leg(leg, parts)
-        unknown = unknown_legs(controller.oscillators, tuple(controller.legs))
-        if unknown is not None:
-            field, name = unknown
-            near = suggestion(name, controller.legs)
-            raise self._error(f"has {name}, which is no leg{near}", "controller", "oscillators", field)
+        for field, names in controller.oscillators.named_legs.items():
+            for name in names:
+                if name not in controller.legs:
+                    text = f"has {name}, which is no leg{suggestion(name, controller.legs)}"
+                    raise self._error(text, "controller", "oscillators", field)
 
     def _check_leg(self, leg: str, parts: Mapping[str, str]) -> None:
         """Refuse the foot and the joints of one leg."""

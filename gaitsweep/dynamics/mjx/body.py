@@ -108,16 +108,7 @@ class MjxBody:
             # on the host, since a program may run on any device
             self._model = jax.tree.map(np.asarray, placed)
             self._data = jax.tree.map(np.asarray, data.replace(**moved))
-        # sensors that MuJoCo does not cut off
-        uncut = np.isin(
-            model.sensor_type, (mujoco.mjtSensor.mjSENS_CONTACT, mujoco.mjtSensor.mjSENS_GEOMFROMTO)
-        )
-        bound = np.repeat(model.sensor_cutoff, model.sensor_dim)
-        kind = np.repeat(np.where(uncut, -1, model.sensor_datatype), model.sensor_dim)
-        signed = kind == mujoco.mjtDataType.mjDATATYPE_REAL
-        above = signed | (kind == mujoco.mjtDataType.mjDATATYPE_POSITIVE)
-        self._lowest = np.where(signed & (bound > 0.0), -bound, -np.inf)
-        self._highest = np.where(above & (bound > 0.0), bound, np.inf)
+        self._lowest, self._highest = _sensor_bounds(model)
         names = [model.site(i).name for i in range(model.nsite)]
         for name in points:
             if name not in names:
@@ -234,6 +225,18 @@ class MjxBody:
         body = self.mj_model.site_bodyid[self._sites]
         couples = jnp.cross(placed.site_xpos[self._sites] - placed.xipos[body], forces)
         return data.xfrc_applied.at[body].add(jnp.concatenate([forces, couples], axis=1))
+
+
+def _sensor_bounds(model: mujoco.MjModel) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+    """The numbers (n,) at which MuJoCo cuts off the readings of sensors, below and above."""
+    uncut = np.isin(model.sensor_type, (mujoco.mjtSensor.mjSENS_CONTACT, mujoco.mjtSensor.mjSENS_GEOMFROMTO))
+    cutoff = np.repeat(model.sensor_cutoff, model.sensor_dim)
+    data_type = np.repeat(np.where(uncut, -1, model.sensor_datatype), model.sensor_dim)
+    is_signed = data_type == mujoco.mjtDataType.mjDATATYPE_REAL
+    is_positive = data_type == mujoco.mjtDataType.mjDATATYPE_POSITIVE
+    lowest = np.where(is_signed & (cutoff > 0.0), -cutoff, -np.inf)
+    highest = np.where((is_signed | is_positive) & (cutoff > 0.0), cutoff, np.inf)
+    return lowest, highest
 
 
 @contextlib.contextmanager
