@@ -232,19 +232,16 @@ class DeclaredModel(Declared, HybridModel):
         `rates` are those of the events' heights just after their own jumps.
         """
         unit = self.period(params)
-        was = Surfaces(self, params, before)
-        now = Surfaces(self, params, after)
+        surfaces_before = Surfaces(self, params, before)
+        surfaces_after = Surfaces(self, params, after)
         flags = dict(self._flags(fired))
-        events = self._armed()
-        late = jnp.max(
-            jnp.stack([jnp.where(flags[e][0], was.of(e).late(was.rate(e), unit), 0.0) for e in events])
-        )
+        late = self._lateness(surfaces_before, flags, unit)
         modes = []
-        for place, event in enumerate(events):
-            surface = now.of(event)
-            rate = now.rate(event)
+        for place, event in enumerate(self._armed()):
+            surface = surfaces_after.of(event)
+            rate = surfaces_after.rate(event)
             mode = _at(before.arming, place)
-            band = surface.band(late, unit, was.rate(event), rate)
+            band = surface.band(late, unit, surfaces_before.rate(event), rate)
             crossed, returned = flags[event]
             holds = event.holds(params, before)
             rate = jnp.where(crossed & holds, rates.get(event, rate), rate)
@@ -253,15 +250,46 @@ class DeclaredModel(Declared, HybridModel):
                 begins = event.within(after) & ~event.within(before)
                 new = _where(begins, surface.begun(band, rate, self._turned(event, params, after)), new)
             modes.append(new)
-        arming = _stacked(modes)
-        after = after.replace(arming=arming)
+        after = after.replace(arming=_stacked(modes))
+        return self._rested(params, before, after, surfaces_after, flags)
+
+    def _lateness(
+        self,
+        surfaces: Surfaces,
+        flags: Mapping[SingleEvent, Bool[Array, " guards"]],
+        unit: Float[Array, ""],
+    ) -> Float[Array, ""]:
+        """The largest time (s) since a crossing that has fired, from the state before its jump."""
+        times = []
+        for event in self._armed():
+            late = surfaces.of(event).late(surfaces.rate(event), unit)
+            times.append(jnp.where(flags[event][0], late, 0.0))
+        return jnp.max(jnp.stack(times))
+
+    def _rested(
+        self,
+        params: Any,
+        before: Any,
+        after: Any,
+        surfaces: Surfaces,
+        flags: Mapping[SingleEvent, Bool[Array, " guards"]],
+    ) -> Any:
+        """The state `after` a jump, at rest where it would meet its surface again within no time.
+
+        `surfaces` are those seen from `after`, before it is at rest.
+        """
         resting = [event for event in self.single_events() if event.declared.resting is not None]
         if not resting:
             return after
+        unit = self.period(params)
+        arming = after.arming
         # a state that an event with a jump would meet again within no time
         soon = [
-            event.within(after) & event.holds(params, after) & arming.armed[k] & now.returns_soon(event, unit)
-            for k, event in enumerate(events)
+            event.within(after)
+            & event.holds(params, after)
+            & arming.armed[k]
+            & surfaces.returns_soon(event, unit)
+            for k, event in enumerate(self._armed())
             if event.jumps
         ]
         comes_to_rest = jnp.any(jnp.stack(soon)) | jnp.any(arming.accumulated)
@@ -313,12 +341,15 @@ class DeclaredModel(Declared, HybridModel):
 
 
 def _where(condition: Bool[Array, ""], yes: Any, no: Any) -> Any:
+    """One of two pytrees."""
     return jax.tree.map(lambda a, b: jnp.where(condition, a, b), yes, no)
 
 
-def _at(armed: Arming, place: int) -> Arming:
-    return jax.tree.map(lambda leaf: leaf[place], armed)
+def _at(modes: Arming, place: int) -> Arming:
+    """The mode of one event among those of all."""
+    return jax.tree.map(lambda leaf: leaf[place], modes)
 
 
 def _stacked(modes: list[Arming]) -> Arming:
+    """The modes of events in one array each."""
     return jax.tree.map(lambda *leaves: jnp.stack(leaves), *modes)

@@ -121,10 +121,12 @@ def _between(one: Any, other: Any) -> Any:
 
 
 def _near(lag: Any, target: float, within: float) -> Any:
+    """Whether a lag is within a share of a stride of another one."""
     return jnp.abs(_between(lag, target)) <= within
 
 
 def _of_two(at: Legs, duty: Any) -> dict[str, Any]:
+    """Whether two legs have each gait; the first that holds counts."""
     alternate = _near(at["R"] - at["L"], 0.5, _ALTERNATE)
     return {
         "walk": alternate & (duty >= 0.5),
@@ -134,6 +136,7 @@ def _of_two(at: Legs, duty: Any) -> dict[str, Any]:
 
 
 def _of_four(at: Legs, duty: Any) -> dict[str, Any]:
+    """Whether four legs have each gait; the first that holds counts."""
     fore = _between(at["RF"], at["LF"])
     hind = _between(at["RH"], at["LH"])
     left = at["LF"] - at["LH"]
@@ -162,6 +165,8 @@ def _of_four(at: Legs, duty: Any) -> dict[str, Any]:
 
 
 def _of_six(at: Legs, duty: Any) -> dict[str, Any]:
+    """Whether six legs have each gait; the first that holds counts."""
+
     def lags(ipsilateral: float, contralateral: float) -> Any:
         """Whether legs follow those behind them, and right legs follow left ones, by these lags."""
         pairs = [(f"{s}{k}", f"{s}{k + 1}", ipsilateral) for s in "LR" for k in (1, 2)]

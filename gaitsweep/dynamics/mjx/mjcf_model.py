@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from gaitsweep.dynamics.mjx.body import MjxBody, Numbers
     from gaitsweep.dynamics.mjx.c_body import CBody
 
-# fields of a state besides those that are declared
+# Fields of a state besides those that are declared.
 BODY = "body"
 SENSORS = "sensors"
 
