@@ -162,9 +162,6 @@ class ControlledBody:
         def height(model: Any, params: Any, state: Any) -> Float[Array, ""]:
             return trunk.place(model.positions(state))[2]
 
-        def failed(model: Any, params: Any, state: Any) -> Bool[Array, ""]:
-            return height(model, params, state) < lowest
-
         observed_height = observable("m", "height of the trunk", scale=0.1, signal=True)
         members: dict[str, Any] = {"turn": self._section(trunk)}
         if trunk.moves:
@@ -174,6 +171,10 @@ class ControlledBody:
             members["speed"] = variable("m/s", "mean speed of the last cycle", observed=True, scale=1.0)
         members["height"] = observed_height(height)
         if lowest is not None:
+
+            def failed(model: Any, params: Any, state: Any) -> Bool[Array, ""]:
+                return height(model, params, state) < lowest
+
             members["failed"] = failed
         return members
 
@@ -242,7 +243,8 @@ def model_class(
         "data_digest": property(lambda model: data_digest_of_base.fget(model) + digest),
         **body.members(),
     }
-    return type(_class_name(path), (base,), members)
+    class_: Any = type(_class_name(path), (base,), members)
+    return class_
 
 
 def follows_targets(m: Any, k: int) -> bool:
