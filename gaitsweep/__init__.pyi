@@ -30,8 +30,6 @@ from gaitsweep.contract import Quantity as Quantity
 from gaitsweep.contract import SteppedModel as SteppedModel
 from gaitsweep.dynamics.body.body_model import BodyModel as BodyModel
 from gaitsweep.dynamics.declarations import energy as energy
-from gaitsweep.dynamics.declarations import event as event
-from gaitsweep.dynamics.declarations import instants as instants
 from gaitsweep.dynamics.declarations import mode as mode
 from gaitsweep.dynamics.declarations import observable as observable
 from gaitsweep.dynamics.declarations import parameter as parameter
@@ -41,6 +39,8 @@ from gaitsweep.dynamics.declarations import time as time
 from gaitsweep.dynamics.declarations import variable as variable
 from gaitsweep.dynamics.declared_model import DeclaredModel as DeclaredModel
 from gaitsweep.dynamics.diffusion import diffusion as diffusion
+from gaitsweep.dynamics.event_declarations import event as event
+from gaitsweep.dynamics.event_declarations import instants as instants
 from gaitsweep.dynamics.footfalls import footfalls as footfalls
 from gaitsweep.dynamics.ground import Ground as Ground
 from gaitsweep.dynamics.ground import ground_field as ground_field

@@ -62,7 +62,7 @@ _CHAIN, _THEORY = "papers/ambe2021/multilegged/", "papers/ambe2021/theory/"
 _PLANAR, _WAIST = "papers/fukuoka2015/planar_quadruped/", "papers/aoi2011/waist_quadruped/"
 FAULTS = {
     "ambe2021": (
-        Fault("reset backwards", "dynamics/phase_oscillator.py",
+        Fault("reset backwards", _CHAIN + "state.py",
               "(TWO_PI - phi) / tau", "(phi - TWO_PI) / tau"),
         Fault("springs doubled", _CHAIN + "mechanics.py",
               "pull = kappa * (x[:-1]", "pull = 2.0 * kappa * (x[:-1]"),

@@ -19,17 +19,16 @@ from jaxtyping import Array, Bool, Float, Real
 
 from gaitsweep.contract import Model, Quantity
 from gaitsweep.dynamics.declarations import (
-    Event,
     Mode,
     Parameter,
     Reading,
-    SingleEvent,
     Symmetry,
     Time,
     Variable,
     faults_of_quantity,
 )
 from gaitsweep.dynamics.diffusion import PATH, SEED, Diffusion, begun_path
+from gaitsweep.dynamics.event_declarations import Event, SingleEvent
 from gaitsweep.dynamics.footfalls import Footfalls
 from gaitsweep.dynamics.ground import Ground, asks_for_ground, check_ground, ground_quantities
 from gaitsweep.expression import RESERVED
@@ -52,7 +51,8 @@ def _record(model: type, name: str, fields: Any) -> type:
         frozen=True,
         namespace={"replace": _replaced, "__getattr__": _unknown},
     )
-    record.__module__, record.__qualname__ = model.__module__, f"{model.__qualname__}.{name}"
+    record.__module__ = model.__module__
+    record.__qualname__ = f"{model.__qualname__}.{name}"
     record.__doc__ = f"The {'parameters' if name == 'Params' else 'variables and modes'} of {model.__name__}."
     return jax.tree_util.register_dataclass(record, data_fields=list(fields), meta_fields=[])
 
@@ -77,6 +77,7 @@ def _unknown(self: Any, name: str) -> Any:
 
 
 def _like(old: jax.Array, value: Any) -> jax.Array:
+    """A value in the type and shape of an old one."""
     return jnp.broadcast_to(jnp.asarray(value, old.dtype), old.shape)
 
 
@@ -101,9 +102,10 @@ class Declared(Model):
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
-        declared = {**cls._inherited(), **{k: v for k, v in vars(cls).items() if isinstance(v, _DECLARED)}}
+        own = {name: member for name, member in vars(cls).items() if isinstance(member, _DECLARED)}
+        declared = {**cls._inherited(), **own}
         # a name that a subclass defines otherwise is no longer declared
-        cls.declarations = {k: v for k, v in declared.items() if getattr(cls, k, None) is v}
+        cls.declarations = {name: v for name, v in declared.items() if getattr(cls, name, None) is v}
         if "name" not in vars(cls):
             cls.name = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", cls.__name__).lower()
         cls._refuse_contradictions()
@@ -136,8 +138,9 @@ class Declared(Model):
     @classmethod
     def _other_parameters(cls) -> list[str]:
         """Fields of the parameters that are not declared."""
+        ground = ["ground"] if asks_for_ground(cls) else []
         noise = [] if cls._diffusion() is None else [SEED.name]
-        return [*(["ground"] if asks_for_ground(cls) else []), *noise]
+        return [*ground, *noise]
 
     def _ground(self) -> str | None:
         """The kind of ground, or its profile; None: the model does not ask for it."""
@@ -150,8 +153,10 @@ class Declared(Model):
 
     @classmethod
     def _added_fields(cls) -> list[str]:
-        feet = [STEPS] if cls._feet() is not None else []
-        return [*cls._other_fields(), *feet, *([PATH] if cls._diffusion() is not None else [])]
+        """Fields of a state that are not declared, with those of footfalls and noise."""
+        feet = [] if cls._feet() is None else [STEPS]
+        noise = [] if cls._diffusion() is None else [PATH]
+        return [*cls._other_fields(), *feet, *noise]
 
     @classmethod
     def _diffusion(cls) -> Diffusion | None:
@@ -169,29 +174,16 @@ class Declared(Model):
 
     @classmethod
     def _refuse_contradictions(cls) -> None:
-        # the base that this package gives; its own declarations are no names of the user's
-        base = next(base for base in cls.__mro__[1:] if base.__module__.startswith("gaitsweep.dynamics."))
-        for name in cls.declarations:
-            if getattr(base, "declarations", {}).get(name) is cls.declarations[name]:
-                continue
-            if name in ("replace", *cls._added_fields()) or hasattr(base, name):
-                raise TypeError(f"{cls.__name__} declares {name}, a name that every model has: rename it.")
-        if (events := cls.declared_events()) and not any(event.section for event in events):
-            remedy = "write section=True for the one that ends a cycle"
-            raise TypeError(f"{cls.__name__} has events but no section: {remedy}.")
-        feet, variables = cls._feet(), cls._named(Variable)
-        if feet is not None and feet.clock not in variables:
-            near = suggestion(feet.clock, variables)
-            raise TypeError(f"{cls.__name__} has footfalls of the clock {feet.clock}, no variable{near}")
-        if feet is not None and cls.gaits not in (Declared.gaits, feet.gaits) and cls.label is Declared.label:
-            remedy = f"leave gaits out, which then are {', '.join(feet.gaits)}, or write label"
-            raise TypeError(f"{cls.__name__} has footfalls and gaits of its own without label: {remedy}.")
+        """Refuse declarations that exclude each other, or whose counts or values are wrong.
+
+        Raises:
+            TypeError: with the names of the declarations.
+        """
+        cls._refuse_names()
+        cls._refuse_events_without_section()
+        cls._refuse_footfalls()
         sizes = cls._default_sizes()
-        counts = {
-            name: declared.count
-            for name, declared in cls.declarations.items()
-            if not isinstance(declared, Symmetry | Diffusion) and isinstance(declared.count, str)
-        }
+        counts = cls._named_counts()
         for name, count in counts.items():
             if count not in sizes and not hasattr(cls, count):
                 field = f"a field of its structure{suggestion(count, sizes) if sizes else ': it has none.'}"
@@ -201,11 +193,60 @@ class Declared(Model):
                 raise TypeError(f"{cls.__name__} is a model {wrong}")
 
     @classmethod
+    def _refuse_names(cls) -> None:
+        """Refuse declarations with the names of members that every model has."""
+        # the base that this package gives; its own declarations are no names of the user's
+        base = next(base for base in cls.__mro__[1:] if base.__module__.startswith("gaitsweep.dynamics."))
+        declared_by_base = getattr(base, "declarations", {})
+        for name, declaration in cls.declarations.items():
+            if declared_by_base.get(name) is declaration:
+                continue
+            if name in ("replace", *cls._added_fields()) or hasattr(base, name):
+                raise TypeError(f"{cls.__name__} declares {name}, a name that every model has: rename it.")
+
+    @classmethod
+    def _refuse_events_without_section(cls) -> None:
+        """Refuse events of which none closes a cycle."""
+        events = cls.declared_events()
+        if events and not any(event.section for event in events):
+            remedy = "write section=True for the one that ends a cycle"
+            raise TypeError(f"{cls.__name__} has events but no section: {remedy}.")
+
+    @classmethod
+    def _refuse_footfalls(cls) -> None:
+        """Refuse footfalls without a clock, or beside gaits of the model's own that nothing assigns."""
+        feet = cls._feet()
+        if feet is None:
+            return
+        variables = cls._named(Variable)
+        if feet.clock not in variables:
+            near = suggestion(feet.clock, variables)
+            raise TypeError(f"{cls.__name__} has footfalls of the clock {feet.clock}, no variable{near}")
+        if cls.gaits not in (Declared.gaits, feet.gaits) and cls.label is Declared.label:
+            remedy = f"leave gaits out, which then are {', '.join(feet.gaits)}, or write label"
+            raise TypeError(f"{cls.__name__} has footfalls and gaits of its own without label: {remedy}.")
+
+    @classmethod
+    def _named_counts(cls) -> dict[str, str]:
+        """The fields of the structure that declarations name as their count, by the declaration."""
+        counts: dict[str, str] = {}
+        for name, declared in cls.declarations.items():
+            if not isinstance(declared, Symmetry | Diffusion) and isinstance(declared.count, str):
+                counts[name] = declared.count
+        return counts
+
+    @classmethod
     def _default_sizes(cls) -> dict[str, Any]:
         """The fields of the structure with their defaults; the class is no dataclass yet."""
-        hints = {k: v for base in reversed(cls.__mro__) for k, v in inspect.get_annotations(base).items()}
-        values = {k: getattr(cls, k, None) for k, hint in hints.items() if "ClassVar" not in str(hint)}
-        return {k: v.default if isinstance(v, dataclasses.Field) else v for k, v in values.items()}
+        hints: dict[str, Any] = {}
+        for base in reversed(cls.__mro__):
+            hints.update(inspect.get_annotations(base))
+        sizes: dict[str, Any] = {}
+        for name, hint in hints.items():
+            if "ClassVar" not in str(hint):
+                value = getattr(cls, name, None)
+                sizes[name] = value.default if isinstance(value, dataclasses.Field) else value
+        return sizes
 
     @classmethod
     def _faults(cls, sizes: Mapping[str, Any]) -> Iterator[str]:
@@ -283,13 +324,15 @@ class Declared(Model):
 
     @property
     def observables(self) -> tuple[Quantity, ...]:
-        recorded, feet = self._recorded("observed"), self._feet()
+        recorded = self._recorded("observed")
+        feet = self._feet()
         declared = (q for name, declaration in recorded.items() for q in declaration.recorded(self, name))
         return (*declared, *(feet.observables if feet is not None else ()))
 
     @property
     def signals(self) -> tuple[Quantity, ...]:
-        recorded, feet = self._recorded("signal"), self._feet()
+        recorded = self._recorded("signal")
+        feet = self._feet()
         declared = (q for name, declaration in recorded.items() for q in declaration.recorded(self, name))
         return (*declared, *(feet.signals if feet is not None else ()))
 
@@ -300,7 +343,8 @@ class Declared(Model):
 
     def section_variables(self) -> list[tuple[str, Variable]]:
         """The variables that are coordinates of the section, by name; clocks are none."""
-        variables, feet = self._named(Variable), self._feet()
+        variables = self._named(Variable)
+        feet = self._feet()
         clocks = {name for name, variable in variables.items() if isinstance(variable, Time)}
         clocks |= set() if feet is None else {feet.clock}
         return [(name, variable) for name, variable in variables.items() if name not in clocks]
@@ -326,11 +370,13 @@ class Declared(Model):
         return fields
 
     def observe(self, params: Any, state: Any, /) -> dict[str, Real[Array, ""]]:
-        read, feet = self._read("observed", params, state), self._feet()
+        read = self._read("observed", params, state)
+        feet = self._feet()
         return read if feet is None else read | feet.observed(self, params, state, state.steps)
 
     def signal(self, params: Any, state: Any, /) -> dict[str, Real[Array, ""]]:
-        read, feet = self._read("signal", params, state), self._feet()
+        read = self._read("signal", params, state)
+        feet = self._feet()
         if feet is None:
             return read
         down = feet.down(self, params, state).astype(float)

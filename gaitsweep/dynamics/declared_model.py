@@ -16,9 +16,10 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from gaitsweep.contract import Chart, FixedStepDynamics, HybridModel, Recommended
-from gaitsweep.dynamics.declarations import Reading, SingleEvent, Symmetry, Variable
+from gaitsweep.dynamics.declarations import Reading, Symmetry, Variable
 from gaitsweep.dynamics.declared import Declared, Values
 from gaitsweep.dynamics.diffusion import StochasticSteps
+from gaitsweep.dynamics.event_declarations import SingleEvent
 from gaitsweep.dynamics.event_surface import CORRECTED, Arming, Surfaces
 from gaitsweep.dynamics.section_coordinates import SectionCoordinates
 from gaitsweep.near_miss import suggestion
@@ -134,7 +135,8 @@ class DeclaredModel(Declared, HybridModel):
         unit = self.period(params)
         modes = []
         for event in self._armed():
-            surface, rate = surfaces.of(event), surfaces.rate(event)
+            surface = surfaces.of(event)
+            rate = surfaces.rate(event)
             turned = False if crossed and event.is_section else self._turned(event, params, state)
             band = surface.band(jnp.zeros(()), unit, rate) if crossed else surface.rounding
             modes.append(surface.begun(band, rate, turned))
@@ -183,7 +185,8 @@ class DeclaredModel(Declared, HybridModel):
         return jnp.stack(happened) if happened else fired
 
     def jump(self, params: Any, state: Any, fired: Bool[Array, " events"], /) -> Any:
-        after, rates = state, {}
+        after = state
+        rates = {}
         for place, (event, flags) in zip(self._places(), self._flags(fired), strict=True):
             if not event.jumps:
                 continue
@@ -229,16 +232,16 @@ class DeclaredModel(Declared, HybridModel):
         `rates` are those of the events' heights just after their own jumps.
         """
         unit = self.period(params)
-        was, now = Surfaces(self, params, before), Surfaces(self, params, after)
+        surfaces_before = Surfaces(self, params, before)
+        surfaces_after = Surfaces(self, params, after)
         flags = dict(self._flags(fired))
-        events = self._armed()
-        late = jnp.max(
-            jnp.stack([jnp.where(flags[e][0], was.of(e).late(was.rate(e), unit), 0.0) for e in events])
-        )
+        late = self._lateness(surfaces_before, flags, unit)
         modes = []
-        for place, event in enumerate(events):
-            surface, rate, mode = now.of(event), now.rate(event), _at(before.arming, place)
-            band = surface.band(late, unit, was.rate(event), rate)
+        for place, event in enumerate(self._armed()):
+            surface = surfaces_after.of(event)
+            rate = surfaces_after.rate(event)
+            mode = _at(before.arming, place)
+            band = surface.band(late, unit, surfaces_before.rate(event), rate)
             crossed, returned = flags[event]
             holds = event.holds(params, before)
             rate = jnp.where(crossed & holds, rates.get(event, rate), rate)
@@ -247,15 +250,46 @@ class DeclaredModel(Declared, HybridModel):
                 begins = event.within(after) & ~event.within(before)
                 new = _where(begins, surface.begun(band, rate, self._turned(event, params, after)), new)
             modes.append(new)
-        arming = _stacked(modes)
-        after = after.replace(arming=arming)
+        after = after.replace(arming=_stacked(modes))
+        return self._rested(params, before, after, surfaces_after, flags)
+
+    def _lateness(
+        self,
+        surfaces: Surfaces,
+        flags: Mapping[SingleEvent, Bool[Array, " guards"]],
+        unit: Float[Array, ""],
+    ) -> Float[Array, ""]:
+        """The largest time (s) since a crossing that has fired, from the state before its jump."""
+        times = []
+        for event in self._armed():
+            late = surfaces.of(event).late(surfaces.rate(event), unit)
+            times.append(jnp.where(flags[event][0], late, 0.0))
+        return jnp.max(jnp.stack(times))
+
+    def _rested(
+        self,
+        params: Any,
+        before: Any,
+        after: Any,
+        surfaces: Surfaces,
+        flags: Mapping[SingleEvent, Bool[Array, " guards"]],
+    ) -> Any:
+        """The state `after` a jump, at rest where it would meet its surface again within no time.
+
+        `surfaces` are those seen from `after`, before it is at rest.
+        """
         resting = [event for event in self.single_events() if event.declared.resting is not None]
         if not resting:
             return after
+        unit = self.period(params)
+        arming = after.arming
         # a state that an event with a jump would meet again within no time
         soon = [
-            event.within(after) & event.holds(params, after) & arming.armed[k] & now.returns_soon(event, unit)
-            for k, event in enumerate(events)
+            event.within(after)
+            & event.holds(params, after)
+            & arming.armed[k]
+            & surfaces.returns_soon(event, unit)
+            for k, event in enumerate(self._armed())
             if event.jumps
         ]
         comes_to_rest = jnp.any(jnp.stack(soon)) | jnp.any(arming.accumulated)
@@ -307,12 +341,15 @@ class DeclaredModel(Declared, HybridModel):
 
 
 def _where(condition: Bool[Array, ""], yes: Any, no: Any) -> Any:
+    """One of two pytrees."""
     return jax.tree.map(lambda a, b: jnp.where(condition, a, b), yes, no)
 
 
-def _at(armed: Arming, place: int) -> Arming:
-    return jax.tree.map(lambda leaf: leaf[place], armed)
+def _at(modes: Arming, place: int) -> Arming:
+    """The mode of one event among those of all."""
+    return jax.tree.map(lambda leaf: leaf[place], modes)
 
 
 def _stacked(modes: list[Arming]) -> Arming:
+    """The modes of events in one array each."""
     return jax.tree.map(lambda *leaves: jnp.stack(leaves), *modes)

@@ -28,7 +28,8 @@ if TYPE_CHECKING:
 SEED = Quantity("noise_seed", "1", "seed of the noise: the same seed is the same path", 0.0, whole=True)
 PATH = "noise_path"
 # Streams of a seed that models themselves hardly use, and those that are kept for each variable.
-_FIRST_STREAM, _COMPONENTS = 2.0**32, 4096.0
+_FIRST_STREAM = 2.0**32
+_COMPONENTS = 4096.0
 
 
 @jax.tree_util.register_dataclass
@@ -95,7 +96,8 @@ class StochasticSteps(FixedStepDynamics):
     def step(
         self, params: Any, state: Any, dt: Float[Array, ""], share: Float[Array, ""] | float = 1.0, /
     ) -> Any:
-        rates, gains = self.model.flow(params, state), self.diffusion.function(self.model, params, state)
+        rates = self.model.flow(params, state)
+        gains = self.diffusion.function(self.model, params, state)
         path = state.noise_path
         kicks = {name: self._kick(params, path.steps, dt, share, name, state) for name in gains}
         noise = {name: gain * kicks[name] for name, gain in gains.items()}
@@ -122,7 +124,8 @@ class StochasticSteps(FixedStepDynamics):
         shape = jnp.shape(getattr(state, name))
         stream = _FIRST_STREAM + _COMPONENTS * place + jnp.arange(float(jnp.size(getattr(state, name))))
         stream = jnp.reshape(stream, shape)
-        half, count = share < 1.0, steps.astype(float)
+        half = share < 1.0
+        count = steps.astype(float)
         first = normal(params.noise_seed, jnp.where(half, count, 2.0 * count), stream)
         second = normal(params.noise_seed, 2.0 * count + 1.0, stream)
         return jnp.sqrt(dt) * jnp.where(half, first, (first + second) * jnp.sqrt(0.5))

@@ -11,7 +11,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from gaitsweep.dynamics.declarations import SingleEvent, Variable
+from gaitsweep.dynamics.declarations import Variable
+from gaitsweep.dynamics.event_declarations import SingleEvent
 
 if TYPE_CHECKING:
     from gaitsweep.dynamics.declared_model import DeclaredModel
@@ -189,7 +190,9 @@ class Surfaces:
     """
 
     def __init__(self, model: DeclaredModel, params: Any, state: Any) -> None:
-        self._model, self._params, self._state = model, params, state
+        self._model = model
+        self._params = params
+        self._state = state
         names = (
             name for name, declaration in model.declarations.items() if isinstance(declaration, Variable)
         )
@@ -199,7 +202,9 @@ class Surfaces:
     def of(self, event: SingleEvent) -> EventSurface:
         """The surface of an event."""
         if event not in self._seen:
-            model, params, state = self._model, self._params, self._state
+            model = self._model
+            params = self._params
+            state = self._state
             self._seen[event] = EventSurface.seen_from(
                 self._point, lambda x: event.height(model, params, state.replace(**x))
             )
@@ -214,13 +219,16 @@ class Surfaces:
 
         The height as a parabola, by its rate and acceleration along the flow.
         """
-        model, params, state = self._model, self._params, self._state
+        model = self._model
+        params = self._params
+        state = self._state
 
         def rate(point: Any) -> Float[Array, ""]:
             return Surfaces(model, params, state.replace(**point)).rate(event)
 
         speed, acceleration = jax.jvp(rate, (self._point,), (self._along,))
-        height, time = self.of(event).height, _RESTING * unit
+        height = self.of(event).height
+        time = _RESTING * unit
         near = jnp.abs(height) <= acceleration * time**2 + self.of(event).rounding
         return near & (acceleration > 0.0) & (2.0 * jnp.abs(speed) <= acceleration * time)
 

@@ -34,7 +34,9 @@ GAITS = {
 # Shares of a stride. A trot's or a pace's diagonality is within a sixteenth of 1/2 or 0, half the width of
 # Hildebrand's classes; legs land together, and have equal strides, within that. Legs of a pair alternate
 # within a tenth. Lags of six legs, whose gaits are a sixth apart, are within a twelfth.
-_TOGETHER, _ALTERNATE, _SIXTH = 1.0 / 16.0, 0.1, 1.0 / 12.0
+_TOGETHER = 1.0 / 16.0
+_ALTERNATE = 0.1
+_SIXTH = 1.0 / 12.0
 
 # Strides after a touchdown within which a foot that steps lands again.
 LATE = 1.5
@@ -91,7 +93,8 @@ def support_patterns(
         >>> gs.analyses.support_patterns([0.0, 0.5, 0.5, 0.0], [0.5] * 4, ["LF", "RF", "LH", "RH"])
         {'LF RH': 0.5, 'RF LH': 0.5}
     """
-    begin, length = np.asarray(touchdowns, float), np.asarray(duty, float)
+    begin = np.asarray(touchdowns, float)
+    length = np.asarray(duty, float)
     edges = np.unique(np.r_[0.0, np.mod(np.r_[begin, begin + length] - begin.min(), 1.0), 1.0])
     shares: dict[str, float] = {}
     for low, high in itertools.pairwise(edges):
@@ -118,10 +121,12 @@ def _between(one: Any, other: Any) -> Any:
 
 
 def _near(lag: Any, target: float, within: float) -> Any:
+    """Whether a lag is within a share of a stride of another one."""
     return jnp.abs(_between(lag, target)) <= within
 
 
 def _of_two(at: Legs, duty: Any) -> dict[str, Any]:
+    """Whether two legs have each gait; the first that holds counts."""
     alternate = _near(at["R"] - at["L"], 0.5, _ALTERNATE)
     return {
         "walk": alternate & (duty >= 0.5),
@@ -131,13 +136,16 @@ def _of_two(at: Legs, duty: Any) -> dict[str, Any]:
 
 
 def _of_four(at: Legs, duty: Any) -> dict[str, Any]:
-    fore, hind = _between(at["RF"], at["LF"]), _between(at["RH"], at["LH"])
+    """Whether four legs have each gait; the first that holds counts."""
+    fore = _between(at["RF"], at["LF"])
+    hind = _between(at["RH"], at["LH"])
     left = at["LF"] - at["LH"]
     # the share of a stride by which a fore foot follows the hind foot of its side, the mean of both sides
     diagonality = left + 0.5 * _between(at["RF"] - at["RH"], left)
     diagonality = diagonality - jnp.floor(diagonality)
     symmetrical = _near(fore, 0.5, _ALTERNATE) & _near(hind, 0.5, _ALTERNATE)
-    fores, hinds = _near(fore, 0.0, _TOGETHER), _near(hind, 0.0, _TOGETHER)
+    fores = _near(fore, 0.0, _TOGETHER)
+    hinds = _near(hind, 0.0, _TOGETHER)
     gallop = ~(fores | hinds | _near(fore, 0.5, _ALTERNATE) | _near(hind, 0.5, _ALTERNATE))
     lateral = symmetrical & (diagonality < 0.5)
     return {
@@ -157,6 +165,8 @@ def _of_four(at: Legs, duty: Any) -> dict[str, Any]:
 
 
 def _of_six(at: Legs, duty: Any) -> dict[str, Any]:
+    """Whether six legs have each gait; the first that holds counts."""
+
     def lags(ipsilateral: float, contralateral: float) -> Any:
         """Whether legs follow those behind them, and right legs follow left ones, by these lags."""
         pairs = [(f"{s}{k}", f"{s}{k + 1}", ipsilateral) for s in "LR" for k in (1, 2)]
@@ -213,7 +223,8 @@ class Footfalls:
     @property
     def observables(self) -> tuple[Quantity, ...]:
         """Quantities that are read at crossings."""
-        legs, first = list(enumerate(self.legs, 1)), self.legs[0]
+        legs = list(enumerate(self.legs, 1))
+        first = self.legs[0]
         strides = [("stride", i, "s", f"time between touchdowns of {leg}") for i, leg in legs]
         lags = [("lag", i, "rad", f"touchdown of {leg} after that of {first}") for i, leg in legs[1:]]
         duty = [("duty", i, "1", f"duty factor of {leg}") for i, leg in legs]
@@ -241,7 +252,8 @@ class Footfalls:
     def begun(self, now: Float[Array, ""]) -> Steps:
         """The steps of feet that have made none."""
         n = len(self.legs)
-        none, shares = jnp.zeros(n), jnp.zeros(n + 1)
+        none = jnp.zeros(n)
+        shares = jnp.zeros(n + 1)
         return Steps(jnp.zeros(n, jnp.int32), none, none, none, jnp.asarray(now, float), shares, shares)
 
     def down(self, model: Model, params: Any, state: Any) -> Bool[Array, " feet"]:
@@ -267,10 +279,13 @@ class Footfalls:
             before, after: the states before and after the change.
             reset: the time (s) by which the change has set the clock forward.
         """
-        was, down = self.down(model, params, before), self.down(model, params, after)
+        was = self.down(model, params, before)
+        down = self.down(model, params, after)
         now = getattr(after, self.clock)
-        landed, changed = steps.landed + reset, steps.changed + reset
-        lands, lifts = down & ~was, was & ~down
+        landed = steps.landed + reset
+        changed = steps.changed + reset
+        lands = down & ~was
+        lifts = was & ~down
         landed_before = steps.landings >= 1
         feet = jnp.arange(len(self.legs) + 1) == jnp.sum(was)
         moved = jnp.any(lands | lifts)

@@ -147,7 +147,8 @@ def _points(text: str) -> tuple[Float[np.ndarray, " points"], Float[np.ndarray, 
         raise ArgumentError(
             f"a profile has {numbers.size / 2:g} points, but must have from 2 to {MOST_POINTS}."
         )
-    x, z = numbers[::2], numbers[1::2]
+    x = numbers[::2]
+    z = numbers[1::2]
     if not np.isfinite(numbers).all() or not (np.diff(x) > 0.0).all():
         raise ArgumentError("the places of a profile must be finite and increase.")
     return x, z
@@ -203,9 +204,11 @@ class Ground:
         if self.kind == "steps":
             share = jnp.clip((share - (1.0 - RISER)) / RISER, 0.0, 1.0)
         rise = share * share * (3.0 - 2.0 * share)
-        behind, ahead = self._height(index), self._height(index + 1.0)
+        behind = self._height(index)
+        ahead = self._height(index + 1.0)
         return behind + (ahead - behind) * rise
 
     def _height(self, index: Float[Array, " ..."]) -> Float[Array, " ..."]:
-        seed, roughness = self.values["ground_seed"], self.values["ground_roughness"]
+        seed = self.values["ground_seed"]
+        roughness = self.values["ground_roughness"]
         return jnp.where(index > 0.0, roughness * normal(seed, index), 0.0)

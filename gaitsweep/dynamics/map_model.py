@@ -11,8 +11,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Real
 
 from gaitsweep.contract import Chart, Params, State, SteppedModel
-from gaitsweep.dynamics.declarations import Event, SingleEvent, Symmetry
+from gaitsweep.dynamics.declarations import Symmetry
 from gaitsweep.dynamics.declared import Declared
+from gaitsweep.dynamics.event_declarations import Event, SingleEvent
 from gaitsweep.dynamics.footfalls import Footfalls
 from gaitsweep.dynamics.section_coordinates import SectionCoordinates
 

@@ -39,7 +39,8 @@ class SectionCoordinates(Chart):
         )
 
     def from_coordinates(self, params: Any, at: Float[Array, " coordinates"], modes: Any, /) -> Any:
-        fields, first = {}, 0
+        fields = {}
+        first = 0
         for name, variable in self.model.section_variables():
             last = first + variable.size(self.model)
             value = at[first:last].reshape(variable.shape(self.model))

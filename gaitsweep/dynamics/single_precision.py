@@ -15,7 +15,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax.extend import core
 
-_DOUBLE, _SINGLE = np.dtype("float64"), np.dtype("float32")
+_DOUBLE = np.dtype("float64")
+_SINGLE = np.dtype("float32")
 
 
 def worked_in(dtype: Any, function: Callable[..., Any]) -> Callable[..., Any]:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+from collections.abc import Callable, Mapping
+from typing import Any
 
 import jax
 import jax.flatten_util

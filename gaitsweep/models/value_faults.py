@@ -230,7 +230,8 @@ def _start_faults(model: Model, at_starts: _AtStarts, where: Where) -> Iterator[
 
 def _range_faults(model: Model, at_starts: _AtStarts, points: tuple[Any, Any], where: Where) -> Iterator[str]:
     """Faults of periods, labels and events at any start."""
-    period, gait = at_starts.period, at_starts.gait
+    period = at_starts.period
+    gait = at_starts.gait
     if (row := _first_row(~((period > 0.0) & (period < math.inf)))) is not None:
         result = f"{period[row]:g}{where(row)}"
         yield f"but its function period returns {result}, but must return seconds above 0."
@@ -347,11 +348,13 @@ def _values_in_range(
         return np.full(n, default)
     reach = 3.0 * (abs(default) or 1.0)
     if is_start:
-        low, high = default - reach, default + reach
+        low = default - reach
+        high = default + reach
     else:
         low, high = sorted((0.5 * default, 2.0 * default))
     if quantity.high - quantity.low < _WIDE_BOUNDS * reach:
-        low, high = quantity.low, quantity.high
+        low = quantity.low
+        high = quantity.high
     within = random.uniform(max(low, quantity.low), min(high, quantity.high), n - 1)
     return np.append(default, within)
 

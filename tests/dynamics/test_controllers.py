@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -182,6 +183,45 @@ def test_a_missing_model_file_is_refused_with_the_near_miss(
     (tmp_path / "biped.yaml").write_text("body: biped.xml\n")
     with pytest.raises(gs.models.ModelError, match=r"no such file in .*; did you mean biped\.yaml"):
         gs.models.find("bipde.yaml")
+
+
+def test_an_edit_of_an_included_file_or_a_mesh_is_seen_and_the_body_is_drawn(tmp_path: Path) -> None:
+    """A tetrahedron of three equal edges at right angles has its centre a quarter of the edge from each."""
+
+    def write_mesh(edge: float) -> None:
+        vertices = f"v 0 0 0\nv {edge} 0 0\nv 0 {edge} 0\nv 0 0 {edge}\n"
+        file = tmp_path / "meshes" / "load.obj"
+        file.write_text(vertices + "f 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n")
+        # MuJoCo keeps meshes by their times in whole seconds
+        os.utime(file, (1000.0 * edge, 1000.0 * edge))
+
+    def write_assets(scale: float) -> None:
+        mesh = f'<mesh name="load" file="load.obj" scale="{scale} {scale} {scale}"/>'
+        (tmp_path / "assets.xml").write_text(f"<mujoco><asset>{mesh}</asset></mujoco>")
+
+    def centre() -> float:
+        model: Any = model_of_file(tmp_path / "biped.yaml")()
+        defaults = {q.name: q.default for q in model.parameters}
+        signals = {q.name: np.zeros(1) for q in model.signals}
+        drawn = model.skeleton({"trunk_size": 1.1}, signals).bodies
+        assert len(drawn) == 8  # the mesh, and seven geoms of trunk and legs
+        return defaults["load_com_x"]
+
+    (tmp_path / "meshes").mkdir()
+    body = (WALKERS / "biped.xml").read_text()
+    body = body.replace(
+        "<worldbody>", '<compiler meshdir="meshes"/><include file="assets.xml"/><worldbody>', 1
+    )
+    load = '<body name="load"><geom type="mesh" mesh="load" mass="1"/></body>'
+    (tmp_path / "biped.xml").write_text(body.replace('<geom name="trunk"', f'{load}<geom name="trunk"', 1))
+    (tmp_path / "biped.yaml").write_text((WALKERS / "biped.yaml").read_text())
+    write_mesh(0.1)
+    write_assets(1.0)
+    assert centre() == pytest.approx(0.1 / 4.0)
+    write_mesh(0.25)
+    assert centre() == pytest.approx(0.25 / 4.0)
+    write_assets(2.0)
+    assert centre() == pytest.approx(0.5 / 4.0)
 
 
 @pytest.mark.slow

@@ -19,7 +19,7 @@ from jax import lax
 
 from gaitsweep.engine.kernel import arrays, control, primitives
 from gaitsweep.engine.kernel import indexing as places
-from gaitsweep.engine.kernel.refusals import UnsupportedError
+from gaitsweep.engine.kernel.trace import UnsupportedError
 from tests.support.scalar_programs import (
     executable,
     native,

@@ -10,7 +10,7 @@ import numpy as np
 
 import gaitsweep as gs
 from gaitsweep import DeclaredModel, event, parameter, variable
-from gaitsweep.dynamics.declarations import Event
+from gaitsweep.dynamics.event_declarations import Event
 
 from .family import COMPLETE, Case, Family, Solution, System, Values, any_of, solved
 

@@ -1,5 +1,8 @@
 """A hybrid model of a body in an MJCF: its contacts and joint limits are located events of the kernels."""
 
+# MuJoCo's compiled modules come without types.
+# pyright: reportAttributeAccessIssue=false
+
 from __future__ import annotations
 
 import dataclasses
@@ -9,19 +12,21 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from gaitsweep.contract import Chart, Quantity, Rates, Recommended
 from gaitsweep.dynamics.declarations import mode, variable
 from gaitsweep.dynamics.declared import Values
 from gaitsweep.dynamics.declared_model import DeclaredModel
-from gaitsweep.dynamics.mjcf.source import OfMjcf, compiled_content, content_key
+from gaitsweep.dynamics.mjcf.source import OfMjcf, Stamps, compiled_content, content_key
 from gaitsweep.near_miss import suggestion
 
 if TYPE_CHECKING:
     from gaitsweep.dynamics.body.mechanics import LocatedBody
 
 BODY = "body"  # the field of the parameters that has those of the MJCF
+_LENGTHS = ("_size", "_radius", "_x", "_y", "_z")  # ends of the names of parameters that change a drawing
 
 
 @dataclasses.dataclass(frozen=True)
@@ -53,7 +58,7 @@ class BodyModel(OfMjcf, DeclaredModel):
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
         # functions written for an `MjcfModel` read `state.body.q`
-        cls.State.body = property(lambda state: state)  # pyright: ignore[reportAttributeAccessIssue]
+        cls.State.body = property(lambda state: state)
 
     @property
     def recommended(self) -> Recommended:
@@ -181,14 +186,45 @@ class BodyModel(OfMjcf, DeclaredModel):
         return BodyChart(self)
 
     def mjcf(self, values: Mapping[str, float]) -> str:
-        from gaitsweep.dynamics.body.edited import edited_mjcf
-
-        return edited_mjcf(super().mjcf(values), self.body, values)
+        xml = super().mjcf(values)
+        defaults = {quantity.name: quantity.default for quantity in self.body.parameters}
+        changed = [name for name, value in values.items() if name in defaults and value != defaults[name]]
+        if any(name.endswith(_LENGTHS) for name in changed):
+            return _with_lengths(xml, self.body, values)
+        return xml
 
 
 @functools.lru_cache(maxsize=32)
-def _body(source: str, written: int | None) -> LocatedBody:
+def _body(source: str, stamps: Stamps) -> LocatedBody:
+    """The mechanics of a body, made once for each content of its files."""
     from gaitsweep.dynamics.body.mechanics import LocatedBody
 
     with jax.ensure_compile_time_eval(), jax.enable_x64(True):
-        return LocatedBody(compiled_content(source, written))
+        return LocatedBody(compiled_content(source, stamps))
+
+
+def _with_lengths(xml: str, body: LocatedBody, values: Mapping[str, float]) -> str:
+    """The MJCF with the lengths and places of some values, for drawings; others are those of the file."""
+    import mujoco
+
+    spec = mujoco.MjSpec.from_string(xml)
+    spec.compile()
+    sizes = {0: 1.0}  # of the world, then of each body after its parent
+    for part in spec.bodies:
+        if part.id == 0:
+            continue
+        name = body.elements.name_of_body(part.id)
+        size = values.get(f"{name}_size", 1.0)
+        sizes[part.id] = size
+        place = [values.get(f"{name}_{axis}", x) for axis, x in zip("xyz", part.pos, strict=True)]
+        part.pos = sizes[part.parent.id] * np.array(place)
+        for joint in part.joints:
+            joint.pos = size * joint.pos
+        for site in part.sites:
+            site.pos = size * site.pos
+        for geom in part.geoms:
+            radius = values.get(f"{body.elements.name_of_geom(geom.id)}_radius", geom.size[0])
+            geom.size = size * np.array([radius, *geom.size[1:]])
+            geom.pos = size * geom.pos
+            geom.fromto = size * geom.fromto
+    return spec.to_xml()

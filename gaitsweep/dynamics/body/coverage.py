@@ -1,4 +1,4 @@
-"""What of an MJCF a located body has: contacts with planes, joint limits, actuators; refusals of the rest."""
+"""Features of an MJCF that a located body has: contacts with planes and joint limits; refusals of others."""
 
 # MuJoCo's compiled modules come without types.
 # pyright: reportAttributeAccessIssue=false
@@ -16,8 +16,11 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
-_GEOM, _OFF = mujoco.mjtGeom, mujoco.mjtDisableBit
+_GEOM = mujoco.mjtGeom
+_OFF = mujoco.mjtDisableBit
 _TOUCHING = (_GEOM.mjGEOM_SPHERE, _GEOM.mjGEOM_CAPSULE, _GEOM.mjGEOM_BOX)
+_DUST = 1e-15  # rounding errors of constants that should be zero
+_BISECTIONS = 60  # beyond which an interval of floats has no middle
 _REMEDY = "set its contype and conaffinity to 0, or derive the model from MjcfModel, which MuJoCo steps"
 # Fields of MjModel that a located body does not have: the field, its owner, the name in MJCF.
 _ACTING = (
@@ -114,12 +117,13 @@ def limits(m: Any) -> dict[int, Softness]:
 
 def refusals(m: Any) -> Iterator[str]:
     """A sentence for each feature that a located body lacks, besides those that a tree lacks."""
-    for field, kind, what in _ACTING:
+    for field, kind, feature in _ACTING:
+        # some versions of MuJoCo do not have all of these fields
         values = np.asarray(getattr(m, field, ()), float)
-        missing = -1.0 if what == "a plugin" else 0.0
+        missing = -1.0 if field == "actuator_plugin" else 0.0
         rows = values.reshape(len(values), -1) if values.size else np.zeros((0, 1))
         for i in np.flatnonzero((rows != missing).any(axis=1)):
-            yield f"{named(m, kind, int(i))} has {what}, which a located body does not have."
+            yield f"{named(m, kind, int(i))} has {feature}, which a located body does not have."
     if m.npair:
         yield "The MJCF has a contact pair, which a located body does not have: set the geoms' numbers."
     if m.opt.disableflags & _OFF.mjDSBL_ACTUATION or m.opt.disableactuator:
@@ -145,6 +149,7 @@ def named(m: Any, kind: str, number: int) -> str:
 
 
 def _name(m: Any, kind: str, number: int) -> str:
+    """The name of an element, or its kind and number where it has none."""
     return getattr(m, kind)(number).name or f"{kind} {number}"
 
 
@@ -157,14 +162,15 @@ def _pairs(m: Any) -> Iterator[tuple[int, int]]:
     carrier = m.body_weldid[m.body_parentid[weld]]
     excluded = {int(signature) for signature in m.exclude_signature}
     for one, other in itertools.combinations(range(m.ngeom), 2):
-        types = (
+        types_match = (
             m.geom_contype[one] & m.geom_conaffinity[other] | m.geom_contype[other] & m.geom_conaffinity[one]
         )
-        bodies = sorted((int(m.geom_bodyid[one]), int(m.geom_bodyid[other])))
+        first_body, second_body = sorted((int(m.geom_bodyid[one]), int(m.geom_bodyid[other])))
+        is_excluded = (first_body << 16) + second_body in excluded  # MuJoCo's signature of a pair of bodies
         apart = weld[one] != weld[other]
         family = any(weld[a] and weld[a] == carrier[b] for a, b in ((one, other), (other, one)))
         filtered = family and not m.opt.disableflags & _OFF.mjDSBL_FILTERPARENT
-        if types and apart and not filtered and (bodies[0] << 16) + bodies[1] not in excluded:
+        if types_match and apart and not filtered and not is_excluded:
             yield one, other
 
 
@@ -231,12 +237,17 @@ def _softness(
         d = low + (high - low) * _rise(x, solimp[3], solimp[4])
         return k * d * d / ((1.0 - d) * w)
 
-    shallow, deep = 0.0, math.inf
+    shallow = 0.0
+    deep = math.inf
     if math.isfinite(load):  # the force rises with the stretch: halve the interval that has it
-        shallow, deep = 0.0, load / spring(0.0)
-        for _ in range(60):
+        shallow = 0.0
+        deep = load / spring(0.0)
+        for _ in range(_BISECTIONS):
             middle = 0.5 * (shallow + deep)
-            shallow, deep = (shallow, middle) if middle * spring(middle) > load else (middle, deep)
+            if middle * spring(middle) > load:
+                deep = middle
+            else:
+                shallow = middle
     K = spring(deep)
     return Softness(K, 2.0 * ratio * math.sqrt(K / w))
 
@@ -256,7 +267,9 @@ def _points(m: Any, geom: int) -> tuple[np.ndarray, float]:
     """Centres of a geom's spheres or its corners, (k, 3) m in the body's frame, and the radius, m."""
     matrix = np.zeros(9)
     mujoco.mju_quat2Mat(matrix, m.geom_quat[geom])
-    turn, at, size = _cleaned(matrix.reshape(3, 3)), np.array(m.geom_pos[geom]), m.geom_size[geom]
+    turn = _cleaned(matrix.reshape(3, 3))
+    at = np.array(m.geom_pos[geom])
+    size = m.geom_size[geom]
     if m.geom_type[geom] == _GEOM.mjGEOM_SPHERE:
         return at[None], float(size[0])
     if m.geom_type[geom] == _GEOM.mjGEOM_CAPSULE:
@@ -267,4 +280,4 @@ def _points(m: Any, geom: int) -> tuple[np.ndarray, float]:
 
 def _cleaned(values: np.ndarray) -> np.ndarray:
     """The values with zeros in place of rounding errors, so that constants keep their zeros."""
-    return np.where(np.abs(values) < 1e-15, 0.0, values)
+    return np.where(np.abs(values) < _DUST, 0.0, values)

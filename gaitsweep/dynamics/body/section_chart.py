@@ -52,7 +52,9 @@ class BodyChart(Chart):
         )
 
     def to_coordinates(self, params: Any, state: Any, /) -> Float[Array, " coordinates"]:
-        q, v, joints = state.q, state.v, self._joints()
+        q = state.q
+        v = state.v
+        joints = self._joints()
         pieces = []
         if self.model.body.is_free:
             up, heading = tilt_and_heading(q[3:7])
@@ -63,7 +65,8 @@ class BodyChart(Chart):
         return jnp.concatenate(pieces)
 
     def from_coordinates(self, params: Any, at: Float[Array, " coordinates"], modes: Any, /) -> Any:
-        q, v = list(modes.q), list(modes.v)
+        q = list(modes.q)
+        v = list(modes.v)
         numbers = iter(at)
         if self.model.body.is_free:
             up = jnp.stack([next(numbers), next(numbers)])
@@ -101,7 +104,8 @@ class BodyChart(Chart):
         def height(q: Array, v: Array) -> Float[Array, ""]:
             return sections[0].height(self.model, params, state.replace(q=q, v=v))
 
-        q, v = state.q, state.v
+        q = state.q
+        v = state.v
         for _ in range(_CORRECTIONS):
             above, (by_q, by_v) = jax.value_and_grad(height, (0, 1))(q, v)
             square = by_q @ by_q + by_v @ by_v

@@ -21,6 +21,7 @@ from gaitsweep.near_miss import suggestion
 from gaitsweep.schema.numbers import NotNegative, Positive, Real
 from gaitsweep.schema.strict_model import StrictModel
 
+_BENT = 0.8  # share of a leg's length at which its two bends are compared
 _STRAIGHT = 1.0 - 1e-9  # cosine of a knee's angle beyond which a leg counts as straight, for finite slopes
 
 
@@ -74,7 +75,8 @@ class JointPatterns(Targets):
     """
 
     def __init__(self, waveforms: Mapping[str, Waveform], joints: Sequence[Mapping[str, str]]) -> None:
-        self._waveforms, self._joints = waveforms, joints
+        self._waveforms = waveforms
+        self._joints = joints
 
     def declarations(self) -> dict[str, Any]:
         words = {"offset": "target without a pattern", "swing": "amplitude of the swing", "lift": "lift"}
@@ -90,9 +92,9 @@ class JointPatterns(Targets):
         targets = {}
         for i, joints in enumerate(self._joints):
             for role, joint in joints.items():
-                offset, swing, rise = (
-                    getattr(params, f"{role}_{part}") for part in ("offset", "swing", "lift")
-                )
+                offset = getattr(params, f"{role}_offset")
+                swing = getattr(params, f"{role}_swing")
+                rise = getattr(params, f"{role}_lift")
                 targets[joint] = offset + swing * place[i] + rise * lift[i]
         return targets
 
@@ -142,7 +144,8 @@ class FootPaths(Targets):
     """
 
     def __init__(self, path: FootPath, legs: list[TwoLinkLeg]) -> None:
-        self._path, self._legs = path, legs
+        self._path = path
+        self._legs = legs
 
     def declarations(self) -> dict[str, Any]:
         path = self._path
@@ -158,11 +161,13 @@ class FootPaths(Targets):
     ) -> dict[str, Float[Array, ""]]:
         targets = {}
         for i, leg in enumerate(self._legs):
-            sizes = [model.length_factor(params, joint) for joint in (leg.hip, leg.knee)]
+            thigh_size = model.length_factor(params, leg.hip)
+            shin_size = model.length_factor(params, leg.knee)
             x = params.foot_ahead + 0.5 * params.stride * place[i]
-            targets[leg.hip], targets[leg.knee] = leg.angles(
-                x, params.foot_lift * lift[i] - params.hip_height, *sizes
-            )
+            z = params.foot_lift * lift[i] - params.hip_height
+            hip, knee = leg.angles(x, z, thigh_size, shin_size)
+            targets[leg.hip] = hip
+            targets[leg.knee] = knee
         return targets
 
 
@@ -203,8 +208,13 @@ def _bend(m: Any, leg: TwoLinkLeg) -> float:
     low, high = m.joint(leg.knee).range
     limited = bool(m.jnt_limited[m.joint(leg.knee).id])
     at = int(m.joint(leg.knee).qposadr[0])
-    middle = 0.5 * (low + high) if limited else m.key_qpos[0][at] if m.nkey else 0.0
-    length = 0.8 * (math.hypot(*leg.thigh) + math.hypot(*leg.shin))
+    if limited:
+        middle = 0.5 * (low + high)
+    elif m.nkey:
+        middle = m.key_qpos[0][at]
+    else:
+        middle = 0.0
+    length = _BENT * (math.hypot(*leg.thigh) + math.hypot(*leg.shin))
     knees = {
         bend: float(dataclasses.replace(leg, bend=bend).angles(jnp.zeros(()), jnp.asarray(-length))[1])
         for bend in (1.0, -1.0)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import abc
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, Literal
 
 import jax.numpy as jnp
@@ -44,13 +44,13 @@ class Oscillators(StrictModel, abc.ABC):
 
     @property
     @abc.abstractmethod
-    def feels_loads(self) -> bool:
-        """Whether the rates depend on the loads of the feet."""
+    def resets(self) -> bool:
+        """Whether a foot that lands resets its oscillator."""
 
     @property
     @abc.abstractmethod
-    def resets(self) -> bool:
-        """Whether a foot that lands resets its oscillator."""
+    def named_legs(self) -> dict[str, list[str]]:
+        """The legs that fields name, by the field."""
 
     @abc.abstractmethod
     def declarations(self, legs: Sequence[str]) -> dict[str, Any]:
@@ -84,6 +84,7 @@ class Oscillators(StrictModel, abc.ABC):
 
 
 def _deltas(legs: Sequence[str], params: Any) -> Float[Array, " legs"]:
+    """The phases (n,) of the legs in the pattern, rad."""
     return jnp.stack([getattr(params, f"delta_{leg}") for leg in legs])
 
 
@@ -111,14 +112,15 @@ class _Rhythm(Oscillators):
     )
 
     @property
-    def feels_loads(self) -> bool:
-        return self.sigma is not None
-
-    @property
     def resets(self) -> bool:
         return self.reset is not None
 
+    @property
+    def named_legs(self) -> dict[str, list[str]]:
+        return {"phases": list(self.phases)}
+
     def _parameters(self, legs: Sequence[str]) -> dict[str, Any]:
+        """The parameters of oscillators with a phase, by name."""
         even = {leg: _TURN * i / len(legs) for i, leg in enumerate(legs)}
         declared: dict[str, Any] = {
             "omega": parameter("rad/s", "frequency of the oscillators", self.omega, low=0.0, open_ends=True),
@@ -212,12 +214,15 @@ class HopfOscillators(_Rhythm):
     def rates(
         self, legs: Sequence[str], params: Any, state: Any, senses: LegSenses
     ) -> dict[str, Float[Array, " ..."]]:
-        x, y, delta = state.hopf_x, state.hopf_y, _deltas(legs, params)
+        x, y = state.hopf_x, state.hopf_y
+        delta = _deltas(legs, params)
         c, s = jnp.cos(delta), jnp.sin(delta)
         # the mean of exp(-i delta) z, turned by each leg's own delta
-        u, v = jnp.sum(c * x + s * y), jnp.sum(c * y - s * x)
+        u = jnp.sum(c * x + s * y)
+        v = jnp.sum(c * y - s * x)
         n = len(legs)
-        pull_x, pull_y = c * u - s * v - n * x, s * u + c * v - n * y
+        pull_x = c * u - s * v - n * x
+        pull_y = s * u + c * v - n * y
         growth = params.gain * (1.0 - x * x - y * y)
         rate = self._frequency(params, x, senses)
         return {
@@ -270,12 +275,12 @@ class MatsuokaOscillators(Oscillators):
     load: Real | None = Field(default=None, description="feedback of the load, 1/N: k2; left out: none")
 
     @property
-    def feels_loads(self) -> bool:
-        return self.load is not None
-
-    @property
     def resets(self) -> bool:
         return False
+
+    @property
+    def named_legs(self) -> dict[str, list[str]]:
+        return {"inhibited": [leg for pair in self.inhibited for leg in pair]}
 
     def declarations(self, legs: Sequence[str]) -> dict[str, Any]:
         n = len(legs)
@@ -304,16 +309,7 @@ class MatsuokaOscillators(Oscillators):
     ) -> dict[str, Float[Array, " ..."]]:
         n = len(legs)
         pairs = [(legs.index(one), legs.index(other)) for one, other in self.inhibited]
-        felt: Any = 0.0
-        if self.hip is not None or self.load is not None:
-            nothing = jnp.zeros(n)
-            felt = matsuoka.leg_feedback(
-                senses.hips() if self.hip is not None else nothing,
-                senses.loads() if self.load is not None else nothing,
-                theta0=getattr(params, "theta0", 0.0) if self.hip is not None else 0.0,
-                k1=params.k1 if self.hip is not None else 0.0,
-                k2=params.k2 if self.load is not None else 0.0,
-            )
+        couplings = [matsuoka.Coupling(params.between, matsuoka.links(n, pairs))] if pairs else []
         u, f = matsuoka.rates(
             state.u.reshape(2, n),
             state.f.reshape(2, n),
@@ -322,10 +318,28 @@ class MatsuokaOscillators(Oscillators):
             Ta=params.Ta,
             b=params.b,
             gamma=params.gamma_,
-            couplings=[matsuoka.Coupling(params.between, matsuoka.links(n, pairs))] if pairs else [],
-            feedback=felt,
+            couplings=couplings,
+            feedback=self._feedback(n, params, senses),
         )
         return {"u": u.reshape(-1), "f": f.reshape(-1)}
+
+    def _feedback(self, n: int, params: Any, senses: LegSenses) -> Float[Array, "2 legs"] | float:
+        """The feedback of hip angles and loads to the half-centres of n legs."""
+        if self.hip is None and self.load is None:
+            return 0.0
+        hips = jnp.zeros(n)
+        theta0 = 0.0
+        k1 = 0.0
+        if self.hip is not None:
+            hips = senses.hips()
+            theta0 = params.theta0
+            k1 = params.k1
+        loads = jnp.zeros(n)
+        k2 = 0.0
+        if self.load is not None:
+            loads = senses.loads()
+            k2 = params.k2
+        return matsuoka.leg_feedback(hips, loads, theta0=theta0, k1=k1, k2=k2)
 
     def pattern(self, params: Any, state: Any) -> tuple[Float[Array, " legs"], Float[Array, " legs"]]:
         extensor, flexor = jnp.split(jnp.maximum(state.u, 0.0) / params.drive, 2)
@@ -348,12 +362,3 @@ class MatsuokaOscillators(Oscillators):
 
 
 OSCILLATORS = Registry("oscillators", (PhaseOscillators, HopfOscillators, MatsuokaOscillators))
-
-
-def unknown_legs(oscillators: Oscillators, legs: Sequence[str]) -> tuple[str, str] | None:
-    """The field and the name of a leg that oscillators name and a model does not have, or None."""
-    named: Mapping[str, Sequence[str]] = {
-        "phases": list(getattr(oscillators, "phases", {})),
-        "inhibited": [leg for pair in getattr(oscillators, "inhibited", []) for leg in pair],
-    }
-    return next(((field, name) for field, names in named.items() for name in names if name not in legs), None)

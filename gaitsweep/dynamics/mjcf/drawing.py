@@ -74,20 +74,24 @@ def _drawn(model: Any) -> list[int]:
 
 def _outline(model: Any, geom: int) -> tuple[np.ndarray, np.ndarray]:
     """Points of a geom: places (m, 3) in its frame, and offsets (k, 3) from each that face the viewer, m."""
-    kind, size, still = int(model.geom_type[geom]), model.geom_size[geom], np.zeros((1, 3))
+    kind = int(model.geom_type[geom])
+    size = model.geom_size[geom]
+    still = np.zeros((1, 3))
     shapes = mujoco.mjtGeom
     if kind == shapes.mjGEOM_SPHERE:
         return still, size[0] * _CIRCLE
     if kind == shapes.mjGEOM_CAPSULE:
         return np.array([[0.0, 0.0, -size[1]], [0.0, 0.0, size[1]]]), size[0] * _CIRCLE
     if kind == shapes.mjGEOM_CYLINDER:
-        ring, end = size[0] * _CIRCLE[:, [0, 2, 1]], np.array([0.0, 0.0, size[1]])
+        ring = size[0] * _CIRCLE[:, [0, 2, 1]]
+        end = np.array([0.0, 0.0, size[1]])
         return np.concatenate([ring - end, ring + end]), still
     if kind == shapes.mjGEOM_ELLIPSOID:
         return size * _AROUND / np.linalg.norm(_AROUND, axis=1, keepdims=True), still
     if kind == shapes.mjGEOM_MESH:
         mesh = int(model.geom_dataid[geom])
-        first, count = int(model.mesh_vertadr[mesh]), int(model.mesh_vertnum[mesh])
+        first = int(model.mesh_vertadr[mesh])
+        count = int(model.mesh_vertnum[mesh])
         points = np.asarray(model.mesh_vert[first : first + count], float)
         return points[np.argmax(_AROUND @ points.T, axis=1)], still  # the farthest in each direction
     return size * _CORNERS, still

@@ -1,4 +1,4 @@
-"""What models of a body in an MJCF share: the file, its keyframe, starts by joint names, signals, drawing."""
+"""The base of models of a body in an MJCF: file, keyframe, starts by joint names, signals, drawing."""
 
 # MuJoCo's compiled modules come without types.
 # pyright: reportAttributeAccessIssue=false
@@ -11,9 +11,9 @@ import functools
 import hashlib
 import re
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal, TypeAlias
 
 import jax.numpy as jnp
 import numpy as np
@@ -21,7 +21,13 @@ from jaxtyping import Float, Real
 
 from gaitsweep.contract import Model, Quantity, Rates
 from gaitsweep.near_miss import suggestion
+from gaitsweep.own_modules import Stamp, stamp_of
 from gaitsweep.skeleton import Skeleton
+
+# The stamps of an MJCF and of all files that it refers to; None for a missing file.
+Stamps: TypeAlias = tuple[Stamp | None, ...]
+# The files of each MJCF, and their stamps when its references were read.
+_FILES_OF_MJCF: dict[Path, tuple[tuple[Path, ...], Stamps]] = {}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -59,8 +65,7 @@ class OfMjcf(Model):
 
     @property
     def initial_conditions(self) -> tuple[Quantity, ...]:
-        joints = tuple(quantity for _, _, quantity in _coordinates(type(self)))
-        return (*super().initial_conditions, *joints)
+        return (*super().initial_conditions, *(start.quantity for start in _joint_starts(type(self))))
 
     @property
     def signals(self) -> tuple[Quantity, ...]:
@@ -75,15 +80,23 @@ class OfMjcf(Model):
         return {**super().signal(params, state), **{f"q_{i}": q[i] for i in range(q.shape[0])}}
 
     def started_at(self, start: Mapping[str, Any]) -> tuple[Float[Any, " nq"], Float[Any, " nv"]]:
-        """MuJoCo's qpos (nq,) and qvel (nv,) of a start."""
-        places = [list(numbers) for numbers in start_places(type(self))]
-        for which, i, quantity in _coordinates(type(self)):
-            if which != _ORIENTATION:
-                places[which][i] = start[quantity.name]
-        for at, joint in _oriented(compiled_mjcf(type(self))):
+        """MuJoCo's qpos (nq,) and qvel (nv,) of a start.
+
+        Args:
+            start: the initial conditions by name.
+        """
+        qpos, qvel = (list(numbers) for numbers in start_places(type(self)))
+        for joint_start in _joint_starts(type(self)):
+            number = start[joint_start.quantity.name]
+            if joint_start.field == "qpos":
+                qpos[joint_start.place] = number
+            elif joint_start.field == "qvel":
+                qvel[joint_start.place] = number
+        for place, joint in _oriented(compiled_mjcf(type(self))):
             angles = [start[f"{joint}_{angle}_0"] for angle in _ANGLES]
-            places[0][at : at + 4] = quaternion_of_angles(*angles)
-        q, v = (jnp.stack([jnp.asarray(x, float) for x in numbers]) for numbers in places)
+            qpos[place : place + 4] = quaternion_of_angles(*angles)
+        q = jnp.stack([jnp.asarray(number, float) for number in qpos])
+        v = jnp.stack([jnp.asarray(number, float) for number in qvel])
         return q, v
 
     def checked_control(self, params: Any, state: Any) -> Float[Any, " nu"]:
@@ -123,10 +136,24 @@ class OfMjcf(Model):
 
 
 def source_of(kind: type[OfMjcf]) -> str:
-    """The XML of a model's body."""
+    """The XML of a model's body, which compiles in any folder: the paths of meshes and textures are absolute.
+
+    Raises:
+        ValueError: MuJoCo refuses it.
+        FileNotFoundError: there is no such file.
+    """
     if kind.body_file.lstrip().startswith("<"):
         return kind.body_file
-    return mjcf_path(kind).read_text(encoding="utf-8")
+    path = mjcf_path(kind)
+    if _references(path) in (None, (path,)):
+        return path.read_text(encoding="utf-8")
+    import mujoco
+
+    spec = mujoco.MjSpec.from_file(str(path))  # which has the elements of included files
+    folder = path.parent.resolve()
+    spec.meshdir = str(folder / spec.meshdir)
+    spec.texturedir = str(folder / spec.texturedir)
+    return spec.to_xml()
 
 
 def mjcf_path(kind: type[OfMjcf]) -> Path:
@@ -137,16 +164,47 @@ def mjcf_path(kind: type[OfMjcf]) -> Path:
     return folder / kind.body_file
 
 
-def content_key(kind: type[OfMjcf]) -> tuple[str, int | None]:
-    """The source of a model's body, and when its file was written: a key of what is made of it."""
+def content_key(kind: type[OfMjcf]) -> tuple[str, Stamps]:
+    """The source of a model's body, and the stamps of its files: a key of what is made of it."""
     if kind.body_file.lstrip().startswith("<"):
-        return kind.body_file, None
+        return kind.body_file, ()
     path = mjcf_path(kind)
-    return str(path), path.stat().st_mtime_ns if path.is_file() else None
+    return str(path), stamps_of_mjcf(path)
+
+
+def stamps_of_mjcf(path: Path) -> Stamps:
+    """The stamps of an MJCF and of the files that it refers to: includes, meshes, height fields, textures."""
+    files, stamps_as_read = _FILES_OF_MJCF.get(path, ((path,), None))
+    stamps = _stamps(files)
+    if stamps == stamps_as_read:
+        return stamps
+    # a file has changed, and may refer to others than before
+    references = _references(path)
+    if references is None:
+        return _stamps([path])
+    stamps = _stamps(references)
+    _FILES_OF_MJCF[path] = references, stamps
+    return stamps
+
+
+def _stamps(files: Iterable[Path]) -> Stamps:
+    """The stamp of each file."""
+    return tuple(stamp_of(file) if file.is_file() else None for file in files)
+
+
+def _references(path: Path) -> tuple[Path, ...] | None:
+    """An MJCF and the files that it refers to; None if it, or one that it includes, cannot be read."""
+    import mujoco
+
+    try:
+        names = mujoco.mju_getXMLDependencies(str(path))
+    except mujoco.FatalError:  # MuJoCo's compiler reports it
+        return None
+    return tuple(sorted(map(Path, names)))
 
 
 def compiled_mjcf(kind: type[OfMjcf]) -> Any:
-    """MuJoCo's compiled model of a body, made once for each content of its file.
+    """MuJoCo's compiled model of a body, made once for each content of its files.
 
     Raises:
         ValueError: MuJoCo refuses it.
@@ -156,18 +214,27 @@ def compiled_mjcf(kind: type[OfMjcf]) -> Any:
 
 
 @functools.lru_cache(maxsize=32)
-def compiled_content(source: str, _written: int | None) -> Any:
-    """MuJoCo's compiled model of a path or XML, as `content_key` gives it."""
+def compiled_content(source: str, _stamps: Stamps) -> Any:
+    """MuJoCo's compiled model of a path or XML.
+
+    Args:
+        source, _stamps: as `content_key` gives them.
+
+    Raises:
+        ValueError: MuJoCo refuses it.
+        FileNotFoundError: there is no such file.
+    """
     from gaitsweep.dynamics.tree.from_mjcf import compiled
 
     return compiled(source)
 
 
 @functools.lru_cache(maxsize=32)
-def _digest(source: str, written: int | None) -> str:
+def _digest(source: str, stamps: Stamps) -> str:
+    """The digest of a compiled model; arguments as `content_key` gives them."""
     import mujoco
 
-    model = compiled_content(source, written)
+    model = compiled_content(source, stamps)
     buffer = np.zeros(mujoco.mj_sizeModel(model), np.uint8)
     mujoco.mj_saveModel(model, None, buffer)
     return hashlib.sha256(buffer.tobytes()).hexdigest()
@@ -203,7 +270,18 @@ def identifier(name: str) -> str:
 
 
 _ANGLES = ("roll", "pitch", "yaw")
-_ORIENTATION = 2  # stands for qpos and qvel's number where angles give several numbers of qpos
+
+
+@dataclasses.dataclass(frozen=True)
+class _StartOfJoint:
+    """A start of a joint: a number of qpos or of qvel, or an angle of the quaternion that begins there.
+
+    `field` is the array that has the number, or "angle"; `place` is the place there, of an angle in qpos.
+    """
+
+    field: Literal["qpos", "qvel", "angle"]
+    place: int
+    quantity: Quantity
 
 
 def quaternion_of_angles(roll: Any, pitch: Any, yaw: Any) -> list[Any]:
@@ -213,17 +291,18 @@ def quaternion_of_angles(roll: Any, pitch: Any, yaw: Any) -> list[Any]:
         roll, pitch, yaw: angles, rad; the body's x axis points at (cos yaw cos pitch, sin yaw cos pitch,
             -sin pitch).
     """
-    (a, b, c), (r, p, y) = (
-        [turn(0.5 * angle) for angle in (roll, pitch, yaw)] for turn in (jnp.cos, jnp.sin)
-    )
+    half_angles = [0.5 * angle for angle in (roll, pitch, yaw)]
+    a, b, c = (jnp.cos(half) for half in half_angles)
+    r, p, y = (jnp.sin(half) for half in half_angles)
     return [a * b * c + r * p * y, r * b * c - a * p * y, a * p * c + r * b * y, a * b * y - r * p * c]
 
 
 def angles_of_quaternion(quaternion: Float[np.ndarray, " 4"]) -> tuple[float, float, float]:
     """Roll, pitch and yaw (rad) of a quaternion, as `quaternion_of_angles` takes them."""
     w, x, y, z = quaternion / np.linalg.norm(quaternion)
-    pitch = float(np.arcsin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0)))
-    if abs(2.0 * (w * y - z * x)) > 1.0 - 1e-12:  # only the difference of roll and yaw matters
+    sine_of_pitch = 2.0 * (w * y - z * x)
+    pitch = float(np.arcsin(np.clip(sine_of_pitch, -1.0, 1.0)))
+    if abs(sine_of_pitch) > 1.0 - 1e-12:  # only the difference of roll and yaw matters
         return 2.0 * float(np.arctan2(x, w)), pitch, 0.0
     roll = float(np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y)))
     return roll, pitch, float(np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)))
@@ -233,49 +312,75 @@ def _oriented(m: Any) -> list[tuple[int, str]]:
     """The place in qpos of the quaternion of each free or ball joint, and the joint's name."""
     import mujoco
 
-    first = {int(mujoco.mjtJoint.mjJNT_FREE): 3, int(mujoco.mjtJoint.mjJNT_BALL): 0}
-    return [
-        (int(m.jnt_qposadr[j]) + first[int(m.jnt_type[j])], _joint_name(m, j))
-        for j in range(m.njnt)
-        if int(m.jnt_type[j]) in first
-    ]
+    # a free joint's position comes before its quaternion
+    place_of_quaternion = {int(mujoco.mjtJoint.mjJNT_FREE): 3, int(mujoco.mjtJoint.mjJNT_BALL): 0}
+    oriented: list[tuple[int, str]] = []
+    for j in range(m.njnt):
+        kind = int(m.jnt_type[j])
+        if kind in place_of_quaternion:
+            oriented.append((int(m.jnt_qposadr[j]) + place_of_quaternion[kind], _joint_name(m, j)))
+    return oriented
 
 
 def _joint_name(m: Any, joint: int) -> str:
+    """The name of a joint in quantities, from its number."""
     return identifier(m.jnt(joint).name or f"joint_{joint + 1}")
 
 
-def _coordinates(kind: type[OfMjcf]) -> list[tuple[int, int, Quantity]]:
-    """The starts of joints: 0 for qpos, 1 for qvel or 2 for angles, the place there, and the quantity."""
+def _joint_starts(kind: type[OfMjcf]) -> list[_StartOfJoint]:
+    """The starts of joints."""
     import mujoco
 
     m = compiled_mjcf(kind)
-    defaults = start_places(kind)
-    oriented = {name: at for at, name in _oriented(m)}
-    coordinates: list[tuple[int, int, Quantity]] = []
-
-    def add(which: int, i: int, name: str, unit: str, meaning: str) -> None:
-        coordinates.append((which, int(i), Quantity(name, unit, meaning, float(defaults[which][i]))))
-
+    qpos, qvel = start_places(kind)
+    oriented = {name: place for place, name in _oriented(m)}
+    starts: list[_StartOfJoint] = []
     for j in range(m.njnt):
         name = _joint_name(m, j)
-        q, v, type_ = m.jnt_qposadr[j], m.jnt_dofadr[j], int(m.jnt_type[j])
-        if type_ == mujoco.mjtJoint.mjJNT_FREE:
-            for k, axis in enumerate("xyz"):
-                add(0, q + k, f"{name}_{axis}_0", "m", f"{axis} of {name} at the start")
-                add(1, v + k, f"{name}_{axis}_rate_0", "m/s", f"velocity along {axis} of {name} at the start")
+        joint_type = int(m.jnt_type[j])
+        q = int(m.jnt_qposadr[j])
+        v = int(m.jnt_dofadr[j])
+        if joint_type == mujoco.mjtJoint.mjJNT_FREE:
+            starts += _starts_of_place(name, q, v, qpos, qvel)
             v += 3
         if name in oriented:
-            angles = angles_of_quaternion(np.asarray(defaults[0][oriented[name] : oriented[name] + 4]))
-            for angle, default in zip(_ANGLES, angles, strict=True):
-                meaning = f"{angle} of {name} at the start"
-                quantity = Quantity(f"{name}_{angle}_0", "rad", meaning, default + 0.0)
-                coordinates.append((_ORIENTATION, oriented[name], quantity))
-            for k, axis in enumerate("xyz"):
-                meaning = f"angular velocity of {name} about the body's {axis} at the start"
-                add(1, v + k, f"{name}_w_{axis}_0", "rad/s", meaning)
+            starts += _starts_of_orientation(name, oriented[name], v, qpos, qvel)
         else:
-            unit = "rad" if type_ == mujoco.mjtJoint.mjJNT_HINGE else "m"
-            add(0, q, f"{name}_0", unit, f"position of joint {name} at the start")
-            add(1, v, f"{name}_rate_0", f"{unit}/s", f"velocity of joint {name} at the start")
-    return coordinates
+            unit = "rad" if joint_type == mujoco.mjtJoint.mjJNT_HINGE else "m"
+            position = f"position of joint {name} at the start"
+            velocity = f"velocity of joint {name} at the start"
+            starts.append(_start("qpos", q, qpos, f"{name}_0", unit, position))
+            starts.append(_start("qvel", v, qvel, f"{name}_rate_0", f"{unit}/s", velocity))
+    return starts
+
+
+def _start(
+    field: Literal["qpos", "qvel"], place: int, numbers: np.ndarray, name: str, unit: str, meaning: str
+) -> _StartOfJoint:
+    """The start of one number, with its default among `numbers`."""
+    return _StartOfJoint(field, place, Quantity(name, unit, meaning, float(numbers[place])))
+
+
+def _starts_of_place(
+    name: str, q: int, v: int, qpos: np.ndarray, qvel: np.ndarray
+) -> Iterator[_StartOfJoint]:
+    """The starts of the place of a free joint and of its velocity; they begin at `q` and `v`."""
+    for k, axis in enumerate("xyz"):
+        place = f"{axis} of {name} at the start"
+        velocity = f"velocity along {axis} of {name} at the start"
+        yield _start("qpos", q + k, qpos, f"{name}_{axis}_0", "m", place)
+        yield _start("qvel", v + k, qvel, f"{name}_{axis}_rate_0", "m/s", velocity)
+
+
+def _starts_of_orientation(
+    name: str, q: int, v: int, qpos: np.ndarray, qvel: np.ndarray
+) -> Iterator[_StartOfJoint]:
+    """The starts of the angles of a free or ball joint, and of its angular velocity."""
+    angles = angles_of_quaternion(qpos[q : q + 4])
+    for angle, default in zip(_ANGLES, angles, strict=True):
+        # the sum turns -0.0 into 0.0
+        quantity = Quantity(f"{name}_{angle}_0", "rad", f"{angle} of {name} at the start", default + 0.0)
+        yield _StartOfJoint("angle", q, quantity)
+    for k, axis in enumerate("xyz"):
+        meaning = f"angular velocity of {name} about the body's {axis} at the start"
+        yield _start("qvel", v + k, qvel, f"{name}_w_{axis}_0", "rad/s", meaning)

@@ -39,6 +39,9 @@ TOLERANCE = 1e-5  # of a coordinate, relative to its size where that is above 1
 _STEP_TOLERANCE = 1e-7
 _EXACT = 1e-14  # the tolerance of the solver of constraints at which its share of a difference is gone
 _RANDOM_STARTS = 8
+_RANDOM_SIZES = (0.1, 1.0)  # of random velocities and changes of place, in the units of the MJCF
+_DRAWN = 8  # states drawn for each random start, of which one without deep contacts is taken
+_SHALLOW = 1e-3  # m, depth of a contact below which a random state is taken
 _CACHE = "mjcf_comparisons"
 
 
@@ -114,7 +117,8 @@ class _SideBySide:
     """
 
     def __init__(self, model: MjcfModel, steps: int) -> None:
-        self._body, self._steps = model.mjx_body, steps
+        self._body = model.mjx_body
+        self._steps = steps
         self._m = m = self._body.mj_model
         # the same with constraints that are solved to rounding
         self._exact = copy.copy(m)
@@ -122,7 +126,8 @@ class _SideBySide:
         self._params, self._state = _at_default(model)
         dt = jnp.asarray(m.opt.timestep)
 
-        def one(carry: Any, step_inputs: Any) -> Any:
+        def step(carry: Any, step_inputs: Any) -> Any:
+            """One step from the state of the step before, or from a start of its own."""
             params, state = carry
             before, begins, tolerance = step_inputs
             state = jax.tree.map(lambda new, old: jnp.where(begins, new, old), before, state)
@@ -131,7 +136,7 @@ class _SideBySide:
 
         def run(params: Any, states: Any, begins: Any, tolerance: Any) -> Any:
             first = jax.tree.map(lambda leaf: leaf[0], states)
-            return jax.lax.scan(one, (params, first), (states, begins, tolerance))[1]
+            return jax.lax.scan(step, (params, first), (states, begins, tolerance))[1]
 
         # XLA's optimizations would take longer than they save
         options: dict[str, Any] = {"xla_backend_optimization_level": 0}
@@ -154,7 +159,8 @@ class _SideBySide:
         first = self._state.replace(body=body, sensors=0.0)
         states = jax.tree.map(lambda leaf: jnp.stack([leaf] * self._steps), first)
         after, controls = self._stepped(states, False, self._m.opt.tolerance)
-        ours, largest = _numbers(after), 0.0
+        ours = _numbers(after)
+        largest = 0.0
         data = self._body.at_start()
         _set_state(data, jax.tree.map(np.asarray, body), start.time)
         for k, control in enumerate(controls):
@@ -179,8 +185,10 @@ class _SideBySide:
         self, i: int, steps: int, before: Any, ours: np.ndarray, controls: np.ndarray, time: float
     ) -> str:
         """The likely cause of a difference of number `i`, found in the first step that differs by itself."""
-        m, moved = self._m, self._m.nq + self._m.nv + self._m.na
-        exact, solved_otherwise = _numbers(self._stepped(before, True, _EXACT)[0]), False
+        m = self._m
+        moved = self._m.nq + self._m.nv + self._m.na
+        exact = _numbers(self._stepped(before, True, _EXACT)[0])
+        solved_otherwise = False
         for k in range(steps):
             state = jax.tree.map(lambda leaf, k=k: leaf[k], before.body)
             theirs = []
@@ -262,14 +270,16 @@ def _at_default(model: MjcfModel) -> tuple[Any, Any]:
 
 
 def _defaults(quantities: Iterable[Quantity], values_before: dict[str, float]) -> dict[str, float]:
-    formulas = {
-        q.name: q.default if q.default is not None else float(np.clip(1.0, q.low, q.high)) for q in quantities
-    }
+    """The defaults of quantities by name; near 1 in its bounds for one that has none."""
+    formulas: dict[str, float | str] = {}
+    for q in quantities:
+        formulas[q.name] = float(np.clip(1.0, q.low, q.high)) if q.default is None else q.default
     values = resolve(formulas, values_before)
     return {name: float(values[name]) for name in formulas}
 
 
 def _keyframe_starts(m: mujoco.MjModel) -> Iterator[Start]:
+    """The states of the keyframes; that of the joints if there is none."""
     if not m.nkey:
         yield "the start", mujoco.MjData(m)
     for i in range(m.nkey):
@@ -283,10 +293,11 @@ def _random_starts(m: mujoco.MjModel, at_start: mujoco.MjData) -> Iterator[Start
     random = np.random.default_rng(0)
     longest = min(1000, int(1.0 / m.opt.timestep))
     for i in range(_RANDOM_STARTS):
-        size = (0.1, 1.0)[i // 2 % 2]
-        drawn = [_random_state(m, at_start, size, random) for _ in range(8)]
-        depths = [_deepest(m, data) for data in drawn]
-        data = drawn[next((k for k, depth in enumerate(depths) if depth < 1e-3), int(np.argmin(depths)))]
+        size = _RANDOM_SIZES[i // 2 % 2]
+        drawn = [_random_state(m, at_start, size, random) for _ in range(_DRAWN)]
+        depths = [_deepest(data) for data in drawn]
+        shallow = [k for k, depth in enumerate(depths) if depth < _SHALLOW]
+        data = drawn[shallow[0] if shallow else int(np.argmin(depths))]
         steps = 0
         while i % 2 and not data.ncon and steps < longest and np.isfinite(data.qacc).all():
             mujoco.mj_step(m, data)
@@ -295,7 +306,10 @@ def _random_starts(m: mujoco.MjModel, at_start: mujoco.MjData) -> Iterator[Start
         yield f"random state {i + 1}", data
 
 
-def _random_state(m: mujoco.MjModel, at_start: mujoco.MjData, size: float, random: Any) -> mujoco.MjData:
+def _random_state(
+    m: mujoco.MjModel, at_start: mujoco.MjData, size: float, random: np.random.Generator
+) -> mujoco.MjData:
+    """A random state around the start, with joints within their limits."""
     data = mujoco.MjData(m)
     for name in ("qpos", "act", "mocap_pos", "mocap_quat"):
         getattr(data, name)[:] = getattr(at_start, name)
@@ -309,7 +323,7 @@ def _random_state(m: mujoco.MjModel, at_start: mujoco.MjData, size: float, rando
     return data
 
 
-def _deepest(m: mujoco.MjModel, data: mujoco.MjData) -> float:
+def _deepest(data: mujoco.MjData) -> float:
     """The depth (m) of the deepest contact."""
     return max((-float(contact.dist) for contact in data.contact), default=0.0)
 
@@ -334,7 +348,10 @@ def _differences(ours: np.ndarray, theirs: np.ndarray) -> np.ndarray:
 
 
 def _set_state(data: mujoco.MjData, body: BodyState, time: float) -> None:
-    data.qpos[:], data.qvel[:], data.act[:], data.time = body.q, body.v, body.act, time
+    data.qpos[:] = body.q
+    data.qvel[:] = body.v
+    data.act[:] = body.act
+    data.time = time
     data.qacc_warmstart[:] = body.warm if body.warm.size else 0.0
 
 

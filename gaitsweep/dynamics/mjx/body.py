@@ -93,7 +93,8 @@ class MjxBody:
         self._keyframe = keyframe
         at_start = self.at_start()
         has_clock = (model.sensor_type == mujoco.mjtSensor.mjSENS_CLOCK).any()
-        self._act, self._time = np.array(at_start.act), np.full(int(has_clock), at_start.time)
+        self._act = np.array(at_start.act)
+        self._time = np.full(int(has_clock), at_start.time)
         # a body may be created while a program is traced
         with jax.ensure_compile_time_eval(), jax.enable_x64(True):
             try:
@@ -107,16 +108,7 @@ class MjxBody:
             # on the host, since a program may run on any device
             self._model = jax.tree.map(np.asarray, placed)
             self._data = jax.tree.map(np.asarray, data.replace(**moved))
-        # sensors that MuJoCo does not cut off
-        uncut = np.isin(
-            model.sensor_type, (mujoco.mjtSensor.mjSENS_CONTACT, mujoco.mjtSensor.mjSENS_GEOMFROMTO)
-        )
-        bound = np.repeat(model.sensor_cutoff, model.sensor_dim)
-        kind = np.repeat(np.where(uncut, -1, model.sensor_datatype), model.sensor_dim)
-        signed = kind == mujoco.mjtDataType.mjDATATYPE_REAL
-        above = signed | (kind == mujoco.mjtDataType.mjDATATYPE_POSITIVE)
-        self._lowest = np.where(signed & (bound > 0.0), -bound, -np.inf)
-        self._highest = np.where(above & (bound > 0.0), bound, np.inf)
+        self._lowest, self._highest = _sensor_bounds(model)
         names = [model.site(i).name for i in range(model.nsite)]
         for name in points:
             if name not in names:
@@ -125,7 +117,8 @@ class MjxBody:
 
     def start(self, q: Float[Array, " nq"], v: Float[Array, " nv"]) -> BodyState:
         """The state at these positions (nq,) and velocities (nv,)."""
-        act, time = jnp.asarray(self._act, q.dtype), jnp.asarray(self._time, q.dtype)
+        act = jnp.asarray(self._act, q.dtype)
+        time = jnp.asarray(self._time, q.dtype)
         return BodyState(q, v, act, jnp.zeros(v.size if self._constrained else 0, q.dtype), time)
 
     def at_start(self) -> mujoco.MjData:
@@ -147,9 +140,11 @@ class MjxBody:
         with _as_mjx_wants(q):
             model, data = self._begun(numbers, self.start(q, v))
             data = mjx.com_vel(model, mjx.com_pos(model, mjx.kinematics(model, data)))
-            at, body = data.site_xpos[self._sites], self.mj_model.site_bodyid[self._sites]
+            at = data.site_xpos[self._sites]
+            body = self.mj_model.site_bodyid[self._sites]
             # MuJoCo's cvel is at the centre of mass of the kinematic tree
-            turning, moving = data.cvel[body, :3], data.cvel[body, 3:]
+            turning = data.cvel[body, :3]
+            moving = data.cvel[body, 3:]
             lever = at - data.subtree_com[self.mj_model.body_rootid[body]]
             return at, moving + jnp.cross(turning, lever)
 
@@ -230,6 +225,18 @@ class MjxBody:
         body = self.mj_model.site_bodyid[self._sites]
         couples = jnp.cross(placed.site_xpos[self._sites] - placed.xipos[body], forces)
         return data.xfrc_applied.at[body].add(jnp.concatenate([forces, couples], axis=1))
+
+
+def _sensor_bounds(model: mujoco.MjModel) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+    """The numbers (n,) at which MuJoCo cuts off the readings of sensors, below and above."""
+    uncut = np.isin(model.sensor_type, (mujoco.mjtSensor.mjSENS_CONTACT, mujoco.mjtSensor.mjSENS_GEOMFROMTO))
+    cutoff = np.repeat(model.sensor_cutoff, model.sensor_dim)
+    data_type = np.repeat(np.where(uncut, -1, model.sensor_datatype), model.sensor_dim)
+    is_signed = data_type == mujoco.mjtDataType.mjDATATYPE_REAL
+    is_positive = data_type == mujoco.mjtDataType.mjDATATYPE_POSITIVE
+    lowest = np.where(is_signed & (cutoff > 0.0), -cutoff, -np.inf)
+    highest = np.where((is_signed | is_positive) & (cutoff > 0.0), cutoff, np.inf)
+    return lowest, highest
 
 
 @contextlib.contextmanager

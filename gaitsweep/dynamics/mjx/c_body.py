@@ -51,7 +51,8 @@ class CBody:
 
     def start(self, q: Float[Array, " nq"], v: Float[Array, " nv"]) -> BodyState:
         """The state at these positions (nq,) and velocities (nv,)."""
-        act, time = jnp.asarray(self._start.act, q.dtype), jnp.full(1, self._start.time, q.dtype)
+        act = jnp.asarray(self._start.act, q.dtype)
+        time = jnp.full(1, self._start.time, q.dtype)
         return BodyState(q, v, act, jnp.zeros(v.size, q.dtype), time)
 
     def at_start(self) -> Any:

@@ -41,7 +41,8 @@ def _contacts_with_plane(points: jax.Array, plane: GeomInfo, frame: jax.Array) -
 @collider(ncon=2)
 def _plane_capsule(plane: GeomInfo, capsule: GeomInfo) -> Contacts:
     """Both ends of a capsule; friction acts along the axis as the plane sees it, however steep it is."""
-    normal, axis = plane.mat[:, 2], capsule.mat[:, 2]
+    normal = plane.mat[:, 2]
+    axis = capsule.mat[:, 2]
     along = axis - normal * jnp.dot(normal, axis)
     length = jnp.linalg.norm(along)
     upright = length < mujoco.mjMINVAL
@@ -63,9 +64,11 @@ def _plane_box(plane: GeomInfo, box: GeomInfo) -> Contacts:
 @collider(ncon=4)
 def _plane_cylinder(plane: GeomInfo, cylinder: GeomInfo) -> Contacts:
     """The lowest point of each end, and two more of the lower end, a third of a turn to either side."""
-    normal, axis = plane.mat[:, 2], cylinder.mat[:, 2]
+    normal = plane.mat[:, 2]
+    axis = cylinder.mat[:, 2]
     axis = jnp.where(jnp.dot(normal, axis) > 0.0, -axis, axis)
-    radius, half = cylinder.size[0], cylinder.size[1]
+    radius = cylinder.size[0]
+    half = cylinder.size[1]
     down = axis * jnp.dot(normal, axis) - normal
     length = jnp.linalg.norm(down)
     flat = length < mujoco.mjMINVAL
@@ -79,7 +82,8 @@ def _plane_cylinder(plane: GeomInfo, cylinder: GeomInfo) -> Contacts:
 @collider(ncon=1)
 def _sphere_capsule(sphere: GeomInfo, capsule: GeomInfo) -> Contacts:
     """The point of a capsule's axis that is nearest to a sphere."""
-    axis, half = capsule.mat[:, 2], capsule.size[1]
+    axis = capsule.mat[:, 2]
+    half = capsule.size[1]
     nearest = capsule.pos + jnp.clip(jnp.dot(axis, sphere.pos - capsule.pos), -half, half) * axis
     return _touching(sphere.pos, sphere.size[0], nearest, capsule.size[0])
 
@@ -87,10 +91,14 @@ def _sphere_capsule(sphere: GeomInfo, capsule: GeomInfo) -> Contacts:
 @collider(ncon=1)
 def _capsule_capsule(one: GeomInfo, other: GeomInfo) -> Contacts:
     """The nearest points of two capsules; of parallel ones, a point in the middle, where C has two."""
-    a, b = one.mat[:, 2] * one.size[1], other.mat[:, 2] * other.size[1]
+    a = one.mat[:, 2] * one.size[1]
+    b = other.mat[:, 2] * other.size[1]
     offset = one.pos - other.pos
-    aa, ab, bb = (jnp.dot(a, a), jnp.dot(a, b), jnp.dot(b, b))
-    along_a, along_b = -jnp.dot(a, offset), jnp.dot(b, offset)
+    aa = jnp.dot(a, a)
+    ab = jnp.dot(a, b)
+    bb = jnp.dot(b, b)
+    along_a = -jnp.dot(a, offset)
+    along_b = jnp.dot(b, offset)
     determinant = aa * bb - ab * ab
     parallel = determinant < mujoco.mjMINVAL
     free = jnp.where(parallel, 0.0, bb * along_a + ab * along_b) / jnp.where(parallel, 1.0, determinant)

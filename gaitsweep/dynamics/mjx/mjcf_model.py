@@ -19,10 +19,11 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from gaitsweep.contract import Quantity, SteppedModel
-from gaitsweep.dynamics.declarations import SingleEvent
 from gaitsweep.dynamics.declared import Declared, Values
+from gaitsweep.dynamics.event_declarations import SingleEvent
 from gaitsweep.dynamics.mjcf.source import (
     OfMjcf,
+    Stamps,
     compiled_content,
     compiled_mjcf,
     content_key,
@@ -34,7 +35,9 @@ if TYPE_CHECKING:
     from gaitsweep.dynamics.mjx.body import MjxBody, Numbers
     from gaitsweep.dynamics.mjx.c_body import CBody
 
-BODY, SENSORS = "body", "sensors"  # fields of a state besides those that are declared
+# Fields of a state besides those that are declared.
+BODY = "body"
+SENSORS = "sensors"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -155,7 +158,8 @@ class MjcfModel(OfMjcf, Declared, SteppedModel):
         if name not in names:
             raise ValueError(f"The MJCF has no sensor '{name}'{suggestion(name, names)}")
         i = names.index(name)
-        first, size = int(m.sensor_adr[i]), int(m.sensor_dim[i])
+        first = int(m.sensor_adr[i])
+        size = int(m.sensor_dim[i])
         return state.sensors[first] if size == 1 else state.sensors[first : first + size]
 
     def init(self, params: Any, start: Values, /) -> Any:
@@ -218,22 +222,22 @@ class MjcfModel(OfMjcf, Declared, SteppedModel):
 
 
 @functools.lru_cache(maxsize=32)
-def _c_body(source: str, written: int | None, keyframe: str) -> CBody:
-    """The body for C, made once for each content of its file."""
+def _c_body(source: str, stamps: Stamps, keyframe: str) -> CBody:
+    """The body for C, made once for each content of its files."""
     from gaitsweep.dynamics.mjx.c_body import CBody
 
-    model = compiled_content(source, written)
+    model = compiled_content(source, stamps)
     return CBody(model, keyframe_number(model, keyframe))
 
 
 @functools.lru_cache(maxsize=32)
-def _mjx_body(source: str, written: int | None, keyframe: str) -> MjxBody:
-    """The body for MJX, made once for each content of its file.
+def _mjx_body(source: str, stamps: Stamps, keyframe: str) -> MjxBody:
+    """The body for MJX, made once for each content of its files.
 
     Raises:
         ValueError: MJX would ignore a part of it; the message says which.
     """
     from gaitsweep.dynamics.mjx.body import MjxBody
 
-    model = compiled_content(source, written)
+    model = compiled_content(source, stamps)
     return MjxBody(model, contact=True, keyframe=keyframe_number(model, keyframe))

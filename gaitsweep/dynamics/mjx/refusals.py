@@ -56,7 +56,8 @@ HARMLESS = (
     mujoco.mjtEnableBit.mjENBL_FWDINV,
     mujoco.mjtEnableBit.mjENBL_INVDISCRETE,
 )
-_GEOM, _SENSOR = mujoco.mjtGeom, mujoco.mjtSensor
+_GEOM = mujoco.mjtGeom
+_SENSOR = mujoco.mjtSensor
 # Pairs of shapes, the lower number first, whose contacts MJX finds with the algorithm of MuJoCo C.
 _SAME_CONTACTS = {
     *((_GEOM.mjGEOM_PLANE, other) for other in (_GEOM.mjGEOM_SPHERE, _GEOM.mjGEOM_CAPSULE)),
@@ -119,7 +120,8 @@ def untraceable(model: mujoco.MjModel, error: Exception) -> str:
     reason = (
         f"{type(error).__name__}: {str(error).splitlines()[0].rstrip('.')}" if str(error) else repr(error)
     )
-    trace, names = error.__traceback__, ""
+    trace = error.__traceback__
+    names = ""
     while trace is not None:
         if (kind := trace.tb_frame.f_locals.get("sensor_type")) is not None:
             numbers = np.flatnonzero(model.sensor_type == int(kind))

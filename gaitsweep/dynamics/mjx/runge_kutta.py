@@ -23,7 +23,8 @@ _WEIGHTS = np.array([1.0, 2.0, 2.0, 1.0]) / 6.0
 
 def runge_kutta(model: Any, data: Any) -> Any:
     """MJX's data one step later, from those at its beginning after `mjx.forward`."""
-    start, turns = data, _turns(model)
+    start = data
+    turns = _turns(model)
     rates = data.qvel, data.qacc, data.act_dot
     stages = [rates]
     for share in _SHARES:
@@ -62,7 +63,8 @@ def _rate(moved: jax.Array, v: jax.Array, turns: np.ndarray) -> jax.Array:
     For a turn u this is the inverse of the derivative of the exponential map: w + u x w / 2 + ...
     (Munthe-Kaas 1998, BIT 38:92).
     """
-    u, w = moved[turns], v[turns]
+    u = moved[turns]
+    w = v[turns]
     square = jnp.sum(u * u, axis=1, keepdims=True)
     small = square < 1e-4
     half = 0.5 * jnp.sqrt(jnp.where(small, 1.0, square))

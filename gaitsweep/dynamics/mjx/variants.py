@@ -30,7 +30,9 @@ _LOOKS = ("cam_", "light_", "tex_", "mat_")
 _UNREAD = ("body_sameframe", "geom_sameframe", "site_sameframe", "body_simple", "dof_simplenum", "geom_aabb")
 
 # Prefixes of the names that `on_host` adds: fields of the model, and the values that they follow from.
-_FIELD, _MADE_OF = "mjx.", "mjx of "
+_FIELD = "mjx."
+_MADE_OF = "mjx of "
+_CHANGE = 1.1  # factor of a value by which the fields that depend on it are found
 
 Edit: TypeAlias = Callable[[Any, Mapping[str, float]], None]
 Fields: TypeAlias = dict[str, np.ndarray]
@@ -48,12 +50,14 @@ class Variants:
     """
 
     def __init__(self, xml: str, edit: Edit, usual: Mapping[str, float]) -> None:
-        self._xml, self._edit, self._names = xml, edit, tuple(usual)
+        self._xml = xml
+        self._edit = edit
+        self._names = tuple(usual)
         self._usual = self._compiled(tuple(usual.values()))
         changing: set[str] = set()
         for name in usual:
-            changed = self._compiled(tuple({**usual, name: 1.1 * usual[name]}.values()))
-            changing |= {field for field, value in changed.items() if not _same(value, self._usual[field])}
+            fields = self._compiled(tuple({**usual, name: _CHANGE * usual[name]}.values()))
+            changing |= {field for field, value in fields.items() if not _same(value, self._usual[field])}
         if fixed := changing & (self._usual.keys() - _DYNAMIC):
             raise ArgumentError(f"MJX cannot take {', '.join(sorted(fixed))} of a body from row to row.")
         self.fields = tuple(sorted(changing))
@@ -94,6 +98,7 @@ class Variants:
         return {name: fields[name] for name in self.fields}
 
     def _compiled(self, values: tuple[float, ...]) -> Fields:
+        """The fields of the body with these values, which may affect its motion."""
         spec = mujoco.MjSpec.from_string(self._xml)
         self._edit(spec, dict(zip(self._names, values, strict=True)))
         try:
@@ -104,6 +109,7 @@ class Variants:
         return {name: np.array(getattr(model, name)) for name in _FIELDS}
 
     def _error(self, values: tuple[float, ...], reason: str) -> ArgumentError:
+        """The error of a body with these values."""
         named = ", ".join(f"{n} {v:g}" for n, v in zip(self._names, values, strict=True))
         return ArgumentError(f"With {named}, {reason}.")
 
@@ -126,7 +132,8 @@ def rescale(
         body = spec.body(name)
         if not body.explicitinertial or not np.array_equal(body.iquat, [1.0, 0.0, 0.0, 0.0]):
             raise ArgumentError(f"Body '{name}' needs an inertial along its own axes to be rescaled.")
-        heavier, larger = mass.get(name, 1.0), size.get(name, 1.0) * np.ones(3)
+        heavier = mass.get(name, 1.0)
+        larger = size.get(name, 1.0) * np.ones(3)
         # the second moments of mass, of which the inertia is trace less moment, scale by axis
         moment = (0.5 * body.inertia.sum() - body.inertia) * larger * larger
         body.mass = heavier * body.mass
@@ -150,4 +157,5 @@ _DYNAMIC = {field.name for field in mjx.Model.fields() if field.type is jax.Arra
 
 
 def _same(one: np.ndarray, other: np.ndarray) -> bool:
+    """Whether two arrays have the same shape and numbers."""
     return one.shape == other.shape and np.array_equal(one, other)

@@ -141,7 +141,8 @@ class Tree:
                 axes.append(LinkAxes(_unless_same(across), True, ZERO, 0.0, EYE))
                 continue
             if link.parent == WORLD or planes[link.parent] is None:
-                normal, still = plane, EYE
+                normal = plane
+                still = EYE
             else:
                 carrier = axes[link.parent]
                 normal, still, across = carrier.normal, carrier.still @ across, EYE
@@ -156,7 +157,8 @@ class Tree:
             for link in self.links
         ]
         for i in range(len(self.links) - 1, -1, -1):
-            parent, plane = self.links[i].parent, planes[i]
+            parent = self.links[i].parent
+            plane = planes[i]
             normal = None if parent == WORLD else planes[parent]
             if normal is None:
                 continue

@@ -162,14 +162,18 @@ def forward_dynamics(
     u: dict[int, Scalar] = {}
     per_D: dict[int, Scalar] = {}
     for i in range(len(bodies) - 1, -1, -1):
-        link, place, S = tree.links[i], bodies[i].place, bodies[i].S
-        Ia, pa = IA[i], pA[i]
+        link = tree.links[i]
+        place = bodies[i].place
+        S = bodies[i].S
+        Ia = IA[i]
+        pa = pA[i]
         if link.kind in ("hinge", "slide"):
             armature = geometry.armature[tree.v_of[i]][0]
             U[i] = IA[i] @ S
             per_D[i] = 1.0 / (S.dot(U[i]) + armature)
             u[i] = tau[tree.v_of[i]][0] - S.dot(pA[i])
-            Ia, pa = IA[i].without(U[i], per_D[i]), pA[i] + U[i] * (u[i] * per_D[i])
+            Ia = IA[i].without(U[i], per_D[i])
+            pa = pA[i] + U[i] * (u[i] * per_D[i])
             if _is_zero(armature) and _coordinate(place.axis):
                 Ia = Ia.freed_along(S)
         if link.parent != WORLD:
@@ -219,7 +223,8 @@ def rigid_body(geometry: Geometry, i: int, place: Place) -> tuple[Inertia, Float
         i: the number of the link.
         place: its place, in whose axes the results are.
     """
-    mass, c = geometry.mass[i], geometry.com[i] - geometry.anchor[i]
+    mass = geometry.mass[i]
+    c = geometry.com[i] - geometry.anchor[i]
     # computed in the body's frame, where it is constant, and then rotated
     inertia = geometry.inertia[i] + mass * ((c @ c) * EYE - c[:, None] * c[None, :])
     h = place.turn @ (mass * c)

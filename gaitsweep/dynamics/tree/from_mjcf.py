@@ -48,11 +48,13 @@ def tree_of(source: mujoco.MjModel | str | Path) -> tuple[Tree, Geometry]:
     rows: list[dict[str, object]] = []
     link_of = {0: WORLD}  # the last link of each body
     for body in range(1, m.nbody):
-        first, count = m.body_jntadr[body], m.body_jntnum[body]
+        first = m.body_jntadr[body]
+        count = m.body_jntnum[body]
         joints = [int(j) for j in range(first, first + count)]
         parent = link_of[int(m.body_parentid[body])]
         for j in joints or [None]:
-            begins, ends = not joints or j == joints[0], not joints or j == joints[-1]
+            begins = not joints or j == joints[0]
+            ends = not joints or j == joints[-1]
             links.append(_link(m, body, j, parent, begins, ends))
             rows.append(_numbers(m, body, j, begins, ends))
             parent = len(links) - 1
@@ -122,7 +124,8 @@ def _complaints(m: mujoco.MjModel) -> Iterator[str]:
 
 def _of_joint(m: mujoco.MjModel, j: int) -> Iterator[str]:
     name = _name(m.jnt(j).name, "joint", j)
-    kind, dof = m.jnt_type[j], m.jnt_dofadr[j]
+    kind = m.jnt_type[j]
+    dof = m.jnt_dofadr[j]
     unconstrained = m.opt.disableflags & _OFF.mjDSBL_CONSTRAINT
     if kind == mujoco.mjtJoint.mjJNT_BALL:
         yield f"Joint '{name}' is a ball joint, {_UNSUPPORTED}: use three hinges."

@@ -106,7 +106,9 @@ def _jointed(
     if axes.own and link.kind == "hinge":
         spun = rotation_about(np.array(link.axis), moved)
         across = spun if across is None else across @ spun
-    frame, base, reach = parent.frame, parent.base, parent.reach + offset
+    frame = parent.frame
+    base = parent.base
+    reach = parent.reach + offset
     if across is not None:
         frame, base, reach = frame @ across, base + frame @ reach, ZERO
     return Place(across, offset, axis, axis_across, turn, anchor, frame, base, reach)
@@ -144,7 +146,9 @@ def movements(tree: Tree, placed: Sequence[Place], v: Float[Array, " nv"]) -> li
         motion = MotionVector(parent.angular, parent.linear).shifted(place.offset)
         if link.kind == "slide":
             motion = MotionVector(motion.angular, motion.linear + place.axis_across * rate[0])
-        angular, linear, base = motion.angular, motion.linear, parent.base
+        angular = motion.angular
+        linear = motion.linear
+        base = parent.base
         if place.across is not None:
             frame = EYE if link.parent == WORLD else placed[link.parent].frame
             angular, linear, base = place.across.T @ angular, ZERO, base + frame @ linear
@@ -227,7 +231,8 @@ def tilt_and_heading(
     upright = w * w - x * x - y * y + z * z
     back = jnp.stack([1.0 + upright, -up[1], up[0], 0.0 * upright]) / jnp.sqrt(2.0 * (1.0 + upright))
     c, _, _, s = quaternion_product(jnp.stack([w, x, y, z]), back)
-    cosine, sine = c * c - s * s, 2.0 * c * s
+    cosine = c * c - s * s
+    sine = 2.0 * c * s
     return up, jnp.array([[cosine, -sine], [sine, cosine]])
 
 

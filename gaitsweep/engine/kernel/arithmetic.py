@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from gaitsweep.engine.kernel.refusals import refuse
-from gaitsweep.engine.kernel.trace import Build, Writer
+from gaitsweep.engine.kernel.trace import Build, RuleError, Writer
 
 if TYPE_CHECKING:
     from gaitsweep.engine.kernel.program import Kind
@@ -130,7 +129,7 @@ def logical(op: str) -> Build:
 
     def build(w: Writer, *nodes: int) -> int:
         if any(w.program.nodes[at].kind != "bool" for at in nodes):
-            raise refuse(f"the scalar kernel knows '{op}' of flags only, not of whole numbers")
+            raise RuleError(f"the scalar kernel knows '{op}' of flags only, not of whole numbers")
         return w("select", nodes[1], w("not", nodes[0]), nodes[0]) if op == "xor" else w(op, *nodes)
 
     return build

@@ -119,27 +119,27 @@ def _sort(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
     keys = equation.params["num_keys"]
     program = tracer.program
     columns = [np.moveaxis(a, axis, 0).copy() for a in args]
+
+    def comes_later(*keys_of_pair: int) -> int:
+        """Whether the first of two rows comes after the second, by the first of their keys that differs."""
+        decided = program.constant(False, "bool")
+        pairs = list(zip(keys_of_pair[::2], keys_of_pair[1::2], strict=True))
+        for a, b in reversed(pairs):
+            w = Writer(program, a)
+            equal = w("and", arithmetic.same_rank(w, a, b), decided)
+            decided = w("or", arithmetic.before(w, b, a), equal)
+        return decided
+
     for end in range(columns[0].shape[0] - 1, 0, -1):
         for i in range(end):
-
-            def later(*pairs: int) -> int:
-                # lexicographic: the first key that differs decides
-                decided = program.constant(False, "bool")
-                keys_of_both = list(zip(pairs[::2], pairs[1::2], strict=True))
-                for a, b in reversed(keys_of_both):
-                    w = Writer(program, a)
-                    equal = w("and", arithmetic.same_rank(w, a, b), decided)
-                    decided = w("or", arithmetic.before(w, b, a), equal)
-                return decided
-
-            neighbours = [c[j] for c in columns[:keys] for j in (i, i + 1)]
-            swap = tracer.each(later, *neighbours)
-            for c in columns:
-                low = c[i].copy()
-                high = c[i + 1].copy()
-                c[i] = tracer.apply("select", swap, high, low)
-                c[i + 1] = tracer.apply("select", swap, low, high)
-    return [np.moveaxis(c, 0, axis) for c in columns]
+            neighbours = [column[j] for column in columns[:keys] for j in (i, i + 1)]
+            swap = tracer.each(comes_later, *neighbours)
+            for column in columns:
+                low = column[i].copy()
+                high = column[i + 1].copy()
+                column[i] = tracer.apply("select", swap, high, low)
+                column[i + 1] = tracer.apply("select", swap, low, high)
+    return [np.moveaxis(column, 0, axis) for column in columns]
 
 
 RULES: dict[str, Rule] = {

@@ -124,40 +124,21 @@ def chunk_of(lane: OneLane, values: Any, starts: Any) -> Chunk:
     constants, carry, record, _, _ = jax.eval_shape(lane.open, values, starts)  # of `Opened`
     program = Program()
     tracer = Tracer(program)
-    count = 0
-
-    def place(tree: Any, *, steady: bool) -> tuple[Any, list[Nodes]]:
-        """Give slots to the arrays of a tree: their leaves in that tree, and their input nodes."""
-        nonlocal count
-        nodes = tracer.inputs(tree, count, steady=steady)
-        leaves = []
-        for array in nodes:
-            leaves.append(Leaf(count, array.shape))
-            count += array.size
-        return jax.tree.unflatten(jax.tree.structure(tree), leaves), nodes
-
-    constant_leaves, constant_nodes = place(constants, steady=True)
-    carry_leaves, carry_nodes = place(carry, steady=False)
-    record_leaves, record_nodes = place(record, steady=False)
-
-    def changes(leaves: Any, nodes_after: list[Nodes]) -> dict[int, int]:
-        """The nodes after a stage whose slots do not keep their values, by slot."""
-        slots: dict[int, int] = {}
-        for leaf, nodes in zip(jax.tree.leaves(leaves), nodes_after, strict=True):
-            for i, at in enumerate(nodes.ravel().tolist()):
-                if not program.is_input(at, leaf.first + i):
-                    slots[leaf.first + i] = at
-        return slots
-
+    slots = _Slots(tracer)
+    constant_leaves, constant_nodes = slots.place(constants, steady=True)
+    carry_leaves, carry_nodes = slots.place(carry, steady=False)
+    record_leaves, record_nodes = slots.place(record, steady=False)
     inputs = [*constant_nodes, *carry_nodes]
     nodes_after = tracer.read(jax.make_jaxpr(lane.attempt)(constants, carry), inputs)
-    attempt = changes(carry_leaves, nodes_after)
+    attempt = slots.changes(carry_leaves, nodes_after)
     plain, unusual = _plain(program, [*attempt.values()])
     inputs += record_nodes
-    nodes_after = tracer.read(jax.make_jaxpr(lane.poll)(constants, carry, record), inputs)
-    poll = changes((carry_leaves, record_leaves), nodes_after[:-2])
-    sample = nodes_after[-2].ravel().tolist()
-    keep = int(nodes_after[-1])
+    *nodes_after, sample_nodes, keep_node = tracer.read(
+        jax.make_jaxpr(lane.poll)(constants, carry, record), inputs
+    )
+    poll = slots.changes((carry_leaves, record_leaves), nodes_after)
+    sample = sample_nodes.ravel().tolist()
+    keep = int(keep_node)
     polled = [*poll.values(), *sample, keep]
     quiet, eventful = _plain(program, polled)
     wanted = [*attempt.values(), *plain, unusual, *polled, *quiet, eventful]
@@ -175,10 +156,53 @@ def chunk_of(lane: OneLane, values: Any, starts: Any) -> Chunk:
         sample=sample,
         quiet=quiet,
         eventful=eventful,
-        steady={count + i: at for i, at in enumerate(steady)},
+        steady={slots.count + i: at for i, at in enumerate(steady)},
         shared=_shared(program, attempt, plain, unusual, steady),
-        n_slots=count + len(steady),
+        n_slots=slots.count + len(steady),
     )
+
+
+class _Slots:
+    """The slots of a trajectory, numbered from 0; the input node of a slot has its number.
+
+    Args:
+        tracer: of the program that has the input nodes.
+    """
+
+    def __init__(self, tracer: Tracer) -> None:
+        self.count = 0
+        self._tracer = tracer
+
+    def place(self, tree: Any, *, steady: bool) -> tuple[Any, list[Nodes]]:
+        """Give the next slots to the arrays of a tree.
+
+        Args:
+            tree: a pytree of shapes.
+            steady: whether the arrays are constant along a trajectory.
+
+        Returns:
+            The tree with a `Leaf` for each array, and the input nodes of each array.
+        """
+        nodes = self._tracer.inputs(tree, self.count, steady=steady)
+        leaves = []
+        for array in nodes:
+            leaves.append(Leaf(self.count, array.shape))
+            self.count += array.size
+        return jax.tree.unflatten(jax.tree.structure(tree), leaves), nodes
+
+    def changes(self, leaves: Any, nodes_after: list[Nodes]) -> dict[int, int]:
+        """The nodes after a stage whose slots do not keep their values, by slot.
+
+        Args:
+            leaves: a pytree of `Leaf`.
+            nodes_after: the nodes of each of its arrays after the stage.
+        """
+        nodes_by_slot: dict[int, int] = {}
+        for leaf, nodes in zip(jax.tree.leaves(leaves), nodes_after, strict=True):
+            for slot, at in enumerate(nodes.ravel().tolist(), leaf.first):
+                if not self._tracer.program.is_input(at, slot):
+                    nodes_by_slot[slot] = at
+        return nodes_by_slot
 
 
 def _plain(program: Program, nodes: list[int]) -> tuple[list[int], int]:
@@ -188,8 +212,8 @@ def _plain(program: Program, nodes: list[int]) -> tuple[list[int], int]:
     products and sums would be fused, and a row's bits would depend on its neighbours.
     """
     plain, unusual = program.likely(nodes)
-    more = set(program.needed([*plain])) - set(program.needed([*nodes, unusual]))
-    if any(program.nodes[at].kind != "bool" and program.nodes[at].op not in _EXACT for at in more):
+    only_plain = set(program.needed([*plain])) - set(program.needed([*nodes, unusual]))
+    if any(program.nodes[at].kind != "bool" and program.nodes[at].op not in _EXACT for at in only_plain):
         return nodes, program.constant(False, "bool")
     return plain, unusual
 
@@ -200,10 +224,10 @@ def _steady_results(program: Program, wanted: Sequence[int]) -> list[int]:
     Inputs and constants are left out, since they need no computation.
     """
     needed = program.needed(wanted)
-    readers = {a for at in needed if not program.steady[at] for a in program.nodes[at].args}
-    readers |= {at for at in wanted if program.steady[at]}
+    read = {a for at in needed if not program.steady[at] for a in program.nodes[at].args}
+    read |= {at for at in wanted if program.steady[at]}
     return sorted(
-        at for at in readers if program.steady[at] and program.nodes[at].op not in ("input", "constant")
+        at for at in read if program.steady[at] and program.nodes[at].op not in ("input", "constant")
     )
 
 
@@ -218,15 +242,15 @@ def _shared(
     changed = {slot for slot, at in zip(attempt, plain, strict=True) if not program.is_input(at, slot)}
     known = set(steady)
     needed = program.needed([*attempt.values(), *plain, unusual], known)
-    still: set[int] = set()
+    unchanged: set[int] = set()
     for at in needed:
         node = nodes[at]
-        unchanged = node.value not in changed if node.op == "input" else still.issuperset(node.args)
-        if unchanged or program.steady[at]:
-            still.add(at)
-    readers = {a for at in needed if at not in still for a in nodes[at].args}
+        keeps_value = node.value not in changed if node.op == "input" else unchanged.issuperset(node.args)
+        if keeps_value or program.steady[at]:
+            unchanged.add(at)
+    read = {a for at in needed if at not in unchanged for a in nodes[at].args}
     return [
         at
-        for at in sorted(readers & still)
+        for at in sorted(read & unchanged)
         if not program.steady[at] and nodes[at].args and nodes[at].kind != "bool"
     ]

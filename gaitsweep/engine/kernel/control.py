@@ -7,8 +7,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from gaitsweep.engine.kernel.refusals import refuse
-from gaitsweep.engine.kernel.trace import Nodes, Rule, Tracer
+from gaitsweep.engine.kernel.trace import Nodes, Rule, RuleError, Tracer
 
 # Longest loop that is unrolled; a longer one would be too expensive for a model's step.
 MAX_TURNS = 256
@@ -20,7 +19,7 @@ def _call(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
             inner = equation.params[name]
             break
     else:
-        raise refuse(f"the scalar kernel finds no body in JAX's operation '{equation.primitive.name}'")
+        raise RuleError(f"the scalar kernel finds no body in JAX's operation '{equation.primitive.name}'")
     if hasattr(inner, "consts"):
         return tracer.read(inner, args)
     return tracer.read_open(inner, [], args)
@@ -58,11 +57,11 @@ def _while(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
         (goes_on,) = tracer.read(p["cond_jaxpr"], [*for_cond, *carry])
         known = tracer.known(goes_on)
         if known is None:
-            raise refuse("the scalar kernel needs loops whose number of turns does not depend on values")
+            raise RuleError("the scalar kernel needs loops whose number of turns does not depend on values")
         if not bool(known):
             return carry
         carry = tracer.read(p["body_jaxpr"], [*for_body, *carry])
-    raise refuse(f"the scalar kernel unrolls loops of at most {MAX_TURNS} turns")
+    raise RuleError(f"the scalar kernel unrolls loops of at most {MAX_TURNS} turns")
 
 
 def _scan(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
@@ -76,7 +75,9 @@ def _scan(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
         n_consts = p["num_consts"]
         n_carry = p["num_carry"]
     if length > MAX_TURNS:
-        raise refuse(f"the scalar kernel unrolls loops of at most {MAX_TURNS} turns; this one has {length}")
+        raise RuleError(
+            f"the scalar kernel unrolls loops of at most {MAX_TURNS} turns; this one has {length}"
+        )
     consts = args[:n_consts]
     carry = args[n_consts : n_consts + n_carry]
     columns = args[n_consts + n_carry :]
@@ -102,7 +103,7 @@ def _expanded(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
     try:
         program = jax.make_jaxpr(operation.expand)(*shapes)
     except (NotImplementedError, TypeError) as error:
-        raise refuse(f"the scalar kernel does not know JAX's operation '{operation}'") from error
+        raise RuleError(f"the scalar kernel does not know JAX's operation '{operation}'") from error
     return tracer.read(program, args)
 
 

@@ -27,7 +27,7 @@ from gaitsweep.engine.kernel import llvm_code
 from gaitsweep.engine.kernel.chunk import Chunk
 from gaitsweep.engine.kernel.contraction import contracted
 from gaitsweep.engine.kernel.llvm_code import ARRAY, DOUBLE, INDEX, VOID, loop
-from gaitsweep.engine.kernel.registers import steps
+from gaitsweep.engine.kernel.registers import Step, steps
 from gaitsweep.engine.kernel.schedule import from_the_end
 from gaitsweep.engine.kernel.source import PYTHON, name_all
 from gaitsweep.engine.recorders.recorder import BUFFER, POLL_INTERVAL
@@ -204,15 +204,13 @@ class Tile:
             registers: values in registers at a time; None if the compiler chooses them.
         """
         program = self.chunk.program
-        nodes = program.nodes
-        names = {}
         wanted = [*outputs.values(), *([] if flag is None else [flag])]
         places = dict(at_hand)
         order = []
         for at in program.needed(wanted, at_hand):
-            if at not in at_hand and nodes[at].op == "input":
+            if at not in at_hand and program.nodes[at].op == "input":
                 places[at] = self._place(self.chunk.slot_of(at), old)
-            elif at not in at_hand and nodes[at].op != "constant":
+            elif at not in at_hand and program.nodes[at].op != "constant":
                 order.append(at)
         if registers is not None:
             order = from_the_end(program, order, wanted)
@@ -220,11 +218,27 @@ class Tile:
         for slot, at in outputs.items():
             targets.setdefault(at, []).append(self._place(slot, new))
         overwrites = _overwritten(targets, places)
+        actions = steps(program, order, places, overwrites, registers, flag)
+        lines, names = self._lines_of_steps(actions, places, targets)
+        return lines if flag is None else [*lines, f"unusual = {names[flag]}"]
+
+    def _lines_of_steps(
+        self, actions: Sequence[Step], places: dict[int, str], targets: Mapping[int, list[str]]
+    ) -> tuple[list[str], dict[int, str]]:
+        """Lines that load, compute, store and write nodes, and the names of these nodes.
+
+        Args:
+            actions: the steps, in order.
+            places: where nodes are in memory; those that are stored or written are added.
+            targets: the places to which each node is written.
+        """
+        program = self.chunk.program
+        names: dict[int, str] = {}
         lines: list[str] = []
         touched: set[int] = set()  # loaded or stored since the last barrier
         room = self._room
-        for action, at in steps(program, order, places, overwrites, registers, flag):
-            kind = nodes[at].kind
+        for action, at in actions:
+            kind = program.nodes[at].kind
             if action == "compute":
                 lines += name_all(PYTHON, program, [at], names)
                 continue
@@ -245,7 +259,7 @@ class Tile:
                 lines += [f"{place} = {PYTHON.stored(kind, names[at])}" for place in stores]
             touched.add(at)
         self.slots = max(self.slots, room)
-        return lines if flag is None else [*lines, f"unusual = {names[flag]}"]
+        return lines, names
 
     def _place(self, slot: int, side: str = "") -> str:
         """The element of the first lane of a slot; `side` names the elements before the side."""

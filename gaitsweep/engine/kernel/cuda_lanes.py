@@ -25,9 +25,9 @@ from gaitsweep.status import Status
 
 # cached, since each group of lanes, and those of a self-check, would print it again
 @lru_cache(maxsize=16)
-def _running(kernel: Kernel, varying: frozenset[int]) -> str:
+def _run_source(kernel: Kernel, varying: frozenset[int]) -> str:
     """The source of the kernel that advances trajectories."""
-    return gpu_program.running(kernel.chunk, varying, kernel.title)
+    return gpu_program.run_kernel(kernel.chunk, varying, kernel.title)
 
 
 @lru_cache(maxsize=16)
@@ -65,52 +65,52 @@ class CudaLanes(KernelLanes):
         self.chunk = self.kernel.chunk
         self._contraction = spec.numerics.contraction
         self._read_slots = [leaf.first + i for leaf in self.kernel.leaves.values() for i in range(leaf.size)]
-        source = gpu_program.placing(self.chunk, self._read_slots, self.kernel.title)
+        source = gpu_program.lane_kernels(self.chunk, self._read_slots, self.kernel.title)
         module = self.card.module(source, contraction=self._contraction)
         self._put = module.get_kernel("put")
         self._collect = module.get_kernel("collect")
         self._trajectory = module.get_kernel("trajectory")
-        self._steady = UniformConstants(varying_slots(self.kernel, spec.varied))
+        self._uniform = UniformConstants(varying_slots(self.kernel, spec.varied))
         n_slots = self.chunk.n_slots
         size = self.size
         width = self.chunk.width
         self._slots = DeviceArray(self.card, (n_slots, size))
-        self._kept = DeviceArray(self.card, (BUFFER, size, width))
+        self._samples = DeviceArray(self.card, (BUFFER, size, width))
         self._output = DeviceArray(self.card, (max(len(self._read_slots) * size, n_slots),))
-        self._turn = DeviceArray(self.card, (2,))
-        self._filling = DeviceArray(self.card, (size, gpu_program.filling_width(self.chunk)))
+        self._queue = DeviceArray(self.card, (2,))
+        self._entries = DeviceArray(self.card, (size, gpu_program.entry_width(self.chunk)))
         self._under_way = np.zeros(size, bool)  # lanes whose trajectory has not ended
-        self.card.launch(module.get_kernel("clear"), size, self._slots, size, self._turn)
+        self.card.launch(module.get_kernel("clear"), size, self._slots, size, self._queue)
         self.card.wait()
 
     def fill(self, params: Values, starts: Values, fresh: Bool[np.ndarray, " lanes"]) -> None:
         """Start new trajectories; all of them are copied to the card together."""
         self.card.use()
         count = int(np.count_nonzero(fresh))
-        width = self._filling.shape[1]
-        self._staged = self._filling.host(count * width).reshape(count, width)
+        width = self._entries.shape[1]
+        self._new_entries = self._entries.host(count * width).reshape(count, width)
         self.open_rows(params, starts, fresh)
-        self._filling.to_card(self._staged.size)
-        self.card.launch(self._put, count, self._slots, self._kept, self.size, self._filling, count)
+        self._entries.to_card(self._new_entries.size)
+        self.card.launch(self._put, count, self._slots, self._samples, self.size, self._entries, count)
         self._under_way |= fresh
-        first = gpu_program.FILLING
-        if self._steady.differs(self._staged[:, first : first + self.chunk.first_of_carry]):
-            lane = int(self._staged[0, 0])
+        first = gpu_program.ENTRY_HEAD
+        if self._uniform.differs(self._new_entries[:, first : first + self.chunk.first_of_carry]):
+            lane = int(self._new_entries[0, 0])
             n_slots = self.chunk.n_slots
             self.card.launch(self._trajectory, n_slots, self._slots, self.size, lane, self._output)
             slots = self._output.from_card(n_slots)
-            source = _running(self.kernel, self._steady.varying)
+            source = _run_source(self.kernel, self._uniform.varying)
             module = self.card.module(source, contraction=self._contraction)
-            same = gpu_program.packed(self.chunk, self._steady.varying, slots)
-            if same:
-                self.card.set_constant(module, "same", same)
+            uniform = gpu_program.uniform_bytes(self.chunk, self._uniform.varying, slots)
+            if uniform:
+                self.card.set_constant(module, "uniform", uniform)
             self.run = module.get_kernel("run")
             self.at_a_time = min(self.size, self.card.threads(self.run))
         self.card.wait()
 
     def put(self, lanes: Int[np.ndarray, " opened"], opened: OpenedRows) -> None:
         head = np.stack([lanes, opened.keeps], axis=1)
-        self._staged[:] = np.concatenate([head, opened.slots, opened.samples], axis=1)
+        self._new_entries[:] = np.concatenate([head, opened.slots, opened.samples], axis=1)
 
     def advance(self, polls: int) -> None:
         """Start to advance running lanes; `card.wait` waits for the end.
@@ -119,7 +119,9 @@ class CudaLanes(KernelLanes):
         and a warp takes as long for one lane as for 32.
         """
         threads = min(self.at_a_time, max(1, int(np.count_nonzero(self._under_way))))
-        self.card.launch(self.run, threads, self._slots, self._kept, self.size, self._turn, polls, threads)
+        self.card.launch(
+            self.run, threads, self._slots, self._samples, self.size, self._queue, polls, threads
+        )
 
     def run_chunk(self, polls: int) -> ChunkOutput:
         """Let each thread make up to `polls * POLL_INTERVAL` attempts, of running lanes in turn."""
@@ -127,19 +129,19 @@ class CudaLanes(KernelLanes):
         size = self.size
         width = self.chunk.width
         self.advance(polls)
-        self.card.launch(self._collect, size, self._slots, size, self._turn, self._output)
-        seen = self._output.from_card(len(self._read_slots) * size).reshape(-1, size)
+        self.card.launch(self._collect, size, self._slots, size, self._queue, self._output)
+        values = self._output.from_card(len(self._read_slots) * size).reshape(-1, size)
         places = {slot: place for place, slot in enumerate(self._read_slots)}
 
         def read(slots: slice) -> Float[np.ndarray, "slots lanes"]:
-            return seen[[places[slot] for slot in range(slots.start, slots.stop)]]
+            return values[[places[slot] for slot in range(slots.start, slots.stop)]]
 
         output = self.output(read)
         self._under_way = output.numbers["status"] == Status.running
         # the levels of the buffers that have new samples in some lane
         new = int(output.filled.max()) if width else 0
         if new:
-            samples = self._kept.from_card(new * size * width).reshape(new, size, width)
+            samples = self._samples.from_card(new * size * width).reshape(new, size, width)
             output = output._replace(buffers=samples.transpose(1, 0, 2))
         return output
 

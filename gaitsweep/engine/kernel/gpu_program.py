@@ -4,15 +4,14 @@ There are more lanes than threads: a thread whose trajectory has ended goes on w
 
 Memory is ordered slot by slot and, inside a slot, lane by lane, so that neighbouring threads read
 neighbouring numbers. The carry is kept in registers, the record in memory. Values that are constant along a
-trajectory are computed once, when it is placed in its lane; those that are equal in all rows are in constant
-memory, which needs no registers. (As arguments of the kernel they did: the compiler spilled 490 bytes of the
-chain's rk4 instead of 70.)
+trajectory are computed once, when it is placed in its lane. Those that are equal in all rows are in constant
+memory, which needs no registers; as arguments of the kernel they would (the compiler then spills 490 bytes of
+the chain's rk4 instead of 70).
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Sequence
-from typing import Any
+from collections.abc import Collection, Iterable, Mapping, Sequence
 
 import numpy as np
 from jaxtyping import Float
@@ -30,19 +29,19 @@ from gaitsweep.status import Status
 # one block at a time keeps the compiler from choosing as few as 32.
 THREADS = 128
 # The parameters of a poll, by name.
-_OF_POLL = {
+_POLL_PARAMETERS = {
     "S": "double*",
-    "kept": "double*",
+    "samples": "double*",
     "n": "const index",
     "i": "const index",
-    "own": "const struct Own",
+    "constants": "const struct Constants",
     "carry": "const struct Carry",
 }
 # Statements of a poll after which a number of the record is read from memory again.
 REREAD_AFTER = 60
-# Numbers of a lane that is filled, before its slots: the lane, and whether its first sample is kept.
-FILLING = 2
-_FORMATS: dict[Kind, Any] = {"f64": np.float64, "int": np.float64, "f32": np.float32, "bool": np.bool_}
+# Numbers of an entry of `put` before its slots: the lane, and whether the first sample is kept.
+ENTRY_HEAD = 2
+_FORMATS: dict[Kind, type] = {"f64": np.float64, "int": np.float64, "f32": np.float32, "bool": np.bool_}
 
 # Definitions for the compiler of a card; tests compile the same source for a host with others.
 HEAD = f"""#define INFINITE __longlong_as_double(0x7ff0000000000000LL)
@@ -57,9 +56,9 @@ typedef long long index;
 """
 
 _CLEAR = """
-KERNEL void clear(double* S, index n, double* turn) {{
+KERNEL void clear(double* S, index n, double* queue) {{
     const index i = THREAD;
-    if (i < 2) turn[i] = 0.0;
+    if (i < 2) queue[i] = 0.0;
     if (i >= n) return;
     for (int slot = 0; slot < {slots}; ++slot) S[slot * n + i] = 0.0;
     S[{status} * n + i] = {complete};
@@ -67,23 +66,23 @@ KERNEL void clear(double* S, index n, double* turn) {{
 """
 
 _PUT = """
-KERNEL void put(double* S, double* kept, index n, const double* filling, index count) {{
+KERNEL void put(double* S, double* samples, index n, const double* entries, index count) {{
     if (THREAD >= count) return;
-    const double* mine = filling + THREAD * {width_of_filling};
-    const index i = (index)mine[0];
-    for (int slot = 0; slot < {opened}; ++slot) S[slot * n + i] = mine[{FILLING} + slot];
-    if (mine[1] != 0.0)
-        for (int k = 0; k < {width}; ++k) kept[i * {width} + k] = mine[{FILLING} + {opened} + k];
+    const double* entry = entries + THREAD * {width_of_entry};
+    const index i = (index)entry[0];
+    for (int slot = 0; slot < {opened}; ++slot) S[slot * n + i] = entry[{head} + slot];
+    if (entry[1] != 0.0)
+        for (int k = 0; k < {width}; ++k) samples[i * {width} + k] = entry[{head} + {opened} + k];
     prepare(S, n, i);
 }}
 """
 
 _COLLECT = """
-KERNEL void collect(double* S, index n, double* turn, double* seen) {{
+KERNEL void collect(double* S, index n, double* queue, double* output) {{
     const index i = THREAD;
     if (i == 0) {{
-        turn[1] = (index)(turn[1] + turn[0]) % n;
-        turn[0] = 0.0;
+        queue[1] = (index)(queue[1] + queue[0]) % n;
+        queue[0] = 0.0;
     }}
     if (i >= n) return;
 {lines}
@@ -92,54 +91,54 @@ KERNEL void collect(double* S, index n, double* turn, double* seen) {{
 """
 
 _TRAJECTORY = """
-KERNEL void trajectory(const double* S, index n, index i, double* slots) {{
-    if (THREAD < {slots}) slots[THREAD] = S[THREAD * n + i];
+KERNEL void trajectory(const double* S, index n, index i, double* output) {{
+    if (THREAD < {slots}) output[THREAD] = S[THREAD * n + i];
 }}
 """
 
 _RUN = """
-KERNEL void run(double* S, double* kept, index n, double* turn, index polls, index threads) {{
-    bool running = false, more = THREAD < threads;
+KERNEL void run(double* S, double* samples, index n, double* queue, index polls, index threads) {{
+    bool has_lane = false, lanes_left = THREAD < threads;
     index i;
-    struct Own own;
+    struct Constants constants;
     struct Carry carry;
     for (index k = 0; k < polls; ++k) {{
-        while (!running && more) {{
-            const index place = NEXT(turn);
-            more = place < n;
-            i = ((index)turn[1] + place) % n;
-            running = more && S[{status} * n + i] == 0.0;
-            if (running) {{
-                own = read_own(S, n, i);
+        while (!has_lane && lanes_left) {{
+            const index taken = NEXT(queue);
+            lanes_left = taken < n;
+            i = ((index)queue[1] + taken) % n;
+            has_lane = lanes_left && S[{status} * n + i] == 0.0;
+            if (has_lane) {{
+                constants = read_constants(S, n, i);
                 carry = read_carry(S, n, i);
             }}
         }}
         // the threads of a warp wait for each other here: they would go on one by one
-        if (!ANY(running)) break;
-        if (running)
-            for (int j = 0; j < {interval} && carry.s{halt} == 0.0; ++j) carry = attempt(own, carry);
-        if (ANY(running) && running) {{
-            carry = poll(S, kept, n, i, own, carry);
-            running = S[{status} * n + i] == 0.0;
-            if (!running || k + 1 == polls) write_carry(S, n, i, carry);
+        if (!ANY(has_lane)) break;
+        if (has_lane)
+            for (int j = 0; j < {interval} && carry.s{halt} == 0.0; ++j) carry = attempt(constants, carry);
+        if (ANY(has_lane) && has_lane) {{
+            carry = poll(S, samples, n, i, constants, carry);
+            has_lane = S[{status} * n + i] == 0.0;
+            if (!has_lane || k + 1 == polls) write_carry(S, n, i, carry);
         }}
     }}
 }}
 """
 
 
-def placing(chunk: Chunk, seen: Sequence[int], title: str) -> str:
-    """The source of the kernels that fill lanes and that collect what the host reads.
+def lane_kernels(chunk: Chunk, read_slots: Sequence[int], title: str) -> str:
+    """Write the source of the kernels that fill lanes and that collect what the host reads.
 
-    `clear(S, n, turn)` makes all lanes idle. `put(S, kept, n, filling, count)` starts trajectories: `filling`
-    (count, `filling_width`) has for each its lane, whether its sample is kept, its slots and its sample.
-    `collect(S, n, turn, seen)` copies the slots `seen` to `seen` (len, n) and empties the buffers.
-    `trajectory(S, n, i, slots)` copies all slots of lane i. `S` (slots, n) and `kept` (BUFFER, n, width) are
-    the memory of n lanes; all numbers are float64.
+    `clear(S, n, queue)` makes all lanes idle. `put(S, samples, n, entries, count)` starts trajectories:
+    `entries` (count, `entry_width`) has for each its lane, whether its sample is kept, its slots and its
+    sample. `collect(S, n, queue, output)` copies the slots `read_slots` to `output` (len, n) and empties the
+    buffers. `trajectory(S, n, i, output)` copies all slots of lane i. `S` (slots, n) and `samples`
+    (BUFFER, n, width) are the memory of n lanes; all numbers are float64.
 
     Args:
         chunk: the program.
-        seen: the slots that the host reads.
+        read_slots: the slots that the host reads.
         title: names the run in the first line.
     """
     program = chunk.program
@@ -149,19 +148,17 @@ def placing(chunk: Chunk, seen: Sequence[int], title: str) -> str:
     stores = []
     for slot, at, result in zip(chunk.steady, nodes, results, strict=True):
         stores.append(_write(chunk, at, slot, result))
-    copies = [f"    seen[{k} * n + i] = S[{slot} * n + i];" for k, slot in enumerate(seen)]
+    head_of_prepare = "PART void prepare(double* S, const index n, const index i)"
+    copies = [f"    output[{k} * n + i] = S[{slot} * n + i];" for k, slot in enumerate(read_slots)]
+    status = chunk.record.status.first
     return "\n".join(
         [
             *_beginning(chunk, title),
-            c_function(
-                "PART void prepare(double* S, const index n, const index i)", [*loads, *lines, *stores]
-            ),
-            _CLEAR.format(
-                slots=chunk.n_slots, status=chunk.record.status.first, complete=float(Status.complete)
-            ),
+            c_function(head_of_prepare, [*loads, *lines, *stores]),
+            _CLEAR.format(slots=chunk.n_slots, status=status, complete=float(Status.complete)),
             _PUT.format(
-                FILLING=FILLING,
-                width_of_filling=filling_width(chunk),
+                head=ENTRY_HEAD,
+                width_of_entry=entry_width(chunk),
                 opened=_opened(chunk),
                 width=chunk.width,
             ),
@@ -171,9 +168,9 @@ def placing(chunk: Chunk, seen: Sequence[int], title: str) -> str:
     )
 
 
-def filling_width(chunk: Chunk) -> int:
-    """Numbers for each lane that is filled."""
-    return FILLING + _opened(chunk) + chunk.width
+def entry_width(chunk: Chunk) -> int:
+    """Numbers of an entry of the kernel `put`."""
+    return ENTRY_HEAD + _opened(chunk) + chunk.width
 
 
 def _opened(chunk: Chunk) -> int:
@@ -181,13 +178,13 @@ def _opened(chunk: Chunk) -> int:
     return chunk.n_slots - len(chunk.steady)
 
 
-def running(chunk: Chunk, varying: Collection[int], title: str) -> str:
-    """The source of the kernel `run(S, kept, n, turn, polls, threads)`.
+def run_kernel(chunk: Chunk, varying: Collection[int], title: str) -> str:
+    """Write the source of the kernel `run(S, samples, n, queue, polls, threads)`.
 
     Each of the first `threads` threads makes up to `polls` polls; the others of their block do nothing. `S`
-    (slots, n) float64 has n lanes; `kept` (BUFFER, n, width) float64 has room for samples; `turn` (2,)
-    float64 is the number of lanes taken and the lane taken first; the variable `same` has the values of the
-    nodes `uniform(chunk, varying)`, as `packed` gives them.
+    (slots, n) float64 has n lanes; `samples` (BUFFER, n, width) float64 has room for samples; `queue` (2,)
+    float64 is the number of lanes taken and the lane taken first; the variable `uniform` has the values of
+    the nodes `uniform_nodes(chunk, varying)`, as `uniform_bytes` gives them.
 
     Args:
         chunk: the program.
@@ -200,27 +197,32 @@ def running(chunk: Chunk, varying: Collection[int], title: str) -> str:
 
 def _beginning(chunk: Chunk, title: str) -> list[str]:
     """The head of a source, with the functions that its program calls."""
-    draws = any(node.op.startswith("philox") for node in chunk.program.nodes)
-    return [f"// Written by gaitsweep: {title}", HEAD, *([philox.IN_C] if draws else [])]
+    parts = [f"// Written by gaitsweep: {title}", HEAD]
+    if any(node.op.startswith("philox") for node in chunk.program.nodes):
+        parts.append(philox.IN_C)
+    return parts
 
 
-def packed(chunk: Chunk, varying: Collection[int], slots: Float[np.ndarray, " slots"]) -> bytes:
-    """The bytes of the variable `same` of a kernel.
+def uniform_bytes(chunk: Chunk, varying: Collection[int], slots: Float[np.ndarray, " slots"]) -> bytes:
+    """The bytes of the variable `uniform` of a kernel.
 
     Args:
-        chunk, varying: as for `running`.
+        chunk, varying: as for `run_kernel`.
         slots: all slots (n_slots,) of a trajectory.
     """
-    kinds: dict[int, Kind] = {
-        slot: chunk.program.nodes[at].kind for at, slot in uniform(chunk, varying).items()
-    }
-    formats = [_FORMATS[kind] for kind in kinds.values()]
-    layout = np.dtype({"names": [f"s{slot}" for slot in kinds], "formats": formats}, align=True)
-    return np.array(tuple(slots[slot] for slot in kinds), layout).tobytes()
+    nodes = uniform_nodes(chunk, varying)
+    names = [f"s{slot}" for slot in nodes.values()]
+    formats = [_FORMATS[chunk.program.nodes[at].kind] for at in nodes]
+    layout = np.dtype({"names": names, "formats": formats}, align=True)
+    return np.array(tuple(slots[slot] for slot in nodes.values()), layout).tobytes()
 
 
-def uniform(chunk: Chunk, varying: Collection[int]) -> dict[int, int]:
-    """The nodes with equal values in all rows and their slots, in the order of the variable `same`."""
+def uniform_nodes(chunk: Chunk, varying: Collection[int]) -> dict[int, int]:
+    """The nodes with equal values in all rows and their slots, in the order of the variable `uniform`.
+
+    Args:
+        chunk, varying: as for `run_kernel`.
+    """
     return {at: slot for at, slot in _steady(chunk).items() if not _varies(chunk, at, varying)}
 
 
@@ -242,92 +244,109 @@ def _varies(chunk: Chunk, at: int, varying: Collection[int]) -> bool:
 
 
 def _read(chunk: Chunk, at: int, slot: int) -> str:
+    """The expression that loads a node from its slot."""
     return C.loaded(chunk.program.nodes[at].kind, f"S[{slot} * n + i]")
 
 
 def _write(chunk: Chunk, at: int, slot: int, value: str) -> str:
+    """The line that stores a node's value in a slot."""
     return f"S[{slot} * n + i] = {C.stored(chunk.program.nodes[at].kind, value)};"
 
 
 def _loads(chunk: Chunk, nodes: Iterable[int]) -> tuple[list[str], dict[int, str]]:
     """Lines that load the inputs among `nodes` from memory, and the names of these."""
-    slots = {at: chunk.slot_of(at) for at in nodes if chunk.program.nodes[at].op == "input"}
-    kinds: dict[int, Kind] = {at: chunk.program.nodes[at].kind for at in slots}
-    lines = [C.definition(kinds[at], f"r{slot}", _read(chunk, at, slot)) for at, slot in slots.items()]
-    return lines, {at: f"r{slot}" for at, slot in slots.items()}
+    lines: list[str] = []
+    names: dict[int, str] = {}
+    for at in nodes:
+        node = chunk.program.nodes[at]
+        if node.op == "input":
+            slot = chunk.slot_of(at)
+            names[at] = f"r{slot}"
+            lines.append(C.definition(node.kind, names[at], _read(chunk, at, slot)))
+    return lines, names
 
 
 class _Thread:
     """The parts of one thread's program.
 
-    `own` and `same` are constant along a trajectory; a member s12 of a structure is the value of slot 12.
+    `constants` and `uniform` are constant along a trajectory; a member s12 of a structure is the value of
+    slot 12.
+
+    Args:
+        chunk: the program.
+        varying: the slots of constants that differ between rows.
     """
 
     def __init__(self, chunk: Chunk, varying: Collection[int]) -> None:
-        self.chunk = chunk
-        self.uniform = uniform(chunk, varying)
-        self.own = {at: slot for at, slot in _steady(chunk).items() if at not in self.uniform}
-        self.carried = self._carried_inputs()
-        self._names = {at: f"carry.s{slot}" for at, slot in self.carried.items()}
-        self._names |= {at: f"own.s{slot}" for at, slot in self.own.items()}
-        self._names |= {at: f"same.s{slot}" for at, slot in self.uniform.items()}
+        self._chunk = chunk
+        self._uniform = uniform_nodes(chunk, varying)
+        self._constants = {at: slot for at, slot in _steady(chunk).items() if at not in self._uniform}
+        self._carried = self._carried_inputs()
+        self._names = {at: f"carry.s{slot}" for at, slot in self._carried.items()}
+        self._names |= {at: f"constants.s{slot}" for at, slot in self._constants.items()}
+        self._names |= {at: f"uniform.s{slot}" for at, slot in self._uniform.items()}
 
     def _carried_inputs(self) -> dict[int, int]:
         """The carry's inputs that some node reads or that an attempt or poll changes, with their slots."""
-        chunk = self.chunk
-        nodes = self.chunk.program.nodes
+        chunk = self._chunk
         read = set(chunk.program.needed([*chunk.attempt.values(), *chunk.polled, *chunk.quiet]))
         changed = {*chunk.attempt, *chunk.poll}
-        inputs = {at: chunk.slot_of(at) for at, node in enumerate(nodes) if node.op == "input"}
-        return {
-            at: slot
-            for at, slot in inputs.items()
-            if chunk.first_of_carry <= slot < chunk.first_of_record and (at in read or slot in changed)
-        }
-
-    def _members(self, nodes: dict[int, int]) -> dict[str, Kind]:
-        return {f"s{slot}": self.chunk.program.nodes[at].kind for at, slot in nodes.items()}
+        carried: dict[int, int] = {}
+        for at, node in enumerate(chunk.program.nodes):
+            if node.op == "input":
+                slot = chunk.slot_of(at)
+                in_carry = chunk.first_of_carry <= slot < chunk.first_of_record
+                if in_carry and (at in read or slot in changed):
+                    carried[at] = slot
+        return carried
 
     def parts(self) -> list[str]:
         """The structures, and the functions that `run` calls."""
-        back = [_write(self.chunk, at, slot, f"carry.s{slot}") for at, slot in self.carried.items()]
+        head_of_write = (
+            "PART void write_carry(double* S, const index n, const index i, const struct Carry carry)"
+        )
+        writes = [_write(self._chunk, at, slot, f"carry.s{slot}") for at, slot in self._carried.items()]
         return [
-            c_structure("Same", self._members(self.uniform)) + "CONSTANT struct Same same;\n",
-            c_structure("Own", self._members(self.own)),
-            c_structure("Carry", self._members(self.carried)),
-            self._reading("Own", "read_own", self.own),
-            self._reading("Carry", "read_carry", self.carried),
+            self._structure("Uniform", self._uniform) + "CONSTANT struct Uniform uniform;\n",
+            self._structure("Constants", self._constants),
+            self._structure("Carry", self._carried),
+            self._reading("Constants", "read_constants", self._constants),
+            self._reading("Carry", "read_carry", self._carried),
             self._attempt(),
             *self._polls(),
-            c_function(
-                "PART void write_carry(double* S, const index n, const index i, const struct Carry carry)",
-                back,
-            ),
+            c_function(head_of_write, writes),
         ]
 
-    def _reading(self, structure: str, name: str, nodes: dict[int, int]) -> str:
-        lines = [f"read.s{slot} = {_read(self.chunk, at, slot)};" for at, slot in nodes.items()]
+    def _structure(self, name: str, nodes: Mapping[int, int]) -> str:
+        """The structure with a member for each of some nodes with their slots."""
+        return c_structure(
+            name, {f"s{slot}": self._chunk.program.nodes[at].kind for at, slot in nodes.items()}
+        )
+
+    def _reading(self, structure: str, name: str, nodes: Mapping[int, int]) -> str:
+        """The function `name` that reads a structure from memory."""
+        lines = [f"read.s{slot} = {_read(self._chunk, at, slot)};" for at, slot in nodes.items()]
         head = f"PART struct {structure} {name}(const double* S, const index n, const index i)"
         return c_function(head, [f"struct {structure} read;", *lines, "return read;"])
 
     def _attempt(self) -> str:
         """The function `attempt`, which returns the carry after one more attempt."""
+        program = self._chunk.program
+        halt = self._chunk.carry.halt.first
         # a waiting trajectory makes no attempt
-        halt = self.chunk.carry.halt.first
-        going = {at: "0.0" for at, slot in self.carried.items() if slot == halt}
-        wanted = list(self.chunk.attempt.values())
-        names = self._names | going
-        order = scheduled(self.chunk.program, wanted, names)
-        lines, results = statements(C, self.chunk.program, wanted, names, order)
-        changed = dict(zip(self.chunk.attempt, results, strict=True))
-        parameters = "const struct Own own, const struct Carry carry"
-        return c_function(f"PART struct Carry attempt({parameters})", [*lines, *self._moved(changed)])
+        names = self._names | {at: "0.0" for at, slot in self._carried.items() if slot == halt}
+        wanted = list(self._chunk.attempt.values())
+        lines, results = statements(C, program, wanted, names, scheduled(program, wanted, names))
+        changed = dict(zip(self._chunk.attempt, results, strict=True))
+        parameters = "const struct Constants constants, const struct Carry carry"
+        return c_function(f"PART struct Carry attempt({parameters})", [*lines, *self._changed_carry(changed)])
 
     def _polls(self) -> list[str]:
         """The function `poll`, and the two that it chooses from if there are quiet polls."""
-        chunk = self.chunk
-        arguments = ", ".join(_OF_POLL)
-        head = "PART struct Carry {}(" + ", ".join(f"{kind} {name}" for name, kind in _OF_POLL.items()) + ")"
+        chunk = self._chunk
+        arguments = ", ".join(_POLL_PARAMETERS)
+        parameters = ", ".join(f"{kind} {name}" for name, kind in _POLL_PARAMETERS.items())
+        head = f"PART struct Carry {{}}({parameters})"
         if chunk.program.value(chunk.eventful) is False:
             return [c_function(head.format("poll"), self._poll(chunk.polled))]
         needed = chunk.program.needed([chunk.eventful], self._names)
@@ -342,65 +361,98 @@ class _Thread:
 
     def _poll(self, polled: Sequence[int]) -> list[str]:
         """The lines of a poll whose nodes are those of `Chunk.polled`."""
-        chunk = self.chunk
-        program = self.chunk.program
-        names = dict(self._names)
-        changed = {
-            slot: at for slot, at in zip(chunk.poll, polled, strict=False) if not program.is_input(at, slot)
-        }
-        sample = polled[len(chunk.poll) : -1]
-        keep = polled[-1]
-        wanted = [*changed.values(), *sample, keep]
-        order = depth_first(program, wanted, names)
-        last_use = {a: place for place, at in enumerate(order) for a in program.nodes[at].args}
-        of_slot = {chunk.slot_of(at): at for at in order if program.nodes[at].op == "input"}
-        unwritten = {slot: at for slot, at in changed.items() if slot >= chunk.first_of_record}
-        lines: list[str] = []
-        read_at: dict[int, int] = {}
+        poll = _Poll(self._chunk, polled, self._names)
+        values = poll.write()
+        return [*poll.lines, *self._changed_carry(values)]
 
-        def read(at: int, place: int) -> None:
-            # a value that is read again needs no register in between; without `volatile` it would be read
-            # once
-            slot = chunk.slot_of(at)
-            read_at[at] = place
-            names[at] = f"r{slot}_{place}"
-            value = C.loaded(program.nodes[at].kind, f"((volatile const double*)S)[{slot} * n + i]")
-            lines.append(C.definition(program.nodes[at].kind, names[at], value))
-
-        for place, at in enumerate(order):
-            if program.nodes[at].op == "input":
-                read(at, place)
-            else:
-                for a in program.nodes[at].args:
-                    if place - read_at.get(a, place) > REREAD_AFTER:
-                        read(a, place)
-                lines += name_all(C, program, [at], names)
-            for slot, value in list(unwritten.items()):
-                if value in names and last_use.get(of_slot.get(slot, -1), -1) <= place:
-                    lines.append(_write(chunk, value, slot, names[value]))
-                    del unwritten[slot]
-        constants, results = statements(C, program, wanted, names)
-        lines += constants
-        if chunk.width and program.value(keep) is not False:
-            lines.insert(0, f"const index filled = (index)S[{chunk.record.filled.first} * n + i];")
-            lines += [
-                f"if ({results[-1]}) {{",
-                f"    double* row = kept + (filled * n + i) * {chunk.width};",
-                *(
-                    f"    row[{k}] = {C.stored(program.nodes[at].kind, value)};"
-                    for k, (at, value) in enumerate(zip(sample, results[len(changed) : -1], strict=True))
-                ),
-                "}",
-            ]
-        values = dict(zip(changed, results, strict=False))
-        lines += [_write(chunk, at, slot, values[slot]) for slot, at in unwritten.items()]
-        return [*lines, *self._moved(values)]
-
-    def _moved(self, changed: dict[int, str]) -> list[str]:
-        """The lines that return the carry after a stage."""
-        slots = (slot for slot in self.carried.values() if slot in changed)
+    def _changed_carry(self, values: Mapping[int, str]) -> list[str]:
+        """The lines that return the carry after a stage, with the values of slots that it changes."""
+        slots = [slot for slot in self._carried.values() if slot in values]
         return [
-            "struct Carry moved = carry;",
-            *(f"moved.s{slot} = {changed[slot]};" for slot in slots),
-            "return moved;",
+            "struct Carry changed = carry;",
+            *(f"changed.s{slot} = {values[slot]};" for slot in slots),
+            "return changed;",
         ]
+
+
+class _Poll:
+    """Writer of the lines of a poll, in which numbers of the record are read again rather than kept.
+
+    Args:
+        chunk: the program.
+        polled: the nodes that a poll writes, of the sample, and `keep`, as `Chunk.polled` has them.
+        names: expressions of the nodes that are in registers or constant memory.
+    """
+
+    def __init__(self, chunk: Chunk, polled: Sequence[int], names: Mapping[int, str]) -> None:
+        self.lines: list[str] = []
+        self._chunk = chunk
+        self._program = chunk.program
+        self._names = dict(names)
+        self._changed: dict[int, int] = {}  # the nodes of slots that do not keep their values
+        for slot, at in zip(chunk.poll, polled, strict=False):
+            if not self._program.is_input(at, slot):
+                self._changed[slot] = at
+        self._sample = polled[len(chunk.poll) : -1]
+        self._keep = polled[-1]
+        # the nodes of the record's slots that are still to be written
+        self._unwritten = {slot: at for slot, at in self._changed.items() if slot >= chunk.first_of_record}
+        self._read_at: dict[int, int] = {}  # the place in the order at which an input was read last
+
+    def write(self) -> dict[int, str]:
+        """Write the lines, and return the expressions of the slots that the poll changes."""
+        wanted = [*self._changed.values(), *self._sample, self._keep]
+        self._compute(depth_first(self._program, wanted, self._names))
+        constants, results = statements(C, self._program, wanted, self._names)
+        self.lines += constants
+        values = dict(zip(self._changed, results, strict=False))
+        self._keep_sample(results[len(self._changed) : -1], results[-1])
+        self.lines += [_write(self._chunk, at, slot, values[slot]) for slot, at in self._unwritten.items()]
+        return values
+
+    def _compute(self, order: Sequence[int]) -> None:
+        """Compute nodes in this order; a slot is written once its old value is not read any more."""
+        nodes = self._program.nodes
+        last_use = {a: place for place, at in enumerate(order) for a in nodes[at].args}
+        last_read = {
+            self._chunk.slot_of(at): last_use[at]
+            for at in order
+            if nodes[at].op == "input" and at in last_use
+        }
+        for place, at in enumerate(order):
+            if nodes[at].op == "input":
+                self._read(at, place)
+            else:
+                for a in nodes[at].args:
+                    if place - self._read_at.get(a, place) > REREAD_AFTER:
+                        self._read(a, place)
+                self.lines += name_all(C, self._program, [at], self._names)
+            for slot, value in list(self._unwritten.items()):
+                if value in self._names and (slot not in last_read or last_read[slot] <= place):
+                    self.lines.append(_write(self._chunk, value, slot, self._names[value]))
+                    del self._unwritten[slot]
+
+    def _read(self, at: int, place: int) -> None:
+        """Read an input from memory at a place in the order of statements."""
+        slot = self._chunk.slot_of(at)
+        kind = self._program.nodes[at].kind
+        self._read_at[at] = place
+        self._names[at] = f"r{slot}_{place}"
+        # a value that is read again needs no register in between; without `volatile` it would be read once
+        value = C.loaded(kind, f"((volatile const double*)S)[{slot} * n + i]")
+        self.lines.append(C.definition(kind, self._names[at], value))
+
+    def _keep_sample(self, values: Sequence[str], keep: str) -> None:
+        """Write the sample to its buffer where the flag `keep` is true."""
+        chunk = self._chunk
+        if not chunk.width or self._program.value(self._keep) is False:
+            return
+        # read before the poll writes it
+        self.lines.insert(0, f"const index filled = (index)S[{chunk.record.filled.first} * n + i];")
+        self.lines += [
+            f"if ({keep}) {{",
+            f"    double* sample = samples + (filled * n + i) * {chunk.width};",
+        ]
+        for k, (at, value) in enumerate(zip(self._sample, values, strict=True)):
+            self.lines.append(f"    sample[{k}] = {C.stored(self._program.nodes[at].kind, value)};")
+        self.lines.append("}")

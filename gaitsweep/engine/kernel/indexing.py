@@ -13,8 +13,7 @@ import numpy as np
 from jax.lax import GatherScatterMode
 
 from gaitsweep.engine.kernel import arithmetic
-from gaitsweep.engine.kernel.refusals import refuse
-from gaitsweep.engine.kernel.trace import Build, Nodes, Rule, Tracer, Writer, kind_of
+from gaitsweep.engine.kernel.trace import Build, Nodes, Rule, RuleError, Tracer, Writer, kind_of
 
 # A selection among more indices than this would be too expensive for a model's step.
 MAX_INDICES = 64
@@ -128,7 +127,7 @@ def _refuse_many(tracer: Tracer, starts: list[int], last: Sequence[int]) -> None
     moving = [many + 1 for at, many in zip(starts, last, strict=True) if tracer.program.value(at) is None]
     if (count := int(np.prod(moving))) > MAX_INDICES:
         most = f"at most {MAX_INDICES} indices computed at run time"
-        raise refuse(f"the scalar kernel selects among {most}, not {count}")
+        raise RuleError(f"the scalar kernel selects among {most}, not {count}")
 
 
 def _scatter(combine: Build) -> Rule:

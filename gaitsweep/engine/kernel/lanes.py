@@ -28,8 +28,8 @@ from gaitsweep.engine.kernel.opening import (
     opened_by_xla,
     opening_of,
 )
-from gaitsweep.engine.kernel.refusals import UnsupportedError
 from gaitsweep.engine.kernel.row_kernel import RowKernel
+from gaitsweep.engine.kernel.trace import UnsupportedError
 from gaitsweep.engine.numerics import STEP_FACTOR, ResolvedNumerics
 from gaitsweep.engine.recorders.recorder import BUFFER, Recorder
 from gaitsweep.engine.stored_programs import stored

@@ -15,10 +15,10 @@ _MASK = 0xFFFFFFFF
 IN_C = f"""
 PART double philox(const double seed, const double counter, const double stream, const int half) {{
     typedef unsigned long long word;
-    const double given[3] = {{seed, counter, stream}};
+    const double numbers[3] = {{seed, counter, stream}};
     word k[2], c[4];
     for (int j = 0; j < 3; ++j) {{
-        const double whole = fabs(given[j]) < {WHOLE!r} ? floor(given[j]) : 0.0;
+        const double whole = fabs(numbers[j]) < {WHOLE!r} ? floor(numbers[j]) : 0.0;
         const word bits = (word)(long long)whole;
         word* const to = j == 0 ? k : c + 2 * (j - 1);
         to[0] = bits & {_MASK}ULL;

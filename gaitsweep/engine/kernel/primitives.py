@@ -10,8 +10,7 @@ import numpy as np
 
 from gaitsweep.engine.carry import USUAL
 from gaitsweep.engine.kernel import arithmetic, arrays, control, elementary, indexing
-from gaitsweep.engine.kernel.refusals import refuse
-from gaitsweep.engine.kernel.trace import Build, Nodes, Rule, Tracer, kind_of
+from gaitsweep.engine.kernel.trace import Build, Nodes, Rule, RuleError, Tracer, kind_of
 
 
 def rule_for(name: str) -> Rule:
@@ -24,8 +23,8 @@ def rule_for(name: str) -> Rule:
         if name in rules:
             return rules[name]
     if name == "pure_callback":
-        raise refuse("its steps are computed outside of JAX, as by MuJoCo C on a CPU")
-    raise refuse(f"the scalar kernel does not know JAX's operation '{name}'")
+        raise RuleError("its steps are computed outside of JAX, as by MuJoCo C on a CPU")
+    raise RuleError(f"the scalar kernel does not know JAX's operation '{name}'")
 
 
 def _elementwise(build: Build) -> Rule:
@@ -48,7 +47,7 @@ def _parametric(build: Build, read: Callable[[dict[str, Any]], Any]) -> Rule:
 def _reduce_precision(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
     info = np.finfo(equation.invars[0].aval.dtype)
     if (equation.params["exponent_bits"], equation.params["mantissa_bits"]) != (info.iexp, info.nmant):
-        raise refuse("the scalar kernel rounds to float32 and float64 only")
+        raise RuleError("the scalar kernel rounds to float32 and float64 only")
     return list(args)
 
 
@@ -97,7 +96,7 @@ def _reduction(build: Build, neutral: float | None = None) -> Rule:
         )
         if flat.shape[-1] == 0:
             if neutral is None:
-                raise refuse("the scalar kernel finds no extreme among no elements")
+                raise RuleError("the scalar kernel finds no extreme among no elements")
             kind = kind_of(equation.outvars[0].aval.dtype)
             return [np.full(shape, tracer.program.constant(neutral, kind), np.int64)]
         total = flat[..., 0]

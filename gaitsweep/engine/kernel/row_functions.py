@@ -18,8 +18,7 @@ from jaxtyping import Float
 from gaitsweep.contract import Model
 from gaitsweep.engine.devices import host_device
 from gaitsweep.engine.kernel.operations import OPERATIONS
-from gaitsweep.engine.kernel.refusals import UnsupportedError
-from gaitsweep.engine.kernel.trace import traced_function
+from gaitsweep.engine.kernel.trace import UnsupportedError, traced_function
 from gaitsweep.engine.stored_programs import stored
 
 # Rows that are computed at a time, since the values of all nodes are in memory.
@@ -47,24 +46,33 @@ def over_rows(
             mappings and lists of arrays. Without a model it is traced in each process.
         all_rows: compute by a kernel, for a function that a run calls with all its rows.
     """
-    trace, computed = (_traced_kernel, _by_kernel) if all_rows else (_traced_operations, _by_numpy)
     if all_rows:
         from gaitsweep.engine.kernel.cpu_program import TILE  # which imports LLVM
 
+        trace = _traced_kernel
+        computed_by = _by_kernel
         others = *others, TILE  # part of a kernel's source
+    else:
+        trace = _traced_operations
+        computed_by = _by_numpy
     programs: dict[Hashable, Callable[..., Any]] = {}
+
+    def compiled(shapes: Any, key: Hashable) -> Callable[..., Any]:
+        """The function of rows with these shapes of a row's arguments."""
+        trace_row = partial(trace, function, shapes)
+        try:
+            if model is None:
+                return computed_by(*trace_row())
+            return computed_by(*stored(name, model, (*others, repr(key)), trace_row))
+        except UnsupportedError:
+            return _by_xla(function, all_rows=all_rows)
 
     def of_rows(*trees: Any) -> Any:
         columns, structure = jax.tree.flatten(jax.tree.map(np.asarray, trees))
         shapes = [jax.ShapeDtypeStruct(column.shape[1:], column.dtype) for column in columns]
         key = structure, tuple((shape.shape, shape.dtype) for shape in shapes)
         if key not in programs:
-            of_row = partial(trace, function, jax.tree.unflatten(structure, shapes))
-            try:
-                program = of_row() if model is None else stored(name, model, (*others, repr(key)), of_row)
-                programs[key] = computed(*program)
-            except UnsupportedError:
-                programs[key] = _by_xla(function, all_rows=all_rows)
+            programs[key] = compiled(jax.tree.unflatten(structure, shapes), key)
         outputs = []
         for first in range(0, max(len(columns[0]), 1), _ROWS_AT_A_TIME):
             part = [column[first : first + _ROWS_AT_A_TIME] for column in columns]

@@ -12,13 +12,20 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.extend.core import ClosedJaxpr, Jaxpr, Literal
+from jax.extend.core import ClosedJaxpr, Jaxpr, JaxprEqn, Literal
 
 from gaitsweep.engine.kernel.program import Kind, Program
-from gaitsweep.engine.kernel.refusals import Refusal, UnsupportedError, place_of, refuse
 
 # Of int64: the nodes of the program that represent the elements of an array of the same shape.
 Nodes = np.ndarray
+
+
+class UnsupportedError(Exception):
+    """A model uses an operation that the scalar kernel does not have; the message names it and its place."""
+
+
+class RuleError(UnsupportedError):
+    """A rule cannot translate an equation; the tracer adds the equation's place in the source."""
 
 
 class Writer:
@@ -82,11 +89,11 @@ class Tracer:
         for equation in jaxpr.eqns:
             try:
                 outputs = rule_for(equation.primitive.name)(self, equation, [get(a) for a in equation.invars])
-            except Refusal as refusal:
-                place = place_of(equation)
+            except RuleError as error:
+                place = _place_of(equation)
                 if not place:  # inside a function of JAX: the calling equation may have a place
                     raise
-                raise UnsupportedError(f"{refusal}{place}") from refusal
+                raise UnsupportedError(f"{error}{place}") from error
             # indexing may return NumPy scalars instead of arrays
             known.update(zip(equation.outvars, map(np.asarray, outputs), strict=True))
         return [get(atom) for atom in jaxpr.outvars]
@@ -197,4 +204,15 @@ def kind_of(dtype: Any) -> Kind:
         scalar = np.dtype(dtype)
         if (kind := kinds.get(scalar.str[1:] if scalar.kind == "f" else scalar.kind)) is not None:
             return kind
-    raise refuse(f"numbers of type {dtype} cannot run in the scalar kernel")
+    raise RuleError(f"numbers of type {dtype} cannot run in the scalar kernel")
+
+
+def _place_of(equation: JaxprEqn) -> str:
+    """The line of the model's source that an equation comes from, in brackets; empty if unknown."""
+    try:
+        from jax._src import source_info_util
+
+        frame = source_info_util.user_frame(equation.source_info.traceback)
+    except (ImportError, AttributeError, TypeError):  # JAX's private module, which may change
+        return ""
+    return "" if frame is None else f" ({frame.file_name}, line {frame.start_line})"

@@ -180,7 +180,7 @@ def _by_kernel(crossing: PoincareReturn, substitute: Crossing | None) -> Crossin
 
     def by_kernel(params: Params, state: State) -> Returned:
         from gaitsweep.engine.kernel.poincare_returns import KernelReturns
-        from gaitsweep.engine.kernel.refusals import UnsupportedError
+        from gaitsweep.engine.kernel.trace import UnsupportedError
 
         shapes = jax.tree.map(
             lambda leaf: jax.ShapeDtypeStruct(jnp.shape(leaf), jnp.result_type(leaf)), (params, state)

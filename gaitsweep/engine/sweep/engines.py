@@ -71,7 +71,7 @@ def _obstacle(
         if reason is not None:
             return reason
     from gaitsweep.engine.kernel.lanes import kernel_of
-    from gaitsweep.engine.kernel.refusals import UnsupportedError
+    from gaitsweep.engine.kernel.trace import UnsupportedError
 
     try:
         kernel_of(model, recorder, numerics, drive)

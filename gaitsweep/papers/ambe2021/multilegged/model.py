@@ -18,7 +18,7 @@ from jaxtyping import Array, Bool, Float, Real
 
 from gaitsweep.analyses import AnalysisError
 from gaitsweep.contract import Chart, HybridModel, Quantity, Rates, Recommended, Simultaneous
-from gaitsweep.dynamics import TWO_PI, lagged_reset, wrapped
+from gaitsweep.dynamics import TWO_PI, wrapped
 from gaitsweep.papers.ambe2021.multilegged.chain_of_table import chain_of, largest_distance, relative_phases
 from gaitsweep.papers.ambe2021.multilegged.chart import MultileggedChart
 from gaitsweep.papers.ambe2021.multilegged.drawing import MultileggedDrawing
@@ -37,6 +37,7 @@ from gaitsweep.papers.ambe2021.multilegged.state import (
     State,
     corner_of,
     first_touchdown,
+    lagged_reset,
     leg_lengths,
     segment_of,
 )

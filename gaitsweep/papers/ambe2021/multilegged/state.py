@@ -6,6 +6,7 @@ import dataclasses
 
 import jax
 import jax.numpy as jnp
+from jaxtyping import Array, Float
 
 from gaitsweep.dynamics import TWO_PI
 
@@ -95,3 +96,16 @@ def leg_lengths(p: Params, phi: jax.Array, segment: jax.Array) -> tuple[jax.Arra
     origin = jnp.where(segment == STANCE, p.L, jnp.where(segment == TAKEOFF, takeoff, landing))
     rate = jnp.where(segment == STANCE, 0.0, jnp.where(segment == TAKEOFF, -slope, slope))
     return origin + rate * phi, rate
+
+
+def lagged_reset(phi: Float[Array, " ..."], tau: Float[Array, " ..."]) -> Float[Array, " ..."]:
+    """The jump of the lag variable y (rad/s) that finally moves the phase phi (rad) to 2 pi.
+
+    The lag tau y' = -y + u responds to the impulse u = (2 pi - phi) delta(t) by a jump of y; phi is
+    continuous (eq. (5), (6)).
+
+    Args:
+        phi: the phase at touchdown, rad.
+        tau: the time constant of the lag, s.
+    """
+    return (TWO_PI - phi) / tau

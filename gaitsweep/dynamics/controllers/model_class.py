@@ -1,0 +1,301 @@
+"""The class of the model of a body in an MJCF whose legs a controller moves, as a model file describes it."""
+
+# MuJoCo's compiled modules come without types.
+# pyright: reportAttributeAccessIssue=false
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from gaitsweep.dynamics.controllers.leg_targets import Targets
+from gaitsweep.dynamics.controllers.oscillators import LegSenses
+from gaitsweep.dynamics.declarations import observable, parameter, signal, variable
+from gaitsweep.dynamics.event_declarations import event
+from gaitsweep.dynamics.footfalls import LEGS, footfalls
+from gaitsweep.dynamics.mjcf.source import identifier, keyframe_number
+from gaitsweep.dynamics.tree import tilt_and_heading
+
+if TYPE_CHECKING:
+    from gaitsweep.dynamics.body.body_model import BodyModel
+    from gaitsweep.dynamics.controllers.model_file import ModelFile
+    from gaitsweep.dynamics.mjx.mjcf_model import MjcfModel
+
+# Members that a class of a model needs; an MJCF is compiled by a class with these before its controller is
+# known.
+UNCONTROLLED: Mapping[str, Any] = {
+    "control": lambda model, params, state: jnp.zeros(0),
+    "period": lambda model, params: jnp.ones(()),
+}
+_LEVEL = 1e-9  # component of a unit axis below which a slide does not move along the ground
+_DIGITS = 16  # of a digest, in the name of a class
+
+
+@dataclasses.dataclass(frozen=True)
+class Leg:
+    """A leg: its name, the geom of its foot, and the joint of each role."""
+
+    name: str
+    foot: str
+    joints: Mapping[str, str]
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class ControlledBody:
+    """A body and the controller of its legs, from which the members of a model's class are made.
+
+    Attributes:
+        m: the compiled MJCF.
+        is_located: whether contacts are located events, of a `BodyModel`.
+        file: the content of the model file.
+        legs: the legs.
+        targets: the targets of their joints.
+        actuators: the number of the actuator of each joint.
+    """
+
+    m: Any
+    is_located: bool
+    file: ModelFile
+    legs: list[Leg]
+    targets: Targets
+    actuators: Mapping[str, int]
+
+    def members(self) -> dict[str, Any]:
+        """The declarations and functions of the model, by name."""
+        return {**self._of_controller(), **self._of_feet(), **self._of_trunk()}
+
+    def _of_controller(self) -> dict[str, Any]:
+        """Parameters, variables, rates and control of the oscillators."""
+        controller = self.file.controller
+        oscillators = controller.oscillators
+        names = tuple(leg.name for leg in self.legs)
+
+        def rates(model: Any, params: Any, state: Any) -> dict[str, Any]:
+            senses = LegSenses(lambda: self._loads(model, params, state), lambda: self._hips(model, state))
+            return {**oscillators.rates(names, params, state, senses), "clock": 1.0}
+
+        def period(model: Any, params: Any) -> Float[Array, ""]:
+            return oscillators.period(params)
+
+        def force(model: Any, params: Any, state: Any) -> Float[Array, " legs"]:
+            return self._loads(model, params, state)
+
+        members: dict[str, Any] = {**oscillators.declarations(names), **self.targets.declarations()}
+        if controller.kp is not None and controller.kd is not None:
+            members["kp"] = parameter("N m/rad", "position gain of motors", controller.kp, low=0.0)
+            members["kd"] = parameter("N m s/rad", "velocity gain of motors", controller.kd, low=0.0)
+        members |= {
+            "clock": variable("s", "time since the section", observed=False, signal=False),
+            "control": self._control(),
+            "rates": rates,
+            "period": period,
+            "force": signal("N", "force of the ground on foot", count=len(names))(force),
+        }
+        if oscillators.resets:
+            members["landing"] = self._landing()
+        return members
+
+    def _control(self) -> Callable[[Any, Any, Any], Float[Array, " nu"]]:
+        """The function `control` of the model."""
+        m = self.m
+        keyframe = keyframe_number(m, self.file.keyframe)
+        resting = np.zeros(m.nu) if keyframe is None else np.array(m.key_ctrl[keyframe])
+
+        def control(model: Any, params: Any, state: Any) -> Float[Array, " nu"]:
+            place, lift = self.file.controller.oscillators.pattern(params, state)
+            controls: list[Any] = [float(number) for number in resting]
+            for joint, target in self.targets.of_joints(model, params, place, lift).items():
+                k = self.actuators[joint]
+                if follows_targets(m, k):
+                    controls[k] = target
+                    continue
+                error = target - model.position(state, joint)
+                force = params.kp * error - params.kd * model.rate(state, joint)
+                controls[k] = force / (float(m.actuator_gear[k, 0]) * float(m.actuator_gainprm[k, 0]))
+            return jnp.stack([jnp.asarray(value, float) for value in controls])
+
+        return control
+
+    def _landing(self) -> Any:
+        """The event of landing feet, which reset their oscillators."""
+
+        def depths(model: Any, params: Any, state: Any) -> Float[Array, " legs"]:
+            return jnp.stack([model.depth(params, state, leg.foot) for leg in self.legs])
+
+        def contacts(model: Any, params: Any, state: Any) -> Float[Array, " legs"]:
+            return jnp.where(self._touches(model, state), 1.0, -1.0)
+
+        def landed(model: Any, params: Any, state: Any, i: int) -> Any:
+            return self.file.controller.oscillators.landed(params, state, i)
+
+        declare = event("foot {} lands", count=len(self.legs))
+        landing = declare(depths if self.is_located else contacts)
+        landing.jump(landed)
+        return landing
+
+    def _of_feet(self) -> dict[str, Any]:
+        """Footfalls of legs that have names of gaits; else the signals contact_1, ..."""
+
+        def feet(model: Any, params: Any, state: Any) -> Bool[Array, " legs"]:
+            return self._touches(model, state)
+
+        def contact(model: Any, params: Any, state: Any) -> Float[Array, " legs"]:
+            return self._touches(model, state).astype(float)
+
+        names = tuple(leg.name for leg in self.legs)
+        if sorted(names) in [sorted(names_of_gaits) for names_of_gaits in LEGS.values()]:
+            return {"feet": footfalls("clock", legs=names)(feet)}
+        return {"contact": signal("1", "whether foot is down", count=len(names))(contact)}
+
+    def _of_trunk(self) -> dict[str, Any]:
+        """The section, with the mean speed of each cycle; the trunk's height; and its fall."""
+        trunk = _Trunk(self.m)
+        lowest = self.file.fallen
+
+        def height(model: Any, params: Any, state: Any) -> Float[Array, ""]:
+            return trunk.place(model.positions(state))[2]
+
+        observed_height = observable("m", "height of the trunk", scale=0.1, signal=True)
+        members: dict[str, Any] = {"turn": self._section(trunk)}
+        if trunk.moves:
+            members["begin"] = variable(
+                "m", "place of the trunk at the section", count=2, observed=False, signal=False
+            )
+            members["speed"] = variable("m/s", "mean speed of the last cycle", observed=True, scale=1.0)
+        members["height"] = observed_height(height)
+        if lowest is not None:
+
+            def failed(model: Any, params: Any, state: Any) -> Bool[Array, ""]:
+                return height(model, params, state) < lowest
+
+            members["failed"] = failed
+        return members
+
+    def _section(self, trunk: _Trunk) -> Any:
+        """The event that closes a cycle, at which the speed of a moving trunk is computed."""
+        oscillators = self.file.controller.oscillators
+
+        def turn(model: Any, params: Any, state: Any) -> Float[Array, ""]:
+            return oscillators.turned(state)
+
+        def begin_cycle(model: Any, params: Any, state: Any) -> Any:
+            changes: dict[str, Any] = {"clock": 0.0}
+            if trunk.moves:
+                q = model.positions(state)
+                changes["begin"] = trunk.place(q)[:2]
+                changes["speed"] = trunk.ahead(q, state.begin) / state.clock
+            return oscillators.wrapped(state).replace(**changes)
+
+        section = event("the first leg ends its swing", section=True)(turn)
+        section.jump(begin_cycle)
+        return section
+
+    def _touches(self, model: Any, state: Any) -> Bool[Array, " legs"]:
+        """Whether each foot is on the ground."""
+        return jnp.stack([model.touches(state, leg.foot) for leg in self.legs])
+
+    def _loads(self, model: Any, params: Any, state: Any) -> Float[Array, " legs"]:
+        """The force (N) of the ground on each foot."""
+        return jnp.stack([model.load(params, state, leg.foot) for leg in self.legs])
+
+    def _hips(self, model: Any, state: Any) -> Float[Array, " legs"]:
+        """The angles (n,) of the legs' first joints, rad, leg forward positive."""
+        angles = []
+        for leg in self.legs:
+            hip = next(iter(leg.joints.values()))
+            # a turn about y moves the leg backwards
+            turns_backwards = float(self.m.joint(hip).axis[1]) > 0.0
+            position = model.position(state, hip)
+            angles.append(-position if turns_backwards else position)
+        return jnp.stack(angles)
+
+
+def model_class(
+    path: Path, base: type[BodyModel] | type[MjcfModel], body_file: str, body: ControlledBody, digest: str
+) -> type[BodyModel] | type[MjcfModel]:
+    """The class of the model of a model file.
+
+    Args:
+        path: the model file.
+        base: the class to derive from.
+        body_file: the path of the MJCF.
+        body: the body and its controller.
+        digest: the digest of the file's content.
+    """
+    data_digest_of_base: Any = base.data_digest
+    members: dict[str, Any] = {
+        "__doc__": f"The model of {path.name}.",
+        "__module__": __name__,
+        # classes of other files and contents have other names, since programs are stored by names
+        "__qualname__": f"ModelOfFile_{digest[:_DIGITS]}",
+        "model_file": path,
+        "name": identifier(path.stem),
+        "source": body.file.source,
+        "body_file": body_file,
+        "keyframe": body.file.keyframe,
+        "data_digest": property(lambda model: data_digest_of_base.fget(model) + digest),
+        **body.members(),
+    }
+    class_: Any = type(_class_name(path), (base,), members)
+    return class_
+
+
+def follows_targets(m: Any, k: int) -> bool:
+    """Whether actuator `k` of a compiled MJCF is a position servo, whose control is a target."""
+    return bool(m.actuator_biasprm[k, 1])
+
+
+def _class_name(path: Path) -> str:
+    """The name of a model's class from that of its file."""
+    words = re.findall(r"[A-Za-z0-9]+", path.stem)
+    return identifier("".join(word[:1].upper() + word[1:] for word in words)) or "Walker"
+
+
+class _Trunk:
+    """Place and heading of the first body, by its free joint or its slides.
+
+    Args:
+        m: the compiled MJCF.
+    """
+
+    def __init__(self, m: Any) -> None:
+        import mujoco
+
+        joints = [j for j in range(m.njnt) if m.jnt_bodyid[j] == 1]
+        self._is_free = bool(joints) and m.jnt_type[joints[0]] == mujoco.mjtJoint.mjJNT_FREE
+        self._reference = np.array(m.body_pos[1])
+        # the place in q and the axis of each slide; hinges turn the slides after them
+        self._slides: list[tuple[int, np.ndarray]] = []
+        for j in joints:
+            if m.jnt_type[j] != mujoco.mjtJoint.mjJNT_SLIDE:
+                break
+            self._slides.append((int(m.jnt_qposadr[j]), np.array(m.jnt_axis[j])))
+
+    @property
+    def moves(self) -> bool:
+        """Whether it moves along the ground."""
+        return self._is_free or any(abs(axis[:2]).max() > _LEVEL for _, axis in self._slides)
+
+    def place(self, q: Float[Array, " nq"]) -> Float[Array, " 3"]:
+        """Its place (3,), m."""
+        if self._is_free:
+            return q[:3]
+        place = jnp.asarray(self._reference)
+        for at, axis in self._slides:
+            place = place + q[at] * jnp.asarray(axis)
+        return place
+
+    def ahead(self, q: Float[Array, " nq"], begin: Float[Array, " 2"]) -> Float[Array, ""]:
+        """The way (m) along the ground from a place (2,), along its heading; along x without a free joint."""
+        way = self.place(q)[:2] - begin
+        if not self._is_free:
+            return way[0]
+        _, heading = tilt_and_heading(q[3:7])
+        return (way @ heading)[0]
