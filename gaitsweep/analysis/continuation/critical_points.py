@@ -20,8 +20,7 @@ import numpy as np
 from jaxtyping import Complex, Float, Inexact
 
 from gaitsweep.analysis.continuation.lockstep import Computation, Request
-from gaitsweep.analysis.continuation.multipliers import multipliers
-from gaitsweep.analysis.continuation.newton import ConservedConstraints, matrices, residuals
+from gaitsweep.analysis.continuation.newton import ConservedConstraints, matrices, multipliers, residuals
 from gaitsweep.analysis.continuation.normal_forms import (
     circle_coefficient,
     flip_coefficient,
