@@ -123,14 +123,14 @@ def _order_curves(
         ):
             continue
         known.append((branch, parameter, points))
-        names = [mapping.conserved[k].name for k in problem.held.which]
+        names = [mapping.conserved[k].name for k in problem.constraints.which]
         change = OrderChange(
             mapping=problem.mapping,
             parameter=problem.parameter,
             second=second.name,
             within=(within, (second.low, second.high)),
             values={name: value for name, value in problem.values.items() if name != second.name},
-            fix=dict(zip(names, problem.held.values.T, strict=True)),
+            fix=dict(zip(names, problem.constraints.values.T, strict=True)),
             point=points,
             home=(parameter, _home(branch, second)),
             events=record["events"],

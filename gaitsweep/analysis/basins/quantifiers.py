@@ -22,8 +22,8 @@ from gaitsweep.contract import Status
 TAIL = 0.95  # share of the starts of a basin whose convergence is faster than the tail
 _EXPONENT = "lyapunov_1"
 # The columns of a share of starts and of its interval: of all starts, and of those that settle in time.
-_SHARE = ("fraction", "low", "high")
-_SHARE_IN_TIME = ("within", "within_low", "within_high")
+_SHARE: tuple[str, str, str] = ("fraction", "low", "high")
+_SHARE_IN_TIME: tuple[str, str, str] = ("within", "within_low", "within_high")
 _COLUMNS = [
     *("rows", *_SHARE, *_SHARE_IN_TIME),
     *("time_mean", "time_median", "time_tail", "time_most", "resilience", "least_shock"),
