@@ -102,7 +102,7 @@ class AtlasBlock:
         """The rows, and the records of their branches with the point of each as `at`."""
         search, atlas = self._followed()
         table = atlas_table(atlas, search, self.run.place).rename(columns={"branch": "number"})
-        at = [branch.point(place) for branch in atlas.branches for place in range(len(branch.records))]
+        at = [branch.point(k) for branch in atlas.branches for k in range(len(branch.records))]
         table["at"] = pd.Series(at, table.index, dtype=object)
         return self.mapped.without(self.run.parameter), table
 
@@ -179,9 +179,9 @@ class AtlasBlock:
         def on_round(count: int, orbits: int) -> None:
             self.on_progress(f"{orbits} gaits from {count} starts of a row", 0.5 * count / run.budget)
 
-        def draw(row_of_start: Rows, begun: int) -> Points:
+        def draw(row_of_start: Rows, drawn_before: int) -> Points:
             count = int(np.sum(row_of_start == row_of_start[0]))
-            return drawn.points(row_of_start, begun, count)
+            return drawn.points(row_of_start, drawn_before, count)
 
         periods = 1 if run.stationary else run.periods  # a point at rest has no other
         options = SearchOptions(periods, run.budget, run.batch, run.patience, on_round)
