@@ -192,14 +192,13 @@ class AtlasBlock:
             search.run(draw, range(len(mapped.numbers)))
             return search
         row_of_start = np.repeat(np.arange(len(mapped.numbers)), run.batch)
-        ends = drawn.points(row_of_start, 0, run.batch, max(run.settle, 1))
-        sound = np.asarray(np.isfinite(ends.at).all(axis=1))
-        settled = np.flatnonzero(sound)
-        if settled.size:
-            search.add(ends[settled], row_of_start[settled], drawn=False)
+        settled = drawn.points(row_of_start, 0, run.batch, max(run.settle, 1))
+        sound = np.asarray(np.isfinite(settled.at).all(axis=1))
+        if sound.any():
+            search.add(settled[np.flatnonzero(sound)], row_of_start[sound], drawn=False)
         search.run(draw, range(len(mapped.numbers)))
         if not run.fix:  # else the drawn starts lead to gaits with other values of what is conserved
-            search.mark_reached(ends, row_of_start, sound)
+            search.mark_reached(settled, row_of_start, sound)
         return search
 
     def _without_gait(self, row: int, search: OrbitSearch) -> dict[str, Any]:

@@ -109,10 +109,7 @@ def attractors(
         groups += _orbit_groups(space, table, columns, period, grain, link)
     for status in sorted(RECURRENT):
         groups += _set_groups(space, table, columns, status)
-    names = [
-        f"A{number}" if len(group.states) else str(group.record["kind"])
-        for number, group in enumerate(groups, 1)
-    ]
+    names = [group.name(number) for number, group in enumerate(groups, start=1)]
     codes = np.full(len(table), -1)
     for number, group in enumerate(groups):
         codes[group.rows] = number
@@ -128,6 +125,10 @@ class _Group:
     rows: Int[np.ndarray, " rows"]
     states: StateArray
     record: dict[str, object]
+
+    def name(self, number: int) -> str:
+        """The name of the attractor with this number; without states that of its kind."""
+        return f"A{number}" if len(self.states) else str(self.record["kind"])
 
 
 def _summary(names: Sequence[str], groups: Sequence[_Group], columns: Sequence[str]) -> pd.DataFrame:
