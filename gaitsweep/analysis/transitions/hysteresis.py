@@ -14,6 +14,7 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 from jaxtyping import Bool, Float, Shaped
+from numpy.typing import ArrayLike
 
 from gaitsweep.analysis.circular import branch_cut, is_circular, mean_direction, unwrap_from
 from gaitsweep.analysis.records import AnalysisError, axes_of, panels_of, require, section_column
@@ -196,17 +197,17 @@ def _irregular(
 def _without_passes(all_jumps: pd.DataFrame, passes: pd.DataFrame) -> pd.DataFrame:
     """The `jumps` without those of some passes (row, pass)."""
     of_jumps = pd.MultiIndex.from_arrays([all_jumps["row"], all_jumps["pass"]])
-    return all_jumps.loc[~of_jumps.isin(pd.MultiIndex.from_frame(passes))]
+    return all_jumps.iloc[np.flatnonzero(~of_jumps.isin(pd.MultiIndex.from_frame(passes)))]
 
 
-def _lower_median(values: pd.Series) -> float:
+def _lower_median(values: ArrayLike) -> float:
     """The median, of an even number of values the lower of the two in the middle."""
-    return float(values.quantile(0.5, interpolation="lower"))
+    return float(np.quantile(np.asarray(values, float), 0.5, method="lower"))
 
 
-def _upper_median(values: pd.Series) -> float:
+def _upper_median(values: ArrayLike) -> float:
     """The median, of an even number of values the higher of the two in the middle."""
-    return float(values.quantile(0.5, interpolation="higher"))
+    return float(np.quantile(np.asarray(values, float), 0.5, method="higher"))
 
 
 def transition_points(
