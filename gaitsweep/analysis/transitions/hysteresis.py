@@ -158,7 +158,8 @@ def jump_intervals(
     irregular = irregular_passes(table, observable, parameter, LEAST if least is None else least)
     steady = _without_passes(jumps(table, observable, parameter, least), irregular)
     records = []
-    for (number, direction), part in steady.sort_values("low").groupby(["pass", "direction"]):
+    for _, part in steady.sort_values("low").groupby(["pass", "direction"]):
+        number, direction = part["pass"].iloc[0], part["direction"].iloc[0]
         reach = part["high"].cummax().shift(fill_value=-np.inf)
         for _, together in part.groupby((part["low"] >= reach).cumsum()):
             low, high = _lower_median(together["low"]), _upper_median(together["high"])
