@@ -40,11 +40,12 @@ def is_circular(table: pd.DataFrame, name: str) -> bool:
     _end_2 of section observables; else a name that begins with psi, phi or delta.
     """
     quantities = table.attrs.get("quantities", {})
-    entry = quantities.get(name) or quantities.get(re.sub(r"_(n|end(_\d+)?)\Z", "", name)) or {}
-    circular = entry.get("circular")
-    if circular is None:
-        return re.match(r"(psi|phi|delta)(_|\Z)", name) is not None
-    return bool(circular)
+    without_suffix = re.sub(r"_(n|end(_\d+)?)\Z", "", name)
+    for known_name in (name, without_suffix):
+        circular = quantities.get(known_name, {}).get("circular")
+        if circular is not None:
+            return bool(circular)
+    return re.match(r"(psi|phi|delta)(_|\Z)", name) is not None
 
 
 def mean_direction(angles: Float[np.ndarray, " angles"]) -> float:
@@ -69,14 +70,14 @@ def branch_cut(angles: Float[np.ndarray, " angles"]) -> float:
     It is in a gap between the angles at least half as wide as the widest: 0 if such a gap contains 0, so that
     they keep their usual range; else the middle of the last such gap, less a turn.
     """
-    places = np.unique(np.mod(np.asarray(angles, float)[np.isfinite(angles)], TURN))
-    if not len(places):
+    on_circle = np.unique(np.mod(np.asarray(angles, float)[np.isfinite(angles)], TURN))
+    if not len(on_circle):
         return 0.0
-    gaps = np.diff(np.append(places, places[0] + TURN))
+    gaps = np.diff(np.append(on_circle, on_circle[0] + TURN))
     last = int(np.flatnonzero(gaps >= 0.5 * gaps.max())[-1])
-    if last == len(places) - 1:
+    if last == len(on_circle) - 1:
         return 0.0
-    return float(places[last] + 0.5 * gaps[last] - TURN)
+    return float(on_circle[last] + 0.5 * gaps[last] - TURN)
 
 
 def unwrap_from(angles: Float[np.ndarray, " angles"], origin: float | None) -> Float[np.ndarray, " angles"]:

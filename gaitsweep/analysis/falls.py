@@ -60,14 +60,16 @@ def steps_to_fall(
     table, by, fell = _walks(table, by, level)
     walked = table["cycles"].to_numpy(int) - after
     records = []
-    for place, rows in panels_of(table, by):
+    for panel, rows in panels_of(table, by):
         counted = rows[walked[rows] >= 0]
         falls = int(fell[counted].sum())
         tried = int(walked[counted].sum()) + falls
         low, high = proportion_interval(falls, tried, level, "clopper_pearson") if tried else (0.0, 1.0)
-        steps = tried / falls if falls else np.inf
-        ends = {"steps": steps, "low": 1.0 / high, "high": 1.0 / low if low > 0.0 else np.inf}
-        records.append({**place, "rows": counted.size, "falls": falls, "tried": tried, **ends})
+        record = {**panel, "rows": counted.size, "falls": falls, "tried": tried}
+        record["steps"] = tried / falls if falls else np.inf
+        record["low"] = 1.0 / high
+        record["high"] = 1.0 / low if low > 0.0 else np.inf
+        records.append(record)
     return pd.DataFrame(records, columns=[*by, *_COLUMNS])
 
 
@@ -100,18 +102,18 @@ def survival(
     if steps < 1:
         raise AnalysisError(f"steps is {steps}, but must be 1 or more.")
     table, by, fell = _walks(table, by, level)
-    made = table["cycles"].to_numpy(int)
-    if len(short := np.flatnonzero(~fell & (made < steps))):
+    cycles = table["cycles"].to_numpy(int)
+    if len(short := np.flatnonzero(~fell & (cycles < steps))):
         raise AnalysisError(
-            f"{len(short)} rows ended before {steps} steps without a fall, the first after {made[short[0]]}: "
-            "run them for a longer time, or ask for fewer steps."
+            f"{len(short)} rows ended before {steps} steps without a fall, the first after "
+            f"{cycles[short[0]]}: run them for a longer time, or ask for fewer steps."
         )
     records = []
-    for place, rows in panels_of(table, by):
-        walked = int((made[rows] >= steps).sum())
+    for panel, rows in panels_of(table, by):
+        walked = int((cycles[rows] >= steps).sum())
         low, high = proportion_interval(walked, len(rows), level, "clopper_pearson")
         shares = {"share": walked / len(rows), "low": low, "high": high}
-        records.append({**place, "steps": steps, "rows": len(rows), "walked": walked, **shares})
+        records.append({**panel, "steps": steps, "rows": len(rows), "walked": walked, **shares})
     return pd.DataFrame(records, columns=[*by, "steps", "rows", "walked", "share", "low", "high"])
 
 

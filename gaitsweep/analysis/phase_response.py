@@ -68,14 +68,15 @@ def phase_response(
         crossings.append((at, modes, float(t), np.asarray(g), np.asarray(m)))
         at, modes = image, state
     times = np.array([t for _, _, t, _, _ in crossings])
-    total, begun = float(times.sum()), np.concatenate([[0.0], np.cumsum(times)])
+    total = float(times.sum())
+    begins = np.concatenate([[0.0], np.cumsum(times)])  # the time of each crossing
     delays = _delays([g for *_, g, _ in crossings], [m for *_, m in crossings], total)
     programs = _pushed(mapping, tuple(variables))
     response = np.zeros((len(phases), len(variables)))
     for k, share in enumerate(phases):
-        crossing = int(np.clip(np.searchsorted(begun, share * total, side="right") - 1, 0, period - 1))
+        crossing = int(np.clip(np.searchsorted(begins, share * total, side="right") - 1, 0, period - 1))
         at, modes = crossings[crossing][:2]
-        late, moved, status = programs(complete, at, modes, share * total - begun[crossing])
+        late, moved, status = programs(complete, at, modes, share * total - begins[crossing])
         if int(status) != ReturnStatus.crossed:
             raise ArgumentError(
                 f"The gait has no crossing after phase {share:g}: {ReturnStatus(int(status)).name}."
@@ -93,11 +94,10 @@ def _delays(
 
     `g` and `m` are the derivatives, at each crossing, of the time to the next one and of its coordinates.
     """
-    p = len(g)
     matrix, gradient = np.eye(len(g[0])), np.zeros(len(g[0]))
-    for g_here, m_here in zip(g, m, strict=True):
-        gradient = gradient + g_here @ matrix
-        matrix = m_here @ matrix
+    for of_time, of_coordinates in zip(g, m, strict=True):
+        gradient = gradient + of_time @ matrix
+        matrix = of_coordinates @ matrix
     multipliers, right = np.linalg.eig(matrix)
     neutral = np.abs(multipliers - 1.0) < NEUTRAL
     if unstable := int(np.sum((np.abs(multipliers) >= 1.0) & ~neutral)):
@@ -119,10 +119,9 @@ def _delays(
     delay = np.linalg.solve((np.eye(len(matrix)) - matrix + projector).T, gradient)
     # that of the first crossing follows the last one
     delays = [delay]
-    for g_here, m_here in zip(reversed(g[1:]), reversed(m[1:]), strict=True):
-        delay = g_here + m_here.T @ delay
+    for of_time, of_coordinates in zip(reversed(g[1:]), reversed(m[1:]), strict=True):
+        delay = of_time + of_coordinates.T @ delay
         delays.append(delay)
-    assert len(delays) == p
     return delays[::-1]
 
 
@@ -138,8 +137,8 @@ def _cycle(mapping: BatchedReturnMap) -> Callable[..., Any]:
             image = mapping.chart.to_coordinates(params, state)
             return (t, image), ((t, image), state)
 
-        derivatives, (values_there, state) = jax.jacfwd(returned, has_aux=True)(at)
-        return values_there, derivatives, state
+        derivatives, (image, state) = jax.jacfwd(returned, has_aux=True)(at)
+        return image, derivatives, state
 
     return jax.jit(one)
 
@@ -157,17 +156,17 @@ def _pushed(mapping: BatchedReturnMap, variables: tuple[Place, ...]) -> Callable
 
     def one(values: Any, at: Coordinates, modes: State, t: Number) -> Any:
         params = mapping.params(values)
-        begun = mapping.chart.from_coordinates(params, at, modes)
+        state_at_crossing = mapping.chart.from_coordinates(params, at, modes)
         dt = numerics.factor * step_of(model, numerics, params)
-        carry = start(model, params, begun, dt=dt, stop=t, step_factor=numerics.factor)
+        carry = start(model, params, state_at_crossing, dt=dt, stop=t, step_factor=numerics.factor)
         carry = jax.lax.while_loop(
             lambda carry: carry.halt == Halt.GOING, lambda carry: attempt(params, carry), carry
         )
 
         def crossing(amounts: Float[Array, " variables"]) -> Any:
             state = carry.state
-            for (name, place), amount in zip(variables, amounts, strict=True):
-                pushed = jnp.asarray(getattr(state, name)).at[place].add(amount)
+            for (name, index), amount in zip(variables, amounts, strict=True):
+                pushed = jnp.asarray(getattr(state, name)).at[index].add(amount)
                 state = dataclasses.replace(state, **{name: pushed})
             after, state, status = mapping.state(params, state)
             return (after, mapping.chart.to_coordinates(params, state)), status

@@ -107,12 +107,18 @@ def rare_falls(
     scales: Sequence[float],
     level: float,
 ) -> RareFalls:
-    """Estimate the chance of a fall in a step; arguments are those of `PoincareMap.rare_falls`.
+    """Estimate the chance of a fall in a step.
 
     Args:
         mapping: the return map.
         starts: initial conditions by name.
-        noise, draws, seed, steps, rounds, scales, level: as there.
+        noise: the parameter that is proportional to the noise.
+        draws: function of parameters and the state after a step that returns the numbers drawn in it.
+        seed: the parameter that is the seed of the noise.
+        steps: steps of a window of enlarged noise; falls in its second half count.
+        rounds: rounds of windows with the best factor.
+        scales: factors by which the noise is enlarged, of which the best is chosen.
+        level: confidence level of the interval.
 
     Raises:
         AnalysisError: an argument is not allowed, or too few falls were met with every factor.
@@ -133,19 +139,22 @@ def rare_falls(
             f"fewer than {_FEW} falls were met with each of the factors {', '.join(map(str, scales))}: "
             "give larger ones as scales, or more steps."
         )
-    found = walk.windows(best, rounds)
-    chance = float(found.chances.mean())
-    width = scipy.stats.t.ppf(0.5 + 0.5 * level, rounds - 1) * found.error
-    means = np.average(found.draws, axis=0, weights=found.weights)
-    way_out = pd.DataFrame(
-        {"step": np.arange(1 - steps, 1), **{f"draw_{k + 1}": means[:, k] for k in range(means.shape[1])}}
-    )
-    # the number that is drawn in the step of the fall comes after it
-    way_out = way_out.iloc[:-1]
+    windows = walk.windows(best, rounds)
+    chance = float(windows.chances.mean())
+    width = scipy.stats.t.ppf(0.5 + 0.5 * level, rounds - 1) * windows.error
     # steps without an end may be falls
-    ends = (chance, chance * np.exp(-width), chance * np.exp(width) + found.undecided)
-    hazard, low, high = (_hazard(float(end), steps) for end in ends)
-    return RareFalls(hazard, low, high, found.falls, best, walk.simulated, way_out)
+    chances = (chance, chance * np.exp(-width), chance * np.exp(width) + windows.undecided)
+    hazard, low, high = (_hazard(float(of_fall), steps) for of_fall in chances)
+    return RareFalls(hazard, low, high, windows.falls, best, walk.simulated, _way_out(windows, steps))
+
+
+def _way_out(windows: _Windows, steps: int) -> pd.DataFrame:
+    """The weighted means of the numbers drawn before falls, as `RareFalls.way_out`."""
+    means = np.average(windows.draws, axis=0, weights=windows.weights)
+    columns = {f"draw_{k + 1}": means[:, k] for k in range(means.shape[1])}
+    way_out = pd.DataFrame({"step": np.arange(1 - steps, 1), **columns})
+    # the number that is drawn in the step of the fall comes after it
+    return way_out.iloc[:-1]
 
 
 def _late(steps: int) -> range:
@@ -171,9 +180,9 @@ class _Walk:
         self._own = float(mapping.complete({}, 1)[noise][0])
         self._values = mapping.complete({}, ROWS)
         self._step = _stepper(mapping, draws)
-        self._next_seed, self.simulated = 1, 0
-        begun = mapping.settled(starts, {seed: self._seeds()}, 0)[0]
-        self._states = begun.modes
+        self._next_seed = 1
+        self.simulated = 0
+        self._states = mapping.settled(starts, {seed: self._seeds()}, 0)[0].modes
         for _ in range(FORGOTTEN):
             self._walk_on()
 
@@ -213,38 +222,50 @@ class _Walk:
         if fell.all():
             raise AnalysisError("all rows fell within a few steps: count them in a run of kind fixed_time.")
         alive = np.flatnonzero(~fell)
-        places = np.where(fell, alive[np.arange(ROWS) % alive.size], np.arange(ROWS))
-        self._states = jax.tree.map(lambda leaf: np.asarray(leaf)[places], moved)
+        sources = np.where(fell, alive[np.arange(ROWS) % alive.size], np.arange(ROWS))
+        self._states = jax.tree.map(lambda leaf: np.asarray(leaf)[sources], moved)
 
     def windows(self, scale: float, rounds: int) -> _Windows:
         """Windows of so many rounds, each from the states of rows that have walked on."""
-        late = _late(self._steps)
-        chances, weights, histories, falls, undecided = [], [], [], 0, 0.0
+        windows = []
         for _ in range(rounds):
             for _ in range(self._steps):
                 self._walk_on()
-            states, walks = self._states, np.ones(ROWS, bool)
-            now, logarithm, drawn, chance = ~walks, np.zeros(ROWS), [], 0.0
-            for step in range(self._steps):
-                states, status, numbers = self._moved(states, scale, walks)
-                now, lost = (walks & (status == code) for code in (ReturnStatus.fell, ReturnStatus.late))
-                if (stuck := walks & ~now & ~lost & (status != ReturnStatus.crossed)).any():
-                    reason = ReturnStatus(int(status[stuck][0])).sentence
-                    raise AnalysisError(f"{stuck.sum()} rows ended neither by a step nor by a fall: {reason}")
-                if step in late:
-                    chance += float(np.exp(logarithm[now]).sum())
-                    falls += int(now.sum())
-                undecided += float(np.exp(logarithm[lost]).sum())
-                drawn.append(scale * numbers)
-                walks &= status == ReturnStatus.crossed
-                # the density of the noise itself over that of the larger noise
-                logarithm += np.where(walks, _log_quotient(numbers, scale), 0.0)
-            weights.append(np.exp(logarithm[now]))
-            histories.append(np.stack(drawn, axis=1)[now])
-            chances.append(chance / (ROWS * len(late)))
-        undecided /= ROWS * rounds * self._steps
+            windows.append(self._window(scale))
         return _Windows(
-            np.array(chances), np.concatenate(weights), np.concatenate(histories), falls, undecided
+            chances=np.concatenate([window.chances for window in windows]),
+            weights=np.concatenate([window.weights for window in windows]),
+            draws=np.concatenate([window.draws for window in windows]),
+            falls=sum(window.falls for window in windows),
+            undecided=sum(window.undecided for window in windows) / rounds,
+        )
+
+    def _window(self, scale: float) -> _Windows:
+        """One window of each row, from its present state."""
+        late = _late(self._steps)
+        states, walks, falling = self._states, np.ones(ROWS, bool), np.zeros(ROWS, bool)
+        log_weights = np.zeros(ROWS)  # of the density of the noise itself over that of the larger noise
+        draws = []
+        falls, chance, undecided = 0, 0.0, 0.0
+        for step in range(self._steps):
+            states, status, numbers = self._moved(states, scale, walks)
+            falling, lost = (walks & (status == code) for code in (ReturnStatus.fell, ReturnStatus.late))
+            if (stuck := walks & ~falling & ~lost & (status != ReturnStatus.crossed)).any():
+                reason = ReturnStatus(int(status[stuck][0])).sentence
+                raise AnalysisError(f"{stuck.sum()} rows ended neither by a step nor by a fall: {reason}")
+            if step in late:
+                chance += float(np.exp(log_weights[falling]).sum())
+                falls += int(falling.sum())
+            undecided += float(np.exp(log_weights[lost]).sum())
+            draws.append(scale * numbers)
+            walks &= status == ReturnStatus.crossed
+            log_weights += np.where(walks, _log_quotient(numbers, scale), 0.0)
+        return _Windows(
+            chances=np.array([chance / (ROWS * len(late))]),
+            weights=np.exp(log_weights[falling]),
+            draws=np.stack(draws, axis=1)[falling],
+            falls=falls,
+            undecided=undecided / (ROWS * self._steps),
         )
 
 

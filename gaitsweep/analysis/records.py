@@ -23,7 +23,11 @@ class AnalysisError(UserError, ValueError):
 
 
 def section_column(table: pd.DataFrame, observable: str) -> str:
-    """The column of a section observable, from its own name or that of its column.
+    """The column of a section observable.
+
+    Args:
+        table: a table of section crossings.
+        observable: the name of the observable, or of its column.
 
     Raises:
         AnalysisError: the table has no such column; the message names the near miss.
@@ -44,8 +48,8 @@ def require(table: pd.DataFrame, *names: str) -> None:
 def axes_of(table: pd.DataFrame) -> list[str]:
     """The columns of the swept axes: those between `row` and the first column of the table's kind."""
     names = [str(name) for name in table.columns]
-    ends = [names.index(name) for name in _AFTER_AXES if name in names]
-    return [name for name in names[: min(ends, default=0)] if name != "row"]
+    after_axes = [names.index(name) for name in _AFTER_AXES if name in names]
+    return [name for name in names[: min(after_axes, default=0)] if name != "row"]
 
 
 def with_constants(
@@ -59,28 +63,36 @@ def with_constants(
         axes: the axes that are compared; by default the swept ones that are not among `names`.
 
     Raises:
-        AnalysisError: a name is neither, its constant is no number, or the tables have other axes.
+        AnalysisError: a name is neither, its constant is no number, the tables have other axes, or there is
+            no table.
     """
-    several = [tables] if isinstance(tables, pd.DataFrame) else list(tables)
-    completed: list[pd.DataFrame] = []
-    for table in several:
-        job = table.attrs.get("job", {})
-        constants = {k: v for part in ("structure", "params", "start") for k, v in job.get(part, {}).items()}
-        missing = [name for name in names if name not in table]
-        for name in missing:
-            if name not in constants:
-                raise AnalysisError(_not_there(table, name, constants))
-            if isinstance(constants[name], str):
-                formula = f'{name} is the formula "{constants[name]}" in the job of a table'
-                raise AnalysisError(f"{formula}, and no number: name one of its parameters.")
-        completed.append(table.assign(**{name: constants[name] for name in missing}))
-    swept = {", ".join(name for name in axes or axes_of(table) if name not in names) for table in several}
+    tables = [tables] if isinstance(tables, pd.DataFrame) else list(tables)
+    if not tables:
+        raise AnalysisError("There is no table: give at least one.")
+    completed = [table.assign(**_constants(table, names)) for table in tables]
+    swept = {", ".join(name for name in axes or axes_of(table) if name not in names) for table in tables}
     if len(swept) != 1:
-        both = " and ".join(sorted(swept)) or "none"
-        raise AnalysisError(f"The tables have different axes, {both}: name the constants in `by`, or `axes`.")
-    together = completed[0] if len(several) == 1 else pd.concat(completed, ignore_index=True)
-    together.attrs = several[0].attrs
+        listed = " and ".join(sorted(swept)) or "none"
+        raise AnalysisError(
+            f"The tables have different axes, {listed}: name the constants in `by`, or `axes`."
+        )
+    together = completed[0] if len(tables) == 1 else pd.concat(completed, ignore_index=True)
+    together.attrs = tables[0].attrs
     return together
+
+
+def _constants(table: pd.DataFrame, names: Sequence[str]) -> dict[str, object]:
+    """The constants of a table's job among `names`, without those that are columns."""
+    job = table.attrs.get("job", {})
+    constants = {k: v for part in ("structure", "params", "start") for k, v in job.get(part, {}).items()}
+    missing = [name for name in names if name not in table]
+    for name in missing:
+        if name not in constants:
+            raise AnalysisError(_not_there(table, name, constants))
+        if isinstance(constants[name], str):
+            formula = f'{name} is the formula "{constants[name]}" in the job of a table'
+            raise AnalysisError(f"{formula}, and no number: name one of its parameters.")
+    return {name: constants[name] for name in missing}
 
 
 def panels_of(
@@ -127,10 +139,10 @@ def outcome_labels(table: pd.DataFrame, label: str) -> pd.Series:
 
 def in_order(table: pd.DataFrame, label: str, labels: pd.Series) -> list[str]:
     """The outcomes that occur: in the order of the label's categories, rows without a label last."""
-    kind = table[label].dtype
-    categories = (
-        [str(category) for category in kind.categories] if isinstance(kind, pd.CategoricalDtype) else []
-    )
+    dtype = table[label].dtype
+    categories: list[str] = []
+    if isinstance(dtype, pd.CategoricalDtype):
+        categories = [str(category) for category in dtype.categories]
     present = set(labels.unique())
     others = sorted(present - set(categories) - set(Outcome))
     order = [*(name for name in categories if name != Outcome.NO_GAIT), *others, *map(str, Outcome)]
@@ -140,5 +152,5 @@ def in_order(table: pd.DataFrame, label: str, labels: pd.Series) -> list[str]:
 def _not_there(table: pd.DataFrame, name: str, constants: Iterable[str] = ()) -> str:
     """The sentence about a name that is no column of a table, nor a constant of its job."""
     allowed = [*map(str, table.columns), *constants]
-    what = "a column of this table or a constant of its job" if constants else "a column of this table"
-    return f"{name} is not {what}{near_miss.suggestion(name, allowed)}"
+    noun = "a column of this table or a constant of its job" if constants else "a column of this table"
+    return f"{name} is not {noun}{near_miss.suggestion(name, allowed)}"

@@ -8,8 +8,7 @@ from typing import ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
-from gaitsweep.analysis.continuation.multipliers import multipliers
-from gaitsweep.analysis.continuation.newton import newton
+from gaitsweep.analysis.continuation.newton import multipliers, newton
 from gaitsweep.contract import Model
 from gaitsweep.engine.poincare.poincare_return import ReturnStatus
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap

@@ -38,7 +38,7 @@ from gaitsweep.schema.numbers import Count, CountOrZero, Real, Text
 from gaitsweep.table import TableError, load
 from gaitsweep.table.manifest import read_manifest
 
-# Newton steps of a search, and points of a branch with their derivatives, for the estimate of a run's time.
+# For the estimate of a run's time: Newton steps of a search, branches, and points of a branch.
 STEPS_OF_SEARCH, BRANCHES, POINTS = 8.0, 6.0, 60.0
 # Directions of a derivative for a point of a curve in two parameters.
 DERIVATIVES_A_POINT = 10.0
@@ -158,8 +158,8 @@ class Atlas(FollowsFixedPoints):
     def _curves_found(self, curves: pd.DataFrame, second: str) -> str:
         """The sentence with the numbers of curves over a second parameter, and the points marked on them."""
         orders = curves.iloc[np.flatnonzero(curves["part"].isin(["order_change", "corner"]).to_numpy(bool))]
-        both, of_order = (part.groupby(["row", "number"]).ngroups for part in (curves, orders))
-        text = f"{both - of_order} curves of bifurcations"
+        total, of_order = (part.groupby(["row", "number"]).ngroups for part in (curves, orders))
+        text = f"{total - of_order} curves of bifurcations"
         text += f" and {of_order} of the order of events" if of_order else ""
         unnamed = np.isin(curves["special"].astype(str).to_numpy(str), ["", "nan", "kink"])
         points = curves.iloc[np.flatnonzero(~unnamed)]
@@ -193,10 +193,15 @@ class Atlas(FollowsFixedPoints):
         return self.path[0] if self.at is None else self.at
 
     def check_ranges(self, rows: Design) -> list[Diagnostic]:
-        own = [*self._check_path(), *self._check_starts(rows), *self._check_second(rows)]
-        return [*own, *self._check_after(rows)]
+        return [
+            *self._check_path(),
+            *self._check_starts(rows),
+            *self._check_second(rows),
+            *self._check_after(rows),
+        ]
 
     def _check_path(self) -> Iterator[Diagnostic]:
+        """Diagnostics of the range of the parameter, and of the value at which gaits are searched."""
         low, high = self.path
         if not low < high:
             yield Diagnostic(("run", "path", 1), f"is {high:g}, but must be above {low:g}.")
@@ -227,14 +232,15 @@ class Atlas(FollowsFixedPoints):
         except TableError as error:
             yield Diagnostic(field, f": {error}")
             return
-        own, before = self.model_dump(mode="json"), manifest["job"]["run"]
+        fields, before = self.model_dump(mode="json"), manifest["job"]["run"]
         if before.get("kind") != "atlas" or "drawn_starts" not in manifest.get("quantities", {}):
             text = f"is {self.after}, which is no atlas that can be continued: run the job without run.after."
             yield Diagnostic(field, text)
             return
         if not manifest.get("complete"):
             yield Diagnostic(field, f"is {self.after}, which is not complete: run it first.")
-        differing = [name for name in own if name not in _WIDER and own[name] != before.get(name, own[name])]
+        compared = [name for name in fields if name not in _WIDER]
+        differing = [name for name in compared if fields[name] != before.get(name, fields[name])]
         if differing:
             text = f"is {self.after}, whose run.{differing[0]} is {before.get(differing[0])}: give the same."
             yield Diagnostic(field, text)
@@ -260,10 +266,10 @@ class Atlas(FollowsFixedPoints):
         search = STEPS_OF_SEARCH * slopes * cycle * self.periods * (self.periods + 1) / 2.0
         points = POINTS * slopes * cycle * (DERIVATIVES_A_POINT if self.second else 1.0)
         starts = min(self.budget, (self.patience + 1) * self.batch)
-        begun = self.settle * cycle * self.batch
+        settling = self.settle * cycle * self.batch
         return Cost(
-            likely=begun + starts * search + BRANCHES * points,
-            most=begun + self.budget * search + self.branches * self.most * slopes * cycle,
+            likely=settling + starts * search + BRANCHES * points,
+            most=settling + self.budget * search + self.branches * self.most * slopes * cycle,
             records=BRANCHES * POINTS,
         )
 
@@ -298,10 +304,10 @@ class Atlas(FollowsFixedPoints):
             return None
         table = self._before if self.after is None else load(self.after, rows=range(first, last))
         assert table is not None
-        own = table.loc[table["row"].between(first, last - 1)]
-        own = own.assign(row=own["row"] - first).reset_index(drop=True)
-        own.attrs["job"] = table.attrs["job"]
-        return own
+        records = table.loc[table["row"].between(first, last - 1)]
+        records = records.assign(row=records["row"] - first).reset_index(drop=True)
+        records.attrs["job"] = table.attrs["job"]
+        return records
 
     def followed_again(
         self,

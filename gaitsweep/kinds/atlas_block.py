@@ -12,6 +12,7 @@ import pandas as pd
 from jaxtyping import Int
 
 from gaitsweep.analysis.atlas.atlas import BranchAtlas
+from gaitsweep.analysis.atlas.atlas_tables import atlas_table
 from gaitsweep.analysis.atlas.periodic_orbits import Orbit, OrbitSearch, SearchOptions, orbits_of, rows_of
 from gaitsweep.analysis.atlas.stored_points import points_of
 from gaitsweep.design import Design
@@ -25,9 +26,7 @@ if TYPE_CHECKING:
     from gaitsweep.kinds.atlas import Atlas
 
 # The columns of whole numbers.
-WHOLE = (
-    *("number", "period", "depth", "begins", "point", "unstable", "found", "corrections", "drawn_starts"),
-)
+WHOLE = ("number", "period", "depth", "begins", "point", "unstable", "found", "corrections", "drawn_starts")
 # The columns of text that has few values.
 TEXTS = ("part", "symmetry", "events", "change", "special", "end", "gait", "status")
 
@@ -66,38 +65,52 @@ class AtlasBlock:
     def table(self) -> pd.DataFrame:
         """The records of the rows."""
         search, atlas = self._followed()
-        before, first = self.before, int(self.numbers[0])
-        branches = atlas.table(search, self.run.place)
-        is_kept = (
-            branches["earlier"].notna().to_numpy() if before is not None else np.zeros(len(branches), bool)
-        )
-        kept, new = (branches.iloc[np.flatnonzero(mask)] for mask in (is_kept, ~is_kept))
-        table = self._joined_parts(search, atlas, new)
-        if len(table):
-            table = self._records_of(table)
-        if before is not None:
-            # a row without a gait has a new record
-            old = before.assign(row=before["row"] + first).loc[before["end"].astype(str) != "no_gait"]
-            of_kept = kept[["found", "point", "missing"]].to_numpy(float)
-            old.loc[kept["earlier"].to_numpy(int), ["found", "point", "missing"]] = of_kept
-            old["drawn_starts"] = [search.drawn(row) for row in old["row"] - first]
-            table = pd.concat([old, table], ignore_index=True) if len(table) else old
-            of_curve = (table["part"].astype(str) != "branch").to_numpy(bool)
-            order = np.lexsort([table["point"], table["number"], of_curve, table["row"]])
-            table = table.iloc[order].reset_index(drop=True)
+        branches = atlas_table(atlas, search, self.run.place)
+        if self.before is None:
+            table = self._new_records(search, atlas, branches)
+        else:
+            # the run before may have found no gait, and then no record is of it
+            is_earlier = branches.reindex(columns=["earlier"])["earlier"].notna().to_numpy()
+            earlier, new = (branches.iloc[np.flatnonzero(mask)] for mask in (is_earlier, ~is_earlier))
+            table = self._with_earlier(search, self._new_records(search, atlas, new), earlier)
         left_out = np.array([atlas.left_out(row) for row in range(len(self.numbers))], np.int64)
-        return _typed(table.assign(left_out=left_out[table["row"].to_numpy(int) - first]))
+        return _typed(table.assign(left_out=left_out[table["row"].to_numpy(int) - int(self.numbers[0])]))
+
+    def _with_earlier(self, search: OrbitSearch, new: pd.DataFrame, earlier: pd.DataFrame) -> pd.DataFrame:
+        """The new records with those of the run `before`, in order.
+
+        Args:
+            search: the search of the rows' gaits.
+            new: the records of this run.
+            earlier: what this run says of records of the run `before`, which `earlier` numbers.
+        """
+        before, first = self.before, int(self.numbers[0])
+        assert before is not None
+        # a row without a gait has a new record
+        table = before.assign(row=before["row"] + first).loc[before["end"].astype(str) != "no_gait"]
+        names = ["found", "point", "missing"]
+        if len(earlier):
+            table.loc[earlier["earlier"].to_numpy(int), names] = earlier[names].to_numpy(float)
+        table["drawn_starts"] = [search.drawn(row) for row in table["row"] - first]
+        if len(new):
+            table = pd.concat([table, new], ignore_index=True)
+        of_curve = (table["part"].astype(str) != "branch").to_numpy(bool)
+        order = np.lexsort([table["point"], table["number"], of_curve, table["row"]])
+        return table.iloc[order].reset_index(drop=True)
 
     def with_points(self) -> tuple[MappedRows, pd.DataFrame]:
         """The rows, and the records of their branches with the point of each as `at`."""
         search, atlas = self._followed()
-        table = atlas.table(search, self.run.place).rename(columns={"branch": "number"})
-        at = [branch.point(place) for branch in atlas.branches for place in range(len(branch.records))]
+        table = atlas_table(atlas, search, self.run.place).rename(columns={"branch": "number"})
+        at = [branch.point(k) for branch in atlas.branches for k in range(len(branch.records))]
         table["at"] = pd.Series(at, table.index, dtype=object)
         return self.mapped.without(self.run.parameter), table
 
-    def _records_of(self, table: pd.DataFrame) -> pd.DataFrame:
-        """The records of a job's table from those of branches and curves."""
+    def _new_records(self, search: OrbitSearch, atlas: BranchAtlas, branches: pd.DataFrame) -> pd.DataFrame:
+        """The records of a job's table from those of branches, and of curves over the second parameter."""
+        table = self._joined_parts(search, atlas, branches)
+        if not len(table):
+            return table
         for name in self.run.second:
             of_branch = self.mapped.values[name][table["row"].to_numpy(int)]
             table[name] = np.where(table["part"] == "branch", of_branch, table.get(name, np.nan))
@@ -116,7 +129,7 @@ class AtlasBlock:
             of_curves = before[~before["part"].astype(str).isin(["branch", ""])]
             curves_before = of_curves.groupby("row")["number"].nunique().to_dict()
         for second, within in self.run.second.items():
-            curves = atlas.follow_curves(second, within, atlas.steps, curves_before)
+            curves = atlas.follow_curves(second, within, curves_before=curves_before)
             if len(curves):
                 parts.append(curves.rename(columns={"curve": "number", "kind": "part"}))
         without = set(range(len(self.numbers))) - {branch.row for branch in atlas.branches}
@@ -166,9 +179,9 @@ class AtlasBlock:
         def on_round(count: int, orbits: int) -> None:
             self.on_progress(f"{orbits} gaits from {count} starts of a row", 0.5 * count / run.budget)
 
-        def draw(row_of_start: Rows, begun: int) -> Points:
+        def draw(row_of_start: Rows, drawn_before: int) -> Points:
             count = int(np.sum(row_of_start == row_of_start[0]))
-            return drawn.points(row_of_start, begun, count)
+            return drawn.points(row_of_start, drawn_before, count)
 
         periods = 1 if run.stationary else run.periods  # a point at rest has no other
         options = SearchOptions(periods, run.budget, run.batch, run.patience, on_round)
@@ -179,14 +192,13 @@ class AtlasBlock:
             search.run(draw, range(len(mapped.numbers)))
             return search
         row_of_start = np.repeat(np.arange(len(mapped.numbers)), run.batch)
-        ends = drawn.points(row_of_start, 0, run.batch, max(run.settle, 1))
-        sound = np.asarray(np.isfinite(ends.at).all(axis=1))
-        settled = np.flatnonzero(sound)
-        if settled.size:
-            search.add(ends[settled], row_of_start[settled], drawn=False)
+        settled = drawn.points(row_of_start, 0, run.batch, max(run.settle, 1))
+        sound = np.asarray(np.isfinite(settled.at).all(axis=1))
+        if sound.any():
+            search.add(settled[np.flatnonzero(sound)], row_of_start[sound], drawn=False)
         search.run(draw, range(len(mapped.numbers)))
         if not run.fix:  # else the drawn starts lead to gaits with other values of what is conserved
-            search.mark_reached(ends, row_of_start, sound)
+            search.mark_reached(settled, row_of_start, sound)
         return search
 
     def _without_gait(self, row: int, search: OrbitSearch) -> dict[str, Any]:
@@ -212,13 +224,19 @@ def _typed(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def _orbits_of_table(mapped: MappedRows, table: pd.DataFrame, like: Points) -> Iterator[Orbit]:
-    """The gaits of an earlier run's records, each with the place of its record."""
+    """The gaits of an earlier run's records, each with the number of its record."""
     gaits = table.loc[(table["part"].astype(str) == "branch") & (table["found"] >= 0)]
-    for place, record in zip(gaits.index, gaits.to_dict("records"), strict=True):
+    for number, record in zip(gaits.index, gaits.to_dict("records"), strict=True):
         point = points_of(record["stored_point"], like)[0].points
         values = rows_of(mapped.values, np.array([record["row"]]))
         (orbit,) = orbits_of(mapped.mapping, point, values, int(record["period"]))
         if orbit is not None:
-            numbers = int(record["row"]), orbit, float(record["error"]), int(record["found"])
-            symmetry = tuple(filter(None, str(record["symmetry"]).split(", ")))
-            yield Orbit(*numbers, symmetry, float(record["reached"]), (int(place),))
+            yield Orbit(
+                row=int(record["row"]),
+                points=orbit,
+                error=float(record["error"]),
+                hits=int(record["found"]),
+                symmetry=tuple(filter(None, str(record["symmetry"]).split(", "))),
+                reached=float(record["reached"]),
+                earlier=(int(number),),
+            )

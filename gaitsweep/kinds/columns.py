@@ -49,9 +49,14 @@ class Column:
 class Records:
     """The records of a block of rows.
 
-    `rows` (n,) is the row of each record. `place` (n,) is the position of its numbers among the block's
-    samples, -1 for a row without samples, and None if each row has one record and no samples. `samples`
-    (n, names) are the recorder's numbers, NaN where missing.
+    Attributes:
+        model: the rows' model.
+        block: the results of the rows.
+        rows: the row of each record, (n,).
+        place: the position of its numbers among the block's samples, (n,), -1 for a row without samples;
+            None if each row has one record and no samples.
+        names: the names of the recorder's numbers.
+        samples: these numbers, (n, names), NaN where missing.
     """
 
     model: Model
@@ -234,11 +239,11 @@ def gaits(model: Model, codes: Int[np.ndarray, " rows"]) -> pd.Categorical:
     names = list(model.gaits)
     unread = names.index("none") if "none" in names else -1
     outside = np.unique(codes[(codes < -1) | (codes >= len(names))])
-    places = np.where(codes == -1, unread, codes)
-    for place, code in enumerate(outside.tolist(), start=len(names)):
-        places[codes == code] = place
+    categories = np.where(codes == -1, unread, codes)
+    for category, code in enumerate(outside.tolist(), start=len(names)):
+        categories[codes == code] = category
     names += [f"{UNKNOWN_GAIT} ({code + (code < 0)})" for code in outside.tolist()]
-    return categorical(places, names)
+    return categorical(categories, names)
 
 
 def quantities_of(model: Model, columns: Sequence[Column] = ()) -> dict[str, dict[str, Any]]:

@@ -94,12 +94,13 @@ class Continuation(BeginsWhereRowsSettle):
         points, longer, most = (branches * min(count, self.most) for count in (plain, folded, self.most))
         # cycles of a derivative, which has a direction for each coordinate and one for the parameter
         slopes = 1.0 + DERIVATIVE * (unknowns(rows) + 1)
-        begun, again = self.settle * cycle, FOLLOWED_AGAIN * cycle * (FOLDED[0] + FOLDED[1] * slopes)
+        settling = self.settle * cycle
+        again = FOLLOWED_AGAIN * cycle * (FOLDED[0] + FOLDED[1] * slopes)
         return Cost(
-            likely=begun + points * cycle * (PLAIN[0] + PLAIN[1] * slopes),
-            most=begun + most * again,
+            likely=settling + points * cycle * (PLAIN[0] + PLAIN[1] * slopes),
+            most=settling + most * again,
             records=max(points, 1.0),
-            longer=begun + longer * again,
+            longer=settling + longer * again,
             longer_records=longer,
         )
 

@@ -30,17 +30,17 @@ class DrawnStarts:
     ranges: Mapping[str, Sequence[float]]
     seed: int
 
-    def points(self, row_of_start: Rows, begun: int, count: int, cycles: int = 0) -> Points:
+    def points(self, row_of_start: Rows, drawn_before: int, count: int, cycles: int = 0) -> Points:
         """Starts (n,), `count` of each row.
 
         Args:
             row_of_start: the row of each start (n,).
-            begun: the number of starts of each row that were drawn before.
+            drawn_before: the number of starts of each row that were drawn before.
             count: starts of each row.
             cycles: cycles that are simulated; a start that does not come so far is NaN.
         """
         mapping, values = self.mapped.mapping, rows_of(self.mapped.values, row_of_start)
-        columns = self._columns(row_of_start, begun, count)
+        columns = self._columns(row_of_start, drawn_before, count)
         names = [quantity.name for quantity in mapping.model.initial_conditions]
         drawn_starts = {name: column for name, column in columns.items() if name in names}
         starts = {name: np.asarray(column)[row_of_start] for name, column in self.mapped.starts.items()}
@@ -55,23 +55,23 @@ class DrawnStarts:
         if outside.size:
             points = points.merged(outside, mapping.settled(starts, values, 1)[0][outside])
         moved = points.at.copy()
-        for place, quantity in enumerate(mapping.coordinates):
+        for k, quantity in enumerate(mapping.coordinates):
             if quantity.name in columns and quantity.name not in drawn_starts:
-                moved[:, place] = columns[quantity.name]
+                moved[:, k] = columns[quantity.name]
         if cycles:
             images = mapping.iterated(cycles).images(Points(moved, points.modes), values)
             moved, points = np.where(images.sound[:, None], images.points.at, np.nan), images.points
         return Points(moved, points.modes)
 
-    def _columns(self, row_of_start: Rows, begun: int, count: int) -> dict[str, Float[np.ndarray, " starts"]]:
+    def _columns(
+        self, row_of_start: Rows, drawn_before: int, count: int
+    ) -> dict[str, Float[np.ndarray, " starts"]]:
         """Random numbers (n,) in each of `ranges`, `count` for each row."""
         low, high = np.array(list(self.ranges.values())).T
-        drawn = [
-            np.random.default_rng([self.seed, int(self.mapped.numbers[row]), begun]).uniform(
-                low, high, (count, len(low))
-            )
-            for row in dict.fromkeys(row_of_start.tolist())
-        ]
+        drawn = []
+        for row in dict.fromkeys(row_of_start.tolist()):
+            generator = np.random.default_rng([self.seed, int(self.mapped.numbers[row]), drawn_before])
+            drawn.append(generator.uniform(low, high, (count, len(low))))
         return dict(zip(self.ranges, np.concatenate(drawn).T, strict=True))
 
     def levels(self, fix: Sequence[str]) -> dict[str, Float[np.ndarray, " rows"]]:

@@ -68,8 +68,8 @@ class MappedRows:
 
     def without(self, *names: str) -> MappedRows:
         """The rows without the values of these parameters."""
-        rest = {name: column for name, column in self.values.items() if name not in names}
-        return dataclasses.replace(self, values=rest)
+        others = {name: column for name, column in self.values.items() if name not in names}
+        return dataclasses.replace(self, values=others)
 
 
 class FollowsFixedPoints(RunKind):
@@ -198,9 +198,9 @@ class FollowsFixedPoints(RunKind):
         self, rows: Design, spec: SweepSpec, sample: Int[np.ndarray, " sampled"], *shares: float
     ) -> list[StartingPoints]:
         mapped = self.mapped_rows(rows, spec, sample)
-        whole = mapped.mapping
-        assert isinstance(whole, BatchedReturnMap)
-        refined = [whole.refined(share) or whole for share in shares]
+        return_map = mapped.mapping
+        assert isinstance(return_map, BatchedReturnMap)
+        refined = [return_map.refined(share) or return_map for share in shares]
 
         def fixed_points(of_rows: MappedRows) -> StartingPoints:
             points, values = self.near_fixed_points(of_rows)
@@ -243,13 +243,13 @@ class FollowsFixedPoints(RunKind):
         """The columns of a table of cycles; where stationary points are followed, those of their table."""
         if not self.stationary:
             return columns
-        place = [column.name for column in columns].index("multiplier")
-        new = [Column(name, repeats=False) for name in OF_FLOW]
-        before, after = (
-            [column for column in part if column.name not in (*OF_MAP, *OF_FLOW)]
-            for part in (columns[:place], columns[place:])
-        )
-        return [*before, *new, *after]
+        of_flow: list[Column] = []
+        for column in columns:
+            if column.name == "multiplier":
+                of_flow += [Column(name, repeats=False) for name in OF_FLOW]
+            elif column.name not in (*OF_MAP, *OF_FLOW):
+                of_flow.append(column)
+        return of_flow
 
     def steps(self, on_step: Callable[[Any, Any], None]) -> ArclengthSteps:
         """The lengths of the steps; `on_step` is called before each, as in `ArclengthSteps`."""
@@ -277,16 +277,18 @@ class FollowsFixedPoints(RunKind):
         model, row, values = rows.model, table["row"].to_numpy(np.int64), mapped.values
         # observables have their names, or those of their columns where another column has the same name
         names = {q.name: f"{q.name}_n" for q in model.observables}
-        own = {name: column if column in table else name for name, column in names.items()}
+        present = {name: column if column in table else name for name, column in names.items()}
         codes = np.full(len(table), -1)
         if has_point.any() and not self.stationary:
             moving = {column.parameter for column in self.movements}
             at = {name: column[row[has_point]] for name, column in values.items() if name not in moving}
             at |= {name: table.loc[has_point, name].to_numpy(float) for name in moving}
-            observed = {q.name: table.loc[has_point, own[q.name]].to_numpy(float) for q in model.observables}
+            observed = {
+                name: table.loc[has_point, column].to_numpy(float) for name, column in present.items()
+            }
             codes[has_point] = _gait_numbers(mapped.mapping, at, observed, int(has_point.sum()))
         status = np.where(sound, Status.complete.name, Status.no_fixed_point.name)
-        plain = {name: names[name] for name, column in own.items() if column == name}
+        plain = {name: names[name] for name, column in present.items() if column == name}
         table = table.rename(columns={**renamed, **plain})
         table = table.assign(
             row=mapped.numbers[row],
@@ -336,20 +338,20 @@ def beginning_within(
 
 def bifurcations_found(table: pd.DataFrame, parameter: str) -> str:
     """A sentence that lists the bifurcations on the branches of a table, by kind."""
-    places = table[parameter].to_numpy(float)
+    values = table[parameter].to_numpy(float)
     # a doubled gait that meets its parent again ends at the parent's flip
     special = table["special"].astype(str).where(table["end"].astype(str) != "flip", "")
     kinds = [kind for kind in (*MARKS, "order_change") if np.any(special == kind)]
-    texts = [f"{kind.replace('_', ' ')} at {_listed(places[special == kind])}" for kind in kinds]
+    texts = [f"{kind.replace('_', ' ')} at {_listed(values[special == kind])}" for kind in kinds]
     return f"Along {parameter}: {'; '.join(texts) or 'no bifurcation'}."
 
 
-def _listed(places: Float[np.ndarray, " places"]) -> str:
-    """Some values, to 7 digits: each once, or their range if they are many."""
-    values = list(dict.fromkeys(f"{place:.7g}" for place in np.sort(places)))
-    if len(values) > LISTED:
-        return f"{len(values)} values from {values[0]} to {values[-1]}"
-    return ", ".join(values)
+def _listed(values: Float[np.ndarray, " values"]) -> str:
+    """Some values, to 7 digits, each once, or their range if they are many."""
+    texts = list(dict.fromkeys(f"{value:.7g}" for value in np.sort(values)))
+    if len(texts) > LISTED:
+        return f"{len(texts)} values from {texts[0]} to {texts[-1]}"
+    return ", ".join(texts)
 
 
 def _gait_numbers(

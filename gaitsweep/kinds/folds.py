@@ -75,6 +75,7 @@ class Folds(BeginsWhereRowsSettle):
         return [*self._check_within()] or [*beginning_within(rows, self.within, ("run", "within"))]
 
     def _check_within(self) -> Iterator[Diagnostic]:
+        """Diagnostics of the two parameters and their ranges."""
         first, second = self.parameters
         if first == second:
             text = f"is {second}, like the first; a curve of folds needs two different parameters."
@@ -120,8 +121,8 @@ class Folds(BeginsWhereRowsSettle):
             row_values = {name: column[[row]] for name, column in mapped.values.items()}
 
             def on_step(points: Sequence[int], shares: Sequence[float], row: int = row) -> None:
-                what = f"{points[0]} points of its curve" if points[0] else "searching its fold"
-                on_progress(f"row {first + row}: {what}", (row + shares[0]) / (last - first))
+                note = f"{points[0]} points of its curve" if points[0] else "searching its fold"
+                on_progress(f"row {first + row}: {note}", (row + shares[0]) / (last - first))
 
             curve = fold_curves(
                 mapped.mapping,
@@ -141,8 +142,8 @@ class Folds(BeginsWhereRowsSettle):
         table = self.records(rows, mapped, table, has_fold, ~failed, renamed)
         # without a fold, the parameters are those at which the row begins
         table.loc[~has_fold, list(renamed.values())] = np.nan
-        whole = ("unstable", "side", "corrections")
-        return table.assign(**{name: table[name].astype(float).fillna(0).astype(np.int64) for name in whole})
+        counts = ("unstable", "side", "corrections")
+        return table.assign(**{name: table[name].astype(float).fillna(0).astype(np.int64) for name in counts})
 
 
 def _fold_column(model: Model, name: str) -> Column:

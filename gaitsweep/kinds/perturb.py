@@ -41,7 +41,7 @@ RECOVERIES = ("recovered", "elsewhere", "fell", "failed", "not settled", "not pu
 
 
 class Perturb(SettlesRows):
-    """Settle each row, push it once, and settle it again: does it recover, how soon, and with what phase?"""
+    """Settle each row, push it once, and settle it again, to see whether, when and how it recovers."""
 
     kind: Literal["perturb"] = Field(
         init=False,
@@ -82,17 +82,20 @@ class Perturb(SettlesRows):
         wrong: list[Diagnostic] = []
 
         def known(path: tuple[str | int, ...], name: Any, noun: str, names: list[str]) -> str | None:
-            """The name if it is one of those; a text that is none is a diagnostic, others are pydantic's."""
-            if isinstance(name, str) and name not in names:
+            """The name if it is one of `names`; else None, and a diagnostic of a text."""
+            if not isinstance(name, str):
+                return None
+            if name not in names:
                 text = f"is {name}, which is not {noun} of {model.name}{near_miss.suggestion(name, names)}"
                 wrong.append(Diagnostic(path, text))
-            return name if isinstance(name, str) and name in names else None
+                return None
+            return name
 
-        variables = written.get("push")
-        places = list(flow_places(model))
+        push = written.get("push")
+        variables = list(flow_places(model))
         pushed = [
-            known(("run", "push", k), name, "a variable of the flow", places)
-            for k, name in enumerate(variables if isinstance(variables, list | tuple) else ())
+            known(("run", "push", k), name, "a variable of the flow", variables)
+            for k, name in enumerate(push if isinstance(push, list | tuple) else ())
         ]
         stepped = known(
             ("run", "step"), written.get("step"), "a parameter", [q.name for q in model.parameters]
@@ -100,9 +103,10 @@ class Perturb(SettlesRows):
         event = known(("run", "at"), written.get("at"), "an event", list(dict.fromkeys(model.guard_names)))
         chosen = dict.fromkeys(name for name in pushed if name is not None)
         extended = PushedModel(model, tuple(chosen), written.get("force") is True, stepped, event)
-        taken = {q.name for q in (*model.parameters, *model.initial_conditions)}
-        for name in (quantity.name for quantity in extended.added):
-            if name in taken or [q.name for q in extended.added].count(name) > 1:
+        of_model = {q.name for q in (*model.parameters, *model.initial_conditions)}
+        added = [q.name for q in extended.added]
+        for name in added:
+            if name in of_model or added.count(name) > 1:
                 text = f"is perturb, which adds a parameter {name}, but {model.name} has another one of this "
                 wrong.append(Diagnostic(("run", "kind"), f"{text}name: rename that."))
         clash = any(diagnostic.path == ("run", "kind") for diagnostic in wrong)
@@ -159,18 +163,20 @@ class Perturb(SettlesRows):
             name, formula = next(iter(following.items()))
             text = f"is {stepped}, but {name} = {formula} follows it: give {name} as a number under params."
             return [Diagnostic(("run", "step"), text)]
-        spans = sorted({*rows.spans(stepped), *rows.spans(f"{PREFIX}{stepped}")})
-        count = math.prod(rows.groups[place].length for place in spans)
+        amount = f"{PREFIX}{stepped}"
+        spans = sorted({*rows.spans(stepped), *rows.spans(amount)})
+        count = math.prod(rows.groups[group].length for group in spans)
         points = np.unique(np.linspace(0, count - 1, min(count, MAX_CHECKED)).astype(np.int64))
-        places = rows.rows_over(points, spans)
-        values = rows.at(places, [stepped, f"{PREFIX}{stepped}"])
-        reached = values[stepped] + values[f"{PREFIX}{stepped}"]
+        checked_rows = rows.rows_over(points, spans)
+        values = rows.at(checked_rows, [stepped, amount])
+        reached = values[stepped] + values[amount]
         quantity = next(q for q in model.parameters if q.name == stepped)
         outside = np.flatnonzero(~inside(reached, quantity))
         if outside.size:
-            text = f"makes {stepped} {reached[outside[0]]:g} in row {places[outside[0]]}, but it "
-            path = next((g.paths[p] for g in rows.groups if (p := f"{PREFIX}{stepped}") in g.paths), None)
-            path = path or ("params", f"{PREFIX}{stepped}")
+            text = f"makes {stepped} {reached[outside[0]]:g} in row {checked_rows[outside[0]]}, but it "
+            path = next((group.paths[amount] for group in rows.groups if amount in group.paths), None)
+            if path is None:
+                path = ("params", amount)
             return [Diagnostic(path, f"{text}{requirement(quantity)}.")]
         return []
 

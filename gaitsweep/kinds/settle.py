@@ -55,11 +55,11 @@ LIKELY_SHARE = 0.4
 
 def _power_of_two(value: Any) -> int:
     """Read a power of two from 2 to `MOST_COARSE`."""
-    whole = read_whole(value, low=2, high=MOST_COARSE)
-    if whole & (whole - 1):
-        below = 1 << (whole.bit_length() - 1)
-        raise InvalidValue(f"is {whole}, but must be a power of two; did you mean {below} or {2 * below}?")
-    return whole
+    number = read_whole(value, low=2, high=MOST_COARSE)
+    if number & (number - 1):
+        below = 1 << (number.bit_length() - 1)
+        raise InvalidValue(f"is {number}, but must be a power of two; did you mean {below} or {2 * below}?")
+    return number
 
 
 def _period(value: Any) -> int:
@@ -231,18 +231,19 @@ class Settle(SettlesRows):
             return []
         grids, over = rows.grids, self.over or []
         wrong = []
-        for place, name in enumerate(over):
-            if name in over[:place]:
-                wrong.append(Diagnostic(("run", "over", place), f"is {name}, which is named twice."))
+        for index, name in enumerate(over):
+            field = ("run", "over", index)
+            if name in over[:index]:
+                wrong.append(Diagnostic(field, f"is {name}, which is named twice."))
             elif name in rows.names and name not in grids:
                 text = (
                     f"is {name}, whose points do not form a grid: only separate linspace and "
                     "logspace axes can be refined."
                 )
-                wrong.append(Diagnostic(("run", "over", place), text))
+                wrong.append(Diagnostic(field, text))
             elif name not in grids:
                 near = near_miss.suggestion(name, grids) if grids else ": no axis of this job is a grid."
-                wrong.append(Diagnostic(("run", "over", place), f"is {name}, which does not vary{near}"))
+                wrong.append(Diagnostic(field, f"is {name}, which does not vary{near}"))
         grid = self.refined(rows)
         if not wrong and grid is not None and not grid.wraps:
             text = "needs a grid: a linspace or logspace of a start under vary"

@@ -21,7 +21,7 @@ from gaitsweep.contract import HybridModel, Model, Params, Quantity, State
 from gaitsweep.dynamics.declarations import mode, observable
 from gaitsweep.dynamics.declared_model import DeclaredModel
 from gaitsweep.dynamics.event_declarations import SingleEvent
-from gaitsweep.engine.flow_spectrum import flow_eigenvalues
+from gaitsweep.engine.flow_spectrum import STIFF, flow_eigenvalues
 from gaitsweep.errors import UserError
 from gaitsweep.job import Job
 from gaitsweep.kinds import Settle, Trace

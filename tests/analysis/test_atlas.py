@@ -12,6 +12,7 @@ import pytest
 
 import gaitsweep as gs
 from gaitsweep.analysis.atlas.atlas import BranchAtlas
+from gaitsweep.analysis.atlas.atlas_tables import atlas_table
 from gaitsweep.analysis.atlas.order_curves import OrderChange
 from gaitsweep.analysis.atlas.periodic_orbits import OrbitSearch, Rows, SearchOptions
 from gaitsweep.analysis.continuation.branch_follower import ArclengthSteps
@@ -95,7 +96,7 @@ def test_a_cascade_to_period_16() -> None:
     """Flips of the logistic map at 3, 1 + sqrt 6, ... to 1e-10, and Feigenbaum's ratio to a per cent."""
     search = searched(LOGISTIC, {"r": 2.5}, [-1.0], [2.0], 1, 64)
     atlas = atlas_of(LOGISTIC, search, {"r": 2.5}, "r", (0.5, 3.5699), 4)
-    table = atlas.table(search, 2.5)
+    table = atlas_table(atlas, search, 2.5)
     assert [branch.period for branch in atlas.branches] == [1, 1, 2, 4, 8, 16]
     flips = specials(table, "flip", "r")
     np.testing.assert_allclose(flips[:2], [3.0, 1.0 + np.sqrt(6.0)], atol=1e-10)
@@ -114,7 +115,7 @@ def test_the_cascade_of_the_henon_map() -> None:
     b = 0.3
     search = searched(HENON, {"a": 0.2, "b": b}, [-2.0, -1.0], [2.0, 1.0], 1, 64)
     atlas = atlas_of(HENON, search, {"a": 0.2, "b": b}, "a", (0.1, 1.0579), 4)
-    flips = specials(atlas.table(search, 0.2), "flip", "a")
+    flips = specials(atlas_table(atlas, search, 0.2), "flip", "a")
     assert sorted({branch.period for branch in atlas.branches}) == [1, 2, 4, 8, 16]
     np.testing.assert_allclose(flips[:2], [0.75 * (1.0 - b) ** 2, 1.25 - 1.5 * b + 1.25 * b**2], atol=1e-10)
     gaps = np.diff(flips)
@@ -126,7 +127,7 @@ def test_a_pitchfork_and_its_symmetric_branches() -> None:
     search = searched(ODD, {"r": -0.5}, [-0.5], [0.5], 1, 32)
     assert [orbit.symmetry for orbit in search.orbits] == [("sign",)]
     atlas = atlas_of(ODD, search, {"r": -0.5}, "r", (-1.0, 1.5), 1)
-    table = atlas.table(search, -0.5)
+    table = atlas_table(atlas, search, -0.5)
     assert specials(table, "supercritical_pitchfork", "r") == pytest.approx([0.0], abs=1e-9)
     outer = table.query("depth == 1")
     assert len(set(outer["branch"])) == 1
@@ -137,7 +138,7 @@ def test_a_pitchfork_and_its_symmetric_branches() -> None:
 def test_a_branch_ends_where_it_becomes_its_image() -> None:
     """From x = sqrt r the branch turns at the pitchfork and goes on as x = -sqrt r, its image."""
     search = searched(ODD, {"r": 0.5}, [-1.2], [1.2], 1, 32)
-    table = atlas_of(ODD, search, {"r": 0.5}, "r", (-1.0, 1.5), 0).table(search, 0.5)
+    table = atlas_table(atlas_of(ODD, search, {"r": 0.5}, "r", (-1.0, 1.5), 0), search, 0.5)
     assert specials(table, "flip", "r") == pytest.approx([1.0], abs=1e-10)
     outer = table[np.abs(table["x"]) > 1e-3]
     assert len(np.unique(np.sign(outer["x"]))) == 1
@@ -154,7 +155,7 @@ def test_a_closed_branch_between_two_pitchforks_is_whole(place: float) -> None:
     )  # fmt: skip
     search = searched(circle, {"r": place}, [-1.5], [1.5], 1, 32)
     atlas = atlas_of(circle, search, {"r": place}, "r", (-1.5, 1.5), 1)
-    table = atlas.table(search, place)
+    table = atlas_table(atlas, search, place)
     outer = table[np.abs(table["x"]) > 1e-3]
     assert len(np.unique(table["branch"])) == 2
     assert [outer["r"].min(), outer["r"].max()] == pytest.approx([-1.0, 1.0], abs=0.02)
@@ -167,7 +168,7 @@ def test_hits_of_a_gait_count_where_its_image_is_listed() -> None:
         symmetries=(("sign", lambda values, x: -x),),
     )  # fmt: skip
     search = searched(folded, {"r": -0.1}, [-1.2], [1.2], 1, 64)
-    table = atlas_of(folded, search, {"r": -0.1}, "r", (-0.4, 0.4), 0).table(search, -0.1)
+    table = atlas_table(atlas_of(folded, search, {"r": -0.1}, "r", (-0.4, 0.4), 0), search, -0.1)
     assert sorted(k for k in table["found"].tolist() if k >= 0) == sorted(
         orbit.hits for orbit in search.orbits
     )
@@ -237,7 +238,7 @@ def test_a_symmetry_of_no_finite_order_is_refused() -> None:
 @pytest.mark.parametrize("within", [(-0.3, 0.7), (-1.0, 1.5), (-0.011, 3.0), (-2.0, 0.02)])
 def test_a_pitchfork_is_found_in_any_range(within: tuple[float, float]) -> None:
     search = searched(ODD, {"r": -0.01}, [-0.05], [0.05], 1, 8)
-    table = atlas_of(ODD, search, {"r": -0.01}, "r", within, 0).table(search, -0.01)
+    table = atlas_table(atlas_of(ODD, search, {"r": -0.01}, "r", within, 0), search, -0.01)
     assert specials(table, "supercritical_pitchfork", "r") == pytest.approx([0.0], abs=1e-9)
     np.testing.assert_allclose([table["r"].min(), table["r"].max()], within, rtol=1e-14)
 
@@ -252,7 +253,7 @@ def test_a_doubled_cycle_ends_at_its_parents_other_flip() -> None:
     mapping = PlainMap(window, ("x",), (("r", -0.5),))
     search = searched(mapping, {"r": -0.5}, [-0.2], [0.2], 1, 16)
     atlas = atlas_of(mapping, search, {"r": -0.5}, "r", (-0.5, 1.5), 2)
-    table = atlas.table(search, -0.5)
+    table = atlas_table(atlas, search, -0.5)
     assert specials(table, "flip", "r")[:2] == pytest.approx([0.0, 1.0], abs=1e-9)
     doubled = table.query("period == 2")
     assert len(set(doubled["branch"])) == 1
@@ -284,7 +285,7 @@ def test_a_circle_and_its_resonances() -> None:
     """Along a = 2 the pair has cos(theta) = 1 - c / 2: 1:4 at c = 2, 1:3 at c = 3, and the end at 4."""
     search = searched(DELAYED, {"a": 1.5, "c": 1.0}, [0.1, 0.1], [0.6, 0.6], 1, 32)
     atlas = atlas_of(DELAYED, search, {"a": 1.5, "c": 1.0}, "a", (1.2, 3.0), 0)
-    points = atlas.table(search, 1.5)
+    points = atlas_table(atlas, search, 1.5)
     assert specials(points, "neimark_sacker", "a") == pytest.approx([2.0], abs=1e-10)
     curves = atlas.follow_curves("c", (0.1, 4.5), ArclengthSteps(longest=0.05, most=300))
     circle = curves.query("kind == 'neimark_sacker'")

@@ -9,8 +9,7 @@ import pytest
 
 from gaitsweep.analysis.basins.attractor_mappers import LabelMapper, ProximityMapper
 from gaitsweep.analysis.basins.edge_states import EdgeLimits, EdgeOutcome, edge_states
-from gaitsweep.analysis.continuation.multipliers import multipliers
-from gaitsweep.analysis.continuation.newton import newton
+from gaitsweep.analysis.continuation.newton import multipliers, newton
 from gaitsweep.analysis.continuation.plain_map import PlainMap
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.poincare.maps import Coordinates, Points, Values

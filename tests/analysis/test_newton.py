@@ -6,8 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from gaitsweep.analysis.continuation.multipliers import multipliers
-from gaitsweep.analysis.continuation.newton import NewtonOutcome, newton
+from gaitsweep.analysis.continuation.newton import NewtonOutcome, multipliers, newton
 from gaitsweep.analysis.continuation.plain_map import PlainMap
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.poincare.maps import BATCH_SIZES, Coordinates, Values

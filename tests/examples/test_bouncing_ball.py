@@ -88,4 +88,4 @@ def test_a_row_without_a_gait_keeps_its_record() -> None:
     with pytest.raises(gs.ArgumentError, match="lacks found, special of a run of kind atlas"):
         gs.Atlas(table.drop(columns=["found", "special"]))
     assert ball.table["status"].tolist() == ["no_fixed_point"]
-    assert ball.table["end"].tolist() == ["no_gait"]
+    assert ball.table["end"].tolist() == ball.more().table["end"].tolist() == ["no_gait"]

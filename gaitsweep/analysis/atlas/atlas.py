@@ -26,18 +26,15 @@ from gaitsweep.analysis.atlas.branch import (
     branch_table,
     record_of,
 )
-from gaitsweep.analysis.atlas.event_orders import event_columns
 from gaitsweep.analysis.atlas.order_changes import with_order_changes
 from gaitsweep.analysis.atlas.periodic_orbits import (
     Orbit,
     OrbitSearch,
     orbits_of,
-    polished,
     rows_of,
-    with_images,
 )
-from gaitsweep.analysis.atlas.plane_curves import SecondParameter, plane_curves, renamed_apart
-from gaitsweep.analysis.atlas.stored_points import points_of, text_of
+from gaitsweep.analysis.atlas.plane_curves import SecondParameter, plane_curves
+from gaitsweep.analysis.atlas.stored_points import points_of
 from gaitsweep.analysis.continuation.arclength import BranchPoints, ContinuationProblem
 from gaitsweep.analysis.continuation.branch_follower import ArclengthSteps, BranchFollower
 from gaitsweep.analysis.continuation.branch_points import CROSSINGS, FLAT, beside
@@ -96,18 +93,12 @@ class BranchAtlas:
             like: a point (1,) of the map, for the structure of its modes.
             depth: the depth to which that run has followed what branches meet.
         """
-        first: dict[int, int] = {}  # the place of each row's first branch
+        first: dict[int, int] = {}  # the index of each row's first branch
         for _, group in table.groupby(["row", "number"], sort=True):
             of_branch = group.sort_values("point")
             head = of_branch.iloc[0]
             row, period, own_depth = (int(head[name]) for name in ("row", "period", "depth"))
-            records: list[Record] = []
-            for place, record in zip(of_branch.index, of_branch.to_dict("records"), strict=True):
-                at, *beside = points_of(record["stored_point"], like)
-                names = ("special", "end", "change")
-                texts = {name: record[name] if isinstance(record[name], str) else "" for name in names}
-                records.append({**texts, "stored": at, "beside": beside, "earlier": int(place)})
-                records[-1][self.parameter] = float(at.parameter[0])
+            records = list(self._restored_records(of_branch, like))
             first.setdefault(row, len(self.branches))
             begins = None if head["begins"] < 0 else (first[row] + int(head["begins"]), 0)
             if begins is None:
@@ -122,6 +113,20 @@ class BranchAtlas:
             if not head["left_out"]:
                 self._restored.add(row)
             self.branches.append(Branch(row, period, own_depth, begins, problem, records, {}, switched))
+
+    def _restored_records(self, of_branch: pd.DataFrame, like: Points) -> Iterator[Record]:
+        """The records of a branch of an earlier run, from those of its table."""
+        for number, record in zip(of_branch.index, of_branch.to_dict("records"), strict=True):
+            at, *beside = points_of(record["stored_point"], like)
+            names = ("special", "end", "change")
+            texts = {name: record[name] if isinstance(record[name], str) else "" for name in names}
+            yield {
+                **texts,
+                "stored": at,
+                "beside": beside,
+                "earlier": int(number),
+                self.parameter: float(at.parameter[0]),
+            }
 
     def follow(self, search: OrbitSearch, at: float, depth: int) -> None:
         """Follow the orbits of a search at a value of the parameter, and what their branches meet.
@@ -168,7 +173,8 @@ class BranchAtlas:
             return None
         problem = self._problem(orbit.row, orbit.period, fixed.points, at)
         first = problem.first(fixed.points, fixed.drift, np.array([at]), 1.0)
-        directions = (*([-1] if at > problem.low else []), *([1] if at < problem.high else []))
+        possible = {-1: at > problem.low, 1: at < problem.high}
+        directions = tuple(sign for sign, inside in possible.items() if inside)
         return BranchStart(orbit.row, orbit.period, 0, None, problem, first, directions, orbit.points)
 
     def _switched(self, parents: Iterable[int], depth: int) -> Iterator[BranchStart]:
@@ -194,11 +200,10 @@ class BranchAtlas:
 
     def _follow(self, starts: list[BranchStart]) -> None:
         """Follow branches from their first points, but for those that other branches pass."""
-        new = self._unpassed(starts)
+        new = sorted(self._unpassed(starts), key=lambda start: start.period)
         followed: list[tuple[BranchStart, Branch]] = []
-        order = sorted(range(len(new)), key=lambda k: new[k].period)
-        for period, group in itertools.groupby(order, key=lambda k: new[k].period):
-            of_period = [new[k] for k in group]
+        for period, group in itertools.groupby(new, key=lambda start: start.period):
+            of_period = list(group)
             halves = self._halves(of_period, period)
             for start, halves_of_start in zip(of_period, halves, strict=True):
                 branch = Branch.of_halves(start, halves_of_start)
@@ -206,33 +211,34 @@ class BranchAtlas:
         for start, branch in followed:
             if not self._unpassed([start]):
                 continue
-            if sum(other.row == branch.row for other in self.branches) < self.most_branches:
+            if sum(known.row == branch.row for known in self.branches) < self.most_branches:
                 self.branches.append(branch)
-            elif not any(self._place_on(other, start) for other in self._beyond):
+            elif not any(self._passes(known, start) for known in self._beyond):
                 self._beyond.append(branch)
 
     def _unpassed(self, starts: Iterable[BranchStart]) -> list[BranchStart]:
         """The starts that no branch passes; an orbit of the search gets a record on one that passes it."""
         unpassed = []
         for start in starts:
-            passing = ((branch, self._place_on(branch, start)) for branch in self.branches)
-            branch, place = next((pair for pair in passing if pair[1] is not None), (None, None))
-            if branch is None or place is None:
+            passing = next((branch for branch in self.branches if self._passes(branch, start)), None)
+            if passing is None:
                 unpassed.append(start)
-            elif place >= 0 and start.begins is None and not branch.has_point(start.first):
-                branch.insert(place, record_of(start.problem, start.first))
+            elif start.begins is None and not passing.has_point(start.first):
+                place = passing.place_of(start.orbit, float(start.first.parameter[0]))
+                if place is not None:  # else it passes an image of the orbit alone
+                    passing.insert(place, record_of(start.problem, start.first))
         return unpassed
 
-    def _place_on(self, branch: Branch, start: BranchStart) -> int | None:
-        """The record after which a branch passes a first point; -1 if it passes an image of it alone."""
+    def _passes(self, branch: Branch, start: BranchStart) -> bool:
+        """Whether a branch passes the orbit of a first point or an image of it."""
         if (branch.row, branch.period) != (start.row, start.period):
-            return None
+            return False
         at = float(start.first.parameter[0])
-        if (place := branch.place_of(start.orbit, at)) is not None:
-            return place
+        if branch.place_of(start.orbit, at) is not None:
+            return True
         values = start.problem.values_at(start.first.parameter)
         images = self.mapping.mirrored(start.orbit, values).values()
-        return -1 if any(branch.place_of(image, at) is not None for image in images) else None
+        return any(branch.place_of(image, at) is not None for image in images)
 
     def _without_image(self, start: BranchStart, branch: Branch) -> Branch:
         """A branch without its part beyond a pitchfork at which it turns and becomes its image."""
@@ -333,7 +339,7 @@ class BranchAtlas:
         Args:
             second: the name of the second parameter; its value at the branches is that of `values`.
             within: its range, two numbers.
-            steps: lengths and number of the steps.
+            steps: lengths and number of the steps; by default those of the branches.
             curves_before: the number of curves in the earlier table, by row.
 
         Returns:
@@ -343,85 +349,10 @@ class BranchAtlas:
             end. Point 0 is on a branch, and points below 0 are behind it.
         """
         plane = SecondParameter(second, float(min(within)), float(max(within)))
-        steps = steps or ArclengthSteps()
-        records = plane_curves(self.mapping, self.branches, self.within, plane, steps, curves_before)
+        records = plane_curves(
+            self.mapping, self.branches, self.within, plane, steps or self.steps, curves_before
+        )
         return in_terms_of_flow(self.mapping, pd.DataFrame(records))
-
-    def table(self, search: OrbitSearch, at: float) -> pd.DataFrame:
-        """One record a point of a branch.
-
-        Args:
-            search: the search whose orbits were followed.
-            at: the value of the parameter there.
-
-        Returns:
-            row, branch, period, depth, begins (the branch at whose bifurcation it begins; -1: it leads
-            through an orbit of the search), and the columns of `continuation`, with `coefficient`, the normal
-            form's; missing (`OrbitSearch.missing`), drawn_starts (those of its row), and where the parameter
-            is `at`: found (how many searches found the orbit; 0: its branch alone leads there; -1 at other
-            points), reached, error and symmetry of an `Orbit`; `event_columns`, change (what changes in the
-            order of events at a corner), and `stored_point`, the text of the point. A record of a branch
-            that was restored has row, branch, point, missing, drawn_starts and found alone, and its place in
-            the earlier table as `earlier`.
-        """
-        records: list[Record] = []
-        numbers = self._numbers()
-        listed: dict[int, list[Points]] = {}  # the gaits of each row that have a record, with their images
-        for orbit in search.orbits:
-            if orbit.earlier:
-                values = {**rows_of(self.values, np.full(orbit.period, orbit.row)), self.parameter: at}
-                listed.setdefault(orbit.row, []).extend(with_images(self.mapping, orbit.points, values))
-        hits = {orbit.earlier: orbit.hits for orbit in search.orbits if orbit.earlier}
-        for branch, number in zip(self.branches, numbers, strict=True):
-            begins = -1 if branch.begins is None else numbers[branch.begins[0]]
-            of_search = {"missing": search.missing(branch.row), "drawn_starts": search.drawn(branch.row)}
-            for place, record in enumerate(branch.records):
-                head = {"row": branch.row, "branch": number, "point": place, "found": -1, **of_search}
-                if "earlier" in record:
-                    earlier = record["earlier"]
-                    records.append({**head, "found": hits.get((earlier,), -1), "earlier": earlier})
-                    continue
-                head |= {"period": branch.period, "depth": branch.depth, "begins": begins}
-                head |= {"coefficient": float("nan"), "reached": float("nan"), "error": float("nan")}
-                head |= {"symmetry": "", "change": "", **event_columns(record["events"])}
-                head |= {"stored_point": text_of(record["at"], branch.asides.get(place))}
-                own = {k: v for k, v in record.items() if k not in ("row", "point", "at", "events")}
-                own = renamed_apart(own, head)
-                if record[self.parameter] == at and not record["special"]:
-                    own |= self._gait(search, branch, record["at"], listed.setdefault(branch.row, []))
-                records.append({**head, **own})
-        return in_terms_of_flow(self.mapping, pd.DataFrame(records))
-
-    def _numbers(self) -> list[int]:
-        """The number of each branch among those of its row."""
-        rows = [branch.row for branch in self.branches]
-        return [rows[:place].count(row) for place, row in enumerate(rows)]
-
-    def _gait(self, search: OrbitSearch, branch: Branch, at: BranchPoints, listed: list[Points]) -> Record:
-        """Facts about the orbit at a point of a branch; none if it or an image of it is `listed`."""
-        if any(np.min(self.mapping.distance(gait.at, at.points.at)) < ON_BRANCH for gait in listed):
-            return {}
-        values = branch.problem.values_at(at.parameter)
-        images = np.concatenate([image.at for image in with_images(self.mapping, at.points, values)])
-        known = [
-            (float(np.min(self.mapping.distance(orbit.points.at[:, None], images))), orbit)
-            for orbit in search.of_row(branch.row)
-            if orbit.period == branch.period
-        ]
-        away, orbit = min(known, key=lambda pair: pair[0], default=(np.inf, None))
-        if orbit is None or away >= ON_BRANCH:
-            row = np.array([branch.row])
-            (orbit,) = polished(self.mapping, at.points, row, values, branch.period, self.fix)
-            if orbit is None:
-                return {"found": 0}
-            away = float(np.min(self.mapping.distance(orbit.points.at, at.points.at)))
-        listed += with_images(self.mapping, orbit.points, values)
-        return {
-            "found": orbit.hits,
-            "reached": orbit.reached,
-            "error": max(orbit.error, away),
-            "symmetry": ", ".join(orbit.symmetry),
-        }
 
 
 def _directed(first: BranchPoints, sign: int) -> BranchPoints:

@@ -1,4 +1,4 @@
-"""The tables of an atlas: gaits, branches, bifurcations on them, and curves in two parameters."""
+"""The table of an atlas, and its parts: gaits, branches, bifurcations on them, curves in two parameters."""
 
 from __future__ import annotations
 
@@ -6,7 +6,113 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Bool
 
+from gaitsweep.analysis.atlas.atlas import BranchAtlas
+from gaitsweep.analysis.atlas.branch import ON_BRANCH, Branch, Record
+from gaitsweep.analysis.atlas.order_changes import event_columns
+from gaitsweep.analysis.atlas.periodic_orbits import OrbitSearch, polished, rows_of, with_images
+from gaitsweep.analysis.atlas.plane_curves import renamed_apart
+from gaitsweep.analysis.atlas.stored_points import text_of
+from gaitsweep.analysis.continuation.arclength import BranchPoints
+from gaitsweep.analysis.continuation.flows import in_terms_of_flow
+from gaitsweep.engine.poincare.maps import Points
+
 Mask = Bool[np.ndarray, " records"]
+# Numbers of a record that only some records have.
+_NOT_A_NUMBER = dict.fromkeys(("coefficient", "reached", "error"), float("nan"))
+
+
+def atlas_table(atlas: BranchAtlas, search: OrbitSearch, at: float) -> pd.DataFrame:
+    """The table of the branches of an atlas.
+
+    Args:
+        atlas: the atlas.
+        search: the search whose orbits were followed.
+        at: the value of the parameter there.
+
+    Returns:
+        One record a point of a branch: row, branch, period, depth, begins (the branch at whose bifurcation it
+        begins; -1: it leads through an orbit of the search), and the columns of `continuation`, with
+        `coefficient`, the normal form's; missing (`OrbitSearch.missing`), drawn_starts (those of its row),
+        and where the parameter is `at`: found (how many searches found the orbit; 0: its branch alone leads
+        there; -1 at other points), reached, error and symmetry of an `Orbit`; `event_columns`, change (what
+        changes in the order of events at a corner), and `stored_point`, the text of the point. A record of a
+        branch that was restored has row, branch, point, missing, drawn_starts and found alone, and its index
+        in the earlier table as `earlier`.
+    """
+    records: list[Record] = []
+    numbers = _numbers(atlas.branches)
+    listed = _earlier_gaits(atlas, search, at)
+    hits = {orbit.earlier: orbit.hits for orbit in search.orbits if orbit.earlier}
+    for branch, number in zip(atlas.branches, numbers, strict=True):
+        of_row = {"missing": search.missing(branch.row), "drawn_starts": search.drawn(branch.row)}
+        begins = -1 if branch.begins is None else numbers[branch.begins[0]]
+        of_branch = {"period": branch.period, "depth": branch.depth, "begins": begins, **_NOT_A_NUMBER}
+        for index, record in enumerate(branch.records):
+            head = {"row": branch.row, "branch": number, "point": index, "found": -1, **of_row}
+            if "earlier" in record:
+                earlier = record["earlier"]
+                records.append({**head, "found": hits.get((earlier,), -1), "earlier": earlier})
+                continue
+            head |= {**of_branch, "symmetry": "", "change": "", **event_columns(record["events"])}
+            head |= {"stored_point": text_of(record["at"], branch.asides.get(index))}
+            numbers_of_point = {k: v for k, v in record.items() if k not in ("row", "point", "at", "events")}
+            head |= renamed_apart(numbers_of_point, head)
+            if record[atlas.parameter] == at and not record["special"]:
+                head |= _gait(atlas, search, branch, record["at"], listed.setdefault(branch.row, []))
+            records.append(head)
+    return in_terms_of_flow(atlas.mapping, pd.DataFrame(records))
+
+
+def _numbers(branches: list[Branch]) -> list[int]:
+    """The number of each branch among those of its row."""
+    rows = [branch.row for branch in branches]
+    return [rows[:index].count(row) for index, row in enumerate(rows)]
+
+
+def _earlier_gaits(atlas: BranchAtlas, search: OrbitSearch, at: float) -> dict[int, list[Points]]:
+    """The gaits of each row that have a record in the earlier table, with their images."""
+    gaits: dict[int, list[Points]] = {}
+    for orbit in search.orbits:
+        if orbit.earlier:
+            values = {**rows_of(atlas.values, np.full(orbit.period, orbit.row)), atlas.parameter: at}
+            gaits.setdefault(orbit.row, []).extend(with_images(atlas.mapping, orbit.points, values))
+    return gaits
+
+
+def _gait(
+    atlas: BranchAtlas, search: OrbitSearch, branch: Branch, at: BranchPoints, listed: list[Points]
+) -> Record:
+    """Facts about the orbit at a point of a branch; none if it is `listed`, and else it is added there.
+
+    Args:
+        atlas: the atlas.
+        search: the search whose orbits were followed.
+        branch: the branch.
+        at: the point (1,).
+        listed: the gaits of the branch's row that have a record, with their images.
+    """
+    mapping = atlas.mapping
+    if any(np.min(mapping.distance(gait.at, at.points.at)) < ON_BRANCH for gait in listed):
+        return {}
+    values = branch.problem.values_at(at.parameter)
+    images = np.concatenate([image.at for image in with_images(mapping, at.points, values)])
+    orbits = [orbit for orbit in search.of_row(branch.row) if orbit.period == branch.period]
+    distances = [float(np.min(mapping.distance(orbit.points.at[:, None], images))) for orbit in orbits]
+    nearest = int(np.argmin(distances)) if distances else -1
+    if nearest >= 0 and distances[nearest] < ON_BRANCH:
+        orbit, distance = orbits[nearest], distances[nearest]
+    else:
+        (orbit,) = polished(mapping, at.points, np.array([branch.row]), values, branch.period, atlas.fix)
+        if orbit is None:
+            return {"found": 0}
+        distance = float(np.min(mapping.distance(orbit.points.at, at.points.at)))
+    listed += with_images(mapping, orbit.points, values)
+    return {
+        "found": orbit.hits,
+        "reached": orbit.reached,
+        "error": max(orbit.error, distance),
+        "symmetry": ", ".join(orbit.symmetry),
+    }
 
 
 def atlas_tables(table: pd.DataFrame, parameter: str) -> dict[str, pd.DataFrame]:
@@ -39,10 +145,7 @@ def _bifurcations(table: pd.DataFrame, parameter: str) -> Mask:
     symmetric branch as well.
     """
     special, end = (table[name].astype(str) for name in ("special", "end"))
-    places = list(zip(table["row"], special, table[parameter].round(9), strict=True))
-    others = {place for place, why in zip(places, end, strict=True) if why != "pitchfork"}
-    repeated = [
-        why == "flip" or (why == "pitchfork" and place in others)
-        for place, why in zip(places, end, strict=True)
-    ]
-    return ~special.isin(["", "nan", "kink"]).to_numpy(bool) & ~np.array(repeated, bool)
+    keys = pd.MultiIndex.from_arrays([table["row"], special, table[parameter].round(9)])
+    ends_at_pitchfork = (end == "pitchfork").to_numpy(bool)
+    repeated = (end == "flip").to_numpy(bool) | (ends_at_pitchfork & keys.isin(keys[~ends_at_pitchfork]))
+    return ~special.isin(["", "nan", "kink"]).to_numpy(bool) & ~repeated

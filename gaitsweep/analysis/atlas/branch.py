@@ -190,7 +190,9 @@ class Branch:
 def branch_table(problem: ContinuationProblem, first: BranchPoints) -> BranchTable:
     """The table of branches (n,) from their first points, with the `BranchPoints` of each record."""
     n, observed = len(first.parameter), list(first.images.observed)
-    return BranchTable(problem.mapping, problem.parameter, {}, observed, n, problem.held, with_points=True)
+    return BranchTable(
+        problem.mapping, problem.parameter, {}, observed, n, problem.constraints, with_points=True
+    )
 
 
 def record_of(problem: ContinuationProblem, at: BranchPoints) -> Record:

@@ -11,9 +11,8 @@ from gaitsweep.analysis.atlas.periodic_orbits import SAME
 from gaitsweep.analysis.continuation.arclength import BranchPoints, ContinuationProblem
 from gaitsweep.analysis.continuation.bifurcation_curves import CurvePoint, followed, step
 from gaitsweep.analysis.continuation.branch_follower import ArclengthSteps
-from gaitsweep.analysis.continuation.branch_points import CROSSINGS
 from gaitsweep.analysis.continuation.critical_points import CriticalEquations, CriticalPoint
-from gaitsweep.analysis.continuation.exact_points import equations_at
+from gaitsweep.analysis.continuation.exact_points import critical_kind, equations_at
 from gaitsweep.analysis.continuation.lockstep import Computation, alone
 from gaitsweep.engine.poincare.maps import Points
 
@@ -28,7 +27,7 @@ class BifurcationCurve:
     Attributes:
         equations: of the bifurcation.
         points: its points in order.
-        first: the place of the point that was found on a branch.
+        first: the index of the point that was found on a branch.
         ends: why it ends, at its first point and at its last.
         row, period: those of the branch.
     """
@@ -49,40 +48,39 @@ class BifurcationCurve:
             orbit: all points of the orbit there.
             parameter: the first parameter there; the second is that of the curve's point on a branch.
         """
-        kind = "branch_point" if special in CROSSINGS else special
-        if (row, kind, len(orbit)) != (self.row, self.equations.kind, self.period):
+        equations, m = self.equations, self.equations.m
+        if (row, critical_kind(special), len(orbit)) != (self.row, equations.kind, self.period):
             return False
-        m, equations = self.equations.m, self.equations
         home = self.points[self.first].point.unknowns[m + 1]
         level = np.array([at.point.unknowns[m + 1] for at in self.points]) - home
         for k in np.flatnonzero(level[:-1] * level[1:] <= 0.0):
-            before = self.points[int(k)].point
-            there: CriticalPoint | None = before
+            at_level: CriticalPoint | None = self.points[int(k)].point
             if level[k] != 0.0:
-                there = alone(step(equations, before, -float(level[k]), pinned=m + 1))
-            if there is None:
+                at_level = alone(step(equations, at_level, -float(level[k]), pinned=m + 1))
+            if at_level is None:
                 continue
-            off = abs(equations.parameters(there.unknowns)[0] - parameter) / equations.width[0]
-            away = equations.mapping.distance(orbit.at, there.point.at)
+            off = abs(equations.parameters(at_level.unknowns)[0] - parameter) / equations.width[0]
+            away = equations.mapping.distance(orbit.at, at_level.point.at)
             if off < SAME and np.min(away) < np.sqrt(SAME):
                 return True
         return False
 
     def records(self) -> list[dict[str, Any]]:
         """One record a point."""
-        records = [self._record(at, place - self.first) for place, at in enumerate(self.points)]
+        records = [self._record(at, number - self.first) for number, at in enumerate(self.points)]
         records[0]["end"] = self.ends[0]
         records[-1]["end"] = self.ends[1] or records[-1]["end"]
         return records
 
-    def _record(self, at: CurvePoint, place: int) -> dict[str, Any]:
+    def _record(self, at: CurvePoint, number: int) -> dict[str, Any]:
+        """The record of the point with this number."""
         equations, point = self.equations, at.point
         parameters = equations.parameters(point.unknowns)
         factors = point.multipliers
         critical = factors[int(np.argmin(np.abs(factors - equations.critical(point.unknowns))))]
         others = equations.other_multipliers(point.unknowns, factors)
         return {
-            "point": place,
+            "point": number,
             **dict(zip(equations.names, map(float, parameters), strict=True)),
             **point.observed,
             "multiplier_re": float(critical.real),
@@ -101,7 +99,7 @@ def curve_through(
     second: tuple[str, float, float, float],
     steps: ArclengthSteps,
 ) -> Computation[BifurcationCurve | None]:
-    """The curve through a bifurcation of one branch (1,), in both directions; None where it has none.
+    """Follow the curve through a bifurcation of one branch (1,) in both directions; None where it has none.
 
     Args:
         problem: the continuation problem of the branch.
@@ -117,21 +115,23 @@ def curve_through(
     behind, begin = yield from followed(equations, first, -1.0, steps)
     ahead, end = yield from followed(equations, first, 1.0, steps)
     if begin == "closed":
-        behind, begin = behind[:1], "closed"
-    pieces = [_unbroken(equations, piece) for piece in (behind, ahead)]
-    begin, end = (
-        why if len(piece) == len(whole) else "broken"
-        for piece, whole, why in zip(pieces, (behind, ahead), (begin, end), strict=True)
-    )
-    behind, ahead = pieces
+        behind = behind[:1]
+    behind, begin = _unbroken(equations, behind, begin)
+    ahead, end = _unbroken(equations, ahead, end)
     if max(len(behind), len(ahead)) < 2:
         return None
     return BifurcationCurve(equations, [*behind[:0:-1], *ahead], len(behind) - 1, (begin, end))
 
 
-def _unbroken(equations: CriticalEquations, curve: list[CurvePoint]) -> list[CurvePoint]:
-    """The part of a curve on which branches do cross: without a symmetry, one point of branch points."""
-    if equations.kind != "branch_point":
-        return curve
-    broken = [abs(at.point.unknowns[-1]) > BROKEN for at in curve]
-    return curve[: broken.index(True)] if any(broken) else curve
+def _unbroken(
+    equations: CriticalEquations, curve: list[CurvePoint], end: str
+) -> tuple[list[CurvePoint], str]:
+    """The part of a curve on which branches do cross, and why it ends.
+
+    Without a symmetry a curve of branch points has one point.
+    """
+    if equations.kind == "branch_point":
+        for number, at in enumerate(curve):
+            if abs(at.point.unknowns[-1]) > BROKEN:
+                return curve[:number], "broken"
+    return curve, end

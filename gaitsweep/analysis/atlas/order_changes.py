@@ -1,17 +1,20 @@
-"""Marks on branches where the order of events of their orbits changes."""
+"""The order of events of orbits, and marks on branches where it changes."""
 
 from __future__ import annotations
 
 import dataclasses
+import itertools
+from collections import Counter
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 
 from gaitsweep.analysis.atlas.branch import Branch, Record, record_of
-from gaitsweep.analysis.atlas.event_orders import change_of_order
 from gaitsweep.analysis.continuation.arclength import BranchPoints, ContinuationProblem
 from gaitsweep.analysis.continuation.bifurcation_tests import ahead
 from gaitsweep.engine.poincare.maps import Events, Points, sizes
+from gaitsweep.run_columns import time_column
 
 # Halvings of a step on which the order of events changes.
 BISECTIONS = 40
@@ -21,57 +24,122 @@ MOST_CHANGES = 8
 BEYOND_END = (1e-4, 1e-3, 1e-2)
 
 
+def event_columns(events: Events) -> dict[str, Any]:
+    """The columns of a gait's events: their order in words, and the time (s) of each event's first time."""
+    times: dict[str, Any] = {}
+    for at, name in events:
+        times.setdefault(time_column(name), at)
+    return {"events": ", ".join(name for _, name in events), **times}
+
+
+def change_of_order(before: Events, after: Events) -> str:
+    """The difference in the order of events of two gaits, in words; empty if there is none.
+
+    Example:
+        >>> from gaitsweep.analysis.atlas.order_changes import change_of_order
+        >>> change_of_order([(0.1, "foot 1 lands"), (0.2, "foot 2 lifts")], [(0.1, "foot 2 lifts")])
+        'without foot 1 lands'
+    """
+    first, second = ([name for _, name in events] for events in (before, after))
+    if first == second:
+        return ""
+    moved = _past_the_section(first, second)
+    if moved is not None:
+        return f"{moved} passes the section"
+    index = {event: k for k, event in enumerate(_numbered(second))}
+    in_both = [event for event in _numbered(first) if event in index]
+    changes = [
+        f"{earlier[0]} and {later[0]} change places"
+        for earlier, later in itertools.combinations(in_both, 2)
+        if index[later] < index[earlier]
+    ]
+    changes += [f"without {name}" for name in Counter(first) - Counter(second)]
+    changes += [f"with {name}" for name in Counter(second) - Counter(first)]
+    return ", ".join(dict.fromkeys(changes))
+
+
+def _past_the_section(before: list[str], after: list[str]) -> str | None:
+    """The event that alone moved from one end of the cycle to the other, over the section; None if none did.
+
+    The last event of a cycle is that of the section itself.
+    """
+    for moved in dict.fromkeys(before[:-1]):
+        others = [name for name in before[:-1] if name != moved]
+        orders = [moved, *others], [*others, moved]
+        if len(others) > 1 and before[:-1] in orders and after[:-1] in orders:
+            return moved
+    return None
+
+
+def _numbered(names: list[str]) -> list[tuple[str, int]]:
+    """Names with the number of times that each came before."""
+    seen: Counter[str] = Counter()
+    numbered = []
+    for name in names:
+        numbered.append((name, seen[name]))
+        seen[name] += 1
+    return numbered
+
+
 def with_order_changes(branches: Sequence[Branch]) -> list[Branch]:
     """Branches whose records have their `events`, with a record for each change of the order of events.
 
     Records of an earlier run and those that have `events` stay as they are.
     """
-    places = [
-        (k, place)
-        for k, branch in enumerate(branches)
-        for place, record in enumerate(branch.records)
+    marked = list(branches)
+    for number, events in _events_of_new_records(branches).items():
+        records = [dict(record) for record in branches[number].records]
+        for index, events_of_record in events.items():
+            records[index]["events"] = events_of_record
+        branch = dataclasses.replace(branches[number], records=records)
+        marked[number] = _marked(branch) if len(events) == len(records) else branch
+    return marked
+
+
+def _events_of_new_records(branches: Sequence[Branch]) -> dict[int, dict[int, Events]]:
+    """The events of the records that have none yet, by the number of the branch and the record's index.
+
+    The branches of one period are evaluated together.
+    """
+    without_events = [
+        (number, index)
+        for number, branch in enumerate(branches)
+        for index, record in enumerate(branch.records)
         if not {"events", "earlier"} & record.keys()
     ]
-    marked = list(branches)
     events: dict[int, dict[int, Events]] = {}
-    for period in {branches[k].period for k, _ in places}:
-        of_period = [(k, place) for k, place in places if branches[k].period == period]
+    for period in {branches[number].period for number, _ in without_events}:
+        of_period = [(k, index) for k, index in without_events if branches[k].period == period]
         problem = ContinuationProblem.joined([branches[k].problem for k, _ in of_period])
-        at = BranchPoints.joined([branches[k].point(place) for k, place in of_period])
-        for (k, place), own in zip(of_period, _events(problem, at), strict=True):
-            events.setdefault(k, {})[place] = own
-    for k, own in events.items():
-        records = [
-            record | ({"events": own[place]} if place in own else {})
-            for place, record in enumerate(branches[k].records)
-        ]
-        branch = dataclasses.replace(branches[k], records=records)
-        marked[k] = _marked(branch) if len(own) == len(records) else branch
-    return marked
+        points = BranchPoints.joined([branches[k].point(index) for k, index in of_period])
+        for (k, index), events_of_record in zip(of_period, _events(problem, points), strict=True):
+            events.setdefault(k, {})[index] = events_of_record
+    return events
 
 
 def _marked(branch: Branch) -> Branch:
     """A branch with a record for each change of the order of its events."""
     records = [dict(record) for record in branch.records]
-    for place, inner in ((0, 1), (-1, -2)):
-        if records[place]["end"] == "lost" and len(records) > 1:
-            records[place]["change"] = _change_beyond(branch, place, inner, records[place]["events"])
-    marks: dict[int, list[Record]] = {}
-    for place in range(1, len(records)):
-        before, after = records[place - 1], records[place]
+    for end, inner in ((0, 1), (-1, -2)):
+        if records[end]["end"] == "lost" and len(records) > 1:
+            records[end]["change"] = _change_beyond(branch, end, inner, records[end]["events"])
+    marks: dict[int, list[Record]] = {}  # by the index of the record behind them
+    for index, (before, after) in enumerate(itertools.pairwise(records), start=1):
         change = change_of_order(before["events"], after["events"])
         if not change:
             continue
         corner = next((record for record in (before, after) if record["special"] == "corner"), None)
         if corner is None:
-            marks[place] = list(_marks_on_step(branch.problem, before, after))
+            marks[index] = list(_marks_on_step(branch.problem, before, after))
         else:
             corner["change"] = change
-    asides = {
-        place + sum(len(marks[k]) for k in marks if k <= place): aside
-        for place, aside in branch.asides.items()
-    }
-    with_marks = [record for place, own in enumerate(records) for record in (*marks.get(place, []), own)]
+    with_marks: list[Record] = []
+    asides: dict[int, BranchPoints] = {}
+    for index, record in enumerate(records):
+        with_marks += marks.get(index, [])
+        if index in branch.asides:
+            asides[len(with_marks)] = branch.asides[index]
+        with_marks.append(record)
     return dataclasses.replace(branch, records=with_marks, asides=asides)
 
 
@@ -90,12 +158,12 @@ def _marks_on_step(problem: ContinuationProblem, before: Record, after: Record) 
         yield record_of(problem, at) | {"special": "order_change", "change": change, "events": last}
 
 
-def _change_beyond(branch: Branch, place: int, inner: int, events: Events) -> str:
-    """The change in the order of events just beyond an end at which a branch is lost, if anything.
+def _change_beyond(branch: Branch, at_end: int, inner: int, events: Events) -> str:
+    """The change in the order of events just beyond an end at which a branch is lost; empty if there is none.
 
-    The points beyond it lie on the line through the record `place` at the end and the record `inner`.
+    The points beyond it lie on the line through the records `inner` and `at_end`.
     """
-    end, before = branch.point(place), branch.point(inner)
+    end, before = branch.point(at_end), branch.point(inner)
     problem, mapping = branch.problem, branch.problem.mapping
     ahead_of_end = mapping.difference(end.points.at, before.points.at)
     length = np.linalg.norm(ahead_of_end / sizes(end.points.at))
@@ -117,7 +185,8 @@ def _last_before(
     Each has its events; None if no point beyond it was found.
     """
     low, high = 0.0, float(ahead(problem, begin, end))
-    last, beyond = (begin, events), None
+    last = begin, events
+    beyond = None
     for _ in range(BISECTIONS):
         length = 0.5 * (low + high)
         near, converged = problem.step(begin, np.array([length]))
@@ -125,7 +194,8 @@ def _last_before(
         if events_near and not change_of_order(events, events_near):
             low, last = length, (near, events_near)
         else:
-            high, beyond = length, (near, events_near) if events_near else None
+            high = length
+            beyond = (near, events_near) if events_near else None
     return None if beyond is None else (last, beyond)
 
 

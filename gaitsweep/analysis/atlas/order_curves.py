@@ -12,9 +12,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float
 
-from gaitsweep.analysis.atlas.event_orders import change_of_order
-from gaitsweep.analysis.continuation.multipliers import multipliers
-from gaitsweep.analysis.continuation.newton import newton
+from gaitsweep.analysis.atlas.order_changes import change_of_order
+from gaitsweep.analysis.continuation.newton import multipliers, newton
 from gaitsweep.engine.poincare.maps import Events, Map, Points, Values
 
 # Steps of the second parameter over its range.
@@ -60,18 +59,19 @@ class OrderChange:
     vanishes: bool = False
 
     def curve(self) -> list[dict[str, Any]]:
-        """The records of the curve, in order: point 0 is the change on the branch, those behind it are below.
+        """Follow the curve as a function of the second parameter, until the change is no longer found.
 
-        The curve is a function of the second parameter; it ends where the change is no longer found.
+        Returns:
+            One record a point, in order; 0 is the change on the branch, and points below 0 are behind it.
         """
         first = self._located(self.home[1], self.home[0], self.point)
         if first is None:
             return []
-        sides = [self._side(first, direction) for direction in (-1, 1)]
-        (behind, begin), (ahead, end) = sides
+        behind, begin = self._side(first, -1)
+        ahead, end = self._side(first, 1)
         records = [*behind[::-1], first, *ahead]
-        for place, record in enumerate(records):
-            record |= {"point": place - len(behind), "special": "", "end": "", "corrections": 0}
+        for number, record in enumerate(records, start=-len(behind)):
+            record |= {"point": number, "special": "", "end": "", "corrections": 0}
             del record["at"]
         records[0]["end"], records[-1]["end"] = begin, end
         return records if len(records) > 1 else []
@@ -110,9 +110,9 @@ class OrderChange:
 
     def _within(self, level: float, interval: tuple[float, float], near: Points) -> dict[str, Any] | None:
         """The change in an interval of the first parameter, by intervals of it that get smaller."""
-        ends, record = interval, None
+        record = None
         for _ in range(ROUNDS):
-            at = np.linspace(*ends, VALUES)
+            at = np.linspace(*interval, VALUES)
             starts = Points.joined([near] * VALUES)
             values = {name: np.repeat(np.ravel(v), VALUES) for name, v in self.values.items()}
             values |= {self.parameter: at, self.second: np.full(VALUES, level)}
@@ -122,15 +122,15 @@ class OrderChange:
             changes = np.flatnonzero(np.abs(np.diff(same)) == 1.0)
             if not changes.size:
                 break
-            place = int(changes[np.argmin(np.abs(changes - 0.5 * (VALUES - 2)))])
-            ends = float(at[place]), float(at[place + 1])
-            side = place if same[place] == 1.0 else place + 1
+            before = int(changes[np.argmin(np.abs(changes - 0.5 * (VALUES - 2)))])
+            interval = float(at[before]), float(at[before + 1])
+            side = before if same[before] == 1.0 else before + 1
             constrained = [quantity.name in self.fix for quantity in self.mapping.conserved]
             gradients = fixed.images.conserved_jacobian[[side]][:, constrained]
             factors = multipliers(fixed.images.jacobian[[side]], gradients)[0]
             near = fixed.points[[side]]
             record = {
-                self.parameter: 0.5 * (ends[0] + ends[1]),
+                self.parameter: 0.5 * (interval[0] + interval[1]),
                 self.second: level,
                 **{name: float(column[side]) for name, column in fixed.images.observed.items()},
                 "unstable": int(np.sum(np.abs(factors) > 1.0)),

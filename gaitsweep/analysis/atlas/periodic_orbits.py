@@ -129,6 +129,10 @@ class OrbitSearch:
         """Search in rounds, each row until its budget is spent or several rounds found nothing new.
 
         A row whose starts were drawn in part by an earlier search begins with the next ones.
+
+        Args:
+            draw: function that draws the starts of a round.
+            rows: the rows.
         """
         idle = dict.fromkeys(sorted(rows), 0)
         while active := [
@@ -146,9 +150,15 @@ class OrbitSearch:
                 idle[row] = 0 if row in new else idle[row] + 1
 
     def add(self, starts: Points, rows: Rows, *, drawn: bool = True) -> set[int]:
-        """Search from these starts with all periods; the rows with new orbits.
+        """Search from some starts with all periods.
 
-        Starts that are not `drawn` at random are not counted in the orbits' `hits`.
+        Args:
+            starts: the starts (n,).
+            rows: the row of each.
+            drawn: whether they were drawn at random; others are not counted in the orbits' `hits`.
+
+        Returns:
+            The rows with new orbits.
         """
         new: set[int] = set()
         for period in range(1, self.options.periods + 1):
@@ -186,26 +196,25 @@ class OrbitSearch:
             rows: the row of each.
             sound: whether each start came so far.
         """
-        for place, orbit in enumerate(self.orbits):
+        for number, orbit in enumerate(self.orbits):
             starts = np.flatnonzero(rows == orbit.row)
             values = rows_of(self.values, np.full(orbit.period, orbit.row))
             points = np.concatenate([image.at for image in with_images(self.mapping, orbit.points, values)])
             away = self.mapping.distance(points[None], ends.at[starts][:, None])
-            share = (
-                float(np.mean((np.min(away, axis=1) < REACHED) & sound[starts])) if starts.size else np.nan
-            )
-            self.orbits[place] = dataclasses.replace(orbit, reached=share)
+            if starts.size:
+                share = float(np.mean((np.min(away, axis=1) < REACHED) & sound[starts]))
+                self.orbits[number] = dataclasses.replace(orbit, reached=share)
 
     def _grouped(self, points: Points, rows: Rows) -> list[Rows]:
         """Groups of equal points of one row."""
         groups: list[list[int]] = []
         for k in range(len(points)):
-            heads = np.array([group[0] for group in groups if rows[group[0]] == rows[k]], int)
-            places = [n for n, group in enumerate(groups) if rows[group[0]] == rows[k]]
-            if heads.size:
-                far = self.mapping.distance(points.at[heads], points.at[[k]])
-                if np.min(far) < SAME:
-                    groups[places[int(np.argmin(far))]].append(k)
+            of_row = [group for group in groups if rows[group[0]] == rows[k]]
+            if of_row:
+                heads = np.array([group[0] for group in of_row])
+                away = self.mapping.distance(points.at[heads], points.at[[k]])
+                if np.min(away) < SAME:
+                    of_row[int(np.argmin(away))].append(k)
                     continue
             groups.append([k])
         return [np.array(group) for group in groups]
@@ -221,9 +230,9 @@ class OrbitSearch:
         firsts = Points.joined([orbit.points[[0]] for orbit in orbits])
         images = with_images(self.mapping, firsts, rows_of(values, sound))
         new = set()
-        for place, (orbit, k) in enumerate(zip(orbits, sound, strict=True)):
-            own = (self._known(image[[place]], orbit.row) for image in images)
-            known = next((at for at in own if at is not None), None)
+        for index, (orbit, k) in enumerate(zip(orbits, sound, strict=True)):
+            of_images = (self._known(image[[index]], orbit.row) for image in images)
+            known = next((number for number in of_images if number is not None), None)
             if known is None:
                 known = len(self.orbits)
                 self.orbits.append(orbit)
@@ -231,17 +240,17 @@ class OrbitSearch:
             self._hit(known, period, hits[k])
         return new
 
-    def _hit(self, place: int, period: int, hits: int) -> None:
+    def _hit(self, number: int, period: int, hits: int) -> None:
         """Count searches with a period that found an orbit, if it is the orbit's own."""
-        orbit = self.orbits[place]
+        orbit = self.orbits[number]
         if orbit.period == period:
-            self.orbits[place] = dataclasses.replace(orbit, hits=orbit.hits + hits)
+            self.orbits[number] = dataclasses.replace(orbit, hits=orbit.hits + hits)
 
     def _known(self, point: Points, row: int) -> int | None:
-        """The place of the orbit of a row to which a point belongs, or None."""
-        for place, orbit in enumerate(self.orbits):
+        """The number of the orbit of a row to which a point belongs, or None."""
+        for number, orbit in enumerate(self.orbits):
             if orbit.row == row and np.min(self.mapping.distance(orbit.points.at, point.at)) < SAME:
-                return place
+                return number
         return None
 
 

@@ -115,22 +115,23 @@ def _order_curves(
             known.append((branch, parameter, points))
             continue
         images = _images(mapping, branch, place)
-        if any(
-            (other.row, other.period) == (branch.row, branch.period)
-            and abs(there - parameter) < ON_BRANCH * (problem.high - problem.low)
-            and any(np.min(mapping.distance(image.at, point.at)) < ON_BRANCH for image in images)
-            for other, there, point in known
-        ):
+        near = [
+            point
+            for of_point, at, point in known
+            if (of_point.row, of_point.period) == (branch.row, branch.period)
+            and abs(at - parameter) < ON_BRANCH * (problem.high - problem.low)
+        ]
+        if _is_among(mapping, images, near):
             continue
         known.append((branch, parameter, points))
-        names = [mapping.conserved[k].name for k in problem.held.which]
+        names = [mapping.conserved[k].name for k in problem.constraints.which]
         change = OrderChange(
             mapping=problem.mapping,
             parameter=problem.parameter,
             second=second.name,
             within=(within, (second.low, second.high)),
             values={name: value for name, value in problem.values.items() if name != second.name},
-            fix=dict(zip(names, problem.held.values.T, strict=True)),
+            fix=dict(zip(names, problem.constraints.values.T, strict=True)),
             point=points,
             home=(parameter, _home(branch, second)),
             events=record["events"],
@@ -152,10 +153,10 @@ def _home(branch: Branch, second: SecondParameter) -> float:
 def _new_places(mapping: Map, branches: Sequence[Branch], branch: Branch) -> Iterator[int]:
     """The places of the records of a branch that are not of an earlier run, nor at a bifurcation of one."""
     earlier = [
-        (other, place)
-        for other in branches
-        if (other.row, other.period) == (branch.row, branch.period)
-        for place, record in enumerate(other.records)
+        (known, k)
+        for known in branches
+        if (known.row, known.period) == (branch.row, branch.period)
+        for k, record in enumerate(known.records)
         if "earlier" in record and record["special"] in MARKS
     ]
     width = branch.problem.high - branch.problem.low
@@ -163,13 +164,20 @@ def _new_places(mapping: Map, branches: Sequence[Branch], branch: Branch) -> Ite
         if "earlier" in record:
             continue
         near = [
-            other.points(k).at
-            for other, k in earlier
-            if abs(other.parameter[k] - branch.parameter[place]) < ON_BRANCH * width
+            known.points(k)
+            for known, k in earlier
+            if abs(known.parameter[k] - branch.parameter[place]) < ON_BRANCH * width
         ]
         images = _images(mapping, branch, place) if near and record["special"] in MARKS else []
-        if not any(np.min(mapping.distance(image.at, at)) < ON_BRANCH for image in images for at in near):
+        if not _is_among(mapping, images, near):
             yield place
+
+
+def _is_among(mapping: Map, images: Sequence[Points], known: Sequence[Points]) -> bool:
+    """Whether one of the `known` points (1,) is a point of an orbit or of its `images`."""
+    return any(
+        np.min(mapping.distance(image.at, point.at)) < ON_BRANCH for image in images for point in known
+    )
 
 
 def _images(mapping: Map, branch: Branch, place: int) -> list[Points]:

@@ -45,7 +45,7 @@ def text_of(at: BranchPoints, aside: BranchPoints | None) -> str:
 
 
 def points_of(text: str, like: Points) -> list[StoredPoint]:
-    """The point and those beside it that `text_of` wrote.
+    """Read the point and those beside it from the text that `text_of` wrote.
 
     Args:
         text: the text.
@@ -54,11 +54,11 @@ def points_of(text: str, like: Points) -> list[StoredPoint]:
     leaves, structure = jax.tree.flatten(like.modes)
     points = []
     for at, drift, parameter, tangent, *modes in json.loads(text):
-        own = [
+        shaped = [
             np.asarray(values, leaf.dtype).reshape(leaf.shape)
             for values, leaf in zip(modes, leaves, strict=True)
         ]
-        batch = Points(np.array([at], float), jax.tree.unflatten(structure, own))
+        batch = Points(np.array([at], float), jax.tree.unflatten(structure, shaped))
         points.append(
             StoredPoint(batch, np.array([drift], float), np.array(parameter), np.array([tangent], float))
         )

@@ -140,7 +140,7 @@ def fates(
     mapper: AttractorMapper,
     most: int,
 ) -> tuple[Int[np.ndarray, " points"], Int[np.ndarray, " points"], Float[np.ndarray, "points coordinates"]]:
-    """Follow n trajectories to their attractors.
+    """Follow n trajectories to their attractors, those of each pair by one function.
 
     Args:
         mapping: the map.
@@ -158,7 +158,7 @@ def fates(
         ArgumentError: `mapper` does not give one label for each trajectory.
     """
     labels, cycles = np.full(len(points), UNDECIDED), np.zeros(len(points), int)
-    ends = points.at.copy()
+    last_points = points.at.copy()
     going = np.arange(len(points))
     for cycle in range(1, most + 1):
         if not going.size:
@@ -172,7 +172,7 @@ def fates(
                 f"{going.size} trajectories."
             )
         labels[going] = np.where(images.sound, np.maximum(reached, UNDECIDED), -1 - images.status)
-        ends[going[images.sound]] = images.points.at[images.sound]
+        last_points[going[images.sound]] = images.points.at[images.sound]
         goes_on = images.sound & (reached < 0)
         points, going = images.points[goes_on], going[goes_on]
-    return labels, cycles, ends
+    return labels, cycles, last_points

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -25,10 +26,13 @@ _FAR = 1e9  # cost of a forbidden match
 class Continued:
     """Attractors followed along a parameter.
 
-    `column`: the attractor of each row, a category with the same name at all values; NaN where the row did
-    not settle. `summary`: the attractors at each value, as `Attractors.summary`, with the parameter and
-    `moved`, the distance from the attractor of that name at the last value that had it. `fractions`: the
-    basin fractions at each value, as `Basins.fractions`. `within`: the largest distance of a match.
+    Attributes:
+        column: the attractor of each row, a category with the same name at all values; NaN where the row did
+            not settle.
+        summary: the attractors at each value, as `Attractors.summary`, with the parameter and `moved`, the
+            distance from the attractor of that name at the last value that had it.
+        fractions: the basin fractions at each value, as `Basins.fractions`.
+        within: the largest distance of a match.
     """
 
     column: pd.Series
@@ -74,13 +78,13 @@ def follow_attractors(
     for value, grouped in zip(values, groupings, strict=True):
         names, moved = _named(space, grouped.states, latest, present, within)
         present = list(names.values())
-        latest |= {names[own]: states for own, states in grouped.states.items()}
-        own = grouped.summary["attractor"]
+        latest |= {names[name]: states for name, states in grouped.states.items()}
+        of_value = grouped.summary["attractor"]
         # orbits without states, of older tables, are not matched: their names are their periods
-        orbits |= set(own) - set(names)
-        names = dict(zip(own, own, strict=True)) | names
+        orbits |= set(of_value) - set(names)
+        names = dict(zip(of_value, of_value, strict=True)) | names
         columns.append(grouped.column.astype(object).map(names.get))
-        summary = grouped.summary.assign(attractor=own.map(names.get), moved=own.map(moved.get))
+        summary = grouped.summary.assign(attractor=of_value.map(names.get), moved=of_value.map(moved.get))
         summary.insert(0, parameter, value)
         summaries.append(summary)
     names_of_rows = pd.Categorical(pd.concat(columns).reindex(table.index), [*latest, *sorted(orbits)])
@@ -95,8 +99,8 @@ def attractor_distance(
     space: Space, one: Float[np.ndarray, "states coordinates"], other: Float[np.ndarray, "others coordinates"]
 ) -> float:
     """The modified Hausdorff distance of two attractors, given states (m, d) of each."""
-    one, other = (states[:: -(-len(states) // _MOST_STATES)] for states in (one, other))
-    return float(max(space.nearest_distance(one, other).mean(), space.nearest_distance(other, one).mean()))
+    a, b = (states[:: math.ceil(len(states) / _MOST_STATES)] for states in (one, other))
+    return float(max(space.nearest_distance(a, b).mean(), space.nearest_distance(b, a).mean()))
 
 
 def _at(table: pd.DataFrame, parameter: str, value: float) -> pd.DataFrame:
@@ -121,16 +125,24 @@ def _named(
     present: Sequence[str],
     within: float,
 ) -> tuple[dict[str, str], dict[str, float]]:
-    """The matched name of each attractor, and its distance from the match (NaN for a new one)."""
+    """The matched name of each attractor, and its distance from the match (NaN for a new one).
+
+    Args:
+        space: the space of the states.
+        states: the states of the attractors at a value of the parameter, by their names there.
+        latest: the latest states of the attractors at earlier values, by their matched names.
+        present: the matched names of the attractors at the last value.
+        within: the largest distance of a match.
+    """
     names: dict[str, str] = {}
     moved: dict[str, float] = dict.fromkeys(states, float("nan"))
     # attractors of the last value are matched first, vanished ones after them
     for candidates in (list(present), [name for name in latest if name not in present]):
-        unmatched = [own for own in states if own not in names]
+        unmatched = [name for name in states if name not in names]
         cost = np.array(
             [
-                [attractor_distance(space, states[own], latest[name]) for name in candidates]
-                for own in unmatched
+                [attractor_distance(space, states[name], latest[candidate]) for candidate in candidates]
+                for name in unmatched
             ]
         )
         if not cost.size:
@@ -140,8 +152,8 @@ def _named(
             if cost[row, column] <= within:
                 names[unmatched[row]], moved[unmatched[row]] = candidates[column], float(cost[row, column])
     count = len(latest)
-    for own in states:
-        if own not in names:
+    for name in states:
+        if name not in names:
             count += 1
-            names[own] = f"A{count}"
+            names[name] = f"A{count}"
     return names, moved

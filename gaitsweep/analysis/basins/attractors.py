@@ -9,6 +9,7 @@ at a corner are separate attractors.
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -33,18 +34,21 @@ _KINDS = ("point", "line", "surface", "space")
 class Attractors:
     """The attractors of a table's rows.
 
-    `column`: the attractor of each row, a category; NaN where the row did not settle or was inferred. Rows at
-    rest (at a fixed point of the flow) are in no attractor with rows that settled on their section. Rows on
-    orbits of p crossings are in one attractor if their crossings are linked in turn, from whichever crossing
-    on; in tables of older versions, which have one crossing of each, they all are `period p`. Chaotic and
-    quasi-periodic rows are in one attractor if their crossings are samples of one set (`sampled_sets`).
-    `summary`: one record an attractor: attractor (its name), rows, share (of the settled rows), the columns
-    of a state in its middle (of an orbit: at a crossing), extent (the distance between its ends, in the
-    columns' unit, over whole turns; NaN for orbits), dimension and kind (point, line, surface, or space from
-    3 dimensions on; `rest` at rest; `period p`; `chaotic`; `quasi_periodic`). `link`: the largest link within
-    an attractor of settled states, inf where there is one attractor. `grain`: the distance below which states
-    are equal. `states`: states of each attractor by its name, (m, d), one for each cell, in units of the
-    scales.
+    Rows at rest (at a fixed point of the flow) are in no attractor with rows that settled on their section.
+    Rows on orbits of p crossings are in one attractor if their crossings are linked in turn, from whichever
+    crossing on; in tables of older versions, which have one crossing of each, they all are `period p`.
+    Chaotic and quasi-periodic rows are in one attractor if their crossings are samples of one set
+    (`sampled_sets`).
+
+    Attributes:
+        column: the attractor of each row, a category; NaN where the row did not settle or was inferred.
+        summary: one record an attractor: attractor (its name), rows, share (of the settled rows), the columns
+            of a state in its middle (of an orbit: at a crossing), extent (the distance between its ends, in
+            the columns' unit, over whole turns; NaN for orbits), dimension and kind (point, line, surface, or
+            space from 3 dimensions on; `rest` at rest; `period p`; `chaotic`; `quasi_periodic`).
+        link: the largest link within an attractor of settled states, inf where there is one attractor.
+        grain: the distance below which states are equal.
+        states: states of each attractor by its name, (m, d), one for each cell, in units of the scales.
     """
 
     column: pd.Series
@@ -85,8 +89,8 @@ def attractors(
 
         >>> import pandas as pd, gaitsweep as gs
         >>> psi = [0.005, 6.28, 2.0, 2.001, 2.002, 4.0]
-        >>> found = gs.analyses.attractors(pd.DataFrame({"status": "settled", "psi_1_end": psi}))
-        >>> found.summary["rows"].tolist()
+        >>> grouped = gs.analyses.attractors(pd.DataFrame({"status": "settled", "psi_1_end": psi}))
+        >>> grouped.summary["rows"].tolist()
         [3, 2, 1]
     """
     columns = list(columns) if columns is not None else state_columns(table)
@@ -104,23 +108,14 @@ def attractors(
     for period in np.unique(periods[periods > 1]).tolist():
         groups += _orbit_groups(space, table, columns, period, grain, link)
     for status in sorted(RECURRENT):
-        for own in sampled_sets(space, table, columns, status):
-            record: dict[str, object] = {**table.iloc[own.rows[0]][columns], "kind": status}
-            groups.append(_Group(np.array(own.rows), own.states, record))
-    names = [
-        f"A{number}" if len(group.states) else str(group.record["kind"])
-        for number, group in enumerate(groups, 1)
-    ]
+        groups += _set_groups(space, table, columns, status)
+    names = [group.name(number) for number, group in enumerate(groups, start=1)]
     codes = np.full(len(table), -1)
     for number, group in enumerate(groups):
         codes[group.rows] = number
     column = pd.Series(pd.Categorical.from_codes(codes.tolist(), names), index=table.index, name="attractor")
-    records = [group.record for group in groups]
-    summary = pd.DataFrame(records, columns=[*columns, "extent", "dimension", "kind"])
-    rows = np.array([len(group.rows) for group in groups], np.int64)
-    counted = pd.DataFrame({"attractor": names, "rows": rows, "share": rows / max(rows.sum(), 1)})
     states = {name: group.states for name, group in zip(names, groups, strict=True) if len(group.states)}
-    return Attractors(column, pd.concat([counted, summary], axis=1), link_of_points, grain, states)
+    return Attractors(column, _summary(names, groups, columns), link_of_points, grain, states)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -130,6 +125,19 @@ class _Group:
     rows: Int[np.ndarray, " rows"]
     states: StateArray
     record: dict[str, object]
+
+    def name(self, number: int) -> str:
+        """The name of the attractor with this number; without states that of its kind."""
+        return f"A{number}" if len(self.states) else str(self.record["kind"])
+
+
+def _summary(names: Sequence[str], groups: Sequence[_Group], columns: Sequence[str]) -> pd.DataFrame:
+    """The summary of attractors by name, as `Attractors` has it."""
+    rows = np.array([len(group.rows) for group in groups], np.int64)
+    counts = pd.DataFrame({"attractor": names, "rows": rows, "share": rows / max(rows.sum(), 1)})
+    records = [group.record for group in groups]
+    states = pd.DataFrame(records, columns=[*columns, "extent", "dimension", "kind"])
+    return pd.concat([counts, states], axis=1)
 
 
 def _point_groups(
@@ -153,7 +161,8 @@ def _point_groups(
     for number in _largest_first(group[binned.of]):
         members = group == number
         record = _described(space, states[members], flat[members], binned.side, columns)
-        record |= {"kind": "rest"} if resting[members].any() else {}
+        if resting[members].any():
+            record["kind"] = "rest"
         groups.append(_Group(rows[members[binned.of]], states[members], record))
     return groups, link
 
@@ -213,6 +222,15 @@ def _periods(table: pd.DataFrame) -> Int[np.ndarray, " rows"]:
     return table["attractor_period"].fillna(0).to_numpy(int)
 
 
+def _set_groups(space: Space, table: pd.DataFrame, columns: Sequence[str], status: str) -> list[_Group]:
+    """The rows of a status without a period on each set, the most frequent first, and its states."""
+    groups = []
+    for sampled in sampled_sets(space, table, columns, status):
+        record: dict[str, object] = {**table.iloc[sampled.rows[0]][list(columns)], "kind": status}
+        groups.append(_Group(np.array(sampled.rows), sampled.states, record))
+    return groups
+
+
 def _orbit_groups(
     space: Space,
     table: pd.DataFrame,
@@ -225,9 +243,11 @@ def _orbit_groups(
     rows = np.flatnonzero(_periods(table) == period)
     kind = f"period {period}"
     names = [[*columns], *([f"{name}_{k}" for name in columns] for k in range(2, period + 1))]
-    ends = table.iloc[rows].reindex(columns=[name for own in names for name in own])
-    crossings = np.stack([_with_values(space.points(ends, own)) for own in names], axis=1)
-    of_older_version = not ends.columns.isin(table.columns).all()
+    of_orbits = table.iloc[rows].reindex(columns=list(itertools.chain(*names)))
+    crossings = np.stack(
+        [_with_values(space.points(of_orbits, at_crossing)) for at_crossing in names], axis=1
+    )
+    of_older_version = not of_orbits.columns.isin(table.columns).all()
     if of_older_version or not np.isfinite(crossings).all():
         return [_orbit_group(table, columns, rows, crossings[:0, 0], kind)]
     points = crossings.reshape(-1, len(columns))
@@ -236,8 +256,9 @@ def _orbit_groups(
     links, lengths = spanning_tree(space, states)
     # an orbit has as many groups of crossings as its period, so that the most groups are as many times more
     link = linking_distance(lengths, binned.side, period * len(points)) if link is None else link
-    place = components(len(states), links[lengths <= link])[binned.of].reshape(-1, period)
-    sequences, sequence_of = np.unique(place, axis=0, return_inverse=True)
+    crossing_groups = components(len(states), links[lengths <= link])[binned.of].reshape(-1, period)
+    sequences, sequence_of = np.unique(crossing_groups, axis=0, return_inverse=True)
+    # one orbit has the same groups in turn, from whichever crossing on: its least sequence stands for all
     from_least = [min(turn[k:] + turn[:k] for k in range(period)) for turn in sequences.tolist()]
     group = np.unique(from_least, axis=0, return_inverse=True)[1].reshape(-1)[sequence_of.reshape(-1)]
     cell = binned.of.reshape(-1, period)
@@ -265,5 +286,10 @@ def _described(
     """The medoid of an attractor's states (m, d), its extent, dimension and kind."""
     middle = states[space.medoid(states)] * space.scales
     dimension = box_dimension(flat, side)
-    shape = {"extent": extent(flat), "dimension": dimension, "kind": _KINDS[min(dimension, len(_KINDS) - 1)]}
-    return {**dict(zip(columns, middle, strict=True)), **shape}
+    kind = _KINDS[min(dimension, len(_KINDS) - 1)]
+    return {
+        **dict(zip(columns, middle, strict=True)),
+        "extent": extent(flat),
+        "dimension": dimension,
+        "kind": kind,
+    }

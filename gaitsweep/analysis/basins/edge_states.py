@@ -95,12 +95,15 @@ class EdgeLimits:
 class EdgeStates:
     """The results of the searches of n pairs.
 
-    `points` the edge states, as starts for `newton` (where a third basin was met, a start that leads there);
-    `outcome` (n,) an `EdgeOutcome`; `table`, one record a pair: row, the given parameters, the coordinates of
-    the edge state, outcome (the name), period, residual (largest relative change of a coordinate over a
-    period), growth (the factor by which the two separate in a cycle: an estimate of the multiplier across the
-    edge), label_1 and label_2 (of the two attractors), met (the label that ended the search, where it is
-    neither: -1 undecided, -1 - w for the `ReturnStatus` w), rounds, bisections, evaluations (of the map).
+    Attributes:
+        points: the edge states, as starts for `newton`; where a third basin was met, a start leading there.
+        outcome: an `EdgeOutcome` of each, (n,).
+        table: one record a pair: row, the given parameters, the coordinates of the edge state, outcome (the
+            name), period, residual (largest relative change of a coordinate over a period), growth (the
+            factor by which the two separate in a cycle: an estimate of the multiplier across the edge),
+            label_1 and label_2 (of the two attractors), met (the label that ended the search, where it is
+            neither: -1 undecided, -1 - w for the `ReturnStatus` w), rounds, bisections, evaluations (of the
+            map).
     """
 
     points: Points
@@ -215,7 +218,7 @@ class Tracking:
         self.outcome = np.full(n, EdgeOutcome.wandering)
         self.labels = np.full((n, 2), UNDECIDED)
         self.met = np.full(n, UNDECIDED)
-        self.edge = self._begun = self._between(np.arange(n))
+        self.edge = self._first = self._between(np.arange(n))
         self.residual, self.growth = np.full(n, np.nan), np.full(n, np.nan)
         self.period, self.rounds = np.ones(n, int), np.zeros(n, int)
         self.bisections, self.evaluations = np.zeros(n, int), np.zeros(n, int)
@@ -233,16 +236,16 @@ class Tracking:
         n = len(self.one)
         rows = np.tile(np.arange(n), 2)
         points, most = Points.joined([self.one, self.other]), self.limits.settle_cycles
-        labels, cycles, ends = fates(self.mapping, points, self.values, rows, _undecided, most)
+        labels, cycles, last_points = fates(self.mapping, points, self.values, rows, _undecided, most)
         np.add.at(self.evaluations, rows, cycles)
-        for place in np.argsort(cycles, kind="stable"):
-            if labels[place] < UNDECIDED:
-                self._end(int(rows[place]), int(labels[place]))
-        ends = ends.reshape(2, n, -1).swapaxes(0, 1)
-        distance = self._distance(ends[:, 1], ends[:, 0])
+        for trajectory in np.argsort(cycles, kind="stable"):
+            if labels[trajectory] < UNDECIDED:
+                self._end(int(rows[trajectory]), int(labels[trajectory]))
+        attractors = last_points.reshape(2, n, -1).swapaxes(0, 1)
+        distance = self._distance(attractors[:, 1], attractors[:, 0])
         self.labels = np.where(self.going[:, None], np.array([0, 1]), UNDECIDED)
         self._stop(np.flatnonzero(self.going & (distance <= SAME)), EdgeOutcome.same)
-        return ProximityMapper(self.mapping, ends)
+        return ProximityMapper(self.mapping, attractors)
 
     def _label_starts(self, mapper: AttractorMapper) -> None:
         """Map the starts to attractors, and end the pairs without an edge between them."""
@@ -275,10 +278,10 @@ class Tracking:
         self.bisections[rows] += 1
         passes = (labels[:, :-1] == labels[:, :1]) & (labels[:, 1:] == labels[:, -1:])
         first = np.argmax(passes, axis=1)
-        for place in np.flatnonzero(~np.any(passes, axis=1)):
-            third = 1 + int(np.argmax(labels[place, 1:-1] != labels[place, 0]))
-            self.edge = self.edge.merged(rows[[place]], tried[[place * cuts + third - 1]])
-            self._end(int(rows[place]), labels[place, third])
+        for k in np.flatnonzero(~np.any(passes, axis=1)):
+            third = 1 + int(np.argmax(labels[k, 1:-1] != labels[k, 0]))
+            self.edge = self.edge.merged(rows[[k]], tried[[k * cuts + third - 1]])
+            self._end(int(rows[k]), labels[k, third])
         divides = np.any(passes, axis=1)
         lower, upper = divides & (first > 0), divides & (first < cuts)
         at = np.arange(rows.size) * cuts + first
@@ -291,10 +294,10 @@ class Tracking:
         if not rows.size:
             return
         n = len(self.one)
-        begun = middle = self._between(np.arange(n))
+        first = middle = self._between(np.arange(n))
         width, cycles = self._distance(self.other.at, self.one.at), np.zeros(n, int)
         calm_width, calm_from = width.copy(), cycles.copy()
-        course = Recurrence(self._distance, begun, limits.max_period)
+        course = Recurrence(self._distance, first, limits.max_period)
         for _ in range(limits.max_cycles):
             near = self._distance(self.other.at, self.one.at) <= limits.separation_distance
             on = np.flatnonzero(self.going & near)
@@ -308,8 +311,8 @@ class Tracking:
             one, other, between = (images.points[np.arange(on.size) + k * on.size] for k in range(3))
             self.one, self.other = self.one.merged(on, one), self.other.merged(on, other)
             middle = middle.merged(on, between)
-            for place in np.flatnonzero(~images.sound):
-                self._end(int(lanes[place]), -1 - images.status[place])
+            for k in np.flatnonzero(~images.sound):
+                self._end(int(lanes[k]), -1 - images.status[k])
             calmer = course.add(on, middle)
             calm_width[calmer] = self._distance(self.other.at, self.one.at)[calmer]
             calm_from[calmer] = cycles[calmer]
@@ -319,26 +322,36 @@ class Tracking:
         with np.errstate(divide="ignore", invalid="ignore"):
             growth = (distance / calm_width) ** (1.0 / np.maximum(cycles - calm_from, 1.0))
         self.growth[rows] = growth[rows]
-        self._conclude(rows, begun, course, distance <= width, cycles == 1)
+        self._conclude(rows, first, course, distance <= width, cycles == 1)
 
     def _conclude(
         self,
         rows: Rows,
-        begun: Points,
+        first: Points,
         course: Recurrence,
         together: Bool[np.ndarray, " pairs"],
         at_once: Bool[np.ndarray, " pairs"],
     ) -> None:
-        """End the pairs `rows` that have found a fixed point, a cycle or a jump of the map."""
-        stayed = self._distance(begun.at, self._begun.at) <= self.limits.residual_tolerance
-        self._begun = self._begun.merged(rows, begun[rows])
-        self.edge, self.residual[rows] = self.edge.merged(rows, begun[rows]), course.gaps[rows, 0]
+        """End the pairs `rows` that have found a fixed point, a cycle or a jump of the map.
+
+        Args:
+            rows: the pairs.
+            first: the points (n,) between both trajectories at the beginning of this round.
+            course: the returns of the trajectories that began there.
+            together: which pairs are no farther apart than at the beginning.
+            at_once: which pairs separated within one cycle.
+        """
+        stayed = self._distance(first.at, self._first.at) <= self.limits.residual_tolerance
+        self._first = self._first.merged(rows, first[rows])
+        self.edge = self.edge.merged(rows, first[rows])
+        self.residual[rows] = course.gaps[rows, 0]
         self.rounds[rows] += 1
         self._stop(rows[self.going[rows] & together[rows]], EdgeOutcome.together)
         for k in range(self.limits.max_period):
             concluded = rows[self.going[rows] & (course.gaps[rows, k] <= self.limits.residual_tolerance)]
             self.edge = self.edge.merged(concluded, course.states[k][concluded])
-            self.residual[concluded], self.period[concluded] = course.gaps[concluded, k], k + 1
+            self.residual[concluded] = course.gaps[concluded, k]
+            self.period[concluded] = k + 1
             self._stop(concluded, EdgeOutcome.fixed if k == 0 else EdgeOutcome.periodic)
         # at a discontinuity the two separate at once, and the line between them crosses it again
         jumps = self.going & at_once & stayed & (self.rounds > 1)
@@ -386,7 +399,8 @@ class Tracking:
 
     def _stop(self, rows: Rows, outcome: EdgeOutcome) -> None:
         """End the pairs `rows` with an outcome."""
-        self.outcome[rows], self.going[rows] = outcome, False
+        self.outcome[rows] = outcome
+        self.going[rows] = False
 
 
 def _undecided(images: MapEvaluation, pair: Rows, cycle: int) -> Rows:

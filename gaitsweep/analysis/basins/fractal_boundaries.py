@@ -108,14 +108,14 @@ def uncertainty_fraction(
     sizes = sorted(set(grid.sizes() if sizes is None else sizes))
     margin, shape = max(sizes, default=0), grid.lengths
     if 2 * margin >= min(shape):
-        raise AnalysisError(f"sizes has {margin} steps, but the grid is {min(shape)} starts wide: at most "
-                            f"{(min(shape) - 1) // 2} steps leave a start with both neighbours.")  # fmt: skip
+        raise AnalysisError(
+            f"sizes has {margin} steps, but the grid is {min(shape)} starts wide: at most "
+            f"{(min(shape) - 1) // 2} steps leave a start with both neighbours."
+        )
     outcome = grid.filled(pd.factorize(labels)[0])
-    along = max(round(BLOCKS ** (1 / len(shape))), 2)  # blocks along an axis
-    places = [place * along // length for place, length in zip(np.indices(shape), shape, strict=True)]
-    block = np.asarray(np.ravel_multi_index(tuple(places), (along,) * len(shape)))
-    differ = np.zeros((len(sizes), along ** len(shape)))
-    compared = np.zeros(along ** len(shape))
+    block, block_count = _blocks(shape)
+    differ = np.zeros((len(sizes), block_count))
+    compared = np.zeros(block_count)
     for axis, wraps in enumerate(grid.wraps):
         # rolling meets the other end of the axis, which is beyond the margin unless the axis wraps
         inner = slice(None) if wraps else slice(margin, shape[axis] - margin)
@@ -123,14 +123,23 @@ def uncertainty_fraction(
         of_block = block[inside].ravel()
         compared += np.bincount(of_block, minlength=compared.size)
         for number, size in enumerate(sizes):
-            before, after = (np.roll(outcome, way * size, axis) != outcome for way in (1, -1))
-            differ[number] += np.bincount(of_block, (before | after)[inside].ravel(), compared.size)
+            differs = np.roll(outcome, size, axis) != outcome
+            differs |= np.roll(outcome, -size, axis) != outcome
+            differ[number] += np.bincount(of_block, differs[inside].ravel(), compared.size)
     fraction = differ.sum(axis=1) / compared.sum()
     deviation = (differ - fraction[:, None] * compared) / np.maximum(differ.sum(axis=1), 1.0)[:, None]
     blocks = np.count_nonzero(compared)
     step = float(np.exp(np.mean(np.log(grid.steps))))
     table = pd.DataFrame({"steps": sizes, "eps": step * np.array(sizes), "uncertain": fraction})
     return Uncertainty(table, deviation @ deviation.T * blocks / max(blocks - 1, 1))
+
+
+def _blocks(shape: tuple[int, ...]) -> tuple[Int[np.ndarray, " ..."], int]:
+    """The number of the block that each cell of a grid is in, and the number of blocks, about `BLOCKS`."""
+    along = max(round(BLOCKS ** (1 / len(shape))), 2)  # blocks along an axis
+    of_axes = [index * along // length for index, length in zip(np.indices(shape), shape, strict=True)]
+    block = np.ravel_multi_index(tuple(of_axes), (along,) * len(shape))
+    return np.asarray(block), along ** len(shape)
 
 
 @dataclasses.dataclass(frozen=True)

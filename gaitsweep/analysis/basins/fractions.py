@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from typing import Literal
 
 import numpy as np
 import pandas as pd
@@ -21,6 +22,8 @@ from gaitsweep.analysis.records import (
 )
 
 LEVEL = 0.95  # of confidence intervals
+DrawsInterval = Literal["wilson", "clopper_pearson"]  # intervals of independent draws
+Interval = Literal["wilson", "clopper_pearson", "cells"]
 _METHODS = {"wilson": "wilson", "clopper_pearson": "exact"}  # as SciPy calls them
 _COLUMNS = ["outcome", "rows", "of", "fraction", "low", "high", "interval"]
 
@@ -32,7 +35,7 @@ def fractions(
     label: str = "gait",
     by: str | Sequence[str] = (),
     level: float = LEVEL,
-    interval: str | None = None,
+    interval: Interval | None = None,
 ) -> pd.DataFrame:
     """The basin fractions of a table with their confidence intervals.
 
@@ -60,19 +63,25 @@ def fractions(
     labels = outcome_labels(table, label)
     names = in_order(table, label, labels)
     records = []
-    for place, rows in panels_of(table, by):
+    for panel, rows in panels_of(table, by):
         grid = find_grid(table.iloc[rows], axes)
         for record in _shares(labels.iloc[rows].to_numpy(), names, grid, level, interval):
-            records.append({**place, **record})
+            records.append({**panel, **record})
     return pd.DataFrame(records, columns=[*by, *_COLUMNS])
 
 
 def panels_and_axes(
     table: pd.DataFrame | Sequence[pd.DataFrame], by: str | Sequence[str], axes: Sequence[str] | None
 ) -> tuple[pd.DataFrame, list[str], list[str]]:
-    """The table, and its columns of the panels and of the starts, by default the other swept axes.
+    """One table of one or several, and its columns of the panels and of the starts.
 
-    The table is that of all tables, with the constants that are among the panels' names.
+    Args:
+        table: a table, or several that differ in constants.
+        by: columns, or constants of the table's job, of which each combination of values is a panel.
+        axes: the columns of the starts; by default the swept axes that are not in `by`.
+
+    Returns:
+        The table, with columns for the constants in `by`; the columns of the panels; and those of the starts.
 
     Raises:
         AnalysisError: the table does not have a column.
@@ -85,9 +94,18 @@ def panels_and_axes(
 
 
 def proportion_interval(
-    hits: int, of: int, level: float = LEVEL, kind: str = "wilson"
+    hits: int, of: int, level: float = LEVEL, kind: DrawsInterval = "wilson"
 ) -> tuple[float, float]:
-    """The wilson or clopper_pearson interval of a proportion: `hits` out of `of` independent draws.
+    """The confidence interval of a proportion.
+
+    Args:
+        hits: the number of draws that count.
+        of: the number of independent draws.
+        level: confidence level of the interval.
+        kind: wilson or clopper_pearson.
+
+    Raises:
+        AnalysisError: there is no interval of that kind, or `hits` is not between 0 and `of`.
 
     Example:
         >>> import gaitsweep as gs
@@ -95,6 +113,10 @@ def proportion_interval(
         >>> round(low, 4), round(high, 4)
         (0.4038, 0.5962)
     """
+    if kind not in _METHODS:
+        raise AnalysisError(f"kind is {kind}, but must be one of {', '.join(_METHODS)}.")
+    if not (of > 0 and 0 <= hits <= of):
+        raise AnalysisError(f"hits and of are {hits} and {of}, but hits must be between 0 and of, above 0.")
     interval = scipy.stats.binomtest(hits, of).proportion_ci(level, _METHODS[kind])
     return float(interval.low), float(interval.high)
 
@@ -111,7 +133,7 @@ def one_a_cell(shares: Float[np.ndarray, " cells"], level: float = LEVEL) -> flo
     return float(scipy.stats.norm.ppf(0.5 + 0.5 * level) * deviation)
 
 
-def _check(level: float, interval: str | None) -> None:
+def _check(level: float, interval: Interval | None) -> None:
     """Refuse a confidence level or a kind of interval that does not exist."""
     if not 0.0 < level < 1.0:
         raise AnalysisError(f"level is {level:g}, but must be between 0 and 1.")
@@ -125,23 +147,25 @@ def _shares(
     names: Sequence[str],
     grid: BasinGrid | None,
     level: float,
-    interval: str | None,
+    interval: Interval | None,
 ) -> Iterator[dict[str, object]]:
     """The share of each outcome in a panel, with its interval."""
-    kind = interval or ("wilson" if grid is None else "cells")
-    if kind == "cells" and grid is None:
+    if interval == "cells" and grid is None:
         raise AnalysisError(
             "interval is cells, but the starts do not form a grid: use wilson or clopper_pearson."
         )
+    by_default: Interval = "wilson" if grid is None else "cells"
+    kind = by_default if interval is None else interval
     total = len(labels)
     for name in names:
         marked = labels == name
         hits = int(marked.sum())
         share = hits / total
-        if grid is not None and kind == "cells":
+        if kind != "cells":
+            low, high = proportion_interval(hits, total, level, kind)
+        else:
+            assert grid is not None
             half = one_a_cell(grid.shares_nearby(marked), level)
             low, high = max(share - half, 0.0), min(share + half, 1.0)
-        else:
-            low, high = proportion_interval(hits, total, level, kind)
         record = {"outcome": name, "rows": hits, "of": total, "fraction": share}
         yield {**record, "low": low, "high": high, "interval": kind}

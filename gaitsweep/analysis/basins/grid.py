@@ -17,11 +17,14 @@ _EQUAL = 1e-6  # largest relative difference between the steps of a grid
 
 @dataclasses.dataclass(frozen=True)
 class BasinGrid:
-    """Outcomes on a grid of equal steps.
+    """A grid of equal steps, with one row of a table in each cell.
 
-    `place` (n,): the index of each row in the flattened grid. `lengths`: cells along each axis. `steps`: the
-    distance between neighbours along each, in its unit. `wraps`: whether the last cell of each axis is a
-    neighbour of the first, as for an angle whose cells divide a full turn.
+    Attributes:
+        place: the index of each row's cell in the flattened grid, (n,).
+        lengths: cells along each axis.
+        steps: the distance between neighbours along each axis, in its unit.
+        wraps: whether the last cell of each axis is a neighbour of the first, as for an angle whose cells
+            divide a full turn.
     """
 
     place: Int[np.ndarray, " rows"]

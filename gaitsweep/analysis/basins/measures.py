@@ -17,13 +17,17 @@ from gaitsweep.analysis.basins.fractal_boundaries import (
     uncertainty_exponent,
     uncertainty_fraction,
 )
-from gaitsweep.analysis.basins.fractions import LEVEL, fractions, panels_and_axes
+from gaitsweep.analysis.basins.fractions import LEVEL, Interval, fractions, panels_and_axes
 from gaitsweep.analysis.basins.grid import BasinGrid, find_grid
 from gaitsweep.analysis.basins.state_space import Space
 from gaitsweep.analysis.records import AnalysisError, in_order, outcome_labels, panels_of, require
 
 # What the column `recovery` says of a gait that is lost.
 FATAL = ("elsewhere", "fell", "failed")
+_PANEL_COLUMNS = [
+    *("rows", "grid", "basin_entropy", "boundary_entropy", "crossed"),
+    *("exponent", "exponent_low", "exponent_high", "boundary_dimension"),
+]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -51,7 +55,7 @@ def basins(
     label: str = "gait",
     by: str | Sequence[str] = (),
     level: float = LEVEL,
-    interval: str | None = None,
+    interval: Interval | None = None,
     box: int = BOX,
     sizes: Sequence[int] | None = None,
     scales: Mapping[str, float] | None = None,
@@ -93,36 +97,49 @@ def basins(
         raise AnalysisError("No axis is left for the basins: name the columns of the starts as `axes`.")
     if label == "attractor" and label not in table.columns:
         table = with_attractors(table)
-    counted = fractions(table, axes, label=label, by=by, level=level, interval=interval)
+    shares = fractions(table, axes, label=label, by=by, level=level, interval=interval)
     labels = outcome_labels(table, label)
-    names = in_order(table, label, labels)
-    shock = np.full(len(table), np.nan)
-    towards = np.full(len(table), None, object)
-    panels, uncertainty = [], []
-    for place, rows in panels_of(table, by):
-        part, labels_of_panel = table.iloc[rows], labels.iloc[rows]
-        shock[rows], towards[rows] = minimal_fatal_shock(part, axes, labels_of_panel, scales)
-        grid = find_grid(part, axes)
-        panels.append({**place, "rows": len(part), "grid": grid is not None})
+    rows = _with_shocks(table, axes, label, labels, by, scales)
+    panels: list[dict[str, object]] = []
+    uncertainty: list[dict[str, object]] = []
+    for panel, rows_of_panel in panels_of(table, by):
+        grid = find_grid(table.iloc[rows_of_panel], axes)
+        record = {**panel, "rows": len(rows_of_panel), "grid": grid is not None}
         if grid is not None:
-            uncertain = uncertainty_fraction(grid, labels_of_panel.to_numpy(), sizes)
-            uncertainty += [{**place, **record} for record in uncertain.fractions.to_dict("records")]
-            panels[-1].update(_fractality(grid, labels_of_panel.to_numpy(), uncertain, box, level))
-    outcomes, shock_to = (pd.Categorical(values, names) for values in (labels, towards))
-    measured = table.assign(outcome=outcomes, shock=shock, shock_to=shock_to)
-    measured.attrs = {**table.attrs, "outcome_of": label}
+            outcomes = labels.iloc[rows_of_panel].to_numpy()
+            uncertain = uncertainty_fraction(grid, outcomes, sizes)
+            uncertainty += [{**panel, **of_size} for of_size in uncertain.fractions.to_dict("records")]
+            record |= _fractality(grid, outcomes, uncertain, box, level)
+        panels.append(record)
     return Basins(
-        measured,
-        counted.merge(_shock_of_outcomes(measured, by), how="left", on=[*by, "outcome"]),
-        pd.DataFrame(panels, columns=[*by, *_PANELS]),
+        rows,
+        shares.merge(_shock_of_outcomes(rows, by), how="left", on=[*by, "outcome"]),
+        pd.DataFrame(panels, columns=[*by, *_PANEL_COLUMNS]),
         pd.DataFrame(uncertainty, columns=[*by, "steps", "eps", "uncertain"]),
     )
 
 
-_PANELS = [
-    *("rows", "grid", "basin_entropy", "boundary_entropy", "crossed"),
-    *("exponent", "exponent_low", "exponent_high", "boundary_dimension"),
-]
+def _with_shocks(
+    table: pd.DataFrame,
+    axes: Sequence[str],
+    label: str,
+    labels: pd.Series,
+    by: Sequence[str],
+    scales: Mapping[str, float] | None,
+) -> pd.DataFrame:
+    """The table with the columns outcome, shock and shock_to; arguments are those of `basins`.
+
+    `labels` are the outcomes that the column `label` gives.
+    """
+    shock = np.full(len(table), np.nan)
+    towards = np.full(len(table), None, object)
+    for _, rows in panels_of(table, by):
+        shock[rows], towards[rows] = minimal_fatal_shock(table.iloc[rows], axes, labels.iloc[rows], scales)
+    names = in_order(table, label, labels)
+    outcome, shock_to = (pd.Categorical(values, names) for values in (labels, towards))
+    with_shocks = table.assign(outcome=outcome, shock=shock, shock_to=shock_to)
+    with_shocks.attrs = {**table.attrs, "outcome_of": label}
+    return with_shocks
 
 
 def _shock_of_outcomes(measured: pd.DataFrame, by: Sequence[str]) -> pd.DataFrame:
@@ -177,10 +194,10 @@ def minimal_fatal_shock(
     towards = np.full(len(table), None, object)
     outcome = labels.to_numpy()
     for label in pd.unique(outcome):
-        own, others = np.flatnonzero(outcome == label), np.flatnonzero(outcome != label)
+        rows, others = np.flatnonzero(outcome == label), np.flatnonzero(outcome != label)
         if others.size:
-            distance, nearest = space.tree(points[others]).query(points[own])
-            shock[own], towards[own] = distance, outcome[others[nearest]]
+            shock[rows], nearest = space.tree(points[others]).query(points[rows])
+            towards[rows] = outcome[others[nearest]]
     return shock, towards
 
 
@@ -191,7 +208,7 @@ def least_fatal_push(
     *,
     scales: Mapping[str, float] | None = None,
 ) -> pd.DataFrame:
-    """The smallest pushes after which a gait did not recover: around its cycle with `by="push_phase"`.
+    """The smallest pushes after which a gait did not recover; with `by="push_phase"` around its cycle.
 
     Args:
         table: a table of kind `perturb`.
@@ -219,20 +236,19 @@ def least_fatal_push(
     recovery = table["recovery"].astype(str).to_numpy()
     size = np.where(np.isin(recovery, FATAL), size, np.inf)
     records = []
-    for place, rows in panels_of(table, by):
+    for panel, rows in panels_of(table, by):
         least = rows[np.argmin(size[rows])]
         if np.isfinite(size[least]):
             amounts = {name: float(table[name].iloc[least]) for name in pushes}
-            records.append({**place, **amounts, "size": size[least], "recovery": recovery[least]})
+            records.append({**panel, **amounts, "size": size[least], "recovery": recovery[least]})
     return pd.DataFrame(records, columns=[*by, *pushes, "size", "recovery"])
 
 
 def _check_units(table: pd.DataFrame, axes: Sequence[str], scales: Mapping[str, float] | None) -> None:
     """Refuse axes without a scale that have different units."""
     quantities = table.attrs.get("quantities", {})
-    units = {
-        name: str(quantities.get(name, {}).get("unit", "")) for name in axes if name not in (scales or {})
-    }
+    without_scale = [name for name in axes if name not in (scales or {})]
+    units = {name: str(quantities.get(name, {}).get("unit", "")) for name in without_scale}
     if len(set(units.values())) > 1:
         shown = ", ".join(f"{name} in {unit or '1'}" for name, unit in units.items())
         raise AnalysisError(

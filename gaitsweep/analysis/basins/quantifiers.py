@@ -21,8 +21,11 @@ from gaitsweep.status import Status
 
 TAIL = 0.95  # share of the starts of a basin whose convergence is faster than the tail
 _EXPONENT = "lyapunov_1"
+# The columns of a share of starts and of its interval: of all starts, and of those that settle in time.
+_SHARE: tuple[str, str, str] = ("fraction", "low", "high")
+_SHARE_IN_TIME: tuple[str, str, str] = ("within", "within_low", "within_high")
 _COLUMNS = [
-    *("rows", "fraction", "low", "high", "within", "within_low", "within_high"),
+    *("rows", *_SHARE, *_SHARE_IN_TIME),
     *("time_mean", "time_median", "time_tail", "time_most", "resilience", "least_shock"),
     *("boundary_exponent", "wada"),
 ]
@@ -100,23 +103,27 @@ def quantifiers(
         table = _with_column(table, label, column.astype(object).to_numpy())
     require(table, label)
     table, by, axes = panels_and_axes(table, parameter, None)
-    shares = {"": fractions(table, axes, label=label, by=by, level=level)}
+    shares = {_SHARE: fractions(table, axes, label=label, by=by, level=level)}
     if within is not None:
-        in_time = table["t_end"].to_numpy(float) <= within
-        early = np.array(table[label].astype(object))
-        early[~in_time] = None
-        of_early = _with_column(table, label, early)
-        shares["within"] = fractions(of_early, axes, label=label, by=by, level=level)
+        in_time = _in_time(table, label, within)
+        shares[_SHARE_IN_TIME] = fractions(in_time, axes, label=label, by=by, level=level)
     space = Space.of(table, axes, scales) if axes else None
     records = _records(table, parameter, label, shares, space, axes)
     return pd.DataFrame(records, columns=[parameter, label, *_COLUMNS])
+
+
+def _in_time(table: pd.DataFrame, label: str, within: float) -> pd.DataFrame:
+    """The table without the outcomes of rows that took longer than `within` (s)."""
+    outcomes = np.array(table[label].astype(object))
+    outcomes[~(table["t_end"].to_numpy(float) <= within)] = None
+    return _with_column(table, label, outcomes)
 
 
 def _records(
     table: pd.DataFrame,
     parameter: str,
     label: str,
-    shares: Mapping[str, pd.DataFrame],
+    shares: Mapping[tuple[str, str, str], pd.DataFrame],
     space: Space | None,
     axes: Sequence[str],
 ) -> list[dict[str, Any]]:
@@ -125,7 +132,7 @@ def _records(
     Args:
         table: a settle table.
         parameter, label: the columns of the parameter and of the outcomes.
-        shares: the `fractions` of the outcomes, of all starts and of those that settle in time ("within").
+        shares: the `fractions` of the outcomes, by the columns that they fill (`_SHARE`, `_SHARE_IN_TIME`).
         space: the space of the starts; None if no axis is one of starts.
         axes: the axes of the starts.
     """
@@ -136,16 +143,16 @@ def _records(
         at = values == value
         shapes = _boundaries(_rows_of(table, at), axes, names[at].astype(str))
         for name in sorted({str(name) for name in names[at & pd.notna(names)]}):
-            is_own = at & (names.astype(str) == name)
-            own = _rows_of(table, is_own)
-            record: dict[str, Any] = {parameter: value, label: name, "rows": len(own)}
-            for which, of_outcomes in shares.items():
-                record |= _share(of_outcomes, parameter, value, name, which)
-            record |= _times(own)
+            in_basin = at & (names.astype(str) == name)
+            basin = _rows_of(table, in_basin)
+            record: dict[str, Any] = {parameter: value, label: name, "rows": len(basin)}
+            for columns, of_outcomes in shares.items():
+                record |= zip(columns, _share(of_outcomes, parameter, value, name), strict=True)
+            record |= _times(basin)
             if _EXPONENT in table:
-                record["resilience"] = -float(own[_EXPONENT].to_numpy(float).mean())
+                record["resilience"] = -float(basin[_EXPONENT].to_numpy(float).mean())
             if space is not None:
-                record["least_shock"] = _least_shock(space, own, _rows_of(table, at & ~is_own), axes)
+                record["least_shock"] = _least_shock(space, basin, _rows_of(table, at & ~in_basin), axes)
             record |= shapes.get(name, {})
             records.append(record)
     return records
@@ -163,26 +170,23 @@ def _with_column(table: pd.DataFrame, name: str, values: Shaped[np.ndarray, " ro
     return changed
 
 
-def _share(shares: pd.DataFrame, parameter: str, value: float, name: str, which: str) -> dict[str, float]:
-    """The share of an outcome at a value of the parameter, with its interval; 0 if it has no record."""
+def _share(shares: pd.DataFrame, parameter: str, value: float, name: str) -> list[float]:
+    """The share of an outcome at a value of the parameter, and its interval; 0 if it has no record."""
     mask = (shares[parameter].to_numpy(float) == value) & (shares["outcome"].astype(str).to_numpy() == name)
-    own = _rows_of(shares, mask)[["fraction", "low", "high"]].to_numpy(float)
-    numbers = own[0] if len(own) else np.zeros(3)
-    columns = ("within", "within_low", "within_high") if which else ("fraction", "low", "high")
-    return dict(zip(columns, numbers.tolist(), strict=True))
+    numbers = _rows_of(shares, mask)[list(_SHARE)].to_numpy(float)
+    return numbers[0].tolist() if len(numbers) else [0.0] * len(_SHARE)
 
 
-def _times(own: pd.DataFrame) -> dict[str, float]:
+def _times(basin: pd.DataFrame) -> dict[str, float]:
     """Mean, median, tail and maximum of the times after which rows have settled."""
-    settled = own["status"].astype(str).isin([Status.settled.name, Status.at_rest.name]).to_numpy()
-    times = own["t_end"].to_numpy(float)[settled]
+    settled = basin["status"].astype(str).isin([Status.settled.name, Status.at_rest.name]).to_numpy()
+    times = basin["t_end"].to_numpy(float)[settled]
     if not times.size:
         return {}
-    tail = float(np.quantile(times, TAIL))
     return {
         "time_mean": float(times.mean()),
         "time_median": float(np.median(times)),
-        "time_tail": tail,
+        "time_tail": float(np.quantile(times, TAIL)),
         "time_most": float(times.max()),
     }
 
@@ -194,24 +198,31 @@ def _boundaries(
     grid = find_grid(table, axes)
     if grid is None:
         return {}
-    found: dict[str, dict[str, float]] = {}
+    boundaries: dict[str, dict[str, float]] = {}
     for name in map(str, np.unique(labels)):
         exponent = uncertainty_exponent(uncertainty_fraction(grid, labels == name)).value
-        found[name] = {"boundary_exponent": exponent}
-    if len(found) > 2:
+        boundaries[name] = {"boundary_exponent": exponent}
+    if len(boundaries) > 2:
         for record in boundaries_nearby(grid, labels, RADIUS):
-            own = found[str(record["outcome"])]
-            own["wada"] = min(own.get("wada", 1.0), float(record["within"]))
-    return found
+            boundary = boundaries[str(record["outcome"])]
+            boundary["wada"] = min(boundary.get("wada", 1.0), float(record["within"]))
+    return boundaries
 
 
-def _least_shock(space: Space, own: pd.DataFrame, others: pd.DataFrame, axes: Sequence[str]) -> float:
-    """The distance from the crossings of an attractor to the nearest start with another outcome."""
-    ends = [f"{axis.removesuffix('_0')}_end" for axis in axes]
-    if not len(others) or not set(ends) <= set(own):
+def _least_shock(space: Space, basin: pd.DataFrame, others: pd.DataFrame, axes: Sequence[str]) -> float:
+    """The distance from the crossings of an attractor to the nearest start with another outcome.
+
+    Args:
+        space: the space of the starts.
+        basin: the rows that end at the attractor.
+        others: the rows with another outcome.
+        axes: the axes of the starts.
+    """
+    last = [f"{axis.removesuffix('_0')}_end" for axis in axes]
+    if not len(others) or not set(last) <= set(basin):
         return float("nan")
-    later = ([f"{end}_{k}" for end in ends] for k in itertools.count(2))
-    places = [ends, *itertools.takewhile(lambda names: set(names) <= set(own), later)]
-    states = np.concatenate([space.points(own, names) for names in places])
+    later = ([f"{name}_{k}" for name in last] for k in itertools.count(2))
+    crossings = [last, *itertools.takewhile(lambda names: set(names) <= set(basin), later)]
+    states = np.concatenate([space.points(basin, names) for names in crossings])
     states = states[np.isfinite(states).all(axis=1)]
     return float(space.nearest_distance(states, space.points(others, list(axes))).min(initial=np.inf))

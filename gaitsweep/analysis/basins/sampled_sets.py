@@ -33,9 +33,10 @@ class SampledSet:
         return distance <= NEAR * more._within
 
     def joined(self, other: SampledSet) -> SampledSet:
-        """The set with the rows of both; one with `MOST_STATES` gets no more of them."""
+        """The set with the rows of both, and states of both up to `MOST_STATES`."""
         fewer, more = sorted((self, other), key=lambda one: len(one.states))
         if len(more.states) >= MOST_STATES:
+            # the tree of its states stays as it is
             more.rows += fewer.rows
             return more
         states = np.concatenate([more.states, fewer.states])
@@ -43,22 +44,28 @@ class SampledSet:
 
 
 def sampled_sets(space: Space, table: pd.DataFrame, columns: Sequence[str], status: str) -> list[SampledSet]:
-    """The rows of a status on each set, from that with the most on, with states of the set.
+    """The sets on which the rows of a status are, from that with the most rows on.
+
+    Args:
+        space: the space of the states.
+        table: a settle table.
+        columns: the columns of the state.
+        status: chaotic or quasi_periodic.
 
     A row is on a set if its crossings (x_end, x_end_2, ...) lie as near to those of the rows found there as
     these lie to each other, within a factor of `NEAR` in the means of the distances to the nearest one.
     """
-    last = itertools.takewhile(lambda k: f"{columns[0]}_{k}" in table, itertools.count(2))
-    names = [list(columns), *([f"{name}_{k}" for name in columns] for k in last)]
+    later = itertools.takewhile(lambda k: f"{columns[0]}_{k}" in table, itertools.count(2))
+    names = [list(columns), *([f"{name}_{k}" for name in columns] for k in later)]
     rows = np.flatnonzero((table["status"].astype(str) == status).to_numpy())
-    crossings = np.stack([space.points(table.iloc[rows], own) for own in names], axis=1)
+    crossings = np.stack([space.points(table.iloc[rows], at_crossing) for at_crossing in names], axis=1)
     known = np.isfinite(crossings).all(axis=(1, 2))
     sets: list[SampledSet] = []
     for row, states in zip(rows[known].tolist(), crossings[known], strict=True):
         newest = SampledSet(space, [row], states)
         # a set that grows may come to be that of others
-        while (near := next((one for one in sets if one.is_near(newest)), None)) is not None:
+        while (near := next((known for known in sets if known.is_near(newest)), None)) is not None:
             sets.remove(near)
             newest = near.joined(newest)
         sets.append(newest)
-    return sorted(sets, key=lambda one: -len(one.rows))
+    return sorted(sets, key=lambda of_rows: -len(of_rows.rows))

@@ -97,8 +97,8 @@ def extent(points: StateArray) -> float:
 
     It is the distance from the point farthest from the first to the point farthest from there.
     """
-    one = points[np.argmax(np.linalg.norm(points - points[0], axis=1))]
-    return float(np.linalg.norm(points - one, axis=1).max())
+    farthest = points[np.argmax(np.linalg.norm(points - points[0], axis=1))]
+    return float(np.linalg.norm(points - farthest, axis=1).max())
 
 
 def state_columns(table: pd.DataFrame) -> list[str]:

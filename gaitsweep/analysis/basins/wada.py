@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from typing import Any
+from typing import TypedDict
 
 import numpy as np
 import pandas as pd
@@ -17,6 +17,16 @@ from gaitsweep.analysis.records import AnalysisError, outcome_labels, panels_of
 
 BOX = 8  # steps along a side of the boxes of the grid method; a power of 2, halved by each refinement
 RADIUS = 5.0  # distance in steps within which two boundaries count as the same
+
+
+class BoundaryDistance(TypedDict):
+    """A record of `Wada.merging`."""
+
+    outcome: str
+    other: str
+    cells: int
+    distance: float
+    within: float
 
 
 @dataclasses.dataclass(frozen=True)
@@ -69,7 +79,7 @@ def wada(
     table, by, axes = panels_and_axes(table, by, axes)
     labels = outcome_labels(table, label)
     merging, boxes = [], []
-    for place, rows in panels_of(table, by):
+    for panel, rows in panels_of(table, by):
         grid = find_grid(table.iloc[rows], axes)
         if grid is None:
             raise AnalysisError(
@@ -81,8 +91,8 @@ def wada(
                 f"box is {box} steps, but the grid has {min(grid.lengths)} starts along an axis."
             )
         labels_of_panel = labels.iloc[rows].to_numpy()
-        merging += [{**place, **record} for record in boundaries_nearby(grid, labels_of_panel, radius)]
-        boxes += [{**place, **record} for record in _refined(grid, labels_of_panel, box)]
+        merging += [{**panel, **record} for record in boundaries_nearby(grid, labels_of_panel, radius)]
+        boxes += [{**panel, **record} for record in _refined(grid, labels_of_panel, box)]
     return Wada(
         pd.DataFrame(merging, columns=[*by, "outcome", "other", "cells", "distance", "within"]),
         pd.DataFrame(boxes, columns=[*by, "starts", "basins", "boxes", "share"]),
@@ -91,7 +101,7 @@ def wada(
 
 def boundaries_nearby(
     grid: BasinGrid, labels: Shaped[np.ndarray, " rows"], radius: float
-) -> list[dict[str, Any]]:
+) -> list[BoundaryDistance]:
     """The distances from the boundary of each basin, all others merged, to the boundaries of other basins.
 
     Args:
@@ -108,13 +118,21 @@ def boundaries_nearby(
     shares = [grid.shares_nearby(labels == name) for name in names]
     edges = [cells[(share > 0.0) & (share < 1.0)] for share in shares]
     trees = [KDTree(edge, boxsize=period) for edge in edges]
-    records = []
+    records: list[BoundaryDistance] = []
     for name, edge in zip(names, edges, strict=True):
-        for other, tree in zip(names, trees, strict=True):
-            if other != name:
+        for other_name, tree in zip(names, trees, strict=True):
+            if other_name != name:
                 away = tree.query(edge)[0]
-                record = {"outcome": name, "other": other, "cells": len(edge)}
-                records.append({**record, "distance": away.max(), "within": float(np.mean(away <= radius))})
+                within = float(np.mean(away <= radius))
+                records.append(
+                    {
+                        "outcome": name,
+                        "other": other_name,
+                        "cells": len(edge),
+                        "distance": away.max(),
+                        "within": within,
+                    }
+                )
     return records
 
 

@@ -61,13 +61,13 @@ class BranchPoints(Batch):
 
 @dataclasses.dataclass(frozen=True)
 class ContinuationProblem:
-    """The continuation problem that n branches share.
+    """The equations of n branches of fixed points, and the norm of their steps.
 
     Attributes:
         mapping: the map.
         parameter, low, high: the continuation parameter and its range.
         values: the other parameters, (n,) by name.
-        held: the constraints of conserved quantities.
+        constraints: those of conserved quantities.
         weights: the weights of the unknowns in the norm of a step, (n, size + k + 1).
     """
 
@@ -76,7 +76,7 @@ class ContinuationProblem:
     low: float
     high: float
     values: dict[str, PerBranch]
-    held: ConservedConstraints
+    constraints: ConservedConstraints
     weights: Unknowns
 
     @classmethod
@@ -101,17 +101,19 @@ class ContinuationProblem:
         self, which: Bool[np.ndarray, " rows"] | Int[np.ndarray, " chosen"]
     ) -> ContinuationProblem:
         values = {name: column[which] for name, column in self.values.items()}
-        return dataclasses.replace(self, values=values, held=self.held[which], weights=self.weights[which])
+        return dataclasses.replace(
+            self, values=values, constraints=self.constraints[which], weights=self.weights[which]
+        )
 
     @classmethod
     def joined(cls, problems: Sequence[ContinuationProblem]) -> ContinuationProblem:
         """The problem of the branches of several problems, one after the other, with the map of the first."""
         first = problems[0]
-        held = [problem.held.values for problem in problems]
+        constrained = [problem.constraints.values for problem in problems]
         return dataclasses.replace(
             first,
             values={name: np.concatenate([p.values[name] for p in problems]) for name in first.values},
-            held=dataclasses.replace(first.held, values=np.concatenate(held)),
+            constraints=dataclasses.replace(first.constraints, values=np.concatenate(constrained)),
             weights=np.concatenate([problem.weights for problem in problems]),
         )
 
@@ -188,36 +190,40 @@ class ContinuationProblem:
             The corrected points, their changes (n, m), and the number of corrections (n,), 0 if lost.
         """
         n, size = branch_points.points.at.shape
-        change, count, running = guess.copy(), np.zeros(n, int), np.ones(n, bool)
+        change = guess.copy()
+        count = np.zeros(n, int)
+        corrects = np.ones(n, bool)
         points = Points(branch_points.points.at + change[:, :size], branch_points.points.modes)
         last_norm, step = np.full(n, np.inf), np.zeros_like(guess)
         matrix = self.bordered(branch_points.images, normal)
         for number in range(1, MOST_CORRECTIONS + 1):
-            rows = np.flatnonzero(running)
+            rows = np.flatnonzero(corrects)
             if not rows.size:
                 break
             problem, trial = self[rows], points[rows]
             parameter = branch_points.parameter[rows] + change[rows, -1]
             images = self.mapping.images(trial, problem.values_at(parameter))
             drift = branch_points.drift[rows] + change[rows, size:-1]
-            miss = residuals(self.mapping, trial, drift, images, problem.held)
+            miss = residuals(self.mapping, trial, drift, images, problem.constraints)
             beside = np.sum(normal[rows] * change[rows], axis=1) - goal[rows]
             norm = norms(miss, trial.at)
             sound = images.sound & np.isfinite(norm) & (norm <= PATIENCE * last_norm[rows])
             converged = sound & (norm <= TOLERANCE) & (np.abs(beside) <= 1e-9)
-            count[rows[converged]], running[rows[converged | ~sound]] = number, False
+            count[rows[converged]] = number
+            corrects[rows[converged | ~sound]] = False
             last_norm[rows] = norm
-            rest = np.flatnonzero(sound & ~converged)
-            if rest.size:
-                active, miss = rows[rest], np.concatenate([miss, beside[:, None]], axis=1)[rest]
+            goes_on = np.flatnonzero(sound & ~converged)
+            if goes_on.size:
+                active = rows[goes_on]
+                miss = np.concatenate([miss, beside[:, None]], axis=1)[goes_on]
                 if number > 1:
-                    matrix[active] += _broyden_update(problem[rest].weights, step[active], miss)
+                    matrix[active] += _broyden_update(problem[goes_on].weights, step[active], miss)
                 step[active] = _solved(matrix[active], -miss)
                 change[active] += step[active]
                 # computed from the image, so that the next points have its discrete modes
-                back = self.mapping.difference(trial.at[rest], images.points.at[rest])
-                moved = images.points.at[rest] + back + step[active, :size]
-                points = points.merged(active, Points(moved, images.points[rest].modes))
+                back = self.mapping.difference(trial.at[goes_on], images.points.at[goes_on])
+                moved = images.points.at[goes_on] + back + step[active, :size]
+                points = points.merged(active, Points(moved, images.points[goes_on].modes))
         return points, change, count
 
     def scale(self) -> Unknowns:
@@ -235,11 +241,11 @@ class ContinuationProblem:
         scale, size = self.scale()[0], like.at.shape[1]
         row_scale = np.ones(len(scale) - 1)
         row_scale[:size] = sizes(like.at)[0]
-        every = np.zeros(len(unknowns), int)
-        problem, unscaled = self[every], unknowns * scale
-        points = Points(unscaled[:, :size], like[every].modes)
+        same_branch = np.zeros(len(unknowns), int)
+        problem, unscaled = self[same_branch], unknowns * scale
+        points = Points(unscaled[:, :size], like[same_branch].modes)
         images = problem.evaluated(points, unscaled[:, -1])
-        miss = residuals(self.mapping, points, unscaled[:, size:-1], images, problem.held) / row_scale
+        miss = residuals(self.mapping, points, unscaled[:, size:-1], images, problem.constraints) / row_scale
         miss[~images.sound] = np.nan
         return miss, problem.bordered(images, unscaled)[:, :-1] * scale / row_scale[:, None]
 
@@ -247,12 +253,12 @@ class ContinuationProblem:
         self, images: MapEvaluation, row: Unknowns
     ) -> Float[np.ndarray, "branches unknowns unknowns"]:
         """The Jacobians (n, m, m) of Newton's equations, bordered by a last `row` (n, m)."""
-        inner = matrices(images, self.held)
+        inner = matrices(images, self.constraints)
         n, m, _ = inner.shape
         full = np.zeros((n, m + 1, m + 1))
         full[:, :m, :m] = inner
         full[:, : images.d_parameter.shape[1], m] = images.d_parameter
-        full[:, images.d_parameter.shape[1] : m, m] = images.conserved_d_parameter[:, self.held.which]
+        full[:, images.d_parameter.shape[1] : m, m] = images.conserved_d_parameter[:, self.constraints.which]
         full[:, m] = row
         return full
 

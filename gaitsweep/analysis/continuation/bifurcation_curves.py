@@ -32,6 +32,12 @@ STRAIGHT = 0.9
 FEW_CORRECTIONS = 5
 # A bifurcation of codimension 2 is found in an interval this short, as a share of its step.
 SHORTEST_INTERVAL = 1e-6
+# Factor of longer steps.
+LONGER = 1.4
+# Least points of a closed curve, less one.
+POINTS_BEFORE_CLOSED = 4
+# A curve is closed where it passes its first point within this share of a step.
+BESIDE = 0.1
 # Angle of a critical pair, rad, below which a curve ends where both multipliers are 1 or -1.
 MEETING = 0.02
 
@@ -84,10 +90,10 @@ def followed(
         curve.append(CurvePoint(after))
         if equations.kind == "neimark_sacker" and _meeting(after):
             return curve, _meeting(after)
-        if len(curve) > 4 and _passes(before, after, first):
+        if len(curve) > POINTS_BEFORE_CLOSED and _passes(before, after, first):
             return curve, "closed"
         if after.corrections <= FEW_CORRECTIONS:
-            length = min(1.4 * length, steps.longest)
+            length = min(LONGER * length, steps.longest)
         before = after
     return curve, "most"
 
@@ -163,13 +169,13 @@ def _at_edge(
     equations: CriticalEquations, before: CriticalPoint, after: CriticalPoint, outside: list[int]
 ) -> Computation[CriticalPoint | None]:
     """The point at which a curve leaves the ranges of the parameters."""
-    way = after.unknowns - before.unknowns
-    edges = {k: float(np.clip(after.unknowns[k], 0.0, 1.0)) for k in outside}
-    first = min(outside, key=lambda k: (edges[k] - before.unknowns[k]) / way[k] if way[k] else np.inf)
-    ahead = edges[first] - before.unknowns[first]
+    change = after.unknowns - before.unknowns
+    to_edge = np.clip(after.unknowns, 0.0, 1.0) - before.unknowns
+    shares = [to_edge[k] / change[k] if change[k] else np.inf for k in outside]
+    first = outside[int(np.argmin(shares))]
     if not before.tangent[first]:
         return None
-    return (yield from step(equations, before, ahead, pinned=first))
+    return (yield from step(equations, before, float(to_edge[first]), pinned=first))
 
 
 def _leap(
@@ -185,10 +191,10 @@ def _leap(
 
 def _passes(before: CriticalPoint, after: CriticalPoint, home: CriticalPoint) -> bool:
     """Whether a step passes the first point of its curve."""
-    way: Vector = after.unknowns - before.unknowns
+    change: Vector = after.unknowns - before.unknowns
     away = home.unknowns - before.unknowns
-    share = float(away @ way / (way @ way))
-    near = 0.0 < share <= 1.0 and np.linalg.norm(away - share * way) < 0.1 * np.linalg.norm(way)
+    share = float(away @ change / (change @ change))
+    near = 0.0 < share <= 1.0 and np.linalg.norm(away - share * change) < BESIDE * np.linalg.norm(change)
     return bool(near and after.tangent @ home.tangent > 0.0)
 
 

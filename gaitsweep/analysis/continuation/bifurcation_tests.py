@@ -21,7 +21,7 @@ from gaitsweep.analysis.continuation.branch_points import FLAT, IMPERFECT, Cross
 from gaitsweep.analysis.continuation.critical_points import REAL
 from gaitsweep.analysis.continuation.exact_points import located_exactly
 from gaitsweep.analysis.continuation.lockstep import Computation, Request, alone, in_lockstep
-from gaitsweep.analysis.continuation.multipliers import multipliers
+from gaitsweep.analysis.continuation.newton import multipliers
 from gaitsweep.analysis.continuation.normal_forms import PITCHFORKS
 from gaitsweep.analysis.continuation.one_sided import both_sides
 from gaitsweep.engine.poincare.maps import Points
@@ -59,7 +59,7 @@ def multipliers_of(
     The largest is the first, or for stationary points the one whose motion grows fastest.
     """
     factors = multipliers(
-        branch_points.images.jacobian, branch_points.images.conserved_jacobian[:, problem.held.which]
+        branch_points.images.jacobian, branch_points.images.conserved_jacobian[:, problem.constraints.which]
     )
     if not isinstance(problem.mapping, StationaryMap):
         return factors
@@ -145,9 +145,8 @@ def located_on_branch(
         yield  # a computation of its own, which asks for nothing
 
     target = NEAR * max(abs(ends[0]), abs(ends[1]))
-    return alone(
-        located(ends, length, point_at, lambda point: test(problem, point)[0], target, SHORTEST_INTERVAL)
-    )
+    search = located(ends, length, point_at, lambda point: test(problem, point)[0], target, SHORTEST_INTERVAL)
+    return alone(search)
 
 
 def turn_kind(problem: ContinuationProblem, at_turn: BranchPoints) -> str:
@@ -165,12 +164,12 @@ def pair_kind(problem: ContinuationProblem, at_zero: BranchPoints) -> str:
     factors = multipliers_of(problem, at_zero)[0]
     i, k = np.triu_indices(len(factors), 1)
     nearest = int(np.argmin(np.abs(1.0 - factors[i] * factors[k])))
-    one, other = factors[i[nearest]], factors[k[nearest]]
-    if max(abs(one - 1.0), abs(other - 1.0)) < TOGETHER:
+    pair = factors[[i[nearest], k[nearest]]]
+    if np.max(np.abs(pair - 1.0)) < TOGETHER:
         return "branch_point"
-    if max(abs(one + 1.0), abs(other + 1.0)) < TOGETHER:
+    if np.max(np.abs(pair + 1.0)) < TOGETHER:
         return "flip"
-    return "neimark_sacker" if abs(one.imag) > REAL * abs(one) else ""
+    return "neimark_sacker" if abs(pair[0].imag) > REAL * abs(pair[0]) else ""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -252,45 +251,95 @@ def _on_step(
     changed: dict[Test, tuple[float, float]],
 ) -> Computation[list[Special] | None]:
     """The bifurcations on a step of one branch, as in `bifurcations`, by the tests that `changed` sign."""
-    specials, turns = [], fold_test in changed
+    specials: list[Special] = []
+    tests = [test for test in (fold_test, flip_test, pair_test) if test in changed]
     if branch_test in changed:
         ends = changed[branch_test]
-        zero = None
-        crossing, beta = branch_point(
-            problem, _between(problem, before, after, ends[0] / (ends[0] - ends[1]))
-        )
-        if not _is_on_step(problem, before, crossing, length):
-            zero = located_on_branch(problem, before, length, branch_test, ends)
-            crossing, beta = (None, np.nan) if zero is None else branch_point(problem, zero[0])
-        if crossing is not None and _is_on_step(problem, before, crossing, length):
+        crossing, beta, zero = _crossing_on_step(problem, before, after, length, ends)
+        if crossing is not None:
             if abs(beta) > IMPERFECT:
                 return None
-            specials.append(
-                Special(crossing.kind, ahead(problem, before, crossing.here), crossing.here, crossing.aside)
-            )
+            along = ahead(problem, before, crossing.here)
+            specials.append(Special(crossing.kind, along, crossing.here, crossing.aside))
             # a pitchfork where the branch itself turns is not a fold
-            turns &= not _turns(problem, crossing.here)
+            if _turns(problem, crossing.here):
+                tests = [test for test in tests if test is not fold_test]
         elif zero is not None and abs(branch_test(problem, zero[0])[0]) < SMALL * np.max(np.abs(ends)):
-            crossing = cornered(problem, zero[0], both_sides(problem, zero[0]))
-            crossing = Crossing("branch_point", zero[0], None) if crossing is None else crossing
-            specials.append(Special(crossing.kind, zero[1], crossing.here, crossing.aside))
-    for test, kind_of in ((fold_test, turn_kind), (flip_test, lambda *_: "flip"), (pair_test, pair_kind)):
-        if test in changed and (turns or test is not fold_test):
-            below, above = changed[test]
-            near = _between(problem, before, after, below / (below - above))
-            special = yield from _direct(problem, before, near, length, test)
-            if special is not None:
-                specials.append(special)
-                continue
-            zero = located_on_branch(problem, before, length, test, changed[test])
-            kind = kind_of(problem, zero[0]) if zero is not None else ""
-            if zero is not None and kind:
-                exact = yield from _exact(problem, zero[0], kind)
-                specials.append(Special(kind, zero[1], exact or zero[0]))
-            if kind == "corner":  # multipliers jump there
+            at_corner = cornered(problem, zero[0], both_sides(problem, zero[0]))
+            if at_corner is None:
+                at_corner = Crossing("branch_point", zero[0], None)
+            specials.append(Special(at_corner.kind, zero[1], at_corner.here, at_corner.aside))
+    for test in tests:
+        special = yield from _zero_on_step(problem, before, after, length, test, changed[test])
+        if special is not None:
+            specials.append(special)
+            if special.kind == "corner":  # multipliers jump there
                 return specials
     specials = sorted(specials, key=lambda special: special.arclength)
     return specials if _explained(problem, before, after, specials) else None
+
+
+def _crossing_on_step(
+    problem: ContinuationProblem,
+    before: BranchPoints,
+    after: BranchPoints,
+    length: float,
+    ends: tuple[float, float],
+) -> tuple[Crossing | None, float, tuple[BranchPoints, float] | None]:
+    """The branch point on a step of one branch, if there is one on which `branch_test` changes sign.
+
+    Args:
+        problem, before, after, length: as for `bifurcations`, of one branch.
+        ends: the values of `branch_test` at both ends of the step.
+
+    Returns:
+        The branch point on the step or None; its scaled beta; and the zero of the test function with its
+        arclength, if that had to be located.
+    """
+    crossing, beta = branch_point(problem, _between(problem, before, after, ends[0] / (ends[0] - ends[1])))
+    if _is_on_step(problem, before, crossing, length):
+        return crossing, beta, None
+    zero = located_on_branch(problem, before, length, branch_test, ends)
+    if zero is None:
+        return None, np.nan, None
+    crossing, beta = branch_point(problem, zero[0])
+    return crossing if _is_on_step(problem, before, crossing, length) else None, beta, zero
+
+
+def _zero_on_step(
+    problem: ContinuationProblem,
+    before: BranchPoints,
+    after: BranchPoints,
+    length: float,
+    test: Test,
+    ends: tuple[float, float],
+) -> Computation[Special | None]:
+    """The bifurcation at the zero of a test function on a step of one branch, if it is one.
+
+    Args:
+        problem, before, after, length: as for `bifurcations`, of one branch.
+        test: the test function, not that of branch points.
+        ends: its values at both ends of the step.
+    """
+    near = _between(problem, before, after, ends[0] / (ends[0] - ends[1]))
+    direct = yield from _direct(problem, before, near, length, test)
+    if direct is not None:
+        return direct
+    zero = located_on_branch(problem, before, length, test, ends)
+    if zero is None:
+        return None
+    kind = _kind_at_zero(problem, zero[0], test)
+    if not kind:
+        return None
+    exact = yield from _exact(problem, zero[0], kind)
+    return Special(kind, zero[1], zero[0] if exact is None else exact)
+
+
+def _kind_at_zero(problem: ContinuationProblem, at_zero: BranchPoints, test: Test) -> str:
+    """The kind of bifurcation at a zero of a test function; empty if it is none."""
+    if test is fold_test:
+        return turn_kind(problem, at_zero)
+    return "flip" if test is flip_test else pair_kind(problem, at_zero)
 
 
 def _explained(
@@ -317,9 +366,9 @@ def _direct(
 
     None where they lead elsewhere, or where the test function does not tell the kind.
     """
-    kind = "fold" if test is fold_test else "flip" if test is flip_test else ""
-    if not kind:
+    if test not in (fold_test, flip_test):
         return None
+    kind = "fold" if test is fold_test else "flip"
     exact = yield from _exact(problem, near, kind)
     if exact is None:
         return None
@@ -338,7 +387,7 @@ def _exact(problem: ContinuationProblem, near: BranchPoints, kind: str) -> Compu
     exact = yield from located_exactly(problem, near, kind)
     if exact is None:
         return None
-    k, size = len(problem.held.which), near.points.at.shape[1]
+    k, size = len(problem.constraints.which), near.points.at.shape[1]
     parameter = problem.low + (problem.high - problem.low) * exact.unknowns[[size + k]]
     values = problem.values_at(parameter)
     images = yield Request(problem.mapping, problem.parameter, exact.point, values)

@@ -48,13 +48,17 @@ JUMPS = (1 / 16, 1 / 8, 1 / 4, 1 / 2, 1.0)
 
 @dataclasses.dataclass(frozen=True)
 class ArclengthSteps:
-    """Lengths of the first, the longest and the shortest arclength step, and the most points of a branch.
+    """Lengths and number of the steps along branches.
 
     In a length, the parameter is a share of its range, and coordinates are relative to their magnitudes.
-    Each branch has a point at every value of the parameter in `through` that it passes.
-    `on_progress` is called before each step with the number of points of each branch (n,), and the share of
-    the parameter's range along which it was followed (n,), 1 at its end; an exception that it raises stops
-    the continuation.
+
+    Attributes:
+        first, longest, shortest: lengths of the first, the longest and the shortest step.
+        most: the most points of a branch.
+        on_progress: called before each step with the number of points of each branch (n,), and the share of
+            the parameter's range along which it was followed (n,), 1 at its end; an exception that it raises
+            stops the continuation.
+        through: values of the parameter at which each branch that passes them has a point.
     """
 
     first: float = 0.02
@@ -75,7 +79,7 @@ class BranchFollower:
         table: the table that collects the points.
         steps: the step lengths.
 
-    `crossings` has, for each branch point, the place of its branch, the point (1,), and points on the halves
+    `crossings` has, for each branch point, the index of its branch, the point (1,), and points on the halves
     of the branch that crosses, if any.
     """
 
@@ -139,12 +143,13 @@ class BranchFollower:
         searched = np.flatnonzero(~hidden | shortest[on])
         on, first, last = on[searched], first[searched], last[searched]
         located = bifurcations(self.problem[rows[on]], before[on], after[on], length[on], first, last)
-        for k, own, values in zip(on, located, first, strict=True):
-            if own is None and shortest[k]:
-                own = [Special("branch_point", float(length[k]), after[[k]])]
-            specials[k] = own
-            if own is not None:
-                self.tests_before[rows[k]], self.length_before[rows[k]] = values, length[k]
+        for k, on_step, values in zip(on, located, first, strict=True):
+            specials[k] = on_step
+            if on_step is None and shortest[k]:
+                specials[k] = [Special("branch_point", float(length[k]), after[[k]])]
+            if specials[k] is not None:
+                self.tests_before[rows[k]] = values
+                self.length_before[rows[k]] = length[k]
         return specials
 
     def crossing(self) -> BranchFollower | None:
@@ -154,10 +159,12 @@ class BranchFollower:
         """
         rows, names, asides = [], [], []
         for row, branch_point_at, aside in self.crossings:
-            halves = 0 if aside is None else len(aside.parameter)
+            halves = 0
+            if aside is not None:
+                halves = len(aside.parameter)
+                asides.append(aside)
             rows += [row] * halves
             names += [self.table.added(int(self.names[row])) for _ in range(halves)]
-            asides += [] if aside is None else [aside]
             for _ in range(2 - halves):
                 name = np.array([self.table.added(int(self.names[row]))])
                 problem = self.problem[np.array([row])]
@@ -183,9 +190,9 @@ class BranchFollower:
                 passed[rows[k]].append(Special("", ahead(problem[row], before[row], point), point))
         return passed
 
-    def _end(self, rows: Int[np.ndarray, " rows"], why: str) -> None:
-        """End the branches at these places."""
-        self.table.end(self.names[rows], why)
+    def _end(self, rows: Int[np.ndarray, " rows"], reason: str) -> None:
+        """End the branches `rows`."""
+        self.table.end(self.names[rows], reason)
         self.going[rows] = False
 
     def _reject(self, rows: Int[np.ndarray, " rows"]) -> None:
@@ -219,30 +226,14 @@ class BranchFollower:
         self, rows: Int[np.ndarray, " rows"], after: BranchPoints, specials: list[list[Special]]
     ) -> None:
         """Record accepted steps and their bifurcations, and end branches that are complete."""
-        problem, before, names = self.problem[rows], self.branch_points[rows], self.names[rows]
-        passed = self._passed(problem, before, after)
-        for k, on_step in enumerate(specials):
-            for special in sorted([*on_step, *passed[k]], key=lambda special: special.arclength):
-                if problem.low <= special.here.parameter[0] <= problem.high:
-                    only = np.array([k])
-                    self.table.write(
-                        names[only], problem[only], special.here, [special.kind], tolerance=TOGETHER
-                    )
-                    if special.kind in CROSSINGS:
-                        self.crossings.append((int(rows[k]), special.here, special.aside))
-        inside = (after.parameter >= problem.low) & (after.parameter <= problem.high)
-        out = np.flatnonzero(~inside)
-        if out.size:
-            last, beyond = problem[out], after[out]
-            branch_points, converged = last.at(beyond, np.clip(beyond.parameter, problem.low, problem.high))
-            reached = np.flatnonzero(converged)
-            self.table.write(names[out[reached]], last[reached], branch_points[reached], [""] * reached.size)
-            self._end(rows[out], "range")
-        within = np.flatnonzero(inside)
-        if not within.size:
+        self._write_specials(rows, after, specials)
+        inside = (after.parameter >= self.problem.low) & (after.parameter <= self.problem.high)
+        self._leave_range(rows[~inside], after[~inside])
+        if not inside.any():
             return
-        rows, names, after, problem = rows[within], names[within], after[within], problem[within]
-        self.table.write(names, problem, after, _jumps(before[within], after))
+        rows, after = rows[inside], after[inside]
+        problem, names = self.problem[rows], self.names[rows]
+        self.table.write(names, problem, after, _jumps(self.branch_points[rows], after))
         self.branch_points = self.branch_points.merged(rows, after)
         home = self.home[rows]
         closed = _distance(problem, after, home) < CLOSED_WITHIN * self.length[rows]
@@ -253,11 +244,37 @@ class BranchFollower:
         easy = rows[after.corrections <= FEW_CORRECTIONS]
         self.length[easy] = np.minimum(LONGER * self.length[easy], self.steps.longest)
 
+    def _write_specials(
+        self, rows: Int[np.ndarray, " rows"], after: BranchPoints, specials: list[list[Special]]
+    ) -> None:
+        """Record the bifurcations on steps, and the points at the values that branches have to pass."""
+        passed = self._passed(self.problem[rows], self.branch_points[rows], after)
+        for row, on_step, at_values in zip(rows, specials, passed, strict=True):
+            problem = self.problem[np.array([row])]
+            for special in sorted([*on_step, *at_values], key=lambda special: special.arclength):
+                if not problem.low <= special.here.parameter[0] <= problem.high:
+                    continue
+                name = self.names[[row]]
+                self.table.write(name, problem, special.here, [special.kind], tolerance=TOGETHER)
+                if special.kind in CROSSINGS:
+                    self.crossings.append((int(row), special.here, special.aside))
+
+    def _leave_range(self, rows: Int[np.ndarray, " rows"], beyond: BranchPoints) -> None:
+        """Record where the branches `rows` leave the range of the parameter, and end them."""
+        if not rows.size:
+            return
+        problem = self.problem[rows]
+        at_end, converged = problem.at(beyond, np.clip(beyond.parameter, problem.low, problem.high))
+        reached = np.flatnonzero(converged)
+        names = self.names[rows[reached]]
+        self.table.write(names, problem[reached], at_end[reached], [""] * reached.size)
+        self._end(rows, "range")
+
 
 def _jumps(before: BranchPoints, after: BranchPoints) -> list[str]:
     """For each step "kink" where the parameter moved against the tangents at both of its ends, else ""."""
-    way = after.parameter - before.parameter
-    against = (way * before.tangent[:, -1] < 0.0) & (way * after.tangent[:, -1] < 0.0)
+    change = after.parameter - before.parameter
+    against = (change * before.tangent[:, -1] < 0.0) & (change * after.tangent[:, -1] < 0.0)
     return np.where(against, "kink", "").tolist()
 
 
@@ -277,9 +294,10 @@ def _jump_over(
                 return best, landed
             active, start = problem[rows], before[rows]
             length = share * longest
-            after, good = (
-                active.step(start, np.full(rows.size, length)) if across else _beyond(active, start, length)
-            )
+            if across:
+                after, good = active.step(start, np.full(rows.size, length))
+            else:
+                after, good = _beyond(active, start, length)
             good = good & (np.sum(active.weights * start.tangent * after.tangent, axis=1) > 0.0)
             good &= (after.parameter >= problem.low) & (after.parameter <= problem.high)
             good &= _distance(active, start, after) < 2.0 * longest
@@ -296,8 +314,8 @@ def _beyond(
     parameter = before.parameter + change[:, -1]
     size = before.points.at.shape[1]
     starts = Points(before.points.at + change[:, :size], before.points.modes)
-    names = [problem.mapping.conserved[k].name for k in problem.held.which]
-    fix = dict(zip(names, problem.held.values.T, strict=True))
+    names = [problem.mapping.conserved[k].name for k in problem.constraints.which]
+    fix = dict(zip(names, problem.constraints.values.T, strict=True))
     values = problem.values_at(parameter)
     fixed = newton(problem.mapping, starts, values, fix=fix, most=10)
     good = np.flatnonzero(fixed.converged)

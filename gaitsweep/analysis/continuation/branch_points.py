@@ -27,6 +27,7 @@ from gaitsweep.analysis.continuation.one_sided import (
 from gaitsweep.engine.poincare.maps import Points
 
 Vector = Float[np.ndarray, " unknowns"]  # the unknowns of one branch
+Plane = Float[np.ndarray, "2 unknowns"]
 # Kinds of branch points.
 CROSSINGS = ("transcritical", "supercritical_pitchfork", "subcritical_pitchfork", "branch_point")
 # Largest rate of the parameter along a branch, as a share of its range, at which a turn is smooth.
@@ -65,22 +66,11 @@ def branch_point(problem: ContinuationProblem, near: BranchPoints) -> tuple[Cros
     The tangents t of both branches satisfy w' F_zz t t = 0 (z: coordinates, drifts, parameter), a quadratic
     form on the two null vectors of [F_x F_p].
     """
-    size, scale = near.points.at.shape[1], problem.scale()[0]
-    z, solution = np.concatenate([near.points.at[0], near.drift[0], near.parameter]) / scale, None
-    for _ in range(MOST_STEPS):
-        branching = _Branching.at(problem, near, z)
-        if branching is None:
-            break
-        step, beta = branching.step()
-        z = z + step
-        if not np.max(np.abs(step)) < 1.0:
-            break
-        if np.max(np.abs(step)) < TOLERANCE:
-            solution = branching, beta
-            break
+    solution = _solved(problem, near)
     if solution is None:
         return None, np.nan
-    branching, beta = solution
+    branching, z, beta = solution
+    size, scale = near.points.at.shape[1], problem.scale()[0]
     unscaled = z * scale
     points, parameter = Points(unscaled[None, :size], near.points.modes), unscaled[-1:]
     images = problem.evaluated(points, parameter)
@@ -96,22 +86,55 @@ def branch_point(problem: ContinuationProblem, near: BranchPoints) -> tuple[Cros
     ours = int(np.argmax(np.abs(tangents @ along)))
     at = _directed(at, tangents[ours] * np.sign(tangents[ours] @ along) * scale)
     aside = beside(problem, at, _both_ways(points, tangents[1 - ours] * scale))
+    return Crossing(_kind_of_smooth(problem, at, branching, tangents), at, aside), beta
+
+
+def _solved(problem: ContinuationProblem, near: BranchPoints) -> tuple[_Branching, Vector, float] | None:
+    """The solution of a branch point's equations near one point (1,); None if Newton's method finds none.
+
+    Returns:
+        The equations one step before it, its scaled unknowns (m + 1,), and beta.
+    """
+    z = np.concatenate([near.points.at[0], near.drift[0], near.parameter]) / problem.scale()[0]
+    for _ in range(MOST_STEPS):
+        branching = _Branching.at(problem, near, z)
+        if branching is None:
+            return None
+        step, beta = branching.step()
+        z = z + step
+        length = np.max(np.abs(step))
+        if not length < 1.0:
+            return None
+        if length < TOLERANCE:
+            return branching, z, beta
+    return None
+
+
+def _kind_of_smooth(
+    problem: ContinuationProblem, at: BranchPoints, branching: _Branching, tangents: Plane
+) -> str:
+    """The kind of a branch point `at` (1,) of a smooth map, from the tangents of both branches.
+
+    At a pitchfork one branch turns to one side of the parameter, which may show only some way from there.
+    """
+    scale = problem.scale()[0]
     flat, through = sorted(tangents, key=lambda direction: abs(direction[-1]))
     if abs(flat[-1]) > FLAT:
-        return Crossing("transcritical", at, aside), beta
-    rate = multiplier_rate(branching.w, branching.null, branching.bent, through, flat, points, scale)
-    last = 0.0
+        return "transcritical"
+    rate = multiplier_rate(branching.w, branching.null, branching.bent, through, flat, at.points, scale)
+    last_bend = 0.0
     for longer in LONGER:
-        turning = beside(problem, at, _both_ways(points, flat * scale), longer * ASIDE)
+        turning = beside(problem, at, _both_ways(at.points, flat * scale), longer * ASIDE)
         if turning is None or len(turning.parameter) != 2 or rate == 0.0:
             break
-        # the mean of both sides: a rest of the slope cancels
-        bend = float(np.mean(turning.parameter) - parameter[0]) / (problem.high - problem.low)
-        if abs(bend) > FLAT * ASIDE**2 and (longer == 1.0 or 0.0 < bend / last < SECOND_ORDER):
-            kind = "supercritical_pitchfork" if bend * rate > 0.0 else "subcritical_pitchfork"
-            return Crossing(kind, at, aside), beta
-        last = bend or np.nan
-    return Crossing("branch_point", at, aside), beta
+        # in the mean of both sides, what is left of the slope cancels
+        bend = float(np.mean(turning.parameter) - at.parameter[0]) / (problem.high - problem.low)
+        grows = bend * last_bend > 0.0 and abs(bend) < SECOND_ORDER * abs(last_bend)
+        of_second_order = longer == LONGER[0] or grows
+        if abs(bend) > FLAT * ASIDE**2 and of_second_order:
+            return "supercritical_pitchfork" if bend * rate > 0.0 else "subcritical_pitchfork"
+        last_bend = bend
+    return "branch_point"
 
 
 def cornered(problem: ContinuationProblem, at: BranchPoints, sides: list[Side]) -> Crossing | None:
@@ -135,14 +158,15 @@ def cornered(problem: ContinuationProblem, at: BranchPoints, sides: list[Side]) 
     halves = [side.half(through) for side, through in zip(sides, throughs, strict=True)]
     ways = [(side.points, half * scale) for side, half in zip(sides, halves, strict=True)]
     # where both sides have the coordinates of the point, the branch may have come along the half of one
-    place = min(near, key=lambda n: halves[n] @ along)
-    own = sides[place]
-    at = _on_side(at, own)
-    candidates = [throughs[place], halves[place]]
+    ours_side = min(near, key=lambda n: halves[n] @ along)
+    side = sides[ours_side]
+    at = _on_side(at, side)
+    candidates = [throughs[ours_side], halves[ours_side]]
     ours = int(np.argmax(np.abs([candidate @ along for candidate in candidates])))
     if ours:
         # this branch ends in the corner, where the other half and both ways of the one through it begin
-        ways = [*ways[:place], *ways[place + 1 :], *_both_ways(own.points, throughs[place] * scale)]
+        through_corner = _both_ways(side.points, throughs[ours_side] * scale)
+        ways = [*ways[:ours_side], *ways[ours_side + 1 :], *through_corner]
     at = _directed(at, candidates[ours] * np.sign(candidates[ours] @ along) * scale)
     aside = beside(problem, at, ways)
     return Crossing(_kind_of_halves(sides, halves, throughs, scale), at, aside)
@@ -215,10 +239,10 @@ class _Branching:
         left, values, right = np.linalg.svd(J[0])
         w, null = left[:, -1], right[-2:]
         around = z + ALONG * np.stack([null[0], -null[0], null[1], -null[1]])
-        several = problem.scaled_equations(like.points, around)[1]
-        if not np.isfinite(several).all():
+        jacobians = problem.scaled_equations(like.points, around)[1]
+        if not np.isfinite(jacobians).all():
             return None
-        bent = w @ (several[::2] - several[1::2]) / (2.0 * ALONG)
+        bent = w @ (jacobians[::2] - jacobians[1::2]) / (2.0 * ALONG)
         return cls(miss[0], J[0], w, float(values[-1]), null, bent)
 
     def step(self) -> tuple[Vector, float]:

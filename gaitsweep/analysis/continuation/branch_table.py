@@ -50,9 +50,13 @@ class BranchTable:
     ) -> None:
         self._mapping, self.parameter, self._with_points = mapping, parameter, with_points
         self._values = {k: np.broadcast_to(v, (n,)) for k, v in values.items() if k != parameter}
-        self._observed, self._held = list(observed), [mapping.conserved[k].name for k in constraints.which]
+        self._observed = list(observed)
+        self._constrained = [mapping.conserved[k].name for k in constraints.which]
         self._records: list[list[dict[str, Any]]] = [[] for _ in range(n)]
-        self._crossing, self._rows, self._branches, self._next = crossing, [*range(n)], [0] * n, [1] * n
+        self._crossing = crossing
+        self._rows = list(range(n))  # the row of each branch
+        self._branches = [0] * n  # the number of each branch among those of its row
+        self._next = [1] * n  # the number of the next branch of each row
 
     def added(self, name: int) -> int:
         """The name of a further branch of the row that the branch `name` belongs to."""
@@ -71,19 +75,23 @@ class BranchTable:
         """The records of one branch."""
         return self._records[name]
 
-    def end(self, rows: Int[np.ndarray, " rows"], why: str) -> None:
+    def end(self, rows: Int[np.ndarray, " rows"], reason: str) -> None:
         """Note in the last record of each of these branches why it ends."""
         for row in rows:
-            self._records[row][-1]["end"] = why
+            self._records[row][-1]["end"] = reason
 
-    def failed(self, row: int, parameter: float, why: str) -> None:
+    def failed(self, row: int, parameter: float, reason: str) -> None:
         """Add the only record of a branch that has no first point, with the reason."""
-        self._records[row].append({**self._head(row, parameter), "end": why})
+        self._records[row].append({**self._head(row, parameter), "end": reason})
 
     def _head(self, name: int, parameter: float) -> dict[str, Any]:
-        row, branch = self._rows[name], {"branch": self._branches[name]} if self._crossing else {}
-        others = {other: column[row] for other, column in self._values.items()}
-        return {"row": row, "point": len(self._records[name]), **branch, self.parameter: parameter, **others}
+        """The first columns of the next record of the branch `name`."""
+        row = self._rows[name]
+        head = {"row": row, "point": len(self._records[name])}
+        if self._crossing:
+            head["branch"] = self._branches[name]
+        values = {value_name: column[row] for value_name, column in self._values.items()}
+        return {**head, self.parameter: parameter, **values}
 
     def write(
         self,
@@ -104,7 +112,9 @@ class BranchTable:
                 {
                     **self._head(int(row), float(branch_points.parameter[k])),
                     **{name: float(column[k]) for name, column in branch_points.images.observed.items()},
-                    **{f"drift_{name}": branch_points.drift[k, i] for i, name in enumerate(self._held)},
+                    **{
+                        f"drift_{name}": branch_points.drift[k, i] for i, name in enumerate(self._constrained)
+                    },
                     "multiplier": float(np.abs(factors[k, 0])),
                     "multiplier_re": float(factors[k, 0].real),
                     "multiplier_im": float(factors[k, 0].imag),
@@ -122,7 +132,7 @@ class BranchTable:
         """All records; the columns are the same where no branch has a fixed point."""
         branch = ["branch"] if self._crossing else []
         head = ("row", "point", *branch, self.parameter, *self._values, *self._observed)
-        drifts = (f"drift_{name}" for name in self._held)
+        drifts = (f"drift_{name}" for name in self._constrained)
         columns = [*head, *drifts, *_OF_POINT, *(["at"] if self._with_points else [])]
         columns += ["coefficient", "hopf_frequency"] if isinstance(self._mapping, StationaryMap) else []
         table = pd.DataFrame([record for branch in self._records for record in branch], columns=columns)

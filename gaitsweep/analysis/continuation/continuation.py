@@ -1,20 +1,47 @@
-"""Pseudo-arclength continuation of fixed points, stable and unstable, over a parameter."""
+"""Continuation of fixed points, stable and unstable, over a parameter or a conserved quantity's value.
+
+Tables of branches have these columns. `special` is empty or one of
+
+- fold, flip, neimark_sacker, transcritical;
+- supercritical_pitchfork: the branch that turns exists where one more multiplier of the other is outside the
+  unit circle; subcritical_pitchfork: where one fewer is;
+- branch_point: two branches cross in another way, or several multipliers are 1 at once. Where the map has a
+  corner along the branch, its halves on both sides decide: a pitchfork if they are on one side of the
+  parameter, transcritical if on two, else branch_point;
+- corner: a fold at a corner of the map, where no multiplier is 1;
+- kink: a step over a corner or a jump of the map.
+
+`end` is empty or the reason why the branch ends: range, closed, most, lost (no step converges, or the map is
+not defined beyond), not_found (half of a crossing branch that was not found; this is its only point), or a
+`NewtonOutcome` where no fixed point was found at the start.
+"""
 
 from __future__ import annotations
 
+import dataclasses
 import functools
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import pandas as pd
-from jaxtyping import Int
+from jaxtyping import Array, Float, Int
 
 from gaitsweep.analysis.continuation.arclength import ContinuationProblem
 from gaitsweep.analysis.continuation.branch_follower import ArclengthSteps, BranchFollower
 from gaitsweep.analysis.continuation.branch_table import BranchTable
 from gaitsweep.analysis.continuation.newton import ConservedConstraints, NewtonOutcome, newton
-from gaitsweep.engine.poincare.maps import Map, Points, Values
+from gaitsweep.contract import State
+from gaitsweep.engine.poincare.maps import (
+    Coordinates,
+    DerivedMap,
+    Events,
+    FollowedMap,
+    Image,
+    Map,
+    Points,
+    Values,
+)
 from gaitsweep.errors import ArgumentError
 
 
@@ -56,19 +83,11 @@ def continuation(
         One record a point: row (of the start), point, parameter and other values, the map's observables,
         drift_NAME of each constrained quantity, multiplier (the largest modulus; multiplier_re and
         multiplier_im are its parts), unstable (the number of multipliers outside the unit circle, without
-        those that cross it at this point), stable, special, corrections, end.
-        `special` is fold, flip, neimark_sacker, transcritical, supercritical_pitchfork (the branch that turns
-        exists where one more multiplier of the other is outside the unit circle), subcritical_pitchfork
-        (where one fewer is), or branch_point (where two branches cross in another way, or several multipliers
-        are 1 at once). Where the map has a corner along the branch, its halves on both sides decide: a
-        pitchfork if they are on one side of the parameter, transcritical if on two, else branch_point.
-        corner: a fold at a corner of the map, where no multiplier is 1; kink: a step over a corner or a jump
-        of the map; or empty.
+        those that cross it at this point), stable, special, corrections, end; `special` and `end` are
+        described at the top of this file.
+
         A branch that ends as lost, or has a kink, is followed again on the refined map (half the time step),
         and the result of that is returned: so neither is an artefact of the time step alone.
-        `end` is the reason why the branch ends: range, closed, most, lost (no step converges, or the map is
-        not defined beyond), not_found (with `crossing`: half a branch that crosses here was not found; this
-        is its only point), or a `NewtonOutcome` where no fixed point was found at the start; or empty.
 
         Stationary points (a `StationaryMap`) have columns and names of flows instead, as of
         `in_terms_of_flow`, with `coefficient`, that of the normal form (`normal_forms`).
@@ -92,29 +111,47 @@ def continuation(
         crossing=crossing,
     )
     branches = follow(mapping, starts, values, begin, fix)
+    return _followed_on_refined(branches, follow, mapping, starts, values, begin, fix)
+
+
+def _followed_on_refined(
+    branches: pd.DataFrame,
+    follow: Callable[..., pd.DataFrame],
+    mapping: Map,
+    starts: Points,
+    values: Values,
+    begin: Any,
+    fix: Sequence[str] | Mapping[str, object],
+) -> pd.DataFrame:
+    """A table of branches, those of lost or kinked rows replaced by the branches on the refined map.
+
+    Args:
+        branches: the table.
+        follow: the function `(mapping, starts, values, begin, fix) -> branches` that made it.
+        mapping, starts, values, begin, fix: its arguments.
+    """
     refined = mapping.refined()
     if branches.empty or refined is None:
         return branches
-    doubtful = branches.loc[(branches["end"] == "lost") | (branches["special"] == "kink"), "row"].unique()
-    if not doubtful.size:
+    rows = branches.loc[(branches["end"] == "lost") | (branches["special"] == "kink"), "row"].unique()
+    if not rows.size:
         return branches
 
-    def of_doubtful(value: Any) -> Any:
-        return np.broadcast_to(np.asarray(value, np.float64), (len(starts),))[doubtful]
+    def of_rows(value: Any) -> Float[np.ndarray, " some"]:
+        return np.broadcast_to(np.asarray(value, np.float64), (len(starts),))[rows]
 
-    levels = {name: of_doubtful(value) for name, value in fix.items()} if isinstance(fix, Mapping) else fix
-    others = {name: of_doubtful(value) for name, value in values.items()}
-    return _replaced(
-        branches, doubtful, follow(refined, starts[doubtful], others, of_doubtful(begin), levels)
-    )
+    levels = {name: of_rows(value) for name, value in fix.items()} if isinstance(fix, Mapping) else fix
+    values_of_rows = {name: of_rows(value) for name, value in values.items()}
+    again = follow(refined, starts[rows], values_of_rows, of_rows(begin), levels)
+    return _replaced(branches, rows, again)
 
 
 def _replaced(branches: pd.DataFrame, rows: Int[np.ndarray, " some"], again: pd.DataFrame) -> pd.DataFrame:
     """A table with the records of some rows (n,) replaced by those of `again`, whose `row` counts from 0."""
     again["row"] = rows[np.asarray(again["row"])]
     others = branches[~branches["row"].isin(rows.tolist())]
-    both = again if others.empty else pd.concat([others, again])
-    return both.iloc[np.argsort(np.asarray(both["row"]), kind="stable")].reset_index(drop=True)
+    table = again if others.empty else pd.concat([others, again])
+    return table.iloc[np.argsort(np.asarray(table["row"]), kind="stable")].reset_index(drop=True)
 
 
 def _followed(
@@ -155,3 +192,44 @@ def _followed(
         if across is not None:
             across.follow()
     return table.table()
+
+
+@dataclasses.dataclass(frozen=True)
+class LevelMap(DerivedMap, FollowedMap):
+    """A map with one more parameter, the value of a quantity that it conserves.
+
+    The family of fixed points on the level sets of that quantity is then a branch over this parameter. The
+    parameter is subtracted from the quantity, so a search that holds it at zero is on the level set.
+
+    Args:
+        base: the map.
+        name: the conserved quantity.
+    """
+
+    name: str
+
+    def follow(self, values: Values, at: Coordinates, modes: State) -> Image:
+        image, state, status, observed = self.base.follow(self._of_base(values), at, modes)
+        # an observable of that name would stand beside the parameter
+        return image, state, status, {name: v for name, v in observed.items() if name != self.name}
+
+    def conserved_values(self, values: Values, at: Coordinates) -> Float[Array, " conserved"]:
+        index = [quantity.name for quantity in self.conserved].index(self.name)
+        return self.base.conserved_values(self._of_base(values), at).at[index].add(-values[self.name])
+
+    def complete(self, values: Values, n: int) -> dict[str, Float[np.ndarray, " points"]]:
+        level = np.broadcast_to(np.asarray(values[self.name], np.float64), (n,)).copy()
+        return {**self.base.complete(self._of_base(values), n), self.name: level}
+
+    def refined(self) -> LevelMap | None:
+        refined = self.base.refined()
+        return None if refined is None else LevelMap(refined, self.name)
+
+    def mirrored(self, points: Points, values: Values) -> dict[str, Points]:
+        return self.base.mirrored(points, self._of_base(values))
+
+    def events(self, points: Points, values: Values) -> list[Events]:
+        return self.base.events(points, self._of_base(values))
+
+    def _of_base(self, values: Values) -> Values:
+        return {name: value for name, value in values.items() if name != self.name}

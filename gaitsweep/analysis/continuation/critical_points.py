@@ -13,15 +13,14 @@ Source: Govaerts 2000, Numerical Methods for Bifurcations of Dynamical Equilibri
 from __future__ import annotations
 
 import dataclasses
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import jax
 import numpy as np
 from jaxtyping import Complex, Float, Inexact
 
 from gaitsweep.analysis.continuation.lockstep import Computation, Request
-from gaitsweep.analysis.continuation.multipliers import multipliers
-from gaitsweep.analysis.continuation.newton import ConservedConstraints, matrices, residuals
+from gaitsweep.analysis.continuation.newton import ConservedConstraints, matrices, multipliers, residuals
 from gaitsweep.analysis.continuation.normal_forms import (
     circle_coefficient,
     flip_coefficient,
@@ -35,6 +34,10 @@ NullVector = Inexact[np.ndarray, " fold_unknowns"]
 Matrix = Float[np.ndarray, "equations unknowns"]
 FoldMatrix = Float[np.ndarray, "fold_unknowns columns"]  # derivatives of F
 Multipliers = Complex[np.ndarray, " multipliers"]
+CriticalKind = Literal["fold", "flip", "neimark_sacker", "branch_point"]
+# One null vector; of a branch point two of v (2, m + 1) and one of w (1, m).
+NullVectors = Inexact[np.ndarray, " ..."]
+Border = tuple[NullVectors, NullVectors]  # v and w of a point close by
 # Steps of the central differences along null vectors, in scaled coordinates.
 ALONG = 1e-3
 # Steps of the central differences of parameters, as shares of their ranges.
@@ -65,8 +68,8 @@ class CriticalPoint:
     residual: Float[np.ndarray, " equations"]
     matrix: Matrix
     tangent: Vector
-    v: Any
-    w: Any
+    v: NullVectors
+    w: NullVectors
     multipliers: Multipliers
     tests: dict[str, float]
     observed: dict[str, float]
@@ -92,21 +95,21 @@ class CriticalEquations:
 
     Attributes:
         mapping: the map.
-        kind: fold, flip, neimark_sacker or branch_point.
+        kind: the bifurcation.
         names: the parameters, one or two.
         low, width: (1,) or (2,) they scale the parameters.
         values: the other parameters.
-        held: the constraints of conserved quantities.
+        constraints: those of conserved quantities.
         scale: of coordinates and drifts, (m,).
     """
 
     mapping: Map
-    kind: str
+    kind: CriticalKind
     names: tuple[str, ...]
     low: Float[np.ndarray, " parameters"]
     width: Float[np.ndarray, " parameters"]
     values: dict[str, Any]
-    held: ConservedConstraints
+    constraints: ConservedConstraints
     scale: Float[np.ndarray, " fold_unknowns"]
 
     @property
@@ -137,12 +140,14 @@ class CriticalEquations:
         at = self.low + self.width * several[:, self.m : self.m + len(self.names)]
         values = {**self.values, **{name: at[:, k] for k, name in enumerate(self.names)}}
         images = yield Request(self.mapping, self.names[0], points, values)
-        held = self.held[np.zeros(n, int)]
-        miss = residuals(self.mapping, points, several[:, size : self.m], images, held) / self.scale
-        slopes = np.concatenate([images.d_parameter, images.conserved_d_parameter[:, held.which]], axis=1)
-        inner = matrices(images, held) * self.scale[None, None, :] / self.scale[None, :, None]
+        constraints = self.constraints[np.zeros(n, int)]
+        miss = residuals(self.mapping, points, several[:, size : self.m], images, constraints) / self.scale
+        conserved_slopes = images.conserved_d_parameter[:, constraints.which]
+        slopes = np.concatenate([images.d_parameter, conserved_slopes], axis=1)
+        inner = matrices(images, constraints) * self.scale[None, None, :] / self.scale[None, :, None]
         full = np.concatenate([inner, (slopes * self.width[0] / self.scale)[:, :, None]], axis=2)
-        miss[~images.sound], full[~images.sound] = np.nan, np.nan
+        miss[~images.sound] = np.nan
+        full[~images.sound] = np.nan
         return miss, full, images
 
     def critical_matrix(
@@ -161,7 +166,7 @@ class CriticalEquations:
 
     def _of_coordinates(self) -> Float[np.ndarray, "fold_unknowns fold_unknowns"]:
         diagonal = np.zeros(self.m)
-        diagonal[: self.m - len(self.held.which)] = 1.0
+        diagonal[: self.m - len(self.constraints.which)] = 1.0
         return np.diag(diagonal)
 
     def residual(
@@ -169,8 +174,8 @@ class CriticalEquations:
         unknowns: Vector,
         miss: Float[np.ndarray, " fold_unknowns"],
         derivatives: FoldMatrix,
-        border: Any,
-    ) -> tuple[Float[np.ndarray, " equations"], Any, Any]:
+        border: Border,
+    ) -> tuple[Float[np.ndarray, " equations"], NullVectors, NullVectors]:
         """The residual, and the null vectors v and w, with the `border` (v, w) of a point close by."""
         matrix = self.critical_matrix(derivatives, unknowns)
         v, w, g = null_vectors(matrix, *border)
@@ -183,7 +188,7 @@ class CriticalEquations:
         self,
         like: Points,
         unknowns: Vector,
-        border: Any,
+        border: Border,
         before: Vector | None = None,
         corrections: int = 0,
     ) -> Computation[CriticalPoint | None]:
@@ -205,33 +210,42 @@ class CriticalEquations:
         self._derivatives_of_g(matrix, unknowns, v, w, border, near)
         size = like.at.shape[1]
         point = Points(unknowns[None, :size] * self.scale[:size], like.modes)
+        observed = {name: float(column[0]) for name, column in images.observed.items()}
         tangent, factors, tests = np.zeros(0), np.zeros(0), {}
         if len(self.names) == 2:
             matrix[: self.m, self.m + 1] = near.by_second
             tangent = np.linalg.svd(matrix)[2][-1]
             if before is not None and tangent @ before < 0.0:
                 tangent = -tangent
-            gradients = images.conserved_jacobian[:, self.held.which]
+            gradients = images.conserved_jacobian[:, self.constraints.which]
             factors = multipliers(images.jacobian, gradients)[0]
             tests = self._tests(unknowns, full[0][:, :-1], v, w, factors, near)
             if isinstance(self.mapping, StationaryMap) and self.kind == "neimark_sacker":
-                # a flow has no resonances, and another cubic term
-                tests = {name: tests[name] for name in ("fold_neimark_sacker", "double_neimark_sacker")}
-                here = dict(zip(self.names, self.parameters(unknowns)[:, None], strict=True))
-                tests["chenciner"] = hopf_form(self.mapping, point, {**self.values, **here}).l1
-        observed = {name: float(column[0]) for name, column in images.observed.items()}
+                tests = self._hopf_tests(self.mapping, point, unknowns, tests)
         return CriticalPoint(
             point, unknowns, residual, matrix, tangent, v, w, factors, tests, observed, corrections
         )
 
+    def _hopf_tests(
+        self, mapping: StationaryMap, point: Points, unknowns: Vector, tests: dict[str, float]
+    ) -> dict[str, float]:
+        """The tests of a curve of Hopf points: a flow has no resonances, and another cubic term."""
+        parameters = dict(zip(self.names, self.parameters(unknowns)[:, None], strict=True))
+        cubic = hopf_form(mapping, point, {**self.values, **parameters}).l1
+        return {
+            "fold_neimark_sacker": tests["fold_neimark_sacker"],
+            "double_neimark_sacker": tests["double_neimark_sacker"],
+            "chenciner": cubic,
+        }
+
     def _differences(
-        self, like: Points, unknowns: Vector, derivatives: FoldMatrix, v: Any
+        self, like: Points, unknowns: Vector, derivatives: FoldMatrix, v: NullVectors
     ) -> Computation[_Differences | None]:
         """The change of F's `derivatives` along the null vectors v and with the parameters.
 
         None where the map is not differentiable close by.
         """
-        directions = [v.real, v.imag] if self.kind == "neimark_sacker" else list(np.atleast_2d(v))
+        directions = [np.real(v), np.imag(v)] if self.kind == "neimark_sacker" else list(np.atleast_2d(v))
         shifts = []
         for direction in directions:
             shift = np.zeros(len(unknowns))
@@ -257,9 +271,9 @@ class CriticalEquations:
         self,
         matrix: Matrix,
         unknowns: Vector,
-        v: Any,
-        w: Any,
-        border: Any,
+        v: NullVectors,
+        w: NullVectors,
+        border: Border,
         near: _Differences,
     ) -> None:
         """Fill the rows of g in the matrix: second derivatives of F commute, so M_z v is M_v z."""
@@ -286,8 +300,8 @@ class CriticalEquations:
         self,
         unknowns: Vector,
         derivatives: Float[np.ndarray, "fold_unknowns fold_unknowns"],
-        v: Any,
-        w: Any,
+        v: NullVectors,
+        w: NullVectors,
         factors: Multipliers,
         near: _Differences,
     ) -> dict[str, float]:
@@ -297,13 +311,13 @@ class CriticalEquations:
         i, k = np.triu_indices(len(others), 1)
         pairs = float(np.prod(1.0 - others[i] * others[k]).real)
         folds, flips = (float(np.prod(1.0 + sign * others).real) for sign in (-1.0, 1.0))
-        free = not self.held.which
+        unconstrained = not self.constraints.which
         jacobian = derivatives + self._of_coordinates()
         if self.kind == "neimark_sacker":
             turn = float(np.cos(unknowns[-1]))
             tests = {"resonance_1_3": turn + 0.5, "resonance_1_4": turn, "fold_neimark_sacker": folds}
             tests |= {"flip_neimark_sacker": flips, "double_neimark_sacker": pairs}
-            if free:
+            if unconstrained:
                 p = w / (w @ v)
                 tests["chenciner"] = circle_coefficient(
                     jacobian, v, p, self.critical(unknowns), first, near.second
@@ -311,13 +325,13 @@ class CriticalEquations:
             return tests
         if self.kind == "branch_point":
             return {"pitchfork_flip": flips, "pitchfork_neimark_sacker": pairs}
-        meets = float((w @ self._of_coordinates() @ v).real)
+        meets = float(np.real(w @ self._of_coordinates() @ v))
         if self.kind == "fold":
             curvature = float(w @ first[0] @ v)
             tests = {"cusp": curvature, "resonance_1_1": meets, "fold_flip": flips}
             return {**tests, "fold_neimark_sacker": pairs}
         tests = {"resonance_1_2": meets, "fold_flip": folds, "flip_neimark_sacker": pairs}
-        if free and meets != 0.0:
+        if unconstrained and meets != 0.0:
             tests["generalized_flip"] = flip_coefficient(
                 jacobian, v, w / meets, first[0], near.second[0]
             ) * abs(meets)
@@ -326,10 +340,10 @@ class CriticalEquations:
     def other_multipliers(self, unknowns: Vector, factors: Multipliers) -> Multipliers:
         """The multipliers without the critical one, or the critical pair."""
         critical = self.critical(unknowns)
-        rest = np.delete(factors, int(np.argmin(np.abs(factors - critical))))
-        if self.kind == "neimark_sacker" and rest.size:
-            rest = np.delete(rest, int(np.argmin(np.abs(rest - np.conj(critical)))))
-        return rest
+        others = np.delete(factors, int(np.argmin(np.abs(factors - critical))))
+        if self.kind == "neimark_sacker" and others.size:
+            others = np.delete(others, int(np.argmin(np.abs(others - np.conj(critical)))))
+        return others
 
     def is_critical(self, name: str, at: CriticalPoint) -> bool:
         """Whether the zero of a test function is a bifurcation: that of pairs may be a neutral saddle."""
@@ -348,7 +362,7 @@ class CriticalEquations:
             return None
         return (yield from self.at(like, unknowns, border))
 
-    def first_border(self, like: Points, unknowns: Vector) -> Computation[Any]:
+    def first_border(self, like: Points, unknowns: Vector) -> Computation[Border | None]:
         """The border of the first point, from the singular vectors; None where the map is not defined."""
         _, full, _ = yield from self.evaluated(like, unknowns[None])
         if not np.isfinite(full).all():
@@ -359,7 +373,9 @@ class CriticalEquations:
         return right[-1].conj(), left[:, -1].conj()
 
 
-def null_vectors(matrix: Any, v: Any, w: Any) -> tuple[Any, Any, Any]:
+def null_vectors(
+    matrix: Inexact[np.ndarray, "fold_unknowns columns"], v: NullVectors, w: NullVectors
+) -> tuple[NullVectors, NullVectors, Any]:
     """The null vectors v, w, of length 1, and g, of a matrix bordered by v and w of a point close by.
 
     A matrix (m, m + 1) of a branch point has two of v (2, m + 1), one of w (1, m) and two of g. All are NaN

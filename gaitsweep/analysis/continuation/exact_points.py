@@ -6,7 +6,12 @@ import numpy as np
 
 from gaitsweep.analysis.continuation.arclength import BranchPoints, ContinuationProblem
 from gaitsweep.analysis.continuation.branch_points import CROSSINGS
-from gaitsweep.analysis.continuation.critical_points import CriticalEquations, CriticalPoint, Vector
+from gaitsweep.analysis.continuation.critical_points import (
+    CriticalEquations,
+    CriticalKind,
+    CriticalPoint,
+    Vector,
+)
 from gaitsweep.analysis.continuation.lockstep import Computation
 from gaitsweep.analysis.continuation.normal_forms import critical_multiplier
 from gaitsweep.engine.poincare.maps import sizes
@@ -15,8 +20,24 @@ from gaitsweep.engine.poincare.maps import sizes
 MOST_STEPS = 10
 # Length of the step that ends the search.
 LAST_STEP = 1e-13
+# The search also ends with a step this short that is longer than this share of the step before: it converges
+# no further.
+NEARLY_LAST_STEP = 1e-7
+SLOWER = 0.3
 # The largest change of scaled unknowns between a bifurcation that was bracketed and its exact place.
 MOST_MOVED = 0.05
+
+
+def critical_kind(special: str) -> CriticalKind:
+    """The kind of equations of a bifurcation on a branch: those of all branch points are the same.
+
+    Args:
+        special: fold, flip, neimark_sacker, or a kind of branch point.
+    """
+    if special == "fold" or special == "flip" or special == "neimark_sacker":
+        return special
+    assert special in CROSSINGS
+    return "branch_point"
 
 
 def equations_at(
@@ -32,19 +53,23 @@ def equations_at(
         at: the bifurcation.
         special: fold, flip, neimark_sacker, or a kind of branch point.
         second: name, lowest, highest and present value of a second parameter.
+
+    Returns:
+        The equations, and the unknowns at the bifurcation.
     """
-    kind = "branch_point" if special in CROSSINGS else special
-    k = len(problem.held.which)
+    kind = critical_kind(special)
+    k = len(problem.constraints.which)
     scale = np.concatenate([sizes(at.points.at)[0], np.ones(k)])
-    names, low, high, here = (problem.parameter,), [problem.low], [problem.high], [at.parameter[0]]
+    parameters = [(problem.parameter, problem.low, problem.high, float(at.parameter[0]))]
     values = {name: column[:1] for name, column in problem.values.items()}
     if second is not None:
-        names, low, high = (*names, second[0]), [*low, second[1]], [*high, second[2]]
-        here.append(second[3])
+        parameters.append(second)
         values.pop(second[0], None)
-    width = np.array(high) - low
+    names = tuple(name for name, *_ in parameters)
+    low, high, present = np.array([numbers for _, *numbers in parameters]).T
+    width = high - low
     equations = CriticalEquations(
-        problem.mapping, kind, names, np.array(low), width, values, problem.held, scale
+        problem.mapping, kind, names, low, width, values, problem.constraints, scale
     )
     extra: list[float] = []
     if kind == "neimark_sacker":
@@ -53,7 +78,7 @@ def equations_at(
     elif kind == "branch_point":
         extra = [0.0]
     z = np.concatenate([at.points.at[0], at.drift[0]]) / scale
-    return equations, np.concatenate([z, (np.array(here) - low) / width, extra])
+    return equations, np.concatenate([z, (present - low) / width, extra])
 
 
 def located_exactly(
@@ -67,17 +92,17 @@ def located_exactly(
         return None
     last = np.inf
     for _ in range(MOST_STEPS):
-        here = yield from equations.at(at.points, unknowns, border)
-        if here is None:
+        point = yield from equations.at(at.points, unknowns, border)
+        if point is None:
             return None
         try:
-            step = np.linalg.solve(here.matrix, -here.residual)
+            step = np.linalg.solve(point.matrix, -point.residual)
         except np.linalg.LinAlgError:
             return None
         size = float(np.max(np.abs(step)))
         if not np.max(np.abs(unknowns + step - first)) < MOST_MOVED:
             return None
-        if size < LAST_STEP or (size > 0.3 * last and size < 1e-7):
-            return here
-        unknowns, border, last = unknowns + step, (here.v, here.w), size
+        if size < LAST_STEP or (size > SLOWER * last and size < NEARLY_LAST_STEP):
+            return point
+        unknowns, border, last = unknowns + step, (point.v, point.w), size
     return None

@@ -70,13 +70,13 @@ def hopf_cycle(
         amplitude, and its period (s).
     """
     form, program = hopf_form(mapping, at, values), linearised_flow(mapping)
-    here = {name: column[0] for name, column in mapping.complete(values, 1).items()}
-    x, modes, value = at.at[0], at[0].modes, here[parameter]
+    values_at = {name: column[0] for name, column in mapping.complete(values, 1).items()}
+    x, modes, value = at.at[0], at[0].modes, values_at[parameter]
 
     def linearised(
         share: float, x: Float[np.ndarray, " coordinates"]
     ) -> tuple[Float[np.ndarray, " coordinates"], Float[np.ndarray, "coordinates coordinates"]]:
-        rates, jacobian = program({**here, parameter: value + share}, x, modes)
+        rates, jacobian = program({**values_at, parameter: value + share}, x, modes)
         return np.asarray(rates), np.asarray(jacobian)
 
     small = BESIDE * (1.0 + abs(value))

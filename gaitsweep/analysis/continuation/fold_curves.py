@@ -67,32 +67,29 @@ def fold_curves(
     Raises:
         ArgumentError: there are not two parameters, or a range has no width.
     """
+    _check_ranges(parameters, within)
+    steps = steps or ArclengthSteps()
+    records: list[dict[str, Any]] = []
+    complete = mapping.complete({**values, **begin}, len(starts))
+    for row in range(len(starts)):
+        row_values = {name: column[row : row + 1] for name, column in complete.items()}
+        start = starts[np.array([row])]
+        fold, end = _first_fold(mapping, start, row_values, parameters, within, to_fold, fix, steps)
+        if fold is None:
+            at = {name: float(complete[name][row]) for name in parameters}
+            records.append({"row": row, "point": 0, **at, "end": end})
+        else:
+            records += _curve_through(*fold, towards, row, steps)
+    return in_terms_of_flow(mapping, pd.DataFrame(records))
+
+
+def _check_ranges(parameters: Sequence[str], within: Mapping[str, Sequence[float]]) -> None:
+    """Refuse parameters that are not two, or a range without a width."""
     if len(parameters) != 2 or parameters[0] == parameters[1]:
         raise ArgumentError(f"parameters are {', '.join(parameters)}, but a curve of folds needs two.")
     for name in parameters:
         if name not in within or not max(within[name]) > min(within[name]):
             raise ArgumentError(f"within has no range for {name}: give two different numbers.")
-    steps = steps or ArclengthSteps()
-    n, records = len(starts), []
-    complete = mapping.complete({**values, **begin}, n)
-    for row in range(n):
-        row_values = {name: column[row : row + 1] for name, column in complete.items()}
-        fold, why = _first_fold(
-            mapping, starts[np.array([row])], row_values, parameters, within, to_fold, fix, steps
-        )
-        if fold is None:
-            at = {name: float(complete[name][row]) for name in parameters}
-            records.append({"row": row, "point": 0, **at, "end": why})
-            continue
-        equations, first = fold
-        if towards:
-            records += _records(equations, first, float(np.sign(towards)), row, steps)
-            continue
-        behind, ahead = (_records(equations, first, sign, row, steps) for sign in (-1.0, 1.0))
-        records += [{**record, "point": -record["point"]} for record in behind[:0:-1]] + ahead
-        if len(behind) == 1 < len(ahead):
-            ahead[0]["end"] = behind[0]["end"]
-    return in_terms_of_flow(mapping, pd.DataFrame(records))
 
 
 def _first_fold(
@@ -105,7 +102,7 @@ def _first_fold(
     fix: Sequence[str],
     steps: ArclengthSteps,
 ) -> tuple[tuple[CriticalEquations, CriticalPoint] | None, str]:
-    """The first fold on the branch through a start, or why there is none."""
+    """The first fold on the branch through a start; None, and the `end` of its record, if there is none."""
     first = parameters[0]
     fixed = newton(mapping, start, values, fix=fix)
     if not fixed.converged[0]:
@@ -115,11 +112,13 @@ def _first_fold(
     problem = ContinuationProblem.of(mapping, first, within[first], others, constraints, fixed.points.at)
     before = problem.first(fixed.points, fixed.drift, values[first], float(np.sign(to_fold) or 1))
     ahead = [before] if to_fold else [before, dataclasses.replace(before, tangent=-before.tangent)]
-    lengths, ends = [np.array([steps.longest]) for _ in ahead], [""] * len(ahead)
+    lengths = [np.array([steps.longest]) for _ in ahead]
+    ends = [""] * len(ahead)
     for _ in range(MOST_TO_A_FOLD):
-        for k in (k for k, end in enumerate(ends) if not end):
+        for k, before in enumerate(ahead):
+            if ends[k]:
+                continue
             steps.on_progress([0], [0.0])
-            before = ahead[k]
             after, ok = problem.step(before, lengths[k])
             if not ok[0]:
                 lengths[k] = 0.5 * lengths[k]
@@ -152,6 +151,18 @@ def _on_curve(
     equations, unknowns = equations_at(problem, fold, "fold", second)
     first = alone(equations.first(fold.points, unknowns))
     return (None, "lost") if first is None else ((equations, first), "")
+
+
+def _curve_through(
+    equations: CriticalEquations, first: CriticalPoint, towards: int, row: int, steps: ArclengthSteps
+) -> list[dict[str, Any]]:
+    """The records of the curve through a first fold, in the direction `towards`; in both where that is 0."""
+    if towards:
+        return _records(equations, first, float(np.sign(towards)), row, steps)
+    behind, ahead = (_records(equations, first, sign, row, steps) for sign in (-1.0, 1.0))
+    if len(behind) == 1 < len(ahead):
+        ahead[0]["end"] = behind[0]["end"]
+    return [*({**record, "point": -record["point"]} for record in behind[:0:-1]), *ahead]
 
 
 def _records(

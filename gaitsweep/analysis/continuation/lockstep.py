@@ -33,11 +33,12 @@ Computation = Generator[Request, MapEvaluation, T]
 
 
 def in_lockstep(computations: Sequence[Computation[T]]) -> list[T]:
-    """The results of some computations, whose evaluations of one map are made together."""
+    """Run some computations, whose evaluations of one map are made together, and return their results."""
     results: dict[int, T] = {}
     waiting: dict[int, Request] = {}
 
     def advance(number: int, images: MapEvaluation | None) -> None:
+        """Run a computation to its next request or to its result."""
         try:
             computation = computations[number]
             waiting[number] = next(computation) if images is None else computation.send(images)
@@ -58,8 +59,8 @@ def in_lockstep(computations: Sequence[Computation[T]]) -> list[T]:
                 for name in names
             }
             images = mapping.linearised(Points.joined([r.points for r in requests]), together, over)
-            ends = np.cumsum([len(r.points) for r in requests])
-            for number, request, end in zip(numbers, requests, ends, strict=True):
+            last = np.cumsum([len(r.points) for r in requests])
+            for number, request, end in zip(numbers, requests, last, strict=True):
                 advance(number, images[slice(end - len(request.points), end)])
     return [results[number] for number in range(len(computations))]
 

@@ -67,7 +67,7 @@ def coefficient(problem: ContinuationProblem, at: BranchPoints, kind: str) -> fl
         NaN for other kinds, where the map has a corner beside the point, and where conserved quantities are
         constrained.
     """
-    if kind not in SIMPLE or problem.held.which:
+    if kind not in SIMPLE or problem.constraints.which:
         return float("nan")
     if isinstance(problem.mapping, StationaryMap) and kind == "neimark_sacker":
         return hopf_form(problem.mapping, at.points, problem.values_at(at.parameter)).l1
@@ -84,11 +84,12 @@ def coefficient(problem: ContinuationProblem, at: BranchPoints, kind: str) -> fl
     first_branch = np.zeros(len(beside), int)
     points = Points(at.points.at + np.stack(beside) * scale, at.points[first_branch].modes)
     images = problem[first_branch].evaluated(points, at.parameter[first_branch])
-    several = images.jacobian * scale / scale[:, None]
-    if not (images.sound.all() and np.isfinite(several).all()):
+    jacobians = images.jacobian * scale / scale[:, None]
+    if not (images.sound.all() and np.isfinite(jacobians).all()):
         return float("nan")
-    first = [(several[k] - several[k + 1]) / (2.0 * BESIDE) for k in range(0, len(beside), 2)]
-    second = [(several[k] - 2.0 * J + several[k + 1]) / BESIDE**2 for k in range(0, len(beside), 2)]
+    pairs = list(zip(jacobians[::2], jacobians[1::2], strict=True))
+    first = [(ahead - behind) / (2.0 * BESIDE) for ahead, behind in pairs]
+    second = [(ahead - 2.0 * J + behind) / BESIDE**2 for ahead, behind in pairs]
     if kind == "neimark_sacker":
         return circle_coefficient(J, q, p, factor, first, second)
     q, p = np.real(q), np.real(p)
@@ -153,15 +154,17 @@ class HopfForm:
 
 def hopf_form(mapping: StationaryMap, at: Points, values: Values) -> HopfForm:
     """The normal form at a Hopf point (1,), by exact derivatives of the flow."""
-    here = {name: column[0] for name, column in mapping.complete(values, 1).items()}, at.at[0], at[0].modes
-    J = np.asarray(linearised_flow(mapping)(*here)[1])
+    values_at = {name: column[0] for name, column in mapping.complete(values, 1).items()}
+    hopf_point = values_at, at.at[0], at[0].modes
+    J = np.asarray(linearised_flow(mapping)(*hopf_point)[1])
     factors = np.linalg.eigvals(J)
     upper = factors[np.imag(factors) > 0.0]
     q, p, factor = critical_vector(J, complex(upper[np.argmin(np.abs(np.real(upper)))]))
     a, b, frequency = np.real(q), np.imag(q), factor.imag
 
     def bent(*directions: tuple[Vector, Vector, Vector]) -> tuple[np.ndarray, np.ndarray]:
-        second, third = flow_derivatives(mapping)(*here, *np.swapaxes(directions, 0, 1))
+        """The second derivatives along two directions of each triple, and the third along all of them."""
+        second, third = flow_derivatives(mapping)(*hopf_point, *np.swapaxes(directions, 0, 1))
         return np.asarray(second), np.asarray(third)
 
     (aa, bb, ab, *_), (aaa, bbb, abb, aab, *_) = bent(

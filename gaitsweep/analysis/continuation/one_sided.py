@@ -45,11 +45,14 @@ SLOPE = np.array([-2.5, 4.0, -1.5])
 class Side:
     """A branch point on one side of a corner, in scaled unknowns.
 
-    `points` (1,) is the branch point with the coordinates and modes of this side; `push` (m, m) leads from
-    displacements at the point given to those at `points`, and `near` tells whether these are at one place;
-    `outward` is the critical direction that leads into it;
-    `tangents` are the unit tangents of both branches; `jacobian` is that of the map at the branch point, in
-    coordinates. `w`, `null` and `bent` as in `branch_points`.
+    Attributes:
+        points: the branch point (1,) with the coordinates and modes of this side.
+        push: (m, m) leads from displacements at the point of the branch to those at `points`.
+        near: whether these two points are at one place.
+        outward: the critical direction that leads into this side.
+        tangents: the unit tangents of both branches.
+        jacobian: that of the map at the branch point, in coordinates.
+        w, null, bent: as in `branch_points`.
     """
 
     points: Points
@@ -115,12 +118,13 @@ def both_sides(problem: ContinuationProblem, at: BranchPoints) -> list[Side]:
     if component @ critical == 0.0:
         return []
     tried = _displacements(problem, at, component / (component @ critical), critical)
-    spread = along(at.images.conserved_jacobian[0, problem.held.which])
-    every = np.zeros(len(tried), int)
+    spread = along(at.images.conserved_jacobian[0, problem.constraints.which])
+    same_branch = np.zeros(len(tried), int)
     sides: list[Side] = []
     for sign in (1.0, -1.0):
-        displaced = Points(at.points.at + sign * ALONG * (tried * scale)[:, :size], at.points[every].modes)
-        images = problem[every].evaluated(displaced, at.parameter[every])
+        shifts = sign * ALONG * (tried * scale)[:, :size]
+        displaced = Points(at.points.at + shifts, at.points[same_branch].modes)
+        images = problem[same_branch].evaluated(displaced, at.parameter[same_branch])
         for k in np.flatnonzero(images.sound):
             push = np.eye(len(z))
             push[:size, :size] = images.jacobian[k] * scale[:size] / scale[:size, None]
@@ -128,7 +132,7 @@ def both_sides(problem: ContinuationProblem, at: BranchPoints) -> list[Side]:
             push[:size, -1] = images.d_parameter[k] * scale[-1] / scale[:size]
             image = Points(images.points.at[[k]] - spread @ at.drift[0], images.points[[k]].modes)
             side = _side(problem, at, image, push, sign * ALONG * tried[k])
-            if side is not None and all(_differ(side, other) for other in sides):
+            if side is not None and all(_differ(side, known) for known in sides):
                 sides.append(side)
                 break
     return sides
@@ -150,7 +154,7 @@ def _displacements(
     scale, size = problem.scale()[0], at.points.at.shape[1]
     axes = np.zeros((size, len(component)))
     axes[:, :size] = np.eye(size)
-    gradients = at.images.conserved_jacobian[0, problem.held.which] * scale[:size]
+    gradients = at.images.conserved_jacobian[0, problem.constraints.which] * scale[:size]
     axes[:, :size] -= axes[:, :size] @ np.linalg.pinv(gradients) @ gradients
     amount = axes @ component
     order = np.argsort(-np.abs(amount), kind="stable")[: MOST_TRIED - 1]
@@ -184,15 +188,15 @@ def _side(
     across = _projection(w, points) * scale
     outward = outward * np.sign((across @ moved) * (across @ outward))
     steps = ALONG * np.arange(1.0, 4.0)[:, None] * outward
-    miss, several = problem.scaled_equations(points, z + steps)
-    if not (np.isfinite(several).all() and np.isfinite(miss).all()):
+    miss, jacobians = problem.scaled_equations(points, z + steps)
+    if not (np.isfinite(jacobians).all() and np.isfinite(miss).all()):
         return None
-    changes = np.linalg.norm(np.diff(several, axis=0), axis=(1, 2))
-    if np.any(np.linalg.norm(miss, axis=1) > NEARLY_FIXED * np.linalg.norm(steps, axis=1)) or np.any(
-        changes > CONTINUOUS * (1.0 + np.linalg.norm(several[0]))
-    ):
+    fixed = np.linalg.norm(miss, axis=1) <= NEARLY_FIXED * np.linalg.norm(steps, axis=1)
+    changes = np.linalg.norm(np.diff(jacobians, axis=0), axis=(1, 2))
+    continuous = changes <= CONTINUOUS * (1.0 + np.linalg.norm(jacobians[0]))
+    if not (fixed.all() and continuous.all()):
         return None
-    J0 = np.tensordot(LIMIT, several, 1)
+    J0 = np.tensordot(LIMIT, jacobians, 1)
     w, smallest, null = _singular_vectors(J0)
     if smallest > SINGULAR:
         return None
@@ -205,9 +209,9 @@ def _side(
     pairs = problem.scaled_equations(points, z + beside.reshape(-1, len(z)))[1]
     if not np.isfinite(pairs).all():
         return None
-    across = np.tensordot(SLOPE, several, 1) / ALONG
+    along_outward = np.tensordot(SLOPE, jacobians, 1) / ALONG
     along_other = np.tensordot(LIMIT, pairs[:3] - pairs[3:], 1) / ALONG
-    bent = np.stack([w @ across, w @ along_other])
+    bent = np.stack([w @ along_outward, w @ along_other])
     tangents = crossing_tangents(basis, bent)
     if tangents is None:
         return None

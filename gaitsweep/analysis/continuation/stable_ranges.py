@@ -46,7 +46,15 @@ def stable_ranges(table: pd.DataFrame, parameter: str, least: float = NARROWEST_
 
 
 def range_of_gait(table: pd.DataFrame, parameter: str, gait: str) -> pd.DataFrame:
-    """The widest stable range of one gait in each row: row, low, high, low_by, high_by.
+    """The widest stable range of one gait in each row.
+
+    Args:
+        table: a continuation's table with gaits.
+        parameter: the column of the continuation parameter.
+        gait: the gait.
+
+    Returns:
+        One record a row: row, low, high, low_by and high_by, as of `stable_ranges`.
 
     Raises:
         AnalysisError: the table does not have a column, or no branch is stable in that gait.
@@ -73,13 +81,13 @@ def _pieces(branch: pd.DataFrame, parameter: str) -> list[dict[str, object]]:
     for points in np.split(inner, np.flatnonzero(np.diff(inner) > 1) + 1):
         if not points.size:
             continue
-        first = max(points[0] - 1, 0) if marked[max(points[0] - 1, 0)] else points[0]
-        after = min(points[-1] + 1, len(at) - 1)
+        before, after = max(points[0] - 1, 0), min(points[-1] + 1, len(at) - 1)
+        first = before if marked[before] else points[0]
         last = after if marked[after] else points[-1]
         piece_points = np.arange(first, last + 1)
         low, high = piece_points[np.argmin(at[piece_points])], piece_points[np.argmax(at[piece_points])]
-        ends = {f"{name}_by": _bound(special, end, k) for name, k in (("low", low), ("high", high))}
-        piece: dict[str, object] = {"low": at[low], "high": at[high], **ends}
+        piece: dict[str, object] = {"low": at[low], "high": at[high]}
+        piece |= {"low_by": _bound(special, end, low), "high_by": _bound(special, end, high)}
         if "gait" in branch:
             piece["gait"] = branch["gait"].iloc[points].astype(str).mode().iloc[0]
         pieces.append(piece)

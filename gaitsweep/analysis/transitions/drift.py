@@ -49,11 +49,11 @@ class Drift(NamedTuple):
 
     def at(self, place: float) -> Smooth:
         """The curve at one position: by a parabola if the points show curvature, else by a line."""
-        where = unwrap_from(np.array([place]), self.begin)
+        position = unwrap_from(np.array([place]), self.begin)
         best = None
         for width in self.bandwidth * np.array(_NARROWER):
             for degree in (2, 1):
-                smooth = local_polynomial(*self.points, where, width, degree, width == self.bandwidth)
+                smooth = local_polynomial(*self.points, position, width, degree, width == self.bandwidth)
                 if np.isfinite(smooth.value[0]):
                     break
             best = smooth if best is None or np.isfinite(smooth.value[0]) else best
@@ -81,32 +81,44 @@ def drifts_of(value: Pairs, change: Pairs, row: RowOfPair, bandwidth: float, cir
     order = np.argsort(value, kind="stable")
     columns = (value, change, row, once_a_place(value, row, step))
     points = MapPairs(*(values[order] for values in columns))
-    first, n = (np.diff(row, prepend=np.nan) != 0)[order], len(value)
-    value, change, _, share = points
+    first = (np.diff(row, prepend=np.nan) != 0)[order]
     if not circular:
-        ends = np.flatnonzero(breaks(value, change, share, first, bandwidth, step)) + 1
+        broken = breaks(points.value, points.change, points.share, first, bandwidth, step)
     else:
-        # points near the ends of the turn also have neighbours on the other side
-        low = int(np.searchsorted(value, value[-1] - 4.0 * bandwidth))
-        high = int(np.searchsorted(value, value[0] + 4.0 * bandwidth, "right"))
-        around = np.r_[np.arange(low, n) - n, np.arange(n), np.arange(high) + n]
-        again = around % n
-        turned = value[again] + TURN * (around // n)
-        broken = breaks(turned, change[again], share[again], first[again], bandwidth, step)
-        # the last of these n is between the last point and the first one, a turn later
-        after = broken[n - low : n - low + n]
-        # more than half a turn: not through zero
-        after |= np.abs(np.diff(change, append=change[0])) > 0.5 * TURN
-        if not after.any():
+        broken = _breaks_around(points, first, bandwidth, step)
+        if not broken.any():
             return [_closed(points, bandwidth, step)]
-        begin = int(np.flatnonzero(after)[-1]) + 1
-        if begin < n:
-            points = MapPairs(*(np.roll(values, -begin) for values in points))
-            points = points._replace(value=np.r_[value[begin:], value[:begin] + TURN])
-        ends = np.flatnonzero(np.roll(after, -begin)[:-1]) + 1
-    pieces = zip(*(np.split(values, ends) for values in points), strict=True)
+        # the pieces begin behind the last break
+        begin = int(np.flatnonzero(broken)[-1]) + 1
+        if begin < len(value):
+            turned = np.r_[points.value[begin:], points.value[:begin] + TURN]
+            points = MapPairs(*(np.roll(values, -begin) for values in points))._replace(value=turned)
+        broken = np.roll(broken, -begin)[:-1]
+    begins = np.flatnonzero(broken) + 1
+    pieces = zip(*(np.split(values, begins) for values in points), strict=True)
     drifts = [_piece(MapPairs(*values), bandwidth, step, circular) for values in pieces]
     return sorted(drifts, key=lambda piece: float(piece.points.value[0]))
+
+
+def _breaks_around(
+    points: MapPairs, first: Bool[np.ndarray, " pairs"], bandwidth: float, step: float
+) -> Bool[np.ndarray, " pairs"]:
+    """Whether there is a break after each of the points (n,) on a circle, as `breaks` tells it.
+
+    The last one is between the last point and the first, a turn later.
+    """
+    value, change, _, share = points
+    n = len(value)
+    # points near the ends of the turn also have neighbours on the other side
+    low = int(np.searchsorted(value, value[-1] - 4.0 * bandwidth))
+    high = int(np.searchsorted(value, value[0] + 4.0 * bandwidth, "right"))
+    around = np.r_[np.arange(low, n) - n, np.arange(n), np.arange(high) + n]
+    index = around % n
+    turned = value[index] + TURN * (around // n)
+    broken = breaks(turned, change[index], share[index], first[index], bandwidth, step)
+    # more than half a turn: not through zero
+    leaps = np.abs(np.diff(change, append=change[0])) > 0.5 * TURN
+    return broken[n - low : n - low + n] | leaps
 
 
 def _piece(points: MapPairs, bandwidth: float, step: float, circular: bool) -> Drift:
@@ -127,9 +139,9 @@ def _closed(points: MapPairs, bandwidth: float, step: float) -> Drift:
     smooth = _followed(points, low + TURN * np.arange(count) / count, bandwidth)
     # begin at the most significant sign, so that no zero is at the ends
     sure = np.abs(smooth.value) / np.maximum(smooth.value_error, 1e-300)
-    way = np.arange(count + 1) + int(np.argmax(np.nan_to_num(sure)))
-    smooth = Smooth(*(values[way % count] for values in smooth))
-    smooth = smooth._replace(at=smooth.at + TURN * (way // count))
+    around_once = np.arange(count + 1) + int(np.argmax(np.nan_to_num(sure)))
+    smooth = Smooth(*(values[around_once % count] for values in smooth))
+    smooth = smooth._replace(at=smooth.at + TURN * (around_once // count))
     return Drift(points, bandwidth, low, True, smooth)
 
 
@@ -185,10 +197,10 @@ def _twofold(points: MapPairs, smooth: Smooth, bandwidth: float) -> Bool[np.ndar
         split = int(np.argmax(between)) + _LEAST_OF_A_BRANCH
         if between.max() <= _BRANCH_DISTANCE * max(np.ptp(residual[:split]), np.ptp(residual[split:])):
             continue
-        one, other = at[:split], at[split:]
-        begin, end = max(one.min(), other.min()), min(one.max(), other.max())
-        both = [np.count_nonzero((branch >= begin) & (branch <= end)) for branch in (one, other)]
-        twofold[k] = min(both) >= _LEAST_OF_A_BRANCH
+        below, above = at[:split], at[split:]
+        begin, end = max(below.min(), above.min()), min(below.max(), above.max())
+        overlapping = [np.count_nonzero((branch >= begin) & (branch <= end)) for branch in (below, above)]
+        twofold[k] = min(overlapping) >= _LEAST_OF_A_BRANCH
     return twofold
 
 
@@ -222,10 +234,10 @@ def once_a_place(value: Pairs, row: RowOfPair, step: float) -> Pairs:
     visit = np.cumsum(leaves)
     share = np.empty(len(value))
     order = np.lexsort((value, visit))
-    ends = np.flatnonzero(np.diff(visit[order], prepend=np.nan, append=np.nan))
-    for begin, end in itertools.pairwise(ends):
+    bounds = np.flatnonzero(np.diff(visit[order], prepend=np.nan, append=np.nan))
+    for begin, end in itertools.pairwise(bounds):
         members = order[begin:end]
-        places = value[members]
-        last, first = np.searchsorted(places, places + step, "right"), np.searchsorted(places, places - step)
+        values = value[members]
+        last, first = np.searchsorted(values, values + step, "right"), np.searchsorted(values, values - step)
         share[members] = 1.0 / (last - first)
     return share

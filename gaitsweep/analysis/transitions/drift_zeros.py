@@ -71,15 +71,15 @@ def _rest_at_ends(drift: Drift, between: list[Zero]) -> list[Zero]:
     if drift.begin is not None or not sure.size:
         return []
     zeros = []
-    for end, inner, way in ((0, sure[0], -1.0), (-1, sure[-1], 1.0)):
+    for end, inner, outward in ((0, sure[0], -1.0), (-1, sure[-1], 1.0)):
         place = float(drift.points.value[end])
         if abs(drift.points.change[end]) > _AT_REST * drift.bandwidth:
             continue
         smooth = drift.at(place)
-        beyond = way * -float(smooth.value[0] / smooth.slope[0])
+        beyond = outward * -float(smooth.value[0] / smooth.slope[0])
         nearest = min((abs(place - zero.place) for zero in between), default=np.inf)
         if abs(beyond) <= _OUTSIDE * drift.bandwidth < nearest:
-            falls = bool(way * value[inner] > 0)
+            falls = bool(outward * value[inner] > 0)
             zeros.append(Zero(place, smooth, falls, abs(float(at[inner]) - place)))
     return zeros
 
@@ -110,10 +110,10 @@ def _confirmed(drift: Drift, place: float, falls: bool) -> bool:
                 sizes = np.abs(change[np.abs(away) <= reach])
                 return bool(sizes.min() < _BRIDGED_SHARE * sizes.mean())
             break
-        (one, one_error, one_size), (other, other_error, other_size) = remains  # pyright: ignore
-        lasts = sign * one > max(_BRIDGED_ERRORS * one_error, _BRIDGED_SHARE * one_size)
-        lasts &= -sign * other > max(_BRIDGED_ERRORS * other_error, _BRIDGED_SHARE * other_size)
-        if not lasts and one_error + other_error < _BRIDGED_SHARE * (one_size + other_size):
+        (below, below_error, below_size), (above, above_error, above_size) = remains  # pyright: ignore
+        lasts = sign * below > max(_BRIDGED_ERRORS * below_error, _BRIDGED_SHARE * below_size)
+        lasts &= -sign * above > max(_BRIDGED_ERRORS * above_error, _BRIDGED_SHARE * above_size)
+        if not lasts and below_error + above_error < _BRIDGED_SHARE * (below_size + above_size):
             return True
         bridged |= lasts
     return not bridged

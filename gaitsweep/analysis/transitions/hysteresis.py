@@ -14,20 +14,25 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 from jaxtyping import Bool, Float, Shaped
+from numpy.typing import ArrayLike
 
 from gaitsweep.analysis.records import AnalysisError, axes_of, panels_of, require, section_column
 from gaitsweep.analysis.transitions.jumps import LEAST, Course, courses, records_of, rising, stretches
 from gaitsweep.angles import TURN, branch_cut, is_circular, mean_direction, unwrap_from, wrapped_difference
-from gaitsweep.status import Status
+from gaitsweep.status import Outcome, Status
 
 
 @dataclasses.dataclass(frozen=True)
 class Hysteresis:
     """The parameter values at which states are lost, and the areas between the branches of both directions.
 
-    `transition_points`: one record a pass (direction, low, high, size, rows, ...), or a gait for settled
-    rows. `loops`: one record a row and pair of passes (area, signed, low, high); areas are in the parameter's
-    unit times the observable's. Of ramps and staircases both have the column `observable`.
+    Of ramps and staircases both tables have the column `observable`.
+
+    Attributes:
+        transition_points: one record a pass (direction, low, high, size, rows, ...), or a gait for settled
+            rows.
+        loops: one record a row and pair of passes (area, signed, low, high); areas are in the parameter's
+            unit times the observable's.
     """
 
     transition_points: pd.DataFrame
@@ -120,12 +125,11 @@ def jumps(table: pd.DataFrame, observable: str, parameter: str, least: float | N
             size = after - before
             if circular and abs(abs(size) - TURN / 2) < LEAST:  # both ways are alike: take that of figures
                 size = float(unwrap_from(after, cut) - unwrap_from(before, cut))
-            ends = {"before": before, "after": after}
             if circular:
-                ends = {side: np.mod(end, TURN) for side, end in ends.items()}
-            record = {**_place(course, axes), "pass": number, "direction": direction}
-            record |= {"low": passed.min(), "high": passed.max(), **ends, "size": size}
-            records.append(record)
+                before, after = np.mod(before, TURN), np.mod(after, TURN)
+            record = {**_row_and_axes(course, axes), "pass": number, "direction": direction}
+            record |= {"low": passed.min(), "high": passed.max()}
+            records.append(record | {"before": before, "after": after, "size": size})
     columns = ["row", *axes, "pass", "direction", "low", "high", "before", "after", "size"]
     return pd.DataFrame(records, columns=columns)
 
@@ -134,8 +138,7 @@ def largest_jumps(table: pd.DataFrame, observable: str, parameter: str, least: f
     """The largest of the `jumps` of each row and pass, in the same columns, without `irregular_passes`."""
     all_jumps = jumps(table, observable, parameter, least)
     irregular = _irregular(all_jumps, table, observable, parameter, least)
-    passes = pd.MultiIndex.from_arrays([all_jumps["row"], all_jumps["pass"]])
-    steady = all_jumps.loc[~passes.isin(pd.MultiIndex.from_frame(irregular))]
+    steady = _without_passes(all_jumps, irregular)
     largest = steady.assign(height=steady["size"].abs()).sort_values("height", kind="stable")
     return largest.drop_duplicates(["row", "pass"], keep="last").drop(columns="height").sort_index()
 
@@ -151,16 +154,14 @@ def jump_intervals(
         One record for the jumps of a pass whose intervals overlap: pass, direction, `low` and `high` (medians
         over the rows), rows (that jump there), of (all rows).
     """
-    every = jumps(table, observable, parameter, least)
     irregular = irregular_passes(table, observable, parameter, LEAST if least is None else least)
-    passes = pd.MultiIndex.from_arrays([every["row"], every["pass"]])
-    every = every.loc[~passes.isin(pd.MultiIndex.from_frame(irregular))]
+    steady = _without_passes(jumps(table, observable, parameter, least), irregular)
     records = []
-    for (number, direction), part in every.sort_values("low").groupby(["pass", "direction"]):
+    for _, part in steady.sort_values("low").groupby(["pass", "direction"]):
+        number, direction = part["pass"].iloc[0], part["direction"].iloc[0]
         reach = part["high"].cummax().shift(fill_value=-np.inf)
         for _, together in part.groupby((part["low"] >= reach).cumsum()):
-            low = together["low"].quantile(0.5, interpolation="lower")
-            high = together["high"].quantile(0.5, interpolation="higher")
+            low, high = _lower_median(together["low"]), _upper_median(together["high"])
             record = {"pass": number, "direction": direction, "low": low, "high": high}
             records.append(record | {"rows": together["row"].nunique(), "of": table["row"].nunique()})
     return pd.DataFrame(records, columns=["pass", "direction", "low", "high", "rows", "of"])
@@ -193,6 +194,22 @@ def _irregular(
     return pd.DataFrame(sorted(passes), columns=["row", "pass"]).astype(int)
 
 
+def _without_passes(all_jumps: pd.DataFrame, passes: pd.DataFrame) -> pd.DataFrame:
+    """The `jumps` without those of some passes (row, pass)."""
+    of_jumps = pd.MultiIndex.from_arrays([all_jumps["row"], all_jumps["pass"]])
+    return all_jumps.iloc[np.flatnonzero(~of_jumps.isin(pd.MultiIndex.from_frame(passes)))]
+
+
+def _lower_median(values: ArrayLike) -> float:
+    """The median, of an even number of values the lower of the two in the middle."""
+    return float(np.quantile(np.asarray(values, float), 0.5, method="lower"))
+
+
+def _upper_median(values: ArrayLike) -> float:
+    """The median, of an even number of values the higher of the two in the middle."""
+    return float(np.quantile(np.asarray(values, float), 0.5, method="higher"))
+
+
 def transition_points(
     table: pd.DataFrame, observable: str, parameter: str, least: float = LEAST, by: Sequence[str] = ()
 ) -> pd.DataFrame:
@@ -214,8 +231,8 @@ def transition_points(
     points = (
         largest.groupby(keys, sort=True, observed=True)
         .agg(
-            low=("low", lambda low: low.quantile(0.5, interpolation="lower")),
-            high=("high", lambda high: high.quantile(0.5, interpolation="higher")),
+            low=("low", _lower_median),
+            high=("high", _upper_median),
             lowest=("low", "min"),
             highest=("high", "max"),
             size=("size", "median"),
@@ -255,24 +272,28 @@ def transition_points_by_gait(
     require(table, "status", parameter, start, gait, *by)
     columns = [*by, "gait", "direction", "kept", "lost", "low", "high", "rows"]
     records = []
-    for place, rows in panels_of(table, by):
+    for panel, rows in panels_of(table, by):
         part = table.iloc[rows]
         labels = part[gait].astype(object)
         names = list(part[gait].cat.categories) if isinstance(part[gait].dtype, pd.CategoricalDtype) else []
-        names = names or sorted(str(name) for name in labels.dropna().unique())
+        if not names:
+            names = sorted(str(name) for name in labels.dropna().unique())
         for name in names:
-            if str(name) != "none":
+            if str(name) != Outcome.NO_GAIT:
                 edges = _edges_of(part, parameter, start, (labels == name).to_numpy())
-                records += [{**place, "gait": name, **edge} for edge in edges]
+                records += [{**panel, "gait": name, **edge} for edge in edges]
     return pd.DataFrame(records, columns=columns)
 
 
 def loop_area(table: pd.DataFrame, observable: str, parameter: str) -> pd.DataFrame:
-    """The area of each hysteresis loop: between a rising pass and the next falling one.
+    """The area of each hysteresis loop, between a rising pass and the next falling one.
 
     A branch is the observable over the parameter (the circular mean of several records at one value), linear
     between its values; angles differ by the shorter way. The area has the unit parameter x observable. The
     lag of a ramp adds to it.
+
+    Args:
+        table, observable, parameter: as for `jumps`.
 
     Returns:
         One record a row and pair of passes: row, swept axes, loop (0, 1, ...), area (of the absolute
@@ -288,7 +309,7 @@ def loop_area(table: pd.DataFrame, observable: str, parameter: str) -> pd.DataFr
     for course in courses(table, observable, parameter):
         for loop in range(int(course.passes.max()) // 2 + 1):
             records.append(
-                {**_place(course, axes), "loop": loop, **_area(course, 2 * loop, circular=circular)}
+                {**_row_and_axes(course, axes), "loop": loop, **_area(course, 2 * loop, circular=circular)}
             )
     return pd.DataFrame(records, columns=["row", *axes, "loop", "area", "signed", "low", "high"])
 
@@ -320,10 +341,10 @@ def _without_jumps(course: Course, least: float) -> Float[np.ndarray, " records"
     """The values of a course less those before them that its jumps, with their slow ends, have added."""
     change = np.diff(course.value)
     for start, stop in stretches(course, least):
-        way = course.value[stop] - course.value[start]
-        while start > 0 and change[start - 1] * way > 0.0:
+        size = course.value[stop] - course.value[start]
+        while start > 0 and change[start - 1] * size > 0.0:
             start -= 1
-        while stop < len(change) and change[stop] * way > 0.0:
+        while stop < len(change) and change[stop] * size > 0.0:
             stop += 1
         change[start:stop] = 0.0
     return np.concatenate([[0.0], np.cumsum(change)])
@@ -331,18 +352,23 @@ def _without_jumps(course: Course, least: float) -> Float[np.ndarray, " records"
 
 def _reversals(value: Float[np.ndarray, " records"], least: float) -> int:
     """The number of times that a course turns back, having moved by `least` or more since the last turn."""
-    turns, way = 0, 0
-    low = high = value[0]
+    turns = 0
+    direction = 0  # of the last move: 1 or -1, 0 before the first
+    low = high = value[0]  # the extremes since the last turn
     for x in value:
         low, high = min(low, x), max(high, x)
-        if way <= 0 and x - low >= least:
-            turns, way, high = turns + (way < 0), 1, x
-        elif way >= 0 and high - x >= least:
-            turns, way, low = turns + (way > 0), -1, x
+        if direction <= 0 and x - low >= least:
+            turns += direction < 0
+            direction = 1
+            high = x
+        elif direction >= 0 and high - x >= least:
+            turns += direction > 0
+            direction = -1
+            low = x
     return turns
 
 
-def _place(course: Course, axes: Sequence[str]) -> dict[str, object]:
+def _row_and_axes(course: Course, axes: Sequence[str]) -> dict[str, object]:
     """The row of a course, and its values of the swept axes."""
     return {name: course.first[name] for name in ("row", *axes)}
 
@@ -353,11 +379,11 @@ def _edges_of(
     """The transition points of one gait, given the rows that ended in it."""
     undecided = Status.UNDECIDED.among(part["status"])
     settled = reached & ~undecided
-    own = part[start].isin(part.loc[settled, start].unique()).to_numpy()
+    from_own_starts = part[start].isin(part.loc[settled, start].unique()).to_numpy()
     value = part[parameter].to_numpy(float)
     counts = []
-    for at in np.unique(value[own & np.isfinite(value)]):
-        at_value = own & (value == at)
+    for at in np.unique(value[from_own_starts & np.isfinite(value)]):
+        at_value = from_own_starts & (value == at)
         rows = int(settled[at_value].sum())
         if rows or not undecided[at_value].any():
             counts.append((float(at), rows))
@@ -365,9 +391,11 @@ def _edges_of(
     for (low, below), (high, above) in itertools.pairwise(counts):
         if bool(below) == bool(above):
             continue
-        side_kept, lost, direction = (low, high, "rising") if below else (high, low, "falling")
-        edge = {"direction": direction, "kept": side_kept, "lost": lost, "low": low, "high": high}
-        edges.append({**edge, "rows": max(below, above)})
+        if below:
+            edge: dict[str, object] = {"direction": "rising", "kept": low, "lost": high}
+        else:
+            edge = {"direction": "falling", "kept": high, "lost": low}
+        edges.append({**edge, "low": low, "high": high, "rows": max(below, above)})
     return edges
 
 

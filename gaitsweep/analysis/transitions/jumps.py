@@ -61,11 +61,13 @@ def courses(table: pd.DataFrame, observable: str, parameter: str) -> Iterator[Co
             continue
         value = part[name].to_numpy(float)[begin:]
         value = np.unwrap(value) if circular else value
-        settled = part["settled"].to_numpy(bool)[begin:] if stairs and "settled" in part.columns else None
-        if stairs:
-            settled = np.ones(len(value), bool) if settled is None else settled
-        else:
+        settled = None
+        if not stairs:
             value = scipy.ndimage.uniform_filter1d(value, SMOOTH, mode="nearest")
+        elif "settled" in part.columns:
+            settled = part["settled"].to_numpy(bool)[begin:]
+        else:
+            settled = np.ones(len(value), bool)
         parameters, passes = part[parameter].to_numpy(float)[begin:], part["pass"].to_numpy(int)[begin:]
         gait = part["gait"].astype(str).to_numpy()[begin:] if "gait" in part.columns else passes * 0
         yield Course(part.iloc[0], parameters, passes, value, settled, gait)
@@ -84,13 +86,14 @@ def stretches(course: Course, least: float | None) -> list[tuple[int, int]]:
         return _along_crossings(course.value, LEAST if least is None else least)
     if least is not None:
         return _between_holds(course.value, course.settled, least)
-    change, floor = np.abs(np.diff(course.value)), LEAST_SHARE * float(np.ptp(course.value))
+    change = np.abs(np.diff(course.value))
+    floor = LEAST_SHARE * float(np.ptp(course.value))
     jumps = []
     for start, stop in _between_holds(course.value, course.settled, 0.0):
         size = abs(course.value[stop] - course.value[start])
         beside = np.concatenate([change[max(start - BESIDE, 0) : start], change[stop : stop + BESIDE]])
         other_gait = course.gait[start] != course.gait[stop]
-        steep = size > STEEPER * float(np.median(beside)) if beside.size else True
+        steep = not beside.size or size > STEEPER * float(np.median(beside))
         if steep and size > 0.0 and (size >= floor or other_gait):
             jumps.append((start, stop))
     return jumps
@@ -137,7 +140,8 @@ def _without_feet(
     value: Float[np.ndarray, " records"], start: int, stop: int, foot: float
 ) -> tuple[int, int]:
     """A stretch without its slow ends, each of which holds less than the share `foot` of the change."""
-    share = (value[start : stop + 1] - value[start]) / ((value[stop] - value[start]) or 1.0)
+    change = value[stop] - value[start]
+    share = (value[start : stop + 1] - value[start]) / (change if change != 0.0 else 1.0)
     after = int(np.argmax(share >= 1.0 - foot))
     before = int(np.flatnonzero(share[: after + 1] <= foot)[-1])
     return start + before, start + after

@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Int
 
-from gaitsweep.analysis.records import axes_of, panels_of, require, section_column, sound
+from gaitsweep.analysis.records import AnalysisError, axes_of, panels_of, require, section_column, sound
 from gaitsweep.analysis.transitions.drift import Drift, drifts_of
 from gaitsweep.analysis.transitions.drift_zeros import NEAR, ghosts_of, zeros_of
 from gaitsweep.angles import TURN, branch_cut, is_circular, unwrap_from, wrapped_difference
@@ -30,7 +30,7 @@ By = str | Sequence[str] | None
 
 
 def pairs(table: pd.DataFrame, observable: str, by: By = None) -> pd.DataFrame:
-    """Pairs of successive section values in a table with one record a crossing.
+    """Pair the successive section values of each row of a table with one record a crossing.
 
     Failed rows lose their last ten crossings; there is no pair across a missing crossing.
 
@@ -76,19 +76,20 @@ def drift(
         One record for each of five points in a bandwidth: by, value (angles on one turn, cut where no data
         are), drift, slope (of the drift), drift_error and slope_error (standard errors from the scatter),
         count, piece (the number of the piece of the data, between gaps and jumps).
+
+    Raises:
+        AnalysisError: the table does not have a column, or `bandwidth` is not above 0.
     """
     names = ("value", "drift", "slope", "drift_error", "slope_error", "count")  # of the fields of Smooth
     parts = []
-    for place, piece, curve in _drifts(table, observable, by, bandwidth):
+    for panel, piece, curve in _drifts(table, observable, by, bandwidth):
         part = pd.DataFrame(dict(zip(names, curve.smooth, strict=True))).assign(piece=piece)
-        for number, (name, value) in enumerate(place.items()):
+        for number, (name, value) in enumerate(panel.items()):
             part.insert(number, name, [value] * len(part))
         parts.append(part[np.isfinite(curve.smooth.value)])
-    return (
-        pd.concat(parts, ignore_index=True)
-        if parts
-        else pd.DataFrame(columns=[*_listed(by), *names, "piece"])
-    )
+    if not parts:
+        return pd.DataFrame(columns=[*_listed(by), *names, "piece"])
+    return pd.concat(parts, ignore_index=True)
 
 
 def fixed_points(
@@ -111,13 +112,20 @@ def fixed_points(
     """
     columns = [*_listed(by), "value", "value_error", "slope", "slope_error", "stable", "count"]
     records = []
-    for place, _, curve in _drifts(table, observable, by, bandwidth):
+    for panel, _, curve in _drifts(table, observable, by, bandwidth):
         for value, smooth, falls, within in zeros_of(curve):
             slope, error = float(smooth.slope[0]), float(smooth.value_error[0])
-            record = place | {"value": np.mod(value, TURN) if curve.circular else value}
-            record |= {"value_error": min(error / max(abs(slope), 1e-12), within), "slope": 1.0 + slope}
-            record |= {"slope_error": float(smooth.slope_error[0]), "stable": falls and slope > -2.0}
-            records.append(record | {"count": int(smooth.points[0])})
+            records.append(
+                {
+                    **panel,
+                    "value": np.mod(value, TURN) if curve.circular else value,
+                    "value_error": min(error / max(abs(slope), 1e-12), within),
+                    "slope": 1.0 + slope,
+                    "slope_error": float(smooth.slope_error[0]),
+                    "stable": falls and slope > -2.0,
+                    "count": int(smooth.points[0]),
+                }
+            )
     return pd.DataFrame(records, columns=columns)
 
 
@@ -134,10 +142,10 @@ def ghosts(
         One record a ghost: by, value, drift (signed), drift_error (standard error).
     """
     records = []
-    for place, _, curve in _drifts(table, observable, by, bandwidth):
+    for panel, _, curve in _drifts(table, observable, by, bandwidth):
         for value, least, error in ghosts_of(curve, near):
-            where = np.mod(value, TURN) if curve.circular else value
-            records.append({**place, "value": where, "drift": least, "drift_error": error})
+            on_turn = np.mod(value, TURN) if curve.circular else value
+            records.append({**panel, "value": on_turn, "drift": least, "drift_error": error})
     return pd.DataFrame(records, columns=[*_listed(by), "value", "drift", "drift_error"])
 
 
@@ -164,7 +172,9 @@ def branches(
 
 def _listed(by: By) -> list[str]:
     """The names in `by` as a list."""
-    return [] if by is None else [by] if isinstance(by, str) else list(by)
+    if by is None:
+        return []
+    return [by] if isinstance(by, str) else list(by)
 
 
 def _drifts(
@@ -176,14 +186,18 @@ def _drifts(
     all_pairs = pairs(table, observable, by)
     if not len(all_pairs):
         return
-    width = bandwidth or (BANDWIDTH if circular else _SHARE * float(np.ptp(all_pairs["value"])) or BANDWIDTH)
-    for place, rows in panels_of(all_pairs, names):
+    extent = float(np.ptp(all_pairs["value"]))
+    if bandwidth is None:
+        bandwidth = BANDWIDTH if circular or extent == 0.0 else _SHARE * extent
+    if not bandwidth > 0.0:
+        raise AnalysisError(f"bandwidth is {bandwidth:g}, but must be above 0.")
+    for panel, rows in panels_of(all_pairs, names):
         part = all_pairs.iloc[rows]
         value = part["value"].to_numpy()
         value = unwrap_from(value, branch_cut(value) if circular else None)
         change, row = part["change"].to_numpy(), part["row"].to_numpy()
-        for piece, curve in enumerate(drifts_of(value, change, row, width, circular)):
-            yield place, piece, curve
+        for piece, curve in enumerate(drifts_of(value, change, row, bandwidth, circular)):
+            yield panel, piece, curve
 
 
 def _joined(
@@ -194,18 +208,19 @@ def _joined(
     if not len(points):
         return branch
     value, stable = points["value"].to_numpy(float), points["stable"].to_numpy(bool)
-    at = [np.flatnonzero(points[parameter] == value_of_parameter) for value_of_parameter in tried]
     count = 0
     before = np.zeros(0, int)
-    for now in at:
-        distance = value[now][:, None] - value[before][None, :]
+    for value_of_parameter in tried:
+        at_value = np.flatnonzero(points[parameter] == value_of_parameter)
+        distance = value[at_value][:, None] - value[before][None, :]
         distance = np.abs(wrapped_difference(distance) if circular else distance)
-        distance = np.where(stable[now][:, None] == stable[before][None, :], distance, np.inf)
-        for i, point in enumerate(now):
+        distance = np.where(stable[at_value][:, None] == stable[before][None, :], distance, np.inf)
+        for i, point in enumerate(at_value):
             j = int(np.argmin(distance[i])) if len(before) else -1
             if j >= 0 and distance[i, j] <= reach and np.argmin(distance[:, j]) == i:
                 branch[point] = branch[before[j]]
             else:
-                branch[point], count = count, count + 1
-        before = now
+                branch[point] = count
+                count += 1
+        before = at_value
     return branch

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import gaitsweep as gs
-from gaitsweep.analysis.atlas.event_orders import change_of_order
+from gaitsweep.analysis.atlas.order_changes import change_of_order
 
 # The height is p + cos(theta - pi/4) / sqrt(2), so that it rises through zero with the bell at this p.
 BELL = 0.5
