@@ -16,7 +16,6 @@ from jaxtyping import Array, Bool, Float
 from gaitsweep.contract import FixedStepDynamics
 from gaitsweep.dynamics import worked_in
 from gaitsweep.papers.aoi2011.waist_quadruped.bodies import WaistBody
-from gaitsweep.papers.aoi2011.waist_quadruped.fastest_motion import fastest_motion
 from gaitsweep.papers.aoi2011.waist_quadruped.foot_path import LATE
 from gaitsweep.papers.aoi2011.waist_quadruped.mechanics import RELEASE_HEIGHT, WaistMechanics
 from gaitsweep.papers.aoi2011.waist_quadruped.rhythm import (
@@ -77,7 +76,7 @@ class SemiImplicit(FixedStepDynamics):
 
     def longest_step(self, params: Params) -> Float[Array, ""]:
         """The longest step (s), below the stability limit at which dt times the fastest rate is 2."""
-        rate, _ = fastest_motion(params)
+        rate, _ = params.mechanics.fastest_motion(params.farthest_foot)
         return MAX_STEP_RATE / rate
 
     def events(self, params: Params, before: State, after: State) -> Bool[Array, " events"]:
