@@ -93,12 +93,12 @@ def existence(N: int, chains: Chain, L: Float[np.ndarray, " sets"]) -> dict[str,
     Returns:
         For each of WAVES whether each set has it; for the source wave, of any boundary leg.
     """
-    return {gait: np.asarray(exists) for gait, exists in zip(WAVES, _hold(N, chains, L), strict=True)}
+    return {gait: np.asarray(exists) for gait, exists in zip(WAVES, _existence(N, chains, L), strict=True)}
 
 
 @partial(jax.jit, static_argnums=0)
-def _hold(N: int, chains: Chain, L: Float[np.ndarray, " sets"]) -> tuple[jax.Array, ...]:
-    """Whether each of WAVES holds for each of n chains, (n,)."""
+def _existence(N: int, chains: Chain, L: Float[np.ndarray, " sets"]) -> tuple[jax.Array, ...]:
+    """Whether each of WAVES is a motion of each of n chains, (n,)."""
 
     def of_chain(chain: Chain, longest: jax.Array) -> tuple[jax.Array, ...]:
         direct, retrograde = wave_conditions(N, chain, longest)

@@ -18,8 +18,8 @@ from gaitsweep.papers.ambe2021.analysis.gait_shares import existence
 from gaitsweep.papers.ambe2021.analysis.gait_shares import gait_shares as shares_of
 from gaitsweep.papers.ambe2021.multilegged.chain_of_table import (
     chains_of,
-    has_profile,
     parameters_of,
+    profile_parameters_of,
     springs_of,
 )
 from gaitsweep.papers.ambe2021.theory.gaits import WAVES
@@ -174,7 +174,7 @@ def _edges(axes: Axes, table: pd.DataFrame, x: str, y: str | None) -> None:
 
     A profile has none, since its inner legs do not share one m, kappa and a.
     """
-    if has_profile(table):
+    if profile_parameters_of(table):
         return
     low, high = axes.get_xlim(), axes.get_ylim()
     along = _along(low, 401, axes.get_xscale())
