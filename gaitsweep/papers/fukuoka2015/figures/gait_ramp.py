@@ -16,7 +16,9 @@ from matplotlib.patches import Patch
 from matplotlib.patheffects import withStroke
 
 from gaitsweep.papers.fukuoka2015.analysis.gait_bouts import gaits_along
+from gaitsweep.papers.fukuoka2015.analysis.gait_tables import REPEATS
 from gaitsweep.papers.fukuoka2015.figures.gait_looks import ORDER, areas_of, check_gaits, label_of
+from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import family
 from gaitsweep.plot import (
     Count,
     Panels,
@@ -108,8 +110,7 @@ def gait_ramp(
 
 def _names(part: pd.DataFrame, panels: str | None) -> dict[Any, str]:
     """The name of each row of a panel; rows that differ by their perturbed start alone are numbered."""
-    left_out = ["seed", "pair"] if panels is None else [panels, "seed", "pair"]
-    names = row_names(part, left_out)
+    names = row_names(part, [*REPEATS, *([] if panels is None else [panels])])
     rows_by_name: dict[str, list[Any]] = {}
     for row, name in names.items():
         # a name without a value is the row's number, which says nothing of its parameters
@@ -127,9 +128,9 @@ def _kind(gait: str) -> str:
     label = label_of(gait)
     if label != gait:
         return label
-    sides = {"uR": "unusual canter", "uL": "unusual canter", "R-": "canter", "L-": "canter"}
-    kind = sides.get(gait[:2]) if gait.endswith("canter") else None
-    return kind or ("gallop" if gait.endswith("gallop") else gait)
+    if gait in ("uR-canter", "uL-canter"):
+        return "unusual canter"
+    return family(gait) if family(gait) in ("canter", "gallop") else gait
 
 
 def _panel(
