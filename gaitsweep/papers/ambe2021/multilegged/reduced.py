@@ -114,15 +114,15 @@ class NextEventSteps(FixedStepDynamics):
         p, s = params, state
         landing = s.segment == LANDING
         length, rate = leg_lengths(p, s.phi, s.segment)
-        balance, rise = balance_and_rate(length, p.masses, p.kappa, p.g, rate)
-        lifts = s.held & (balance < -CONTACT_TOLERANCE)
+        load, rise = balance_and_rate(length, p.masses, p.kappa, p.g, rate)
+        lifts = s.held & (load < -CONTACT_TOLERANCE)
         armed = landing & ~(s.held & ~lifts)
-        due = armed & (balance >= -CONTACT_TOLERANCE)
+        due = armed & (load >= -CONTACT_TOLERANCE)
 
         corner_at = corner_of(p, s.segment)
         to_corner = corner_at - s.phi
         approaching = armed & (rise > 0.0)
-        to_touch = jnp.where(approaching, -balance / jnp.where(approaching, rise, 1.0), jnp.inf)
+        to_touch = jnp.where(approaching, -load / jnp.where(approaching, rise, 1.0), jnp.inf)
         room = (s.late + dt) * p.omega
         ahead = jnp.minimum(room, jnp.min(jnp.minimum(to_corner, to_touch)))
         ahead = jnp.where(jnp.any(due), 0.0, ahead)

@@ -107,16 +107,26 @@ class Params:
 class State:
     """The state along a trajectory; arrays (4,) are in the order of the limbs.
 
-    `q` (16,) and `v` (15,) are MuJoCo's qpos and qvel; `phi` (4,) rad; `clock` s. Modes: `growing`, whether
-    the stride is still growing; `held`, whether delta_13 is held, as at the start; `contact` (4,) bool;
-    `anchor` (4, 2) m, the touchdown points; `segment` (4,) of the foot path;
-    `lifted` (4,): the foot has been off the ground since the beginning of its swing; `landing_x`, `landing_z`
-    (4,) m, the point at which the stance line begins (LP); `held_lead` rad, the delta_13 that is held;
-    `stride_x` (m) and `stride_t` (s), position and time at limb 3's last landing; of the cycle before it
-    `speed` (m/s), `period` (s) and of each foot the `duty` factor and the number of `touchdowns`, (4,). Since
-    that landing, (4,): `stood` (s), the times of lift-off less those of touchdown, and `landed`, the number
-    of touchdowns. For the last fixed step: `height` (4,) m of the feet at its beginning, `gain` (4,) rad of
-    the phases during it, `closed`: limb 3 landed in it.
+    Attributes:
+        q, v: MuJoCo's qpos (16,) and qvel (15,).
+        phi: phases of the limbs, (4,) rad.
+        clock: time, s.
+        growing: whether the stride is still growing, as at the start.
+        held: whether delta_13 is held, as at the start.
+        contact: whether each foot is on the ground, (4,).
+        anchor: touchdown points, (4, 2) m.
+        segment: segments of the foot paths, (4,).
+        lifted: whether each foot has been off the ground since the beginning of its swing, (4,).
+        landing_x, landing_z: the points at which the stance lines begin (LP), (4,) m.
+        height: heights of the feet at the beginning of the last fixed step, (4,) m.
+        gain: gain of the phases in the last fixed step, (4,) rad.
+        closed: whether limb 3 landed in the last fixed step.
+        held_lead: the delta_13 that is held, rad.
+        stride_x, stride_t: position (m) and time (s) at limb 3's last landing.
+        speed, period: of the cycle before that landing, m/s and s.
+        stood: times of lift-off less those of touchdown since that landing, (4,) s.
+        landed: number of touchdowns since that landing, (4,).
+        duty, touchdowns: duty factors and numbers of touchdowns in the cycle before that landing, (4,).
     """
 
     q: jax.Array
@@ -206,6 +216,7 @@ def _standing(p: Params, x: jax.Array, z: jax.Array) -> jax.Array:
 
 
 def _difference(i: int, j: int) -> Quantity:
+    """The lead of limb i over limb j."""
     return Quantity(
         f"delta_{i}{j}", "rad", f"lead of limb {i} over limb {j} at limb 3's landing",
         circular=True, symbol=rf"\Delta_{{{i}{j}}}", source="eq. (5)",
