@@ -133,17 +133,20 @@ def set_columns(table: pd.DataFrame) -> list[str]:
     return [name for name in axes_of(table) if not name.startswith(("psi_", "phi_"))]
 
 
-def relative_phases(part: pd.DataFrame, N: int) -> Float[np.ndarray, " springs"]:
+def of_legs(trace: pd.DataFrame, signal: str) -> Float[np.ndarray, "samples legs"]:
+    """A signal of all legs of a trace, such as phase or contact."""
+    return trace[[f"{signal}_{leg}" for leg in range(1, springs_of(trace) + 2)]].to_numpy(float)
+
+
+def relative_phases(part: pd.DataFrame) -> Float[np.ndarray, " springs"]:
     """Psi, rad, at the last sample before leg 1 touches down: on section 1.
 
     Args:
         part: the records of one row of a trace, in order of time.
-        N: springs; there are N + 1 legs.
 
     Raises:
         AnalysisError: leg 1 does not touch down in the recorded time.
     """
-    phase = part[[f"phase_{leg}" for leg in range(1, N + 2)]].to_numpy(float)
     contact = part["contact_1"].to_numpy(float) > 0.5
     down = np.flatnonzero(~contact[:-1] & contact[1:])
     lifted = np.flatnonzero(contact[:-1] & ~contact[1:])
@@ -152,8 +155,8 @@ def relative_phases(part: pd.DataFrame, N: int) -> Float[np.ndarray, " springs"]
         raise AnalysisError("Leg 1 does not touch down in the recorded time.")
     # a foot bounces after its touchdown and before it takes off: touchdowns end the long times in the air
     aloft = down - lifted[np.searchsorted(lifted, down) - 1]
-    down = down[aloft > 0.5 * aloft.max()]
-    return np.mod(np.diff(phase[down[-1]]), 2.0 * np.pi)
+    last = down[aloft > 0.5 * aloft.max()][-1]
+    return np.mod(np.diff(of_legs(part, "phase")[last]), 2.0 * np.pi)
 
 
 def largest_distance(table: pd.DataFrame) -> tuple[float, int] | None:

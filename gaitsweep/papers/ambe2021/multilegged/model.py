@@ -226,7 +226,7 @@ class ChainModel(HybridModel):
         if not {"phase_1", "x_1", "l_1", f"phase_{legs}"} <= set(trace.columns) or legs < 3:
             return None
         try:
-            branch, _ = nearest_set(legs - 1, chain_of(trace), relative_phases(trace, legs - 1))
+            branch, _ = nearest_set(legs - 1, chain_of(trace), relative_phases(trace))
         except AnalysisError:
             return None
         return free_link(legs - 1, branch)
