@@ -42,7 +42,7 @@ def equation_of_motion() -> float:
     model = Multilegged(N=N)
     params = model.params(_arrays(values))
     start = _arrays({f"psi_{i}": 1.0 for i in range(1, N + 1)} | {"phi_1": float("nan")})
-    rest = model.init(params, start)
+    initial = model.init(params, start)
 
     @jax.jit
     def acceleration(state: State) -> Float[Array, " legs"]:
@@ -56,7 +56,7 @@ def equation_of_motion() -> float:
         contact = length >= x  # eq. (2)
         segment = np.digitize(phi, [2 * values["beta"] * np.pi, (1 + values["beta"]) * np.pi])
         leaves = {"x": x, "v": v, "phi": phi, "y": y, "contact": contact, "segment": segment}
-        state = dataclasses.replace(rest, **{name: jnp.asarray(leaf) for name, leaf in leaves.items()})
+        state = dataclasses.replace(initial, **{name: jnp.asarray(leaf) for name, leaf in leaves.items()})
         printed = _printed_acceleration(x, v, length, rate * (values["omega"] + y), contact, values)
         largest = max(largest, float(np.abs(np.asarray(acceleration(state)) - printed).max()))
     return largest
