@@ -182,8 +182,8 @@ def touchdown_phases_apart(table: pd.DataFrame) -> float:
         part = part.sort_values(by="t")
         for leg in range(1, springs_of(table) + 2):
             # the period of `passages` is the mean over all legs of a table
-            alone = part[["t", f"phase_{leg}"]].set_axis(["t", "phase_1"], axis=1)
-            periods.append(passages(alone).period)
+            alone = {"t": part["t"], "phase_1": part[f"phase_{leg}"]}
+            periods.append(passages(pd.DataFrame(alone)).period)
     return float(chain_defaults()["omega"] * (max(periods) - min(periods)))
 
 
@@ -233,9 +233,9 @@ def fewest_source_legs(table: pd.DataFrame, *, where: Condition | None = None) -
     """
     starts = records(table, where)
     places = source_place(starts)
-    has_source = places["source"] > 0
-    parameters = [places[name] for name in set_columns(starts)]
-    return float(has_source.groupby(parameters).sum().min() if parameters else has_source.sum())
+    parameters = set_columns(starts)
+    sets = [part for _, part in places.groupby(parameters)] if parameters else [places]
+    return float(min(np.count_nonzero(part["source"] > 0) for part in sets))
 
 
 @measure

@@ -212,7 +212,8 @@ def touchdown_lags(
         AnalysisError: a foot touches down less or more than once a cycle.
     """
     if window is not None:
-        table = masked(table, table["t"].between(*window))
+        begin, end = window
+        table = masked(table, table["t"].between(begin, end))
     lags = []
     for (i, j), middle in zip(pairs, near or [math.pi] * len(pairs), strict=True):
         first, second = _touchdowns(table, row, i), _touchdowns(table, row, j)

@@ -87,7 +87,8 @@ def acceleration(
         between: the least and the largest speed of the cycles that count, m/s.
     """
     passes = _passes(records(table, where))
-    crossings = passes.loc[(passes["pass"] == int(falling)) & passes["speed_n"].between(*between)]
+    low, high = between
+    crossings = masked(passes, (passes["pass"] == int(falling)) & passes["speed_n"].between(low, high))
     slopes = [np.polyfit(of_row["t"], of_row["speed_n"], 1)[0] for _, of_row in crossings.groupby("row")]
     return float(np.mean(slopes))
 
@@ -96,9 +97,12 @@ def acceleration(
 def narrowest_family(table: pd.DataFrame, *, where: Condition | None = None) -> str:
     """The family of gaits with the least median range of speeds in the rising pass of a ramp."""
     bouts = _bouts(records(table, where), "family", falling=False)
-    bouts["width"] = (bouts["speed_end"] - bouts["speed_begin"]).abs()
-    of_rows = bouts.groupby(["family", "row"])["width"].sum()
-    return str(of_rows.groupby("family").median().idxmin())
+    bouts["width"] = np.abs(numbers(bouts, "speed_end") - numbers(bouts, "speed_begin"))
+    widths = {}
+    for name, bouts_of_family in bouts.groupby("family"):
+        of_rows = bouts_of_family.groupby("row").agg(width=("width", "sum"))
+        widths[str(name)] = float(np.median(numbers(of_rows, "width")))
+    return min(widths, key=widths.__getitem__)
 
 
 @measure
@@ -119,8 +123,8 @@ def bout_time_ratio(
 def _median_time(ramp: pd.DataFrame, family: str) -> float:
     """The median over the rows of the time (s) in a family of gaits in the rising pass, 0 without any."""
     bouts = _bouts(ramp, "family", falling=False)
-    lasted = (bouts["end"] - bouts["begin"]).where(bouts["family"] == family, 0.0)
-    return float(lasted.groupby(bouts["row"]).sum().median())
+    bouts["lasted"] = (bouts["end"] - bouts["begin"]) * (bouts["family"] == family)
+    return float(np.median(numbers(bouts.groupby("row").agg(lasted=("lasted", "sum")), "lasted")))
 
 
 @measure
@@ -166,8 +170,9 @@ def rise_with(table: pd.DataFrame, *, parameter: str, columns: Sequence[str]) ->
         columns: the columns whose absolute values are averaged.
     """
     rising = masked(table, table["pass"] == 0)
-    sizes = rising[list(columns)].abs().mean(axis=1).groupby(rising[parameter]).mean()
-    return float(pd.Series(sizes.index, dtype=float).corr(sizes.reset_index(drop=True), method="spearman"))
+    sizes = pd.DataFrame(rising[list(columns)]).abs().mean(axis=1)
+    means = rising.assign(size=sizes).groupby(parameter, as_index=False).agg(size=("size", "mean"))
+    return float(means[parameter].astype(float).corr(means["size"], method="spearman"))
 
 
 def _passes(table: pd.DataFrame) -> pd.DataFrame:

@@ -48,10 +48,11 @@ def source_place(table: pd.DataFrame) -> pd.DataFrame:
     rows = []
     for _, starts in ends.groupby(names, sort=True) if names else [((), ends)]:
         parameters = {name: starts[name].iloc[0] for name in names}
-        legs_of = starts[["source", "meeting"]]
-        of_set = {"neither": float((legs_of == 0).all(axis=1).mean()), "starts": len(starts)}
+        source, meeting = starts["source"].to_numpy(), starts["meeting"].to_numpy()
+        of_set = {"neither": np.mean((source == 0) & (meeting == 0)), "starts": len(starts)}
         for leg in range(1, phases.shape[1] + 2):
-            rows.append({**parameters, "leg": leg, **(legs_of == leg).mean().to_dict(), **of_set})
+            shares = {"source": np.mean(source == leg), "meeting": np.mean(meeting == leg)}
+            rows.append({**parameters, "leg": leg, **shares, **of_set})
     return pd.DataFrame(rows)
 
 

@@ -62,7 +62,8 @@ def family_oscillation(trace: pd.DataFrame) -> pd.DataFrame:
     """
     oscillation = body_oscillation(trace)
     oscillation["family"] = [family(str(gait)) for gait in oscillation["gait"]]
-    return oscillation.groupby([*cases_of(oscillation, "gait"), "family"])[["once", "twice"]].mean()
+    groups = oscillation.groupby([*cases_of(oscillation, "gait"), "family"])
+    return groups.agg(once=("once", "mean"), twice=("twice", "mean"))
 
 
 def oscillation_along(trace: pd.DataFrame, cycles: int = 4) -> pd.DataFrame:

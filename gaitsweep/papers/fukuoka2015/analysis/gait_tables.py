@@ -89,7 +89,8 @@ def gaits_counted(table: pd.DataFrame) -> pd.DataFrame:
     require(table, "row", "gait", "cycles")
     cases = cases_of(table, "cycles")
     gaits = table["gait"].astype(str)
-    counts = {name: (gaits == name).astype(int) for name in GAITS if (gaits == name).any()}
+    shown = set(gaits)
+    counts = {name: (gaits == name).astype(int) for name in GAITS if name in shown}
     if not cases:
         return pd.DataFrame({name: [count.sum()] for name, count in counts.items()})
     return pd.DataFrame(table[cases].assign(**counts).groupby(cases, as_index=False, dropna=False).sum())
