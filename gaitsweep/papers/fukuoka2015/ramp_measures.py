@@ -172,7 +172,8 @@ def rise_with(table: pd.DataFrame, *, parameter: str, columns: Sequence[str]) ->
     rising = masked(table, table["pass"] == 0)
     sizes = pd.DataFrame(rising[list(columns)]).abs().mean(axis=1)
     means = rising.assign(size=sizes).groupby(parameter, as_index=False).agg(size=("size", "mean"))
-    return float(means[parameter].astype(float).corr(means["size"], method="spearman"))
+    along, size = (pd.Series(numbers(means, name)) for name in (parameter, "size"))
+    return float(along.corr(size, method="spearman"))
 
 
 def _passes(table: pd.DataFrame) -> pd.DataFrame:
