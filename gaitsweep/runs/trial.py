@@ -16,7 +16,7 @@ import pandas as pd
 from jaxtyping import Float
 
 from gaitsweep import models
-from gaitsweep.angle_difference import wrapped_difference
+from gaitsweep.angles import wrapped_difference
 from gaitsweep.contract import HybridModel, Model, Params, Quantity, State
 from gaitsweep.dynamics.declarations import mode, observable
 from gaitsweep.dynamics.declared_model import DeclaredModel

@@ -114,10 +114,10 @@ def test_parts_of_a_basin_are_connected_on_the_torus() -> None:
     table = pd.DataFrame(
         [{"psi_3": 1.0, "psi_2": i, "psi_1": j, "gait": gait} for (i, j), gait in grid.items()]
     )
-    assert settled_measures.largest_part(table, slice=0) == [1.0, 1.0, 1.0]
+    assert settled_measures.largest_part(table, number=0) == [1.0, 1.0, 1.0]
     table.loc[(table["psi_2"] == 5) & (table["psi_1"] == 1), "gait"] = "direct"  # two cells off
-    assert settled_measures.largest_part(table, slice=0) == [0.75, 1.0, 1.0]
-    assert settled_measures.slice_shares(table, slice=0) == pytest.approx([4 / 81, 75 / 81, 2 / 81])
+    assert settled_measures.largest_part(table, number=0) == [0.75, 1.0, 1.0]
+    assert settled_measures.slice_shares(table, number=0) == pytest.approx([4 / 81, 75 / 81, 2 / 81])
 
 
 def test_places_of_sources_and_of_meeting_waves() -> None:

@@ -65,11 +65,11 @@ def test_widths_by_group_and_change_of_transitions(stairs: pd.DataFrame) -> None
 
 def test_the_range_in_which_both_branches_exist(stairs: pd.DataFrame) -> None:
     both = stairs.assign(mass=1.0)
-    (width,) = transition_measures.ranges_of_both(
+    (width,) = transition_measures.bistable_ranges(
         both, observable="delta_13", parameter="f", apart=0.5, by="mass"
     )
     assert width == pytest.approx(2.0 * FOLD, abs=2.0 * STAIR)
-    (none,) = transition_measures.ranges_of_both(
+    (none,) = transition_measures.bistable_ranges(
         both, observable="delta_13", parameter="f", apart=3.0, by="mass"
     )
     assert none == 0.0

@@ -128,8 +128,12 @@ def test_loads_of_pairs() -> None:
     assert leg_measures.loaded_longer(table, gait="L-walk") == pytest.approx([0.0, 0.0], abs=0.02)
     tilt = leg_measures.pairs_measure(table, gait="L-walk", measure="tilt_late")
     assert leg_measures.late_tilt(table, gait="L-walk") == pytest.approx(
-        [each / 0.02 for each in tilt], rel=0.01
+        [tilt_of_pair / 0.02 for tilt_of_pair in tilt], rel=0.01
     )
+    with pytest.raises(MeasureError, match="no column weight"):
+        leg_measures.pair_measure(table, gait="L-walk", pair=1, measure="weight")
+    with pytest.raises(MeasureError, match="measure == 'weight'"):
+        leg_measures.rule_agreement(table, measure="weight")
 
 
 def test_values_of_the_model() -> None:

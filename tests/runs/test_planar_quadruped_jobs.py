@@ -106,7 +106,7 @@ def test_the_heavy_end_decides_between_walks_as_predicted_by_the_trots_loads(tmp
     wanted = np.where(steady["com_x"] > 0.0, "D-walk", "L-walk")
     assert len(steady) > 0.8 * len(fed_back)
     assert (steady["gait"].astype(str) == wanted).all()
-    message = loading_rule(load_prediction(table), repeats=()).set_index("measure")
+    message = loading_rule(load_prediction(table)).set_index("measure")
     assert message.loc["load_stance", "right"] == 1.0
     assert message.loc["load_stance", "r"] < -0.8
 

@@ -14,7 +14,7 @@ from jaxtyping import Array, Bool, Float
 
 from gaitsweep.claims import MeasureError, defaults, measure, numbers, one_row
 from gaitsweep.expression import evaluate
-from gaitsweep.papers.ambe2021.multilegged.chain_of_table import springs_of
+from gaitsweep.papers.ambe2021.multilegged.chain_of_table import of_legs
 from gaitsweep.papers.ambe2021.multilegged.mechanics import obstacle_problem
 from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
 from gaitsweep.papers.ambe2021.multilegged.parameters import PARAMETERS
@@ -42,7 +42,7 @@ def equation_of_motion() -> float:
     model = Multilegged(N=N)
     params = model.params(_arrays(values))
     start = _arrays({f"psi_{i}": 1.0 for i in range(1, N + 1)} | {"phi_1": float("nan")})
-    rest = model.init(params, start)
+    initial = model.init(params, start)
 
     @jax.jit
     def acceleration(state: State) -> Float[Array, " legs"]:
@@ -56,7 +56,7 @@ def equation_of_motion() -> float:
         contact = length >= x  # eq. (2)
         segment = np.digitize(phi, [2 * values["beta"] * np.pi, (1 + values["beta"]) * np.pi])
         leaves = {"x": x, "v": v, "phi": phi, "y": y, "contact": contact, "segment": segment}
-        state = dataclasses.replace(rest, **{name: jnp.asarray(leaf) for name, leaf in leaves.items()})
+        state = dataclasses.replace(initial, **{name: jnp.asarray(leaf) for name, leaf in leaves.items()})
         printed = _printed_acceleration(x, v, length, rate * (values["omega"] + y), contact, values)
         largest = max(largest, float(np.abs(np.asarray(acceleration(state)) - printed).max()))
     return largest
@@ -68,8 +68,8 @@ def _arrays(values: Mapping[str, float]) -> dict[str, jax.Array]:
 
 
 def _printed_leg(
-    phi: Float[np.ndarray, " phases"], values: dict[str, float]
-) -> tuple[Float[np.ndarray, " phases"], Float[np.ndarray, " phases"]]:
+    phi: Float[np.ndarray, "*phases"], values: dict[str, float]
+) -> tuple[Float[np.ndarray, "*phases"], Float[np.ndarray, "*phases"]]:
     """Leg lengths (m) and their derivative by the phase (m/rad), eq. (3)."""
     beta, slope = values["beta"], values["a"] / ((1 - values["beta"]) * np.pi)
     takeoff, landing = phi - 2 * beta * np.pi, 2 * np.pi - phi
@@ -107,35 +107,25 @@ def _printed_acceleration(
 @measure
 def leg_length_error(table: pd.DataFrame) -> float:
     """Largest difference of the traced leg lengths from eq. (3) of the traced phases (m)."""
-    values = chain_defaults()
-    largest = 0.0
-    for leg in range(1, springs_of(table) + 2):
-        length, _ = _printed_leg(numbers(table, f"phase_{leg}"), values)
-        largest = max(largest, float(np.abs(length - numbers(table, f"l_{leg}")).max()))
-    return largest
+    length, _ = _printed_leg(of_legs(table, "phase"), chain_defaults())
+    return float(np.abs(length - of_legs(table, "l")).max())
 
 
 @measure
 def contact_as_printed(table: pd.DataFrame) -> float:
     """Share of the traced contacts that are those of eq. (2) (1)."""
-    legs = range(1, springs_of(table) + 2)
-    agree = []
-    for i in legs:
-        by_lengths = numbers(table, f"l_{i}") >= numbers(table, f"x_{i}")
-        agree.append((numbers(table, f"contact_{i}") > 0.5) == by_lengths)
-    return float(np.mean(agree))
+    return float(np.mean((of_legs(table, "contact") > 0.5) == (of_legs(table, "l") >= of_legs(table, "x"))))
 
 
 @measure
 def air_in_swing(table: pd.DataFrame) -> float:
     """Share of takeoff and landing in which a leg is in the air, the smallest of all legs and rows (1)."""
-    beta = chain_defaults()["beta"]
     shares = []
     for _, part in table.groupby("row"):
-        for leg in range(1, springs_of(table) + 2):
-            swing = part[part[f"phase_{leg}"] > 2 * beta * np.pi]
-            shares.append(float(np.mean(numbers(pd.DataFrame(swing), f"contact_{leg}") < 0.5)))
-    return min(shares)
+        swings = of_legs(part, "phase") > 2 * chain_defaults()["beta"] * np.pi
+        in_air = swings & (of_legs(part, "contact") < 0.5)
+        shares.append((in_air.sum(axis=0) / swings.sum(axis=0)).min())
+    return float(min(shares))
 
 
 @measure
@@ -149,8 +139,9 @@ def phase_gain(table: pd.DataFrame) -> float:
     down = np.flatnonzero(~contact[:-1] & contact[1:] & (np.mod(phase[:-1], 2 * np.pi) > 1.8 * np.pi))
     if not len(down) or t[down[0]] + 10 * values["tau"] > t[-1]:
         raise MeasureError("Leg 1 does not touch down early enough in the recorded time.")
-    after = int(np.searchsorted(t, t[down[0]] + 10 * values["tau"]))
-    return float(phase[after] - phase[down[0]] - values["omega"] * (t[after] - t[down[0]]))
+    before = down[0]
+    after = int(np.searchsorted(t, t[before] + 10 * values["tau"]))
+    return float(phase[after] - phase[before] - values["omega"] * (t[after] - t[before]))
 
 
 @measure
@@ -194,7 +185,6 @@ def _equilibrium(legs: int) -> Callable[[Float[np.ndarray, "states legs"]], tupl
 @measure
 def height_error(table: pd.DataFrame) -> float:
     """Median distance of traced heights from those of force balance, eq. (8), at the same legs (m)."""
-    legs = range(1, springs_of(table) + 2)
-    lengths = np.asarray(table[[f"l_{i}" for i in legs]], float)
-    solved, _ = _equilibrium(len(legs))(lengths)
-    return float(np.median(np.abs(np.asarray(solved) - np.asarray(table[[f"x_{i}" for i in legs]], float))))
+    lengths = of_legs(table, "l")
+    heights, _ = _equilibrium(lengths.shape[1])(lengths)
+    return float(np.median(np.abs(np.asarray(heights) - of_legs(table, "x"))))

@@ -17,12 +17,16 @@ from gaitsweep.papers.ambe2021.analysis.gait_shares import gait_shares
 from gaitsweep.papers.ambe2021.multilegged.chain_of_table import psi_columns
 from gaitsweep.papers.ambe2021.theory.gaits import GAITS, WAVES
 
+_FAR = 0.5  # rad from the smallest value of a free phase, at least
+_SAME_WITHIN = 0.02  # rad, between values of a relative phase that count as one
+
 
 @measure
 def three_gaits(table: pd.DataFrame, *, where: Condition | None = None) -> float:
     """Share of the sets of parameters at which all three gaits occur, among those of a condition (1).
 
     Args:
+        table: a settle table, several starts for each set of parameters.
         where: a condition over the columns of `gait_shares`, such as `conditions`.
     """
     chosen = records(gait_shares(table), where)
@@ -80,28 +84,28 @@ def distance_over_lag(table: pd.DataFrame, *, low: float, high: float) -> float:
 
 
 @measure
-def slice_shares(table: pd.DataFrame, *, slice: int) -> list[float]:
+def slice_shares(table: pd.DataFrame, *, number: int) -> list[float]:
     """Shares of direct, source and retrograde waves on one slice of psi_3, in their order (1).
 
     Args:
         table: the gaits from a grid of psi_1, psi_2, psi_3.
-        slice: number of the value of psi_3, from 0 in ascending order.
+        number: that of the value of psi_3, from 0 in ascending order.
     """
-    gaits = np.asarray(_slice(table, slice)["gait"], str)
+    gaits = np.asarray(_slice(table, number)["gait"], str)
     return [float(np.mean(gaits == gait)) for gait in WAVES]
 
 
 @measure
-def largest_part(table: pd.DataFrame, *, slice: int) -> list[float]:
+def largest_part(table: pd.DataFrame, *, number: int) -> list[float]:
     """Shares of the starts of direct, source, retrograde in one connected part, on the torus (1).
 
     Parts with at most one cell between them count as one, since the grid does not resolve the gap.
 
     Args:
         table: the gaits from a grid of psi_1, psi_2, psi_3.
-        slice: number of the value of psi_3, from 0 in ascending order.
+        number: that of the value of psi_3, from 0 in ascending order.
     """
-    cells = _slice(table, slice).pivot(index="psi_2", columns="psi_1", values="gait").to_numpy()
+    cells = _slice(table, number).pivot(index="psi_2", columns="psi_1", values="gait").to_numpy()
     return [float(max(_parts(cells == gait)) / np.count_nonzero(cells == gait)) for gait in WAVES]
 
 
@@ -153,8 +157,8 @@ def last_steps(table: pd.DataFrame, names: list[str]) -> Float[np.ndarray, "rows
 def distinct_ends(table: pd.DataFrame) -> list[float]:
     """Number of values of each relative phase over all rows, taken as one if within 0.02 rad (1)."""
     ends = table.sort_values(by="crossing").groupby("row").tail(1)
-    steps = (np.diff(np.sort(numbers(ends, name))) for name in psi_columns(table, "_n"))
-    return [float(1 + np.count_nonzero(change > 0.02)) for change in steps]
+    gaps = np.diff(np.sort(ends[psi_columns(table, "_n")].to_numpy(float), axis=0), axis=0)
+    return [float(1 + count) for count in np.count_nonzero(gaps > _SAME_WITHIN, axis=0)]
 
 
 @measure
@@ -196,8 +200,7 @@ def angles_of_lines(table: pd.DataFrame) -> list[float]:
     for gait in WAVES:
         states = np.asarray(_settled(table, gait), float)
         directions.append(np.linalg.svd(states - states.mean(axis=0), full_matrices=False)[2][0])
-    pairs = ((0, 1), (1, 2))
-    cosines = [min(1.0, abs(float(directions[i] @ directions[j]))) for i, j in pairs]
+    cosines = [min(1.0, abs(float(one @ other))) for one, other in itertools.pairwise(directions)]
     return [float(np.degrees(np.arccos(cosine))) for cosine in cosines]
 
 
@@ -220,7 +223,7 @@ def distance_from_planes(table: pd.DataFrame) -> float:
 
 @measure
 def slopes_of_segments(
-    table: pd.DataFrame, *, gait: str, free: str, other: str, within: float = 0.06, beyond: float = 0.5
+    table: pd.DataFrame, *, gait: str, free: str, other: str, within: float = 0.06
 ) -> list[float]:
     """Slopes of a relative phase over the free one: near the smallest free value, and far from it (1).
 
@@ -228,19 +231,20 @@ def slopes_of_segments(
         table: a settle table with the gait of each row.
         gait: direct, source or retrograde.
         free, other: such as psi_2, psi_3.
-        within, beyond: how far (rad) the free phase is from its smallest value at most, and at least.
+        within: how far (rad) the free phase is from its smallest value at most, where it is near.
     """
     rows = _settled(table, gait)
     x, y = numbers(rows, f"{free}_end"), numbers(rows, f"{other}_end")
     above = x - x.min()
-    return [float(np.polyfit(x[near], y[near], 1)[0]) for near in (above <= within, above >= beyond)]
+    segments = (above <= within, above >= _FAR)
+    return [float(np.polyfit(x[segment], y[segment], 1)[0]) for segment in segments]
 
 
 @measure
 def gap_between_lines(table: pd.DataFrame) -> list[float]:
     """Smallest distances of settled direct and source, and source and retrograde waves (rad)."""
     gaps = []
-    for one, other in (("direct", "source"), ("source", "retrograde")):
+    for one, other in itertools.pairwise(WAVES):
         states, others = (np.asarray(_settled(table, gait), float) for gait in (one, other))
         away = (np.asarray(wrapped_difference(others - state)) for state in states)
         gaps.append(float(min(np.sqrt((lags**2).sum(axis=1)).min() for lags in away)))

@@ -5,19 +5,20 @@ from __future__ import annotations
 import functools
 import itertools
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pandas as pd
-from jaxtyping import Float
+from jaxtyping import Float, Inexact
 
 import gaitsweep as gs
 from gaitsweep.analyses import wrapped_difference
 from gaitsweep.claims import MeasureError, measure
 from gaitsweep.papers.ambe2021.equation_measures import chain_defaults
 from gaitsweep.papers.ambe2021.multilegged.chain_of_table import springs_of
+from gaitsweep.papers.ambe2021.multilegged.parameters import SPRINGS
 from gaitsweep.papers.ambe2021.multilegged.reduced import MultileggedReduced
 from gaitsweep.papers.ambe2021.theory.chain import (
     Chain,
@@ -31,6 +32,7 @@ from gaitsweep.papers.ambe2021.theory.gaits import GAITS, gait_of
 from gaitsweep.papers.ambe2021.theory.order import TABLE_2, jumps, order_sets, reset_sets, touchdown_residuals
 from gaitsweep.papers.ambe2021.theory.solution_sets import (
     Branch,
+    Kind,
     LagRule,
     branches,
     lag_rules,
@@ -47,71 +49,59 @@ from gaitsweep.papers.ambe2021.theory.stability import (
 
 # shares of a set's range, without its middle, where two legs of A touch down at the same time
 _INSIDE = (0.1, 0.3, 0.45, 0.7, 0.9)
+_SHARE = 0.45  # of these the one at which a single solution is taken
+_LONG = 9  # springs of the longer chain of the paper
 
 
 @functools.cache
 def _sets(N: int) -> list[tuple[Branch, float]]:
     """Each set of a chain at a few free phases."""
     pairs = itertools.product(branches(N), _INSIDE)
-    return [(branch, _at(N, *branch, share).s) for branch, share in pairs]
+    return [(branch, _at(N, branch, share).s) for branch, share in pairs]
 
 
 class _Solution(NamedTuple):
-    """One solution: its set, the set's lag rule, and the free phase s, rad."""
+    """One solution: its set's lag rule, and the free phase s, rad."""
 
-    branch: Branch
     rule: LagRule
     s: float
 
 
-def _at(N: int, kind: str, k: int, share: float) -> _Solution:
+def _at(N: int, branch: Branch, share: float = _SHARE) -> _Solution:
     """The solution at a share of a set's range."""
-    branch = _branch(kind, k)
     rule = rule_of(N, branch, Chain())
-    return _Solution(branch, rule, float(rule.low + share * (rule.high - rule.low)))
-
-
-def _branch(kind: str, k: int) -> Branch:
-    """A set of solutions by its kind and boundary leg; refuses an unknown kind."""
-    if kind not in ("A", "B", "direct"):
-        raise MeasureError(f"kind is {kind}. Allowed: A, B, direct.")
-    return Branch(kind, k)
+    return _Solution(rule, float(rule.low + share * (rule.high - rule.low)))
 
 
 @measure
-def set_range(*, kind: str, k: int = 3, N: int = 3) -> list[float]:
-    """Ends of the free phase on the section of leg k: psi_{k-1}, or psi_N of the direct wave (rad).
-
-    Args:
-        kind: A, B or direct.
-        k: the boundary leg.
-        N: springs.
-    """
-    rule = rule_of(N, _branch(kind, k), Chain())
+def set_range(*, kind: Kind, k: int = SPRINGS) -> list[float]:
+    """Ends of the free phase on the section of leg k: psi_{k-1}, or psi_3 of the direct wave (rad)."""
+    rule = rule_of(SPRINGS, Branch(kind, k), Chain())
     ends = [float(rule.low), float(rule.high)]
     return [2 * np.pi - ends[1], 2 * np.pi - ends[0]] if kind == "direct" else ends
 
 
 @measure
-def set_phase(*, kind: str, k: int, link: int, N: int = 9, at: float = 0.45) -> float:
-    """The relative phase of one link on the section of leg k, at a share of the set's range (rad).
+def set_phase(*, kind: Kind, k: int, link: int) -> float:
+    """The relative phase of one link on the section of leg k of ten, at 0.45 of the set's range (rad).
 
     Args:
-        kind, k, N: as for `set_range`.
-        link: its number, 1 .. N.
-        at: place in the range of the free phase, as a fraction of it.
+        kind, k: the set, and its boundary leg.
+        link: its number, 1 .. 9.
     """
-    _, rule, s = _at(N, kind, k, at)
+    rule, s = _at(_LONG, Branch(kind, k))
     return float(solution(rule, jnp.asarray(s), touchdown_phase(Chain()), k)[link - 1])
 
 
 @measure
-def reduced_map_error(*, N: int = 3, kinds: Sequence[str] = ("A", "B", "direct"), step: int = 1) -> float:
+def reduced_map_error(
+    *, N: int = SPRINGS, kinds: Sequence[Kind] = ("A", "B", "direct"), step: int = 1
+) -> float:
     """Largest change in a cycle of the reduced chain from the solutions of sets of these kinds (rad).
 
     Args:
         N: springs.
-        kinds: A, B or direct.
+        kinds: the kinds of sets.
         step: every so many of the sets, for long chains.
     """
     chosen = [(branch, s) for branch, s in _sets(N) if branch.kind in kinds][::step]
@@ -134,26 +124,29 @@ def _reduced_map(N: int, psi: Float[np.ndarray, "points springs"]) -> tuple[gs.P
 
 
 @measure
-def reduced_multipliers(*, kind: str, k: int) -> list[float]:
+def reduced_multipliers(*, kind: Kind, k: int) -> list[float]:
     """Eigenvalues of the simulated return map of the reduced chain at a solution, in falling order (1)."""
-    N = 3
-    branch, _, s = _at(N, kind, k, 0.45)
-    psi = _solution(N, branch, s, touchdown_phase(Chain()))
-    mapping, points = _reduced_map(N, np.asarray(psi)[None])
-    factors = mapping.multipliers(points)
-    return sorted((float(factor) for factor in np.real(np.ravel(factors))), reverse=True)
+    branch = Branch(kind, k)
+    psi = _solution(SPRINGS, branch, _at(SPRINGS, branch).s, touchdown_phase(Chain()))
+    mapping, points = _reduced_map(SPRINGS, np.asarray(psi)[None])
+    return _in_falling_order(mapping.multipliers(points))
 
 
 @measure
-def theory_eigenvalues(*, kind: str, k: int, N: int) -> list[float]:
+def theory_eigenvalues(*, kind: Kind, k: int, N: int) -> list[float]:
     """Eigenvalues of the linear map of a cycle, eq. (21), in falling order (1).
 
     Args:
-        kind, k, N: as for `set_range`.
+        kind, k: the set, and its boundary leg.
+        N: springs.
     """
-    branch, _, s = _at(N, kind, k, 0.45)
-    factors = eigenvalues(linear_map(N, branch, s))
-    return sorted((float(factor) for factor in np.real(factors)), reverse=True)
+    branch = Branch(kind, k)
+    return _in_falling_order(eigenvalues(linear_map(N, branch, _at(N, branch).s)))
+
+
+def _in_falling_order(values: Inexact[np.ndarray, " *points springs"]) -> list[float]:
+    """The real parts of eigenvalues, largest first."""
+    return sorted(np.real(np.ravel(values)).tolist(), reverse=True)
 
 
 @measure
@@ -167,7 +160,7 @@ def linear_map_error(*, N: int) -> float:
 
 
 @measure
-def touchdown_relation_error(*, N: int = 9) -> float:
+def touchdown_relation_error(*, N: int = _LONG) -> float:
     """Largest difference of the two sides of eq. (14) over the legs of all sets (m)."""
     return max(float(np.abs(touchdown_residuals(N, branch, s)).max()) for branch, s in _sets(N))
 
@@ -181,7 +174,7 @@ def table_2(*, number: int) -> list[str]:
 
 
 @measure
-def order_sets_agree(*, N: int = 9) -> float:
+def order_sets_agree(*, N: int = _LONG) -> float:
     """Share of solutions at which T_1, T_2 of eq. (18) are the legs of S_3, or S_1, S_7 at the ends (1)."""
     agree = []
     for branch, s in _sets(N):
@@ -237,55 +230,51 @@ def jump_sizes(table: pd.DataFrame) -> list[float]:
 
 
 @measure
-def wave_numbers(*, which: str, beta: float = 0.8) -> float:
-    """The theory's wavelength (legs), speed printed or exact (legs/s), or lag (rad), at a duty factor."""
-    chain = Chain(beta=beta)
-    speeds = wave_speed(chain_defaults()["omega"], chain)
-    allowed = {
-        "wavelength": wavelength(chain),
+def wave_numbers(*, which: Literal["wavelength", "printed", "exact", "lag"]) -> float:
+    """The theory's wavelength (legs), speed printed or exact (legs/s), or lag (rad)."""
+    speeds = wave_speed(chain_defaults()["omega"])
+    results = {
+        "wavelength": wavelength(),
         "printed": speeds.printed,
         "exact": speeds.exact,
-        "lag": lag(chain),
+        "lag": lag(Chain()),
     }
-    if which not in allowed:
-        raise MeasureError(f"which is {which}. Allowed: {', '.join(allowed)}.")
-    return float(allowed[which])
+    return float(results[which])
 
 
 @measure
-def end_touchdown(*, end: str, m_1: float = 0.9, m_end: float = 0.9) -> float:
+def end_touchdown(*, end: Literal["head", "tail"], m_1: float = 0.9, m_end: float = 0.9) -> float:
     """Touchdown phase of the first or the last leg with its neighbour in stance (rad).
 
     Args:
-        end: head or tail.
+        end: which of the two.
         m_1, m_end: masses of the head and of the tail, kg.
     """
-    if end not in ("head", "tail"):
-        raise MeasureError(f"end is {end}. Allowed: head, tail.")
     head, tail = end_resets(Chain(m_1=m_1, m_end=m_end))
     return float(2 * np.pi - (head if end == "head" else tail))
 
 
 @measure
-def line_range(*, k: int, N: int = 3) -> list[float]:
+def line_range(*, k: int) -> list[float]:
     """Ends of psi_{k-1} over the solution sets A and B together (rad)."""
-    return [set_range(kind="A", k=k, N=N)[0], set_range(kind="B", k=k, N=N)[1]]
+    return [set_range(kind="A", k=k)[0], set_range(kind="B", k=k)[1]]
 
 
 @measure
 def slopes_of_fig10(table: pd.DataFrame, *, k: int) -> list[float]:
     """Slopes of psi_k over psi_{k-1} along the solution sets A and B (1)."""
     slopes = []
-    for kind in ("A", "B"):
-        rule = rule_of(springs_of(table), _branch(kind, k), Chain())
-        ends = [rule.low + share * (rule.high - rule.low) for share in (0.6, 0.8)]
-        low, high = (np.asarray(solution(rule, s, touchdown_phase(Chain()), k)) for s in ends)
+    kinds: tuple[Kind, Kind] = ("A", "B")
+    for kind in kinds:
+        rule = rule_of(springs_of(table), Branch(kind, k), Chain())
+        places_in_range = [rule.low + share * (rule.high - rule.low) for share in (0.6, 0.8)]
+        low, high = (np.asarray(solution(rule, s, touchdown_phase(Chain()), k)) for s in places_in_range)
         slopes.append(float((high[k - 1] - low[k - 1]) / (high[k - 2] - low[k - 2])))
     return slopes
 
 
 @measure
-def shorter_set(*, k: int, N: int = 3) -> float:
+def shorter_set(*, k: int) -> float:
     """Range of psi_{k-1} over the solution set A, over that over the set B (1)."""
-    (a, b), (c, d) = set_range(kind="A", k=k, N=N), set_range(kind="B", k=k, N=N)
-    return (b - a) / (d - c)
+    lengths = np.ptp([set_range(kind="A", k=k), set_range(kind="B", k=k)], axis=1)
+    return float(lengths[0] / lengths[1])

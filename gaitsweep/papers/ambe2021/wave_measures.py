@@ -12,7 +12,12 @@ from gaitsweep.claims import Condition, masked, measure, numbers, one_row, recor
 from gaitsweep.papers.ambe2021.analysis.source_place import source_drift, source_place
 from gaitsweep.papers.ambe2021.analysis.travelling_wave import passages, waves
 from gaitsweep.papers.ambe2021.equation_measures import chain_defaults
-from gaitsweep.papers.ambe2021.multilegged.chain_of_table import relative_phases, springs_of
+from gaitsweep.papers.ambe2021.multilegged.chain_of_table import (
+    of_legs,
+    relative_phases,
+    set_columns,
+    springs_of,
+)
 from gaitsweep.papers.ambe2021.multilegged.state import LANDING, STANCE, TAKEOFF
 from gaitsweep.papers.ambe2021.settled_measures import last_steps
 from gaitsweep.papers.ambe2021.theory.chain import Chain, wavelength
@@ -23,7 +28,7 @@ from gaitsweep.papers.ambe2021.theory.order import sets_of_order
 @measure
 def settled_phases(table: pd.DataFrame, *, row: int) -> list[float]:
     """Relative phases on section 1 at the end of a row of a trace (rad)."""
-    return [float(phase) for phase in relative_phases(one_row(table, row), springs_of(table))]
+    return relative_phases(one_row(table, row)).tolist()
 
 
 @measure
@@ -35,10 +40,8 @@ def leads(table: pd.DataFrame, *, row: int, links: Sequence[int] | None = None) 
         row: its row.
         links: numbers of the links between legs; by default all.
     """
-    part = one_row(table, row)
-    N = springs_of(table)
-    swings = passages(part, N)
-    return [float(swings.leads[link - 1]) * chain_defaults()["omega"] for link in links or range(1, N + 1)]
+    phases = passages(one_row(table, row)).leads * chain_defaults()["omega"]
+    return phases.tolist() if links is None else [float(phases[link - 1]) for link in links]
 
 
 @measure
@@ -46,8 +49,8 @@ def directions(table: pd.DataFrame, *, row: int) -> list[str]:
     """Direction in which swings pass over each link: forwards, backwards, or free where the lag is free."""
     part = one_row(table, row)
     N = springs_of(table)
-    swings = passages(part, N)
-    branch, _ = nearest_set(N, Chain(), relative_phases(part, N))
+    swings = passages(part)
+    branch, _ = nearest_set(N, Chain(), relative_phases(part))
     words = ["forwards" if lead < swings.period / 2 else "backwards" for lead in swings.leads]
     words[free_link(N, branch) - 1] = "free"
     return words
@@ -70,17 +73,14 @@ def one_swing_share(table: pd.DataFrame, *, row: int, of: Sequence[int]) -> floa
         of: legs that follow one another in a wave; a wavelength is the next smaller whole number of legs.
     """
     part = one_row(table, row)
-    beta = chain_defaults()["beta"]
     width = int(wavelength())
     # a foot may leave the ground for a moment after its touchdown: this is part of the stance
-    in_air = np.stack(
-        [
-            (numbers(part, f"contact_{leg}") < 0.5) & (numbers(part, f"phase_{leg}") > 2 * beta * np.pi)
-            for leg in of
-        ]
+    in_air = (of_legs(part, "contact") < 0.5) & (
+        of_legs(part, "phase") > 2 * chain_defaults()["beta"] * np.pi
     )
-    starts = range(max(1, len(in_air) - width + 1))
-    return float(min((in_air[i : i + width].sum(axis=0) <= 1).mean() for i in starts))
+    in_air = in_air[:, np.asarray(of) - 1]
+    starts = range(max(1, len(of) - width + 1))
+    return float(min((in_air[:, i : i + width].sum(axis=1) <= 1).mean() for i in starts))
 
 
 @measure
@@ -118,7 +118,7 @@ def simulated_order(table: pd.DataFrame, *, row: int, legs: Sequence[int]) -> st
 
 def _order(table: pd.DataFrame, row: int, legs: Sequence[int]) -> list[int]:
     """Legs in their order of passing mid-stance after the first of them."""
-    swings = passages(one_row(table, row), springs_of(table))
+    swings = passages(one_row(table, row))
     behind = np.mod(-np.append(0.0, np.cumsum(swings.leads)), swings.period)  # of leg 1, s
     after = {leg: np.mod(behind[leg - 1] - behind[legs[0] - 1] + 1e-9, swings.period) for leg in legs}
     return sorted(legs, key=after.__getitem__)
@@ -143,11 +143,10 @@ def neighbours_at_touchdown(table: pd.DataFrame, *, row: int, k: int) -> float:
     part = one_row(table, row)
     N = springs_of(table)
     beta = chain_defaults()["beta"]
-    phase = part[[f"phase_{leg}" for leg in range(1, N + 2)]].to_numpy(float)
-    segment = np.digitize(np.mod(phase, 2 * np.pi), [2 * beta * np.pi, (1 + beta) * np.pi])
+    phase = np.mod(of_legs(part, "phase"), 2 * np.pi)
+    segment = np.digitize(phase, [2 * beta * np.pi, (1 + beta) * np.pi])
     agree = []
-    for leg in range(1, N + 2):
-        down = numbers(part, f"contact_{leg}") > 0.5
+    for leg, down in enumerate(of_legs(part, "contact").T > 0.5, start=1):
         lands = np.flatnonzero(~down[:-1] & down[1:] & (segment[:-1, leg - 1] == LANDING))
         # a foot that bounces lands again within its landing segment
         lands = lands[np.diff(lands, prepend=-len(down)) > len(down) / 20]
@@ -178,15 +177,14 @@ def _segments_of_neighbours(leg: int, N: int, k: int) -> dict[int, set[int]]:
 @measure
 def touchdown_phases_apart(table: pd.DataFrame) -> float:
     """Largest difference of the legs' times from one passage of mid-stance to the next, times omega (rad)."""
-    N = springs_of(table)
-    omega = chain_defaults()["omega"]
     periods = []
     for _, part in table.groupby("row"):
         part = part.sort_values(by="t")
-        for leg in range(1, N + 2):
-            pair = {"t": part["t"], "phase_1": part[f"phase_{leg}"], "phase_2": part[f"phase_{leg}"]}
-            periods.append(passages(pd.DataFrame(pair), 1).period)
-    return float(omega * (max(periods) - min(periods)))
+        for leg in range(1, springs_of(table) + 2):
+            # the period of `passages` is the mean over all legs of a table
+            alone = {"t": part["t"], "phase_1": part[f"phase_{leg}"]}
+            periods.append(passages(pd.DataFrame(alone)).period)
+    return float(chain_defaults()["omega"] * (max(periods) - min(periods)))
 
 
 @measure
@@ -233,9 +231,9 @@ def fewest_source_legs(table: pd.DataFrame, *, where: Condition | None = None) -
         table: a settle table, several starts for each set of parameters.
         where: a condition over the table's columns.
     """
-    places = source_place(records(table, where))
-    results = ("leg", "source", "meeting", "neither", "starts")
-    parameters = [name for name in places.columns if name not in results]
+    starts = records(table, where)
+    places = source_place(starts)
+    parameters = set_columns(starts)
     sets = [part for _, part in places.groupby(parameters)] if parameters else [places]
     return float(min(np.count_nonzero(part["source"] > 0) for part in sets))
 
@@ -256,7 +254,5 @@ def meeting_share(table: pd.DataFrame, *, leg: int, where: Condition | None = No
 @measure
 def mirror_error(table: pd.DataFrame) -> float:
     """Largest difference of the phases of row 0 from those of row 1 with the legs in reversed order (rad)."""
-    legs = springs_of(table) + 1
-    one = one_row(table, 0)[[f"phase_{i}" for i in range(1, legs + 1)]].to_numpy(float)
-    other = one_row(table, 1)[[f"phase_{i}" for i in range(legs, 0, -1)]].to_numpy(float)
-    return float(np.abs(wrapped_difference(one - other)).max())
+    first, second = (of_legs(one_row(table, row), "phase") for row in (0, 1))
+    return float(np.abs(wrapped_difference(first - second[:, ::-1])).max())

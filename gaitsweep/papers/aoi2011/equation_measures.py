@@ -11,29 +11,32 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Iterator
 from functools import cache
-from typing import Any
+from typing import Any, Literal
 
 import jax
 import jax.numpy as jnp
 import mujoco
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 from scipy.spatial.transform import Rotation
 
 from gaitsweep.analyses import TURN
 from gaitsweep.claims import defaults, measure
-from gaitsweep.dynamics.tree import movements, places, rates, turned, velocity
+from gaitsweep.dynamics.tree import PointForce, movements, places, rates, turned, velocity
 from gaitsweep.papers.aoi2011.waist_quadruped import WaistQuadruped
 from gaitsweep.papers.aoi2011.waist_quadruped.drawing import scaled_mjcf
 from gaitsweep.papers.aoi2011.waist_quadruped.foot_path import LATE
+from gaitsweep.papers.aoi2011.waist_quadruped.mechanics import WaistMechanics
 from gaitsweep.papers.aoi2011.waist_quadruped.posture import HIP, KNEE, WAIST
 from gaitsweep.papers.aoi2011.waist_quadruped.rhythm import after_events, phase_rates, transitions
 from gaitsweep.papers.aoi2011.waist_quadruped.sizes import LIMBS, body
-from gaitsweep.papers.aoi2011.waist_quadruped.state import State
+from gaitsweep.papers.aoi2011.waist_quadruped.state import Params, State
 
 MODEL = WaistQuadruped()
 STATES = 20  # random states at which an equation is tested
+FOOT_X, FOOT_Z = 0.01, -0.12  # m, a desired position of a foot within its limb's reach
 
 
 @measure
@@ -96,20 +99,19 @@ def waist_constants(*, f: float) -> list[float]:
 
 
 @measure
-def torque_error(*, joints: str) -> float:
+def torque_error(*, joints: Literal["waist", "limbs"]) -> float:
     """Largest difference (N m) of the torques of the `waist`, eq. (A6), or the `limbs`, eq. (4)."""
     m = _params().mechanics
-    worst = 0.0
     # of each joint: its place in q, the desired angle, the spring and the damper
     driven = [(WAIST, 0.0, m.kappa_w, m.sigma_w)]
-    if joints != "waist":
+    if joints == "limbs":
         driven = []
         for i in LIMBS:
-            hip, knee = _angles_by_cosines(0.01, -0.12, float(m.link_length), float(m.bends[i]))
+            hip, knee = _angles_by_cosines(FOOT_X, FOOT_Z, float(m.link_length), float(m.bends[i]))
             driven += [(HIP[i], hip, m.kappa_1, m.sigma_1), (KNEE[i], knee, m.kappa_2, m.sigma_2)]
+    worst = 0.0
     for q, v in _moments():
-        x, z = jnp.full(4, 0.01), jnp.full(4, -0.12)
-        tau = np.asarray(m.torques(jnp.asarray(q), jnp.asarray(v), x, z))
+        tau = np.asarray(m.torques(jnp.asarray(q), jnp.asarray(v), jnp.full(4, FOOT_X), jnp.full(4, FOOT_Z)))
         for at, angle, spring, damper in driven:
             expected = -float(spring) * (q[at] - angle) - float(damper) * v[at - 1]
             worst = max(worst, _largest(tau[at - 1], expected))
@@ -157,68 +159,77 @@ def angular_velocity_error() -> float:
 
 
 @measure
-def mechanics_error(*, of: str) -> float:
+def mechanics_error(*, of: Literal["kinetic_energy", "feet", "accelerations"]) -> float:
     """Largest relative difference of `kinetic_energy`, `feet` or `accelerations` from MuJoCo's.
 
     Eq. (A3), (A7), (1). Accelerations are those under gravity, joint torques and forces on the feet.
     """
-    p = _params()
-    m = p.mechanics
-    rng = np.random.default_rng(5)
     model = mujoco.MjModel.from_xml_string(scaled_mjcf(_defaults()))
+    pairs = {"kinetic_energy": _energies, "feet": _feet, "accelerations": _accelerations}[of]
+    return max(
+        _largest(computed, expected) / _largest(expected, 0.0)
+        for computed, expected in pairs(_params().mechanics, model)
+    )
+
+
+def _energies(m: WaistMechanics, model: mujoco.MjModel) -> Iterator[tuple[Any, Any]]:
+    """The kinetic energies at the random moments, by the model and by MuJoCo, J."""
     data = mujoco.MjData(model)
-    worst = 0.0
-    functions = _mechanics()
+    energy = jax.jit(_kinetic_energy)
+    for q, v in _moments():
+        data.qpos, data.qvel = q, v
+        mujoco.mj_forward(model, data)
+        mujoco.mj_energyVel(model, data)
+        yield energy(m, q, v), data.energy[1]
+
+
+def _feet(m: WaistMechanics, model: mujoco.MjModel) -> Iterator[tuple[Any, Any]]:
+    """The positions of the feet at the random moments, by the model and by MuJoCo, (4, 3) m."""
+    data = mujoco.MjData(model)
+    feet = jax.jit(WaistMechanics.feet)
+    for q, v in _moments():
+        data.qpos, data.qvel = q, v
+        mujoco.mj_forward(model, data)
+        yield feet(m, q, v)[0], np.stack([data.site(f"foot_{i + 1}").xpos for i in LIMBS])
+
+
+def _accelerations(m: WaistMechanics, model: mujoco.MjModel) -> Iterator[tuple[Any, Any]]:
+    """The accelerations at the random moments under random forces, by the model and by MuJoCo, (15,)."""
+    data = mujoco.MjData(model)
+    accelerations = jax.jit(_accelerations_under_forces)
+    rng = np.random.default_rng(5)
     for q, v in _moments():
         data.qpos, data.qvel = q, v
         tau, forces = rng.normal(0.0, 1.0, 15), rng.normal(0.0, 10.0, (4, 3))
         mujoco.mj_forward(model, data)
-        if of == "kinetic_energy":
-            mujoco.mj_energyVel(model, data)
-            computed = functions[of](m, q, v)
-            expected = data.energy[1]
-        elif of == "feet":
-            computed = functions[of](m, q, v)
-            expected = np.stack([data.site(f"foot_{i + 1}").xpos for i in LIMBS])
-        else:
-            data.qfrc_applied = tau
-            for i in LIMBS:
-                site = data.site(f"foot_{i + 1}").id
-                jacobian = np.zeros((3, model.nv))
-                mujoco.mj_jacSite(model, data, jacobian, None, site)
-                data.qfrc_applied += jacobian.T @ forces[i]
-            mujoco.mj_forward(model, data)
-            computed = functions["accelerations"](m, q, v, tau, forces)
-            expected = data.qacc
-        worst = max(worst, _largest(computed, expected) / _largest(expected, 0.0))
-    return worst
+        data.qfrc_applied = tau
+        for i in LIMBS:
+            jacobian = np.zeros((3, model.nv))
+            mujoco.mj_jacSite(model, data, jacobian, None, data.site(f"foot_{i + 1}").id)
+            data.qfrc_applied += jacobian.T @ forces[i]
+        mujoco.mj_forward(model, data)
+        yield accelerations(m, q, v, tau, forces), data.qacc
 
 
-def _largest(computed: Any, expected: Any) -> float:
-    """The largest difference of two arrays."""
-    return float(np.max(np.abs(np.asarray(computed) - np.asarray(expected))))
+def _accelerations_under_forces(
+    m: WaistMechanics,
+    q: Float[Array, " 16"],
+    v: Float[Array, " 15"],
+    tau: Float[Array, " 15"],
+    forces: Float[Array, "4 3"],
+) -> Float[Array, " 15"]:
+    """The model's accelerations for torques of the joints and forces (N) on the feet."""
+    tree, _ = body()
+    foot = jnp.stack([0.0 * m.link_length, 0.0 * m.link_length, -m.link_length])
+    pushes = [PointForce(tree.index(f"lower_{i + 1}"), foot, forces[i]) for i in LIMBS]
+    return m.accelerations(q, v, tau, pushes)
 
 
-def _mechanics() -> dict[str, Any]:
-    """The model's functions for `mechanics_error`, by name, compiled."""
-
-    def accelerations(m: Any, q: Any, v: Any, tau: Any, forces: Any) -> Any:
-        zero = jnp.zeros((4, 3))
-        placed = m.ground_forces(zero, zero, zero[:, :2], jnp.zeros(4, bool))
-        pushed = [dataclasses.replace(push, force=force) for push, force in zip(placed, forces, strict=True)]
-        return m.accelerations(q, v, tau, pushed)
-
-    return {
-        "kinetic_energy": jax.jit(lambda m, q, v: _kinetic_energy(m.geometry(), q, v)),
-        "feet": jax.jit(lambda m, q, v: m.feet(q, v)[0]),
-        "accelerations": jax.jit(accelerations),
-    }
-
-
-def _kinetic_energy(geometry: Any, q: Any, v: Any) -> Any:
+def _kinetic_energy(m: WaistMechanics, q: Float[Array, " 16"], v: Float[Array, " 15"]) -> Float[Array, ""]:
     """The kinetic energy of the bodies and links, J."""
+    geometry = m.geometry()
     placed = places(body()[0], geometry, q)
-    total = 0.0
+    total = jnp.zeros(())
     for i, (place, moving) in enumerate(zip(placed, movements(body()[0], placed, v), strict=True)):
         speed = velocity(place, moving, geometry.com[i])
         w = moving.angular
@@ -227,13 +238,18 @@ def _kinetic_energy(geometry: Any, q: Any, v: Any) -> Any:
     return total
 
 
+def _largest(computed: Any, expected: Any) -> float:
+    """The largest difference of two arrays."""
+    return float(np.max(np.abs(np.asarray(computed) - np.asarray(expected))))
+
+
 @cache
 def _defaults() -> dict[str, float]:
     """The model's default parameters by name."""
     return defaults(MODEL.parameters)
 
 
-def _params(**changed: float) -> Any:
+def _params(**changed: float) -> Params:
     """The default parameters, some of them changed."""
     values = {**_defaults(), **changed}
     return MODEL.params({name: jnp.asarray(value) for name, value in values.items()})

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
+from typing import Literal
 
 import jax
 import jax.numpy as jnp
@@ -13,13 +14,25 @@ import pandas as pd
 from jaxtyping import Array, Float
 
 from gaitsweep.analyses import TURN, AnalysisError, mean_direction, require, unwrap_from, wrapped_difference
-from gaitsweep.claims import Condition, masked, measure, records, row_params, stances, stored_job, value
+from gaitsweep.claims import (
+    Condition,
+    masked,
+    measure,
+    numbers,
+    one_row,
+    records,
+    row_params,
+    stances,
+    stored_job,
+    value,
+)
 from gaitsweep.papers.aoi2011.waist_quadruped.mechanics import WaistMechanics
 from gaitsweep.papers.aoi2011.waist_quadruped.sizes import LIMBS
 
 _CYCLE = 0.4  # s, the cycle with the default parameters
 # Largest deviation of the times between touchdowns from one cycle, where a foot lands once a cycle
 _CYCLE_TOLERANCE = 0.2
+_TOGETHER = 0.2  # rad, the largest difference of limbs that land together
 
 
 @measure
@@ -65,8 +78,8 @@ def difference_of_gaits(
     holds = records(other, where)
     for gait in gaits:
         settled = value(masked(table, table["gait"] == gait), column=f"{observable}_end")
-        held = value(masked(holds, holds["gait"] == gait), column=f"{observable}_n")
-        largest = max(largest, abs(float(wrapped_difference(settled - held))))
+        at_holds = value(masked(holds, holds["gait"] == gait), column=f"{observable}_n")
+        largest = max(largest, abs(float(wrapped_difference(settled - at_holds))))
     return largest
 
 
@@ -81,26 +94,35 @@ def farthest_angle(
         column: the angle, rad.
         centre: rad.
         where: a condition that selects records.
+
+    Raises:
+        AnalysisError: no record has a value.
     """
     part = records(table, where)
     require(part, column)
-    away = np.abs(wrapped_difference(part[column].dropna().to_numpy(float) - centre))
-    if not away.size:
+    angles = part[column].dropna().to_numpy(float)
+    if not angles.size:
         raise AnalysisError(f"No record has a value of {column}.")
-    return float(away.max())
+    return float(np.abs(wrapped_difference(angles - centre)).max())
 
 
 @measure
 def gait_kept(table: pd.DataFrame, *, gait: str) -> float:
-    """Share of the rows with a gait on the first stair that have it on every stair (1)."""
+    """Share of the rows with a gait on the first stair that have it on every stair (1).
+
+    Args:
+        table: a staircase's table.
+        gait: name of the gait.
+
+    Raises:
+        AnalysisError: no row has the gait on the first stair.
+    """
     require(table, "row", "stair", "gait")
-    shown = table.assign(same=table["gait"].astype(str) == gait)
-    first = shown.loc[shown["stair"] == shown["stair"].min()]
-    rows = first.loc[first["same"], "row"]
+    has_gait = table["gait"].astype(str) == gait
+    rows = table.loc[has_gait & (table["stair"] == table["stair"].min()), "row"]
     if rows.empty:
         raise AnalysisError(f"No row has the gait {gait} on the first stair.")
-    always_same = shown.loc[shown["row"].isin(rows)].groupby("row")["same"].all()
-    return float(np.mean(always_same.to_numpy()))
+    return float(np.mean(has_gait.groupby(table["row"]).all().loc[rows.unique()].to_numpy()))
 
 
 @measure
@@ -114,8 +136,7 @@ def drift_from_start(table: pd.DataFrame, *, start: str, end: str, where: Condit
     """
     part = records(table, where)
     require(part, start, end)
-    moved = np.abs(wrapped_difference(part[end].to_numpy(float) - part[start].to_numpy(float)))
-    return float(np.max(moved))
+    return float(np.abs(wrapped_difference(numbers(part, end) - numbers(part, start))).max())
 
 
 @measure
@@ -139,31 +160,34 @@ def sideways_share(table: pd.DataFrame) -> float:
 
 
 @measure
-def foot_slip(table: pd.DataFrame, *, take: str = "median") -> float:
+def foot_slip(table: pd.DataFrame, *, take: Literal["median", "max"] = "median") -> float:
     """Distance (m) that a foot moves along the ground in a stance: `median` or `max` of all stances.
 
     A foot that bounces is still in its stance; the time off the ground does not count.
+
+    Args:
+        table: a trace with the positions q_0, q_1, ...
+        take: whether the median or the largest distance counts.
     """
-    require(table, "row", "t", *(f"q_{i}" for i in range(16)))
+    coordinates = [f"q_{i}" for i in range(16)]
+    require(table, "row", "t", *coordinates)
     design = stored_job(table.attrs).design
 
     @jax.jit
     def feet(mechanics: WaistMechanics, q: Float[Array, "times 16"]) -> Float[Array, "times 4 3"]:
         return jax.vmap(lambda q_now: mechanics.feet(q_now, jnp.zeros(15))[0])(q)
 
-    moved = []
+    slips = []
     for row, part in table.groupby("row"):
         part = part.sort_values("t")
-        t = part["t"].to_numpy(float)
         mechanics = row_params(design, int(str(row))).mechanics
-        at = np.asarray(feet(mechanics, jnp.asarray(part[[f"q_{i}" for i in range(16)]].to_numpy(float))))
+        places = np.asarray(feet(mechanics, jnp.asarray(part[coordinates].to_numpy(float))))
         for i in LIMBS:
-            down = part[f"contact_{i + 1}"].to_numpy(float) > 0.5
-            for first, last in stances(t, down):
-                ground = at[first:last, i, :2][down[first:last]]
-                moved.append(float(np.max(np.linalg.norm(ground - ground[0], axis=1))))
-    largest_or_median = np.max if take == "max" else np.median
-    return float(largest_or_median(moved))
+            down = numbers(part, f"contact_{i + 1}") > 0.5
+            for first, last in stances(numbers(part, "t"), down):
+                on_ground = places[first:last, i, :2][down[first:last]]
+                slips.append(float(np.linalg.norm(on_ground - on_ground[0], axis=1).max()))
+    return float(np.max(slips) if take == "max" else np.median(slips))
 
 
 @measure
@@ -188,8 +212,8 @@ def touchdown_lags(
         AnalysisError: a foot touches down less or more than once a cycle.
     """
     if window is not None:
-        t = table["t"].to_numpy(float)
-        table = table.loc[(t >= window[0]) & (t <= window[1])]
+        begin, end = window
+        table = masked(table, table["t"].between(begin, end))
     lags = []
     for (i, j), middle in zip(pairs, near or [math.pi] * len(pairs), strict=True):
         first, second = _touchdowns(table, row, i), _touchdowns(table, row, j)
@@ -204,19 +228,13 @@ def touchdown_lags(
 
 
 @measure
-def order_of_footfalls(table: pd.DataFrame, *, row: int, apart: float = 0.2) -> str:
-    """Limbs in their order of touchdown from limb 1 on, those that land together joined by +.
-
-    Args:
-        table: a trace.
-        row: its row.
-        apart: the largest difference of limbs that land together, rad.
-    """
-    lags = touchdown_lags(table, row=row, pairs=[[1, 2], [1, 3], [1, 4]], near=[math.pi - apart] * 3)
+def order_of_footfalls(table: pd.DataFrame, *, row: int) -> str:
+    """Limbs in their order of touchdown from limb 1 on, those that land together joined by +."""
+    lags = touchdown_lags(table, row=row, pairs=[[1, 2], [1, 3], [1, 4]], near=[math.pi - _TOGETHER] * 3)
     order = sorted(zip([0.0, *lags], "1234", strict=True))
     groups = [[order[0][1]]]
     for (before, _), (after, limb) in itertools.pairwise(order):
-        if after - before > apart:
+        if after - before > _TOGETHER:
             groups.append([])
         groups[-1].append(limb)
     return "-".join("+".join(sorted(limbs)) for limbs in groups)
@@ -225,11 +243,10 @@ def order_of_footfalls(table: pd.DataFrame, *, row: int, apart: float = 0.2) -> 
 def _touchdowns(table: pd.DataFrame, row: int, foot: int) -> Float[np.ndarray, " touchdowns"]:
     """Times (s) at which a swing of a foot ends; breaks of a stance do not count as swings."""
     require(table, "row", "t", f"contact_{foot}")
-    part = table.loc[table["row"].to_numpy() == row].sort_values("t")
-    t = part["t"].to_numpy(float)
-    down = part[f"contact_{foot}"].to_numpy(float) > 0.5
+    part = one_row(table, row)
+    t = numbers(part, "t")
     # without its lift-off before it, the first stance is not known to begin with a touchdown
-    lands = stances(t, down)[1:, 0]
+    lands = stances(t, numbers(part, f"contact_{foot}") > 0.5)[1:, 0]
     if len(lands) < 2:
         raise AnalysisError(f"Foot {foot} of row {row} has fewer than two touchdowns.")
     return t[lands]

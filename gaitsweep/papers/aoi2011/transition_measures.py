@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Sequence
+from typing import Literal, get_args
 
 import numpy as np
 import pandas as pd
@@ -16,12 +16,14 @@ from gaitsweep.analyses import (
     transition_points_by_gait,
     wrapped_difference,
 )
-from gaitsweep.claims import masked, measure
+from gaitsweep.claims import masked, measure, value
+
+Direction = Literal["rising", "falling"]
 
 
 @measure
 def transition_at(
-    table: pd.DataFrame, *, observable: str, parameter: str, direction: str, least: float = 0.15
+    table: pd.DataFrame, *, observable: str, parameter: str, direction: Direction, least: float = 0.15
 ) -> float:
     """Middle of the interval in which a ramp or staircase jumps as the parameter moves one way.
 
@@ -29,15 +31,14 @@ def transition_at(
         table: a ramp's or a staircase's table.
         observable: the observable that jumps.
         parameter: the parameter that moves.
-        direction: rising or falling.
+        direction: whether it rises or falls.
         least: the smallest change of the observable that is a jump.
 
     Raises:
         AnalysisError: no row jumps.
     """
     points = transition_points(table, observable, parameter, least)
-    points_of_direction = masked(points, points["direction"] == direction)
-    return _first_middle(points_of_direction, f"No row jumps as {parameter} is {direction}.")
+    return _middle_of_first(points, direction, f"No row jumps as {parameter} is {direction}.")
 
 
 @measure
@@ -54,46 +55,47 @@ def hysteresis_widths(
         AnalysisError: the observable does not jump in each direction.
     """
     points = transition_points(table, observable, parameter, by=[] if by is None else [by])
-    points = points.assign(middle=(points["low"] + points["high"]) / 2.0)
-    groups = sorted(table[by].dropna().unique()) if by is not None else [None]
+    groups = [("", points)]
+    if by is not None:
+        values = sorted(table[by].dropna().unique())
+        groups = [(f" at {by} = {value:g}", masked(points, points[by] == value)) for value in values]
     widths = []
-    for group in groups:
-        part = points if group is None else masked(points, points[by] == group)
-        rising = masked(part, part["direction"] == "rising")["middle"]
-        falling = masked(part, part["direction"] == "falling")["middle"]
-        if rising.empty or falling.empty:
-            place = "" if group is None else f" at {by} = {group:g}"
-            raise AnalysisError(f"The observable does not jump in each direction{place}.")
-        widths.append(float(rising.iloc[0] - falling.iloc[0]))
+    for place, points_of_group in groups:
+        otherwise = f"The observable does not jump in each direction{place}."
+        rising, falling = (
+            _middle_of_first(points_of_group, direction, otherwise) for direction in get_args(Direction)
+        )
+        widths.append(rising - falling)
     return widths
 
 
 @measure
-def ranges_of_both(
+def bistable_ranges(
     table: pd.DataFrame, *, observable: str, parameter: str, apart: float, by: str
 ) -> list[float]:
-    """Length of the parameter's range in which settled holds are apart, for each value of `by`.
+    """Length of the parameter's range with two different settled holds at each stair, per value of `by`.
 
     Args:
         table: a staircase's table.
-        observable: an angle, whose two values at one parameter differ by more than `apart` (rad).
+        observable: an angle; two of its values are different if they are more than `apart` (rad) apart.
         parameter: the parameter that moves; each of its values stands for one stair.
+        apart: rad.
         by: the column of the groups.
     """
     settled = table.loc[table["settled"].astype(bool)]
     stairs = settled[parameter].round(9)
-    stair = float(np.diff(np.unique(stairs.to_numpy())).min())
+    step = float(np.diff(np.unique(stairs.to_numpy())).min())
     lengths = dict.fromkeys(sorted(table[by].unique()), 0.0)
-    for place, holds in settled.groupby([settled[by], stairs]):
+    for (group, _), holds in settled.groupby([settled[by], stairs]):
         angles = holds[f"{observable}_n"].to_numpy(float)
         if np.ptp(wrapped_difference(angles - angles[0])) > apart:
-            lengths[place[0]] += stair
+            lengths[group] += step
     return list(lengths.values())
 
 
 @measure
 def gait_lost_at(
-    table: pd.DataFrame, *, parameter: str, gait: str, direction: str, start: str = "delta_13"
+    table: pd.DataFrame, *, parameter: str, gait: str, direction: Direction, start: str = "delta_13"
 ) -> float:
     """Middle of the interval of the parameter in which settled rows lose a gait.
 
@@ -101,42 +103,57 @@ def gait_lost_at(
         table: a settle table over the parameter.
         parameter: its name.
         gait: the gait that is lost.
-        direction: rising or falling.
+        direction: whether the parameter rises or falls.
         start: the column of the start by which rows are followed.
 
     Raises:
         AnalysisError: the gait is not lost.
     """
     points = transition_points_by_gait(table, parameter, start)
-    losses = masked(points, (points["gait"] == gait) & (points["direction"] == direction))
-    return _first_middle(losses, f"The gait {gait} is not lost as {parameter} is {direction}.")
+    losses = masked(points, points["gait"] == gait)
+    return _middle_of_first(losses, direction, f"The gait {gait} is not lost as {parameter} is {direction}.")
 
 
-def _first_middle(points: pd.DataFrame, without: str) -> float:
-    """The middle of the first interval; an AnalysisError with the sentence `without` if there is none."""
-    if points.empty:
-        raise AnalysisError(without)
-    return float((points["low"].iloc[0] + points["high"].iloc[0]) / 2.0)
+def _middle_of_first(points: pd.DataFrame, direction: Direction, otherwise: str) -> float:
+    """The middle of the first interval in a direction.
+
+    Raises:
+        AnalysisError: there is none; `otherwise` is its sentence.
+    """
+    intervals = masked(points, points["direction"] == direction)
+    if intervals.empty:
+        raise AnalysisError(otherwise)
+    return float((intervals["low"].iloc[0] + intervals["high"].iloc[0]) / 2.0)
 
 
 @measure
-def gap_of_edges(
-    table: pd.DataFrame, *, parameter: str, upper: str, lower: str, start: str = "delta_13"
-) -> float:
+def gap_of_edges(table: pd.DataFrame, *, parameter: str, upper: str, lower: str) -> float:
     """Width of the range in which both gaits persist.
 
     Args:
-        table, parameter, start: as for `gait_lost_at`.
+        table, parameter: as for `gait_lost_at`.
         upper: the gait that is lost as the parameter rises.
         lower: the gait that is lost as it falls.
+
+    Raises:
+        AnalysisError: one of the gaits is not lost.
     """
-    edge = functools.partial(gait_lost_at, table, parameter=parameter, start=start)
-    return edge(gait=upper, direction="rising") - edge(gait=lower, direction="falling")
+    highest = gait_lost_at(table, parameter=parameter, gait=upper, direction="rising")
+    return highest - gait_lost_at(table, parameter=parameter, gait=lower, direction="falling")
 
 
 @measure
 def directions_of_loss(*tables: pd.DataFrame, observable: str, parameters: Sequence[str]) -> list[str]:
-    """Direction of each table's parameter in which the observable jumps down."""
+    """Direction of each table's parameter in which the observable jumps down.
+
+    Args:
+        tables: ramps' or staircases' tables.
+        observable: the observable that jumps.
+        parameters: for each table, the parameter that moves.
+
+    Raises:
+        AnalysisError: the observable does not jump down in a table.
+    """
     directions = []
     for table, parameter in zip(tables, parameters, strict=True):
         points = transition_points(table, observable, parameter)
@@ -161,8 +178,9 @@ def least_change_of_transition(
     ranges = []
     for table, column in zip(tables, by, strict=True):
         points = transition_points(table, observable, parameter, by=[column])
-        middle = (points["low"] + points["high"]) / 2.0
-        ranges += [float(np.ptp(middle[points["direction"] == way])) for way in ("rising", "falling")]
+        middles = (points["low"] + points["high"]) / 2.0
+        for direction in get_args(Direction):
+            ranges.append(float(np.ptp(middles[points["direction"] == direction])))
     return min(ranges)
 
 
@@ -180,9 +198,8 @@ def kinds_of_fixed_points(
         bandwidth: as for `fixed_points`.
     """
     points = fixed_points(table, observable, parameter, bandwidth)
-    at_value = np.flatnonzero(np.isclose(points[parameter].to_numpy(float), at))
-    order = at_value[np.argsort(points["value"].to_numpy(float)[at_value])]
-    return ["stable" if points["stable"].iloc[k] else "unstable" for k in order]
+    points = masked(points, np.isclose(points[parameter].to_numpy(float), at)).sort_values("value")
+    return ["stable" if stable else "unstable" for stable in points["stable"]]
 
 
 @measure
@@ -192,7 +209,7 @@ def stable_until(
     observable: str,
     parameter: str,
     between: Sequence[float],
-    take: str,
+    take: Literal["min", "max"],
     bandwidth: float | None = None,
 ) -> float:
     """Largest or smallest parameter at which the return map has a stable point in a range.
@@ -200,19 +217,17 @@ def stable_until(
     Args:
         table, observable, parameter, bandwidth: as for `kinds_of_fixed_points`.
         between: the range of the observable, low and high.
-        take: max or min.
+        take: whether the smallest or the largest parameter counts.
 
     Raises:
         AnalysisError: no stable fixed point is in the range.
     """
     points = fixed_points(table, observable, parameter, bandwidth)
     low, high = between
-    value, stable = points["value"].to_numpy(float), points["stable"].to_numpy(bool)
-    stable_values = points[parameter].to_numpy(float)[stable & (value >= low) & (value <= high)]
-    if not stable_values.size:
+    points = masked(points, points["stable"].astype(bool) & points["value"].between(low, high))
+    if points.empty:
         raise AnalysisError(f"No stable fixed point has {observable} between {low:g} and {high:g}.")
-    largest_or_smallest = np.max if take == "max" else np.min
-    return float(largest_or_smallest(stable_values))
+    return value(points, column=parameter, take=take)
 
 
 @measure
@@ -231,9 +246,9 @@ def share_with_unstable_between(
     separated = []
     for _, points_at_value in points.groupby(parameter):
         stable = points_at_value.sort_values("value")["stable"].to_numpy(bool)
-        lowest_and_highest = np.flatnonzero(stable)[[0, -1]] if stable.any() else np.zeros(2, int)
-        if lowest_and_highest[0] < lowest_and_highest[1]:
-            separated.append(not stable[slice(*lowest_and_highest)].all())
+        places = np.flatnonzero(stable)
+        if len(places) > 1:
+            separated.append(not stable[places[0] : places[-1]].all())
     if not separated:
         raise AnalysisError("No value of the parameter has two stable fixed points.")
     return sum(separated) / len(separated)
@@ -241,6 +256,6 @@ def share_with_unstable_between(
 
 @measure
 def gaits_of_branch(table: pd.DataFrame, *, parameter: str) -> list[str]:
-    """Gaits of the stable pieces of the first branch of a continuation, in the order in which they follow."""
+    """Gaits of the stable pieces of the first branch of a continuation, in their order along it."""
     pieces = stable_ranges(table, parameter)
     return list(dict.fromkeys(pieces.loc[pieces["row"] == pieces["row"].min(), "gait"].astype(str)))

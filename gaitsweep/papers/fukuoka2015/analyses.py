@@ -96,7 +96,7 @@ def loading_rule(
     if pairs:
         judged = pairs_in(table)
     elif predict:
-        judged = rule.loading_rule(rule.load_prediction(table), split=split or "k2", repeats=())
+        judged = rule.loading_rule(rule.load_prediction(table), split=split or "k2")
     else:
         judged = rule.loading_rule(table, split=split)
     print_table(judged, 3)

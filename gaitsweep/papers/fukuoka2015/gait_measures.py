@@ -8,11 +8,10 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
-from gaitsweep.analyses import axes_of, require
+from gaitsweep.analyses import require
 from gaitsweep.claims import Condition, MeasureError, measure, numbers, one_row, records, value
 from gaitsweep.papers.fukuoka2015.analysis.body_oscillation import body_oscillation
-from gaitsweep.papers.fukuoka2015.analysis.gait_tables import gaits_in
-from gaitsweep.papers.fukuoka2015.analysis.loading_rule import REPEATS
+from gaitsweep.papers.fukuoka2015.analysis.gait_tables import cases_of, gaits_in
 from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import CHART, family
 
 
@@ -36,9 +35,8 @@ def gait_share(
 def gaits_shown(table: pd.DataFrame, *, speeds: int = 1) -> float:
     """Number of the nine gaits that occur at so many values of the swept parameters or more (1)."""
     shown = gaits_in(table)
-    axes = [name for name in axes_of(table) if name not in REPEATS]
-    places = shown.loc[shown["gait"].isin(CHART)].drop_duplicates(["gait", *axes])
-    return float((places["gait"].astype(str).value_counts() >= speeds).sum())
+    cases = shown.loc[shown["gait"].isin(CHART)].drop_duplicates(["gait", *cases_of(table)])
+    return float((cases["gait"].astype(str).value_counts() >= speeds).sum())
 
 
 @measure
@@ -72,30 +70,24 @@ def speed_gap(
     """
     part = records(table, where)
     require(part, "gait", "speed_end")
-    kind = part["gait"].astype(str).map(family)
-    speed = part["speed_end"].to_numpy(float)
-    sides = [speed[kind.isin(kinds_of_side).to_numpy()] for kinds_of_side in (slow, fast)]
-    if not all(len(side) for side in sides):
+    families = part["gait"].astype(str).map(family)
+    slow_speeds, fast_speeds = (part.loc[families.isin(names), "speed_end"] for names in (slow, fast))
+    if slow_speeds.empty or fast_speeds.empty:
         raise MeasureError(f"The table lacks {' and '.join([*slow, *fast])}.")
-    return float(sides[1].min() - sides[0].max())
+    return float(fast_speeds.min() - slow_speeds.max())
 
 
 @measure
-def parameter_sets_with(
-    table: pd.DataFrame, *, gaits: Sequence[str], where: Condition | None = None
-) -> float:
+def parameter_sets_with(table: pd.DataFrame, *, gaits: Sequence[str]) -> float:
     """Number of parameter sets at which different starts come to each of the gaits (1).
 
     Args:
         table: a settle table, several starts for each set of parameters.
         gaits: names of the gaits.
-        where: a condition that selects rows.
     """
-    part = records(table, where)
-    require(part, "gait")
-    axes = [name for name in axes_of(part) if name not in REPEATS]
-    names = part.assign(gait=part["gait"].astype(str)).groupby(axes)["gait"].agg(set)
-    return float(sum(set(gaits) <= shown for shown in names))
+    require(table, "gait")
+    shown = table.assign(gait=table["gait"].astype(str)).groupby(cases_of(table))["gait"].agg(set)
+    return float(sum(set(gaits) <= gaits_of_set for gaits_of_set in shown))
 
 
 @measure

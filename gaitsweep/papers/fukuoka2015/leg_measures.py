@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Literal
 
 import numpy as np
 import pandas as pd
 
 from gaitsweep.analyses import TURN, mean_direction
-from gaitsweep.claims import Condition, MeasureError, measure, numbers, records, stances
+from gaitsweep.claims import Condition, MeasureError, measure, numbers, records, stances, value
 from gaitsweep.papers.fukuoka2015.analysis.gait_tables import gaits_in
 from gaitsweep.papers.fukuoka2015.analysis.loading_rule import load_prediction, loading_rule
 from gaitsweep.papers.fukuoka2015.analysis.pair_loads import pairs_in
@@ -20,10 +21,8 @@ from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import LEGS, PAIRS
 @measure
 def swing_order(table: pd.DataFrame, *, gait: str) -> str:
     """Order in which the legs of a gait begin to swing, from LF; legs within the threshold joined by +."""
-    orders = []
-    for row in records_of_gait(gaits_in(table), gait).to_dict("records"):
-        orders.append(_order({leg: float(row[f"phase_{leg}"]) for leg in LEGS}))
-    return _most_frequent(orders)
+    phases = records_of_gait(gaits_in(table), gait)[[f"phase_{leg}" for leg in LEGS]].to_numpy(float)
+    return _most_frequent([_order(dict(zip(LEGS, of_row, strict=True))) for of_row in phases.tolist()])
 
 
 @measure
@@ -129,45 +128,50 @@ def _order(phases: dict[str, float]) -> str:
         return ahead - 1.0 if leg == mates["LF"] and ahead > 1.0 - THRESHOLD else ahead
 
     legs = sorted(LEGS, key=after)
-    written: list[str] = []
+    steps: list[str] = []
     while legs:
         leg = legs.pop(0)
         mate = mates[leg]
         lag = abs((phases[leg] - phases[mate] + 0.5) % 1.0 - 0.5)
         if mate in legs and lag <= THRESHOLD:
             legs.remove(mate)
-            leg = "+".join(sorted((leg, mate)))
-        written.append(leg)
-    at = next(i for i, leg in enumerate(written) if "LF" in leg)
-    return "-".join(written[at:] + written[:at])
+            steps.append("+".join(sorted((leg, mate))))
+        else:
+            steps.append(leg)
+    first = next(i for i, step in enumerate(steps) if "LF" in step)
+    return "-".join(steps[first:] + steps[:first])
 
 
 @measure
-def rule_agreement(
-    table: pd.DataFrame, *, measure: str, what: str = "right", where: Condition | None = None
-) -> float:
-    """Agreement of a load or pitch with the rule: share of right signs, or r with the shift (1).
+def rule_agreement(table: pd.DataFrame, *, measure: str, where: Condition | None = None) -> float:
+    """Share of the pairs whose load or pitch has the sign of the rule (1).
 
     Args:
         table: as for `pairs_in`.
         measure: one of `MEASURES`.
-        what: a column of `loading_rule`, such as right or r.
         where: a condition that selects records.
     """
-    judged = loading_rule(records(table, where)).set_index("measure")
-    return float(judged.loc[measure, what])
+    return _right(loading_rule(records(table, where)), measure)
 
 
 @measure
 def foretold(table: pd.DataFrame, *, measure: str) -> float:
-    """Share of walks with the sign that a load or pitch of the trot without feedback foretells (1)."""
-    return float(loading_rule(load_prediction(table), repeats=()).set_index("measure").loc[measure, "right"])
+    """Share of walks with the sign that a load or pitch of the trot without feedback foretells (1).
+
+    Args:
+        table: as for `load_prediction`.
+        measure: one of `MEASURES`.
+    """
+    return _right(loading_rule(load_prediction(table)), measure)
+
+
+def _right(judged: pd.DataFrame, measure: str) -> float:
+    """The share of right signs of one measure in a result of `loading_rule`; refuses one that it lacks."""
+    return value(judged, column="right", where=f"measure == '{measure}'")
 
 
 @measure
-def pair_measure(
-    table: pd.DataFrame, *, gait: str, pair: int, measure: str, where: Condition | None = None
-) -> float:
+def pair_measure(table: pd.DataFrame, *, gait: str, pair: Literal[1, 2], measure: str) -> float:
     """Mean load, fore less hind (N), pitch, nose down (rad), or shift (cycles) of a pair in a gait.
 
     Args:
@@ -175,29 +179,29 @@ def pair_measure(
         gait: one of the nine.
         pair: 1 (RF and LH) or 2 (LF and RH).
         measure: a column of `pairs_in`.
-        where: a condition that selects records.
     """
-    pairs = records_of_gait(pairs_in(records(table, where)), gait)
-    return float(pairs.loc[pairs["pair_number"] == pair, measure].mean())
+    where = f"gait == '{gait}' and pair_number == {pair}"
+    return value(pairs_in(table), column=measure, where=where, take="mean")
 
 
 @measure
 def pairs_measure(table: pd.DataFrame, *, gait: str, measure: str) -> list[float]:
     """The `pair_measure` of each of the two pairs."""
-    return [pair_measure(table, gait=gait, pair=pair, measure=measure) for pair in (1, 2)]
+    first = pair_measure(table, gait=gait, pair=1, measure=measure)
+    return [first, pair_measure(table, gait=gait, pair=2, measure=measure)]
 
 
 @measure
 def late_tilt(table: pd.DataFrame, *, gait: str) -> list[float]:
     """Pitch of each pair's late stance in a gait, nose down, over the range of the pitch (1)."""
-    pitch_range = float(
-        np.mean([np.ptp(part["pitch"].to_numpy(float)) for part in rows_of_gait(table, gait)])
-    )
+    pitch_range = float(np.mean([np.ptp(numbers(part, "pitch")) for part in rows_of_gait(table, gait)]))
     return [tilt / pitch_range for tilt in pairs_measure(table, gait=gait, measure="tilt_late")]
 
 
 @measure
-def pair_ratio(table: pd.DataFrame, *, gait: str, pair: int, to: int, measure: str) -> float:
+def pair_ratio(
+    table: pd.DataFrame, *, gait: str, pair: Literal[1, 2], to: Literal[1, 2], measure: str
+) -> float:
     """Size of the `pair_measure` of one pair, over that of the other (1).
 
     Args:

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from typing import Any
+from typing import Literal
 
 import numpy as np
 import pandas as pd
 
 from gaitsweep.analyses import require
-from gaitsweep.claims import Condition, MeasureError, measure, numbers, records
+from gaitsweep.claims import Condition, MeasureError, masked, measure, numbers, records
 from gaitsweep.papers.fukuoka2015.analysis.body_oscillation import oscillation_along
 from gaitsweep.papers.fukuoka2015.analysis.gait_bouts import after_dwell, gait_bouts, gaits_along
 
+# Names of a sequence: families, gaits, or gaits with the rows mirrored whose first lead is a left one.
+Names = Literal["family", "gait", "right"]
 # The mirror images of gaits with a left lead.
 RIGHT = {"L-canter": "R-canter", "LT-gallop": "RT-gallop", "uL-canter": "uR-canter"}
 # The canter of each gallop's lead.
@@ -27,8 +29,8 @@ def share_in_order(
     order: Sequence[str],
     falling: bool = False,
     where: Condition | None = None,
-    by: str = "family",
-    at: str = "all",
+    by: Names = "family",
+    at: Literal["all", "begin", "end"] = "all",
 ) -> float:
     """Share of the rows of a ramp with an order of gaits in one pass (1).
 
@@ -37,20 +39,16 @@ def share_in_order(
         order: names of gaits or of families.
         falling: whether it is the pass in which the parameter falls.
         where: a condition that selects records.
-        by: the column of the names, family or gait.
+        by: which names the order has.
         at: which part of the sequence has this order: all of it, its begin or its end.
     """
-    sequences = _sequences(records(table, where), by, falling=falling).values()
-    parts = {"all": slice(None), "begin": slice(len(order)), "end": slice(-len(order), None)}
-    if at not in parts:
-        raise MeasureError(f"at is {at}. Allowed: {', '.join(parts)}.")
-    return float(np.mean([names[parts[at]] == list(order) for names in sequences]))
+    sequences = _sequences(records(table, where), by, falling=falling)
+    part = {"all": slice(None), "begin": slice(len(order)), "end": slice(-len(order), None)}[at]
+    return float(np.mean([names[part] == list(order) for names in sequences.values()]))
 
 
 @measure
-def share_up_and_down(
-    table: pd.DataFrame, *, up: Sequence[str], down: Sequence[str], where: Condition | None = None
-) -> float:
+def share_up_and_down(table: pd.DataFrame, *, up: Sequence[str], down: Sequence[str]) -> float:
     """Share of the rows of a ramp with one order of gaits as it rises and one as it falls (1).
 
     Rows whose first lead is a left one count as their mirror images.
@@ -58,27 +56,24 @@ def share_up_and_down(
     Args:
         table: a ramp's table.
         up, down: names of gaits.
-        where: a condition that selects records.
     """
-    ramp = records(table, where)
-    rising = _sequences(ramp, "right", falling=False)
-    falling = _sequences(ramp, "right", falling=True)
+    rising = _sequences(table, "right", falling=False)
+    falling = _sequences(table, "right", falling=True)
     rows = rising.keys() & falling.keys()
     return float(np.mean([rising[row] == list(up) and falling[row] == list(down) for row in rows]))
 
 
 @measure
 def most_frequent_order(
-    table: pd.DataFrame, *, falling: bool = False, where: Condition | None = None, by: str = "family"
+    table: pd.DataFrame, *, where: Condition | None = None, by: Names = "family"
 ) -> list[str]:
-    """The sequence of gaits that most rows of a ramp show in one pass.
+    """The sequence of gaits that most rows of a ramp show as the parameter rises.
 
     Args:
-        table, falling, where, by: as for `share_in_order`.
+        table, where, by: as for `share_in_order`.
     """
-    by_row = _sequences(records(table, where), by, falling=falling)
-    sequences = [tuple(names) for names in by_row.values()]
-    return list(max(sequences, key=sequences.count))
+    sequences = list(_sequences(records(table, where), by, falling=False).values())
+    return max(sequences, key=sequences.count)
 
 
 @measure
@@ -91,10 +86,10 @@ def acceleration(
         table, falling, where: as for `share_in_order`.
         between: the least and the largest speed of the cycles that count, m/s.
     """
-    part = _passes(records(table, where))
+    passes = _passes(records(table, where))
     low, high = between
-    part = part.loc[(part["pass"] == int(falling)) & part["speed_n"].between(low, high)]
-    slopes = [np.polyfit(crossings["t"], crossings["speed_n"], 1)[0] for _, crossings in part.groupby("row")]
+    crossings = masked(passes, (passes["pass"] == int(falling)) & passes["speed_n"].between(low, high))
+    slopes = [np.polyfit(of_row["t"], of_row["speed_n"], 1)[0] for _, of_row in crossings.groupby("row")]
     return float(np.mean(slopes))
 
 
@@ -102,11 +97,11 @@ def acceleration(
 def narrowest_family(table: pd.DataFrame, *, where: Condition | None = None) -> str:
     """The family of gaits with the least median range of speeds in the rising pass of a ramp."""
     bouts = _bouts(records(table, where), "family", falling=False)
-    bouts["width"] = np.abs(bouts["speed_end"].to_numpy(float) - bouts["speed_begin"].to_numpy(float))
+    bouts["width"] = np.abs(numbers(bouts, "speed_end") - numbers(bouts, "speed_begin"))
     widths = {}
     for name, bouts_of_family in bouts.groupby("family"):
-        sums = bouts_of_family.groupby("row")["width"].sum()
-        widths[str(name)] = float(np.median(np.asarray(sums, float)))
+        of_rows = bouts_of_family.groupby("row").agg(width=("width", "sum"))
+        widths[str(name)] = float(np.median(numbers(of_rows, "width")))
     return min(widths, key=widths.__getitem__)
 
 
@@ -121,28 +116,28 @@ def bout_time_ratio(
         family: walk, trot, canter or gallop.
         where: a condition that selects records of both.
     """
-    times = []
-    for job_table in (table, other):
-        bouts = _bouts(records(job_table, where), "family", falling=False)
-        in_family = (bouts["family"] == family).to_numpy()
-        lasted = (bouts["end"] - bouts["begin"]).to_numpy(float) * in_family
-        row = bouts["row"].to_numpy()
-        times.append(np.median([lasted[row == number].sum() for number in np.unique(row)]))
-    return float(times[0] / times[1])
+    one, another = (_median_time(records(ramp, where), family) for ramp in (table, other))
+    return one / another
+
+
+def _median_time(ramp: pd.DataFrame, family: str) -> float:
+    """The median over the rows of the time (s) in a family of gaits in the rising pass, 0 without any."""
+    bouts = _bouts(ramp, "family", falling=False)
+    bouts["lasted"] = (bouts["end"] - bouts["begin"]) * (bouts["family"] == family)
+    return float(np.median(numbers(bouts.groupby("row").agg(lasted=("lasted", "sum")), "lasted")))
 
 
 @measure
 def gallops_by_their_canter_or_trot(table: pd.DataFrame, *, where: Condition | None = None) -> float:
     """Share of the gallops of rising passes that follow the canter of the same lead, or a trot (1)."""
-    before = []
-    for _, bouts in _bouts(records(table, where), "gait", falling=False).groupby("row"):
-        names = [str(name) for name in bouts["gait"]]
-        for first, then in itertools.pairwise(names):
-            if then in SAME_LEAD:
-                before.append(first in ("trot", SAME_LEAD[then]))
-    if not before:
+    follow = []
+    for names in _sequences(records(table, where), "gait", falling=False).values():
+        for before, gait in itertools.pairwise(names):
+            if gait in SAME_LEAD:
+                follow.append(before in ("trot", SAME_LEAD[gait]))
+    if not follow:
         raise MeasureError("No row gallops as the parameter rises.")
-    return float(np.mean(before))
+    return float(np.mean(follow))
 
 
 @measure
@@ -166,21 +161,19 @@ def body_cycles_along(
 
 
 @measure
-def rise_with(
-    table: pd.DataFrame, *, parameter: str, where: Condition | None = None, columns: Sequence[str]
-) -> float:
+def rise_with(table: pd.DataFrame, *, parameter: str, columns: Sequence[str]) -> float:
     """Spearman's correlation of the mean size of columns with a parameter as it rises (1).
 
     Args:
         table: a ramp's table.
         parameter: the parameter that moves.
-        where: a condition that selects records.
         columns: the columns whose absolute values are averaged.
     """
-    part = records(table, where)
-    part = part.loc[part["pass"] == 0]
-    sizes = part[list(columns)].abs().mean(axis=1).groupby(part[parameter]).mean()
-    return float(pd.Series(sizes.index, dtype=float).corr(sizes.reset_index(drop=True), method="spearman"))
+    rising = masked(table, table["pass"] == 0)
+    sizes = pd.DataFrame(rising[list(columns)]).abs().mean(axis=1)
+    means = rising.assign(size=sizes).groupby(parameter, as_index=False).agg(size=("size", "mean"))
+    along, size = (pd.Series(numbers(means, name)) for name in (parameter, "size"))
+    return float(along.corr(size, method="spearman"))
 
 
 def _passes(table: pd.DataFrame) -> pd.DataFrame:
@@ -198,19 +191,18 @@ def _bouts(table: pd.DataFrame, by: str, *, falling: bool) -> pd.DataFrame:
     return gait_bouts(along, by, least=3)
 
 
-def _sequences(table: pd.DataFrame, by: str, *, falling: bool) -> dict[Any, list[str]]:
-    """The gaits of each row in one pass of a ramp, in order.
-
-    `by` is a column of `gaits_along`, or `right`: gaits, rows whose first lead is a left one mirrored.
-    """
+def _sequences(table: pd.DataFrame, by: Names, *, falling: bool) -> dict[object, list[str]]:
+    """The names of the gaits of each row in one pass of a ramp, in order."""
     column = "gait" if by == "right" else by
-    bouts = _bouts(table, column, falling=falling)
-    by_row = {row: list(map(str, bouts_of_row[column])) for row, bouts_of_row in bouts.groupby("row")}
-    return {row: _mirrored(names) for row, names in by_row.items()} if by == "right" else by_row
+    sequences: dict[object, list[str]] = {}
+    for row, bouts in _bouts(table, column, falling=falling).groupby("row"):
+        names = bouts[column].astype(str).tolist()
+        sequences[row] = _with_right_lead(names) if by == "right" else names
+    return sequences
 
 
-def _mirrored(names: list[str]) -> list[str]:
-    """A sequence of gaits whose first canter or gallop has a right lead; else its mirror image."""
+def _with_right_lead(names: list[str]) -> list[str]:
+    """The mirror image of a sequence of gaits if its first canter or gallop has a left lead."""
     leads = [name for name in names if name in RIGHT or name in RIGHT.values()]
     if not leads or leads[0] not in RIGHT:
         return names

@@ -82,23 +82,27 @@ def sets_by_conditions(table: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(columns).iloc[::-1].reset_index()  # sets at which all conditions hold come first
 
 
-def existence(N: int, chains: Chain, L: Float[np.ndarray, " sets"]) -> dict[str, Bool[np.ndarray, " sets"]]:
+def existence(table: pd.DataFrame, sets: pd.DataFrame) -> dict[str, Bool[np.ndarray, " sets"]]:
     """Whether each gait is a motion of the chain, by `wave_conditions` and `source_conditions`.
 
     Args:
-        N: springs, 3 at least.
-        chains: the sets of parameters, fields (sets,).
-        L: longest leg length of each, m.
+        table: a table of the multi-legged chain, whose job gives the parameters that do not vary.
+        sets: the columns that vary, one row for each set of parameters.
 
     Returns:
         For each of WAVES whether each set has it; for the source wave, of any boundary leg.
+
+    Raises:
+        AnalysisError: the job's parameters cannot be read.
     """
-    return {gait: np.asarray(exists) for gait, exists in zip(WAVES, _hold(N, chains, L), strict=True)}
+    L = np.broadcast_to(parameters_of(table, sets)["L"], (len(sets),))
+    holds = _existence(springs_of(table), chains_of(table, sets), L)
+    return {gait: np.asarray(exists) for gait, exists in zip(WAVES, holds, strict=True)}
 
 
 @partial(jax.jit, static_argnums=0)
-def _hold(N: int, chains: Chain, L: Float[np.ndarray, " sets"]) -> tuple[jax.Array, ...]:
-    """Whether each of WAVES holds for each of n chains, (n,)."""
+def _existence(N: int, chains: Chain, L: Float[np.ndarray, " sets"]) -> tuple[jax.Array, ...]:
+    """Whether each of WAVES is a motion of each of n chains, (n,)."""
 
     def of_chain(chain: Chain, longest: jax.Array) -> tuple[jax.Array, ...]:
         direct, retrograde = wave_conditions(N, chain, longest)
@@ -110,14 +114,13 @@ def _hold(N: int, chains: Chain, L: Float[np.ndarray, " sets"]) -> tuple[jax.Arr
 
 def _conditions(table: pd.DataFrame, sets: pd.DataFrame) -> dict[str, Bool[np.ndarray, " sets"]]:
     """The columns `conditions` and NAME_hold of sets of parameters, as `gait_shares` returns them."""
-    values = parameters_of(table, sets)
     chains = chains_of(table, sets)
-    L = np.broadcast_to(values["L"], (len(sets),))
+    L = np.broadcast_to(parameters_of(table, sets)["L"], (len(sets),))
     m_B = np.maximum(chains.m_1, chains.m_end)
     # with a profile the printed conditions are those of every inner leg, so of the extreme ones
     m, kappa, a = (np.asarray(field).reshape(len(sets), -1) for field in (chains.m, chains.kappa, chains.a))
     sag = m.max(axis=1) * chains.g / kappa.min(axis=1)
     printed = (0.5 * m.max(axis=1) < m_B) & (m_B < m.min(axis=1))
     printed &= (sag < a.min(axis=1)) & (a.max(axis=1) < L)
-    holds = {f"{gait}_hold": exists for gait, exists in existence(springs_of(table), chains, L).items()}
+    holds = {f"{gait}_hold": exists for gait, exists in existence(table, sets).items()}
     return {"conditions": np.asarray(printed), **holds}

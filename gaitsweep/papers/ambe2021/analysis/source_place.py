@@ -16,6 +16,8 @@ from gaitsweep.papers.ambe2021.multilegged.chain_of_table import (
 from gaitsweep.papers.ambe2021.theory.line_drift import drift, drift_on_ground
 from gaitsweep.status import Status
 
+CYCLES = 20  # the last cycles of a row over which its drift is averaged
+
 
 def source_place(table: pd.DataFrame) -> pd.DataFrame:
     """The share of starts that settle with the source at each leg, for each set of parameters.
@@ -37,34 +39,36 @@ def source_place(table: pd.DataFrame) -> pd.DataFrame:
     phases = _phases(table, "_end")
     names = set_columns(table)
     settled = Status.SOUND.among(table["status"])
-    source = np.where(settled & (np.asarray(table["gait"], str) == "source"), table["k"], 0)
-    meeting = np.where(settled & (np.asarray(table["gait"], str) == "none"), _meetings(phases), 0)
+    gait = np.asarray(table["gait"], str)
+    # the legs of source and meeting, 0 where there is none
+    ends = table[names].assign(
+        source=np.where(settled & (gait == "source"), table["k"], 0),
+        meeting=np.where(settled & (gait == "none"), _meetings(phases), 0),
+    )
     rows = []
-    groups = table.groupby(names, sort=True).indices if names else {(): np.arange(len(table))}
-    for values, starts in groups.items():
-        # pandas gives the value itself, not a tuple, where a set has one parameter
-        of_set = values if isinstance(values, tuple) else (values,)
-        parameters = dict(zip(names, of_set, strict=True))
-        neither = float(np.mean((source[starts] == 0) & (meeting[starts] == 0)))
+    for _, starts in ends.groupby(names, sort=True) if names else [((), ends)]:
+        parameters = {name: starts[name].iloc[0] for name in names}
+        source, meeting = starts["source"].to_numpy(), starts["meeting"].to_numpy()
+        of_set = {"neither": np.mean((source == 0) & (meeting == 0)), "starts": len(starts)}
         for leg in range(1, phases.shape[1] + 2):
-            shares = {"source": np.mean(source[starts] == leg), "meeting": np.mean(meeting[starts] == leg)}
-            rows.append({**parameters, "leg": leg, **shares, "neither": neither, "starts": len(starts)})
+            shares = {"source": np.mean(source == leg), "meeting": np.mean(meeting == leg)}
+            rows.append({**parameters, "leg": leg, **shares, **of_set})
     return pd.DataFrame(rows)
 
 
-def source_drift(table: pd.DataFrame, cycles: int = 20) -> pd.DataFrame:
+def source_drift(table: pd.DataFrame) -> pd.DataFrame:
     """Measure how fast E, the sum of the relative phases, drifts in each row, beside the law for its ends.
 
     The source moves with E: by one leg while E changes by about 4 rad.
 
     Args:
         table: a return_map table of the multi-legged chain.
-        cycles: the last cycles of each row over which the drift is averaged.
 
     Returns:
         A record for each row: the parameters that vary, `place`, the link whose lag is farthest from the
-        wave's at the end, `drift` (rad a cycle), `law` for rigid legs (eqs. 30 to 32), and
-        `law_on_ground` with the ground's stiffness, rad a cycle; above 0 the source moves to the head.
+        wave's at the end, `drift` (rad a cycle) over the last `CYCLES`, `law` for rigid legs (eqs. 30 to
+        32), and `law_on_ground` with the ground's stiffness, rad a cycle; above 0 the source moves to the
+        head.
 
     Raises:
         AnalysisError: the table is not of the chain, or a row has fewer than two crossings.
@@ -73,7 +77,7 @@ def source_drift(table: pd.DataFrame, cycles: int = 20) -> pd.DataFrame:
     names = set_columns(table)
     records = []
     for row, part in table.groupby("row", sort=True):
-        part = part.sort_values(by="crossing").tail(cycles + 1)
+        part = part.sort_values(by="crossing").tail(CYCLES + 1)
         psi = _phases(part, "_n")
         if len(psi) < 2:
             raise AnalysisError(f"Row {row} has fewer than two crossings.")

@@ -17,6 +17,7 @@ from jaxtyping import Float, Int
 from gaitsweep.analyses import AnalysisError
 from gaitsweep.papers.ambe2021.multilegged.chain_of_table import (
     chain_of,
+    of_legs,
     parameters_of,
     relative_phases,
     springs_of,
@@ -74,9 +75,8 @@ def waves(table: pd.DataFrame) -> pd.DataFrame:
 
 def _wave(part: pd.DataFrame, N: int, chain: Chain, omega: float) -> dict[str, object]:
     """The measured wave of one row, and the theory's wavelength and speeds, as `waves` returns them."""
-    swings = passages(part, N)
-    psi = relative_phases(part, N)
-    branch, distance = nearest_set(N, chain, psi)
+    swings = passages(part)
+    branch, distance = nearest_set(N, chain, relative_phases(part))
     lags = np.minimum(swings.leads, swings.period - swings.leads)[links_of_wave(N, branch) - 1]
     # eqs. (27), (28) are of equal inner legs; with a profile each pair has a lag of its own
     without = Speeds(jnp.asarray(jnp.nan), jnp.asarray(jnp.nan))
@@ -106,22 +106,21 @@ def links_of_wave(N: int, branch: Branch) -> Int[np.ndarray, " links"]:
     return np.array([link for link in range(1, N + 1) if link not in left_out])
 
 
-def passages(part: pd.DataFrame, N: int) -> Passages:
+def passages(part: pd.DataFrame) -> Passages:
     """The period, and by how much each leg leads the one in front of it, in the last cycles of one row.
 
     Args:
         part: the records of one row of a trace, in order of time.
-        N: springs; there are N + 1 legs.
 
     Raises:
         AnalysisError: a leg passes the middle of stance fewer than three times.
     """
     t = part["t"].to_numpy(float)
-    of_legs = [_times_of_mid_stance(t, part[f"phase_{leg}"].to_numpy(float)) for leg in range(1, N + 2)]
-    if min(map(len, of_legs)) < 3:
+    passed = [_times_of_mid_stance(t, phase) for phase in of_legs(part, "phase").T]
+    if min(map(len, passed)) < 3:
         raise AnalysisError("A wave needs at least two cycles: use a longer duration of the trace.")
-    period = float(np.mean([times[-1] - times[-3] for times in of_legs])) / 2.0
-    last = np.array([times[-1] for times in of_legs])
+    period = float(np.mean([times[-1] - times[-3] for times in passed])) / 2.0
+    last = np.array([times[-1] for times in passed])
     return Passages(period, np.mod(last[:-1] - last[1:], period))
 
 

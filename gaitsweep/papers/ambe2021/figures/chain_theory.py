@@ -8,7 +8,7 @@ from __future__ import annotations
 import functools
 import itertools
 from collections.abc import Iterator, Sequence
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
 import jax
 import jax.numpy as jnp
@@ -22,10 +22,11 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
 
 from gaitsweep.papers.ambe2021.multilegged.chain_of_table import chain_of, springs_of
+from gaitsweep.papers.ambe2021.multilegged.model import ChainModel
 from gaitsweep.papers.ambe2021.theory.chain import Chain, leg_length, touchdown_phase
 from gaitsweep.papers.ambe2021.theory.gaits import GAITS, WAVES, gait_of
 from gaitsweep.papers.ambe2021.theory.order import jumps, reset_sets, touchdown_order
-from gaitsweep.papers.ambe2021.theory.solution_sets import Branch, branches, places, rule_of, solution
+from gaitsweep.papers.ambe2021.theory.solution_sets import Branch, Kind, branches, places, rule_of, solution
 from gaitsweep.plot import (
     CountOrZero,
     PlannedTable,
@@ -38,15 +39,18 @@ from gaitsweep.plot import (
     word,
 )
 
-SHOWN = ("touchdowns", "order", "free_phase", "sets")
+Shown = Literal["touchdowns", "order", "free_phase", "sets"]
+SHOWN: tuple[Shown, ...] = get_args(Shown)
 
 
 def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
-    N = getattr(table.model, "N", None)
-    if N is None or not {"psi_1_end", "psi_1_n", "phase_1"} & set(table.columns):
+    model = table.model
+    has_phases = bool({"psi_1_end", "psi_1_n", "phase_1"} & set(table.columns))
+    if not (isinstance(model, ChainModel) and has_phases):
         yield figure.needs(table, "the multi-legged chain's psi_1 or phase_1")
-    elif figure.k is not None and not 2 <= figure.k <= N:
-        yield ("k",), f"is {figure.k}, but a chain of {N + 1} legs has source waves of k = 2 to {N}."
+    elif figure.k is not None and not 2 <= figure.k <= model.N:
+        waves = f"a chain of {model.N + 1} legs has source waves of k = 2 to {model.N}."
+        yield ("k",), f"is {figure.k}, but {waves}"
     if figure.at >= 1.0:
         yield ("at",), f"is {figure.at:g}, but must be a fraction of the range of the free phase, below 1."
 
@@ -56,7 +60,7 @@ def chain_theory(
     table: pd.DataFrame,
     *,
     show: Annotated[
-        Literal["touchdowns", "order", "free_phase", "sets"],
+        Shown,
         word(*SHOWN),
         "touchdowns (Fig. 8 of Ambe 2021), order (Fig. 9), free_phase (Fig. 10) or sets (Fig. 11)",
     ],
@@ -81,13 +85,17 @@ def chain_theory(
 
 
 def theory_figure(
-    N: int, chain: Chain, *, show: str, k: int | None = None, at: float = 0.3, title: str | None = None
+    N: int, chain: Chain, *, show: Shown, k: int | None = None, at: float = 0.3, title: str | None = None
 ) -> Figure:
-    """The figure `chain_theory` without a table; other arguments and errors as there.
+    """The figure `chain_theory` without a table.
 
     Args:
         N: springs; the chain has N + 1 legs.
         chain: its parameters.
+        show, k, at, title: as for `chain_theory`.
+
+    Raises:
+        PlotError: as for `chain_theory`.
     """
     k = max(3, (N + 3) // 2) if k is None else k
     if show not in SHOWN:
@@ -145,14 +153,8 @@ def draw_touchdowns(N: int, chain: Chain, k: int, title: str | None) -> Figure:
         for axes, (leg, text) in zip(panels, legs, strict=True):
             _segments(axes, chain)
             phi = circle - np.mod(theta[:, leg - 1 : leg] - theta + 1e-12, circle)
-            for neighbour, colour, marker in ((leg - 2, _FRONT, "<"), (leg, _REAR, ">")):
-                ends = np.array([phi[:, neighbour].min(), phi[:, neighbour].max()])
-                if np.ptp(ends) > 1e-6:
-                    along = np.linspace(ends[0], ends[1], 200)
-                    style: dict[str, Any] = {"lw": 5, "alpha": 0.55, "solid_capstyle": "butt"}
-                    axes.plot(along, leg_length(along, chain), color=colour, **style)
-                else:
-                    axes.plot(ends[:1], leg_length(ends[:1], chain), marker, color=colour, ms=8, zorder=4)
+            _neighbour(axes, phi[:, leg - 2], chain, _FRONT, "<")
+            _neighbour(axes, phi[:, leg], chain, _REAR, ">")
             axes.plot([circle], leg_length(np.array([circle]), chain), "o", color=_TOUCHING, ms=7, zorder=5)
             axes.set_title(f"touchdown of leg {leg}:\n{text}", loc="left")
             axes.set_xlabel("phase (rad)")
@@ -169,17 +171,30 @@ def draw_touchdowns(N: int, chain: Chain, k: int, title: str | None) -> Figure:
     return figure
 
 
+def _neighbour(
+    axes: Axes, phi: Float[np.ndarray, " solutions"], chain: Chain, colour: str, marker: str
+) -> None:
+    """The phases (rad) of a neighbour on the curve of leg length: their range, or the only one."""
+    low, high = phi.min(), phi.max()
+    if high - low > 1e-6:
+        along = np.linspace(low, high, 200)
+        style: dict[str, Any] = {"lw": 5, "alpha": 0.55, "solid_capstyle": "butt"}
+        axes.plot(along, leg_length(along, chain), color=colour, **style)
+    else:
+        axes.plot([low], leg_length(np.array([low]), chain), marker, color=colour, ms=8, zorder=4)
+
+
 def _segments(axes: Axes, chain: Chain) -> None:
     """The curve of leg length, eq. (3), its three segments named."""
     beta = float(chain.beta)
     ends = np.array([0.0, 2 * beta * np.pi, (1 + beta) * np.pi, 2 * np.pi])
     axes.plot(ends, leg_length(ends, chain), color="#888888", lw=1.0)
     low = 1.22 * leg_length(np.array([(1 + beta) * np.pi]), chain)[0]
-    for name, left, right, turn in (("stance", 0, 1, 0), ("takeoff", 1, 2, 90), ("landing", 2, 3, 90)):
-        middle = 0.5 * (ends[left] + ends[right])
-        height = 0.5 * low if name == "stance" else 0.995 * low
-        axes.text(middle, height, name, ha="center", va="center" if name == "stance" else "bottom",
-                  rotation=turn, fontsize=theme.points(7), color="#555555")  # fmt: skip
+    style: dict[str, Any] = {"ha": "center", "fontsize": theme.points(7), "color": "#555555"}
+    stance, takeoff, landing = 0.5 * (ends[1:] + ends[:-1])
+    axes.text(stance, 0.5 * low, "stance", va="center", **style)
+    axes.text(takeoff, 0.995 * low, "takeoff", va="bottom", rotation=90, **style)
+    axes.text(landing, 0.995 * low, "landing", va="bottom", rotation=90, **style)
     for end in ends[1:3]:
         axes.axvline(end, color="#CCCCCC", lw=0.6, zorder=0)
     axes.set_ylim(1.25 * low, -0.18 * low)
@@ -282,19 +297,18 @@ def draw_free_phase(N: int, chain: Chain, k: int, title: str | None) -> Figure:
         k: the boundary leg of the source wave.
     """
     circle = touchdown_phase(chain)
-    colours: dict[Literal["A", "B"], str] = {"A": "#D55E00", "B": "#0072B2"}
+    colours: dict[Kind, str] = {"A": "#D55E00", "B": "#0072B2"}
     with theme.canvas(theme.COLUMN + 0.9, 3.0, title) as figure:
         axes = figure.subplots()
         for kind, colour in colours.items():
             rule = rule_of(N, Branch(kind, k), chain)
             ends = np.array([float(rule.low) + 1e-9, float(rule.high) - 1e-9])
             psi = np.stack([np.asarray(solution(rule, jnp.asarray(s), circle, k)) for s in ends])
-            label = f"solution set {kind}"
-            axes.plot(psi[:, k - 2], psi[:, k - 1], "o-", color=colour, lw=2.4, ms=4, label=label)
+            style: dict[str, Any] = {"color": colour, "lw": 2.4, "ms": 4, "label": f"solution set {kind}"}
+            axes.plot(psi[:, k - 2], psi[:, k - 1], "o-", **style)
             if kind == "A":
-                for value, text, height in zip(ends, (r"$\psi_A$", r"$\psi_B$"), (0.03, 0.12), strict=True):
-                    label = f"{text} = {theme.in_pi(value, fractions=False)}"
-                    _mark(axes, value, label, height)
+                for value, name, height in zip(ends, (r"$\psi_A$", r"$\psi_B$"), (0.03, 0.12), strict=True):
+                    _mark(axes, value, f"{name} = {theme.in_pi(value, fractions=False)}", height)
         axes.set_xlim(0.0, 2 * np.pi)
         theme.angle_axis(axes, "x")
         theme.angle_ticks(axes, "y")

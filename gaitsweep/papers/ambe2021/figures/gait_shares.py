@@ -16,12 +16,7 @@ from matplotlib.patheffects import withStroke
 from gaitsweep import near_miss
 from gaitsweep.papers.ambe2021.analysis.gait_shares import existence
 from gaitsweep.papers.ambe2021.analysis.gait_shares import gait_shares as shares_of
-from gaitsweep.papers.ambe2021.multilegged.chain_of_table import (
-    chains_of,
-    has_profile,
-    parameters_of,
-    springs_of,
-)
+from gaitsweep.papers.ambe2021.multilegged.chain_of_table import parameters_of, profile_parameters_of
 from gaitsweep.papers.ambe2021.theory.gaits import WAVES
 from gaitsweep.plot import (
     TEXT_COLUMNS,
@@ -95,10 +90,10 @@ def gait_shares(
                 theme.message(axes, "no rows yet")
             return figure
         shares = shares_of(table)
-        drawn = None
+        meshes = []
         for axes, gait in zip(panels, _SHARES, strict=True):
             log_axes(axes, table, x=x, y=y)
-            drawn = _map(axes, shares, table, x, y, gait)
+            meshes.append(_map(axes, shares, table, x, y, gait))
             axes.set_title(_label(gait))
             axes.set_xlabel(axis_label(table, x))
             _edges(axes, table, x, y)
@@ -108,8 +103,7 @@ def gait_shares(
             axes.set_ylabel(described(table, y, 24))
         for axes in panels[:-across]:
             axes.set_xlabel("")
-        assert drawn is not None
-        figure.colorbar(drawn, ax=panels, label="share of starts", shrink=0.9)
+        figure.colorbar(meshes[0], ax=panels, label="share of starts", shrink=0.9)
         handles = [Line2D([], [], **line) for line in _LINES.values()]
         theme.legend(figure, handles, list(_LINES), ncols=2)
     return figure
@@ -174,7 +168,7 @@ def _edges(axes: Axes, table: pd.DataFrame, x: str, y: str | None) -> None:
 
     A profile has none, since its inner legs do not share one m, kappa and a.
     """
-    if has_profile(table):
+    if profile_parameters_of(table):
         return
     low, high = axes.get_xlim(), axes.get_ylim()
     along = _along(low, 401, axes.get_xscale())
@@ -209,27 +203,33 @@ def _above_zero(limits: tuple[float, float]) -> tuple[float, float]:
 
 
 def _exact(axes: Axes, table: pd.DataFrame, x: str, y: str | None, gait: str) -> None:
-    """The limits of existence of each gait; other parameters as in the job, or as in Table 1."""
+    """The limits of existence of a gait; other parameters as in the job, or as in Table 1."""
     low, high = axes.get_xlim(), axes.get_ylim()
     if y is None:
-        along, up = _along(_above_zero(low), 241, axes.get_xscale()), np.zeros(1)
-        sets = pd.DataFrame({x: along})
+        _mark_turns(axes, table, x, gait)
     else:
-        along = _along(_above_zero(low), 161, axes.get_xscale())
-        up = _along(_above_zero(high), 161, axes.get_yscale())
-        across, upwards = np.meshgrid(along, up)
-        sets = pd.DataFrame({x: across.ravel(), y: upwards.ravel()})
-    L = np.broadcast_to(parameters_of(table, sets)["L"], (len(sets),))
-    exists = existence(springs_of(table), chains_of(table, sets), L)[gait].reshape(len(up), len(along))
-    if y:
-        if exists.any() and not exists.all():
-            style = {"colors": _EXACT["color"], "linewidths": _EXACT["lw"]}
-            axes.contour(along, up, exists.astype(float), [0.5], **style)
-    else:
-        drawn = [float(np.asarray(line.get_xdata(), float)[0]) for line in axes.get_lines()]
-        for turn in np.flatnonzero(np.diff(exists[0].astype(int))):
-            at, step = 0.5 * (along[turn] + along[turn + 1]), along[turn + 1] - along[turn]
-            if min(abs(at - line) for line in drawn) > step:  # not drawn twice for two gaits or conditions
-                axes.axvline(at, zorder=0, **_EXACT)
+        _contour(axes, table, x, y, gait)
     axes.set_xlim(low)
     axes.set_ylim(high)
+
+
+def _mark_turns(axes: Axes, table: pd.DataFrame, x: str, gait: str) -> None:
+    """An upright line where a gait begins or ends to exist along x, unless another line is there."""
+    along = _along(_above_zero(axes.get_xlim()), 241, axes.get_xscale())
+    exists = existence(table, pd.DataFrame({x: along}))[gait]
+    others = [float(np.asarray(line.get_xdata(), float)[0]) for line in axes.get_lines()]
+    for turn in np.flatnonzero(np.diff(exists.astype(int))):
+        at, step = 0.5 * (along[turn] + along[turn + 1]), along[turn + 1] - along[turn]
+        if min(abs(at - other) for other in others) > step:
+            axes.axvline(at, zorder=0, **_EXACT)
+
+
+def _contour(axes: Axes, table: pd.DataFrame, x: str, y: str, gait: str) -> None:
+    """The edge of the region in which a gait exists, over x and y."""
+    along = _along(_above_zero(axes.get_xlim()), 161, axes.get_xscale())
+    up = _along(_above_zero(axes.get_ylim()), 161, axes.get_yscale())
+    across, upwards = np.meshgrid(along, up)
+    exists = existence(table, pd.DataFrame({x: across.ravel(), y: upwards.ravel()}))[gait]
+    if exists.any() and not exists.all():
+        style = {"colors": _EXACT["color"], "linewidths": _EXACT["lw"]}
+        axes.contour(along, up, exists.reshape(across.shape).astype(float), [0.5], **style)

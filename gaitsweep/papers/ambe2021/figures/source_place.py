@@ -107,7 +107,7 @@ def _panel(axes: Any, shares: pd.DataFrame, name: str, legs: int, most: float) -
         drawn[column_name] = mesh, label
     hatch_cells(axes, grid, shares, shares["meeting"] > 0.0, "////", "white")
     neither = shares.groupby(name)["neither"].first().to_numpy(float)[None]
-    rest = np.array([legs + 1.5, legs + 2.5])
-    axes.pcolormesh(grid.edges[0], rest, np.ma.masked_equal(neither, 0.0), cmap="Greys", vmin=0.0, vmax=1.0)
+    below = np.array([legs + 1.5, legs + 2.5])
+    axes.pcolormesh(grid.edges[0], below, np.ma.masked_equal(neither, 0.0), cmap="Greys", vmin=0.0, vmax=1.0)
     axes.axhline(legs + 1.0, color="#AAAAAA", lw=0.6)
     return drawn

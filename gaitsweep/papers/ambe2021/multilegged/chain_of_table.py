@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import graphlib
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -52,26 +52,35 @@ def chains_of(table: pd.DataFrame, sets: pd.DataFrame) -> Chain:
     values = parameters_of(table, sets)
     shape = (max(len(sets), 1),)
     fields = {name: np.broadcast_to(values[name], shape) for name in Chain._fields}
-    if (legs := _profiled(table)) is not None:
-        for name, last in (("m", legs), ("kappa", legs - 1), ("a", legs)):
-            inner = [np.broadcast_to(values[f"{name}_{i}"], shape) for i in range(2, last)]
+    if (N := _springs_with_profile(table)) is not None:
+        for name, last in (("m", N), ("kappa", N - 1), ("a", N)):
+            inner = [np.broadcast_to(values[f"{name}_{i}"], shape) for i in range(2, last + 1)]
             fields[name] = np.stack(inner, axis=1)
     return Chain(**fields)
 
 
 def parameters_of(table: pd.DataFrame, sets: pd.DataFrame) -> dict[str, Any]:
     """The chain's parameters without dampers, numbers or (n,); arguments and errors as for `chains_of`."""
-    quantities = (*PARAMETERS, *_profile(table))
     # the theory has no dampers, and the root in their formulas has no value where an axis ends below zero
     defaults = {
-        quantity.name: quantity.default for quantity in quantities if quantity.name not in ("sigma", "D")
+        quantity.name: quantity.default
+        for quantity in (*PARAMETERS, *_profile(table))
+        if quantity.name not in ("sigma", "D")
     }
     settings: dict[str, Any] = defaults | _job(table, "params")
     settings |= {str(name): sets[name].to_numpy(float) for name in sets if len(sets) and name in defaults}
-    if (legs := _profiled(table)) is not None:
-        settings["N"] = legs - 1
-    # formulas may use each other in any order, and the other parameters of the job
-    formulas = {name: settings[name] for name in defaults if isinstance(settings[name], str)}
+    if (N := _springs_with_profile(table)) is not None:
+        settings["N"] = N
+    return _evaluated(settings, defaults)
+
+
+def _evaluated(settings: Mapping[str, Any], names: Iterable[str]) -> dict[str, Any]:
+    """The settings with the formulas among `names` evaluated; they may use each other in any order.
+
+    Raises:
+        AnalysisError: formulas depend on each other in a cycle, or one has no value.
+    """
+    formulas = {name: settings[name] for name in names if isinstance(settings[name], str)}
     values = {name: value for name, value in settings.items() if not isinstance(value, str)}
     uses = {name: names_in(text) & set(formulas) for name, text in formulas.items()}
     try:
@@ -86,32 +95,27 @@ def parameters_of(table: pd.DataFrame, sets: pd.DataFrame) -> dict[str, Any]:
     return values
 
 
-def has_profile(table: pd.DataFrame) -> bool:
-    """Whether the inner legs of a table's chain have values of their own."""
-    return _profiled(table) is not None
-
-
 def profile_parameters_of(table: pd.DataFrame) -> tuple[str, ...]:
     """The names of the parameters of the table's profile; none without one."""
     return tuple(quantity.name for quantity in _profile(table))
 
 
-def _profiled(table: pd.DataFrame) -> int | None:
-    """The number of legs of a chain with a profile; None without one."""
+def _profile(table: pd.DataFrame) -> tuple[Quantity, ...]:
+    """The parameters of the table's profile; none without one."""
+    N = _springs_with_profile(table)
+    return () if N is None else profile_parameters(N)
+
+
+def _springs_with_profile(table: pd.DataFrame) -> int | None:
+    """N of a chain with a profile; None without one."""
     structure = _job(table, "structure")
-    return int(structure.get("N", SPRINGS)) + 1 if structure.get("profile") else None
+    return int(structure.get("N", SPRINGS)) if structure.get("profile") else None
 
 
 def _job(table: pd.DataFrame, section: str) -> dict[str, Any]:
     """A section of the table's job, by name; empty without one."""
     job = table.attrs.get("job")
     return dict(job.get(section) or {}) if isinstance(job, Mapping) else {}
-
-
-def _profile(table: pd.DataFrame) -> tuple[Quantity, ...]:
-    """The parameters of the table's profile; none without one."""
-    legs = _profiled(table)
-    return () if legs is None else profile_parameters(legs - 1)
 
 
 def springs_of(table: pd.DataFrame) -> int:
@@ -130,17 +134,20 @@ def set_columns(table: pd.DataFrame) -> list[str]:
     return [name for name in axes_of(table) if not name.startswith(("psi_", "phi_"))]
 
 
-def relative_phases(part: pd.DataFrame, N: int) -> Float[np.ndarray, " springs"]:
+def of_legs(trace: pd.DataFrame, signal: str) -> Float[np.ndarray, "samples legs"]:
+    """A signal of all legs of a trace, such as phase or contact."""
+    return trace[[f"{signal}_{leg}" for leg in range(1, springs_of(trace) + 2)]].to_numpy(float)
+
+
+def relative_phases(part: pd.DataFrame) -> Float[np.ndarray, " springs"]:
     """Psi, rad, at the last sample before leg 1 touches down: on section 1.
 
     Args:
         part: the records of one row of a trace, in order of time.
-        N: springs; there are N + 1 legs.
 
     Raises:
         AnalysisError: leg 1 does not touch down in the recorded time.
     """
-    phase = part[[f"phase_{leg}" for leg in range(1, N + 2)]].to_numpy(float)
     contact = part["contact_1"].to_numpy(float) > 0.5
     down = np.flatnonzero(~contact[:-1] & contact[1:])
     lifted = np.flatnonzero(contact[:-1] & ~contact[1:])
@@ -149,8 +156,8 @@ def relative_phases(part: pd.DataFrame, N: int) -> Float[np.ndarray, " springs"]
         raise AnalysisError("Leg 1 does not touch down in the recorded time.")
     # a foot bounces after its touchdown and before it takes off: touchdowns end the long times in the air
     aloft = down - lifted[np.searchsorted(lifted, down) - 1]
-    down = down[aloft > 0.5 * aloft.max()]
-    return np.mod(np.diff(phase[down[-1]]), 2.0 * np.pi)
+    last = down[aloft > 0.5 * aloft.max()][-1]
+    return np.mod(np.diff(of_legs(part, "phase")[last]), 2.0 * np.pi)
 
 
 def largest_distance(table: pd.DataFrame) -> tuple[float, int] | None:

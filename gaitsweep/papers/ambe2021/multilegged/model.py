@@ -8,20 +8,22 @@ phase is reset when its leg touches the ground in the landing segment, and the l
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Mapping
 from typing import ClassVar, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 import pandas as pd
 from jaxtyping import Array, Bool, Float, Real
 
+from gaitsweep import Limb, Skeleton
 from gaitsweep.analyses import AnalysisError
 from gaitsweep.contract import Chart, HybridModel, Quantity, Rates, Recommended, Simultaneous
 from gaitsweep.dynamics import TWO_PI, wrapped
 from gaitsweep.papers.ambe2021.multilegged.chain_of_table import chain_of, largest_distance, relative_phases
 from gaitsweep.papers.ambe2021.multilegged.chart import MultileggedChart
-from gaitsweep.papers.ambe2021.multilegged.drawing import MultileggedDrawing
 from gaitsweep.papers.ambe2021.multilegged.mechanics import (
     fastest_motions,
     ground_force,
@@ -46,6 +48,10 @@ from gaitsweep.papers.ambe2021.theory.gaits import GAITS, classify, free_link, n
 
 # Multiple of the machine epsilon, relative to the terms of x - l, that bounds the rounding error of a gap.
 ROUNDING_FACTOR = 4.0
+# Drawn distance of neighbours and half size of masses, in leg lengths; the model has neither.
+_SPACING, _HALF_SIZE = 0.6, 0.075
+# Corners of a mass's box in halves of its size, in the order in which the box is drawn.
+_CORNERS = np.array([(x, y, z) for y in (-1.0, 1.0) for x in (-1.0, 1.0) for z in (-1.0, 1.0)])
 
 
 class Transitions(NamedTuple):
@@ -62,7 +68,7 @@ class Transitions(NamedTuple):
 
 
 @dataclasses.dataclass(frozen=True)
-class ChainModel(MultileggedDrawing, HybridModel):
+class ChainModel(HybridModel):
     """Base of the full and the reduced chain of N + 1 legs: parameters, observables, gaits and labels."""
 
     N: int = dataclasses.field(
@@ -106,6 +112,14 @@ class ChainModel(MultileggedDrawing, HybridModel):
     def observables(self) -> tuple[Quantity, ...]:
         landed = Quantity("landed", "1", "1: leg 1 touched down; 0: its phase passed 2 pi without a landing")
         return (*self._psi("on section 1"), landed)
+
+    def _observed(self, psi: jax.Array, landed: jax.Array) -> dict[str, jax.Array]:
+        """The observables from the relative phases (N,) on the section."""
+        return {f"psi_{i + 1}": psi[i] for i in range(self.N)} | {"landed": landed.astype(psi.dtype)}
+
+    def _signalled(self, of_legs: Mapping[str, jax.Array]) -> dict[str, jax.Array]:
+        """The signals from their values for all legs (N+1,)."""
+        return {f"{name}_{i + 1}": values[i] for name, values in of_legs.items() for i in range(self.N + 1)}
 
     def _psi(self, where: str) -> tuple[Quantity, ...]:
         """The relative phases, eq. (7), at the start or on the section."""
@@ -168,21 +182,52 @@ class ChainModel(MultileggedDrawing, HybridModel):
         p = params
         psi = jnp.stack([observations[f"psi_{i}"] for i in range(1, self.N + 1)])
         inner = slice(1, -1) if self.profile else 1
-        m = p.masses[inner] if self.profile else p.m
-        chain = Chain(p.beta, p.kappa[inner], m, p.masses[0], p.masses[-1], p.a[inner], p.g)
-        chain = chain._replace(kappa_1=p.kappa[0], kappa_end=p.kappa[-1], a_1=p.a[0], a_end=p.a[-1])
+        chain = Chain(
+            beta=p.beta,
+            kappa=p.kappa[inner],
+            m=p.masses[inner] if self.profile else p.m,
+            m_1=p.masses[0],
+            m_end=p.masses[-1],
+            a=p.a[inner],
+            g=p.g,
+            kappa_1=p.kappa[0],
+            kappa_end=p.kappa[-1],
+            a_1=p.a[0],
+            a_end=p.a[-1],
+        )
         gait, k, distance = classify(self.N, psi, chain)
         return {"gait": gait, "k": k, "distance": distance}
 
     def period(self, params: Params) -> Float[Array, ""]:
         return TWO_PI / params.omega
 
+    def skeleton(
+        self, values: Mapping[str, float], signals: Mapping[str, Float[np.ndarray, " times"]]
+    ) -> Skeleton:
+        """The chain, its head to the right: a box for each mass, its leg, and springs between neighbours."""
+        masses, limbs = [], []
+        for i in range(self.N + 1):
+            height = signals[f"x_{i + 1}"]
+            along = np.full_like(height, -_SPACING * values["L"] * i)
+            mass = np.stack([along, np.zeros_like(height), height], axis=1)
+            foot = np.stack([along, np.zeros_like(height), height - signals[f"l_{i + 1}"]], axis=1)
+            masses.append(mass)
+            limbs.append(Limb(f"leg {i + 1}", np.stack([mass, foot], axis=1), pair=1))
+        box = _HALF_SIZE * values["L"] * _CORNERS
+        return Skeleton(
+            limbs=tuple(limbs),
+            bodies=tuple(mass[:, None, :] + box for mass in masses),
+            springs=tuple(np.stack(ends, axis=1) for ends in itertools.pairwise(masses)),
+            note="Leg 1 is the head's. Masses only move up and down; "
+            "how far apart they are is not in the model.",
+        )
+
     def free_link(self, trace: pd.DataFrame, legs: int) -> int | None:
         """The link whose lag is free by the theory, 1 .. N; None for traces that are too short."""
         if not {"phase_1", "x_1", "l_1", f"phase_{legs}"} <= set(trace.columns) or legs < 3:
             return None
         try:
-            branch, _ = nearest_set(legs - 1, chain_of(trace), relative_phases(trace, legs - 1))
+            branch, _ = nearest_set(legs - 1, chain_of(trace), relative_phases(trace))
         except AnalysisError:
             return None
         return free_link(legs - 1, branch)
@@ -286,14 +331,12 @@ class Multilegged(ChainModel):
         return Transitions(corner, segment, wraps, resets)
 
     def observe(self, params: Params, state: State) -> dict[str, Real[Array, ""]]:
-        psi = wrapped(state.phi[1:] - state.phi[:-1])  # eq. (7)
-        observed = {f"psi_{i + 1}": psi[i] for i in range(self.N)}
-        return {**observed, "landed": state.landed.astype(psi.dtype)}
+        return self._observed(wrapped(state.phi[1:] - state.phi[:-1]), state.landed)  # eq. (7)
 
     def signal(self, params: Params, state: State) -> dict[str, Real[Array, ""]]:
         length, _ = leg_lengths(params, state.phi, state.segment)
-        rows = {"phase": state.phi, "x": state.x, "l": length, "contact": state.contact.astype(length.dtype)}
-        return {f"{name}_{i + 1}": row[i] for name, row in rows.items() for i in range(self.N + 1)}
+        contact = state.contact.astype(length.dtype)
+        return self._signalled({"phase": state.phi, "x": state.x, "l": length, "contact": contact})
 
     def failed(self, params: Params, state: State) -> Bool[Array, ""]:
         """Whether a mass has reached the ground."""

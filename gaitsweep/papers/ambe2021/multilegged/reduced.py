@@ -114,15 +114,15 @@ class NextEventSteps(FixedStepDynamics):
         p, s = params, state
         landing = s.segment == LANDING
         length, rate = leg_lengths(p, s.phi, s.segment)
-        balance, rise = balance_and_rate(length, p.masses, p.kappa, p.g, rate)
-        lifts = s.held & (balance < -CONTACT_TOLERANCE)
+        load, rise = balance_and_rate(length, p.masses, p.kappa, p.g, rate)
+        lifts = s.held & (load < -CONTACT_TOLERANCE)
         armed = landing & ~(s.held & ~lifts)
-        due = armed & (balance >= -CONTACT_TOLERANCE)
+        due = armed & (load >= -CONTACT_TOLERANCE)
 
         corner_at = corner_of(p, s.segment)
         to_corner = corner_at - s.phi
         approaching = armed & (rise > 0.0)
-        to_touch = jnp.where(approaching, -balance / jnp.where(approaching, rise, 1.0), jnp.inf)
+        to_touch = jnp.where(approaching, -load / jnp.where(approaching, rise, 1.0), jnp.inf)
         room = (s.late + dt) * p.omega
         ahead = jnp.minimum(room, jnp.min(jnp.minimum(to_corner, to_touch)))
         ahead = jnp.where(jnp.any(due), 0.0, ahead)
@@ -165,12 +165,11 @@ class MultileggedReduced(ChainModel):
 
     @property
     def parameters(self) -> tuple[Quantity, ...]:
-        parameters = []
-        for quantity in chain_parameters(self.N, profile=self.profile):
-            if quantity.name in _UNUSED:
-                quantity = dataclasses.replace(quantity, meaning=f"{quantity.meaning}; without effect here")
-            parameters.append(quantity)
-        return tuple(parameters)
+        parameters = {quantity.name: quantity for quantity in chain_parameters(self.N, profile=self.profile)}
+        for name in _UNUSED:
+            meaning = f"{parameters[name].meaning}; without effect here"
+            parameters[name] = dataclasses.replace(parameters[name], meaning=meaning)
+        return tuple(parameters.values())
 
     @property
     def signals(self) -> tuple[Quantity, ...]:
@@ -239,15 +238,13 @@ class MultileggedReduced(ChainModel):
         return (before.segment[0] == LANDING) & (resets | fired[0])
 
     def observe(self, params: Params, state: State) -> dict[str, Real[Array, ""]]:
-        observed = {f"psi_{i + 1}": state.psi[i] for i in range(self.N)}
-        return {**observed, "landed": state.landed.astype(state.psi.dtype)}
+        return self._observed(state.psi, state.landed)
 
     def signal(self, params: Params, state: State) -> dict[str, Real[Array, ""]]:
         length, _ = leg_lengths(params, state.phi, state.segment)
         x, load = obstacle_problem(length, params.masses, params.kappa, params.g)
         contact = (load > 0.0).astype(x.dtype)
-        rows = {"phase": state.phi, "x": x, "l": length, "contact": contact, "load": load}
-        return {f"{name}_{i + 1}": row[i] for name, row in rows.items() for i in range(self.N + 1)}
+        return self._signalled({"phase": state.phi, "x": x, "l": length, "contact": contact, "load": load})
 
     def failed(self, params: Params, state: State) -> Bool[Array, ""]:
         """Never: a mass cannot be below the tip of its leg.

@@ -130,9 +130,8 @@ def jumps(N: int, branch: Branch, chain: Chain = TABLE_1, section: int | None = 
     exchanges = []
     for number, s in enumerate(np.asarray(_meetings(rule, circle, leg)), start=1):
         if float(rule.low) + JUMP_MARGIN < s < float(rule.high) - JUMP_MARGIN:
-            above, below = (
-                _solution(rule, jnp.asarray(s + side), circle, leg) for side in (JUMP_MARGIN, -JUMP_MARGIN)
-            )
+            above = _solution(rule, jnp.asarray(s + JUMP_MARGIN), circle, leg)
+            below = _solution(rule, jnp.asarray(s - JUMP_MARGIN), circle, leg)
             change = np.asarray(above - below) - 2.0 * JUMP_MARGIN * np.asarray(rule.slope)
             exchanges.append(Jump(float(s), number, wrapped_difference(change)))
     return tuple(sorted(exchanges, key=operator.attrgetter("s")))
@@ -159,26 +158,30 @@ class ResetSet(NamedTuple):
     rear: bool | None
 
 
-def reset_sets(
-    N: int, branch: Branch, s: float, chain: Chain = TABLE_1, section: int | None = None
-) -> tuple[ResetSet, ...]:
-    """The set of each leg, 1 .. N+1, at the free phase s.
+def reset_sets(N: int, branch: Branch, s: float, chain: Chain = TABLE_1) -> tuple[ResetSet, ...]:
+    """The set of each leg, 1 .. N+1, at the free phase s, in a cycle from the touchdown of leg k on.
 
     Args:
         N, branch, chain: as in `rule_of`.
         s: the free phase, rad.
-        section: the leg at whose touchdown the cycle begins; by default the set's k.
 
     Source: Table 2, and the definitions below eq. (14).
     """
-    return sets_of_order(touchdown_order(N, branch, s, chain, section))
+    return sets_of_order(touchdown_order(N, branch, s, chain))
 
 
 def sets_of_order(order: Sequence[int]) -> tuple[ResetSet, ...]:
     """The set of each leg, 1 .. N+1, for legs that touch down in this order."""
     turn = {leg: place for place, leg in enumerate(order)}
-    resets = [[turn[j] < turn[i] if j in turn else None for j in (i - 1, i + 1)] for i in sorted(order)]
-    return tuple(ResetSet(TABLE_2[front, rear], front, rear) for front, rear in resets)
+
+    def is_reset_before(neighbour: int, leg: int) -> bool | None:
+        return turn[neighbour] < turn[leg] if neighbour in turn else None
+
+    sets = []
+    for leg in sorted(order):
+        front, rear = is_reset_before(leg - 1, leg), is_reset_before(leg + 1, leg)
+        sets.append(ResetSet(TABLE_2[front, rear], front, rear))
+    return tuple(sets)
 
 
 def touchdown_residuals(

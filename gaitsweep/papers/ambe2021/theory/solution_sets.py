@@ -35,6 +35,7 @@ from gaitsweep.dynamics import TWO_PI
 from gaitsweep.papers.ambe2021.theory.chain import Chain, Scalar, reset, takeoffs
 
 Leg = int | jax.Array  # 1 .. N+1
+Kind = Literal["A", "B", "direct"]
 
 
 def phases_on_section(theta: jax.Array, touchdown: jax.Array, leg: Leg) -> jax.Array:
@@ -84,7 +85,7 @@ def touches_early(psi: jax.Array, touchdown: jax.Array, threshold: jax.Array, le
 class Branch(NamedTuple):
     """A set of solutions: A or B of the source wave with boundary leg k = 2 .. N, or the direct wave."""
 
-    kind: Literal["A", "B", "direct"]
+    kind: Kind
     k: int
 
 
@@ -104,8 +105,7 @@ def branches(N: int) -> tuple[Branch, ...]:
     """All sets of a chain of N + 1 legs, in order along their line: direct, A N, B N, ..., A 2, B 2."""
     if N < 2:
         raise ArgumentError(f"N is {N}, but must be at least 2: the solutions need at least three legs.")
-    waves = [Branch(kind, k) for k in range(N, 1, -1) for kind in ("A", "B")]
-    return (Branch("direct", N), *waves)
+    return (Branch("direct", N), *(Branch(kind, k) for k in range(N, 1, -1) for kind in ("A", "B")))
 
 
 def lag_rules(N: int, chain: Chain) -> LagRule:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import dataclasses
 
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from gaitsweep.contract import Chart, Quantity
@@ -73,8 +74,8 @@ class LandingChart(Chart):
         )  # fmt: skip
 
     def from_coordinates(self, params: Params, at: Float[Array, " coordinates"], modes: State) -> State:
-        ends = [sum(_PARTS[: k + 1]) for k in range(len(_PARTS) - 1)]
-        phases, up, joints, linear, spin, rates, anchors, x, z = jnp.split(at, ends)
+        parts = jnp.split(at, np.cumsum(_PARTS)[:-1])
+        phases, up, joints, linear, spin, rates, anchors, x, z = parts
         phi_1 = phases[3] + phases[0]
         phi = jnp.stack([phi_1, phi_1 - phases[1], phases[3], phases[3] - phases[2]])
         # multiples of 2 pi are those of the limb's segment

@@ -225,6 +225,50 @@ class WaistMechanics:
         tree, _ = body()
         return jnp.asarray(forward_dynamics(tree, self.geometry(), q, v, tau, forces, gravity=self.gravity()))
 
+    def fastest_motion(self, farthest: jax.Array) -> tuple[jax.Array, jax.Array]:
+        """Rate (1/s) and damping ratio of the fastest motion, estimated for the straightest limb.
+
+        A limb is two rods on a hip whose compliance is that of half a body; ground and joints act as springs
+        and dampers. Compared with the largest eigenvalue of the Jacobian of the whole body, its error is
+        between -6 % and 50 %, for nine of ten parameter sets between 0 and 15 %
+        (`tests/engine/test_flow_spectrum.py`).
+
+        Args:
+            farthest: the largest distance of a foot from its hip, m.
+        """
+        # of the stiffer direction
+        damper, spring = jnp.maximum(self.D_TL, self.D_N), jnp.maximum(self.K_TL, self.K_N)
+        reach = jnp.minimum(farthest, 2.0 * self.link_length)
+        cosine = reach * reach / (2.0 * self.link_length * self.link_length) - 1.0  # of the knee angle
+        free = 1.0 + 0.5 * self.link_mass / jnp.minimum(self.front_mass, self.rear_mass)
+        rods = cosine, self.link_mass, self.link_length
+        c = free * _largest_eigenvalue(damper, self.sigma_1, self.sigma_2, *rods)
+        k = free * _largest_eigenvalue(spring, self.kappa_1, self.kappa_2, *rods)
+        root = jnp.sqrt(k)
+        # stiffness and damping may be largest along different motions
+        decays = 0.5 * c + jnp.sqrt(jnp.maximum(0.25 * c * c - 0.5 * k, 0.0))
+        return jnp.maximum(root, decays), jnp.minimum(0.5 * c / root, 1.0)
+
     def gravity(self) -> jax.Array:
         """The acceleration of gravity in the world (3,), m/s2."""
         return jnp.stack([jnp.zeros_like(self.g), jnp.zeros_like(self.g), -self.g])
+
+
+def _largest_eigenvalue(
+    ground: jax.Array, hip: jax.Array, knee: jax.Array, cosine: jax.Array, mass: jax.Array, length: jax.Array
+) -> jax.Array:
+    """The largest eigenvalue of M^-1 K of a limb of two rods, with K its stiffness or damping.
+
+    Args:
+        ground, hip, knee: springs (N/m, N m/rad) or dampers (N s/m, N m s/rad).
+        cosine: cosine of the knee angle.
+        mass, length: of a rod, kg and m.
+    """
+    square = length * length
+    determinant = 4.0 / 9.0 - 0.25 * cosine * cosine
+    i11, i12, i22 = (x / (determinant * mass * square) for x in (1.0 / 3.0, -0.5 * cosine, 4.0 / 3.0))
+    a11, a12, a22 = ground * square + hip + knee, ground * square * cosine - knee, ground * square + knee
+    b11, b12 = i11 * a11 + i12 * a12, i11 * a12 + i12 * a22
+    b21, b22 = i12 * a11 + i22 * a12, i12 * a12 + i22 * a22
+    half = 0.5 * (b11 + b22)
+    return half + jnp.sqrt(jnp.maximum(half * half - (b11 * b22 - b12 * b21), 0.0))

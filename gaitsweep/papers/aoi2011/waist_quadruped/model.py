@@ -30,12 +30,10 @@ from gaitsweep.near_miss import suggestion
 from gaitsweep.papers.aoi2011.waist_quadruped.bodies import WaistBody, WaistMjxBody, WaistTreeBody
 from gaitsweep.papers.aoi2011.waist_quadruped.chart import LandingChart
 from gaitsweep.papers.aoi2011.waist_quadruped.drawing import WaistDrawing
-from gaitsweep.papers.aoi2011.waist_quadruped.fastest_motion import fastest_motion
 from gaitsweep.papers.aoi2011.waist_quadruped.foot_path import SWINGS
 from gaitsweep.papers.aoi2011.waist_quadruped.mechanics import RELEASE_HEIGHT, WaistMechanics
 from gaitsweep.papers.aoi2011.waist_quadruped.parameters import FRICTION, HEIGHTS, PARAMETERS
 from gaitsweep.papers.aoi2011.waist_quadruped.posture import has_fallen
-from gaitsweep.papers.aoi2011.waist_quadruped.readings import OBSERVABLES, SIGNALS, observed, signalled
 from gaitsweep.papers.aoi2011.waist_quadruped.rhythm import (
     after_events,
     anchors,
@@ -47,7 +45,15 @@ from gaitsweep.papers.aoi2011.waist_quadruped.rhythm import (
 )
 from gaitsweep.papers.aoi2011.waist_quadruped.semi_implicit import SemiImplicit
 from gaitsweep.papers.aoi2011.waist_quadruped.sizes import body
-from gaitsweep.papers.aoi2011.waist_quadruped.state import Params, State, initial_state
+from gaitsweep.papers.aoi2011.waist_quadruped.state import (
+    OBSERVABLES,
+    SIGNALS,
+    Params,
+    State,
+    initial_state,
+    observed,
+    signalled,
+)
 
 BODIES = ("tree", "mjx")
 DAMPINGS = ("joint_rate", "rate_error")
@@ -201,7 +207,7 @@ class WaistQuadruped(WaistDrawing, HybridModel):
         return Recommended("rk4") if self.locates_events else Recommended("semi_implicit")
 
     def fast_modes(self, params: Params) -> tuple[Float[Array, " motions"], Float[Array, " motions"]]:
-        rate, damping = fastest_motion(params)
+        rate, damping = params.mechanics.fastest_motion(params.farthest_foot)
         slip = params.mechanics.T_slip
         if slip is None:
             return rate[None], damping[None]

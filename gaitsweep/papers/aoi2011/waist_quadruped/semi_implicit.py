@@ -16,7 +16,6 @@ from jaxtyping import Array, Bool, Float
 from gaitsweep.contract import FixedStepDynamics
 from gaitsweep.dynamics import worked_in
 from gaitsweep.papers.aoi2011.waist_quadruped.bodies import WaistBody
-from gaitsweep.papers.aoi2011.waist_quadruped.fastest_motion import fastest_motion
 from gaitsweep.papers.aoi2011.waist_quadruped.foot_path import LATE
 from gaitsweep.papers.aoi2011.waist_quadruped.mechanics import RELEASE_HEIGHT, WaistMechanics
 from gaitsweep.papers.aoi2011.waist_quadruped.rhythm import (
@@ -47,9 +46,9 @@ class SemiImplicit(FixedStepDynamics):
         m = params.mechanics
         dt = jnp.asarray(dt)
         at, speed = self.body.feet(m, s, dt)
-        seen = _crossings(p, s, at, speed, dt)
+        crossings = _crossings(p, s, at, speed, dt)
         actual = worked_in(dt.dtype, WaistMechanics.from_hips)(m, s.q, p.landing_actual)
-        s, x, z = _with_events(p, s, seen, actual)
+        s, x, z = _with_events(p, s, crossings, actual)
         if m.T_slip is not None:
             # exact for a force that stays: no step is too long for it
             slid = -jnp.expm1(-dt / m.T_slip) * m.T_slip * m.creep(at, speed, s.anchor, s.contact)
@@ -77,7 +76,7 @@ class SemiImplicit(FixedStepDynamics):
 
     def longest_step(self, params: Params) -> Float[Array, ""]:
         """The longest step (s), below the stability limit at which dt times the fastest rate is 2."""
-        rate, _ = fastest_motion(params)
+        rate, _ = params.mechanics.fastest_motion(params.farthest_foot)
         return MAX_STEP_RATE / rate
 
     def events(self, params: Params, before: State, after: State) -> Bool[Array, " events"]:
@@ -115,35 +114,39 @@ def _crossings(p: Params, s: State, at: jax.Array, speed: jax.Array, dt: jax.Arr
     # the share of the last step after the foot's height was zero
     sunk = s.height - height
     drop = jnp.where(sunk != 0.0, sunk, 1.0)
-    rest = jnp.where(touches, -height / drop, 0.0)
+    share = jnp.where(touches, -height / drop, 0.0)
     lifts = s.contact & ~now.contact
-    since = dt * jnp.where(lifts, (RELEASE_HEIGHT - height) / drop, rest)
+    since = dt * jnp.where(lifts, (RELEASE_HEIGHT - height) / drop, share)
     # of a touchdown and a segment's end in one step, the later one is the landing; but in the second half
     # of the swing a touchdown alone is a landing
-    since_touch = jnp.where(touches, rest * s.gain, jnp.inf)
+    since_touch = jnp.where(touches, share * s.gain, jnp.inf)
     since_corner = jnp.where((past >= 0.0) & ~(touches & (s.segment == LATE)), past, jnp.inf)
     over = jnp.where(now.lands, jnp.minimum(since_touch, since_corner), 0.0)
     landing_in = jnp.where(past > over, s.segment + 1, s.segment)
-    anchor = anchors(p, s, touches, at[:, :2] - (rest * dt)[:, None] * speed[:, :2])
+    anchor = anchors(p, s, touches, at[:, :2] - (share * dt)[:, None] * speed[:, :2])
     return _Crossings(now, over, landing_in, since, anchor)
 
 
 def _with_events(
-    p: Params, s: State, seen: _Crossings, actual: tuple[jax.Array, jax.Array]
+    p: Params, s: State, crossings: _Crossings, actual: tuple[jax.Array, jax.Array]
 ) -> tuple[State, jax.Array, jax.Array]:
     """The state after the events, and the desired x and z (4,) m of the feet.
 
     A limb that lands has its landing point from its desired position then, and goes on along the stance line.
 
     Args:
+        p, s: parameters, and the state before the events.
+        crossings: the events.
         actual: x and z (4,) m of the feet from their hips, times `landing_actual`.
     """
-    now, over = seen.now, seen.over
+    now, over = crossings.now, crossings.over
     path = p.path(s.clock, s.growing)
     phi = jnp.where(now.lands, s.phi - over, jnp.where(now.wraps, s.phi - 2.0 * jnp.pi, s.phi))
-    x, z = path.target(phi, jnp.where(now.lands, seen.landing_in, now.segment), (s.landing_x, s.landing_z))
+    x, z = path.target(
+        phi, jnp.where(now.lands, crossings.landing_in, now.segment), (s.landing_x, s.landing_z)
+    )
     landing = landing_points(p, s, now.late, (x, z), actual)
-    s = after_events(p, dataclasses.replace(s, anchor=seen.anchor), now, landing, over, seen.since)
+    s = after_events(p, dataclasses.replace(s, anchor=crossings.anchor), now, landing, over, crossings.since)
     on_line = path.line(*landing, path.progress(s.phi))
     x, z = jnp.where(now.lands, on_line[0], x), jnp.where(now.lands, on_line[1], z)
     return s, x, z

@@ -1,16 +1,22 @@
-"""The parameters and the state of the quadruped, and its start."""
+"""The parameters and the state of the quadruped, its start, its observables at the section, and its signals.
+
+The section is limb 3's landing.
+"""
 
 from __future__ import annotations
 
 import dataclasses
+import math
 
 import jax
 import jax.numpy as jnp
+from jaxtyping import Array, Float
 
+from gaitsweep.contract import Quantity
 from gaitsweep.dynamics import wrapped
 from gaitsweep.papers.aoi2011.waist_quadruped.foot_path import EARLY, LATE, STANCE, FootPath
 from gaitsweep.papers.aoi2011.waist_quadruped.mechanics import WaistMechanics
-from gaitsweep.papers.aoi2011.waist_quadruped.posture import HIP, KNEE, joint_angles
+from gaitsweep.papers.aoi2011.waist_quadruped.posture import HIP, KNEE, WAIST, joint_angles, tilt
 from gaitsweep.papers.aoi2011.waist_quadruped.sizes import LIMBS
 
 
@@ -77,6 +83,11 @@ class Params:
         """Depth (4,) of each limb's extreme positions below its hip, m."""
         return jnp.stack([self.H_fore, self.H_fore, self.H_hind, self.H_hind])
 
+    @property
+    def farthest_foot(self) -> jax.Array:
+        """The largest distance of a foot's extreme positions from its hip, m."""
+        return jnp.max(jnp.hypot(self.H, 0.5 * self.D + jnp.abs(self.x_c)))
+
     def depths(self) -> tuple[jax.Array, jax.Array]:
         """Depths (m) of the extreme positions of fore and hind feet below their bodies' centres of mass."""
         m = self.mechanics
@@ -96,16 +107,26 @@ class Params:
 class State:
     """The state along a trajectory; arrays (4,) are in the order of the limbs.
 
-    `q` (16,) and `v` (15,) are MuJoCo's qpos and qvel; `phi` (4,) rad; `clock` s. Modes: `growing`, whether
-    the stride is still growing; `held`, whether delta_13 is held, as at the start; `contact` (4,) bool;
-    `anchor` (4, 2) m, the touchdown points; `segment` (4,) of the foot path;
-    `lifted` (4,): the foot has been off the ground since the beginning of its swing; `landing_x`, `landing_z`
-    (4,) m, the point at which the stance line begins (LP); `held_lead` rad, the delta_13 that is held;
-    `stride_x` (m) and `stride_t` (s), position and time at limb 3's last landing; of the cycle before it
-    `speed` (m/s), `period` (s) and of each foot the `duty` factor and the number of `touchdowns`, (4,). Since
-    that landing, (4,): `stood` (s), the times of lift-off less those of touchdown, and `landed`, the number
-    of touchdowns. For the last fixed step: `height` (4,) m of the feet at its beginning, `gain` (4,) rad of
-    the phases during it, `closed`: limb 3 landed in it.
+    Attributes:
+        q, v: MuJoCo's qpos (16,) and qvel (15,).
+        phi: phases of the limbs, (4,) rad.
+        clock: time, s.
+        growing: whether the stride is still growing, as at the start.
+        held: whether delta_13 is held, as at the start.
+        contact: whether each foot is on the ground, (4,).
+        anchor: touchdown points, (4, 2) m.
+        segment: segments of the foot paths, (4,).
+        lifted: whether each foot has been off the ground since the beginning of its swing, (4,).
+        landing_x, landing_z: the points at which the stance lines begin (LP), (4,) m.
+        height: heights of the feet at the beginning of the last fixed step, (4,) m.
+        gain: gain of the phases in the last fixed step, (4,) rad.
+        closed: whether limb 3 landed in the last fixed step.
+        held_lead: the delta_13 that is held, rad.
+        stride_x, stride_t: position (m) and time (s) at limb 3's last landing.
+        speed, period: of the cycle before that landing, m/s and s.
+        stood: times of lift-off less those of touchdown since that landing, (4,) s.
+        landed: number of touchdowns since that landing, (4,).
+        duty, touchdowns: duty factors and numbers of touchdowns in the cycle before that landing, (4,).
     """
 
     q: jax.Array
@@ -192,3 +213,74 @@ def _standing(p: Params, x: jax.Array, z: jax.Array) -> jax.Array:
     # compression of the ground by the body's weight
     weight = (m.front_mass + m.rear_mass + 8.0 * m.link_mass) * m.g
     return q.at[2].add(-weight / (4.0 * m.K_N))
+
+
+def _difference(i: int, j: int) -> Quantity:
+    """The lead of limb i over limb j."""
+    return Quantity(
+        f"delta_{i}{j}", "rad", f"lead of limb {i} over limb {j} at limb 3's landing",
+        circular=True, symbol=rf"\Delta_{{{i}{j}}}", source="eq. (5)",
+    )  # fmt: skip
+
+
+# The infinite scales: a row settles or not by its phases, speed and period, whatever its feet do meanwhile.
+OBSERVABLES = (
+    _difference(1, 3),
+    _difference(1, 2),
+    _difference(3, 4),
+    Quantity("speed", "m/s", "mean speed along x, the first direction, in the last cycle", symbol="v"),
+    Quantity("period", "s", "duration of the last cycle", symbol="T"),
+    Quantity("stride", "m", "distance along x in the last cycle", symbol="S", source="eq. (3)",
+             scale=math.inf),
+    *(
+        Quantity(f"duty_{i + 1}", "1", f"share of the last cycle with foot {i + 1} on the ground",
+                 symbol=rf"\beta_{i + 1}", source="eq. (3)", scale=math.inf)
+        for i in LIMBS
+    ),
+    *(
+        Quantity(f"touchdowns_{i + 1}", "1", f"touchdowns of foot {i + 1} in the last cycle",
+                 symbol=f"n_{i + 1}", scale=math.inf)
+        for i in LIMBS
+    ),
+)  # fmt: skip
+SIGNALS = (
+    *(
+        Quantity(f"phase_{i + 1}", "rad", f"phase of limb {i + 1}", circular=True, symbol=rf"\phi_{i + 1}")
+        for i in LIMBS
+    ),
+    *(Quantity(f"contact_{i + 1}", "1", f"1 while foot {i + 1} is on the ground") for i in LIMBS),
+    Quantity("waist", "rad", "angle of the waist joint", symbol=r"\theta_w"),
+    Quantity("roll", "rad", "roll of the front body, for small angles"),
+    Quantity("pitch", "rad", "pitch of the front body, for small angles"),
+    *(Quantity(f"q_{i}", "m, 1 or rad", f"position {i} of the tree, as MuJoCo's qpos") for i in range(16)),
+)
+
+
+def observed(state: State) -> dict[str, Float[Array, ""]]:
+    """The observables of a state at limb 3's landing."""
+    phi = state.phi
+    return {
+        "delta_13": wrapped(phi[0] - phi[2]),  # eq. (5)
+        "delta_12": wrapped(phi[0] - phi[1]),
+        "delta_34": wrapped(phi[2] - phi[3]),
+        "speed": state.speed,
+        "period": state.period,
+        "stride": state.speed * state.period,
+        **{f"duty_{i + 1}": state.duty[i] for i in LIMBS},
+        **{f"touchdowns_{i + 1}": state.touchdowns[i] for i in LIMBS},
+    }
+
+
+def signalled(state: State) -> dict[str, Float[Array, ""]]:
+    """The signals of a state."""
+    s = state
+    contact = state.contact.astype(state.phi.dtype)
+    roll, pitch = tilt(s.q)
+    return {
+        **{f"phase_{i + 1}": wrapped(s.phi)[i] for i in LIMBS},
+        **{f"contact_{i + 1}": contact[i] for i in LIMBS},
+        "waist": s.q[WAIST],
+        "roll": roll,
+        "pitch": pitch,
+        **{f"q_{i}": s.q[i] for i in range(16)},
+    }

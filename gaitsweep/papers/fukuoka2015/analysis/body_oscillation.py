@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from gaitsweep.analyses import axes_of, require
 from gaitsweep.papers.fukuoka2015.analysis.gait_bouts import gait_bouts, gaits_along
-from gaitsweep.papers.fukuoka2015.analysis.gait_tables import gaits_in
+from gaitsweep.papers.fukuoka2015.analysis.gait_tables import cases_of, gaits_in
 from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import CHART, family
 
 
@@ -54,13 +54,16 @@ def harmonics(
 def family_oscillation(trace: pd.DataFrame) -> pd.DataFrame:
     """The mean of `body_oscillation` for each set of parameters and family of gaits, repetitions pooled.
 
-    Args, raises: as for `body_oscillation`.
+    Args:
+        trace: as for `body_oscillation`.
+
+    Raises:
+        AnalysisError: the table does not have a column.
     """
     oscillation = body_oscillation(trace)
     oscillation["family"] = [family(str(gait)) for gait in oscillation["gait"]]
-    names = list(oscillation.columns)
-    axes = [name for name in names[1 : names.index("gait")] if name not in ("seed", "pair")]
-    return oscillation.groupby([*axes, "family"]).agg(once=("once", "mean"), twice=("twice", "mean"))
+    groups = oscillation.groupby([*cases_of(oscillation, "gait"), "family"])
+    return groups.agg(once=("once", "mean"), twice=("twice", "mean"))
 
 
 def oscillation_along(trace: pd.DataFrame, cycles: int = 4) -> pd.DataFrame:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from jaxtyping import Float, Int, Shaped
+from jaxtyping import Int, Shaped
 
 from gaitsweep.analyses import AnalysisError, require
 from gaitsweep.papers.fukuoka2015.analysis.gaits_of_onsets import Steadiness, gait_of
@@ -54,7 +54,7 @@ def gaits_along(
     named = [name for name in named_cycles.columns if name.startswith(("delta_", "gait"))]
     along = pd.concat([along, named_cycles[named]], axis=1)
     along["family"] = [family(gait) for gait in along["gait"].astype(str)]
-    return along.assign(**_means_in_windows(table, along))
+    return _with_means(along, table)
 
 
 def gait_bouts(along: pd.DataFrame, by: str = "family", least: int = 2) -> pd.DataFrame:
@@ -116,32 +116,31 @@ def _runs(names: Shaped[np.ndarray, " windows"]) -> list[Int[np.ndarray, " run"]
     return [part for part in np.split(np.arange(len(names)), turns) if len(part)]
 
 
-def _means_in_windows(table: pd.DataFrame, along: pd.DataFrame) -> dict[str, Float[np.ndarray, " windows"]]:
-    """Speed, moving parameter and pass in each window, if the table has them."""
-    run = table.attrs.get("job", {}).get("run", {})
-    interpolated = [name for name in (run.get("parameter"), "x", "speed_n") if name in table.columns]
-    columns = {name: np.full(len(along), np.nan) for name in interpolated}
-    if "pass" in table.columns:
-        columns["pass"] = np.full(len(along), np.nan)
-    of_row = along.groupby("row").indices
-    for row, trace in table.groupby("row", sort=True):
-        at = of_row.get(row)
-        trace = trace.loc[np.isfinite(trace["t"].to_numpy(float))].sort_values("t", kind="stable")
-        if at is None or not len(trace):
-            continue
-        t = trace["t"].to_numpy(float)
-        begin, middle, end = (along[name].to_numpy(float)[at] for name in ("begin", "t", "end"))
-        for name in interpolated:
-            value = trace[name].to_numpy(float)
-            if name == "x":
-                columns[name][at] = (np.interp(end, t, value) - np.interp(begin, t, value)) / (end - begin)
-            else:
-                columns[name][at] = np.interp(middle, t, value)
-        if "pass" in columns:
-            nearest = np.clip(np.searchsorted(t, middle), 0, len(t) - 1)
-            columns["pass"][at] = trace["pass"].to_numpy(float)[nearest]
-    speed = columns.pop("speed_n", columns.pop("x", None))
-    return columns if speed is None else columns | {"speed": speed}
+def _with_means(along: pd.DataFrame, table: pd.DataFrame) -> pd.DataFrame:
+    """The windows with their moving parameter, pass and speed, those that the table has."""
+    parameter = table.attrs.get("job", {}).get("run", {}).get("parameter")
+    traces = dict(iter(table.groupby("row")))
+    means = [_means_of_row(traces[row], windows, parameter) for row, windows in along.groupby("row")]
+    return along.join(pd.concat(means))
+
+
+def _means_of_row(trace: pd.DataFrame, windows: pd.DataFrame, parameter: str | None) -> pd.DataFrame:
+    """The moving parameter, the pass and the speed (m/s) in each window of one row."""
+    trace = trace.loc[np.isfinite(trace["t"].to_numpy(float))].sort_values("t", kind="stable")
+    t = trace["t"].to_numpy(float)
+    begin, middle, end = (windows[name].to_numpy(float) for name in ("begin", "t", "end"))
+    means = pd.DataFrame(index=windows.index)
+    if parameter in trace.columns:
+        means[parameter] = np.interp(middle, t, trace[parameter].to_numpy(float))
+    if "pass" in trace.columns:
+        nearest = np.clip(np.searchsorted(t, middle), 0, len(t) - 1)
+        means["pass"] = trace["pass"].to_numpy(float)[nearest]
+    if "speed_n" in trace.columns:
+        means["speed"] = np.interp(middle, t, trace["speed_n"].to_numpy(float))
+    elif "x" in trace.columns:
+        x = trace["x"].to_numpy(float)
+        means["speed"] = (np.interp(end, t, x) - np.interp(begin, t, x)) / (end - begin)
+    return means
 
 
 MIN_WINDOWS = 3  # of a bout whose speeds count as those of a transition

@@ -9,10 +9,9 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
-from gaitsweep.analyses import AnalysisError, axes_of, require
-from gaitsweep.papers.fukuoka2015.analysis.gait_tables import gaits_in
+from gaitsweep.analyses import AnalysisError, require
+from gaitsweep.papers.fukuoka2015.analysis.gait_tables import cases_of, gaits_in
 from gaitsweep.papers.fukuoka2015.analysis.gaits_of_onsets import GAITS
-from gaitsweep.papers.fukuoka2015.analysis.loading_rule import REPEATS
 from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import CHART, THRESHOLD
 from gaitsweep.status import Status
 
@@ -49,8 +48,7 @@ def gait_measures(table: pd.DataFrame, by: Sequence[str] | None = None) -> pd.Da
         AnalysisError: the table does not have a column, or none of the measures.
     """
     require(table, "gait", "status")
-    axes = [name for name in axes_of(table) if name not in REPEATS] if by is None else list(by)
-    axes = [name for name in axes if name != "gait"]
+    axes = [name for name in (cases_of(table) if by is None else by) if name != "gait"]
     require(table, *axes)
     # a label's field has no suffix
     columns = {name: name if name in table.columns else f"{name}_end" for name in MEASURES}
@@ -147,15 +145,14 @@ def gaits_by_threshold(
     return counted.drop(columns=[name for name in GAITS if not np.any(counted[name].to_numpy(int))])
 
 
-def shift_sizes(gaits: pd.DataFrame, threshold: float = THRESHOLD) -> pd.DataFrame:
+def shift_sizes(gaits: pd.DataFrame) -> pd.DataFrame:
     """The histogram of the sizes of both pairs' shifts, in rows with one of the nine gaits.
 
     Args:
         gaits: the result of `gait_tables.gaits_in`.
-        threshold: largest shift of a pair in phase, cycles: a whole number of bins.
 
     Returns:
-        One record a bin of 0.01: low and high (cycles), read_as (in phase or shifted, by the threshold),
+        One record a bin of 0.01: low and high (cycles), read_as (in phase or shifted, by `THRESHOLD`),
         shifts (their number) and, where `gaits` has them, by_touchdowns (the number of those by touchdowns,
         in rows with one of the nine gaits by them).
     """
@@ -168,7 +165,7 @@ def shift_sizes(gaits: pd.DataFrame, threshold: float = THRESHOLD) -> pd.DataFra
         if gait in gaits.columns:
             sizes = gaits.loc[gaits[gait].isin(CHART), shifts].abs().to_numpy(float)
             counts[number] = np.histogram(sizes, edges)[0]
-    sides = np.where(edges[1:] <= threshold + 0.5 * _BIN_WIDTH, "in phase", "shifted")
+    sides = np.where(edges[1:] <= THRESHOLD + 0.5 * _BIN_WIDTH, "in phase", "shifted")
     sizes = pd.DataFrame({"low": edges[:-1], "high": edges[1:], "read_as": sides, **counts})
     last = int(np.flatnonzero(sizes[list(counts)].any(axis=1)).max(initial=-1))
     return sizes.iloc[: last + 1]

@@ -15,7 +15,21 @@ from gaitsweep.papers.fukuoka2015.analysis.swing_onsets import onsets_of
 from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import CHART, STRICT, THRESHOLD, margin, place
 from gaitsweep.status import Status
 
+REPEATS = ("seed", "pair", "scatter")  # axes along which rows are repetitions of one case
 _MEAN = "delta_{}_mean_end"
+
+
+def cases_of(table: pd.DataFrame, own: str | None = None, repeats: Sequence[str] = REPEATS) -> list[str]:
+    """The swept axes of a table that tell its cases apart, not those along which rows are repetitions.
+
+    Args:
+        table: a result table, or the result of an analysis.
+        own: of a result, its first column after `row` and the axes.
+        repeats: the axes of repetitions.
+    """
+    names = [str(name) for name in table.columns]
+    axes = axes_of(table) if own is None else names[names.index("row") + 1 : names.index(own)]
+    return [name for name in axes if name not in repeats]
 
 
 def gaits_in(
@@ -63,25 +77,23 @@ def gaits_in(
     return gaits
 
 
-def gaits_counted(table: pd.DataFrame, repeats: Sequence[str] = ("seed", "pair")) -> pd.DataFrame:
-    """The number of rows with each gait, for each set of the swept axes except `repeats`.
+def gaits_counted(table: pd.DataFrame) -> pd.DataFrame:
+    """The number of rows with each gait, for each set of the swept axes, repetitions pooled.
 
     Args:
         table: the result of `gaits_in`.
-        repeats: axes along which rows are repetitions.
 
     Raises:
         AnalysisError: the table does not have a column.
     """
     require(table, "row", "gait", "cycles")
-    columns = list(table.columns)
-    places = [name for name in columns[1 : columns.index("cycles")] if name not in repeats]
+    cases = cases_of(table, "cycles")
     gaits = table["gait"].astype(str)
-    shown = [name for name in GAITS if name in set(gaits)]
-    counts = {name: (gaits == name).astype(int) for name in shown}
-    if not places:
+    shown = set(gaits)
+    counts = {name: (gaits == name).astype(int) for name in GAITS if name in shown}
+    if not cases:
         return pd.DataFrame({name: [count.sum()] for name, count in counts.items()})
-    return pd.DataFrame(table[places].assign(**counts).groupby(places, as_index=False, dropna=False).sum())
+    return pd.DataFrame(table[cases].assign(**counts).groupby(cases, as_index=False, dropna=False).sum())
 
 
 def _of_averages(table: pd.DataFrame, thresholds: Sequence[float]) -> pd.DataFrame:

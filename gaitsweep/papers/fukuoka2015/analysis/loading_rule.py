@@ -18,10 +18,10 @@ import scipy
 from jaxtyping import Float, Int
 
 from gaitsweep.analyses import LEVEL, AnalysisError, require
+from gaitsweep.papers.fukuoka2015.analysis.gait_tables import REPEATS, cases_of
 from gaitsweep.papers.fukuoka2015.analysis.pair_loads import MEASURES, pairs_in
 from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import THRESHOLD
 
-REPEATS = ("seed", "pair", "scatter")  # axes along which rows are repetitions of one case
 WALKS = ("L-walk", "D-walk")
 
 
@@ -56,7 +56,7 @@ def loading_rule(
     require(pairs, "row", "delta")
     if split is not None:
         require(pairs, split)
-    cases = [name for name in axes_of_pairs(pairs) if name not in repeats]
+    cases = cases_of(pairs, "gait", repeats)
     groups: list[tuple[dict[str, Any], pd.DataFrame]] = [({}, pairs)]
     if split is not None:
         groups = [({split: value}, group) for value, group in pairs.groupby(split, observed=True)]
@@ -69,12 +69,6 @@ def loading_rule(
     if not records:
         raise AnalysisError(f"The table has none of {', '.join(MEASURES)}.")
     return pd.DataFrame(records)
-
-
-def axes_of_pairs(pairs: pd.DataFrame) -> list[str]:
-    """The swept axes in a result of `pairs_in`."""
-    names = [str(name) for name in pairs.columns]
-    return names[names.index("row") + 1 : names.index("gait")]
 
 
 def _judged(pairs: pd.DataFrame, name: str, case: Int[np.ndarray, " pairs"], least: float) -> dict[str, Any]:
@@ -97,7 +91,7 @@ def _judged(pairs: pd.DataFrame, name: str, case: Int[np.ndarray, " pairs"], lea
     return result
 
 
-def load_prediction(table: pd.DataFrame, feedback: str = "k2") -> pd.DataFrame:
+def load_prediction(table: pd.DataFrame) -> pd.DataFrame:
     """The loads of trots without load feedback with the shifts of the walks with it, for `loading_rule`.
 
     Within one gait the rule is hardly tested, since legs that swing one after the other are loaded unequally
@@ -106,8 +100,7 @@ def load_prediction(table: pd.DataFrame, feedback: str = "k2") -> pd.DataFrame:
     mirror images is reached.
 
     Args:
-        table: as for `pairs_in`, with and without feedback over the same other parameters.
-        feedback: the column of the feedback's gain, 0 in some rows.
+        table: as for `pairs_in`, with feedback and without (k2 = 0) over the same other parameters.
 
     Returns:
         One record for each set of parameters at which all rows without feedback trot and all rows with it
@@ -119,16 +112,15 @@ def load_prediction(table: pd.DataFrame, feedback: str = "k2") -> pd.DataFrame:
     """
     pairs = pairs_in(table)
     names = [name for name in MEASURES if name in pairs.columns]
-    axes = [name for name in axes_of_pairs(pairs) if name not in REPEATS]
-    if feedback not in axes or 0.0 not in set(pairs[feedback]):
-        text = "but the table must contain trots without feedback too."
-        raise AnalysisError(f"No row has {feedback} = 0, {text}")
-    places = [name for name in axes if name != feedback]
-    without = pairs.loc[pairs[feedback] == 0.0]
+    axes = cases_of(pairs, "gait")
+    if "k2" not in axes or 0.0 not in set(pairs["k2"]):
+        raise AnalysisError("No row has k2 = 0, but the table must contain trots without feedback too.")
+    places = [name for name in axes if name != "k2"]
+    without = pairs.loc[pairs["k2"] == 0.0]
     is_trot = without["gait"].astype(str) == "trot"
     trots = is_trot.groupby([without[name] for name in places]).all()
     loads = without.groupby(places)[names].mean().loc[trots]
-    walking = pairs.loc[pairs[feedback] != 0.0].groupby(axes)
+    walking = pairs.loc[pairs["k2"] != 0.0].groupby(axes)
     walks = walking.agg(gait=("gait", "first"), gaits=("gait", "nunique"), delta=("delta", "mean"))
     walks = walks.reset_index()
     walks = walks.loc[walks["gait"].isin(WALKS) & (walks["gaits"] == 1)]
@@ -141,22 +133,21 @@ _BOOTSTRAP_DRAWS = 4000  # draws of the bootstrap
 _CASES_PER_PART = 2_000_000  # cases drawn at once
 
 
-def wilson_interval(share: float, draws: int, level: float = LEVEL) -> tuple[float, float]:
-    """Wilson's score interval of a share of so many independent draws.
+def wilson_interval(share: float, draws: int) -> tuple[float, float]:
+    """Wilson's score interval of a share of so many independent draws, at the confidence `LEVEL`.
 
     The share times the draws need not be a whole number, as SciPy's interval asks.
 
     Args:
         share: 0 to 1.
         draws: number of independent draws.
-        level: confidence level.
 
     Returns:
         The lower and the upper end.
 
     Source: Wilson 1927, J. Am. Stat. Assoc. 22:209.
     """
-    z = scipy.stats.norm.ppf(0.5 + 0.5 * level)
+    z = scipy.stats.norm.ppf(0.5 + 0.5 * LEVEL)
     middle = (share + z**2 / (2 * draws)) / (1 + z**2 / draws)
     half = z / (1 + z**2 / draws) * np.sqrt(share * (1 - share) / draws + z**2 / (4 * draws**2))
     # rounding would put the ends beside 0 and 1

@@ -96,7 +96,12 @@ def onsets_of(
 ) -> pd.DataFrame:
     """The swing onsets (row, leg, t) in a trace, a table of crossings or a table of onsets.
 
-    Args, raises: as for `gaits_in`.
+    Args:
+        table: the trace, the table of crossings, or the onsets themselves.
+        signals, level, falling: as for `onsets_in`, for a trace; by default the potentials u_f_LF, ...
+
+    Raises:
+        AnalysisError: the table is of another kind, or does not have a column.
     """
     require(table, "row")
     if signals is not None:

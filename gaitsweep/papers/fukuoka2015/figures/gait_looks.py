@@ -10,6 +10,7 @@ import pandas as pd
 from matplotlib.lines import Line2D
 
 from gaitsweep.papers.fukuoka2015 import extension
+from gaitsweep.papers.fukuoka2015.analysis.gait_tables import cases_of
 from gaitsweep.papers.fukuoka2015.analysis.swing_onsets import FLEXORS
 from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import LEGS
 from gaitsweep.plot import PlannedTable, Refusal, theme, written
@@ -66,9 +67,7 @@ def in_words(table: pd.DataFrame, gait: pd.Series, samples: pd.DataFrame) -> lis
     if "x" in samples.columns:
         t, x = samples["t"].to_numpy(float), samples["x"].to_numpy(float)
         texts.append(f"{(x[-1] - x[0]) / (t[-1] - t[0]):.2f} m/s")
-    names = list(map(str, gait.index))
-    axes = [name for name in names[1 : names.index("cycles")] if name not in ("seed", "pair")]
-    return texts + [written(table, name, gait[name]) for name in axes]
+    return texts + [written(table, name, gait[name]) for name in cases_of(gait.to_frame().T, "cycles")]
 
 
 def gait_key(gaits: Iterable[str]) -> list[Line2D]:

@@ -16,7 +16,9 @@ from matplotlib.patches import Patch
 from matplotlib.patheffects import withStroke
 
 from gaitsweep.papers.fukuoka2015.analysis.gait_bouts import gaits_along
+from gaitsweep.papers.fukuoka2015.analysis.gait_tables import REPEATS
 from gaitsweep.papers.fukuoka2015.figures.gait_looks import ORDER, areas_of, check_gaits, label_of
+from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import family
 from gaitsweep.plot import (
     Count,
     Panels,
@@ -88,28 +90,28 @@ def gait_ramp(
     parts = [table if value is None else rows_where(table, table[str(panels)] == value) for value in values]
     rows = [np.unique(part["row"].to_numpy(int)) for part in parts]
     heights = [max(len(rows_of_panel), 1) for rows_of_panel in rows]
-    span = along[horizontal]
     areas = areas_of(along["gait"].astype(str))
     with theme.canvas(theme.PAGE, 0.42 * sum(heights) + 0.35 * len(parts) + 0.9, title) as figure:
         grid = figure.subplots(len(parts), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0]
-        grid[0].set_xlim(span.min(), span.max())
+        grid[0].set_xlim(along[horizontal].min(), along[horizontal].max())
         for axes, value, part in zip(grid, values, parts, strict=True):
             axes.set_title("" if value is None else written(table, str(panels), value), loc="left")
             names = _names(part.sort_values("row", kind="stable"), panels)
             _panel(axes, along, list(names.items()), parameter, areas, measured_speed=x == "speed")
-        label = "measured speed (m/s)" if x == "speed" else described(table, parameter)
-        grid[-1].set_xlabel(label)
-        shown = [gait for gait in theme.ordered(ORDER) if gait in areas]
-        handles = [Patch(label=_kind(gait), **areas[gait]) for gait in shown]
-        handles = list({handle.get_facecolor(): handle for handle in handles}.values())
-        theme.legend(figure, handles, ncols=6)
+        grid[-1].set_xlabel("measured speed (m/s)" if x == "speed" else described(table, parameter))
+        theme.legend(figure, _key(areas), ncols=6)
     return figure
+
+
+def _key(areas: Mapping[str, dict[str, Any]]) -> list[Patch]:
+    """The legend: one area for each colour, since both sides of a gait share it."""
+    handles = [Patch(label=_kind(gait), **areas[gait]) for gait in theme.ordered(ORDER) if gait in areas]
+    return list({handle.get_facecolor(): handle for handle in handles}.values())
 
 
 def _names(part: pd.DataFrame, panels: str | None) -> dict[Any, str]:
     """The name of each row of a panel; rows that differ by their perturbed start alone are numbered."""
-    left_out = ["seed", "pair"] if panels is None else [panels, "seed", "pair"]
-    names = row_names(part, left_out)
+    names = row_names(part, [*REPEATS, *([] if panels is None else [panels])])
     rows_by_name: dict[str, list[Any]] = {}
     for row, name in names.items():
         # a name without a value is the row's number, which says nothing of its parameters
@@ -127,9 +129,9 @@ def _kind(gait: str) -> str:
     label = label_of(gait)
     if label != gait:
         return label
-    sides = {"uR": "unusual canter", "uL": "unusual canter", "R-": "canter", "L-": "canter"}
-    kind = sides.get(gait[:2]) if gait.endswith("canter") else None
-    return kind or ("gallop" if gait.endswith("gallop") else gait)
+    if gait in ("uR-canter", "uL-canter"):
+        return "unusual canter"
+    return family(gait) if family(gait) in ("canter", "gallop") else gait
 
 
 def _panel(
@@ -177,9 +179,8 @@ def _bar(
     """
     if len(at) < 2:
         return
-    letters = (
-        (theme.width_of(theme.PAGE) - _LABEL_ROOM) / np.ptp(axes.get_xlim()) / _LETTER_WIDTH
-    )  # in a unit of x
+    inches = theme.width_of(theme.PAGE) - _LABEL_ROOM
+    letters = inches / np.ptp(axes.get_xlim()) / _LETTER_WIDTH  # in a unit of x
     middle = 0.5 * (at[1:] + at[:-1])
     step = np.diff(t)
     missing = step > 2.0 * np.median(step)

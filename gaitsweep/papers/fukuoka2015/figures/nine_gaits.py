@@ -58,34 +58,38 @@ def nine_gaits(
     require_columns(table, "row", "t", *FLEXORS.values())
     gaits = gaits_in(table)
     narrow = theme.width_of(theme.PAGE) < _NARROW_WIDTH
-    none = "no row" if narrow else "no row has it"
     with theme.canvas(theme.PAGE, 4.9, title) as figure:
         grid = figure.subplots(3, 3)
         for place, gait in enumerate(CHART):
-            axes = grid[place // 3, place % 3]
+            down, across = divmod(place, 3)
+            axes = grid[down, across]
             candidates = gaits.loc[gaits["gait"] == gait]
             if len(candidates):
                 clearest = candidates.loc[candidates["margin"].idxmax()]
                 _example(axes, table, gait, clearest, cycles, narrow=narrow)
             else:
                 _name(axes, gait)
-                _empty(axes, none)
-            if place // 3 == 0:
-                style: dict[str, Any] = {"ha": "center", "fontsize": theme.points(7.5)}
-                style |= {"xycoords": "axes fraction", "textcoords": "offset points"}
-                above = 32 if narrow else 42
-                axes.annotate(_TILTS[place], (0.5, 1.0), (0, above), **style)
-                if place == 1:  # a line above all three, which is wider than its column
-                    axes.annotate(_PAIRS[0], (0.5, 1.0), (0, above + 22), in_layout=False, **style)
-                    axes.annotate(" ", (0.5, 1.0), (0, above + 22), **style)
-            if place % 3 == 0:
-                axes.set_ylabel(_TILTS[place // 3], fontsize=theme.points(7.5), labelpad=4)
-            elif narrow:
+                _empty(axes, "no row" if narrow else "no row has it")
+            if across > 0 and narrow:
                 axes.tick_params(labelleft=False)
-            if place // 3 == 2:
-                axes.set_xlabel("time (s)")
+        for across, axes in enumerate(grid[0]):
+            _head_column(axes, across, 32 if narrow else 42)
+        for down, axes in enumerate(grid[:, 0]):
+            axes.set_ylabel(_TILTS[down], fontsize=theme.points(7.5), labelpad=4)
+        for axes in grid[2]:
+            axes.set_xlabel("time (s)")
         figure.supylabel(_PAIRS[1], fontsize=theme.points(7.5))
     return figure
+
+
+def _head_column(axes: Axes, across: int, above: float) -> None:
+    """The heading of a column of cells, `above` points over it; over all three what they have in common."""
+    style: dict[str, Any] = {"ha": "center", "fontsize": theme.points(7.5)}
+    style |= {"xycoords": "axes fraction", "textcoords": "offset points"}
+    axes.annotate(_TILTS[across], (0.5, 1.0), (0, above), **style)
+    if across == 1:  # a line that is wider than its column
+        axes.annotate(_PAIRS[0], (0.5, 1.0), (0, above + 22), in_layout=False, **style)
+        axes.annotate(" ", (0.5, 1.0), (0, above + 22), **style)
 
 
 def _example(

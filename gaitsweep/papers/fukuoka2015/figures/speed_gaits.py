@@ -72,36 +72,41 @@ def speed_gaits(
     """
     speed = column(table, speed, ("_end", ""))
     require_columns(table, y, "status", panels)
-    gaits = gaits_in(table).set_index("row")["gait"].astype(str)
-    shown = table.assign(gait=gaits.loc[table["row"]].to_numpy())
-    shown = rows_where(shown, np.isfinite(shown[speed].to_numpy(float)) & (shown["gait"] != "none"))
+    shown = _with_gaits(table, speed)
     present = [gait for gait in theme.ordered(ORDER) if gait in set(shown["gait"])]
-    bands: list[Any] = present if y == "gait" else sorted(table[y].dropna().unique())
+    by_gait = y == "gait"
+    bands: list[Any] = present if by_gait else sorted(table[y].dropna().unique())
     values = [None] if panels is None else sorted(table[panels].dropna().unique())
     band_height = 0.23 if len(bands) > 12 else 0.26
     height = band_height * max(len(bands), 3) + 0.9
-    legend_height = 0.0 if y == "gait" else 0.35
+    legend_height = 0.0 if by_gait else 0.35
     down, across = theme.shape(len(values), theme.PAGE, 1.2)
     with theme.canvas(theme.PAGE, height * down + legend_height, title) as figure:
         grid = theme.panels(figure, (down, across), len(values), sharex=True, sharey=True)
         extent = float(np.ptp(shown[speed].to_numpy(float))) if len(shown) else 1.0
-        for number, (axes, value) in enumerate(zip(grid, values, strict=True)):
+        for axes, value in zip(grid, values, strict=True):
             part = shown if value is None else rows_where(shown, shown[str(panels)] == value)
             axes.set_title("" if value is None else written(table, str(panels), value))
             _bands(axes, part, y, bands, speed, extent)
-            if number + across >= len(values):
-                axes.set_xlabel(described(table, speed, 60 // across))
             if not len(part):
-                message = "no row with a gait" if len(table) else "no rows yet"
-                theme.message(axes, message)
-        names = [label_of(band) if y == "gait" else f"{band:.4g}".replace("-", "−") for band in bands]
+                theme.message(axes, "no row with a gait" if len(table) else "no rows yet")
+        for axes in grid[-across:]:
+            axes.set_xlabel(described(table, speed, 60 // across))
+        names = [label_of(band) if by_gait else f"{band:.4g}".replace("-", "−") for band in bands]
         grid[0].set_yticks(range(len(bands)), names)
         grid[0].set_ylim(-0.6, len(bands) - 0.4)
-        if y != "gait":
+        if not by_gait:
             for axes in grid[::across]:
                 axes.set_ylabel(described(table, y, 36))
             theme.legend(figure, gait_key(present), ncols=6)
     return figure
+
+
+def _with_gaits(table: pd.DataFrame, speed: str) -> pd.DataFrame:
+    """The rows with a gait and a speed, their gait by `gaits_in`."""
+    gaits = gaits_in(table).set_index("row")["gait"].astype(str)
+    rows = table.assign(gait=gaits.loc[table["row"]].to_numpy())
+    return rows_where(rows, np.isfinite(rows[speed].to_numpy(float)) & (rows["gait"] != "none"))
 
 
 def _bands(axes: Axes, part: pd.DataFrame, y: str, bands: list[Any], speed: str, extent: float) -> None:
