@@ -18,8 +18,7 @@ from gaitsweep.plot import theme
 from gaitsweep.plot.arguments import TEXT_COLUMNS, AlongAxis, Bandwidth, Observed, Title
 from gaitsweep.plot.bifurcations.branch_lines import STABLE, UNSTABLE
 from gaitsweep.plot.columns import column, described, is_angle, log_axes, origin_of, require_columns
-from gaitsweep.plot.kind import figure_kind
-from gaitsweep.plot.planned_table import PlannedTable, Refusal
+from gaitsweep.plot.kind import PlannedTable, Refusal, figure_kind
 
 _COLOUR = {True: STABLE, False: UNSTABLE}
 

@@ -42,8 +42,7 @@ from gaitsweep.plot.columns import (
     written,
 )
 from gaitsweep.plot.figure_style import current
-from gaitsweep.plot.kind import figure_kind
-from gaitsweep.plot.planned_table import PlannedTable, Refusal
+from gaitsweep.plot.kind import PlannedTable, Refusal, figure_kind
 from gaitsweep.schema.numbers import Positive, Real, Text
 
 _PANELS_A_ROW = 3

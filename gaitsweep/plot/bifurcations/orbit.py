@@ -17,8 +17,7 @@ from gaitsweep.contract import RECURRENT, Status
 from gaitsweep.plot import theme
 from gaitsweep.plot.arguments import TEXT_COLUMNS, AlongAxis, Observed, Title
 from gaitsweep.plot.columns import column, described, is_angle, log_axes, require_columns, rows_where
-from gaitsweep.plot.kind import figure_kind
-from gaitsweep.plot.planned_table import PlannedTable, Refusal
+from gaitsweep.plot.kind import PlannedTable, Refusal, figure_kind
 
 _EXPONENT = "lyapunov_1"
 # Status: colour and words. Settled rows are darkest, so that the kinds differ in grey, too.
