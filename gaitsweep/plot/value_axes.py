@@ -93,9 +93,11 @@ def angle_ticks(axes: Axes, which: Literal["x", "y", "z"]) -> None:
     axis = getattr(axes, f"{which}axis")
     locator = _PiLocator()
     axis.set_major_locator(locator)
-    axis.set_major_formatter(
-        FuncFormatter(lambda value, _: in_pi(value, fractions=locator.step() >= _FRACTIONS_FROM))
-    )
+
+    def label(value: float, _: int | None) -> str:
+        return in_pi(value, fractions=locator.step() >= _FRACTIONS_FROM)
+
+    axis.set_major_formatter(FuncFormatter(label))
 
 
 def in_pi(angle: float, *, fractions: bool = True) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from types import MappingProxyType
-from typing import Annotated, Any, cast
+from typing import Annotated, Any, NamedTuple, cast
 
 import numpy as np
 import pandas as pd
@@ -115,55 +115,104 @@ def hysteresis(
         *panels_of_second(table, with_table, panels),
     ]
     shown, title = theme.first_of(shown, _MOST_PANELS, title)
-    tables = [panel.table for panel in shown if panel.table is not None]
-    for of_panel in tables:
-        _require(of_panel, parameter, [y] if x is None else [y, x])
+    for panel in shown:
+        if panel.table is not None:
+            _require(panel.table, parameter, [y] if x is None else [y, x])
     name = column(table, y, ("_n", ""))
     if x is not None:
         shown = [panel._replace(table=while_moving(panel.table, parameter)) for panel in shown]
-        tables = [panel.table for panel in shown if panel.table is not None]
         parameter = column(table, x, ("_n", ""))
-    down, across = theme.shape(len(shown), theme.PAGE, 2.0, _PANELS_A_ROW)
-    width = theme.PAGE if len(shown) > 1 else theme.COLUMN + 1.2
-    angles = [of_panel[name].to_numpy(float) for of_panel in tables if name in of_panel.columns]
-    origin = origin_of(table, name, np.concatenate(angles))
     if title == "" and len(shown) == 1:
         shown = [shown[0]._replace(heading="")]
+    columns = _Columns(table, name, parameter, _origin(table, name, shown))
     parted = [irregular_parted(panel.table, name, parameter, least or LEAST) for panel in shown]
     strips = any(len(irregular) for _, irregular in parted)
+    down, across = theme.shape(len(shown), theme.PAGE, 2.0, _PANELS_A_ROW)
+    width = theme.PAGE if len(shown) > 1 else theme.COLUMN + 1.2
+    room = theme.width_of(width) / across - 0.8
     with theme.canvas(width, (3.5 if strips else 2.5) * down + 1.0, title) as figure:
         grid, below = _panels(figure, len(shown), down, across, strips=strips)
-        broken: list[int] = []
-        for number, (axes, strip, panel) in enumerate(zip(grid, below, shown, strict=True)):
-            branches, irregular = parted[number]
-            handles = _draw(axes, panel, branches, name, parameter, least, origin)
+        jumps = []
+        for number, (panel, (branches, irregular)) in enumerate(zip(shown, parted, strict=True)):
+            jumps.append(_draw(grid[number], panel, branches, columns, least))
             if strips:
-                _strip(strip, irregular, panel.table, name, parameter, origin)
+                _draw_strip(below[number], irregular, panel.table, columns)
             last = number % across == across - 1 or number == len(shown) - 1
-            _mark(axes, strip if strips else None, ticks, origin, named=last)
-            if number % across == 0:
-                axes.set_ylabel(described(table, name, 30))
-            else:
-                axes.tick_params(labelleft=False)
-                strip.tick_params(labelleft=False)
-            room = theme.width_of(width) / across - 0.8
-            if number + across >= len(shown):
-                beside = _LETTER * max(map(len, ticks), default=0) if last else 0.0
-                _name_parameter(strip, table, parameter, room - beside)
-            broken.append(_below(strip, handles, room + 0.4))
-        theme.grow(figure, 0.12 * max(broken))
+            strip = below[number] if strips else None
+            _mark(grid[number], strip, ticks, columns.origin, named=last)
+        broken = _label(grid, below, columns, across, ticks, jumps, room)
+        theme.grow(figure, 0.12 * broken)
         for axes in {grid[0], below[0]}:
-            theme.value_axis(axes, angle=origin is not None)
-        drawn = {str(line.get_color()) for axes in (*grid, *below) for line in axes.lines}
-        key = _key(shown, table, parameter, drawn)
-        of_branches = [branches for branches, _ in parted]
-        key += _name_gaits(grid, of_branches, name, parameter, origin, [*ticks])
+            theme.value_axis(axes, angle=columns.origin is not None)
+        colours = {str(line.get_color()) for axes in (*grid, *below) for line in axes.lines}
+        key = _key(shown, columns, colours)
+        key += _name_gaits(grid, [branches for branches, _ in parted], columns, [*ticks])
         theme.legend(figure, key, ncols=3)
     return figure
 
 
+class _Columns(NamedTuple):
+    """The columns along the axes that all panels share.
+
+    `table` is the first table; `name` and `x` are along axis y and axis x; `origin` is the angle
+    (rad) at which axis y cuts the circle, None if it is no angle.
+    """
+
+    table: pd.DataFrame
+    name: str
+    x: str
+    origin: float | None
+
+
+def _origin(table: pd.DataFrame, name: str, shown: Sequence[Panel]) -> float | None:
+    """The angle (rad) at which the values of all panels are cut; None if they are no angles."""
+    tables = [panel.table for panel in shown if panel.table is not None and name in panel.table.columns]
+    return origin_of(table, name, np.concatenate([of_panel[name].to_numpy(float) for of_panel in tables]))
+
+
+def _label(
+    grid: Sequence[Axes],
+    below: Sequence[Axes],
+    columns: _Columns,
+    across: int,
+    ticks: Mapping[str, float],
+    jumps: Sequence[list[Patch]],
+    room: float,
+) -> int:
+    """Label the outer axes, and write the jumps of each panel below it.
+
+    Args:
+        grid, below: the panels and the lowest of each, as from `_panels`.
+        columns: the columns along the axes.
+        across: panels in a row.
+        ticks: marked values of y, which the last panel of a row names at its right side.
+        jumps: the jumps of each panel.
+        room: width of a panel, inches.
+
+    Returns:
+        The largest number of broken lines below a panel.
+    """
+    broken = []
+    for number, (axes, lowest) in enumerate(zip(grid, below, strict=True)):
+        if number % across == 0:
+            axes.set_ylabel(described(columns.table, columns.name, 30))
+        else:
+            axes.tick_params(labelleft=False)
+            lowest.tick_params(labelleft=False)
+        if number + across >= len(grid):
+            last = number % across == across - 1 or number == len(grid) - 1
+            of_ticks = _LETTER * max(map(len, ticks), default=0) if last else 0.0
+            _name_parameter(lowest, columns.table, columns.x, room - of_ticks)
+        broken.append(_below(lowest, jumps[number], room + 0.4))
+    return max(broken)
+
+
 def _require(table: pd.DataFrame, parameter: str, observables: Sequence[str]) -> None:
-    """Refuse a panel's table that lacks a column."""
+    """Refuse a panel's table that lacks a column.
+
+    Raises:
+        PlotError: as for `require_columns`.
+    """
     require_columns(table, parameter, "pass", "row")
     for observable in observables:
         column(table, observable, ("_n", ""))
@@ -171,8 +220,8 @@ def _require(table: pd.DataFrame, parameter: str, observables: Sequence[str]) ->
 
 def _name_parameter(axes: Axes, table: pd.DataFrame, parameter: str, room: float) -> None:
     """Label the horizontal axis of a lowest panel, in `room` inches."""
-    along = described(table, parameter, 66, named=True)  # as the legend does
-    axes.set_xlabel(theme.wrapped(along, room, 8.5))
+    label = described(table, parameter, 66, named=True)  # as the legend does
+    axes.set_xlabel(theme.wrapped(label, room, 8.5))
     axes.tick_params(labelbottom=True)
 
 
@@ -180,9 +229,10 @@ def _panels(
     figure: Figure, count: int, down: int, across: int, *, strips: bool
 ) -> tuple[Sequence[Axes], Sequence[Axes]]:
     """The panels, and the lowest one of each: the strip below it, or itself."""
-    shape: dict[str, Any] = {"height_ratios": [2.5, 1.0] * down if strips else [1.0] * down}
-    cells = figure.subplots((1 + strips) * down, across, sharex=True, squeeze=False, **shape)
-    grid, below = cells[:: 1 + strips].ravel(), (cells[1::2] if strips else cells).ravel()
+    heights = [2.5, 1.0] * down if strips else [1.0] * down
+    cells = figure.subplots(len(heights), across, sharex=True, squeeze=False, height_ratios=heights)
+    grid = cells[::2].ravel() if strips else cells.ravel()
+    below = cells[1::2].ravel() if strips else grid
     for axes in {*grid[count:], *below[count:]}:
         axes.remove()
     for row_of_axes in (grid, below):
@@ -194,57 +244,58 @@ def _panels(
 def _name_gaits(
     grid: Sequence[Axes],
     tables: Sequence[pd.DataFrame | None],
-    name: str,
-    x: str,
-    origin: float | None,
+    columns: _Columns,
     without: Sequence[str],
 ) -> list[Line2D]:
     """Name the gaits of tables beside their branches; returns the legend of those without room."""
-    laid_out, texts = False, []
-    for axes, table in zip(grid, tables, strict=True):
-        named = [] if table is None else named_gaits(table, without)
-        if table is None or not named:
-            continue
-        if not laid_out:
-            cast(Figure, axes.get_figure(root=True)).draw_without_rendering()
-            laid_out = True
-        part = rows_where(table, sound(table, name, x) & table["gait"].isin(named))
-        gaits, value = part["gait"].to_numpy(str), unwrap_from(part[name].to_numpy(float), origin)
-        for gait in name_branches(axes, part[x].to_numpy(float), value, gaits):
+    _, name, x, origin = columns
+    texts = []
+    with_names = [
+        (axes, table, named)
+        for axes, table in zip(grid, tables, strict=True)
+        if table is not None and (named := named_gaits(table, without))
+    ]
+    if with_names:  # room is looked for in the figure's layout
+        cast(Figure, grid[0].get_figure(root=True)).draw_without_rendering()
+    for axes, table, named in with_names:
+        records = rows_where(table, sound(table, name, x) & table["gait"].isin(named))
+        gaits = records["gait"].to_numpy(str)
+        value = unwrap_from(records[name].to_numpy(float), origin)
+        for gait in name_branches(axes, records[x].to_numpy(float), value, gaits):
             middle = written(table, name, float(np.median(value[gaits == gait])))
             texts.append(f"{theme.named(gait)} about {middle}")
     return [Line2D([], [], ls="", label=text) for text in dict.fromkeys(texts)]
 
 
-def _strip(
-    axes: Axes, irregular: pd.DataFrame, table: pd.DataFrame | None, name: str, x: str, origin: float | None
-) -> None:
-    """The records of irregular passes, as points."""
+def _draw_strip(axes: Axes, irregular: pd.DataFrame, table: pd.DataFrame | None, columns: _Columns) -> None:
+    """Draw the records of irregular passes as points."""
     if table is None or not len(irregular):
         theme.message(axes, "Each pass follows a branch.")
         return
+    _, name, x, origin = columns
     points = rows_where(irregular, sound(irregular, name, x))
     size = float(np.clip(60.0 / np.sqrt(max(len(points), 1)), 0.8, 3.0))
-    for number, part in points.groupby("pass", sort=True):
-        value = unwrap_from(part[name].to_numpy(float), origin)
-        colour = _colour_of(part, x, int(str(number)))
-        axes.plot(part[x].to_numpy(float), value, ".", ms=size, color=colour, rasterized=True)
+    for number, of_pass in points.groupby("pass", sort=True):
+        value = unwrap_from(of_pass[name].to_numpy(float), origin)
+        colour = _colour_of(of_pass, x, int(str(number)))
+        axes.plot(of_pass[x].to_numpy(float), value, ".", ms=size, color=colour, rasterized=True)
     axes.margins(y=0.1)
     rows = f"{irregular['row'].nunique()} of {table['row'].nunique()} rows"
     axes.set_title(f"irregular, on no branch: {rows}", loc="left", fontsize=theme.points(7), pad=2.0)
 
 
-def _colour_of(part: pd.DataFrame, x: str, number: int) -> str:
-    """The colour of a pass, by whether x rises along most of its rows."""
-    first, last = (part.groupby("row")[x].nth(end).to_numpy(float) for end in (0, -1))
+def _colour_of(records: pd.DataFrame, x: str, number: int) -> str:
+    """The colour of a pass, by whether x rises along most of its rows; else by its number."""
+    first, last = (records.groupby("row")[x].nth(end).to_numpy(float) for end in (0, -1))
     change = float(np.median(last - first))
-    return (UP if change > 0.0 else DOWN) if change else (UP, DOWN)[number % 2]
+    rises = change > 0.0 if change else number % 2 == 0
+    return UP if rises else DOWN
 
 
 def _mark(
     axes: Axes, strip: Axes | None, ticks: Mapping[str, float], origin: float | None, *, named: bool
 ) -> None:
-    """Thin lines at values of y, named at the right side; in the strip if they are nearer to its data."""
+    """Draw thin lines at values of y, named at the right side; in the strip if nearer to its data."""
     values = unwrap_from(np.array(list(ticks.values()), float), origin)
     names = np.array(list(ticks), object)
     below = np.zeros(len(values), bool)
@@ -275,12 +326,11 @@ def _draw(
     axes: Axes,
     panel: Panel,
     branches: pd.DataFrame | None,
-    name: str,
-    parameter: str,
+    columns: _Columns,
     least: float | None,
-    origin: float | None,
 ) -> list[Patch]:
-    """One panel: each row's passes on branches, and bars at jumps; returns the jumps' legend."""
+    """Draw one panel: each row's passes on branches, and bars at jumps; returns the jumps' legend."""
+    _, name, parameter, origin = columns
     axes.set_title(panel.heading if panel.table is not None else "")
     if panel.table is None or branches is None:
         theme.message(axes, panel.note)
@@ -298,8 +348,8 @@ def _draw(
     size = least or LEAST
     jumping = largest_jumps(panel.table, name, parameter, size)["row"]
     with_arrows = jumping.mode().min() if len(jumping) else rows[0]  # the first row that jumps on each pass
-    for row, part in table.groupby("row", sort=True):
-        passes = draw_row(axes, part, name, parameter, origin, alpha, size)
+    for row, records in table.groupby("row", sort=True):
+        passes = draw_row(axes, records, name, parameter, origin, alpha, size)
         if row == with_arrows:
             draw_arrows(axes, passes, size)
     return _bands(axes, jump_intervals(panel.table, name, parameter, least), table, parameter)
@@ -323,11 +373,15 @@ def _bands(axes: Axes, edges: pd.DataFrame, table: pd.DataFrame, parameter: str)
         axes.axvspan(edge["low"], edge["high"], *ends, color=colour, lw=0)
         patch = Patch(label=_in_words(edge, table, parameter), color=colour, lw=0)
         handles.setdefault(edge["direction"], []).append(patch)
-    for several in handles.values():
-        if len(several) > _MOST_NAMED:
-            rest = len(several) - _MOST_NAMED + 1
-            several[_MOST_NAMED - 1 :] = [Patch(label=f"and {rest} more", color=several[0].get_facecolor())]
-    return [patch for several in handles.values() for patch in several]
+    legend: list[Patch] = []
+    for of_direction in handles.values():
+        unnamed = of_direction[_MOST_NAMED - 1 :]
+        if len(unnamed) > 1:
+            legend += of_direction[: _MOST_NAMED - 1]
+            legend.append(Patch(label=f"and {len(unnamed)} more", color=unnamed[0].get_facecolor()))
+        else:
+            legend += of_direction
+    return legend
 
 
 def _below(axes: Axes, handles: list[Patch], room: float) -> int:
@@ -338,31 +392,32 @@ def _below(axes: Axes, handles: list[Patch], room: float) -> int:
         handle.set_label(theme.wrapped(str(handle.get_label()), room, 7.0))
     label = axes.get_xlabel()
     depth = 18.0 + 12.0 * (label.count("\n") + 1) if label else 4.0  # points
-    place = axes.transAxes + ScaledTranslation(0.0, -depth / 72, axes.figure.dpi_scale_trans)
+    below_axis = axes.transAxes + ScaledTranslation(0.0, -depth / 72, axes.figure.dpi_scale_trans)
     look: dict[str, Any] = {"title_fontsize": 7.0, "fontsize": theme.points(7), "borderaxespad": 0.0}
-    look |= {"loc": "upper center", "bbox_to_anchor": (0.5, 0.0), "bbox_transform": place}
-    look |= {"title": None if current().caption is False else "jumps at (bars at the edges)"}
+    look |= {"loc": "upper center", "bbox_to_anchor": (0.5, 0.0), "bbox_transform": below_axis}
+    look["title"] = None if current().caption is False else "jumps at (bars at the edges)"
     axes.legend(handles=handles, **look)
     return sum(str(handle.get_label()).count("\n") for handle in handles)
 
 
 def _in_words(edge: Mapping[Any, Any], table: pd.DataFrame, parameter: str) -> str:
-    """Format a transition point: `f rises: 2.86 to 2.9 Hz`."""
+    """Format the interval of a jump: `f rises: 2.86 to 2.9 Hz`."""
     verb = "rises" if edge["direction"] == "rising" else "falls"
     interval = f"{edge['low']:.4g} to {edge['high']:.4g} {unit_of(table, parameter)}".rstrip()
     rows = "" if edge["of"] == 1 else f", {edge['rows']} of {edge['of']} rows"
     return f"{symbol(table, parameter)} {verb}: {interval}{rows}".replace("-", "−")
 
 
-def _key(shown: list[Panel], table: pd.DataFrame, parameter: str, drawn: set[str]) -> list[Line2D]:
+def _key(shown: list[Panel], columns: _Columns, colours: set[str]) -> list[Line2D]:
     """The legend of the colours and markers that are drawn."""
+    parameter = symbol(columns.table, columns.x)
     stairs = [panel.table for panel in shown if panel.table is not None and "stair" in panel.table.columns]
     handles = []
     for colour, marker, words in ((UP, "^", "rises →"), (DOWN, "v", "falls ←")):
-        if colour not in drawn:
+        if colour not in colours:
             continue
         look: dict[str, Any] = {"color": colour, "ls": LINES[colour], "marker": marker if stairs else ""}
-        handles.append(Line2D([], [], label=f"{symbol(table, parameter)} {words}", **MARKER, **look))
+        handles.append(Line2D([], [], label=f"{parameter} {words}", **MARKER, **look))
     if any("settled" in stair.columns and not stair["settled"].to_numpy(bool).all() for stair in stairs):
         look = {"ls": "", "marker": "^", "mfc": "white", "color": "#555555"}
         handles.append(Line2D([], [], label="hold not settled", **MARKER, **look))

@@ -1,4 +1,4 @@
-"""The passes of one row: a parameter's way up and its way down, in their colours, with arrows."""
+"""The passes of one row: a parameter's rise and its fall, in their colours, with arrows."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from gaitsweep.plot import theme
 
 UP, DOWN = "#E69F00", "#0072B2"  # distinct for colour-blind readers, and in lightness
 LINES: dict[str, Any] = {UP: "-", DOWN: (0, (4, 2))}
-MARKER: dict[str, Any] = {"ms": 5.0, "mew": 0.9}  # points: whether it is hollow is seen at 85 mm
+MARKER: dict[str, Any] = {"ms": 5.0, "mew": 0.9}  # points: large enough to be seen as hollow in 85 mm
 _GRID = 201  # values of the parameter at which two passes are compared
 
 
@@ -31,33 +31,46 @@ class Pass(NamedTuple):
 
 def draw_row(
     axes: Axes,
-    part: pd.DataFrame,
+    records: pd.DataFrame,
     name: str,
     parameter: str,
     origin: float | None,
     alpha: float,
     least: float,
 ) -> list[Pass]:
-    """Draw one row: each pass as a line (of a ramp) or markers (of a staircase); returns its passes.
+    """Draw one row: each pass as a line (of a ramp) or markers (of a staircase).
 
-    Lines are interrupted at missing records, where an angle wraps, and, between stairs, at jumps by `least`.
+    Lines are interrupted at missing records, where an angle wraps, and, between stairs, at jumps.
+
+    Args:
+        axes: the panel.
+        records: the row's records in their order.
+        name, parameter: columns along axis y and axis x.
+        origin: the angle (rad) at which axis y cuts the circle; None if y is no angle.
+        alpha: opacity of lines and markers, from 0 to 1.
+        least: change of y that counts as a jump, in its unit.
+
+    Returns:
+        The passes.
     """
-    stairs = "stair" in part.columns
+    stairs = "stair" in records.columns
     if not stairs:
-        part = part.iloc[where_it_moves(part[parameter].to_numpy(float)) :]
-    at, value = part[parameter].to_numpy(float), part[name].to_numpy(float)
-    numbers = part["pass"].to_numpy(int)
-    count = part["stair" if stairs else "crossing"].to_numpy(int)
-    value = unwrap_from(value, origin)
-    settled = part["settled"].to_numpy(bool) if "settled" in part.columns else np.ones(len(part), bool)
+        records = records.iloc[where_it_moves(records[parameter].to_numpy(float)) :]
+    at = records[parameter].to_numpy(float)
+    value = unwrap_from(records[name].to_numpy(float), origin)
+    pass_numbers = records["pass"].to_numpy(int)
+    order = records["stair" if stairs else "crossing"].to_numpy(int)
+    settled = np.ones(len(records), bool)
+    if "settled" in records.columns:
+        settled = records["settled"].to_numpy(bool)
     passes = []
-    for number in np.unique(numbers):
-        records = np.flatnonzero(numbers == number)
-        line = np.arange(max(records[0] - 1, 0), records[-1] + 1)  # from the turning point on
+    for number in np.unique(pass_numbers):
+        of_pass = np.flatnonzero(pass_numbers == number)
+        line = np.arange(max(of_pass[0] - 1, 0), of_pass[-1] + 1)  # from the turning point on
         colour, marker = (UP, "^") if at[line[-1]] >= at[line[0]] else (DOWN, "v")
         passes.append(Pass(at[line], value[line], colour))
         change = np.abs(np.diff(value[line]))
-        parted = np.diff(count[line]) > 1
+        parted = np.diff(order[line]) > 1
         if origin is not None:
             parted |= change > np.pi
         if stairs and len(change):
@@ -65,9 +78,10 @@ def draw_row(
         pieces = theme.interrupted(parted, at[line], value[line])
         axes.plot(*pieces, color=colour, ls=LINES[colour], lw=0.8, alpha=alpha)
         if stairs:
-            look: dict[str, Any] = {"ls": "", "marker": marker, "alpha": alpha, **MARKER}
-            for which, face in ((settled[records], colour), (~settled[records], "white")):
-                axes.plot(at[records][which], value[records][which], color=colour, mfc=face, **look)
+            look: dict[str, Any] = {"ls": "", "marker": marker, "alpha": alpha, "color": colour, **MARKER}
+            closed, hollow = of_pass[settled[of_pass]], of_pass[~settled[of_pass]]
+            axes.plot(at[closed], value[closed], mfc=colour, **look)
+            axes.plot(at[hollow], value[hollow], mfc="white", **look)
     return passes
 
 
@@ -76,36 +90,36 @@ def draw_arrows(axes: Axes, passes: list[Pass], least: float) -> None:
 
     No arrow is drawn if they never differ by half of `least` (in the observable's unit).
     """
-    first = {one.colour: one for one in reversed(passes)}
-    if set(first) != {UP, DOWN}:
+    first_passes = {drawn.colour: drawn for drawn in reversed(passes)}
+    if set(first_passes) != {UP, DOWN}:
         return
-    low = max(float(one.at.min()) for one in first.values())
-    high = min(float(one.at.max()) for one in first.values())
+    low = max(float(drawn.at.min()) for drawn in first_passes.values())
+    high = min(float(drawn.at.max()) for drawn in first_passes.values())
     if not high > low:
         return
     grid = np.linspace(low, high, _GRID)
-    curves = {colour: _along(one, grid) for colour, one in first.items()}
+    curves = {colour: _along(drawn, grid) for colour, drawn in first_passes.items()}
     differ = np.abs(curves[UP] - curves[DOWN])
     if differ.max() < 0.5 * least:
         return
     begin, end = _longest(differ >= 0.5 * differ.max())
-    half = min(0.06 * (high - low), 0.4 * (grid[end] - grid[begin]))
-    at = (begin + end) // 2
+    half_length = min(0.06 * (high - low), 0.4 * (grid[end] - grid[begin]))
+    middle = (begin + end) // 2
     for colour, curve in curves.items():
-        above = curve[at] >= curves[DOWN if colour == UP else UP][at]
+        above = curve[middle] >= curves[DOWN if colour == UP else UP][middle]
         offset = ScaledTranslation(0.0, (9 if above else -9) / 72, axes.figure.dpi_scale_trans)
-        way = half if colour == UP else -half
+        ahead = half_length if colour == UP else -half_length
         look: dict[str, Any] = {"arrowstyle": "-|>", "mutation_scale": 9, "shrinkA": 0, "shrinkB": 0}
-        ends = (grid[at] - way, curve[at]), (grid[at] + way, curve[at])
+        ends = (grid[middle] - ahead, curve[middle]), (grid[middle] + ahead, curve[middle])
         arrow = FancyArrowPatch(*ends, color=colour, lw=1.0, zorder=5, **look)
         arrow.set_transform(axes.transData + offset)
         axes.add_patch(arrow)
 
 
-def _along(one: Pass, grid: Float[np.ndarray, " grid"]) -> Float[np.ndarray, " grid"]:
+def _along(drawn: Pass, grid: Float[np.ndarray, " grid"]) -> Float[np.ndarray, " grid"]:
     """A pass's values at the grid's parameters."""
-    order = np.argsort(one.at, kind="stable")
-    return np.interp(grid, one.at[order], one.value[order])
+    order = np.argsort(drawn.at, kind="stable")
+    return np.interp(grid, drawn.at[order], drawn.value[order])
 
 
 def _longest(marked: Bool[np.ndarray, " grid"]) -> tuple[int, int]:
