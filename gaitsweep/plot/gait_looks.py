@@ -71,7 +71,8 @@ def hatches(names: Iterable[str]) -> dict[str, str]:
     names = list(names)
     colour = colours(names)
     # an extension need not give a hatch
-    own = {name: hatch for name, (_, _, *given) in gait_styles().items() for hatch in given} | dict(HATCHES)
+    own = {name: hatch for name, (_, _, *hatch_of) in gait_styles().items() for hatch in hatch_of}
+    own |= HATCHES
     hatch_of = {name: own[name] for name in names if name in own}
     for name in names:
         confusable = {

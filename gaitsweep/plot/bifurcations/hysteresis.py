@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from types import MappingProxyType
-from typing import Annotated, Any, NamedTuple, cast
+from typing import Annotated, Any, cast
 
 import numpy as np
 import pandas as pd
@@ -17,18 +17,19 @@ from matplotlib.transforms import ScaledTranslation
 
 from gaitsweep.analysis.circular import unwrap_from
 from gaitsweep.analysis.records import sound
-from gaitsweep.analysis.transitions.hysteresis import LEAST, jump_intervals, largest_jumps
+from gaitsweep.analysis.transitions.hysteresis import LEAST
 from gaitsweep.plot import theme
 from gaitsweep.plot.arguments import Observable, Observed, Panels, TableOrName, Title
 from gaitsweep.plot.bifurcations.branch_names import name_branches, named_gaits
 from gaitsweep.plot.bifurcations.hysteresis_panels import (
+    Columns,
     Panel,
     irregular_parted,
     panels_of,
     panels_of_second,
     while_moving,
 )
-from gaitsweep.plot.bifurcations.passes import DOWN, LINES, MARKER, UP, draw_arrows, draw_row
+from gaitsweep.plot.bifurcations.passes import DOWN, LINES, MARKER, UP, draw_passes, draw_strip
 from gaitsweep.plot.columns import (
     PlotError,
     column,
@@ -38,7 +39,6 @@ from gaitsweep.plot.columns import (
     require_columns,
     rows_where,
     symbol,
-    unit_of,
     written,
 )
 from gaitsweep.plot.figure_style import current
@@ -48,10 +48,6 @@ from gaitsweep.schema.numbers import Positive, Real, Text
 _PANELS_A_ROW = 3
 _MOST_PANELS = 12
 _LETTER = 0.035  # inches; width of a letter of a name at the right side
-_MOST_NAMED = 5  # jumps of one direction in the legend
-_FAINT = 4  # with more rows each is drawn fainter
-# the colour of the intervals in which rows jump, and the ends of their bars as shares of the panel's height
-_JUMPS = {"rising": (UP, 0.97, 1.0), "falling": (DOWN, 0.0, 0.03)}
 
 
 def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
@@ -124,7 +120,7 @@ def hysteresis(
         parameter = column(table, x, ("_n", ""))
     if title == "" and len(shown) == 1:
         shown = [shown[0]._replace(heading="")]
-    columns = _Columns(table, name, parameter, _origin(table, name, shown))
+    columns = Columns(table, name, parameter, _origin(table, name, shown))
     parted = [irregular_parted(panel.table, name, parameter, least or LEAST) for panel in shown]
     strips = any(len(irregular) for _, irregular in parted)
     down, across = theme.shape(len(shown), theme.PAGE, 2.0, _PANELS_A_ROW)
@@ -134,9 +130,9 @@ def hysteresis(
         grid, below = _panels(figure, len(shown), down, across, strips=strips)
         jumps = []
         for number, (panel, (branches, irregular)) in enumerate(zip(shown, parted, strict=True)):
-            jumps.append(_draw(grid[number], panel, branches, columns, least))
+            jumps.append(draw_passes(grid[number], panel, branches, columns, least))
             if strips:
-                _draw_strip(below[number], irregular, panel.table, columns)
+                draw_strip(below[number], irregular, panel.table, columns)
             last = number % across == across - 1 or number == len(shown) - 1
             strip = below[number] if strips else None
             _mark(grid[number], strip, ticks, columns.origin, named=last)
@@ -151,19 +147,6 @@ def hysteresis(
     return figure
 
 
-class _Columns(NamedTuple):
-    """The columns along the axes that all panels share.
-
-    `table` is the first table; `name` and `x` are along axis y and axis x; `origin` is the angle
-    (rad) at which axis y cuts the circle, None if it is no angle.
-    """
-
-    table: pd.DataFrame
-    name: str
-    x: str
-    origin: float | None
-
-
 def _origin(table: pd.DataFrame, name: str, shown: Sequence[Panel]) -> float | None:
     """The angle (rad) at which the values of all panels are cut; None if they are no angles."""
     tables = [panel.table for panel in shown if panel.table is not None and name in panel.table.columns]
@@ -173,7 +156,7 @@ def _origin(table: pd.DataFrame, name: str, shown: Sequence[Panel]) -> float | N
 def _label(
     grid: Sequence[Axes],
     below: Sequence[Axes],
-    columns: _Columns,
+    columns: Columns,
     across: int,
     ticks: Mapping[str, float],
     jumps: Sequence[list[Patch]],
@@ -244,7 +227,7 @@ def _panels(
 def _name_gaits(
     grid: Sequence[Axes],
     tables: Sequence[pd.DataFrame | None],
-    columns: _Columns,
+    columns: Columns,
     without: Sequence[str],
 ) -> list[Line2D]:
     """Name the gaits of tables beside their branches; returns the legend of those without room."""
@@ -265,31 +248,6 @@ def _name_gaits(
             middle = written(table, name, float(np.median(value[gaits == gait])))
             texts.append(f"{theme.named(gait)} about {middle}")
     return [Line2D([], [], ls="", label=text) for text in dict.fromkeys(texts)]
-
-
-def _draw_strip(axes: Axes, irregular: pd.DataFrame, table: pd.DataFrame | None, columns: _Columns) -> None:
-    """Draw the records of irregular passes as points."""
-    if table is None or not len(irregular):
-        theme.message(axes, "Each pass follows a branch.")
-        return
-    _, name, x, origin = columns
-    points = rows_where(irregular, sound(irregular, name, x))
-    size = float(np.clip(60.0 / np.sqrt(max(len(points), 1)), 0.8, 3.0))
-    for number, of_pass in points.groupby("pass", sort=True):
-        value = unwrap_from(of_pass[name].to_numpy(float), origin)
-        colour = _colour_of(of_pass, x, int(str(number)))
-        axes.plot(of_pass[x].to_numpy(float), value, ".", ms=size, color=colour, rasterized=True)
-    axes.margins(y=0.1)
-    rows = f"{irregular['row'].nunique()} of {table['row'].nunique()} rows"
-    axes.set_title(f"irregular, on no branch: {rows}", loc="left", fontsize=theme.points(7), pad=2.0)
-
-
-def _colour_of(records: pd.DataFrame, x: str, number: int) -> str:
-    """The colour of a pass, by whether x rises along most of its rows; else by its number."""
-    first, last = (records.groupby("row")[x].nth(end).to_numpy(float) for end in (0, -1))
-    change = float(np.median(last - first))
-    rises = change > 0.0 if change else number % 2 == 0
-    return UP if rises else DOWN
 
 
 def _mark(
@@ -322,68 +280,6 @@ def _distance(axes: Axes, values: Float[np.ndarray, " values"]) -> Float[np.ndar
     return np.maximum(np.maximum(low - values, values - high), 0.0)
 
 
-def _draw(
-    axes: Axes,
-    panel: Panel,
-    branches: pd.DataFrame | None,
-    columns: _Columns,
-    least: float | None,
-) -> list[Patch]:
-    """Draw one panel: each row's passes on branches, and bars at jumps; returns the jumps' legend."""
-    _, name, parameter, origin = columns
-    axes.set_title(panel.heading if panel.table is not None else "")
-    if panel.table is None or branches is None:
-        theme.message(axes, panel.note)
-        return []
-    order = "stair" if "stair" in panel.table.columns else "crossing"
-    # the last records before a fall are those of the whole row
-    table = rows_where(panel.table, sound(panel.table, name, parameter))
-    table = rows_where(table, table.index.isin(branches.index)).sort_values(["row", order], kind="stable")
-    if not len(table):
-        theme.message(axes, _why_empty(panel.table, name))
-        return []
-    rows = table["row"].unique()
-    alpha = 1.0 if len(rows) <= _FAINT else max(0.15, _FAINT / len(rows))
-    axes.margins(y=0.1)  # room for the arrows
-    size = least or LEAST
-    jumping = largest_jumps(panel.table, name, parameter, size)["row"]
-    with_arrows = jumping.mode().min() if len(jumping) else rows[0]  # the first row that jumps on each pass
-    for row, records in table.groupby("row", sort=True):
-        passes = draw_row(axes, records, name, parameter, origin, alpha, size)
-        if row == with_arrows:
-            draw_arrows(axes, passes, size)
-    return _bands(axes, jump_intervals(panel.table, name, parameter, least), table, parameter)
-
-
-def _why_empty(table: pd.DataFrame, name: str) -> str:
-    """The reason for a panel without a pass."""
-    if not len(table):
-        return "The run has stored no record yet."
-    if not np.isfinite(table[name].to_numpy(float)).any():
-        return f"No record has a value of {symbol(table, name)}."
-    return "No pass follows a branch: all rows fell, or jump to and fro."
-
-
-def _bands(axes: Axes, edges: pd.DataFrame, table: pd.DataFrame, parameter: str) -> list[Patch]:
-    """Draw bars at the intervals of the jumps, and a tint below the points; returns their legend."""
-    handles: dict[str, list[Patch]] = {}
-    for edge in edges.to_dict("records"):
-        colour, *ends = _JUMPS[edge["direction"]]
-        axes.axvspan(edge["low"], edge["high"], zorder=0, color=colour, alpha=0.1, lw=0)
-        axes.axvspan(edge["low"], edge["high"], *ends, color=colour, lw=0)
-        patch = Patch(label=_in_words(edge, table, parameter), color=colour, lw=0)
-        handles.setdefault(edge["direction"], []).append(patch)
-    legend: list[Patch] = []
-    for of_direction in handles.values():
-        unnamed = of_direction[_MOST_NAMED - 1 :]
-        if len(unnamed) > 1:
-            legend += of_direction[: _MOST_NAMED - 1]
-            legend.append(Patch(label=f"and {len(unnamed)} more", color=unnamed[0].get_facecolor()))
-        else:
-            legend += of_direction
-    return legend
-
-
 def _below(axes: Axes, handles: list[Patch], room: float) -> int:
     """Write the jumps of a panel below its axis, in lines of `room` inches; returns those broken."""
     if not handles:
@@ -400,15 +296,7 @@ def _below(axes: Axes, handles: list[Patch], room: float) -> int:
     return sum(str(handle.get_label()).count("\n") for handle in handles)
 
 
-def _in_words(edge: Mapping[Any, Any], table: pd.DataFrame, parameter: str) -> str:
-    """Format the interval of a jump: `f rises: 2.86 to 2.9 Hz`."""
-    verb = "rises" if edge["direction"] == "rising" else "falls"
-    interval = f"{edge['low']:.4g} to {edge['high']:.4g} {unit_of(table, parameter)}".rstrip()
-    rows = "" if edge["of"] == 1 else f", {edge['rows']} of {edge['of']} rows"
-    return f"{symbol(table, parameter)} {verb}: {interval}{rows}".replace("-", "−")
-
-
-def _key(shown: list[Panel], columns: _Columns, colours: set[str]) -> list[Line2D]:
+def _key(shown: list[Panel], columns: Columns, colours: set[str]) -> list[Line2D]:
     """The legend of the colours and markers that are drawn."""
     parameter = symbol(columns.table, columns.x)
     stairs = [panel.table for panel in shown if panel.table is not None and "stair" in panel.table.columns]

@@ -22,6 +22,19 @@ class Panel(NamedTuple):
     note: str = ""
 
 
+class Columns(NamedTuple):
+    """The columns along the axes that all panels share.
+
+    `table` is the first table; `name` and `x` are along axis y and axis x; `origin` is the angle
+    (rad) at which axis y cuts the circle, None if it is no angle.
+    """
+
+    table: pd.DataFrame
+    name: str
+    x: str
+    origin: float | None
+
+
 def panels_of(table: pd.DataFrame, panels: str | None, *, beside: bool) -> list[Panel]:
     """A table's panels; with a second table, their headings describe how the parameter moves."""
     if panels is None:

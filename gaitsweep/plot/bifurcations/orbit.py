@@ -67,7 +67,8 @@ def orbit(
         panels[-1].set_xlabel(described(table, x))
         log_axes(above, table, x=x)
         above.set_ylabel(described(table, name, 36))
-        present = [status for status in _LOOKS if (table["status"].astype(str) == status).any()]
+        statuses = set(table["status"].astype(str))
+        present = [status for status in _LOOKS if status in statuses]
         for status in present:
             _draw_crossings(above, table, x, name, status)
         if not present:

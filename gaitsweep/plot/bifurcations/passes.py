@@ -1,24 +1,33 @@
-"""The passes of one row: a parameter's rise and its fall, in their colours, with arrows."""
+"""The passes of a hysteresis panel: a parameter's rise and fall, with arrows and bars at jumps."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 from jaxtyping import Bool, Float
 from matplotlib.axes import Axes
-from matplotlib.patches import FancyArrowPatch
+from matplotlib.patches import FancyArrowPatch, Patch
 from matplotlib.transforms import ScaledTranslation
 
 from gaitsweep.analysis.circular import unwrap_from
+from gaitsweep.analysis.records import sound
+from gaitsweep.analysis.transitions.hysteresis import LEAST, jump_intervals, largest_jumps
 from gaitsweep.analysis.transitions.jumps import STEEPER, where_it_moves
 from gaitsweep.plot import theme
+from gaitsweep.plot.bifurcations.hysteresis_panels import Columns, Panel
+from gaitsweep.plot.columns import rows_where, symbol, unit_of
 
 UP, DOWN = "#E69F00", "#0072B2"  # distinct for colour-blind readers, and in lightness
 LINES: dict[str, Any] = {UP: "-", DOWN: (0, (4, 2))}
 MARKER: dict[str, Any] = {"ms": 5.0, "mew": 0.9}  # points: large enough to be seen as hollow in 85 mm
 _GRID = 201  # values of the parameter at which two passes are compared
+_MOST_NAMED = 5  # jumps of one direction in the legend
+_FAINT = 4  # rows: more are drawn fainter
+# The colour of the intervals in which rows jump, and the ends of their bars as shares of the panel's height.
+_JUMPS = {"rising": (UP, 0.97, 1.0), "falling": (DOWN, 0.0, 0.03)}
 
 
 class Pass(NamedTuple):
@@ -29,7 +38,113 @@ class Pass(NamedTuple):
     colour: str
 
 
-def draw_row(
+def draw_passes(
+    axes: Axes,
+    panel: Panel,
+    branches: pd.DataFrame | None,
+    columns: Columns,
+    least: float | None,
+) -> list[Patch]:
+    """Draw a panel: each row's passes on branches, and bars at jumps.
+
+    Args:
+        axes: its axes.
+        panel: its heading and its table, or the reason why there is none.
+        branches: the records of the table that are on branches.
+        columns: the columns along the axes.
+        least: change of y that counts as a jump, in its unit; by default as for `jump_intervals`.
+
+    Returns:
+        The legend of the jumps.
+    """
+    _, name, parameter, origin = columns
+    axes.set_title(panel.heading if panel.table is not None else "")
+    if panel.table is None or branches is None:
+        theme.message(axes, panel.note)
+        return []
+    order = "stair" if "stair" in panel.table.columns else "crossing"
+    # the last records before a fall are those of the whole row
+    table = rows_where(panel.table, sound(panel.table, name, parameter))
+    table = rows_where(table, table.index.isin(branches.index)).sort_values(["row", order], kind="stable")
+    if not len(table):
+        theme.message(axes, _why_empty(panel.table, name))
+        return []
+    rows = table["row"].unique()
+    alpha = 1.0 if len(rows) <= _FAINT else max(0.15, _FAINT / len(rows))
+    axes.margins(y=0.1)  # room for the arrows
+    size = least or LEAST
+    jumping = largest_jumps(panel.table, name, parameter, size)["row"]
+    with_arrows = jumping.mode().min() if len(jumping) else rows[0]  # the first row that jumps on each pass
+    for row, records in table.groupby("row", sort=True):
+        passes = _draw_row(axes, records, name, parameter, origin, alpha, size)
+        if row == with_arrows:
+            _draw_arrows(axes, passes, size)
+    return _draw_jumps(axes, jump_intervals(panel.table, name, parameter, least), table, parameter)
+
+
+def _why_empty(table: pd.DataFrame, name: str) -> str:
+    """The reason for a panel without a pass."""
+    if not len(table):
+        return "The run has stored no record yet."
+    if not np.isfinite(table[name].to_numpy(float)).any():
+        return f"No record has a value of {symbol(table, name)}."
+    return "No pass follows a branch: all rows fell, or jump to and fro."
+
+
+def _draw_jumps(axes: Axes, edges: pd.DataFrame, table: pd.DataFrame, parameter: str) -> list[Patch]:
+    """Draw bars at the intervals of the jumps, and a tint below the points; returns their legend."""
+    handles: dict[str, list[Patch]] = {}
+    for edge in edges.to_dict("records"):
+        colour, *ends = _JUMPS[edge["direction"]]
+        axes.axvspan(edge["low"], edge["high"], zorder=0, color=colour, alpha=0.1, lw=0)
+        axes.axvspan(edge["low"], edge["high"], *ends, color=colour, lw=0)
+        patch = Patch(label=_jump_words(edge, table, parameter), color=colour, lw=0)
+        handles.setdefault(edge["direction"], []).append(patch)
+    legend: list[Patch] = []
+    for of_direction in handles.values():
+        unnamed = of_direction[_MOST_NAMED - 1 :]
+        if len(unnamed) > 1:
+            legend += of_direction[: _MOST_NAMED - 1]
+            legend.append(Patch(label=f"and {len(unnamed)} more", color=unnamed[0].get_facecolor()))
+        else:
+            legend += of_direction
+    return legend
+
+
+def _jump_words(edge: Mapping[Any, Any], table: pd.DataFrame, parameter: str) -> str:
+    """Format the interval of a jump: `f rises: 2.86 to 2.9 Hz`."""
+    verb = "rises" if edge["direction"] == "rising" else "falls"
+    interval = f"{edge['low']:.4g} to {edge['high']:.4g} {unit_of(table, parameter)}".rstrip()
+    rows = "" if edge["of"] == 1 else f", {edge['rows']} of {edge['of']} rows"
+    return f"{symbol(table, parameter)} {verb}: {interval}{rows}".replace("-", "−")
+
+
+def draw_strip(axes: Axes, irregular: pd.DataFrame, table: pd.DataFrame | None, columns: Columns) -> None:
+    """Draw the records of irregular passes as points."""
+    if table is None or not len(irregular):
+        theme.message(axes, "Each pass follows a branch.")
+        return
+    _, name, x, origin = columns
+    points = rows_where(irregular, sound(irregular, name, x))
+    size = float(np.clip(60.0 / np.sqrt(max(len(points), 1)), 0.8, 3.0))
+    for number, of_pass in points.groupby("pass", sort=True):
+        value = unwrap_from(of_pass[name].to_numpy(float), origin)
+        colour = _colour_of(of_pass, x, int(str(number)))
+        axes.plot(of_pass[x].to_numpy(float), value, ".", ms=size, color=colour, rasterized=True)
+    axes.margins(y=0.1)
+    rows = f"{irregular['row'].nunique()} of {table['row'].nunique()} rows"
+    axes.set_title(f"irregular, on no branch: {rows}", loc="left", fontsize=theme.points(7), pad=2.0)
+
+
+def _colour_of(records: pd.DataFrame, x: str, number: int) -> str:
+    """The colour of a pass, by whether x rises along most of its rows; else by its number."""
+    first, last = (records.groupby("row")[x].nth(end).to_numpy(float) for end in (0, -1))
+    change = float(np.median(last - first))
+    rises = change > 0.0 if change else number % 2 == 0
+    return UP if rises else DOWN
+
+
+def _draw_row(
     axes: Axes,
     records: pd.DataFrame,
     name: str,
@@ -85,7 +200,7 @@ def draw_row(
     return passes
 
 
-def draw_arrows(axes: Axes, passes: list[Pass], least: float) -> None:
+def _draw_arrows(axes: Axes, passes: list[Pass], least: float) -> None:
     """Draw an arrow along the first pass up and the first pass down, where the two differ most.
 
     No arrow is drawn if they never differ by half of `least` (in the observable's unit).
