@@ -24,7 +24,7 @@ LEAST_JUMP = 0.1
 STEEPER = 4.0
 _BESIDE = 3  # changes on each side of one, to which it is compared
 _DASHES: tuple[Any, ...] = ("-", (0, (4, 1.5)), (0, (1, 1)), (0, (5, 1, 1, 1)))
-_PALETTE = theme.SPARE_COLOURS[:6]
+_COLOURS = 6  # of the spare ones; the others are too pale or too dark for lines
 
 
 @figure_kind("perturb", coloured="none")
@@ -61,7 +61,7 @@ def phase_response(
         handles = []
         for number, value in enumerate(values):
             look: dict[str, Any] = {"lw": 1.1, "marker": ".", "ms": 3.0}
-            look["color"] = _PALETTE[number % len(_PALETTE)] if few else colours[number]
+            look["color"] = theme.SPARE_COLOURS[number % _COLOURS] if few else colours[number]
             look["ls"] = _DASHES[number % len(_DASHES)] if few else "-"
             _draw_line(axes, rows if value is None else rows_where(rows, rows[hue] == value), x, y, look)
             label = "" if value is None else written(table, str(hue), value)

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from gaitsweep.plot import theme
 from gaitsweep.plot.columns import axis_label, symbol
 
-_BLUE, _ORANGE, _GREEN = theme.SPARE_COLOURS[1], theme.SPARE_COLOURS[0], theme.SPARE_COLOURS[2]
+_BLUE, _ORANGE, _GREEN = "#0072B2", "#E69F00", "#009E73"  # Okabe and Ito's
 # Indices that are drawn, by method: the words of the legend and the colour.
 _DRAWN = {
     "one_at_a_time": {"change_low": ("at the low end", _BLUE), "change_high": ("at the high end", _ORANGE)},

@@ -19,7 +19,7 @@ from gaitsweep.plot.columns import column, described, is_angle, log_axes, symbol
 from gaitsweep.plot.kind import figure_kind
 
 _NAMED_LINES = 8  # more lines have no legend
-_PALETTE = theme.SPARE_COLOURS[:6]
+_COLOURS = 6  # of the spare ones; the others are too pale or too dark for lines
 _DASHES: tuple[Any, ...] = ("-", (0, (4, 1.5)), (0, (1, 1)), (0, (5, 1, 1, 1)))
 
 
@@ -77,10 +77,11 @@ def _rows(table: pd.DataFrame) -> list[tuple[object, pd.DataFrame]]:
 def _looks(values: Sequence[Any]) -> dict[Any, dict[str, Any]]:
     """A colour for each value, that of a gait or one of a palette, and dashes if the values are few."""
     of_gaits = theme.colours(map(str, values)) if all(isinstance(value, str) for value in values) else {}
+    palette = theme.SPARE_COLOURS[:_COLOURS]
     looks: dict[Any, dict[str, Any]] = {}
     for number, value in enumerate(values):
         dashes = _DASHES[number % len(_DASHES)] if len(values) <= _NAMED_LINES else "-"
-        colour = of_gaits.get(value, _PALETTE[number % len(_PALETTE)])
+        colour = of_gaits.get(value, palette[number % len(palette)])
         looks[value] = {"color": colour, "ls": dashes, "lw": 1.0}
     return looks
 
