@@ -36,7 +36,7 @@ class FiguresOfTable:
         """Return the function of a kind of figure of an extension."""
         if name not in plot.FIGURES:
             raise AttributeError(f"there is no kind of figure {name!r}")
-        return functools.partial(plot.FIGURES[name].draw, self.table)
+        return functools.partial(plot.drawing_function(plot.FIGURES[name]), self.table)
 
     def __dir__(self) -> list[str]:
         return sorted({*super().__dir__(), *plot.FIGURES})

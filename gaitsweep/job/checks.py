@@ -21,8 +21,7 @@ from gaitsweep.kinds.run_kind import Movement, table_columns
 from gaitsweep.models.conformity import idle_starts, sets_starts
 from gaitsweep.models.value_faults import MAX_NAMED, faults_of_rows
 from gaitsweep.plot.figure_style import FigureStyle
-from gaitsweep.plot.kind import FIGURES, FigureKind
-from gaitsweep.plot.planned_table import PlannedTable
+from gaitsweep.plot.kind import FIGURES, FigureKind, PlannedTable
 from gaitsweep.plot.style_names import StyleNames
 from gaitsweep.schema.diagnostics import Diagnostic, JobError, Path, unknown_name
 from gaitsweep.schema.strict_model import kind_of

@@ -8,16 +8,18 @@ from __future__ import annotations
 from typing import Any
 
 from gaitsweep.lazy_imports import Lazy, attach_stub
-from gaitsweep.plot.kind import FIGURES
+from gaitsweep.plot.kind import FIGURES, drawing_function
 
 _public, _, __all__ = attach_stub(__name__, __file__)
 
 
 def __getattr__(name: str) -> Any:
-    """The function of a kind of figure, extensions' too, or what such functions are written with."""
+    """The drawing function of a kind of figure, extensions' too, or another public name of this package."""
     if name == "theme":  # jobs are read without Matplotlib
         return Lazy({}, f"{__name__}.{name}")
-    return FIGURES[name].draw if name not in __all__ and name in FIGURES else _public(name)
+    if name not in __all__ and name in FIGURES:
+        return drawing_function(FIGURES[name])
+    return _public(name)
 
 
 def __dir__() -> list[str]:

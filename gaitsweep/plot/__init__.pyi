@@ -35,16 +35,17 @@ from gaitsweep.plot.figure_style import style as style
 from gaitsweep.plot.footprint_diagrams import contact_intervals as contact_intervals
 from gaitsweep.plot.kind import FIGURES as FIGURES
 from gaitsweep.plot.kind import FigureKind as FigureKind
+from gaitsweep.plot.kind import PlannedTable as PlannedTable
+from gaitsweep.plot.kind import Refusal as Refusal
 from gaitsweep.plot.kind import check_window as check_window
-from gaitsweep.plot.kind import draw as draw
+from gaitsweep.plot.kind import drawing_function as drawing_function
 from gaitsweep.plot.kind import figure_kind as figure_kind
 from gaitsweep.plot.kind import register as register
 from gaitsweep.plot.kind import unregister as unregister
 from gaitsweep.plot.kinds import *  # noqa: F403 - of `FIGURES` where Python runs
+from gaitsweep.plot.kinds import draw as draw
 from gaitsweep.plot.limbs import limb_colours as limb_colours
 from gaitsweep.plot.limbs import name_limbs as name_limbs
-from gaitsweep.plot.planned_table import PlannedTable as PlannedTable
-from gaitsweep.plot.planned_table import Refusal as Refusal
 from gaitsweep.schema.numbers import Count as Count
 from gaitsweep.schema.numbers import CountOrZero as CountOrZero
 from gaitsweep.schema.numbers import Flag as Flag

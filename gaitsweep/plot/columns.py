@@ -75,17 +75,17 @@ def rows_where(table: pd.DataFrame, mask: Any) -> pd.DataFrame:
 
 
 def moved_parameter(table: pd.DataFrame) -> str | None:
-    """The parameter that the table's job moves."""
+    """The parameter that the table's job moves; None if it moves none."""
     return table.attrs.get("job", {}).get("run", {}).get("parameter")
 
 
 def is_drawn(table: pd.DataFrame, name: str) -> bool:
     """Whether the table's job draws the values of a column: at random, or from a Sobol sequence."""
     for form, group in written_groups(table.attrs.get("job", {}).get("vary")):
-        if form == "sample":
-            if name in group.get("of", {}):
-                return True
-        elif isinstance(axis := group.get(name), Mapping) and {"random", "sobol"} & set(axis):
+        if form == "sample" and name in group.get("of", {}):
+            return True
+        axis = group.get(name)
+        if form != "sample" and isinstance(axis, Mapping) and {"random", "sobol"} & set(axis):
             return True
     return False
 
@@ -202,8 +202,8 @@ def row_names(table: pd.DataFrame, without: Sequence[str] = ()) -> dict[Any, str
     differ = [name for name in axes if len(firsts[name].unique()) > 1]
     values = [firsts[name].tolist() for name in differ]
     names = {}
-    for at, row in enumerate(firsts["row"].tolist()):
-        texts = [written(table, name, value[at]) for name, value in zip(differ, values, strict=True)]
+    for number, row in enumerate(firsts["row"].tolist()):
+        texts = [written(table, name, of_axis[number]) for name, of_axis in zip(differ, values, strict=True)]
         names[row] = ", ".join(texts) or f"row {row}"
     return names
 
@@ -214,7 +214,7 @@ def outcome(table: pd.DataFrame, hue: str) -> pd.Series:
     return outcome_labels(table, hue)
 
 
-def _quantity(table: pd.DataFrame, name: str) -> dict:
+def _quantity(table: pd.DataFrame, name: str) -> dict[str, Any]:
     """The entry of a column in `table.attrs["quantities"]`: its unit, symbol and whether it is circular."""
     quantities = table.attrs.get("quantities", {})
     name = re.sub(r"_end_\d+\Z", "_end", name)  # at a further crossing of an orbit

@@ -6,7 +6,7 @@ import contextlib
 import re
 from collections.abc import Iterator
 from contextvars import ContextVar
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 
 from pydantic import BeforeValidator, Field, ValidationError
 
@@ -29,7 +29,8 @@ from gaitsweep.schema.strict_model import StrictModel
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-FORMATS = ("png", "pdf", "svg")
+_FormatName = Literal["png", "pdf", "svg"]
+FORMATS: tuple[str, ...] = get_args(_FormatName)
 MILLIMETRES = {"column": 85.0, "page": 180.0}  # of one column of a paper, and of its full width
 _HEX = re.compile(r"#[0-9A-Fa-f]{6}")
 
@@ -72,11 +73,15 @@ def _read_letters(value: Any) -> bool | list[str]:
         raise InvalidValue(f"is {quoted(value)}, {text}") from None
 
 
+def _as_list(value: Any) -> Any:
+    """A single name as a list of one."""
+    return [value] if isinstance(value, str) else value
+
+
 _Width = Annotated[float | Literal["column", "page"], BeforeValidator(checked(_read_width))]
 _Colour = Annotated[str, BeforeValidator(checked(_read_colour))]
 _Letters = Annotated[bool | list[str], BeforeValidator(checked(_read_letters))]
-_Format = Annotated[Literal["png", "pdf", "svg"], word(*FORMATS)]
-_OneOrMore = BeforeValidator(lambda value: [value] if isinstance(value, str) else value)
+_Format = Annotated[_FormatName, word(*FORMATS)]
 
 
 class FigureStyle(StrictModel):
@@ -89,7 +94,7 @@ class FigureStyle(StrictModel):
     panel_columns: Count | None = Field(
         default=None, description="number of panels beside each other; by default as many as have room"
     )
-    format: Annotated[list[_Format], Field(min_length=1), _OneOrMore] | None = Field(
+    format: Annotated[list[_Format], Field(min_length=1), BeforeValidator(_as_list)] | None = Field(
         default=None, description="file format, png, pdf or svg, or a list of these; by default png"
     )
     dpi: Count | None = Field(default=None, description="pixels per inch of png files; by default 150")
@@ -142,12 +147,13 @@ def given_axes() -> Axes | None:
 @contextlib.contextmanager
 def styled(style: FigureStyle, axes: Axes | None = None) -> Iterator[None]:
     """A context in which figures have a style, over the styles around it, and go into `axes` if given."""
-    tokens = _current.set(style.over(_current.get())), _axes.set(_axes.get() if axes is None else axes)
+    style_before = _current.set(style.over(_current.get()))
+    axes_before = _axes.set(_axes.get() if axes is None else axes)
     try:
         yield
     finally:
-        _current.reset(tokens[0])
-        _axes.reset(tokens[1])
+        _current.reset(style_before)
+        _axes.reset(axes_before)
 
 
 def read_style(**fields: Any) -> FigureStyle:

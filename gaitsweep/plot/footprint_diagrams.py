@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import re
 from collections.abc import Iterator, Sequence
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -18,19 +18,27 @@ from matplotlib.ticker import MultipleLocator
 from gaitsweep.plot import theme
 from gaitsweep.plot.arguments import Panels, Title, Window
 from gaitsweep.plot.columns import PlotError, column, row_names, rows_where, written
-from gaitsweep.plot.kind import check_window, figure_kind
+from gaitsweep.plot.kind import PlannedTable, Refusal, check_window, figure_kind
 from gaitsweep.plot.limbs import limb_colours, limbs_of, model_of, name_limbs
-from gaitsweep.plot.planned_table import PlannedTable, Refusal
 from gaitsweep.schema.numbers import Flag, Text
 from gaitsweep.skeleton import LimbLook
 
-_NEAR = 0.3  # cycles; largest distance between swings of neighbours in one wave
+_NEAR = 0.3  # cycles: largest distance between swings of neighbours in one wave
+_NEAR_FREE = 0.55  # cycles: the same at a link whose lag is free
 _HOP = 0.5  # least duration of a swing, as a share of the leg's longest one
 _REGULAR = 0.75  # least share of the times between touchdowns near their median, if no leg stumbles
-_BAR = 0.62
+_NEAR_MEDIAN = 0.2  # relative difference of such a time from the median
+_BAR = 0.62  # height of a bar, as a share of its row
 _FORWARDS, _BACKWARDS, _FREE = "forwards", "backwards", "free"
 _COLOURS = {_FORWARDS: "#E69F00", _BACKWARDS: "#0072B2", _FREE: "#CC79A7"}
+_WORDS = {
+    _FORWARDS: "swings pass forwards, as in a direct wave",
+    _BACKWARDS: "swings pass backwards, as in a retrograde wave",
+    _FREE: "the lag of this link is free",
+}
 _MOST_PANELS = 24
+
+Stances = tuple[Float[np.ndarray, " stances"], Float[np.ndarray, " stances"]]  # their starts and ends, s
 
 
 def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
@@ -78,33 +86,33 @@ def footprints(
     limbs = limbs_of(table, len(legs))
     with theme.canvas(theme.PAGE, height, title) as figure:
         grid = figure.subplots(len(parts), 1, squeeze=False)[:, 0]
-        joined: set[str] = set()
+        waves: set[str] = set()
         hops: list[float] = []
         for number, (axes, (value, part)) in enumerate(zip(grid, parts, strict=True)):
             alone = panels == "row" and len(parts) == 1  # its row's number would tell nothing
             heading = _heading(table, panels, None if alone else value, number, titles or ())
-            joined |= _panel(axes, part.sort_values("t"), legs, limbs, heading, guides, window, hops)
+            axes.set_title(heading or "", loc="left")
+            drawn = _draw_panel(axes, part.sort_values("t"), legs, limbs, window, guides=guides)
+            waves |= drawn.waves
+            hops += drawn.hops
         grid[-1].set_xlabel("time (s)")
-        if joined:
-            names = {
-                _FORWARDS: "swings pass forwards, as in a direct wave",
-                _BACKWARDS: "swings pass backwards, as in a retrograde wave",
-                _FREE: "the lag of this link is free",
-            }
-            handles = [
-                Line2D([], [], color=_COLOURS[way], lw=1.4, ls=":" if way == _FREE else "-", label=label)
-                for way, label in names.items()
-                if way in joined
-            ]
-            theme.legend(figure, handles, ncols=2, title=_filled(hops))
-        elif hops:
-            theme.legend(figure, [], title=_filled(hops))
-        figure.set_figheight(height + 0.25 * (bool(joined) + bool(hops)))
+        if waves or hops:
+            theme.legend(figure, _key(waves), ncols=2, title=_filled(hops))
+        figure.set_figheight(height + 0.25 * (bool(waves) + bool(hops)))
     return figure
 
 
+def _key(waves: set[str]) -> list[Line2D]:
+    """The legend of the directions of waves that occur."""
+    return [
+        Line2D([], [], color=_COLOURS[wave], lw=1.4, ls=":" if wave == _FREE else "-", label=label)
+        for wave, label in _WORDS.items()
+        if wave in waves
+    ]
+
+
 def _filled(hops: Sequence[float]) -> str | None:
-    """Legend entry for losses of contact that are filled; None without any."""
+    """The line of the legend about losses of contact that are filled; None without any."""
     if not hops:
         return None
     losses = f"{len(hops)} loss{'es' * (len(hops) > 1)} of contact"
@@ -123,60 +131,67 @@ def _heading(
     return row_names(table)[value] if panels == "row" else written(table, str(panels), value)
 
 
-def _panel(
+class _Drawn(NamedTuple):
+    """The directions in which a panel joins swings, and the durations (s) of losses of contact it fills."""
+
+    waves: set[str]
+    hops: list[float]
+
+
+def _draw_panel(
     axes: Axes,
-    part: pd.DataFrame,
+    samples: pd.DataFrame,
     legs: Sequence[int],
     limbs: Sequence[LimbLook],
-    heading: str | None,
-    guides: bool,
     window: Sequence[float] | None,
-    hops: list[float],
-) -> set[str]:
-    """Draw one panel; returns the directions in which its swings are joined.
-
-    The durations of filled losses of contact, s, are added to `hops`.
-    """
-    part = rows_where(part, part["t"].notna())
+    *,
+    guides: bool,
+) -> _Drawn:
+    """Draw the contacts of one row, or the reason why there are none to draw."""
+    samples = rows_where(samples, samples["t"].notna())
     name_limbs(axes, limbs)
-    colours = limb_colours(limbs)
-    title = axes.set_title(heading or "", loc="left")
-    if len(part) < 2:
+    if len(samples) < 2:
         theme.message(axes, "No sample of this row was recorded.")
-        return set()
-    t = part["t"].to_numpy(float)
-    low, high = window or (float(t[0]), float(t[-1]))
-    low, high = max(low, float(t[0])), min(high, float(t[-1]))
+        return _Drawn(set(), [])
+    t = samples["t"].to_numpy(float)
+    first, last = float(t[0]), float(t[-1])
+    low, high = (max(window[0], first), min(window[1], last)) if window else (first, last)
     if high <= low:
-        theme.message(axes, f"This row was recorded from {t[0]:.4g} to {t[-1]:.4g} s only.")
-        return set()
-    stances = [contact_intervals(t, part[f"contact_{leg}"].to_numpy(float)) for leg in legs]
-    hops += [gap for starts, stops in stances for gap in _hops(starts, stops, low, high)]
-    stances = [_without_hops(starts, stops) for starts, stops in stances]
-    for row, (starts, stops) in enumerate(stances):
+        theme.message(axes, f"This row was recorded from {first:.4g} to {last:.4g} s only.")
+        return _Drawn(set(), [])
+    contacts = [contact_intervals(t, samples[f"contact_{leg}"].to_numpy(float)) for leg in legs]
+    hops = [float(gap) for starts, stops in contacts for gap in _hops(starts, stops, low, high)]
+    stances = [_without_hops(starts, stops) for starts, stops in contacts]
+    for row, ((starts, stops), colour) in enumerate(zip(stances, limb_colours(limbs), strict=True)):
         bars = list(zip(starts, stops - starts, strict=True))
-        axes.broken_barh(bars, (row - _BAR / 2, _BAR), facecolors=colours[row], linewidth=0)
+        axes.broken_barh(bars, (row - _BAR / 2, _BAR), facecolors=colour, linewidth=0)
     axes.set_xlim(low, high)
-    period = _period(stances, t[0])
+    period = _period(stances, first)
     if period is None:
-        return set()
+        return _Drawn(set(), hops)
+    _count_cycles(axes, low, high, period)
+    if not guides:
+        return _Drawn(set(), hops)
+    middles = [0.5 * (stops[:-1] + starts[1:]) for starts, stops in stances]
+    model = model_of(samples)
+    free_link = None if model is None else model.free_link(samples, len(legs))
+    return _Drawn(_guides(axes, middles, period, free_link), hops)
+
+
+def _count_cycles(axes: Axes, low: float, high: float, period: float) -> None:
+    """Add an upper axis with the number of cycles since `low`; times are in s."""
     to_and_from_cycles: Any = (lambda t: (t - low) / period, lambda cycles: low + cycles * period)
     above = axes.secondary_xaxis("top", functions=to_and_from_cycles)
     above.set_xlabel(f"cycles of {period:.2f} s", labelpad=2, loc="right")
     # ticks at whole cycles, at most ten
     above.xaxis.set_major_locator(MultipleLocator(max(1, int(np.ceil((high - low) / period / 10)))))
     # level with the label of the upper axis, not above it
-    axes.set_title(title.get_text(), loc="left", y=1.0, pad=17)
-    if not guides:
-        return set()
-    middles = [0.5 * (stops[:-1] + starts[1:]) for starts, stops in stances]
-    model = model_of(part)
-    return _guides(axes, middles, period, None if model is None else model.free_link(part, len(legs)))
+    axes.set_title(axes.get_title(loc="left"), loc="left", y=1.0, pad=17)
 
 
 def contact_intervals(
     t: Float[np.ndarray, " samples"], contact: Real[np.ndarray, " samples"] | Bool[np.ndarray, " samples"]
-) -> tuple[Float[np.ndarray, " stances"], Float[np.ndarray, " stances"]]:
+) -> Stances:
     """Start and end times of the contacts; a sample extends half way to its neighbours."""
     down = np.nan_to_num(contact) > 0.5
     edges = np.r_[t[0], 0.5 * (t[1:] + t[:-1]), t[-1]]
@@ -205,22 +220,28 @@ def _hops(
     return gaps[(gaps <= _HOP * gaps.max()) & (stops[:-1] >= low) & (starts[1:] <= high)]
 
 
-def _period(
-    stances: Sequence[tuple[Float[np.ndarray, " stances"], Float[np.ndarray, " stances"]]], beginning: float
-) -> float | None:
+def _period(stances: Sequence[Stances], beginning: float) -> float | None:
     """The mean time between touchdowns of a leg without stumbles; None if there is no such leg."""
     of_legs = [np.diff(starts[starts > beginning]) for starts, _ in stances]
     gaps = np.concatenate(of_legs)
     if not len(gaps):
         return None
-    usual = np.abs(gaps / np.median(gaps) - 1.0) < 0.2
-    if usual.mean() < _REGULAR:  # legs stumble: the most regular one has the period
+    if not _is_regular(gaps):  # legs stumble: the most regular one has the period
         several = [leg_gaps for leg_gaps in of_legs if len(leg_gaps) > 1]
         gaps = min(several, key=lambda leg_gaps: leg_gaps.std() / leg_gaps.mean(), default=gaps)
-        usual = np.abs(gaps / np.median(gaps) - 1.0) < 0.2
-        if usual.mean() < _REGULAR:
+        if not _is_regular(gaps):
             return None
-    return float(gaps[usual].mean())
+    return float(gaps[_near_median(gaps)].mean())
+
+
+def _near_median(gaps: Float[np.ndarray, " gaps"]) -> Bool[np.ndarray, " gaps"]:
+    """Whether each time between touchdowns is near their median."""
+    return np.abs(gaps / np.median(gaps) - 1.0) < _NEAR_MEDIAN
+
+
+def _is_regular(gaps: Float[np.ndarray, " gaps"]) -> bool:
+    """Whether most of the times between touchdowns are near their median."""
+    return bool(_near_median(gaps).mean() >= _REGULAR)
 
 
 def _guides(
@@ -231,17 +252,19 @@ def _guides(
     The swings of the link `free` (from 1; None if the model leaves no link free) are joined whatever their
     lag; `middles` (s) are those of the swings of each leg.
     """
-    ways = set()
+    waves = set()
     for row, (swings, next_swings) in enumerate(itertools.pairwise(middles)):
         if not len(next_swings):
             continue
+        is_free = row + 1 == free
+        reach = (_NEAR_FREE if is_free else _NEAR) * period
         for middle in swings:
             nearest = next_swings[np.abs(next_swings - middle).argmin()]
-            is_free = row + 1 == free
-            if abs(nearest - middle) > (0.55 if is_free else _NEAR) * period:
+            if abs(nearest - middle) > reach:
                 continue
-            way = _FREE if is_free else _BACKWARDS if nearest > middle else _FORWARDS
-            line = {"color": _COLOURS[way], "ls": ":" if is_free else "-", "lw": 1.4, "zorder": 4}
+            direction = _BACKWARDS if nearest > middle else _FORWARDS
+            wave = _FREE if is_free else direction
+            line = {"color": _COLOURS[wave], "ls": ":" if is_free else "-", "lw": 1.4, "zorder": 4}
             axes.plot([middle, nearest], [row, row + 1], **line)
-            ways.add(way)
-    return ways
+            waves.add(wave)
+    return waves

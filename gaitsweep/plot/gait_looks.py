@@ -25,8 +25,8 @@ HATCHES = MappingProxyType({"none": "xxx", Outcome.NOT_SETTLED: HATCH, Outcome.F
 SPARE_COLOURS = ("#E69F00", "#0072B2", "#009E73", "#CC79A7", "#D55E00", "#56B4E9", "#F0E442", "#000000")
 SPARE_MARKERS = ("o", "^", "s", "D", "v", "P", "X", "*")
 _SPARE_HATCHES = ("", "....", "\\\\\\\\", "----", "++++", "oo", "||||", "xxxx", "**")
-CONTRAST = 1.8  # of luminance, least, by which grey print tells two colours apart
-_DARK = 0.28  # luminance of a colour below which white is read better on it than black
+CONTRAST = 1.8  # the least ratio of luminances at which grey print tells two colours apart
+_DARK = 0.28  # luminance of a colour below which white text on it is more legible than black
 
 
 def named(name: str) -> str:
@@ -43,15 +43,17 @@ def ordered(names: Iterable[str]) -> list[str]:
 
 def colours(names: Iterable[str]) -> dict[str, str]:
     """A colour for each name: that of the style or of the gait, else spare colours in order."""
-    names, own = list(names), {name: style[0] for name, style in gait_styles().items()} | dict(COLOURS)
-    own |= current().colours or {}
-    free = [colour for colour in SPARE_COLOURS if colour not in {own.get(name) for name in names}]
+    names = list(names)
+    own = {name: colour for name, (colour, *_) in gait_styles().items()}
+    own |= {**COLOURS, **(current().colours or {})}
+    used = {own.get(name) for name in names}
+    free = [colour for colour in SPARE_COLOURS if colour not in used]
     return _own_or_spare(names, own, free or SPARE_COLOURS)
 
 
 def markers(names: Iterable[str]) -> dict[str, str]:
     """A marker for each name, as for `colours`."""
-    own = {name: style[1] for name, style in gait_styles().items()} | dict(MARKERS)
+    own = {name: marker for name, (_, marker, *_) in gait_styles().items()} | dict(MARKERS)
     return _own_or_spare(list(names), own, SPARE_MARKERS)
 
 
@@ -68,7 +70,9 @@ def hatches(names: Iterable[str]) -> dict[str, str]:
     """
     names = list(names)
     colour = colours(names)
-    own = {name: style[2] for name, style in gait_styles().items() if len(style) > 2} | dict(HATCHES)
+    # an extension need not give a hatch
+    own = {name: hatch for name, (_, _, *hatch_of) in gait_styles().items() for hatch in hatch_of}
+    own |= HATCHES
     hatch_of = {name: own[name] for name in names if name in own}
     for name in names:
         confusable = {
@@ -89,8 +93,8 @@ def contrast(colour: str, other: str) -> float:
 
 def _luminance(colour: str) -> float:
     """The relative luminance of a colour (WCAG 2), from 0 to 1."""
-    part = np.array(to_rgb(colour))
-    linear = np.where(part <= 0.04045, part / 12.92, ((part + 0.055) / 1.055) ** 2.4)
+    channels = np.array(to_rgb(colour))
+    linear = np.where(channels <= 0.04045, channels / 12.92, ((channels + 0.055) / 1.055) ** 2.4)
     return float(linear @ [0.2126, 0.7152, 0.0722])
 
 

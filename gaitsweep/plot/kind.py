@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import inspect
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -21,16 +22,16 @@ import pandas as pd
 from pydantic import Field, create_model
 
 from gaitsweep import near_miss
+from gaitsweep.contract import Model
+from gaitsweep.design import Design
 from gaitsweep.kinds.run_kind import RunKind
 from gaitsweep.mathtext import can_be_set
-from gaitsweep.plot.arguments import TEXT_COLUMNS, Name
+from gaitsweep.plot.arguments import TEXT_COLUMNS, Name, fields_of, parts_of
 from gaitsweep.plot.columns import PlotError
 from gaitsweep.plot.figure_style import STYLE_FIELDS, FigureStyle, current, given_axes, read_style, styled
-from gaitsweep.plot.function_fields import fields_of, parts_of
-from gaitsweep.plot.planned_table import PlannedTable, Refusal
 from gaitsweep.plot.provenance_marks import letter_panels, mark, remarks
 from gaitsweep.plot.style_names import StyleNames
-from gaitsweep.schema.diagnostics import Diagnostic, Path, quoted
+from gaitsweep.schema.diagnostics import Diagnostic, Path, dotted, quoted
 from gaitsweep.schema.strict_model import Registry, kind_of
 
 if TYPE_CHECKING:
@@ -38,6 +39,38 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Coloured = Literal["gaits", "periods", "none"]
+Refusal = tuple[Path, str]  # where in the figure, and the end of the sentence
+_OUTCOME_COLUMNS = frozenset({"gait", "outcome", "status"})  # whose texts are names of gaits and outcomes
+_TYPESET_FIELDS = ("title", "titles", "points", "intervals", "ticks")  # whose texts may have TeX
+
+
+@dataclasses.dataclass(frozen=True)
+class PlannedTable:
+    """The table of a job that has not run yet, for checks of its figures: its rows, run and columns."""
+
+    rows: Design
+    run: RunKind
+    columns: Sequence[str]
+
+    @property
+    def model(self) -> Model:
+        """The model of its rows."""
+        return self.rows.model
+
+    @property
+    def varied(self) -> tuple[str, ...]:
+        """The names of the quantities that differ between rows."""
+        return self.rows.names
+
+    def missing(self, names: Sequence[str]) -> str | None:
+        """The first of the names that is not a column."""
+        return next((name for name in names if name not in self.columns), None)
+
+    def unit(self, column: str) -> str:
+        """A column's unit, or an empty text."""
+        quantities = {c.name: c.quantity for c in self.run.all_columns(self.model) if c.quantity is not None}
+        quantities |= {q.name: q for q in (*self.model.parameters, *self.model.initial_conditions)}
+        return quantities[column].unit if column in quantities else ""
 
 
 class FigureKind(FigureStyle):
@@ -53,7 +86,7 @@ class FigureKind(FigureStyle):
     column_fields: ClassVar[tuple[str, ...]] = ()  # the fields that name columns of the table
     observable_fields: ClassVar[tuple[str, ...]] = ()  # those that name observables, one or a list
     axis_fields: ClassVar[tuple[str, ...]] = ()  # those that name columns of numbers, drawn along an axis
-    worked_out: ClassVar[tuple[str, ...]] = ()  # columns that it adds to the table
+    added_columns: ClassVar[tuple[str, ...]] = ()  # columns that it adds to the table
     coloured: ClassVar[Coloured] = "gaits"  # the names whose colours have an effect
 
     @property
@@ -64,12 +97,12 @@ class FigureKind(FigureStyle):
     @classmethod
     def idle_colours(cls, colours: Mapping[str, str] | None) -> str | None:
         """The end of a sentence about colours of which none or some have no effect; None: all have one."""
-        stray = [name for name in colours or {} if not cls.colours_of(name)]
-        if not stray:
+        idle = [name for name in colours or {} if not cls.colours_of(name)]
+        if not idle:
             return None
         if cls.coloured == "periods":
             kind = kind_of(cls)
-            return f"has no effect for {', '.join(stray)}: a figure {kind} colours periods (period 1: red)."
+            return f"has no effect for {', '.join(idle)}: a figure {kind} colours periods (period 1: red)."
         return f"has no effect: a figure {kind_of(cls)} does not colour gaits."
 
     @classmethod
@@ -80,7 +113,7 @@ class FigureKind(FigureStyle):
     @property
     def stem(self) -> str:
         """The name of its file without ending."""
-        return getattr(self, "name", None) or self.kind_name
+        return self._optional("name") or self.kind_name
 
     @classmethod
     def suits(cls, run: type[RunKind]) -> bool:
@@ -96,22 +129,26 @@ class FigureKind(FigureStyle):
 
     def columns(self) -> dict[str, str]:
         """The columns that it names, by field."""
-        return {
-            "".join([str(field), *(f"[{number}]" for number in rest)]): name
-            for (field, *rest), name in self._named(self.column_fields).items()
-        }
+        return {dotted(path): name for path, name in self._named(self.column_fields).items()}
 
     def observed(self) -> dict[Path, str]:
         """The observables that it names, by their paths in the figure's fields."""
         return self._named(self.observable_fields)
 
     def _named(self, fields: Sequence[str]) -> dict[Path, str]:
-        places: dict[Path, Any] = {}
+        """The names in some fields, one or a list each, by their paths; without columns that it adds."""
+        names: dict[Path, Any] = {}
         for field in fields:
             value = getattr(self, field)
-            several = isinstance(value, list)
-            places |= {(field, n): name for n, name in enumerate(value)} if several else {(field,): value}
-        return {place: name for place, name in places.items() if name not in (None, *self.worked_out)}
+            if isinstance(value, list):
+                names |= {(field, number): name for number, name in enumerate(value)}
+            else:
+                names[field,] = value
+        return {path: name for path, name in names.items() if name not in (None, *self.added_columns)}
+
+    def _optional(self, field: str) -> Any:
+        """The value of a field that not all kinds have; None without it."""
+        return dict(self).get(field)
 
     def check(self, table: PlannedTable) -> Iterator[Refusal]:
         """Errors of this kind of figure for the table, besides those checked for all kinds."""
@@ -119,21 +156,12 @@ class FigureKind(FigureStyle):
 
     def refusals(self, table: PlannedTable) -> Iterator[Refusal]:
         """Errors of the figure for a table that has its columns and observables."""
-        yield from self._titles()
+        yield from self._untypeset()
         if idle := self.idle_colours(self.colours):
             yield ("colours",), f"{idle} Remove it."
-        if getattr(self, "hue", None) not in TEXT_COLUMNS - {"gait", "outcome", "status"}:
+        if self._optional("hue") not in TEXT_COLUMNS - _OUTCOME_COLUMNS:
             yield from StyleNames.of_model(table.model, table.columns).unknown(self)
-        along = [(field, getattr(self, field)) for field in self.axis_fields]
-        for number, (field, column) in enumerate(along):
-            if column in TEXT_COLUMNS:
-                numbers = [name for name in table.columns if name not in TEXT_COLUMNS]
-                yield (
-                    (field,),
-                    f"is {column}, which is not numeric and cannot be an axis. {near_miss.allowing(numbers)}",
-                )
-            elif column is not None and column in [other for _, other in along[:number]]:
-                yield (field,), f"is {column}, like {along[0][0]}: name another column."
+        yield from self._axis_refusals(table)
         yield from self.check(table)
 
     def needs(self, table: PlannedTable, what: str) -> Refusal:
@@ -144,23 +172,45 @@ class FigureKind(FigureStyle):
         )
         return ("kind",), f"{text} has no such column."
 
-    def _titles(self) -> Iterator[Refusal]:
-        """Errors in texts that Matplotlib cannot typeset between dollar signs."""
-        texts: list[tuple[Path, str]] = []
-        for field in ("title", "titles", "points", "intervals", "ticks"):
-            written: Any = getattr(self, field, None)
-            if isinstance(written, str):
-                texts.append(((field,), written))
-            elif written:
-                texts += [((field, at if isinstance(written, list) else str(text)), str(text))
-                          for at, text in enumerate(written)]  # fmt: skip
-        for path, text in texts:
+    def _axis_refusals(self, table: PlannedTable) -> Iterator[Refusal]:
+        """Errors of the columns along axes: one that is not numeric, or is along another axis, too."""
+        field_of: dict[str, str] = {}
+        for field in self.axis_fields:
+            column = getattr(self, field)
+            if column in TEXT_COLUMNS:
+                numeric = [name for name in table.columns if name not in TEXT_COLUMNS]
+                allowed = near_miss.allowing(numeric)
+                yield (field,), f"is {column}, which is not numeric and cannot be an axis. {allowed}"
+            elif column in field_of:
+                yield (field,), f"is {column}, like {field_of[column]}: name another column."
+            elif column is not None:
+                field_of[column] = field
+
+    def _untypeset(self) -> Iterator[Refusal]:
+        """Errors of texts that Matplotlib cannot typeset between dollar signs."""
+        for path, text in self._texts():
             if not can_be_set(text):
                 begin = f"is {quoted(text)}, whose formula Matplotlib cannot typeset"
                 yield path, f"{begin}: write TeX between two dollar signs, and \\$ for a dollar sign."
 
+    def _texts(self) -> Iterator[tuple[Path, str]]:
+        """The texts that the figure shows, with their paths: single ones, and those of lists and mappings."""
+        for field in _TYPESET_FIELDS:
+            value = self._optional(field)
+            if isinstance(value, str):
+                yield (field,), value
+            elif isinstance(value, Mapping):
+                yield from (((field, str(text)), str(text)) for text in value)
+            elif value is not None:
+                yield from (((field, number), str(text)) for number, text in enumerate(value))
+
     def __reduce__(self) -> tuple[Callable[..., FigureKind], tuple[str, dict[str, Any]]]:
         return _unpickled, (self.kind_name, dict(self))  # the class of a function has no name in its module
+
+
+def _unpickled(kind: str, fields: dict[str, Any]) -> FigureKind:
+    """A figure of a kind from its fields, which were validated before."""
+    return FIGURES[kind].model_construct(**fields)
 
 
 def check_window(figure: Any) -> Iterator[Refusal]:
@@ -181,19 +231,18 @@ def register(kind: type[FigureKind]) -> type[FigureKind]:
         TypeError: the class has no field `kind: Literal["its_name"]`.
         ValueError: there is another kind of this name.
     """
-    FIGURES.register(kind)
-    kind.draw = staticmethod(_in_style(kind.draw, kind))
-    return kind
+    return FIGURES.register(kind)
 
 
-def _in_style(draw: Callable[Spec, Figure], kind: type[FigureKind]) -> Callable[Spec, Figure]:
-    """A drawing function that takes the fields of a style, and `ax`, besides its own arguments.
+@functools.cache
+def drawing_function(kind: type[FigureKind]) -> Callable[..., Figure]:
+    """The drawing function of a kind that takes the fields of a style, and `ax`, besides its own arguments.
 
-    Type checkers see its own arguments, so that they find one that is missing; `plot.draw` and `plot.style`
-    take a style in code that they check.
+    Its figures obey styles and carry remarks on their table. Type checkers see its own arguments, so that
+    they find one that is missing; `plot.draw` and `plot.style` take a style in code that they check.
     """
 
-    @functools.wraps(draw)
+    @functools.wraps(kind.draw)
     def drawn(*args: Any, ax: Axes | None = None, **spec: Any) -> Figure:
         style_fields = {name: spec.pop(name) for name in STYLE_FIELDS if name in spec}
         table = args[0] if args else spec.get("table")
@@ -205,7 +254,7 @@ def _in_style(draw: Callable[Spec, Figure], kind: type[FigureKind]) -> Callable[
         if idle := kind.idle_colours(own.colours):
             raise PlotError(f"colours {idle}")
         with styled(own, ax):
-            figure = draw(*args, **spec)  # pyright: ignore[reportCallIssue]
+            figure = kind.draw(*args, **spec)
             panel = given_axes()
             figure = figure if panel is None else cast("Figure", panel.get_figure(root=True))
             letters = current().panel_letters
@@ -215,7 +264,7 @@ def _in_style(draw: Callable[Spec, Figure], kind: type[FigureKind]) -> Callable[
                 mark(figure if panel is None else panel, remarks(table))
         return figure
 
-    return drawn  # pyright: ignore[reportReturnType] - a ParamSpec cannot have more keywords
+    return drawn
 
 
 def _check_names(table: pd.DataFrame, own: FigureStyle, shared: FigureStyle) -> None:
@@ -224,7 +273,8 @@ def _check_names(table: pd.DataFrame, own: FigureStyle, shared: FigureStyle) -> 
     Raises:
         PlotError: a name names nothing; the message has the near miss.
     """
-    if not any((each.colours, each.order, each.labels) != (None, None, None) for each in (own, shared)):
+    styles = (own, shared)
+    if all(style.colours is None and style.order is None and style.labels is None for style in styles):
         return
     from gaitsweep.plot.limbs import model_of  # jobs are read without Matplotlib
 
@@ -237,7 +287,7 @@ def _check_names(table: pd.DataFrame, own: FigureStyle, shared: FigureStyle) -> 
 def figure_kind(
     *runs: str,
     check: Callable[[Any, PlannedTable], Iterator[Refusal]] | None = None,
-    worked_out: tuple[str, ...] = (),
+    added_columns: tuple[str, ...] = (),
     coloured: Coloured = "gaits",
 ) -> Callable[[Callable[Spec, Figure]], Callable[Spec, Figure]]:
     """Register a function from a table to a figure as a kind; its figures carry remarks. A decorator.
@@ -247,48 +297,32 @@ def figure_kind(
     Args:
         runs: the run kinds whose tables it can show.
         check: like `FigureKind.check`, for the figure in a job and the planned table.
-        worked_out: columns that it adds to the table.
+        added_columns: columns that it adds to the table.
         coloured: the names whose colours in a style have an effect: of gaits, of periods, or of none.
     """
 
     def registered(draw: Callable[Spec, Figure]) -> Callable[Spec, Figure]:
-        name, about = draw.__name__, (inspect.getdoc(draw) or "").partition("\n\n")[0]
+        name = draw.__name__
+        about = (inspect.getdoc(draw) or "").partition("\n\n")[0]
         fields: dict[str, Any] = {
             "kind": (Literal[name], Field(description=f"{name}: {about}")),
             **fields_of(draw),
             "name": (Name, Field(None)),
         }
+        # the members of a class that has them in its body
+        members: dict[str, Any] = {
+            "draw": staticmethod(draw),
+            "runs": runs,
+            "added_columns": added_columns,
+            "coloured": coloured,
+        }
+        for role in ("column_fields", "axis_fields", "observable_fields"):
+            members[role] = tuple(field for field, (type_, _) in fields.items() if role in parts_of([type_]))
+        if check is not None:
+            members["check"] = check
+        fields |= {member: (ClassVar[Any], value) for member, value in members.items()}
         title = name.title().replace("_", "")
         kind = create_model(title, __base__=FigureKind, __doc__=about, __module__=draw.__module__, **fields)
-        kind.draw, kind.runs, kind.worked_out = staticmethod(draw), runs, worked_out
-        kind.coloured = coloured
-        for role in ("column_fields", "axis_fields", "observable_fields"):
-            setattr(kind, role, tuple(n for n, (type_, _) in fields.items() if role in parts_of([type_])))
-        if check is not None:
-            kind.check = check  # pyright: ignore[reportAttributeAccessIssue]
-        return register(kind).draw
+        return cast("Callable[Spec, Figure]", drawing_function(register(kind)))
 
     return registered
-
-
-def draw(kind: str, table: pd.DataFrame, **spec: Any) -> Figure:
-    """Draw a figure of some kind from a table.
-
-    Args:
-        kind: a key of FIGURES.
-        table: a result table from `gaitsweep.load`.
-        spec: the arguments of the kind, the fields of `FigureStyle`, and `ax`, Matplotlib axes for a figure
-            of one panel.
-
-    Raises:
-        PlotError: the kind is unknown, the table lacks a column of the figure, or the figure has several
-            panels and `ax` is given.
-        StyleError: a field of the style is not allowed.
-    """
-    if kind not in FIGURES:
-        raise PlotError(f"{kind} is not a kind of figure{near_miss.suggestion(kind, FIGURES)}")
-    return FIGURES[kind].draw(table, **spec)
-
-
-def _unpickled(kind: str, fields: dict[str, Any]) -> FigureKind:
-    return FIGURES[kind].model_construct(**fields)

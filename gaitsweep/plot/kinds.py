@@ -1,7 +1,13 @@
-"""All kinds of figures: those of gaitsweep and those of extensions."""
+"""All kinds of figures, those of extensions too, and the function that draws any of them."""
 
 from __future__ import annotations
 
+from typing import Any
+
+import pandas as pd
+from matplotlib.figure import Figure
+
+from gaitsweep import near_miss
 from gaitsweep.extension import import_all
 from gaitsweep.plot.basins.basin import basin as basin
 from gaitsweep.plot.basins.basin_measures import basin_measures as basin_measures
@@ -20,8 +26,30 @@ from gaitsweep.plot.bifurcations.orbit import orbit as orbit
 from gaitsweep.plot.bifurcations.orbit_family import orbit_family as orbit_family
 from gaitsweep.plot.bifurcations.return_map import return_map as return_map
 from gaitsweep.plot.bifurcations.stable_ranges import stable_ranges as stable_ranges
+from gaitsweep.plot.columns import PlotError
 from gaitsweep.plot.footprint_diagrams import footprints as footprints
+from gaitsweep.plot.kind import FIGURES, drawing_function
 from gaitsweep.plot.phase_shifts import phase_response as phase_response
 from gaitsweep.plot.survival_shares import survival as survival
+
+
+def draw(kind: str, table: pd.DataFrame, **spec: Any) -> Figure:
+    """Draw a figure of some kind from a table.
+
+    Args:
+        kind: a key of FIGURES.
+        table: a result table from `gaitsweep.load`.
+        spec: the arguments of the kind, the fields of `FigureStyle`, and `ax`, Matplotlib axes for a figure
+            of one panel.
+
+    Raises:
+        PlotError: the kind is unknown, the table lacks a column of the figure, or the figure has several
+            panels and `ax` is given.
+        StyleError: a field of the style is not allowed.
+    """
+    if kind not in FIGURES:
+        raise PlotError(f"{kind} is not a kind of figure{near_miss.suggestion(kind, FIGURES)}")
+    return drawing_function(FIGURES[kind])(table, **spec)
+
 
 import_all("figures")

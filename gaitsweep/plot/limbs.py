@@ -15,27 +15,33 @@ from gaitsweep.skeleton import LimbLook
 
 _PAIRS = ("#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 _FAR = 0.45  # share of white in the colour of the far limb of a pair
-_ALIKE = "#000000"  # where all limbs are of one pair and side, their colour would tell nothing
+_ALIKE = "#000000"  # of limbs that are all of one pair and side, whose colours could not tell them apart
 
 
-class Placed(Protocol):
+class LimbOfPair(Protocol):
     """A limb of a pair, on the near or the far side: a `Limb` or a `LimbLook`."""
 
     @property
-    def pair(self) -> int: ...
+    def pair(self) -> int:
+        """The number of its pair, from 0."""
+        ...
+
     @property
-    def far(self) -> bool: ...
+    def far(self) -> bool:
+        """Whether it is on the side away from the viewer."""
+        ...
 
 
-def limb_colours(limbs: Iterable[Placed]) -> list[str]:
+def limb_colours(limbs: Iterable[LimbOfPair]) -> list[str]:
     """A colour for each limb: that of its pair, lighter on the far side; black if all are equal."""
-    places = [(limb.pair, limb.far) for limb in limbs]
-    if len(set(places)) == 1:
-        return [_ALIKE] * len(places)
+    sides = [(limb.pair, limb.far) for limb in limbs]
+    if len(set(sides)) == 1:
+        return [_ALIKE] * len(sides)
     colours: list[str] = []
-    for pair, far in places:
+    for pair, far in sides:
         white = _FAR if far else 0.0
-        red, green, blue = (part + white * (1.0 - part) for part in to_rgb(_PAIRS[pair % len(_PAIRS)]))
+        channels = to_rgb(_PAIRS[pair % len(_PAIRS)])
+        red, green, blue = (channel + white * (1.0 - channel) for channel in channels)
         colours.append(to_hex((red, green, blue)))
     return colours
 
@@ -58,7 +64,7 @@ def limbs_of(table: pd.DataFrame, count: int) -> Sequence[LimbLook]:
 
 
 def name_limbs(axes: Axes, limbs: Sequence[LimbLook]) -> None:
-    """The names of limbs beside their bars, each in its colour, the first limb on top."""
+    """Label rows of bars with the names of their limbs, each in its colour, the first limb on top."""
     axes.set_yticks(range(len(limbs)), [limb.name for limb in limbs])
     for tick, colour in zip(axes.get_yticklabels(), limb_colours(limbs), strict=True):
         tick.set_color(colour)

@@ -7,6 +7,7 @@ from typing import Annotated, Any
 import numpy as np
 import pandas as pd
 from jaxtyping import Bool, Float
+from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
@@ -14,13 +15,16 @@ from matplotlib.lines import Line2D
 
 from gaitsweep.plot import theme
 from gaitsweep.plot.arguments import AlongAxis, Column, Horizontal, Title
-from gaitsweep.plot.columns import PlotError, described, require_columns, written
+from gaitsweep.plot.columns import PlotError, described, require_columns, rows_where, written
 from gaitsweep.plot.kind import figure_kind
 
-_NAMED_LINES = 8
+_NAMED_LINES = 8  # with more lines their colours are a scale
 # A jump is this large (a share of the period), and as many times larger than the changes beside it.
-LEAST_JUMP, STEEPER = 0.1, 4.0
+LEAST_JUMP = 0.1
+STEEPER = 4.0
+_BESIDE = 3  # changes on each side of one, to which it is compared
 _DASHES: tuple[Any, ...] = ("-", (0, (4, 1.5)), (0, (1, 1)), (0, (5, 1, 1, 1)))
+_COLOURS = 6  # of the spare ones; the others are too pale or too dark for lines
 
 
 @figure_kind("perturb", coloured="none")
@@ -43,35 +47,25 @@ def phase_response(
         PlotError: the table lacks a column, or a line has several rows at one place.
     """
     require_columns(table, x, y, hue)
-    known = table.loc[table[x].notna()]
-    values: list[Any] = sorted(known[hue].dropna().unique()) if hue else [None]
+    rows = rows_where(table, table[x].notna())
+    values: list[Any] = sorted(rows[hue].dropna().unique()) if hue else [None]
     few = len(values) <= _NAMED_LINES
     with theme.canvas(theme.COLUMN + (0.0 if few else 0.7), 2.6, title) as figure:
         axes = figure.subplots()
-        if not len(known):
+        if not len(rows):
             theme.message(axes, "no rows yet")
             return figure
         ends = (None, None) if few else (float(values[0]), float(values[-1]))
         scale = ScalarMappable(Normalize(*ends), "viridis")
         colours = [] if few else scale.to_rgba(np.array(values, np.float64))
-        palette = theme.SPARE_COLOURS[:6]
         handles = []
         for number, value in enumerate(values):
-            part = (known if value is None else known.loc[known[hue] == value]).sort_values(x)
-            if part[x].duplicated().any():
-                raise PlotError(
-                    f"Several rows have the same {x}, since another quantity varies too. Name it as "
-                    "`hue`, or keep one of its values in the table."
-                )
             look: dict[str, Any] = {"lw": 1.1, "marker": ".", "ms": 3.0}
-            look["color"] = palette[number % 6] if few else colours[number]
-            look["ls"] = _DASHES[number % 4] if few else "-"
-            across, up = part[x].to_numpy(float), part[y].to_numpy(float)
-            breaks = _jumps(up) & (y == "phase_shift")
-            axes.plot(*theme.interrupted(breaks, across, up), **look)
-            handles.append(
-                Line2D([], [], label="" if value is None else written(table, str(hue), value), **look)
-            )
+            look["color"] = theme.SPARE_COLOURS[number % _COLOURS] if few else colours[number]
+            look["ls"] = _DASHES[number % len(_DASHES)] if few else "-"
+            _draw_line(axes, rows if value is None else rows_where(rows, rows[hue] == value), x, y, look)
+            label = "" if value is None else written(table, str(hue), value)
+            handles.append(Line2D([], [], label=label, **look))
         axes.axhline(0.0, color="#888888", lw=0.6, zorder=0)
         axes.set_xlabel(described(table, x, 40))
         axes.set_ylabel(described(table, y, 30))
@@ -82,13 +76,28 @@ def phase_response(
     return figure
 
 
+def _draw_line(axes: Axes, rows: pd.DataFrame, x: str, y: str, look: dict[str, Any]) -> None:
+    """Draw the line of one amount of a push, interrupted where a phase shift jumps."""
+    if rows[x].duplicated().any():
+        raise PlotError(
+            f"Several rows have the same {x}, since another quantity varies too. Name it as `hue`, or keep "
+            "one of its values in the table."
+        )
+    rows = rows.sort_values(x)
+    across, up = rows[x].to_numpy(float), rows[y].to_numpy(float)
+    jumps = _jumps(up) if y == "phase_shift" else np.zeros(max(len(up) - 1, 0), bool)
+    axes.plot(*theme.interrupted(jumps, across, up), **look)
+
+
 def _jumps(shift: Float[np.ndarray, " pushes"]) -> Bool[np.ndarray, " gaps"]:
     """Whether a phase shift jumps between pushes that follow each other.
 
-    It does from half a period ahead to half a period behind, and where a gait of several alike crossings
-    returns to another of them: by a change that is far larger than those beside it.
+    A shift jumps from half a period ahead to half a period behind, and where a gait of several alike
+    crossings returns to another of them: by a change that is far larger than those beside it.
     """
     change = np.abs(np.diff(shift))
-    beside = [np.r_[change[max(k - 3, 0) : k], change[k + 1 : k + 4]] for k in range(change.size)]
-    usual = np.array([np.nanmedian(few) if np.isfinite(few).any() else np.inf for few in beside])
+    beside = [
+        np.r_[change[max(k - _BESIDE, 0) : k], change[k + 1 : k + 1 + _BESIDE]] for k in range(change.size)
+    ]
+    usual = np.array([np.nanmedian(near) if np.isfinite(near).any() else np.inf for near in beside])
     return (change > 0.5) | ((change > LEAST_JUMP) & (change > STEEPER * usual))

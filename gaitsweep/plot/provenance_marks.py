@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_BAND = 0.2  # inches; height of the band added on top of the figure
-_TITLE = 0.22  # inches; height of the title
+_BAND = 0.2  # inches: height of the band added on top of the figure
+_TITLE = 0.22  # inches: height of the title
 _LETTERED = "panel with its letter"
 _LOOK: dict[str, Any] = {"fontsize": 7.5, "color": "#B00020", "weight": "bold", "ha": "right", "va": "center"}
 
@@ -50,28 +50,34 @@ def _differences(check: Mapping[str, Any]) -> str:
 
 def _rows_so_far(table: pd.DataFrame, manifest: Mapping[str, Any]) -> int | None:
     """The number of the job's rows in the table; None if the table does not give it."""
-    rows, missing = manifest.get("rows"), table.attrs.get("rows_missing")
+    rows = manifest.get("rows")
+    missing = table.attrs.get("rows_missing")
     if not isinstance(rows, int):
         return None
     if isinstance(missing, int):
         return rows - missing
-    if missing is not None and hasattr(missing, "__len__"):
-        return rows - len(missing)
     # a selection of rows is no evidence, unless the table has all rows so far
     present = len(table["row"].unique()) if "row" in table.columns else rows
     return present if present < rows else None
 
 
-def letter_panels(every: Sequence[Axes], letters: Sequence[str] | bool) -> None:
+def _letter(number: int) -> str:
+    """The letter of a panel: a to z, then aa to az, ba and so on."""
+    turn, place = divmod(number, 26)
+    last = chr(ord("a") + place)
+    return _letter(turn - 1) + last if turn else last
+
+
+def letter_panels(axes_of_figure: Sequence[Axes], letters: Sequence[str] | bool) -> None:
     """Write letters above the left corner of each panel: the given ones, else a, b, c, ...
 
     Raises:
         PlotError: there are fewer letters than panels.
     """
     skipped = ("<colorbar>", _LETTERED)  # one figure may draw another
-    panels = [axes for axes in every if axes.get_visible() and axes.get_label() not in skipped]
+    panels = [axes for axes in axes_of_figure if axes.get_visible() and axes.get_label() not in skipped]
     if not isinstance(letters, Sequence):
-        letters = [("a" if n >= 26 else "") + chr(ord("a") + n % 26) for n in range(len(panels))]
+        letters = [_letter(number) for number in range(len(panels))]
     if len(letters) < len(panels):
         raise PlotError(f"panel_letters has {len(letters)} letters, but the figure has {len(panels)} panels.")
     for axes, letter in zip(panels, letters, strict=False):

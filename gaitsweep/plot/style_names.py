@@ -51,15 +51,10 @@ class StyleNames:
         """The names of a table and of its model."""
         columns = [*map(str, table.columns), *table.attrs.get("quantities", {})]
         names = cls.of_model(model, [*columns, *map(bare, columns)])
-        texts = [
-            str(value)
-            for column in table.select_dtypes(["category", "object", "string"])
-            for value in (
-                table[column].cat.categories
-                if isinstance(table[column].dtype, pd.CategoricalDtype)
-                else table[column].unique()
-            )
-        ]
+        texts: list[str] = []
+        for _, values in table.select_dtypes(["category", "object", "string"]).items():
+            categorical = isinstance(values.dtype, pd.CategoricalDtype)
+            texts += map(str, values.cat.categories if categorical else values.unique())
         periods = table["period"].unique() if names.periods else ()
         return cls(names.gaits, names.columns, (*names.texts, *texts), period_names(sorted(periods)))
 
@@ -70,20 +65,20 @@ class StyleNames:
             shared: whether the style is that of several tables, in which a name is wrong only if it is nearly
                 one of this table's, and no gait of an extension.
         """
-        gaits = [*dict.fromkeys((*self.gaits, *(text for text in self.texts if text in gait_styles())))]
-        both = [*gaits, *dict.fromkeys(self.columns)]
+        gaits_in_texts = (text for text in self.texts if text in gait_styles())
+        gaits = list(dict.fromkeys((*self.gaits, *gaits_in_texts)))
         for field, allowed, what in (
             ("colours", [*gaits, *self.periods], "gait"),
             ("order", [*gaits, *self.periods], "gait"),
-            ("labels", both, "column or gait"),
+            ("labels", [*gaits, *dict.fromkeys(self.columns)], "column or gait"),
         ):
-            written: Any = getattr(style, field) or ()
-            places = written if isinstance(written, Mapping) else range(len(written))
-            for place, name in zip(places, written, strict=True):
+            names: Any = getattr(style, field) or ()
+            keys = names if isinstance(names, Mapping) else range(len(names))
+            for key, name in zip(keys, names, strict=True):
                 if name in allowed or name in self.texts:
                     continue
                 if shared and (name in gait_styles() or near_miss.nearest(name, allowed) is None):
                     continue
-                text = f"no {what} of this table or of its model"
-                text = f"is {name}, which is {text}" if isinstance(place, int) else f"names {text}"
-                yield (field, place), f"{text}{near_miss.suggestion(name, allowed)}"
+                unknown = f"no {what} of this table or of its model"
+                text = f"is {name}, which is {unknown}" if isinstance(key, int) else f"names {unknown}"
+                yield (field, key), f"{text}{near_miss.suggestion(name, allowed)}"

@@ -1,12 +1,13 @@
 """The theme of figures: sizes, fonts, panels and legends.
 
-The colours of gaits (`gait_looks`), the axes of angles (`value_axes`) and the sizes of text (`text_sizes`)
-are part of it.
+The colours of gaits (`gait_looks`), the axes of angles (`value_axes`) and the sizes of text
+(`figure_layout`) are part of it.
 """
 
 from __future__ import annotations
 
 import contextlib
+import math
 import warnings
 from collections.abc import Iterator, Sequence
 from typing import Any, TypeVar, cast
@@ -15,7 +16,7 @@ import matplotlib as mpl
 import numpy as np
 from jaxtyping import Bool, Float
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.backends.backend_agg import FigureCanvasAgg, RendererAgg
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.legend import Legend
@@ -23,7 +24,16 @@ from matplotlib.legend_handler import HandlerTuple
 from matplotlib.transforms import ScaledTranslation
 
 from gaitsweep.plot.columns import PlotError
-from gaitsweep.plot.figure_layout import COLLAPSED, INCH, break_lines, centre_shared_label, check_height
+from gaitsweep.plot.figure_layout import (
+    COLLAPSED,
+    INCH,
+    POINTS,
+    break_lines,
+    centre_shared_label,
+    check_height,
+)
+from gaitsweep.plot.figure_layout import points as points
+from gaitsweep.plot.figure_layout import wrapped as wrapped
 from gaitsweep.plot.figure_style import MILLIMETRES, current, given_axes
 from gaitsweep.plot.gait_looks import COLOURS as COLOURS
 from gaitsweep.plot.gait_looks import CONTRAST as CONTRAST
@@ -40,15 +50,14 @@ from gaitsweep.plot.gait_looks import markers as markers
 from gaitsweep.plot.gait_looks import mixed as mixed
 from gaitsweep.plot.gait_looks import named as named
 from gaitsweep.plot.gait_looks import ordered as ordered
-from gaitsweep.plot.text_sizes import POINTS
-from gaitsweep.plot.text_sizes import points as points
-from gaitsweep.plot.text_sizes import wrapped as wrapped
 from gaitsweep.plot.value_axes import angle_axis as angle_axis
 from gaitsweep.plot.value_axes import angle_ticks as angle_ticks
 from gaitsweep.plot.value_axes import in_pi as in_pi
 from gaitsweep.plot.value_axes import value_axis as value_axis
 
-COLUMN, PAGE = (MILLIMETRES[name] / INCH for name in ("column", "page"))  # inches
+# Widths of figures in a paper, inches.
+COLUMN = MILLIMETRES["column"] / INCH
+PAGE = MILLIMETRES["page"] / INCH
 _SIZES = {
     "axes.titlesize": 8.5,
     "axes.labelsize": 8.5,
@@ -80,7 +89,11 @@ _INK = (
     "axes3d.xaxis.panecolor", "axes3d.yaxis.panecolor", "axes3d.zaxis.panecolor",
 )  # fmt: skip
 _PAPER: dict[Any, Any] = {key: mpl.rcParamsDefault[key] for key in _INK}
-_BELOW, _LINE = 0.4, 0.13  # inches: heights of a legend below panels, and of another line in it
+_BELOW = 0.4  # inches: height of a legend below panels
+_LINE = 0.13  # inches: height of another line in a legend
+_TITLE_POINTS = 9.5
+_LEGEND_POINTS = 7.5
+_KEY_WIDTH = 0.45  # inches: of the mark before a text in a legend
 Panel = TypeVar("Panel")
 
 
@@ -131,7 +144,7 @@ class _OnePanel:
 
 
 def _unchanged(defaults: dict[Any, Any]) -> dict[Any, Any]:
-    """Those of some rcParams that the user has not changed."""
+    """The rcParams of `defaults` that the user has not changed."""
     return {key: value for key, value in defaults.items() if mpl.rcParams[key] == mpl.rcParamsDefault[key]}
 
 
@@ -146,7 +159,7 @@ def canvas(width: float, height: float, title: str | None = None) -> Iterator[Fi
         title: text above the figure.
     """
     own_axes, requested = given_axes(), current()
-    scale = _unchanged({"font.size": POINTS}).get("font.size", mpl.rcParams["font.size"]) / POINTS
+    scale = 1.0 if _unchanged({"font.size": POINTS}) else mpl.rcParams["font.size"] / POINTS
     sizes = _unchanged({key: size * scale for key, size in _SIZES.items()})
     paper = _PAPER if own_axes is None else {}
     with mpl.rc_context({**_unchanged(_RC), **sizes, **paper, "font.size": POINTS * scale}):
@@ -156,18 +169,17 @@ def canvas(width: float, height: float, title: str | None = None) -> Iterator[Fi
             yield cast(Figure, _OnePanel(own_axes))
             return
         wide = width_of(width)
-        lines = wrapped(title, wide, 9.5) if title else ""
+        lines = wrapped(title, wide, _TITLE_POINTS) if title else ""
         height += 0.16 * lines.count("\n")
-        figure = _Figure(
-            (wide, requested.height / INCH if requested.height else height), layout="constrained"
-        )
+        high = requested.height / INCH if requested.height else height
+        figure = _Figure((wide, high), layout="constrained")
         FigureCanvasAgg(figure)
         # room for half of the label of a last tick, which the layout may miss
         if requested.width is not None:
             room = (0.0, 0.0, 1.0 - 0.07 / wide, 1.0)
             cast(ConstrainedLayoutEngine, figure.get_layout_engine()).set(rect=room)
         if lines:
-            figure.suptitle(lines, fontsize=points(9.5))
+            figure.suptitle(lines, fontsize=points(_TITLE_POINTS))
         with warnings.catch_warnings():
             if requested.height is not None:  # which is refused, with the least that fits
                 warnings.filterwarnings("ignore", COLLAPSED)
@@ -199,13 +211,18 @@ def shape(panels: int, natural: float, least: float, most: int | None = None) ->
     """
     columns = current().panel_columns or min(most or panels, int(width_of(natural) / least))
     columns = max(1, min(panels, columns))
-    return -(-max(panels, 1) // columns), columns
+    return _rows_of(panels, columns), columns
+
+
+def _rows_of(count: int, columns: int) -> int:
+    """The rows that some cells fill in so many columns, at least one."""
+    return max(1, math.ceil(count / columns))
 
 
 def first_of(
     panels: list[Panel], most: int, title: str | None, noun: str = "panels"
 ) -> tuple[list[Panel], str | None]:
-    """The first panels of a figure, `most` at most, and its title, which says so if some are left out."""
+    """The first panels of a figure, at most `most`, and its title, which mentions panels left out."""
     if len(panels) > most:
         title = f"{title or ''} (the first {most} of {len(panels)} {noun})".strip()
     return panels[:most], title
@@ -231,7 +248,7 @@ def panels(figure: Figure, grid: tuple[int, int], count: int, **look: Any) -> li
 def interrupted(
     parted: Bool[np.ndarray, " gaps"], *lines: Float[np.ndarray, " points"]
 ) -> list[Float[np.ndarray, " interrupted"]]:
-    """Lines (n,) with NaN between the neighbours that are `parted` (n - 1,), where nothing is to be drawn."""
+    """Insert NaN into lines (n,) between neighbours that are `parted` (n - 1,), where a line has a gap."""
     gaps = np.flatnonzero(parted) + 1
     return [np.insert(line, gaps, np.nan) for line in lines]
 
@@ -278,32 +295,45 @@ def legend(
         return
     look: dict[str, Any] = {"loc": "outside lower center", "title": title}
     look["handler_map"] = {tuple: HandlerTuple(ndivide=1, pad=0.0)}  # several handles as one, over each other
-    look |= {"handles": handles} if handles is not None else {}
-    look |= {"labels": labels} if labels is not None else {}
+    if handles is not None:
+        look["handles"] = handles
+    if labels is not None:
+        look["labels"] = labels
     if isinstance(figure, _OnePanel):
         figure.legend(ncols=1, **look)
-        return
-    if handles:  # as many columns as fill the rows
-        ncols = -(-len(handles) // -(-len(handles) // ncols))
-    room = figure.get_figwidth() - 0.1
-    if title:
-        look["title"] = wrapped(title, room, 7.5)
-    renderer = cast(FigureCanvasAgg, figure.canvas).get_renderer()
-    if in_cell and _legend_in_cell(figure, {**look, "title": title}, renderer):
-        return
-    drawn, columns = figure.legend(ncols=ncols, **look), ncols
+    elif not (in_cell and _legend_in_cell(figure, look)):
+        _legend_below(figure, look, _filled_columns(len(handles), ncols) if handles else ncols)
+
+
+def _filled_columns(count: int, most: int) -> int:
+    """The number of columns, at most `most`, that entries fill in as few rows."""
+    return math.ceil(count / _rows_of(count, most))
+
+
+def _renderer(figure: Figure) -> RendererAgg:
+    """The renderer by which texts of a figure are measured."""
+    return cast(FigureCanvasAgg, figure.canvas).get_renderer()
+
+
+def _legend_below(figure: Figure, look: dict[str, Any], most: int) -> None:
+    """Draw the legend below a figure in at most `most` columns, with broken lines if one is too wide."""
+    width = figure.get_figwidth() - 0.1
+    if look["title"]:
+        look = {**look, "title": wrapped(look["title"], width, _LEGEND_POINTS)}
+    renderer = _renderer(figure)
+    columns = most
+    drawn = figure.legend(ncols=columns, **look)
     count = len(drawn.get_texts())
-    rows = -(-count // ncols)
-    while columns > 1 and drawn.get_window_extent(renderer).width > room * figure.dpi:
+    while columns > 1 and drawn.get_window_extent(renderer).width > width * figure.dpi:
         drawn.remove()
-        columns = -(-count // -(-count // (columns - 1)))  # as many as fill the rows
+        columns = _filled_columns(count, columns - 1)
         drawn = figure.legend(ncols=columns, **look)
-    grow(figure, _LINE * (-(-count // columns) - rows))
-    if drawn.get_window_extent(renderer).width > room * figure.dpi:
+    grow(figure, _LINE * (_rows_of(count, columns) - _rows_of(count, most)))
+    if drawn.get_window_extent(renderer).width > width * figure.dpi:
         for text in drawn.get_texts():
-            text.set_text(wrapped(text.get_text(), room - 0.45, 7.5))
+            text.set_text(wrapped(text.get_text(), width - _KEY_WIDTH, _LEGEND_POINTS))
         breaks = np.array_split([text.get_text().count("\n") for text in drawn.get_texts()], columns)
-        grow(figure, _LINE * max(int(column.sum()) for column in breaks))
+        grow(figure, _LINE * max(int(of_column.sum()) for of_column in breaks))
 
 
 def grow(figure: Figure, inches: float) -> None:
@@ -312,28 +342,27 @@ def grow(figure: Figure, inches: float) -> None:
         figure.set_figheight(figure.get_figheight() + inches)
 
 
-def _legend_in_cell(figure: Figure, look: dict[str, Any], renderer: Any) -> bool:
+def _legend_in_cell(figure: Figure, look: dict[str, Any]) -> bool:
     """Put the legend into the empty cell beside the last panel; False if there is none, or no room."""
-    place = figure.axes[-1].get_subplotspec()
-    if place is None or place.colspan.stop == place.get_gridspec().ncols:
+    last_cell = figure.axes[-1].get_subplotspec()
+    if last_cell is None or last_cell.colspan.stop == last_cell.get_gridspec().ncols:
         return False
-    grid = place.get_gridspec()
-    width = figure.get_figwidth() * (1.0 - place.colspan.stop / grid.ncols) - 0.35
-    if look["title"]:
-        look["title"] = wrapped(look["title"], width, 7.5)
-    at = figure.axes[-1].transAxes + ScaledTranslation(0.3, 0.0, figure.dpi_scale_trans)
-    place_of = {
+    grid = last_cell.get_gridspec()
+    width = figure.get_figwidth() * (1.0 - last_cell.colspan.stop / grid.ncols) - 0.35
+    in_cell: dict[str, Any] = {
+        **look,
+        "title": wrapped(look["title"], width, _LEGEND_POINTS) if look["title"] else None,
         "loc": "center left",
         "bbox_to_anchor": (1.0, 0.5),
-        "bbox_transform": at,
+        "bbox_transform": figure.axes[-1].transAxes + ScaledTranslation(0.3, 0.0, figure.dpi_scale_trans),
         "borderaxespad": 0.0,
     }
-    made = figure.legend(ncols=1, **{**look, **place_of})
-    box = made.get_window_extent(renderer)
+    drawn = figure.legend(ncols=1, **in_cell)
+    box = drawn.get_window_extent(_renderer(figure))
     if box.width <= width * figure.dpi and box.height <= figure.bbox.height / grid.nrows:
         grow(figure, -_BELOW)
         return True
-    made.remove()
+    drawn.remove()
     return False
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -10,8 +10,11 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, Locator, MultipleLoca
 
 _STEPS = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.25, 0.5, 1.0)  # of ticks, in pi
 # The least span of values along an axis, below which rounding would look like a change.
-_LEAST_ANGLE, _LEAST_SHARE, _LEAST_VALUE = 0.01, 1e-3, 1e-9  # rad, of the largest magnitude, in any unit
-_SHORT = 4  # labels of three letters along an axis of a turn
+_LEAST_ANGLE = 0.01  # rad
+_LEAST_SHARE = 1e-3  # of the largest magnitude
+_LEAST_VALUE = 1e-9  # in the unit of the axis
+_SHORT = 4  # ticks for which an axis of a turn has room, below which it has one at every half turn
+_FRACTIONS_FROM = 0.25  # pi: least distance of ticks that are labelled with fractions
 
 
 class _TurnLocator(FixedLocator):
@@ -44,10 +47,15 @@ class _PiLocator(Locator):
         return MultipleLocator(self.step() * np.pi).tick_values(vmin, vmax)
 
 
-def angle_axis(axes: Axes, which: str, steps: int = 4) -> None:
-    """Show an angle on axis x, y or z with ticks at multiples of pi, `steps` intervals per turn.
+def angle_axis(axes: Axes, which: Literal["x", "y", "z"], steps: int = 4) -> None:
+    """Show an angle (rad) along an axis with ticks at multiples of pi.
 
     The axis extends from 0 to 2 pi, or only over the data if they take less than half of that.
+
+    Args:
+        axes: the panel.
+        which: x, y or z.
+        steps: intervals between ticks in a turn.
     """
     if which in "xy" and not _half_a_turn(axes, which):
         angle_ticks(axes, which)
@@ -59,7 +67,7 @@ def angle_axis(axes: Axes, which: str, steps: int = 4) -> None:
 
 
 def value_axis(axes: Axes, *, angle: bool) -> None:
-    """Axis y of values over a parameter: ticks of angles in pi, and no span so small that rounding shows."""
+    """Scale axis y to values over a parameter: angles in pi, and no span so small that rounding shows."""
     if angle:
         angle_ticks(axes, "y")
     spans = [panel.dataLim.intervaly for panel in axes.get_shared_y_axes().get_siblings(axes)]
@@ -72,7 +80,7 @@ def value_axis(axes: Axes, *, angle: bool) -> None:
         axes.set_ylim(0.5 * (low + high - least), 0.5 * (low + high + least))
 
 
-def _half_a_turn(axes: Axes, which: str) -> bool:
+def _half_a_turn(axes: Axes, which: Literal["x", "y", "z"]) -> bool:
     """Whether the data of an axis and those that share it extend over half a turn, or there are no data."""
     shared = getattr(axes, f"get_shared_{which}_axes")().get_siblings(axes)
     spans = np.array([getattr(other.dataLim, f"interval{which}") for other in shared])
@@ -80,11 +88,16 @@ def _half_a_turn(axes: Axes, which: str) -> bool:
     return not len(spans) or float(np.ptp(spans)) >= np.pi
 
 
-def angle_ticks(axes: Axes, which: str) -> None:
-    """Ticks at round multiples of pi on a part of the circle that axis x or y already shows."""
-    axis, locator = getattr(axes, f"{which}axis"), _PiLocator()
+def angle_ticks(axes: Axes, which: Literal["x", "y", "z"]) -> None:
+    """Put ticks at round multiples of pi on axis x or y, which shows a part of the circle."""
+    axis = getattr(axes, f"{which}axis")
+    locator = _PiLocator()
     axis.set_major_locator(locator)
-    axis.set_major_formatter(FuncFormatter(lambda value, _: in_pi(value, fractions=locator.step() >= 0.25)))
+
+    def label(value: float, _: int | None) -> str:
+        return in_pi(value, fractions=locator.step() >= _FRACTIONS_FROM)
+
+    axis.set_major_formatter(FuncFormatter(label))
 
 
 def in_pi(angle: float, *, fractions: bool = True) -> str:

@@ -71,9 +71,8 @@ figure { margin: 1.2rem 0; } img { max-width: 100%; height: auto; background: #f
 }
 """
 )
-_WITHOUT_GAIT = "not read"
-# Number of reasons shown for failed sets of constants.
-_REASONS = 5
+_WITHOUT_GAIT = "not read"  # of records whose gait is missing
+_REASONS = 5  # that are shown for failed sets of constants
 # Entries of the manifest that are shown elsewhere, or are of no use to a reader.
 _NOT_SHOWN = (
     "quantities", "job", "figures_drawn", "sha256", "counts", "gaits", "self_check", "stalls", "slowest",
@@ -153,7 +152,7 @@ def figure_of(path: Path, caption: str) -> str:
 
 
 def _warnings(snapshot: Snapshot) -> str:
-    """Summary at the top of the report."""
+    """The sentences at the top of the report about a table that is incomplete or doubtful."""
     sentences = []
     if not snapshot.complete:
         sentences.append("The table is not complete. Run the same command to continue it.")
@@ -200,7 +199,7 @@ def _number(number: int, total: int) -> str:
 
 
 def _reasons(snapshot: Snapshot) -> str:
-    """Most frequent reasons for failed sets of constants."""
+    """The most frequent reasons for failed sets of constants; empty if none failed."""
     if not snapshot.counts.get(SetStatus.FAILED):  # a `Status` of rows has another name
         return ""
     reasons = _columns(snapshot, "why")["why"].astype(str)
@@ -220,27 +219,27 @@ def _gaits(snapshot: Snapshot) -> str:
     records = len(table) != table["row"].nunique()
     statuses = list(snapshot.counts) if len(snapshot.counts) > 1 and not records else []
     names = in_order(table, "gait", pd.Series(gait, dtype=object))
-    chosen = theme.colours(names)
-    head = "".join(f'<th class="number">{html.escape(name)}</th>' for name in ("all", "", *statuses))
+    colours = theme.colours(names)
 
-    def line(style: str, name: str, rows: Bool[np.ndarray, " rows"]) -> str:
-        """The line of some rows of the table: their number, their share, and those of each status."""
-        counts = (np.count_nonzero(rows & (status == one)) for one in statuses)
+    def cells(rows: Bool[np.ndarray, " rows"]) -> str:
+        """The cells of some rows of the table: their number, their share, and those of each status."""
+        counts = [np.count_nonzero(rows & (status == of_status)) for of_status in statuses]
         by_status = "".join(f'<td class="number">{count}</td>' for count in counts)
-        return f"<tr{style}>{name}{_number(int(rows.sum()), len(table))}{by_status}</tr>"
+        return f"{_number(int(rows.sum()), len(table))}{by_status}"
 
     lines = []
     for name in names:
-        chip = f'<span class="chip" style="background:{chosen[name]}"></span>'
-        lines.append(line("", f'<td class="name">{chip}{html.escape(name)}</td>', np.asarray(gait == name)))
-    lines.append(line(' class="sum"', "<td>all</td>", np.ones(len(table), bool)))
-    what = "records" if records else "rows"
-    table_of = f'<div class="wide"><table><tr><th>gait</th>{head}</tr>{"".join(lines)}</table></div>'
-    return f"<h2>Gaits of the {what}</h2>{table_of}"
+        chip = f'<span class="chip" style="background:{colours[name]}"></span>'
+        head = f'<td class="name">{chip}{html.escape(name)}</td>'
+        lines.append(f"<tr>{head}{cells(np.asarray(gait == name))}</tr>")
+    lines.append(f'<tr class="sum"><td>all</td>{cells(np.ones(len(table), bool))}</tr>')
+    heads = "".join(f'<th class="number">{html.escape(name)}</th>' for name in ("all", "", *statuses))
+    table_of_gaits = f'<div class="wide"><table><tr><th>gait</th>{heads}</tr>{"".join(lines)}</table></div>'
+    return f"<h2>Gaits of the {'records' if records else 'rows'}</h2>{table_of_gaits}"
 
 
 def _self_check(snapshot: Snapshot) -> str:
-    """Section on the self-check."""
+    """The section on the self-check; empty without one."""
     check = snapshot.manifest.get("self_check")
     if not isinstance(check, dict):
         return ""
@@ -264,7 +263,7 @@ def _self_check(snapshot: Snapshot) -> str:
 
 
 def _provenance(snapshot: Snapshot) -> str:
-    """Provenance of the table: entries of the manifest, with the versions last."""
+    """The provenance of the table: entries of the manifest, with the versions last."""
     manifest = snapshot.manifest
     facts: dict[str, Any] = {**settings_of(manifest)}
     facts |= {_ENTRY_NAMES.get(key, key): value for key, value in manifest.items() if key not in _NOT_SHOWN}

@@ -26,8 +26,8 @@ from gaitsweep.view.explorer.replays import Windows
 from gaitsweep.view.movie import side_view
 from gaitsweep.view.movie.animation import Clip
 
-_LEAST_DISTANCE = 1e-3  # a slower body has no speed in its title; heights of the body a cycle
-_NAMED = 4  # quantities in a title
+_LEAST_DISTANCE = 1e-3  # heights of the body a cycle: a slower body has no speed in its title
+_NAMED = 4  # quantities in a title or a message
 SIMULATED = ("settle", "fixed_time", "return_map", "ramp", "staircase")  # run kinds simulated again
 _LAST_CYCLES = 4  # cycles at the end of a row that is simulated again, if its part is not given
 
@@ -49,9 +49,11 @@ class RowMotion:
     row: str
 
     def title(self, clip: Clip, lift: float) -> str:
-        """Format the model, its gait, the mean speed of a clip, the factor on its lift, and the row.
+        """Format the model, its gait, its mean speed, and the row.
 
-        The speed of a body that moves backwards is negative.
+        Args:
+            clip: the part that is shown; the speed of a body that moves backwards is negative.
+            lift: factor on the drawn height of feet.
         """
         ahead, aside = clip.camera[-1] - clip.camera[0]  # in a clip the body faces ahead
         speed = float(np.copysign(np.hypot(ahead, aside), ahead)) / float(clip.t[-1] - clip.t[0])
@@ -59,7 +61,7 @@ class RowMotion:
         motion = f"{self.gait} at {speed:.2g} m/s".strip() if moves else self.gait.strip()
         if lift != 1.0:
             motion += f" (lift drawn {lift:.3g} times as high)"
-        return f"{', '.join(filter(None, (self.model.name, motion)))}; {self.row}"
+        return f"{self.model.name}, {motion}; {self.row}" if motion else f"{self.model.name}; {self.row}"
 
     def at(self, times: Float[np.ndarray, " frames"]) -> dict[str, Float[np.ndarray, " frames"]]:
         """The signals at times (s), interpolated linearly; angles and contacts from the nearest sample."""
@@ -129,7 +131,7 @@ def read_motion(
     if kind == "trace":
         t, signals = _recorded(part, directory, names)
         # that of the row's end; tables of older versions have none
-        gait = _gait_of(part.iloc[-1]) if "gait" in part.columns and job.run.moved is None else ""
+        gait = _gait_name(part.iloc[-1].get("gait")) if job.run.moved is None else ""
     else:
         t, signals, gait = _simulated(job, part, row, start, seconds)
     finite = np.isfinite(np.stack([t, *signals.values()])).all(axis=0)
@@ -186,27 +188,26 @@ def _simulated(
         return np.zeros(0), {}, ""
     context = prepare(job)
     replayer = replayer_of(context, np.array([row]))
-    first = start
-    if first is None:
-        length = _LAST_CYCLES * float(replayer.periods[0]) if seconds is None else seconds
-        first = max(0.0, end - length)
+    length = _LAST_CYCLES * float(replayer.periods[0]) if seconds is None else seconds
+    first = max(0.0, end - length) if start is None else start
     if not 0.0 <= first < end:
         raise PlotError(f"{first:g} s is outside the row, which goes from 0 to {end:g} s.")
     last = end if seconds is None else min(end, first + seconds)
     (replayed,) = replayer.replayed(Windows(last - first, first))
-    shown = replayed.t <= last * (1.0 + 1e-9)
-    record = part.iloc[max(int(np.count_nonzero(times <= last * (1.0 + 1e-9))) - 1, 0)]
+    until = last * (1.0 + 1e-9)  # with rounding
+    record = part.iloc[max(int(np.count_nonzero(times <= until)) - 1, 0)]
+    gait = record.get("gait")
     if "gait" not in part.columns and replayed.gait != -1:  # crossings of a return map
-        record = {**record, "gait": gaits(context.model, np.array([replayed.gait]))[0]}
-    signals = {key: values[shown] for key, values in replayed.signals.items()}
+        gait = gaits(context.model, np.array([replayed.gait]))[0]
     status = str(record["status"])
     failure = "" if status in Status.SOUND else status.replace("_", " ")
-    return replayed.t[shown], signals, _gait_of(record) or failure
+    shown = replayed.t <= until
+    signals = {name: values[shown] for name, values in replayed.signals.items()}
+    return replayed.t[shown], signals, _gait_name(gait) or failure
 
 
-def _gait_of(record: Mapping[str, Any] | pd.Series) -> str:
-    """The gait of a record; empty if it has none."""
-    gait = record.get("gait")
+def _gait_name(gait: Any) -> str:
+    """The name of a gait in a table; empty if it is missing or none."""
     return "" if gait is None or pd.isna(gait) or gait == "none" else str(gait)
 
 

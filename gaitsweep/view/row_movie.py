@@ -89,23 +89,26 @@ def write_movie(
             "change --seconds, --speed or --fps."
         )
     times = start + np.arange(count) * (speed / fps)
-
-    def counted(
-        frames: Iterator[UInt8[np.ndarray, "height width 3"]],
-    ) -> Iterator[UInt8[np.ndarray, "height width 3"]]:
-        for number, frame in enumerate(frames):
-            yield frame
-            if on_progress is not None:
-                on_progress(number + 1, count)
-
     with (
         _prepared(motion, times, _pace(speed), renderer, lift, on_message) as (clip, scene),
         contextlib.closing(animation.frames(clip, size, scene)) as frames,
     ):
         colours = [*limb_colours(clip.skeleton.limbs), side_view.SWING]
         with _writing(target, own=out is None):
-            movie_file.save(target, counted(frames), fps, colours)
+            movie_file.save(target, _counted(frames, count, on_progress), fps, colours)
     return target
+
+
+def _counted(
+    frames: Iterator[UInt8[np.ndarray, "height width 3"]],
+    count: int,
+    on_progress: Callable[[int, int], None] | None,
+) -> Iterator[UInt8[np.ndarray, "height width 3"]]:
+    """The `count` frames of a movie; progress is reported after each."""
+    for number, frame in enumerate(frames):
+        yield frame
+        if on_progress is not None:
+            on_progress(number + 1, count)
 
 
 def write_still(
@@ -149,7 +152,7 @@ def write_still(
 
 
 def _check(size: tuple[int, int], renderer: str, lift: float) -> None:
-    """Refuse a size, a renderer or a lift that is not allowed."""
+    """Refuse a size (pixels), a renderer or a lift that is not allowed."""
     low, high = _PIXEL_RANGE
     if not all(low <= side <= high for side in size):
         raise PlotError(f"--size is {size[0]}x{size[1]}, but each side must have {low} to {high} pixels.")
@@ -176,7 +179,11 @@ def _writing(target: Path, *, own: bool) -> Iterator[None]:
 
 
 def _end(motion: RowMotion, start: float, seconds: float | None, on_message: OnMessage | None) -> float:
-    """End of the shown part, s, at most the end of the trace."""
+    """End of the shown part, s, at most the end of the trace.
+
+    Raises:
+        PlotError: the part begins outside the trace.
+    """
     first, last = float(motion.t[0]), float(motion.t[-1])
     if not first <= start < last:
         raise PlotError(f"{start:g} s is outside the trace, which goes from {first:g} to {last:g} s.")
@@ -190,8 +197,8 @@ def _end(motion: RowMotion, start: float, seconds: float | None, on_message: OnM
 
 def usual_speed(period: float) -> float:
     """A round speed at which the eye can follow a cycle (s)."""
-    heads = np.array([1.0, 2.0, 2.5, 5.0])
-    speeds = (heads * 10.0 ** np.arange(-9.0, 10.0)[:, None]).ravel()
+    digits = np.array([1.0, 2.0, 2.5, 5.0])
+    speeds = (digits * 10.0 ** np.arange(-9.0, 10.0)[:, None]).ravel()
     return float(speeds[np.abs(np.log(speeds) - np.log(period / _CYCLE_TIME)).argmin()])
 
 
@@ -211,7 +218,11 @@ def _prepared(
     lift: float,
     on_message: OnMessage | None,
 ) -> Iterator[tuple[Clip, DrawBody]]:
-    """A context with the clip at some times, and the function that draws the body."""
+    """A context with the clip at some times (s), and the function that draws the body.
+
+    Raises:
+        PlotError: the model has no skeleton of the row.
+    """
     signals = motion.at(times)
     skeleton = motion.model.skeleton(motion.values, signals)
     if skeleton is None:
@@ -227,26 +238,46 @@ def _prepared(
     if mjcf is None:
         yield clip, animation.side_view
         return
-    nq = sum(key.startswith("q_") for key in signals)
-    body = RenderedBody(mjcf, np.stack([signals[f"q_{i}"] for i in range(nq)], axis=1), heading)
-    painters: list[Painter] = []
-    refused = False
-
-    def rendered(axes: Axes, clip: Clip, *, named: bool) -> Scene:
-        nonlocal refused
-        try:
-            if not painters and not refused:
-                painters.append(Painter(body, clip.skeleton, clip.camera, pixels(axes)))
-        except NoOpenGL as error:
-            if renderer == "mujoco":
-                raise PlotError(f"{error}: use --renderer matplotlib.") from error
-            refused = True
-            if on_message is not None:
-                on_message(f"{error}: Matplotlib draws it instead.")
-        return Rendered(axes, painters[0]) if painters else animation.side_view(axes, clip, named=named)
-
+    nq = sum(name.startswith("q_") for name in signals)
+    qpos = np.stack([signals[f"q_{number}"] for number in range(nq)], axis=1)
+    drawing = _MujocoDrawing(RenderedBody(mjcf, qpos, heading), on_message, required=renderer == "mujoco")
     try:
-        yield clip, rendered
+        yield clip, drawing
     finally:
-        for painter in painters:
-            painter.close()
+        drawing.close()
+
+
+class _MujocoDrawing:
+    """A `DrawBody` that renders a body by MuJoCo, or draws it by Matplotlib where there is no OpenGL."""
+
+    def __init__(self, body: RenderedBody, on_message: OnMessage | None, *, required: bool) -> None:
+        """Prepare the drawing; if MuJoCo is `required`, no OpenGL is an error."""
+        self._body = body
+        self._on_message = on_message
+        self._required = required
+        self._painter: Painter | None = None
+        self._without_opengl = False
+
+    def __call__(self, axes: Axes, clip: Clip, *, named: bool) -> Scene:
+        """Draw the body of a clip; all axes show the frames of one painter.
+
+        Raises:
+            PlotError: MuJoCo is required, and there is no OpenGL.
+        """
+        if self._painter is None and not self._without_opengl:
+            try:
+                self._painter = Painter(self._body, clip.skeleton, clip.camera, pixels(axes))
+            except NoOpenGL as error:
+                if self._required:
+                    raise PlotError(f"{error}: use --renderer matplotlib.") from error
+                self._without_opengl = True
+                if self._on_message is not None:
+                    self._on_message(f"{error}: Matplotlib draws it instead.")
+        if self._painter is None:
+            return animation.side_view(axes, clip, named=named)
+        return Rendered(axes, self._painter)
+
+    def close(self) -> None:
+        """End the process of the painter."""
+        if self._painter is not None:
+            self._painter.close()

@@ -19,8 +19,8 @@ import gaitsweep as gs
 from gaitsweep import plot
 from gaitsweep.cli import main
 from gaitsweep.plot.columns import PlotError, described
+from gaitsweep.plot.figure_layout import wrapped
 from gaitsweep.plot.figure_style import FORMATS, StyleError
-from gaitsweep.plot.text_sizes import wrapped
 from gaitsweep.plot.theme import angle_ticks, in_pi
 from gaitsweep.runs.figures import draw_figures
 from gaitsweep.table import Snapshot

@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from gaitsweep.analysis.records import in_order
+
 from gaitsweep.plot import theme
 from gaitsweep.plot.arguments import Horizontal, Hue, Panels, Title, Vertical
 from gaitsweep.plot.basins.cells import cell_grid, check_cells, colour_cells, hatch_cells
@@ -38,7 +39,6 @@ from gaitsweep.status import Outcome
 _PANELS_A_ROW = 4
 _MOST_PANELS = 40
 _LETTERS = 15  # of a label, an inch
-
 _HATCHED = (Outcome.NOT_SETTLED, Outcome.FAILED)
 _Looks = tuple[dict[str, str], ...]  # colour, marker and hatch of each outcome, the same in all panels
 
@@ -81,8 +81,8 @@ def basin(
     names = list(dict.fromkeys(theme.ordered(in_order(table, hue, shown))))
     key = [name for name in names if not numeric or name in _HATCHED]
     headings = []
-    if panels:
-        for value, part in zip(values, parts, strict=True):
+    for value, part in zip(values, parts, strict=True):
+        if panels:
             texts = _shares(shown.loc[part.index], key) if shares else []
             headings.append(_heading(written(table, panels, value), texts, side))
     lines = max((text.count("\n") for text in headings), default=0)
@@ -93,30 +93,49 @@ def basin(
             return figure
         grid = theme.panels(figure, (rows, columns), len(values), sharex=True, sharey=True)
         looks = theme.colours(names), theme.markers(names), theme.hatches(names)
-        # rows that are hatched do not stretch the scale
-        sound = table.loc[~shown.isin(_HATCHED), hue]
-        scale = {"cmap": "viridis", "norm": Normalize(sound.min(), sound.max())} if numeric else None
-        image = None
-        for number, (axes, part) in enumerate(zip(grid, parts, strict=True)):
-            drawn = _cells(axes, part, x, y, hue, shown.loc[part.index], scale, looks, table)
-            image = drawn or image
-            if headings:
-                axes.set_title(headings[number], fontsize=theme.points(7.5))
+        scale = _scale(table.loc[~shown.isin(_HATCHED), hue]) if numeric else None
+        images = [
+            _cells(axes, part, x, y, hue, shown.loc[part.index], scale, looks, table)
+            for axes, part in zip(grid, parts, strict=True)
+        ]
+        for axes, text in zip(grid, headings, strict=False):  # without panels there are none
+            axes.set_title(text, fontsize=theme.points(7.5))
         _label_axes(table, grid, x, y, columns, int(side * _LETTERS))
-        if numeric and image is not None:
-            figure.colorbar(image, ax=figure.axes, label=described(table, hue, 36), shrink=0.8)
+        drawn = [image for image in images if image is not None]
+        if drawn:
+            figure.colorbar(drawn[-1], ax=figure.axes, label=described(table, hue, 36), shrink=0.8)
         if key:
-            status = table["status"].astype(str) if "status" in table.columns else pd.Series(dtype=str)
-            inferred = float(np.mean(status.to_numpy(str) == "inferred")) if len(status) else 0.0
-            if current().marks is False:
-                inferred = 0.0
-            counted = "share of pushes" if "recovery" in table.columns else "share of starts"
-            heading = (f"{counted} above each panel" if headings else counted) * shares
-            ends = [name for name in map(str, table) if name.endswith("_end") and name not in COLUMNS]
-            if hue == "gait" and ends and {"none"} == {*names} - {*_HATCHED}:
-                heading = f"no gait has a name; {ends[0]} as hue tells them apart"
-            _legend(figure, key, shown if shares and not headings else None, looks, heading, inferred)
+            caption = _caption(table, above_panels=bool(headings)) if shares else ""
+            if hue == "gait" and (advice := _hue_advice(table, names)):
+                caption = advice
+            _legend(figure, key, shown if shares and not headings else None, looks, caption, table)
     return figure
+
+
+def _scale(values: pd.Series) -> dict[str, Any]:
+    """The colour scale of a numeric hue, from the values of rows that are not hatched."""
+    return {"cmap": "viridis", "norm": Normalize(values.min(), values.max())}
+
+
+def _caption(table: pd.DataFrame, *, above_panels: bool) -> str:
+    """The line above the legend, which explains the shares."""
+    counted = "share of pushes" if "recovery" in table.columns else "share of starts"
+    return f"{counted} above each panel" if above_panels else counted
+
+
+def _hue_advice(table: pd.DataFrame, names: Sequence[str]) -> str:
+    """The proposal of a hue where no gait has a name; empty otherwise."""
+    ends = [name for name in map(str, table) if name.endswith("_end") and name not in COLUMNS]
+    if ends and set(names) - set(_HATCHED) == {"none"}:
+        return f"no gait has a name; {ends[0]} as hue tells them apart"
+    return ""
+
+
+def _inferred_share(table: pd.DataFrame) -> float:
+    """The share of a table's rows that were inferred from their neighbours; 0 if the style has no marks."""
+    if current().marks is False or "status" not in table.columns or not len(table):
+        return 0.0
+    return float(np.mean(table["status"].astype(str).to_numpy(str) == Status.inferred.name))
 
 
 def _heading(value: str, shares: Sequence[str], width: float) -> str:
@@ -143,18 +162,16 @@ def _label_axes(
     for name in labels:
         if len(grid) == 1 or "$" not in labels[name]:
             labels[name] = described(table, name, letters)
-    circular = [
-        which
-        for which, name in (("x", x), ("y", y))
-        if is_angle(table, name) and not is_logarithmic(table, name)
-    ]
+    circular_x, circular_y = (is_angle(table, name) and not is_logarithmic(table, name) for name in (x, y))
     for number, axes in enumerate(grid):
         below = number + columns >= len(grid)
         axes.set_xlabel(labels[x] if below else "")
         axes.set_ylabel(labels[y] if number % columns == 0 else "")
-        for which in circular:
-            theme.angle_axis(axes, which)
-        if len(circular) == 2:
+        if circular_x:
+            theme.angle_axis(axes, "x")
+        if circular_y:
+            theme.angle_axis(axes, "y")
+        if circular_x and circular_y:
             axes.set_aspect("equal")
 
 
@@ -208,17 +225,18 @@ def _legend(
     names: list[str],
     shown: pd.Series | None,
     looks: _Looks,
-    heading: str,
-    inferred: float,
+    caption: str,
+    table: pd.DataFrame,
 ) -> None:
-    """The legend: each outcome, with its share of `shown` if given."""
+    """Draw the legend: each outcome, with its share of `shown` if given, below a caption."""
     colour, _, hatch = looks
     texts = [theme.named(name) for name in names] if shown is None else _shares(shown, names, "  ")
     handles = [
         Patch(label=text, **theme.hatched(colour[name], hatch[name]))
         for name, text in zip(names, texts, strict=True)
     ]
-    guessed = f"({theme.percent(inferred)} % of cells inferred from their neighbours)" if inferred else ""
     columns = min(len(handles), 2 if shown is not None else 3)
-    title = f"{heading} {guessed}".strip()
+    inferred = _inferred_share(table)
+    remark = f"({theme.percent(inferred)} % of cells inferred from their neighbours)" if inferred else ""
+    title = f"{caption} {remark}".strip()
     theme.legend(figure, handles, ncols=columns, title=title, in_cell=True)

@@ -24,8 +24,7 @@ from gaitsweep.plot import theme
 from gaitsweep.plot.arguments import TEXT_COLUMNS, Column, Title
 from gaitsweep.plot.columns import axis_label, column, is_angle, rows_where, unit_of, written
 from gaitsweep.plot.figure_style import current
-from gaitsweep.plot.kind import figure_kind
-from gaitsweep.plot.planned_table import PlannedTable, Refusal
+from gaitsweep.plot.kind import PlannedTable, Refusal, figure_kind
 
 _MOST_NAMED = 6  # most lines in a legend; more lines have a colour bar
 
@@ -45,21 +44,21 @@ def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
         axes = [name for name in table.varied if name != figure.panels]
         if not axes:
             yield ("axes",), "is missing: besides panels, the job has no axis that could be the starts."
-    for at, name in enumerate(axes):
+    for number, name in enumerate(axes):
         if name in TEXT_COLUMNS:
-            yield ("axes", at), f"is {name}, which is not numeric: use axes of the job."
-        elif name in axes[:at] or name == figure.panels:
-            yield ("axes", at), f"is {name}, which is named twice."
+            yield ("axes", number), f"is {name}, which is not numeric: use axes of the job."
+        elif name in axes[:number] or name == figure.panels:
+            yield ("axes", number), f"is {name}, which is named twice."
     units = {name: table.unit(name) for name in axes if name not in TEXT_COLUMNS}
     if len(set(units.values())) > 1:
-        shown = ", ".join(f"{name} in {unit or '1'}" for name, unit in units.items())
-        yield ("axes",), f"needs one unit for the distance between starts, but there are {shown}."
+        named = ", ".join(f"{name} in {unit or '1'}" for name, unit in units.items())
+        yield ("axes",), f"needs one unit for the distance between starts, but there are {named}."
     if figure.hue == "attractor" and table.run.refined(table.rows) is not None:
         text = "is attractor, but run.refine infers rows, which have no state that identifies an attractor."
         yield ("hue",), text
 
 
-@figure_kind("settle", "fixed_time", check=_check, worked_out=("attractor",))
+@figure_kind("settle", "fixed_time", check=_check, added_columns=("attractor",))
 def basin_measures(
     table: pd.DataFrame,
     *,
@@ -80,7 +79,8 @@ def basin_measures(
         table: a settle table, refined or not, complete or partial.
 
     Raises:
-        PlotError, AnalysisError: the table lacks a column, or no axis is left.
+        PlotError: the table lacks a column.
+        AnalysisError: no axis is left.
     """
     if panels:
         column(table, panels)
@@ -93,11 +93,11 @@ def basin_measures(
             table = _with_attractors(table, panels)
         column(table, hue)
         measured = basins(table, axes, label=hue, by=panels or ())
-        shares, entropies, uncertain = theme.panels(figure, (down, across), 3)
-        _shares(shares, table, measured, panels)
-        _entropies(entropies, table, measured, panels)
+        of_shares, of_entropies, of_uncertain = theme.panels(figure, (down, across), 3)
+        _draw_shares(of_shares, table, measured, panels)
+        _draw_entropies(of_entropies, table, measured, panels)
         first = axes[0] if axes else next(name for name in axes_of(table) if name != panels)
-        _uncertain(uncertain, table, measured, panels, unit_of(table, first))
+        _draw_uncertain(of_uncertain, table, measured, panels, unit_of(table, first))
     return figure
 
 
@@ -110,8 +110,10 @@ def _with_attractors(table: pd.DataFrame, panels: str | None) -> pd.DataFrame:
     return followed
 
 
-def _along(axes: Axes, table: pd.DataFrame, panels: str | None, measured: Basins) -> dict[object, float]:
-    """The positions of the panels' values along an axis, which is labelled with them."""
+def _label_panels(
+    axes: Axes, table: pd.DataFrame, panels: str | None, measured: Basins
+) -> dict[object, float]:
+    """Label the horizontal axis with the panels' values; returns their positions along it."""
     if panels is None:
         axes.set_xticks([])
         axes.set_xlim(-1.0, 1.0)
@@ -120,7 +122,7 @@ def _along(axes: Axes, table: pd.DataFrame, panels: str | None, measured: Basins
     axes.set_xlabel(axis_label(table, panels))
     if not pd.api.types.is_numeric_dtype(measured.panels[panels]):
         axes.set_xticks(range(len(values)), [str(value) for value in values])
-        return {value: float(place) for place, value in enumerate(values)}
+        return {value: float(position) for position, value in enumerate(values)}
     if is_angle(table, panels):
         theme.angle_axis(axes, "x")
     return dict(zip(values, measured.panels[panels].to_numpy(float).tolist(), strict=True))
@@ -131,32 +133,33 @@ def _with_value(records: pd.DataFrame, name: str | None, value: object) -> pd.Da
     return records if name is None else rows_where(records, records[name] == value)
 
 
-def _shares(axes: Axes, table: pd.DataFrame, measured: Basins, panels: str | None) -> None:
+def _draw_shares(axes: Axes, table: pd.DataFrame, measured: Basins, panels: str | None) -> None:
     """Draw the fraction of each outcome over the panels' values, with its interval."""
-    place = _along(axes, table, panels, measured)
+    positions = _label_panels(axes, table, panels, measured)
     records = measured.fractions
     names = theme.ordered(dict.fromkeys(records["outcome"]))
     colour, marker = theme.colours(names), theme.markers(names)
     for name in names:
         fractions = _with_value(records, "outcome", name)
-        at = [place[value] for value in (fractions[panels] if panels else [None] * len(fractions))]
+        values = fractions[panels] if panels else [None] * len(fractions)
+        at = [positions[value] for value in values]
         share = fractions["fraction"].to_numpy()
-        ends = np.abs(fractions[["low", "high"]].to_numpy().T - share)
+        errors = np.abs(fractions[["low", "high"]].to_numpy().T - share)
         look = {"color": colour[name], "marker": marker[name], "markersize": 3.5, "capsize": 2.0}
-        axes.errorbar(at, share, ends, label=theme.named(name), linewidth=0.7, elinewidth=1.0, **look)
+        axes.errorbar(at, share, errors, label=theme.named(name), linewidth=0.7, elinewidth=1.0, **look)
     axes.set_ylim(-0.02, max(1.02 * float(np.max(records["high"].to_numpy(float))), 0.1))
     axes.set_ylabel("share of starts")
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.22), ncols=2 if len(names) > 2 else 1)
 
 
-def _entropies(axes: Axes, table: pd.DataFrame, measured: Basins, panels: str | None) -> None:
+def _draw_entropies(axes: Axes, table: pd.DataFrame, measured: Basins, panels: str | None) -> None:
     """Draw both basin entropies over the panels' values."""
-    place = _along(axes, table, panels, measured)
+    positions = _label_panels(axes, table, panels, measured)
     axes.set_ylabel("entropy (nats)")
     if np.isnan(measured.panels["basin_entropy"].to_numpy(float)).all():
         _explain(axes, measured, f"is narrower than the boxes of {BOX} cells a side")
         return
-    at = [place[value] for value in (measured.panels[panels] if panels else [None])]
+    at = [positions[value] for value in (measured.panels[panels] if panels else [None])]
     for name, colour, marker in (("basin_entropy", "#0072B2", "o"), ("boundary_entropy", "#D55E00", "s")):
         look: dict[str, Any] = {"color": colour, "marker": marker, "markersize": 3.5, "linewidth": 0.7}
         axes.plot(at, measured.panels[name].to_numpy(float), label=name.replace("_", " "), **look)
@@ -166,7 +169,7 @@ def _entropies(axes: Axes, table: pd.DataFrame, measured: Basins, panels: str | 
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.22))
 
 
-def _uncertain(axes: Axes, table: pd.DataFrame, measured: Basins, panels: str | None, unit: str) -> None:
+def _draw_uncertain(axes: Axes, table: pd.DataFrame, measured: Basins, panels: str | None, unit: str) -> None:
     """Draw the uncertainty fraction over eps, a line for each value of the panels, with its exponent."""
     axes.set_xlabel(
         rf"error of a start $\varepsilon$ ({unit})" if unit else r"error of a start $\varepsilon$"
@@ -184,24 +187,27 @@ def _uncertain(axes: Axes, table: pd.DataFrame, measured: Basins, panels: str | 
     for number, value in enumerate(values):
         uncertain = _with_value(measured.uncertainty, panels, value)
         uncertain = rows_where(uncertain, uncertain["uncertain"] > 0.0)
-        panel = _with_value(measured.panels, panels, value)
-        exponent, low, high = panel[["exponent", "exponent_low", "exponent_high"]].to_numpy(float)[0]
-        slope = f"{exponent:.2f} ({low:.2f} to {high:.2f})" if np.isfinite(exponent) else "no exponent"
-        label = f"{written(table, panels, value)}, {slope}" if panels else slope
-        look = {"color": shades[number], "marker": theme.SPARE_MARKERS[number % len(theme.SPARE_MARKERS)]}
-        named = None if many else label
-        line = uncertain["eps"], uncertain["uncertain"]
-        axes.loglog(*line, label=named, markersize=3.5, linewidth=0.7, **look)
+        exponent = _exponent_text(_with_value(measured.panels, panels, value))
+        label = f"{written(table, panels, value)}, {exponent}" if panels else exponent
+        look: dict[str, Any] = {"color": shades[number], "markersize": 3.5, "linewidth": 0.7}
+        look["marker"] = theme.SPARE_MARKERS[number % len(theme.SPARE_MARKERS)]
+        axes.loglog(uncertain["eps"], uncertain["uncertain"], label=None if many else label, **look)
     for axis in (axes.xaxis, axes.yaxis):
         low, high = axis.get_view_interval()
         axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)) if high > 2.0 * low else MaxNLocator(3))
         axis.set_major_formatter(ScalarFormatter())
         axis.set_minor_formatter(NullFormatter())
     if many and panels:
-        _shades_of(axes, table, measured.panels, panels)
+        _draw_colour_bar(axes, table, measured.panels, panels)
     else:
         heading = None if current().caption is False else "exponent (95 % interval)"
         axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.22), title=heading)
+
+
+def _exponent_text(panel: pd.DataFrame) -> str:
+    """The uncertainty exponent of one value of the panels, with its interval: `0.45 (0.41 to 0.50)`."""
+    exponent, low, high = panel[["exponent", "exponent_low", "exponent_high"]].to_numpy(float)[0]
+    return f"{exponent:.2f} ({low:.2f} to {high:.2f})" if np.isfinite(exponent) else "no exponent"
 
 
 def _explain(axes: Axes, measured: Basins, lack: str) -> None:
@@ -212,8 +218,8 @@ def _explain(axes: Axes, measured: Basins, lack: str) -> None:
     axes.set_yticks([])
 
 
-def _shades_of(axes: Axes, table: pd.DataFrame, measured: pd.DataFrame, panels: str) -> None:
-    """A colour bar of the lines, from the panels' first value to the last, and the range of the exponents."""
+def _draw_colour_bar(axes: Axes, table: pd.DataFrame, measured: pd.DataFrame, panels: str) -> None:
+    """Draw a colour bar of the lines, from the panels' first value to the last, and the exponents' range."""
     values = list(measured[panels])
     bar = axes.inset_axes((0.1, -0.36, 0.8, 0.05))
     bar.imshow(np.linspace(0.0, 1.0, len(values))[None, :], cmap=_shades(), aspect="auto", vmin=0.0, vmax=1.0)
@@ -221,7 +227,7 @@ def _shades_of(axes: Axes, table: pd.DataFrame, measured: pd.DataFrame, panels: 
     ends = (0, len(values) - 1)
     bar.set_xticks(ends, [written(table, panels, values[end]) for end in ends])
     bar.tick_params(length=0)
-    slopes = measured["exponent"].to_numpy(float)
-    if np.isfinite(slopes).any():
-        text = f"exponents {np.nanmin(slopes):.2f} to {np.nanmax(slopes):.2f}"
+    exponents = measured["exponent"].to_numpy(float)
+    if np.isfinite(exponents).any():
+        text = f"exponents {np.nanmin(exponents):.2f} to {np.nanmax(exponents):.2f}"
         axes.text(0.04, 0.96, text, transform=axes.transAxes, ha="left", va="top", fontsize=theme.points(7.5))

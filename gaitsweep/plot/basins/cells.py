@@ -16,13 +16,18 @@ from matplotlib.patches import PathPatch
 from matplotlib.path import Path
 
 from gaitsweep.plot.columns import is_drawn, is_logarithmic
-from gaitsweep.plot.planned_table import PlannedTable, Refusal
+from gaitsweep.plot.kind import PlannedTable, Refusal
+
+_NEAR_WHOLE = 0.01  # largest distance of a step from a whole multiple of the smallest, in such steps
+_MOST_STEPS = 50  # between neighbouring values of a grid
+_FEW_VALUES = 4  # form a grid, whatever their steps
+_LEAST_FILLED = 0.02  # share of a grid's cells that have a row; fewer rows are drawn as points
 
 
 def check_cells(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
     """Explain why a figure with x, y and panels has several rows in one cell."""
     if figure.x == figure.y or not {figure.x, figure.y} <= set(table.varied):
-        return  # cells that only the table has
+        return  # columns whose cells only the table shows
     if figure.panels not in (None, *table.varied):
         return
     shown = {figure.x, figure.y, figure.panels}
@@ -61,17 +66,18 @@ def cell_grid(rows: pd.DataFrame, x: str, y: str, table: pd.DataFrame) -> CellGr
     Args:
         rows: one panel's rows.
         x, y: columns along the axes.
-        table: the rows of all panels, which show the cells that one panel lacks, with the job in `.attrs`.
+        table: the rows of all panels, of which one panel may lack cells, with the job in `.attrs`.
     """
     values, edges = [], []
     for name in (x, y):
         log = is_logarithmic(table, name)
-        own, of_all = (np.unique(part[name].dropna().to_numpy(float)) for part in (rows, table))
-        if is_drawn(table, name) or not _on_grid(own, log=log):
+        of_rows, of_table = (np.unique(part[name].dropna().to_numpy(float)) for part in (rows, table))
+        if is_drawn(table, name) or not _on_grid(of_rows, log=log):
             return None
-        values.append(_filled(of_all if _on_grid(of_all, log=log) else own, log=log))
-        edges.append(cell_edges(values[-1], log=log))
-    few = len(rows) < 0.02 * len(np.unique(rows[x])) * len(np.unique(rows[y]))
+        centres = _filled(of_table if _on_grid(of_table, log=log) else of_rows, log=log)
+        values.append(centres)
+        edges.append(cell_edges(centres, log=log))
+    few = len(rows) < _LEAST_FILLED * len(np.unique(rows[x])) * len(np.unique(rows[y]))
     return None if few else CellGrid((x, y), (values[0], values[1]), (edges[0], edges[1]))
 
 
@@ -94,13 +100,15 @@ def hatch_cells(
     """Hatch the cells of marked rows; neighbours in a row of cells become one rectangle."""
     across, up = grid.edges
     cells = grid.placed(rows, marked, False)
-    bars = []
+    rectangles = []
     for row in np.flatnonzero(cells.any(axis=1)):
-        turns = across[np.flatnonzero(np.diff(np.r_[False, cells[row], False]))]
-        bars += [[(a, up[row]), (b, up[row]), (b, up[row + 1]), (a, up[row + 1])]
-                 for a, b in zip(turns[::2], turns[1::2], strict=True)]  # fmt: skip
-    if bars:
-        shape = Path.make_compound_path(*(Path([*bar, bar[0]], closed=True) for bar in bars))
+        low, high = up[row], up[row + 1]
+        sides = across[np.flatnonzero(np.diff(np.r_[False, cells[row], False]))]
+        for left, right in zip(sides[::2], sides[1::2], strict=True):
+            corners = [(left, low), (right, low), (right, high), (left, high), (left, low)]
+            rectangles.append(Path(corners, closed=True))
+    if rectangles:
+        shape = Path.make_compound_path(*rectangles)
         with hatch_look(hatch, colour, width) as look:
             axes.add_patch(PathPatch(shape, zorder=3, **look))
 
@@ -113,8 +121,9 @@ def _on_grid(values: Real[np.ndarray, " values"], *, log: bool = False) -> bool:
     gaps = np.diff(np.log(values) if log else values)
     if not len(gaps):
         return True
-    counts = gaps / gaps.min()
-    return len(values) <= 4 or bool((np.abs(counts - np.round(counts)) < 0.01).all() and counts.max() < 50)
+    steps = gaps / gaps.min()
+    near_whole = (np.abs(steps - np.round(steps)) < _NEAR_WHOLE).all()
+    return len(values) <= _FEW_VALUES or bool(near_whole and steps.max() < _MOST_STEPS)
 
 
 def _filled(values: Real[np.ndarray, " values"], *, log: bool = False) -> Real[np.ndarray, " cells"]:
@@ -122,19 +131,19 @@ def _filled(values: Real[np.ndarray, " values"], *, log: bool = False) -> Real[n
 
     Values that do not form a grid are returned unchanged. Steps are ratios with `log`.
     """
-    places = np.log(values) if log else values
-    gaps = np.diff(places)
+    positions = np.log(values) if log else values
+    gaps = np.diff(positions)
     if not len(gaps):
         return values
-    counts = np.round(gaps / gaps.min())
-    if (np.abs(gaps / gaps.min() - counts) >= 0.01).any() or counts.max() >= 50:
+    steps = np.round(gaps / gaps.min())
+    if (np.abs(gaps / gaps.min() - steps) >= _NEAR_WHOLE).any() or steps.max() >= _MOST_STEPS:
         return values
-    steps = zip(places[:-1], places[1:], counts.astype(int), strict=True)
-    between = [np.linspace(a, b, n, endpoint=False)[1:] for a, b, n in steps]
-    between = [np.exp(inner) for inner in between] if log else between
-    # the values themselves exactly, by which rows find their cells
-    pairs = zip(values[:-1], between, strict=True)
-    return np.r_[*(part for a, inner in pairs for part in ([a], inner)), values[-1:]]
+    filled = []
+    for number, count in enumerate(steps.astype(int)):
+        missing = np.linspace(positions[number], positions[number + 1], count, endpoint=False)[1:]
+        # the value itself exactly, by which rows find their cells
+        filled += [values[number : number + 1], np.exp(missing) if log else missing]
+    return np.concatenate([*filled, values[-1:]])
 
 
 def cell_edges(centres: Real[np.ndarray, " cells"], *, log: bool = False) -> Float[np.ndarray, " edges"]:

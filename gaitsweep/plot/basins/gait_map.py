@@ -65,9 +65,10 @@ def gait_map(
         log_axes(axes, table, x=x, y=y)
         grid = cell_grid(sets, x, y, table)
         handles = _points(axes, sets, x, y, looks) if grid is None else _cells(axes, sets, grid, looks)
-        for which, name in (("x", x), ("y", y)):
-            if is_angle(table, name) and not is_logarithmic(table, name):
-                theme.angle_ticks(axes, which)
+        if is_angle(table, x) and not is_logarithmic(table, x):
+            theme.angle_ticks(axes, "x")
+        if is_angle(table, y) and not is_logarithmic(table, y):
+            theme.angle_ticks(axes, "y")
         cells = sets["set"].tolist()
         labels = [f"{_words(names)}  {theme.percent(cells.count(names) / len(cells))} %" for names in looks]
         heading = "gaits that starts settle in, share of cells"
@@ -78,17 +79,17 @@ def gait_map(
 def _sets(table: pd.DataFrame, x: str, y: str, hue: str) -> pd.DataFrame:
     """The set of each cell, a tuple of names in the hue's own order: columns x, y, set."""
     shown = outcome(table, hue).replace({"none": OTHER})
-    kind = table[hue].dtype
-    order = list(map(str, kind.categories)) if isinstance(kind, pd.CategoricalDtype) else []
-    order = [name for name in order if name != "none"] or sorted(set(shown) - {OTHER, *_HATCHED})
-    order = theme.ordered(order)
+    dtype = table[hue].dtype
+    categories = map(str, dtype.categories) if isinstance(dtype, pd.CategoricalDtype) else ()
+    named = [name for name in categories if name != "none"]
+    order = theme.ordered(named or sorted(set(shown) - {OTHER, *_HATCHED}))
 
     def reached(outcomes: pd.Series) -> tuple[str, ...]:
+        """The gaits among the outcomes of a cell's starts, and the first of the other outcomes."""
         present = set(outcomes)
         gaits = tuple(name for name in order if name in present)
-        if not gaits:
-            return tuple(name for name in (OTHER, *_HATCHED) if name in present)[:1]
-        return gaits + tuple(name for name in (Outcome.FAILED, Outcome.NOT_SETTLED) if name in present)[:1]
+        others = (Outcome.FAILED, Outcome.NOT_SETTLED) if gaits else (OTHER, *_HATCHED)
+        return gaits + tuple(name for name in others if name in present)[:1]
 
     cells = pd.DataFrame({x: table[x], y: table[y], "set": shown})
     return cells.groupby([x, y], sort=True)["set"].agg(reached).reset_index()
@@ -128,10 +129,13 @@ def _looks(sets: list[tuple[str, ...]]) -> dict[tuple[str, ...], _Look]:
         tints = [colour[name] for name in gaits]
         fine = hatch[gaits[0]] if len(gaits) == 1 else ""
         if len(gaits) < len(names):
-            tints = [theme.mixed(tint, "black" if names[-1] == Outcome.FAILED else "white") for tint in tints]
+            mixed_with = "black" if names[-1] == Outcome.FAILED else "white"
+            tints = [theme.mixed(tint, mixed_with) for tint in tints]
             fine = _DOUBTFUL
-        stripes = [(pattern, tint, 1.3) for pattern, tint in zip(itertools.cycle(_STRIPES), tints[1:])]
-        looks[names] = _Look(tints, [*stripes, *([(fine, theme.line_on(tints[0]), 0.5)] if fine else [])])
+        hatches = [(pattern, tint, 1.3) for pattern, tint in zip(itertools.cycle(_STRIPES), tints[1:])]
+        if fine:
+            hatches.append((fine, theme.line_on(tints[0]), 0.5))
+        looks[names] = _Look(tints, hatches)
     return looks
 
 
@@ -170,9 +174,9 @@ def _points(axes: Axes, sets: pd.DataFrame, x: str, y: str, looks: dict[tuple[st
 
 def _words(names: tuple[str, ...]) -> str:
     """A set in words: `trot only`, `trot and walk`, `trot; another start failed`, `failed`."""
-    names = tuple(map(theme.named, names))
-    if _gaits_of(names) != names:
-        return f"{' and '.join(_gaits_of(names))}; another start {names[-1]}"
+    gaits = [theme.named(name) for name in _gaits_of(names)]
+    if len(gaits) < len(names):
+        return f"{' and '.join(gaits)}; another start {theme.named(names[-1])}"
     if len(names) == 1:
-        return names[0] if names[0] in (OTHER, *_HATCHED) else f"{names[0]} only"
-    return f"{', '.join(names[:-1])} and {names[-1]}"
+        return gaits[0] if names[0] in (OTHER, *_HATCHED) else f"{gaits[0]} only"
+    return f"{', '.join(gaits[:-1])} and {gaits[-1]}"

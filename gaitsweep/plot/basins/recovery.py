@@ -43,15 +43,15 @@ def recovery(
         PlotError: the table lacks a column, or a cell has several rows.
     """
     require_columns(table, x, y, panels, "recovery")
-    kind = table["recovery"].dtype
-    named = table["recovery"].astype(object)
+    dtype = table["recovery"].dtype
+    names = table["recovery"].astype(object)
     if {"gait", "gait_before"} <= set(table.columns):
         gait, before = (table[name].astype(object) for name in ("gait", "gait_before"))
-        other = (named == "elsewhere") & gait.notna() & (gait != before) & (gait != Outcome.NO_GAIT)
-        named = named.where(~other, gait)
-    first = list(map(str, kind.categories)) if isinstance(kind, pd.CategoricalDtype) else []
-    order = [*first, *sorted(set(named.dropna()) - set(first))]
-    shown = table.assign(recovery=pd.Categorical(named, order), outcome=np.asarray(named, object))
+        in_other_gait = (names == "elsewhere") & gait.notna() & (gait != before) & (gait != Outcome.NO_GAIT)
+        names = names.where(~in_other_gait, gait)
+    categories = list(map(str, dtype.categories)) if isinstance(dtype, pd.CategoricalDtype) else []
+    order = [*categories, *sorted(set(names.dropna()) - set(categories))]
+    shown = table.assign(recovery=pd.Categorical(names, order), outcome=np.asarray(names, object))
     # the statuses of the rows are in the names already
     shown.attrs = {**table.attrs, "outcome_of": "recovery"}
     figure = basin(shown, x=x, y=y, hue="recovery", panels=panels, shares=shares, title=title)
@@ -65,8 +65,8 @@ def _mark_least(figure: Figure, table: pd.DataFrame, x: str, y: str, panels: str
     least = least_fatal_push(table, [x, y], panels or ())
     values = sorted(table[panels].dropna().unique()) if panels else [None]
     for axes, value in zip(figure.axes, values, strict=False):
-        own = least if value is None else rows_where(least, least[panels] == value)
-        for across, up in own[[x, y]].to_numpy(float):
+        of_panel = least if value is None else rows_where(least, least[panels] == value)
+        for across, up in of_panel[[x, y]].to_numpy(float):
             axes.plot([0.0, across], [0.0, up], color="black", lw=0.8, zorder=4)
             look: dict[str, Any] = {"marker": "*", "color": "white", "mec": "black", "ms": 9.0, "zorder": 5}
             axes.plot([across], [up], **look)

@@ -14,17 +14,15 @@ from gaitsweep.plot.arguments import TEXT_COLUMNS, AlongAxis, Column, Horizontal
 from gaitsweep.plot.basins.basin import basin
 from gaitsweep.plot.basins.cells import check_cells
 from gaitsweep.plot.columns import require_columns, unit_of
-from gaitsweep.plot.kind import figure_kind
-from gaitsweep.plot.planned_table import PlannedTable, Refusal
-from gaitsweep.status import Status
+from gaitsweep.plot.kind import PlannedTable, Refusal, figure_kind
 
 
 def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
     """Refuse axes of different units, between which there is no distance."""
     units = {column: table.unit(column) for column in (figure.x, figure.y)}
     if not TEXT_COLUMNS & set(units) and len(set(units.values())) > 1:
-        shown = " and ".join(f"{column} in {unit or '1'}" for column, unit in units.items())
-        yield ("y",), f"is {figure.y}, but a shock is a distance and needs equal units: {shown}."
+        named = " and ".join(f"{column} in {unit or '1'}" for column, unit in units.items())
+        yield ("y",), f"is {figure.y}, but a shock is a distance and needs equal units: {named}."
     else:
         yield from check_cells(figure, table)
 
@@ -52,8 +50,7 @@ def shock(
     if not len(table):
         return basin(table.assign(shock=np.nan), x=x, y=y, hue="shock", panels=panels, title=title)
     measured = basins(table, [x, y], label=hue, by=panels or ()).rows
-    far = ~np.isfinite(measured["shock"].to_numpy(float))
-    measured.loc[far, "shock"] = np.nan
+    measured.loc[~np.isfinite(measured["shock"].to_numpy(float)), "shock"] = np.nan
     quantity = {"unit": unit_of(table, x), "symbol": r"\mathrm{smallest\ shock}", "circular": False}
     measured.attrs = {**table.attrs, "quantities": {**table.attrs.get("quantities", {}), "shock": quantity}}
     # failed starts have a shock too: the distance to one that does not fail

@@ -11,9 +11,10 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.transforms import offset_copy
 
+from gaitsweep.near_miss import allowing
 from gaitsweep.plot import theme
 from gaitsweep.plot.arguments import Observable, Title
-from gaitsweep.plot.bifurcations.branch_lines import WORDS, draw_branch, key, looks_of_pieces, stretches
+from gaitsweep.plot.bifurcations.branch_lines import WORDS, draw_branch, key, pieces, stretches
 from gaitsweep.plot.columns import (
     PlotError,
     column,
@@ -27,8 +28,8 @@ from gaitsweep.plot.kind import figure_kind
 from gaitsweep.plot.style_names import period_names
 
 STABLE_WIDTH = 2.2
-_BAR = 4.0  # points, width of a bar
-# line styles of curves by the kind of bifurcation
+_BAR = 4.0  # points: width of a bar
+# Line styles of curves by the kind of bifurcation.
 _LINES: dict[str, Any] = {
     "fold": "-",
     "flip": (0, (5, 1.5)),
@@ -39,7 +40,7 @@ _LINES: dict[str, Any] = {
     "corner": (0, (3, 1, 1, 1, 1, 1)),
 }
 _CURVES = {**WORDS, "branch_point": "pitchfork or transcritical", "order_change": "order of events"}
-# bifurcations of codimension 2: their marks and words
+# Bifurcations of codimension 2: their marks and words.
 _MARKS = {
     "cusp": ("*", "cusp"),
     "resonance_1_1": ("P", "1:1 resonance"),
@@ -86,8 +87,10 @@ def road_map(
     """
     x = moved_parameter(table) or "parameter"
     require_columns(table, x, "part", "number", "period", "stable", "special")
-    observed = [name for name in table if str(name).endswith("_n")]
-    name = column(table, y or str(observed[0]), ("_n", ""))
+    observed = [str(name) for name in table if str(name).endswith("_n")]
+    if y is None and not observed:
+        raise PlotError(f"The table names no observable: give y. {allowing(map(str, table.columns))}")
+    name = column(table, y or observed[0], ("_n", ""))
     of_row = _of_row(table, row)
     branches = rows_where(of_row, (of_row["part"] == "branch") & of_row[name].notna())
     with theme.canvas(theme.COLUMN + 1.6, 3.4, title) as figure:
@@ -98,14 +101,13 @@ def road_map(
             theme.message(axes, "No gait was found.")
             return figure
         origin = origin_of(table, name, branches[name].to_numpy(float))
-        pieces = [piece for _, branch in branches.groupby("number") for piece in _pieces(branch)]
-        colours = theme.colours(theme.ordered(dict.fromkeys(gait for gait, _ in pieces)))
-        run = table.attrs.get("job", {}).get("run", {})
-        place = run.get("at", (run.get("path") or [None])[0])
-        if place is not None:
-            axes.axvline(place, color="#BBBBBB", lw=0.8, zorder=0)
-        for gait, piece in pieces:
-            draw_branch(axes, piece, x, name, colours[gait], origin=origin, stable_width=STABLE_WIDTH)
+        parts = [part for _, branch in branches.groupby("number") for part in _parts_of_gaits(branch)]
+        colours = theme.colours(theme.ordered(dict.fromkeys(gait for gait, _ in parts)))
+        searched_at = _searched_at(table)
+        if searched_at is not None:
+            axes.axvline(searched_at, color="#BBBBBB", lw=0.8, zorder=0)
+        for gait, part in parts:
+            draw_branch(axes, part, x, name, colours[gait], origin=origin, stable_width=STABLE_WIDTH)
         theme.value_axis(axes, angle=origin is not None)
         handles: list[Any] = [
             Line2D([], [], color=colour, lw=STABLE_WIDTH, label=theme.named(gait))
@@ -113,6 +115,15 @@ def road_map(
         ]
         theme.legend(figure, [*handles, *key(branches, coloured=True, stable_width=STABLE_WIDTH)], ncols=3)
     return figure
+
+
+def _searched_at(table: pd.DataFrame) -> float | None:
+    """The value of the parameter at which the atlas searched gaits; None if its job does not give it."""
+    run = table.attrs.get("job", {}).get("run", {})
+    if "at" in run:
+        return run["at"]
+    path = run.get("path")
+    return path[0] if path else None
 
 
 @figure_kind("atlas", coloured="periods")
@@ -135,10 +146,11 @@ def atlas(
     Raises:
         PlotError: the atlas has no second parameter, or the table lacks the row.
     """
-    second = list(table.attrs.get("job", {}).get("run", {}).get("second") or {})
-    if not second:
+    run = table.attrs.get("job", {}).get("run", {})
+    if not run.get("second"):
         raise PlotError("This atlas has no second parameter: give run.second, such as {m_H: [5, 20]}.")
-    x, y = moved_parameter(table) or "parameter", second[0]
+    x = moved_parameter(table) or "parameter"
+    y = next(iter(run["second"]))
     require_columns(table, x, y, "part", "number", "period", "unstable", "special", "point")
     of_row = _of_row(table, row)
     curves = rows_where(of_row, (of_row["part"] != "branch") & (of_row["part"] != ""))
@@ -152,65 +164,84 @@ def atlas(
         branches = rows_where(of_row, (of_row["part"] == "branch") & of_row["found"].notna())
         periods = period_names(sorted({*curves["period"], *branches["period"]}))
         colours = theme.colours(periods)
-        barred = _draw_bars(axes, branches, x, y, colours)
+        bars = _draw_bars(axes, branches, x, y, colours)
         for _, curve in curves.groupby("number"):
             _draw_curve(axes, curve.sort_values("point"), x, y, colours)
         handles = _curve_key(curves, colours)
-        if table.attrs["job"]["run"].get("stationary"):
+        if run.get("stationary"):
             handles[0].set_label("rest")
-        if barred:
+        if bars:
             handles.append(Line2D([], [], color="#777777", lw=_BAR, alpha=0.5, label="stable gaits"))
         theme.legend(figure, handles, ncols=3)
     return figure
 
 
-def _draw_bars(axes: Axes, branches: pd.DataFrame, x: str, y: str, colours: dict[str, str]) -> bool:
-    """Draw the stable parts of branches as bars at their second parameter; whether there are any."""
-    bars: list[tuple[float, float, int]] = []
-    for _, branch in branches.groupby("number"):
-        at, period = branch[x].to_numpy(float), int(branch["period"].iloc[0])
-        stable = (at[part] for look, part in stretches(looks_of_pieces(branch)) if look is True)
-        bars += [(float(part.min()), float(part.max()), period) for part in stable]
+def _draw_bars(
+    axes: Axes, branches: pd.DataFrame, x: str, y: str, colours: dict[str, str]
+) -> list[tuple[float, float, int]]:
+    """Draw the stable parts of branches as bars at their second parameter; returns these parts."""
+    bars = _stable_parts(branches, x)
     if not bars:
-        return False
-    level, figure = float(branches[y].iloc[0]), axes.get_figure(root=True)
-    least = 1e-6 * float(np.ptp(branches[x].to_numpy(float)))
-    lanes: list[float] = []  # where the last bar of each ends: bars that overlap lie one above the other
-    for low, high, period in sorted(bars):
-        lane = next((k for k, end in enumerate(lanes) if low > end - least), len(lanes))
-        lanes[lane : lane + 1] = [high]
-        moved = offset_copy(axes.transData, figure, 0.0, lane * _BAR, units="points")
+        return []
+    level = float(branches[y].iloc[0])
+    rounding = 1e-6 * float(np.ptp(branches[x].to_numpy(float)))
+    ends: list[float] = []  # of the last bar of each lane: bars that overlap lie one above the other
+    for low, high, period in bars:
+        lane = next((k for k, end in enumerate(ends) if low > end - rounding), len(ends))
+        if lane == len(ends):
+            ends.append(high)
+        else:
+            ends[lane] = high
+        in_lane = offset_copy(axes.transData, axes.get_figure(root=True), 0.0, lane * _BAR, units="points")
         colour = colours[period_names([period])[0]]
         bar = Line2D([low, high], [level, level], lw=_BAR, color=colour, alpha=0.5, zorder=0)
-        bar.set(transform=moved, solid_capstyle="butt")
+        bar.set(transform=in_lane, solid_capstyle="butt")
         axes.add_artist(bar)
-    axes.update_datalim([(low, level) for low, _, _ in bars] + [(high, level) for _, high, _ in bars])
-    return True
+    axes.update_datalim([(end, level) for low, high, _ in bars for end in (low, high)])
+    return bars
+
+
+def _stable_parts(branches: pd.DataFrame, x: str) -> list[tuple[float, float, int]]:
+    """The ranges of x in which branches are stable, in order: low, high, and the period of the gait."""
+    ranges = []
+    for _, branch in branches.groupby("number"):
+        at = branch[x].to_numpy(float)
+        period = int(branch["period"].iloc[0])
+        for piece, part in stretches(pieces(branch)):
+            if piece == "stable":
+                ranges.append((float(at[part].min()), float(at[part].max()), period))
+    return sorted(ranges)
 
 
 def _of_row(table: pd.DataFrame, row: int) -> pd.DataFrame:
-    """The records of a row of the job; refuses a row that the table lacks."""
+    """The records of a row of the job.
+
+    Raises:
+        PlotError: the table lacks the row.
+    """
     rows = table["row"].to_numpy(int)
-    own = rows_where(table, rows == row)
-    if not len(own):
-        raise PlotError(f"row is {row}, but the table has the rows 0 to {rows.max()}.")
-    return own
+    if row not in rows:
+        allowed = f"has the rows 0 to {rows.max()}" if len(rows) else "has no rows yet"
+        raise PlotError(f"row is {row}, but the table {allowed}.")
+    return rows_where(table, rows == row)
 
 
-def _pieces(branch: pd.DataFrame) -> list[tuple[str, pd.DataFrame]]:
+def _parts_of_gaits(branch: pd.DataFrame) -> list[tuple[str, pd.DataFrame]]:
     """The parts of a branch with one gait each, or one period where the model does not name it.
 
     Each reaches to the first point of the next.
     """
-    gaits, unnamed = branch["gait"].astype(str).tolist(), period_names(branch["period"].unique())[0]
-    named = [unnamed if gait in ("none", "nan", "") else gait for gait in gaits]
-    return [(gait, branch.iloc[part]) for gait, part in stretches(named)]
+    gaits = branch["gait"].astype(str).tolist()
+    period = period_names(branch["period"].unique())[0]
+    names = [period if gait in ("none", "nan", "") else gait for gait in gaits]
+    return [(name, branch.iloc[part]) for name, part in stretches(names)]
 
 
 def _draw_curve(axes: Axes, curve: pd.DataFrame, x: str, y: str, colours: dict[str, str]) -> None:
     """Draw one curve and the marks on it."""
     at, up = curve[x].to_numpy(float), curve[y].to_numpy(float)
-    colour, kind = colours[period_names(curve["period"])[0]], str(curve["part"].iloc[0])
+    colour = colours[period_names(curve["period"])[0]]
+    kind = str(curve["part"].iloc[0])
     for of_stable, part in stretches(curve["unstable"].to_numpy(int) == 0):
         axes.plot(at[part], up[part], color=colour, lw=1.8 if of_stable else 0.8, ls=_LINES[kind])
     for special, (mark, _) in _MARKS.items():

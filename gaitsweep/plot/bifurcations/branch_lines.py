@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from types import MappingProxyType
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 import pandas as pd
@@ -30,7 +30,8 @@ WORDS = {
     "branch_point": "branch point",
     "hopf": "Hopf",
 }
-T = TypeVar("T")
+Piece = Literal["stable", "unstable", "kink"]  # what a line between two points of a branch shows
+Look = TypeVar("Look")
 
 
 def draw_branch(
@@ -56,23 +57,22 @@ def draw_branch(
     at, value = branch[x].to_numpy(float), unwrap_from(branch[y].to_numpy(float), origin)
     special = branch["special"].fillna("").to_numpy(str)
     absent = np.diff(branch["point"].to_numpy(int)) > 1  # no line across a point that the table lacks
-    for (kind, missing), part in stretches(zip(looks_of_pieces(branch), absent, strict=True)):
+    looks: dict[Piece, dict[str, Any]] = {
+        "stable": {"color": colour or STABLE, "ls": "-", "lw": stable_width},
+        "unstable": {"color": colour or UNSTABLE, "ls": (0, (4, 2)), "lw": 1.4},
+        "kink": {"color": colour or "#555555", "ls": ":", "lw": 0.8},
+    }
+    for (piece, missing), part in stretches(zip(pieces(branch), absent, strict=True)):
         if missing:
             continue
-        look: dict[str, Any] = {"zorder": 2, "lw": 1.4}
-        if kind == "kink":
-            look |= {"color": colour or "#555555", "ls": ":", "lw": 0.8}
-        else:
-            look |= {"color": colour or (STABLE if kind else UNSTABLE), "ls": "-" if kind else (0, (4, 2))}
-            look["lw"] = stable_width if kind else 1.4
         over_the_cut = (np.abs(np.diff(value[part])) > np.pi) & (origin is not None)
-        axes.plot(*theme.interrupted(over_the_cut, at[part], value[part]), **look)
+        axes.plot(*theme.interrupted(over_the_cut, at[part], value[part]), zorder=2, **looks[piece])
     for kind, mark in MARKERS.items():
         marked = special == kind
         axes.plot(at[marked], value[marked], mark, ms=4.5, color="black", mfc="white", zorder=3)
 
 
-def stretches(looks: Iterable[T]) -> Iterator[tuple[T, slice]]:
+def stretches(looks: Iterable[Look]) -> Iterator[tuple[Look, slice]]:
     """Each stretch of equal looks, with its places and the first place after them."""
     begin = 0
     for look, equal in itertools.groupby(looks):
@@ -81,17 +81,17 @@ def stretches(looks: Iterable[T]) -> Iterator[tuple[T, slice]]:
         begin = end
 
 
-def looks_of_pieces(branch: pd.DataFrame) -> list[str | bool]:
-    """Whether each piece between two points of a branch is stable, or "kink".
+def pieces(branch: pd.DataFrame) -> list[Piece]:
+    """The pieces between the points of a branch: stable, unstable, or over a kink of the map.
 
     The stability of a piece is that of its end that is no bifurcation.
     """
     special = branch["special"].fillna("").to_numpy(str)
-    stable, plain = branch["stable"].to_numpy(bool), ~np.isin(special, list(MARKERS))
-    return [
-        "kink" if special[k + 1] == "kink" else bool(stable[k] if plain[k] else stable[k + 1])
-        for k in range(len(special) - 1)
-    ]
+    stable = branch["stable"].to_numpy(bool)
+    bifurcates = np.isin(special, list(MARKERS))
+    are_stable = np.where(bifurcates[:-1], stable[1:], stable[:-1])
+    of_branch: list[Piece] = ["stable" if is_stable else "unstable" for is_stable in are_stable]
+    return ["kink" if end == "kink" else piece for end, piece in zip(special[1:], of_branch, strict=True)]
 
 
 def key(
@@ -105,17 +105,18 @@ def key(
 
     Args:
         table: the records of the branches.
-        beside: ranges that are shown beside the branches, by name.
+        beside: ranges (low, high) that are shown beside the branches, by name.
         coloured: whether branches are coloured by another column, so that lines are grey in the legend.
         stable_width: width of the line where a branch is stable, in points.
     """
     stable = table["stable"].to_numpy(bool)
-    of_stable, of_unstable = ("#333333", "#333333") if coloured else (STABLE, UNSTABLE)
     handles: list[Line2D | Patch] = []
     if stable.any():
-        handles.append(Line2D([], [], color=of_stable, lw=stable_width, label="stable"))
+        colour = "#333333" if coloured else STABLE
+        handles.append(Line2D([], [], color=colour, lw=stable_width, label="stable"))
     if not stable.all():
-        handles.append(Line2D([], [], color=of_unstable, lw=1.4, ls=(0, (4, 2)), label="unstable"))
+        colour = "#333333" if coloured else UNSTABLE
+        handles.append(Line2D([], [], color=colour, lw=1.4, ls=(0, (4, 2)), label="unstable"))
     special = set(table["special"].fillna(""))
     if "kink" in special:
         label = "over a bend or jump of the map"

@@ -15,15 +15,15 @@ from matplotlib.transforms import Bbox
 from gaitsweep.plot import theme
 from gaitsweep.status import Outcome
 
-_LEAST_SHARE = 0.02  # of the records that a gait with a name has
-_PLACES = 15  # along a branch at which room is looked for
+_LEAST_SHARE = 0.02  # of all records: a gait with fewer has no name
+_PLACES = 15  # records of a branch beside which room is looked for
 _OFFSET = 4.0  # points: least distance of a name from its branch
 _CLEARANCE = 2.0  # points: least distance of a name from other lines
 _STEP = 2.0  # pixels: distance of the points by which lines are represented
 
 
 def named_gaits(table: pd.DataFrame, without: Sequence[str] = ()) -> list[str]:
-    """The gaits of a table's records that are more than a few, besides some."""
+    """The gaits that more than a few of a table's records have, `without` some."""
     if "gait" not in table.columns:
         return []
     shares = table["gait"].astype(str).value_counts(normalize=True)
@@ -45,52 +45,65 @@ def name_branches(
         gaits: the gait of each record, (n,).
     """
     ink = _ink(axes)
-    taken = [patch.get_window_extent() for patch in axes.patches if patch.get_alpha() is None]
-    marked = (line for line in axes.lines if line.get_marker() not in (None, "None", ""))
-    apart = max([_CLEARANCE, *(0.5 * float(line.get_markersize()) + 0.5 for line in marked)])
-    without = []
+    boxes = [patch.get_window_extent() for patch in axes.patches if patch.get_alpha() is None]
+    with_markers = (line for line in axes.lines if line.get_marker() not in (None, "None", ""))
+    clearance = max([_CLEARANCE, *(0.5 * float(line.get_markersize()) + 0.5 for line in with_markers)])
+    middle_first = sorted(np.linspace(0.0, 1.0, _PLACES), key=lambda share: abs(share - 0.5))
+    without_room = []
     for gait in dict.fromkeys(gaits.tolist()):
         records = np.flatnonzero(gaits == gait)
         records = records[np.argsort(at[records], kind="stable")]
-        middle_first = sorted(np.linspace(0.0, 1.0, _PLACES), key=lambda share: abs(share - 0.5))
-        places = [records[round(share * (len(records) - 1))] for share in middle_first]
-        if not any(
-            _fits(axes, gait, (float(at[k]), float(value[k])), side, apart, ink, taken)
-            for k in places
-            for side in (1, -1)
-        ):
-            without.append(gait)
-    return without
+        for share, above in itertools.product(middle_first, (True, False)):
+            record = records[round(share * (len(records) - 1))]
+            point = (float(at[record]), float(value[record]))
+            box = _write_name(axes, gait, point, clearance, ink, boxes, above=above)
+            if box is not None:
+                boxes.append(box)
+                break
+        else:
+            without_room.append(gait)
+    return without_room
 
 
-def _fits(
+def _write_name(
     axes: Axes,
     gait: str,
-    at: tuple[float, float],
-    side: int,
-    apart: float,
+    point: tuple[float, float],
+    clearance: float,
     ink: Float[np.ndarray, "points 2"],
-    taken: list[Bbox],
-) -> bool:
-    """Write a name above or below a place; False, and no name, if anything is within `apart` points."""
-    look: dict[str, Any] = {"ha": "center", "va": "bottom" if side > 0 else "top", "color": "#333333"}
+    boxes: Sequence[Bbox],
+    *,
+    above: bool,
+) -> Bbox | None:
+    """Write a name above or below a point; returns its box, or None, and writes no name, without room.
+
+    Args:
+        axes: the panel.
+        gait: the gait that is named.
+        point: coordinates of a record of the gait.
+        clearance: least distance of the name from `ink` (pixels) and `boxes`, in points.
+        ink: points of all lines.
+        boxes: boxes of other names and of patches.
+        above: whether the name is above the point.
+    """
+    offset = max(_OFFSET, clearance + 1.5)
+    look: dict[str, Any] = {"ha": "center", "va": "bottom" if above else "top", "color": "#333333"}
     text = axes.annotate(
         theme.named(gait),
-        at,
-        (0.0, side * max(_OFFSET, apart + 1.5)),
+        point,
+        (0.0, offset if above else -offset),
         textcoords="offset points",
         fontsize=theme.points(7),
         **look,
     )
     box, panel = text.get_window_extent(), axes.get_window_extent()
     inside = panel.x0 <= box.x0 and box.x1 <= panel.x1 and panel.y0 <= box.y0 and box.y1 <= panel.y1
-    around = box.padded(apart * axes.figure.dpi / 72)
-    meets = ((ink >= around.min) & (ink <= around.max)).all(axis=1).any() or any(map(around.overlaps, taken))
-    if not inside or meets:
-        text.remove()
-        return False
-    taken.append(box)
-    return True
+    around = box.padded(clearance * axes.figure.dpi / 72)
+    over_ink = ((ink >= around.min) & (ink <= around.max)).all(axis=1).any()
+    if inside and not over_ink and not any(map(around.overlaps, boxes)):
+        return box
+    text.remove()
+    return None
 
 
 def _ink(axes: Axes) -> Float[np.ndarray, "points 2"]:
@@ -100,8 +113,8 @@ def _ink(axes: Axes) -> Float[np.ndarray, "points 2"]:
         ends = line.get_transform().transform(np.asarray(line.get_xydata(), float))
         points.append(ends)
         if line.get_linestyle() != "None":
-            for a, b in itertools.pairwise(ends):
-                far = float(np.hypot(*(b - a)))
-                if np.isfinite(far) and far > _STEP:
-                    points.append(np.linspace(a, b, int(far / _STEP) + 1))
+            for begin, end in itertools.pairwise(ends):
+                length = float(np.hypot(*(end - begin)))
+                if np.isfinite(length) and length > _STEP:
+                    points.append(np.linspace(begin, end, int(length / _STEP) + 1))
     return np.concatenate(points)

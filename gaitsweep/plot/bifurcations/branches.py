@@ -18,10 +18,10 @@ from gaitsweep.plot import theme
 from gaitsweep.plot.arguments import TEXT_COLUMNS, AlongAxis, Bandwidth, Observed, Title
 from gaitsweep.plot.bifurcations.branch_lines import STABLE, UNSTABLE
 from gaitsweep.plot.columns import column, described, is_angle, log_axes, origin_of, require_columns
-from gaitsweep.plot.kind import figure_kind
-from gaitsweep.plot.planned_table import PlannedTable, Refusal
+from gaitsweep.plot.kind import PlannedTable, Refusal, figure_kind
 
 _COLOUR = {True: STABLE, False: UNSTABLE}
+_WORDS = {True: "stable: starts nearby come to it", False: "unstable: starts nearby leave it"}
 
 
 def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
@@ -64,8 +64,8 @@ def branches(
         value = points["value"].to_numpy(float)
         place = unwrap_from(value, origin_of(table, name, value))
         _draw(axes, points.assign(place=place), x)
-        tried = np.unique(table[x].dropna().to_numpy(float))
-        without = tried[~np.isin(tried, points[x].to_numpy(float))]
+        parameters = np.unique(table[x].dropna().to_numpy(float))
+        without = parameters[~np.isin(parameters, points[x].to_numpy(float))]
         if len(without):
             look: dict[str, Any] = {"color": "#555555", "ms": 7, "clip_on": False}
             axes.plot(without, 0.0 * without, "|", transform=axes.get_xaxis_transform(), **look)
@@ -91,14 +91,11 @@ def _draw(axes: Axes, points: pd.DataFrame, x: str) -> None:
 
 def _key(points: pd.DataFrame, *, without: bool) -> list[Line2D]:
     """The legend of the points that occur, and of parameter values `without` a fixed point."""
-    words = {True: "stable: starts nearby come to it", False: "unstable: starts nearby leave it"}
     handles = []
-    for stable, label in words.items():
+    for stable, label in _WORDS.items():
         if stable in set(points["stable"].astype(bool)):
-            look: dict[str, Any] = (
-                {"ls": "-", "mfc": _COLOUR[True]} if stable else {"ls": "--", "mfc": "white"}
-            )
-            look |= {"color": _COLOUR[stable], "marker": "o", "ms": 4.5, "lw": 1.2}
+            look: dict[str, Any] = {"color": _COLOUR[stable], "marker": "o", "ms": 4.5, "lw": 1.2}
+            look |= {"ls": "-" if stable else "--", "mfc": _COLOUR[stable] if stable else "white"}
             handles.append(Line2D([], [], label=label, **look))
     if without:
         handles.append(Line2D([], [], ls="", marker="|", color="#555555", ms=7, label="none found"))

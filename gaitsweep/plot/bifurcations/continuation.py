@@ -68,22 +68,27 @@ def continuation(
         if not len(table):
             theme.message(axes, "No row has a fixed point on a branch.")
             return figure
-        colours, origin = _colours(table, hue), origin_of(table, name, table[name].to_numpy(float))
+        colours = _colours(table, hue)
+        origin = origin_of(table, name, table[name].to_numpy(float))
         for number, (low, high) in enumerate(intervals.values()):
             axes.axvspan(low, high, zorder=0, **style_of_range(number))
         for _, branch in table.groupby(of_branch, sort=True):
             draw_branch(axes, branch, x, name, colours.get(branch["row"].iloc[0]), origin=origin)
         theme.value_axis(axes, angle=origin is not None)
-        handles = key(table, intervals, coloured=hue is not None)
+        gaits: list[Line2D] = []
         if hue is not None and _numbers(table, hue):
             shades = ScalarMappable(_span(table, hue), "viridis")
             figure.colorbar(shades, ax=axes, label=described(table, hue), shrink=0.85)
         elif hue is not None:
-            named = theme.colours(theme.ordered(dict.fromkeys(_names(table, hue).values())))
-            gaits = [Line2D([], [], color=named[gait], lw=1.4, label=theme.named(gait)) for gait in named]
-            handles = gaits + handles
-        theme.legend(figure, handles, ncols=2)
+            gaits = _gait_key(table, hue)
+        theme.legend(figure, [*gaits, *key(table, intervals, coloured=hue is not None)], ncols=2)
     return figure
+
+
+def _gait_key(table: pd.DataFrame, hue: str) -> list[Line2D]:
+    """The legend of the gaits of branches."""
+    colours = theme.colours(theme.ordered(dict.fromkeys(_names(table, hue).values())))
+    return [Line2D([], [], color=colour, lw=1.4, label=theme.named(gait)) for gait, colour in colours.items()]
 
 
 def _numbers(table: pd.DataFrame, hue: str) -> bool:
@@ -92,7 +97,7 @@ def _numbers(table: pd.DataFrame, hue: str) -> bool:
 
 
 def _names(table: pd.DataFrame, hue: str) -> dict[Any, str]:
-    """The most frequent value of each row."""
+    """The most frequent value of `hue` among the records of each row."""
     return {row: str(branch[hue].astype(str).mode().iloc[0]) for row, branch in table.groupby("row")}
 
 
@@ -109,7 +114,8 @@ def _colours(table: pd.DataFrame, hue: str | None) -> dict[Any, Any]:
         return {}
     if not _numbers(table, hue):
         names = _names(table, hue)
-        named = theme.colours(list(dict.fromkeys(names.values())))
-        return {row: named[name] for row, name in names.items()}
-    shades, span = mpl.colormaps["viridis"], _span(table, hue)
+        colours = theme.colours(list(dict.fromkeys(names.values())))
+        return {row: colours[name] for row, name in names.items()}
+    shades = mpl.colormaps["viridis"]
+    span = _span(table, hue)
     return {row: shades(span(float(branch[hue].iloc[0]))) for row, branch in table.groupby("row")}

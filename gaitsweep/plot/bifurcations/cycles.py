@@ -18,7 +18,8 @@ from gaitsweep.plot.columns import column, described, is_angle, log_axes, symbol
 from gaitsweep.plot.kind import figure_kind
 from gaitsweep.status import Status
 
-_NAMED_LINES = 8
+_NAMED_LINES = 8  # more lines have no legend
+_COLOURS = 6  # of the spare ones; the others are too pale or too dark for lines
 _DASHES: tuple[Any, ...] = ("-", (0, (4, 1.5)), (0, (1, 1)), (0, (5, 1, 1, 1)))
 
 
@@ -75,18 +76,20 @@ def _rows(table: pd.DataFrame) -> list[tuple[object, pd.DataFrame]]:
 
 def _looks(values: Sequence[Any]) -> dict[Any, dict[str, Any]]:
     """A colour for each value, that of a gait or one of a palette, and dashes if the values are few."""
-    palette = theme.SPARE_COLOURS[:6]
-    named = theme.colours(map(str, values)) if all(isinstance(value, str) for value in values) else {}
+    of_gaits = theme.colours(map(str, values)) if all(isinstance(value, str) for value in values) else {}
+    palette = theme.SPARE_COLOURS[:_COLOURS]
     looks: dict[Any, dict[str, Any]] = {}
     for number, value in enumerate(values):
         dashes = _DASHES[number % len(_DASHES)] if len(values) <= _NAMED_LINES else "-"
-        looks[value] = {"color": named.get(value, palette[number % len(palette)]), "ls": dashes, "lw": 1.0}
+        colour = of_gaits.get(value, palette[number % len(palette)])
+        looks[value] = {"color": colour, "ls": dashes, "lw": 1.0}
     return looks
 
 
 def _line(axes: Axes, part: pd.DataFrame, x: str, name: str, look: dict[str, Any], angle: bool) -> None:
-    """One row's line, and a cross where the row failed."""
-    across, up, colour = part[x].to_numpy(float), part[name].to_numpy(float), look["color"]
+    """Draw one row's line, and a cross where the row failed."""
+    across, up = part[x].to_numpy(float), part[name].to_numpy(float)
+    colour = look["color"]
     parted = np.zeros(max(len(up) - 1, 0), bool)
     if "crossing" in part.columns:
         parted |= np.diff(part["crossing"].to_numpy(int)) > 1  # crossings that the table lacks
@@ -106,7 +109,7 @@ def _line(axes: Axes, part: pd.DataFrame, x: str, name: str, look: dict[str, Any
 def _labels(
     table: pd.DataFrame, lines: Sequence[pd.DataFrame], names: Sequence[str], hue: str
 ) -> tuple[dict[object, str], str]:
-    """The name and meaning of each line: its start if the table has it, else its hue."""
+    """The name of each line, its start if the table has it, else its hue, and the legend's title."""
     starts = [name[:-2] for name in names if name.endswith("_n") and name[:-2] in table.columns]
     if hue != "row" or len(starts) < len(names):
         return {part[hue].iloc[0]: str(part[hue].iloc[0]) for part in lines}, symbol(table, hue)

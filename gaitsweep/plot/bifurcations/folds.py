@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
-from jaxtyping import Bool
+from jaxtyping import Bool, Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -16,12 +16,31 @@ from matplotlib.patches import Patch
 
 from gaitsweep.plot import theme
 from gaitsweep.plot.arguments import GaitColumn, Title
-from gaitsweep.plot.bifurcations.branch_lines import stretches
+from gaitsweep.plot.bifurcations.branch_lines import Piece, stretches
 from gaitsweep.plot.columns import PlotError, described, require_columns, rows_where
 from gaitsweep.plot.kind import figure_kind
 
 _TOGETHER = "#BFE6DA"  # a light tint of the colour of two gaits in a gait map
 _MARKS = {"cusp": ("*", 9.0), "curve lost": ("x", 5.0)}
+_LOOKS: dict[Piece, dict[str, Any]] = {
+    "kink": {"ls": ":", "lw": 0.8},
+    "stable": {"ls": "-", "lw": 1.4},
+    "unstable": {"ls": (0, (4, 2)), "lw": 1.4},
+}
+
+
+class _Boundary(NamedTuple):
+    """A part of a curve at which a stable gait is lost, along which the second parameter rises.
+
+    `at` and `up` (n,) are values of both parameters; the gait exists where the first parameter is larger than
+    `at` (`side` 1), or smaller (`side` -1).
+    """
+
+    row: Any
+    gait: str
+    side: int
+    at: Float[np.ndarray, " points"]
+    up: Float[np.ndarray, " points"]
 
 
 @figure_kind("folds")
@@ -61,21 +80,22 @@ def folds(
             theme.message(axes, "No curve of folds was found: see column end of the table.")
             return figure
         colour = theme.colours(list(dict.fromkeys(table["gait"])))
-        pieces = [piece for row, curve in table.groupby("row") for piece in _pieces(row, curve, x, y)]
-        together = _fill(axes, pieces)
-        for _, curve in table.groupby("row"):
+        curves = table.groupby("row")
+        boundaries = [part for row, curve in curves for part in _boundaries(row, curve, x, y)]
+        pairs = _fill(axes, boundaries)
+        for _, curve in curves:
             _draw(axes, curve, x, y, colour)
-        theme.legend(figure, _key(table, colour, together), ncols=2)
+        theme.legend(figure, _key(table, colour, pairs), ncols=2)
     return figure
 
 
-def _looks(curve: pd.DataFrame) -> Iterator[str]:
-    """The look of each segment of a curve: "kink", "stable" or "unstable"."""
+def _pieces(curve: pd.DataFrame) -> Iterator[Piece]:
+    """The pieces between the points of a curve: folds of stable or unstable gaits, or a kink of the map."""
     point, special = curve["point"].to_numpy(int), curve["special"].to_numpy(str)
     unstable = curve["unstable"].to_numpy(int)
     for k in range(len(curve) - 1):
-        far = k if point[k] < 0 else k + 1  # a kink is marked behind the leap, seen from point 0
-        if special[far] == "kink":
+        far_end = k if point[k] < 0 else k + 1  # a kink is marked behind the leap, seen from point 0
+        if special[far_end] == "kink":
             yield "kink"
         else:
             yield "unstable" if unstable[k] and unstable[k + 1] else "stable"
@@ -84,21 +104,17 @@ def _looks(curve: pd.DataFrame) -> Iterator[str]:
 def _draw(axes: Axes, curve: pd.DataFrame, x: str, y: str, colour: dict[str, str]) -> None:
     """Draw a curve in the colours of the gaits that are lost, and its marks."""
     at, up = curve[x].to_numpy(float), curve[y].to_numpy(float)
-    looks: dict[str, dict[str, Any]] = {
-        "kink": {"ls": ":", "lw": 0.8},
-        "stable": {"ls": "-", "lw": 1.4},
-        "unstable": {"ls": (0, (4, 2)), "lw": 1.4},
-    }
-    for (look, name), part in stretches(zip(_looks(curve), _gaits(curve), strict=True)):
-        axes.plot(at[part], up[part], color=colour[name], zorder=2, **looks[look])
+    for (piece, gait), part in stretches(zip(_pieces(curve), _gaits(curve), strict=True)):
+        axes.plot(at[part], up[part], color=colour[gait], zorder=2, **_LOOKS[piece])
     for mark, marked in _marked(curve).items():
         symbol, size = _MARKS[mark]
         axes.plot(at[marked], up[marked], symbol, ms=size, color="black", zorder=3)
 
 
 def _gaits(curve: pd.DataFrame) -> list[str]:
-    """The gait of each segment of a curve, from its first point, or its second if the first is a cusp."""
-    gait, cusp = curve["gait"].tolist(), _marked(curve)["cusp"]
+    """The gait of each piece of a curve, from its first point, or its second if the first is a cusp."""
+    gait = curve["gait"].tolist()
+    cusp = _marked(curve)["cusp"]
     return [gait[k + 1] if cusp[k] else gait[k] for k in range(len(curve) - 1)]
 
 
@@ -110,55 +126,54 @@ def _marked(curve: pd.DataFrame) -> dict[str, Bool[np.ndarray, " points"]]:
     }
 
 
-def _pieces(row: Any, curve: pd.DataFrame, x: str, y: str) -> Iterator[dict[str, Any]]:
+def _boundaries(row: Any, curve: pd.DataFrame, x: str, y: str) -> Iterator[_Boundary]:
     """The parts of a curve where a stable gait is lost on one side, and the second parameter is monotone."""
     at, up = curve[x].to_numpy(float), curve[y].to_numpy(float)
-    side, cusp, gait = curve["side"].to_numpy(int), _marked(curve)["cusp"], _gaits(curve)
-    segments = [
-        (int(side[k + 1] if cusp[k] else side[k]), gait[k], bool(up[k + 1] > up[k]), look != "unstable")
-        for k, look in enumerate(_looks(curve))
-    ]
-    for (sign, name, _, stable), part in stretches(segments):
-        order = np.argsort(up[part])
+    side = curve["side"].to_numpy(int)
+    side_of_piece = np.where(_marked(curve)["cusp"][:-1], side[1:], side[:-1]).tolist()
+    rises = (np.diff(up) > 0.0).tolist()
+    is_stable = [piece != "unstable" for piece in _pieces(curve)]
+    of_pieces = zip(side_of_piece, _gaits(curve), rises, is_stable, strict=True)
+    for (sign, gait, _, stable), part in stretches(of_pieces):
         if stable:
-            yield {"row": row, "gait": name, "side": sign,
-                   "at": at[part][order], "up": up[part][order]}  # fmt: skip
+            order = np.argsort(up[part])
+            yield _Boundary(row, gait, sign, at[part][order], up[part][order])
 
 
-def _fill(axes: Axes, pieces: list[dict[str, Any]]) -> set[str]:
-    """Fill the areas in which two gaits exist; returns the names of these pairs."""
+def _fill(axes: Axes, boundaries: list[_Boundary]) -> set[str]:
+    """Fill the areas in which two gaits exist; returns the names of these pairs, "" for sides of a cusp."""
     pairs = set()
-    for above, below in itertools.product(pieces, pieces):
-        other = above["gait"] != below["gait"]
-        if (above["side"], below["side"]) != (1, -1) or not (other or above["row"] == below["row"]):
+    for left, right in itertools.product(boundaries, boundaries):
+        two_gaits = left.gait != right.gait
+        if (left.side, right.side) != (1, -1) or not (two_gaits or left.row == right.row):
             continue
-        low = max(above["up"][0], below["up"][0])
-        high = min(above["up"][-1], below["up"][-1])
+        low = max(left.up[0], right.up[0])
+        high = min(left.up[-1], right.up[-1])
         if low >= high:
             continue
-        up = np.unique(np.clip(np.concatenate([above["up"], below["up"]]), low, high))
-        left, right = (np.interp(up, piece["up"], piece["at"]) for piece in (above, below))
-        if np.any(left < right):
-            axes.fill_betweenx(up, left, right, where=left < right, color=_TOGETHER, lw=0, zorder=0)
-            pairs.add(" and ".join(sorted({above["gait"], below["gait"]})) if other else "")
+        up = np.unique(np.clip(np.concatenate([left.up, right.up]), low, high))
+        begin, end = (np.interp(up, boundary.up, boundary.at) for boundary in (left, right))
+        if np.any(begin < end):
+            axes.fill_betweenx(up, begin, end, where=begin < end, color=_TOGETHER, lw=0, zorder=0)
+            pairs.add(" and ".join(sorted({left.gait, right.gait})) if two_gaits else "")
     return pairs
 
 
-def _key(table: pd.DataFrame, colour: dict[str, str], together: set[str]) -> list[Line2D | Patch]:
-    """The legend: gaits by colour, areas of two gaits `together`, and the lines and marks that occur."""
+def _key(table: pd.DataFrame, colour: dict[str, str], pairs: set[str]) -> list[Line2D | Patch]:
+    """The legend: gaits by colour, areas of pairs of gaits, and the lines and marks that occur."""
     handles: list[Line2D | Patch] = [
         Line2D([], [], color=tint, lw=1.4, label=f"{theme.named(gait)} lost by a fold")
         for gait, tint in colour.items()
     ]
-    if together:
-        named = ", ".join(sorted(together - {""}))
-        label = f"two gaits: {named}" if named else "two gaits"
+    if pairs:
+        names = ", ".join(sorted(pairs - {""}))
+        label = f"two gaits: {names}" if names else "two gaits"
         handles.append(Patch(facecolor=_TOGETHER, label=label))
-    looks = {look for _, curve in table.groupby("row") for look in _looks(curve)}
-    if "unstable" in looks:
-        handles.append(Line2D([], [], color="black", ls=(0, (4, 2)), lw=1.4, label="of an unstable gait"))
-    if "kink" in looks:
-        handles.append(Line2D([], [], color="black", ls=":", lw=0.8, label="the map bends or jumps"))
+    occurring = {piece for _, curve in table.groupby("row") for piece in _pieces(curve)}
+    if "unstable" in occurring:
+        handles.append(Line2D([], [], color="black", label="of an unstable gait", **_LOOKS["unstable"]))
+    if "kink" in occurring:
+        handles.append(Line2D([], [], color="black", label="the map bends or jumps", **_LOOKS["kink"]))
     handles += [
         Line2D([], [], ls="", marker=symbol, color="black", ms=0.7 * size, label=mark)
         for mark, (symbol, size) in _MARKS.items()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Annotated, Any
 
 import numpy as np
@@ -32,7 +33,8 @@ from gaitsweep.plot.columns import (
 from gaitsweep.plot.kind import figure_kind
 from gaitsweep.status import Outcome
 
-_OPEN = "#777777"
+_OPEN = "#777777"  # of outcomes that are no gait
+_Looks = tuple[dict[str, str], dict[str, str]]  # colours and markers of gaits
 
 
 @figure_kind("settle")
@@ -68,61 +70,65 @@ def gait_transitions(
         if not len(table):
             theme.message(axes, "no rows yet")
             return figure
-        place = table[name].to_numpy(float)
-        place = unwrap_from(place, origin_of(table, name, place))
-        shown = outcome(table, hue)
-        names = theme.ordered(in_order(table, hue, shown))
-        colour = theme.colours([gait for gait in names if gait not in (Outcome.NOT_SETTLED, Outcome.FAILED)])
-        marker = theme.markers(colour)
-        handles = _points(axes, table[x].to_numpy(float), place, shown.to_numpy(), names, (colour, marker))
+        values = table[name].to_numpy(float)
+        values = unwrap_from(values, origin_of(table, name, values))
+        outcomes = outcome(table, hue)
+        names = theme.ordered(in_order(table, hue, outcomes))
+        colours = theme.colours([gait for gait in names if gait not in (Outcome.NOT_SETTLED, Outcome.FAILED)])
+        looks = colours, theme.markers(colours)
+        handles = _draw_rows(axes, table[x].to_numpy(float), values, outcomes.to_numpy(), names, looks)
         labels = [theme.named(name) for name in names]
-        if not np.isfinite(place[(shown != Outcome.FAILED).to_numpy()]).any():
+        if not np.isfinite(values[(outcomes != Outcome.FAILED).to_numpy()]).any():
             theme.message(axes, f"No row that did not fail has a value of {symbol(table, name)}.")
         lost = transition_points_by_gait(table, x, start, hue)
-        lost = lost.loc[lost["gait"].isin(list(colour)).to_numpy()]
-        for edge in lost.to_dict("records"):
-            tint = colour[str(edge["gait"])]
-            axes.axvspan(edge["low"], edge["high"], color=tint, alpha=0.3, lw=0)
-            middle = 0.5 * (edge["low"] + edge["high"])
-            axes.axvline(middle, color=tint, lw=0.8, ls=":")
-            # the marker of the gait, which is told apart in grey
-            look: dict[str, Any] = {"marker": marker[str(edge["gait"])], "mfc": tint, "color": "#333333"}
-            look["ls"] = ""
-            axes.plot([middle], [0.96], transform=axes.get_xaxis_transform(), ms=5.0, **look)
-            handles.append((Patch(facecolor=tint, alpha=0.3), Line2D([], [], ms=4.0, **look)))
+        for edge in rows_where(lost, lost["gait"].isin(list(colours))).to_dict("records"):
+            handles.append(_draw_edge(axes, edge, looks))
             labels.append(_words(table, x, edge))
         theme.value_axis(axes, angle=is_angle(table, name))
         theme.legend(figure, handles, labels, ncols=2)
     return figure
 
 
-def _points(
+def _draw_edge(axes: Axes, edge: Mapping[Any, Any], looks: _Looks) -> tuple[Patch, Line2D]:
+    """Draw the interval in which a gait is lost; returns its handle in the legend."""
+    colours, markers = looks
+    gait = str(edge["gait"])
+    axes.axvspan(edge["low"], edge["high"], color=colours[gait], alpha=0.3, lw=0)
+    middle = 0.5 * (edge["low"] + edge["high"])
+    axes.axvline(middle, color=colours[gait], lw=0.8, ls=":")
+    # by the marker of the gait grey print tells the intervals apart
+    look: dict[str, Any] = {"marker": markers[gait], "mfc": colours[gait], "color": "#333333", "ls": ""}
+    axes.plot([middle], [0.96], transform=axes.get_xaxis_transform(), ms=5.0, **look)
+    return Patch(facecolor=colours[gait], alpha=0.3), Line2D([], [], ms=4.0, **look)
+
+
+def _draw_rows(
     axes: Axes,
     at: Float[np.ndarray, " rows"],
-    place: Float[np.ndarray, " rows"],
-    shown: Shaped[np.ndarray, " rows"],
+    values: Float[np.ndarray, " rows"],
+    outcomes: Shaped[np.ndarray, " rows"],
     names: list[str],
-    looks: tuple[dict[str, str], dict[str, str]],
+    looks: _Looks,
 ) -> list[Any]:
-    """Draw the rows; returns their handles in the legend."""
+    """Draw the rows as points; returns the handle of each outcome in the legend."""
     handles: list[Any] = []
-    colour, markers = looks
+    colours, markers = looks
     for name in names:
-        rows = shown == name
+        rows = outcomes == name
         look: dict[str, Any] = {"ls": "", "ms": 3.5}
         if name == Outcome.FAILED:
             look |= {"marker": "x", "color": "black", "clip_on": False}
             axes.plot(at[rows], np.zeros(rows.sum()), transform=axes.get_xaxis_transform(), **look)
         else:
-            tint = colour.get(name, _OPEN)
-            face = "white" if name == Outcome.NOT_SETTLED else tint
-            look |= {"marker": markers.get(name, "o"), "color": tint, "mfc": face}
-            axes.plot(at[rows], place[rows], **look)
+            colour = colours.get(name, _OPEN)
+            face = "white" if name == Outcome.NOT_SETTLED else colour
+            look |= {"marker": markers.get(name, "o"), "color": colour, "mfc": face}
+            axes.plot(at[rows], values[rows], **look)
         handles.append(Line2D([], [], **look))
     return handles
 
 
-def _words(table: pd.DataFrame, x: str, edge: dict[Any, Any]) -> str:
+def _words(table: pd.DataFrame, x: str, edge: Mapping[Any, Any]) -> str:
     """Name the gait that is lost, the direction of the parameter, and the interval."""
     verb = "rises" if edge["direction"] == "rising" else "falls"
     interval = f"{edge['low']:.6g} to {edge['high']:.6g} {unit_of(table, x)}".rstrip()

@@ -16,19 +16,19 @@ from matplotlib.patches import Patch
 from matplotlib.transforms import ScaledTranslation
 
 from gaitsweep.analysis.records import sound
-from gaitsweep.analysis.transitions.hysteresis import LEAST, jump_intervals, largest_jumps
-from gaitsweep.angles import unwrap_from
+from gaitsweep.analysis.transitions.hysteresis import LEAST
 from gaitsweep.plot import theme
 from gaitsweep.plot.arguments import Observable, Observed, Panels, TableOrName, Title
 from gaitsweep.plot.bifurcations.branch_names import name_branches, named_gaits
 from gaitsweep.plot.bifurcations.hysteresis_panels import (
+    Columns,
     Panel,
     irregular_parted,
     panels_of,
     panels_of_second,
     while_moving,
 )
-from gaitsweep.plot.bifurcations.passes import DOWN, LINES, MARKER, UP, draw_arrows, draw_row
+from gaitsweep.plot.bifurcations.passes import DOWN, LINES, MARKER, UP, draw_passes, draw_strip
 from gaitsweep.plot.columns import (
     PlotError,
     column,
@@ -38,21 +38,15 @@ from gaitsweep.plot.columns import (
     require_columns,
     rows_where,
     symbol,
-    unit_of,
     written,
 )
 from gaitsweep.plot.figure_style import current
-from gaitsweep.plot.kind import figure_kind
-from gaitsweep.plot.planned_table import PlannedTable, Refusal
+from gaitsweep.plot.kind import PlannedTable, Refusal, figure_kind
 from gaitsweep.schema.numbers import Positive, Real, Text
 
 _PANELS_A_ROW = 3
 _MOST_PANELS = 12
 _LETTER = 0.035  # inches; width of a letter of a name at the right side
-_MOST_NAMED = 5  # jumps of one direction in the legend
-_FAINT = 4  # with more rows each is drawn fainter
-# the colour of the intervals in which rows jump, and the ends of their bars as shares of the panel's height
-_JUMPS = {"rising": (UP, 0.97, 1.0), "falling": (DOWN, 0.0, 0.03)}
 
 
 def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
@@ -116,55 +110,91 @@ def hysteresis(
         *panels_of_second(table, with_table, panels),
     ]
     shown, title = theme.first_of(shown, _MOST_PANELS, title)
-    tables = [panel.table for panel in shown if panel.table is not None]
-    for of_panel in tables:
-        _require(of_panel, parameter, [y] if x is None else [y, x])
+    for panel in shown:
+        if panel.table is not None:
+            _require(panel.table, parameter, [y] if x is None else [y, x])
     name = column(table, y, ("_n", ""))
     if x is not None:
         shown = [panel._replace(table=while_moving(panel.table, parameter)) for panel in shown]
-        tables = [panel.table for panel in shown if panel.table is not None]
         parameter = column(table, x, ("_n", ""))
-    down, across = theme.shape(len(shown), theme.PAGE, 2.0, _PANELS_A_ROW)
-    width = theme.PAGE if len(shown) > 1 else theme.COLUMN + 1.2
-    angles = [of_panel[name].to_numpy(float) for of_panel in tables if name in of_panel.columns]
-    origin = origin_of(table, name, np.concatenate(angles))
     if title == "" and len(shown) == 1:
         shown = [shown[0]._replace(heading="")]
+    columns = Columns(table, name, parameter, _origin(table, name, shown))
     parted = [irregular_parted(panel.table, name, parameter, least or LEAST) for panel in shown]
     strips = any(len(irregular) for _, irregular in parted)
+    down, across = theme.shape(len(shown), theme.PAGE, 2.0, _PANELS_A_ROW)
+    width = theme.PAGE if len(shown) > 1 else theme.COLUMN + 1.2
+    room = theme.width_of(width) / across - 0.8
     with theme.canvas(width, (3.5 if strips else 2.5) * down + 1.0, title) as figure:
         grid, below = _panels(figure, len(shown), down, across, strips=strips)
-        broken: list[int] = []
-        for number, (axes, strip, panel) in enumerate(zip(grid, below, shown, strict=True)):
-            branches, irregular = parted[number]
-            handles = _draw(axes, panel, branches, name, parameter, least, origin)
+        jumps = []
+        for number, (panel, (branches, irregular)) in enumerate(zip(shown, parted, strict=True)):
+            jumps.append(draw_passes(grid[number], panel, branches, columns, least))
             if strips:
-                _strip(strip, irregular, panel.table, name, parameter, origin)
+                draw_strip(below[number], irregular, panel.table, columns)
             last = number % across == across - 1 or number == len(shown) - 1
-            _mark(axes, strip if strips else None, ticks, origin, named=last)
-            if number % across == 0:
-                axes.set_ylabel(described(table, name, 30))
-            else:
-                axes.tick_params(labelleft=False)
-                strip.tick_params(labelleft=False)
-            room = theme.width_of(width) / across - 0.8
-            if number + across >= len(shown):
-                beside = _LETTER * max(map(len, ticks), default=0) if last else 0.0
-                _name_parameter(strip, table, parameter, room - beside)
-            broken.append(_below(strip, handles, room + 0.4))
-        theme.grow(figure, 0.12 * max(broken))
+            strip = below[number] if strips else None
+            _mark(grid[number], strip, ticks, columns.origin, named=last)
+        broken = _label(grid, below, columns, across, ticks, jumps, room)
+        theme.grow(figure, 0.12 * broken)
         for axes in {grid[0], below[0]}:
-            theme.value_axis(axes, angle=origin is not None)
-        drawn = {str(line.get_color()) for axes in (*grid, *below) for line in axes.lines}
-        key = _key(shown, table, parameter, drawn)
-        of_branches = [branches for branches, _ in parted]
-        key += _name_gaits(grid, of_branches, name, parameter, origin, [*ticks])
+            theme.value_axis(axes, angle=columns.origin is not None)
+        colours = {str(line.get_color()) for axes in (*grid, *below) for line in axes.lines}
+        key = _key(shown, columns, colours)
+        key += _name_gaits(grid, [branches for branches, _ in parted], columns, [*ticks])
         theme.legend(figure, key, ncols=3)
     return figure
 
 
+def _origin(table: pd.DataFrame, name: str, shown: Sequence[Panel]) -> float | None:
+    """The angle (rad) at which the values of all panels are cut; None if they are no angles."""
+    tables = [panel.table for panel in shown if panel.table is not None and name in panel.table.columns]
+    return origin_of(table, name, np.concatenate([of_panel[name].to_numpy(float) for of_panel in tables]))
+
+
+def _label(
+    grid: Sequence[Axes],
+    below: Sequence[Axes],
+    columns: Columns,
+    across: int,
+    ticks: Mapping[str, float],
+    jumps: Sequence[list[Patch]],
+    room: float,
+) -> int:
+    """Label the outer axes, and write the jumps of each panel below it.
+
+    Args:
+        grid, below: the panels and the lowest of each, as from `_panels`.
+        columns: the columns along the axes.
+        across: panels in a row.
+        ticks: marked values of y, which the last panel of a row names at its right side.
+        jumps: the jumps of each panel.
+        room: width of a panel, inches.
+
+    Returns:
+        The largest number of broken lines below a panel.
+    """
+    broken = []
+    for number, (axes, lowest) in enumerate(zip(grid, below, strict=True)):
+        if number % across == 0:
+            axes.set_ylabel(described(columns.table, columns.name, 30))
+        else:
+            axes.tick_params(labelleft=False)
+            lowest.tick_params(labelleft=False)
+        if number + across >= len(grid):
+            last = number % across == across - 1 or number == len(grid) - 1
+            of_ticks = _LETTER * max(map(len, ticks), default=0) if last else 0.0
+            _name_parameter(lowest, columns.table, columns.x, room - of_ticks)
+        broken.append(_below(lowest, jumps[number], room + 0.4))
+    return max(broken)
+
+
 def _require(table: pd.DataFrame, parameter: str, observables: Sequence[str]) -> None:
-    """Refuse a panel's table that lacks a column."""
+    """Refuse a panel's table that lacks a column.
+
+    Raises:
+        PlotError: as for `require_columns`.
+    """
     require_columns(table, parameter, "pass", "row")
     for observable in observables:
         column(table, observable, ("_n", ""))
@@ -172,8 +202,8 @@ def _require(table: pd.DataFrame, parameter: str, observables: Sequence[str]) ->
 
 def _name_parameter(axes: Axes, table: pd.DataFrame, parameter: str, room: float) -> None:
     """Label the horizontal axis of a lowest panel, in `room` inches."""
-    along = described(table, parameter, 66, named=True)  # as the legend does
-    axes.set_xlabel(theme.wrapped(along, room, 8.5))
+    label = described(table, parameter, 66, named=True)  # as the legend does
+    axes.set_xlabel(theme.wrapped(label, room, 8.5))
     axes.tick_params(labelbottom=True)
 
 
@@ -181,9 +211,10 @@ def _panels(
     figure: Figure, count: int, down: int, across: int, *, strips: bool
 ) -> tuple[Sequence[Axes], Sequence[Axes]]:
     """The panels, and the lowest one of each: the strip below it, or itself."""
-    shape: dict[str, Any] = {"height_ratios": [2.5, 1.0] * down if strips else [1.0] * down}
-    cells = figure.subplots((1 + strips) * down, across, sharex=True, squeeze=False, **shape)
-    grid, below = cells[:: 1 + strips].ravel(), (cells[1::2] if strips else cells).ravel()
+    heights = [2.5, 1.0] * down if strips else [1.0] * down
+    cells = figure.subplots(len(heights), across, sharex=True, squeeze=False, height_ratios=heights)
+    grid = cells[::2].ravel() if strips else cells.ravel()
+    below = cells[1::2].ravel() if strips else grid
     for axes in {*grid[count:], *below[count:]}:
         axes.remove()
     for row_of_axes in (grid, below):
@@ -195,57 +226,33 @@ def _panels(
 def _name_gaits(
     grid: Sequence[Axes],
     tables: Sequence[pd.DataFrame | None],
-    name: str,
-    x: str,
-    origin: float | None,
+    columns: Columns,
     without: Sequence[str],
 ) -> list[Line2D]:
     """Name the gaits of tables beside their branches; returns the legend of those without room."""
-    laid_out, texts = False, []
-    for axes, table in zip(grid, tables, strict=True):
-        named = [] if table is None else named_gaits(table, without)
-        if table is None or not named:
-            continue
-        if not laid_out:
-            cast(Figure, axes.get_figure(root=True)).draw_without_rendering()
-            laid_out = True
-        part = rows_where(table, sound(table, name, x) & table["gait"].isin(named))
-        gaits, value = part["gait"].to_numpy(str), unwrap_from(part[name].to_numpy(float), origin)
-        for gait in name_branches(axes, part[x].to_numpy(float), value, gaits):
+    _, name, x, origin = columns
+    texts = []
+    with_names = [
+        (axes, table, named)
+        for axes, table in zip(grid, tables, strict=True)
+        if table is not None and (named := named_gaits(table, without))
+    ]
+    if with_names:  # room is looked for in the figure's layout
+        cast(Figure, grid[0].get_figure(root=True)).draw_without_rendering()
+    for axes, table, named in with_names:
+        records = rows_where(table, sound(table, name, x) & table["gait"].isin(named))
+        gaits = records["gait"].to_numpy(str)
+        value = unwrap_from(records[name].to_numpy(float), origin)
+        for gait in name_branches(axes, records[x].to_numpy(float), value, gaits):
             middle = written(table, name, float(np.median(value[gaits == gait])))
             texts.append(f"{theme.named(gait)} about {middle}")
     return [Line2D([], [], ls="", label=text) for text in dict.fromkeys(texts)]
 
 
-def _strip(
-    axes: Axes, irregular: pd.DataFrame, table: pd.DataFrame | None, name: str, x: str, origin: float | None
-) -> None:
-    """The records of irregular passes, as points."""
-    if table is None or not len(irregular):
-        theme.message(axes, "Each pass follows a branch.")
-        return
-    points = rows_where(irregular, sound(irregular, name, x))
-    size = float(np.clip(60.0 / np.sqrt(max(len(points), 1)), 0.8, 3.0))
-    for number, part in points.groupby("pass", sort=True):
-        value = unwrap_from(part[name].to_numpy(float), origin)
-        colour = _colour_of(part, x, int(str(number)))
-        axes.plot(part[x].to_numpy(float), value, ".", ms=size, color=colour, rasterized=True)
-    axes.margins(y=0.1)
-    rows = f"{irregular['row'].nunique()} of {table['row'].nunique()} rows"
-    axes.set_title(f"irregular, on no branch: {rows}", loc="left", fontsize=theme.points(7), pad=2.0)
-
-
-def _colour_of(part: pd.DataFrame, x: str, number: int) -> str:
-    """The colour of a pass, by whether x rises along most of its rows."""
-    first, last = (part.groupby("row")[x].nth(end).to_numpy(float) for end in (0, -1))
-    change = float(np.median(last - first))
-    return (UP if change > 0.0 else DOWN) if change else (UP, DOWN)[number % 2]
-
-
 def _mark(
     axes: Axes, strip: Axes | None, ticks: Mapping[str, float], origin: float | None, *, named: bool
 ) -> None:
-    """Thin lines at values of y, named at the right side; in the strip if they are nearer to its data."""
+    """Draw thin lines at values of y, named at the right side; in the strip if nearer to its data."""
     values = unwrap_from(np.array(list(ticks.values()), float), origin)
     names = np.array(list(ticks), object)
     below = np.zeros(len(values), bool)
@@ -272,65 +279,6 @@ def _distance(axes: Axes, values: Float[np.ndarray, " values"]) -> Float[np.ndar
     return np.maximum(np.maximum(low - values, values - high), 0.0)
 
 
-def _draw(
-    axes: Axes,
-    panel: Panel,
-    branches: pd.DataFrame | None,
-    name: str,
-    parameter: str,
-    least: float | None,
-    origin: float | None,
-) -> list[Patch]:
-    """One panel: each row's passes on branches, and bars at jumps; returns the jumps' legend."""
-    axes.set_title(panel.heading if panel.table is not None else "")
-    if panel.table is None or branches is None:
-        theme.message(axes, panel.note)
-        return []
-    order = "stair" if "stair" in panel.table.columns else "crossing"
-    # the last records before a fall are those of the whole row
-    table = rows_where(panel.table, sound(panel.table, name, parameter))
-    table = rows_where(table, table.index.isin(branches.index)).sort_values(["row", order], kind="stable")
-    if not len(table):
-        theme.message(axes, _why_empty(panel.table, name))
-        return []
-    rows = table["row"].unique()
-    alpha = 1.0 if len(rows) <= _FAINT else max(0.15, _FAINT / len(rows))
-    axes.margins(y=0.1)  # room for the arrows
-    size = least or LEAST
-    jumping = largest_jumps(panel.table, name, parameter, size)["row"]
-    with_arrows = jumping.mode().min() if len(jumping) else rows[0]  # the first row that jumps on each pass
-    for row, part in table.groupby("row", sort=True):
-        passes = draw_row(axes, part, name, parameter, origin, alpha, size)
-        if row == with_arrows:
-            draw_arrows(axes, passes, size)
-    return _bands(axes, jump_intervals(panel.table, name, parameter, least), table, parameter)
-
-
-def _why_empty(table: pd.DataFrame, name: str) -> str:
-    """The reason for a panel without a pass."""
-    if not len(table):
-        return "The run has stored no record yet."
-    if not np.isfinite(table[name].to_numpy(float)).any():
-        return f"No record has a value of {symbol(table, name)}."
-    return "No pass follows a branch: all rows fell, or jump to and fro."
-
-
-def _bands(axes: Axes, edges: pd.DataFrame, table: pd.DataFrame, parameter: str) -> list[Patch]:
-    """Draw bars at the intervals of the jumps, and a tint below the points; returns their legend."""
-    handles: dict[str, list[Patch]] = {}
-    for edge in edges.to_dict("records"):
-        colour, *ends = _JUMPS[edge["direction"]]
-        axes.axvspan(edge["low"], edge["high"], zorder=0, color=colour, alpha=0.1, lw=0)
-        axes.axvspan(edge["low"], edge["high"], *ends, color=colour, lw=0)
-        patch = Patch(label=_in_words(edge, table, parameter), color=colour, lw=0)
-        handles.setdefault(edge["direction"], []).append(patch)
-    for several in handles.values():
-        if len(several) > _MOST_NAMED:
-            rest = len(several) - _MOST_NAMED + 1
-            several[_MOST_NAMED - 1 :] = [Patch(label=f"and {rest} more", color=several[0].get_facecolor())]
-    return [patch for several in handles.values() for patch in several]
-
-
 def _below(axes: Axes, handles: list[Patch], room: float) -> int:
     """Write the jumps of a panel below its axis, in lines of `room` inches; returns those broken."""
     if not handles:
@@ -339,31 +287,24 @@ def _below(axes: Axes, handles: list[Patch], room: float) -> int:
         handle.set_label(theme.wrapped(str(handle.get_label()), room, 7.0))
     label = axes.get_xlabel()
     depth = 18.0 + 12.0 * (label.count("\n") + 1) if label else 4.0  # points
-    place = axes.transAxes + ScaledTranslation(0.0, -depth / 72, axes.figure.dpi_scale_trans)
+    below_axis = axes.transAxes + ScaledTranslation(0.0, -depth / 72, axes.figure.dpi_scale_trans)
     look: dict[str, Any] = {"title_fontsize": 7.0, "fontsize": theme.points(7), "borderaxespad": 0.0}
-    look |= {"loc": "upper center", "bbox_to_anchor": (0.5, 0.0), "bbox_transform": place}
-    look |= {"title": None if current().caption is False else "jumps at (bars at the edges)"}
+    look |= {"loc": "upper center", "bbox_to_anchor": (0.5, 0.0), "bbox_transform": below_axis}
+    look["title"] = None if current().caption is False else "jumps at (bars at the edges)"
     axes.legend(handles=handles, **look)
     return sum(str(handle.get_label()).count("\n") for handle in handles)
 
 
-def _in_words(edge: Mapping[Any, Any], table: pd.DataFrame, parameter: str) -> str:
-    """Format a transition point: `f rises: 2.86 to 2.9 Hz`."""
-    verb = "rises" if edge["direction"] == "rising" else "falls"
-    interval = f"{edge['low']:.4g} to {edge['high']:.4g} {unit_of(table, parameter)}".rstrip()
-    rows = "" if edge["of"] == 1 else f", {edge['rows']} of {edge['of']} rows"
-    return f"{symbol(table, parameter)} {verb}: {interval}{rows}".replace("-", "−")
-
-
-def _key(shown: list[Panel], table: pd.DataFrame, parameter: str, drawn: set[str]) -> list[Line2D]:
+def _key(shown: list[Panel], columns: Columns, colours: set[str]) -> list[Line2D]:
     """The legend of the colours and markers that are drawn."""
+    parameter = symbol(columns.table, columns.x)
     stairs = [panel.table for panel in shown if panel.table is not None and "stair" in panel.table.columns]
     handles = []
     for colour, marker, words in ((UP, "^", "rises →"), (DOWN, "v", "falls ←")):
-        if colour not in drawn:
+        if colour not in colours:
             continue
         look: dict[str, Any] = {"color": colour, "ls": LINES[colour], "marker": marker if stairs else ""}
-        handles.append(Line2D([], [], label=f"{symbol(table, parameter)} {words}", **MARKER, **look))
+        handles.append(Line2D([], [], label=f"{parameter} {words}", **MARKER, **look))
     if any("settled" in stair.columns and not stair["settled"].to_numpy(bool).all() for stair in stairs):
         look = {"ls": "", "marker": "^", "mfc": "white", "color": "#555555"}
         handles.append(Line2D([], [], label="hold not settled", **MARKER, **look))

@@ -18,9 +18,21 @@ class Panel(NamedTuple):
     """A panel of the figure: its heading, its table, and a note in place of a missing table."""
 
     heading: str
-    # None if the table does not exist yet; the heading names it, the note gives the reason
-    table: pd.DataFrame | None
+    table: pd.DataFrame | None  # None if the table does not exist yet; the heading names it
     note: str = ""
+
+
+class Columns(NamedTuple):
+    """The columns along the axes that all panels share.
+
+    `table` is the first table; `name` and `x` are along axis y and axis x; `origin` is the angle
+    (rad) at which axis y cuts the circle, None if it is no angle.
+    """
+
+    table: pd.DataFrame
+    name: str
+    x: str
+    origin: float | None
 
 
 def panels_of(table: pd.DataFrame, panels: str | None, *, beside: bool) -> list[Panel]:
@@ -30,21 +42,22 @@ def panels_of(table: pd.DataFrame, panels: str | None, *, beside: bool) -> list[
     pace = f", {_pace(table)}" if beside else ""
     column(table, panels)
     values = sorted(table[panels].dropna().unique())
-    parts = [
-        (written(table, panels, value) + pace, rows_where(table, table[panels] == value)) for value in values
+    several = [
+        Panel(written(table, panels, value) + pace, rows_where(table, table[panels] == value))
+        for value in values
     ]
-    return [Panel(heading, part) for heading, part in parts] or [Panel("", table)]
+    return several or [Panel("", table)]
 
 
 def panels_of_second(
     table: pd.DataFrame, other: str | pd.DataFrame | None, panels: str | None
 ) -> list[Panel]:
-    """The panels of a second table, or its path relative to `table`, with remarks in their headings."""
+    """The panels of a second table, or of its path relative to `table`, with remarks in their headings."""
     if other is None:
         return []
     if not isinstance(other, pd.DataFrame):
-        beside = Path(str(table.attrs.get("path", "."))).parent / other
-        path = next((path for path in (Path(other), beside) if path.is_dir()), beside)
+        beside_first = Path(str(table.attrs.get("path", "."))).parent / other
+        path = Path(other) if Path(other).is_dir() else beside_first
         try:
             other = load(path)
         except TableError:

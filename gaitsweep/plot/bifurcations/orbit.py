@@ -8,6 +8,7 @@ from typing import Annotated, Any
 
 import numpy as np
 import pandas as pd
+from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -16,21 +17,21 @@ from gaitsweep import near_miss
 from gaitsweep.plot import theme
 from gaitsweep.plot.arguments import TEXT_COLUMNS, AlongAxis, Observed, Title
 from gaitsweep.plot.columns import column, described, is_angle, log_axes, require_columns, rows_where
-from gaitsweep.plot.kind import figure_kind
-from gaitsweep.plot.planned_table import PlannedTable, Refusal
-from gaitsweep.status import RECURRENT, Status
+from gaitsweep.plot.kind import PlannedTable, Refusal, figure_kind
 
 _EXPONENT = "lyapunov_1"
-# Status: colour and words. Settled rows are darkest, so that the kinds differ in grey, too.
+# The colour and the words of each status. Settled rows are darkest, so that grey print tells them apart.
 _LOOKS = {
     Status.settled.name: ("#222222", "periodic"),
     "quasi_periodic": ("#0072B2", "quasi-periodic"),
     "chaotic": ("#E0862D", "chaotic"),
 }
 _ERRORS = 2.0  # standard errors of the exponent that are drawn
+_MANY = 200  # rows from which on points are smaller
 
 
 def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
+    """Refuse a parameter that does not vary between rows."""
     if figure.x not in table.varied and figure.x not in TEXT_COLUMNS:
         yield ("x",), f"is {figure.x}, which does not vary between rows. {near_miss.allowing(table.varied)}"
 
@@ -59,13 +60,16 @@ def orbit(
     require_columns(table, x, "status")
     exponents = _EXPONENT in table and bool(np.isfinite(table[_EXPONENT].to_numpy(float)).any())
     with theme.canvas(theme.COLUMN + 1.6, 4.6 if exponents else 3.4, title) as figure:
-        rows = figure.subplots(2 if exponents else 1, 1, sharex=True, squeeze=False,
-                               height_ratios=[2.2, 1.0] if exponents else [1.0])[:, 0]  # fmt: skip
-        above = rows[0]
-        rows[-1].set_xlabel(described(table, x))
+        heights = [2.2, 1.0] if exponents else [1.0]
+        panels = figure.subplots(len(heights), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0]
+        above = panels[0]
+        panels[-1].set_xlabel(described(table, x))
         log_axes(above, table, x=x)
         above.set_ylabel(described(table, name, 36))
-        present = [status for status in _LOOKS if _draw_crossings(above, table, x, name, status)]
+        statuses = set(table["status"].astype(str))
+        present = [status for status in _LOOKS if status in statuses]
+        for status in present:
+            _draw_crossings(above, table, x, name, status)
         if not present:
             theme.message(above, "no row reached an attractor" if len(table) else "no rows yet")
         theme.value_axis(above, angle=is_angle(table, name))
@@ -74,7 +78,7 @@ def orbit(
             look: dict[str, Any] = {"color": "#777777", "ms": 5, "clip_on": False}
             above.plot(without, 0.0 * without, "|", transform=above.get_xaxis_transform(), **look)
         if exponents:
-            _draw_exponent(rows[1], table, x)
+            _draw_exponent(panels[1], table, x)
         handles = [
             Line2D([], [], ls="", marker="o", ms=3.5, color=colour, label=words)
             for colour, words in (_LOOKS[status] for status in present)
@@ -85,38 +89,36 @@ def orbit(
     return figure
 
 
-def _draw_crossings(axes: Axes, table: pd.DataFrame, x: str, name: str, status: str) -> bool:
-    """Draw all crossings of the rows of a status; whether there are any."""
-    own = rows_where(table, table["status"].astype(str) == status)
-    if not len(own):
-        return False
-    others = itertools.takewhile(lambda other: other in own, (f"{name}_{k}" for k in itertools.count(2)))
-    values = own[[name, *others]].to_numpy(float)
-    at = np.broadcast_to(own[x].to_numpy(float)[:, None], values.shape)
-    size = 2.0 if len(own) < 200 else 0.8
+def _draw_crossings(axes: Axes, table: pd.DataFrame, x: str, name: str, status: str) -> None:
+    """Draw all crossings of the rows of a status."""
+    rows = rows_where(table, table["status"].astype(str) == status)
+    crossings = (f"{name}_{number}" for number in itertools.count(2))  # the first has no number
+    further = itertools.takewhile(rows.columns.__contains__, crossings)
+    values = rows[[name, *further]].to_numpy(float)
+    at = np.broadcast_to(rows[x].to_numpy(float)[:, None], values.shape)
+    size = 2.0 if len(rows) < _MANY else 0.8
     axes.plot(at.ravel(), values.ravel(), "o", ms=size, mew=0.0, color=_LOOKS[status][0], rasterized=True)
-    return True
 
 
 def _draw_exponent(axes: Axes, table: pd.DataFrame, x: str) -> None:
     """Draw the largest exponent over the parameter, with its error, and the line 0."""
     axes.axhline(0.0, color="#777777", lw=0.8, ls=":")
-    own = rows_where(table, np.isfinite(table[_EXPONENT].to_numpy(float))).sort_values(x, kind="stable")
-    at, value = own[x].to_numpy(float), own[_EXPONENT].to_numpy(float)
-    error = np.nan_to_num(own[f"{_EXPONENT}_error"].to_numpy(float)) * _ERRORS
+    rows = rows_where(table, np.isfinite(table[_EXPONENT].to_numpy(float))).sort_values(x, kind="stable")
+    at, value = rows[x].to_numpy(float), rows[_EXPONENT].to_numpy(float)
+    error = np.nan_to_num(rows[f"{_EXPONENT}_error"].to_numpy(float)) * _ERRORS
     axes.fill_between(at, value - error, value + error, color="#999999", alpha=0.4, lw=0.0)
     for status, (colour, _) in _LOOKS.items():
-        mask = own["status"].astype(str).to_numpy() == status
-        axes.plot(at[mask], value[mask], "o", ms=1.6, mew=0.0, color=colour)
+        of_status = rows["status"].astype(str).to_numpy() == status
+        axes.plot(at[of_status], value[of_status], "o", ms=1.6, mew=0.0, color=colour)
     axes.set_ylabel(described(table, _EXPONENT, 14))
     # of a strongly stable orbit the exponent has no lower bound
     least = min(-2.0 * np.max(value, initial=0.0), float(np.quantile(value, 0.02)))
     axes.set_ylim(bottom=least if least < 0.0 else None)
 
 
-def _without_attractor(table: pd.DataFrame, x: str) -> np.ndarray:
+def _without_attractor(table: pd.DataFrame, x: str) -> Float[np.ndarray, " values"]:
     """The parameter values at which no row reached an attractor."""
     reached = table["status"].astype(str).isin([Status.settled.name, *RECURRENT]).to_numpy()
     values = table[x].to_numpy(float)
-    tried = np.unique(values[np.isfinite(values)])
-    return tried[~np.isin(tried, values[reached])]
+    parameters = np.unique(values[np.isfinite(values)])
+    return parameters[~np.isin(parameters, values[reached])]

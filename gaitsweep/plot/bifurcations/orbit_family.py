@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import Annotated, Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from matplotlib.lines import Line2D
 
 from gaitsweep.plot import theme
 from gaitsweep.plot.arguments import Title
-from gaitsweep.plot.bifurcations.branch_lines import looks_of_pieces, stretches
+from gaitsweep.plot.bifurcations.branch_lines import pieces, stretches
 from gaitsweep.plot.columns import PlotError, described, moved_parameter, require_columns, rows_where
 from gaitsweep.plot.kind import figure_kind
 
@@ -48,21 +49,17 @@ def orbit_family(
     if not len(family):
         numbers = ", ".join(map(str, np.unique(branches["number"].to_numpy(int))))
         raise PlotError(f"branch is {branch}, but row {row} has the branches {numbers or '(none)'}.")
-    quantities = table.attrs.get("quantities", {})
-    names = {
-        str(name): str(quantities.get(name, {}).get("meaning", name)).removeprefix(_MEANING)
-        for name in family
-        if str(name).startswith("t_") and np.isfinite(family[name].to_numpy(float)).any()
-    }
+    names = _events(table, family)
     if not names:
         raise PlotError("The gaits of this branch have no events.")
     with theme.canvas(theme.COLUMN + 1.6, 4.4, title) as figure:
         above, below = figure.subplots(2, 1, sharex=True, height_ratios=[2.2, 1.0])
         duration = family["time"].to_numpy(float)
         colours = theme.colours(names.values())
-        for place, (column, name) in enumerate(names.items()):
+        lines = dict(zip(names.values(), itertools.cycle(_LINES)))
+        for column, name in names.items():
             share = family[column].to_numpy(float) / duration
-            _draw(above, family, x, share, colours[name], _LINES[place % len(_LINES)])
+            _draw(above, family, x, share, colours[name], lines[name])
         _draw(below, family, x, duration, "#333333", "-")
         for at in family.loc[family["special"] == "order_change", x]:
             for axes in (above, below):
@@ -72,8 +69,7 @@ def orbit_family(
         below.set_ylabel("duration (s)")
         below.set_xlabel(described(table, x))
         handles = [
-            Line2D([], [], color=colours[name], ls=_LINES[place % len(_LINES)], lw=1.8, label=name)
-            for place, name in enumerate(names.values())
+            Line2D([], [], color=colours[name], ls=line, lw=1.8, label=name) for name, line in lines.items()
         ]
         if not family["stable"].to_numpy(bool).all():
             handles.append(Line2D([], [], color="#333333", lw=0.8, label="thin: unstable"))
@@ -81,11 +77,21 @@ def orbit_family(
     return figure
 
 
+def _events(table: pd.DataFrame, family: pd.DataFrame) -> dict[str, str]:
+    """The columns of the times of events that occur along a branch, with the name of each event."""
+    quantities = table.attrs.get("quantities", {})
+    return {
+        str(name): str(quantities.get(name, {}).get("meaning", name)).removeprefix(_MEANING)
+        for name in family
+        if str(name).startswith("t_") and np.isfinite(family[name].to_numpy(float)).any()
+    }
+
+
 def _draw(
     axes: Axes, family: pd.DataFrame, x: str, values: Float[np.ndarray, " points"], colour: str, line: Any
 ) -> None:
     """Draw a number along the branch, thick where its gaits are stable."""
     at = family[x].to_numpy(float)
-    for look, part in stretches(looks_of_pieces(family)):
-        style = ":" if look == "kink" else line
-        axes.plot(at[part], values[part], color=colour, ls=style, lw=0.8 if look is False else 1.8)
+    for piece, part in stretches(pieces(family)):
+        style = ":" if piece == "kink" else line
+        axes.plot(at[part], values[part], color=colour, ls=style, lw=0.8 if piece == "unstable" else 1.8)

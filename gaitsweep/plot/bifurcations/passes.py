@@ -1,24 +1,34 @@
-"""The passes of one row: a parameter's way up and its way down, in their colours, with arrows."""
+"""The passes of a hysteresis panel: a parameter's rise and fall, with arrows and bars at jumps."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 from jaxtyping import Bool, Float
 from matplotlib.axes import Axes
-from matplotlib.patches import FancyArrowPatch
+from matplotlib.patches import FancyArrowPatch, Patch
 from matplotlib.transforms import ScaledTranslation
 
+from gaitsweep.analysis.circular import unwrap_from
+from gaitsweep.analysis.records import sound
+from gaitsweep.analysis.transitions.hysteresis import LEAST, jump_intervals, largest_jumps
 from gaitsweep.analysis.transitions.jumps import STEEPER, where_it_moves
 from gaitsweep.angles import unwrap_from
 from gaitsweep.plot import theme
+from gaitsweep.plot.bifurcations.hysteresis_panels import Columns, Panel
+from gaitsweep.plot.columns import rows_where, symbol, unit_of
 
 UP, DOWN = "#E69F00", "#0072B2"  # distinct for colour-blind readers, and in lightness
 LINES: dict[str, Any] = {UP: "-", DOWN: (0, (4, 2))}
-MARKER: dict[str, Any] = {"ms": 5.0, "mew": 0.9}  # points: whether it is hollow is seen at 85 mm
+MARKER: dict[str, Any] = {"ms": 5.0, "mew": 0.9}  # points: large enough to be seen as hollow in 85 mm
 _GRID = 201  # values of the parameter at which two passes are compared
+_MOST_NAMED = 5  # jumps of one direction in the legend
+_FAINT = 4  # rows: more are drawn fainter
+# The colour of the intervals in which rows jump, and the ends of their bars as shares of the panel's height.
+_JUMPS = {"rising": (UP, 0.97, 1.0), "falling": (DOWN, 0.0, 0.03)}
 
 
 class Pass(NamedTuple):
@@ -29,35 +39,154 @@ class Pass(NamedTuple):
     colour: str
 
 
-def draw_row(
+def draw_passes(
     axes: Axes,
-    part: pd.DataFrame,
+    panel: Panel,
+    branches: pd.DataFrame | None,
+    columns: Columns,
+    least: float | None,
+) -> list[Patch]:
+    """Draw a panel: each row's passes on branches, and bars at jumps.
+
+    Args:
+        axes: its axes.
+        panel: its heading and its table, or the reason why there is none.
+        branches: the records of the table that are on branches.
+        columns: the columns along the axes.
+        least: change of y that counts as a jump, in its unit; by default as for `jump_intervals`.
+
+    Returns:
+        The legend of the jumps.
+    """
+    _, name, parameter, origin = columns
+    axes.set_title(panel.heading if panel.table is not None else "")
+    if panel.table is None or branches is None:
+        theme.message(axes, panel.note)
+        return []
+    order = "stair" if "stair" in panel.table.columns else "crossing"
+    # the last records before a fall are those of the whole row
+    table = rows_where(panel.table, sound(panel.table, name, parameter))
+    table = rows_where(table, table.index.isin(branches.index)).sort_values(["row", order], kind="stable")
+    if not len(table):
+        theme.message(axes, _why_empty(panel.table, name))
+        return []
+    rows = table["row"].unique()
+    alpha = 1.0 if len(rows) <= _FAINT else max(0.15, _FAINT / len(rows))
+    axes.margins(y=0.1)  # room for the arrows
+    size = least or LEAST
+    jumping = largest_jumps(panel.table, name, parameter, size)["row"]
+    with_arrows = jumping.mode().min() if len(jumping) else rows[0]  # the first row that jumps on each pass
+    for row, records in table.groupby("row", sort=True):
+        passes = _draw_row(axes, records, name, parameter, origin, alpha, size)
+        if row == with_arrows:
+            _draw_arrows(axes, passes, size)
+    return _draw_jumps(axes, jump_intervals(panel.table, name, parameter, least), table, parameter)
+
+
+def _why_empty(table: pd.DataFrame, name: str) -> str:
+    """The reason for a panel without a pass."""
+    if not len(table):
+        return "The run has stored no record yet."
+    if not np.isfinite(table[name].to_numpy(float)).any():
+        return f"No record has a value of {symbol(table, name)}."
+    return "No pass follows a branch: all rows fell, or jump to and fro."
+
+
+def _draw_jumps(axes: Axes, edges: pd.DataFrame, table: pd.DataFrame, parameter: str) -> list[Patch]:
+    """Draw bars at the intervals of the jumps, and a tint below the points; returns their legend."""
+    handles: dict[str, list[Patch]] = {}
+    for edge in edges.to_dict("records"):
+        colour, *ends = _JUMPS[edge["direction"]]
+        axes.axvspan(edge["low"], edge["high"], zorder=0, color=colour, alpha=0.1, lw=0)
+        axes.axvspan(edge["low"], edge["high"], *ends, color=colour, lw=0)
+        patch = Patch(label=_jump_words(edge, table, parameter), color=colour, lw=0)
+        handles.setdefault(edge["direction"], []).append(patch)
+    legend: list[Patch] = []
+    for of_direction in handles.values():
+        unnamed = of_direction[_MOST_NAMED - 1 :]
+        if len(unnamed) > 1:
+            legend += of_direction[: _MOST_NAMED - 1]
+            legend.append(Patch(label=f"and {len(unnamed)} more", color=unnamed[0].get_facecolor()))
+        else:
+            legend += of_direction
+    return legend
+
+
+def _jump_words(edge: Mapping[Any, Any], table: pd.DataFrame, parameter: str) -> str:
+    """Format the interval of a jump: `f rises: 2.86 to 2.9 Hz`."""
+    verb = "rises" if edge["direction"] == "rising" else "falls"
+    interval = f"{edge['low']:.4g} to {edge['high']:.4g} {unit_of(table, parameter)}".rstrip()
+    rows = "" if edge["of"] == 1 else f", {edge['rows']} of {edge['of']} rows"
+    return f"{symbol(table, parameter)} {verb}: {interval}{rows}".replace("-", "−")
+
+
+def draw_strip(axes: Axes, irregular: pd.DataFrame, table: pd.DataFrame | None, columns: Columns) -> None:
+    """Draw the records of irregular passes as points."""
+    if table is None or not len(irregular):
+        theme.message(axes, "Each pass follows a branch.")
+        return
+    _, name, x, origin = columns
+    points = rows_where(irregular, sound(irregular, name, x))
+    size = float(np.clip(60.0 / np.sqrt(max(len(points), 1)), 0.8, 3.0))
+    for number, of_pass in points.groupby("pass", sort=True):
+        value = unwrap_from(of_pass[name].to_numpy(float), origin)
+        colour = _colour_of(of_pass, x, int(str(number)))
+        axes.plot(of_pass[x].to_numpy(float), value, ".", ms=size, color=colour, rasterized=True)
+    axes.margins(y=0.1)
+    rows = f"{irregular['row'].nunique()} of {table['row'].nunique()} rows"
+    axes.set_title(f"irregular, on no branch: {rows}", loc="left", fontsize=theme.points(7), pad=2.0)
+
+
+def _colour_of(records: pd.DataFrame, x: str, number: int) -> str:
+    """The colour of a pass, by whether x rises along most of its rows; else by its number."""
+    first, last = (records.groupby("row")[x].nth(end).to_numpy(float) for end in (0, -1))
+    change = float(np.median(last - first))
+    rises = change > 0.0 if change else number % 2 == 0
+    return UP if rises else DOWN
+
+
+def _draw_row(
+    axes: Axes,
+    records: pd.DataFrame,
     name: str,
     parameter: str,
     origin: float | None,
     alpha: float,
     least: float,
 ) -> list[Pass]:
-    """Draw one row: each pass as a line (of a ramp) or markers (of a staircase); returns its passes.
+    """Draw one row: each pass as a line (of a ramp) or markers (of a staircase).
 
-    Lines are interrupted at missing records, where an angle wraps, and, between stairs, at jumps by `least`.
+    Lines are interrupted at missing records, where an angle wraps, and, between stairs, at jumps.
+
+    Args:
+        axes: the panel.
+        records: the row's records in their order.
+        name, parameter: columns along axis y and axis x.
+        origin: the angle (rad) at which axis y cuts the circle; None if y is no angle.
+        alpha: opacity of lines and markers, from 0 to 1.
+        least: change of y that counts as a jump, in its unit.
+
+    Returns:
+        The passes.
     """
-    stairs = "stair" in part.columns
+    stairs = "stair" in records.columns
     if not stairs:
-        part = part.iloc[where_it_moves(part[parameter].to_numpy(float)) :]
-    at, value = part[parameter].to_numpy(float), part[name].to_numpy(float)
-    numbers = part["pass"].to_numpy(int)
-    count = part["stair" if stairs else "crossing"].to_numpy(int)
-    value = unwrap_from(value, origin)
-    settled = part["settled"].to_numpy(bool) if "settled" in part.columns else np.ones(len(part), bool)
+        records = records.iloc[where_it_moves(records[parameter].to_numpy(float)) :]
+    at = records[parameter].to_numpy(float)
+    value = unwrap_from(records[name].to_numpy(float), origin)
+    pass_numbers = records["pass"].to_numpy(int)
+    order = records["stair" if stairs else "crossing"].to_numpy(int)
+    settled = np.ones(len(records), bool)
+    if "settled" in records.columns:
+        settled = records["settled"].to_numpy(bool)
     passes = []
-    for number in np.unique(numbers):
-        records = np.flatnonzero(numbers == number)
-        line = np.arange(max(records[0] - 1, 0), records[-1] + 1)  # from the turning point on
+    for number in np.unique(pass_numbers):
+        of_pass = np.flatnonzero(pass_numbers == number)
+        line = np.arange(max(of_pass[0] - 1, 0), of_pass[-1] + 1)  # from the turning point on
         colour, marker = (UP, "^") if at[line[-1]] >= at[line[0]] else (DOWN, "v")
         passes.append(Pass(at[line], value[line], colour))
         change = np.abs(np.diff(value[line]))
-        parted = np.diff(count[line]) > 1
+        parted = np.diff(order[line]) > 1
         if origin is not None:
             parted |= change > np.pi
         if stairs and len(change):
@@ -65,47 +194,48 @@ def draw_row(
         pieces = theme.interrupted(parted, at[line], value[line])
         axes.plot(*pieces, color=colour, ls=LINES[colour], lw=0.8, alpha=alpha)
         if stairs:
-            look: dict[str, Any] = {"ls": "", "marker": marker, "alpha": alpha, **MARKER}
-            for which, face in ((settled[records], colour), (~settled[records], "white")):
-                axes.plot(at[records][which], value[records][which], color=colour, mfc=face, **look)
+            look: dict[str, Any] = {"ls": "", "marker": marker, "alpha": alpha, "color": colour, **MARKER}
+            closed, hollow = of_pass[settled[of_pass]], of_pass[~settled[of_pass]]
+            axes.plot(at[closed], value[closed], mfc=colour, **look)
+            axes.plot(at[hollow], value[hollow], mfc="white", **look)
     return passes
 
 
-def draw_arrows(axes: Axes, passes: list[Pass], least: float) -> None:
+def _draw_arrows(axes: Axes, passes: list[Pass], least: float) -> None:
     """Draw an arrow along the first pass up and the first pass down, where the two differ most.
 
     No arrow is drawn if they never differ by half of `least` (in the observable's unit).
     """
-    first = {one.colour: one for one in reversed(passes)}
-    if set(first) != {UP, DOWN}:
+    first_passes = {drawn.colour: drawn for drawn in reversed(passes)}
+    if set(first_passes) != {UP, DOWN}:
         return
-    low = max(float(one.at.min()) for one in first.values())
-    high = min(float(one.at.max()) for one in first.values())
+    low = max(float(drawn.at.min()) for drawn in first_passes.values())
+    high = min(float(drawn.at.max()) for drawn in first_passes.values())
     if not high > low:
         return
     grid = np.linspace(low, high, _GRID)
-    curves = {colour: _along(one, grid) for colour, one in first.items()}
+    curves = {colour: _along(drawn, grid) for colour, drawn in first_passes.items()}
     differ = np.abs(curves[UP] - curves[DOWN])
     if differ.max() < 0.5 * least:
         return
     begin, end = _longest(differ >= 0.5 * differ.max())
-    half = min(0.06 * (high - low), 0.4 * (grid[end] - grid[begin]))
-    at = (begin + end) // 2
+    half_length = min(0.06 * (high - low), 0.4 * (grid[end] - grid[begin]))
+    middle = (begin + end) // 2
     for colour, curve in curves.items():
-        above = curve[at] >= curves[DOWN if colour == UP else UP][at]
+        above = curve[middle] >= curves[DOWN if colour == UP else UP][middle]
         offset = ScaledTranslation(0.0, (9 if above else -9) / 72, axes.figure.dpi_scale_trans)
-        way = half if colour == UP else -half
+        ahead = half_length if colour == UP else -half_length
         look: dict[str, Any] = {"arrowstyle": "-|>", "mutation_scale": 9, "shrinkA": 0, "shrinkB": 0}
-        ends = (grid[at] - way, curve[at]), (grid[at] + way, curve[at])
+        ends = (grid[middle] - ahead, curve[middle]), (grid[middle] + ahead, curve[middle])
         arrow = FancyArrowPatch(*ends, color=colour, lw=1.0, zorder=5, **look)
         arrow.set_transform(axes.transData + offset)
         axes.add_patch(arrow)
 
 
-def _along(one: Pass, grid: Float[np.ndarray, " grid"]) -> Float[np.ndarray, " grid"]:
+def _along(drawn: Pass, grid: Float[np.ndarray, " grid"]) -> Float[np.ndarray, " grid"]:
     """A pass's values at the grid's parameters."""
-    order = np.argsort(one.at, kind="stable")
-    return np.interp(grid, one.at[order], one.value[order])
+    order = np.argsort(drawn.at, kind="stable")
+    return np.interp(grid, drawn.at[order], drawn.value[order])
 
 
 def _longest(marked: Bool[np.ndarray, " grid"]) -> tuple[int, int]:

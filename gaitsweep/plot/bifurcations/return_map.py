@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
 import numpy as np
 import pandas as pd
@@ -33,8 +33,10 @@ _PANELS_A_ROW = 3
 _MOST_PANELS = 24
 _POINTS, _CURVE, _POINT, _GHOST = "#B8B8B8", "#0072B2", "#D55E00", "#009E73"
 _FAST = 2.0  # steps larger than so many ranges of the others are left out of the axis limits
-_NEAR, _MOST = 0.1, 0.98  # changes that are small, in ranges of the values, and the least share of them
-FORMS = ("change", "next")
+_NEAR = 0.1  # ranges of the values: a smaller change is near the diagonal
+_MOST = 0.98  # the least share of changes near the diagonal of a map that is near it
+Form = Literal["change", "next"]
+FORMS: tuple[Form, ...] = get_args(Form)
 
 
 @figure_kind("return_map", coloured="none")
@@ -44,7 +46,7 @@ def return_map(
     y: Observed,
     panels: Panels = None,
     form: Annotated[
-        Annotated[Literal["change", "next"], word("change", "next")] | None,
+        Annotated[Form, word(*FORMS)] | None,
         "change: y's change over y; next: the next y over y; by default next, but change where all points "
         "lie near the diagonal",
     ] = None,
@@ -72,7 +74,9 @@ def return_map(
     form = form or ("change" if _near_the_diagonal(table, name) else "next")
     down, across = theme.shape(len(values), theme.PAGE, 2.0, _PANELS_A_ROW)
     width = theme.PAGE if len(values) > 1 else theme.COLUMN + 1.2
-    height = 2.8 if len(values) == 1 else 2.3 if across > 1 else 1.7
+    height = 2.3 if across > 1 else 1.7
+    if len(values) == 1:
+        height = 2.8
     with theme.canvas(width, height * down + 0.9, title) as figure:
         grid = theme.panels(figure, (down, across), len(values), sharex=True, sharey=True)
         origin = origin_of(table, name, table[name].to_numpy(float))
@@ -89,11 +93,14 @@ def return_map(
     return figure
 
 
-def _label(table: pd.DataFrame, name: str, form: str) -> str:
+def _label(table: pd.DataFrame, name: str, form: Form) -> str:
     """The label of the vertical axis: the change to the next crossing, or the next value."""
-    unit, what = unit_of(table, name), symbol(table, name)
-    begin = f"change of {what} to\n" if form == "change" else f"{what} at\n"
-    return f"{begin}the next crossing" + (f" ({unit})" if unit else "")
+    value = symbol(table, name)
+    label = (
+        f"change of {value} to\nthe next crossing" if form == "change" else f"{value} at\nthe next crossing"
+    )
+    unit = unit_of(table, name)
+    return f"{label} ({unit})" if unit else label
 
 
 def _near_the_diagonal(table: pd.DataFrame, name: str) -> bool:
@@ -107,61 +114,69 @@ def _near_the_diagonal(table: pd.DataFrame, name: str) -> bool:
 
 
 def _panel(
-    axes: Axes, part: pd.DataFrame, name: str, form: str, bandwidth: float | None, origin: float | None
+    axes: Axes, part: pd.DataFrame, name: str, form: Form, bandwidth: float | None, origin: float | None
 ) -> set[str]:
-    """One map: points, curve, fixed points and ghosts; returns which of them occur."""
+    """Draw one map: points, curve, fixed points and ghosts; returns which of them occur."""
     steps = pairs(part, name)
     if not len(steps):
         theme.message(axes, "No start has two crossings in succession with a value.")
         return set()
     value, change = unwrap_from(steps["value"].to_numpy(), origin), steps["change"].to_numpy(float)
-    curve = drift(part, name, bandwidth=bandwidth)
-    fixed, ghost = fixed_points(part, name, bandwidth=bandwidth), ghosts(part, name, bandwidth=bandwidth)
     marks = {"points"}
     size = float(np.clip(2e3 / len(steps), 1.0, 6.0))
-    up = change + value * (form == "next")
+    up = change + value if form == "next" else change
     axes.scatter(value, up, s=size, color=_POINTS, lw=0, rasterized=True, zorder=1)
     if form == "change":
         axes.axhline(0.0, color="black", lw=0.6, zorder=2)
     else:
         axes.axline((value.min(), value.min()), slope=1.0, color="black", lw=0.6, zorder=2)
         marks.add("diagonal")
+    curve = drift(part, name, bandwidth=bandwidth)
     if len(curve):
         _curve(axes, curve, form, origin)
         marks.add("curve")
-    places = unwrap_from(fixed["value"].to_numpy(), origin)
-    for place, stable in zip(places, fixed["stable"], strict=True):
+    fixed = fixed_points(part, name, bandwidth=bandwidth)
+    for at, stable in zip(unwrap_from(fixed["value"].to_numpy(), origin), fixed["stable"], strict=True):
         look: dict[str, Any] = {"marker": "o", "ms": 6.0, "mew": 1.3, "color": _POINT, "zorder": 6}
-        axes.plot(place, place * (form == "next"), mfc=_POINT if stable else "white", **look)
+        axes.plot(at, at if form == "next" else 0.0, mfc=_POINT if stable else "white", **look)
         marks.add("stable" if stable else "unstable")
-    for place, least in zip(unwrap_from(ghost["value"].to_numpy(), origin), ghost["drift"], strict=True):
-        at = place, least + place * (form == "next")
-        axes.plot(*at, "^" if least > 0 else "v", ms=5, color=_GHOST, zorder=6)
-        offset, side = ((0, -14) if least > 0 else (0, 8)), "center"  # beyond zero, where fewer points are
-        if form == "next":  # beside the diagonal
-            offset, side = ((8, -9), "left") if least > 0 else ((-8, 3), "right")
-        look = {"textcoords": "offset points", "ha": side, "fontsize": theme.points(7), "color": _GHOST}
-        axes.annotate(f"{least:+.2g}".replace("-", "−"), at, offset, **look)
+    ghost = ghosts(part, name, bandwidth=bandwidth)
+    for at, least in zip(unwrap_from(ghost["value"].to_numpy(), origin), ghost["drift"], strict=True):
+        _mark_ghost(axes, float(at), float(least), form)
         marks.add("ghost")
     return marks
 
 
-def _curve(axes: Axes, curve: pd.DataFrame, form: str, origin: float | None) -> None:
-    """The smoothed change and two standard errors on either side, interrupted where `drift` has no value."""
+def _mark_ghost(axes: Axes, at: float, least: float, form: Form) -> None:
+    """Mark a value at which the change is nearly zero, with its `least` change."""
+    point = (at, at + least if form == "next" else least)
+    axes.plot(*point, "^" if least > 0 else "v", ms=5, color=_GHOST, zorder=6)
+    if form == "next":  # beside the diagonal
+        offset, side = ((8, -9), "left") if least > 0 else ((-8, 3), "right")
+    else:  # beyond zero, where fewer points are
+        offset, side = ((0, -14), "center") if least > 0 else ((0, 8), "center")
+    look: dict[str, Any] = {"textcoords": "offset points", "fontsize": theme.points(7), "color": _GHOST}
+    axes.annotate(f"{least:+.2g}".replace("-", "−"), point, offset, ha=side, **look)
+
+
+def _curve(axes: Axes, curve: pd.DataFrame, form: Form, origin: float | None) -> None:
+    """Draw the smoothed change and two standard errors on either side, with gaps as those of `drift`."""
     at = unwrap_from(curve["value"].to_numpy(), origin)
     order = np.argsort(at)
     at, mean, piece = at[order], curve["drift"].to_numpy(float)[order], curve["piece"].to_numpy()[order]
     error = 2.0 * curve["drift_error"].to_numpy(float)[order]
     step = np.diff(at)
-    parted = (step > 1.5 * np.median(step)) | (np.diff(piece) != 0) if len(step) else np.zeros(0, bool)
+    parted = np.diff(piece) != 0
+    if len(step):
+        parted |= step > 1.5 * np.median(step)
     at, mean, error = theme.interrupted(parted, at, mean, error)
-    line = mean + at * (form == "next")
+    line = mean + at if form == "next" else mean
     axes.fill_between(at, line - error, line + error, color=_CURVE, alpha=0.25, lw=0, zorder=3)
     axes.plot(at, line, color=_CURVE, lw=1.2, zorder=4)
 
 
-def _scale(grid: Sequence[Axes], form: str, origin: float | None) -> None:
-    """Axis limits from the steps, without the few that are far larger than the others; ticks in pi."""
+def _scale(grid: Sequence[Axes], form: Form, origin: float | None) -> None:
+    """Set axis limits by the steps, without the few that are far larger than the others; ticks in pi."""
     if form == "change":
         lines = [np.asarray(line.get_ydata(), float) for axes in grid for line in axes.lines]
         steps = [np.asarray(points.get_offsets())[:, 1] for axes in grid for points in axes.collections[:1]]

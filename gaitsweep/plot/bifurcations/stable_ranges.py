@@ -68,33 +68,40 @@ def stable_ranges(
 
 def _areas(table: pd.DataFrame, x: str, y: str) -> dict[str, pd.DataFrame]:
     """The ranges of each named gait, with the value `up` of y, in the order of y."""
-    up = dict(zip(table["row"], table[y], strict=True))
+    up_of_row = dict(zip(table["row"], table[y], strict=True))
+    values = pd.DataFrame({"up": np.unique(table[y].dropna().to_numpy(float))})
     areas = {}
-    for name in dict.fromkeys(ranges_of(table, x)["gait"]):
-        if name != "none":
-            area = range_of_gait(table, x, name)
-            area = area.assign(up=[up[row] for row in area["row"]])
-            area = pd.DataFrame(
-                [_union(same, f"{name} at {y} = {at:g}", x) for at, same in area.groupby("up", sort=True)]
-            )
-            # no area crosses a value of y at which the gait is not stable
-            values = pd.DataFrame({"up": np.unique(table[y].dropna().to_numpy(float))})
-            areas[name] = values.merge(area, on="up", how="left").fillna({"low_by": "", "high_by": ""})
+    for gait in dict.fromkeys(ranges_of(table, x)["gait"]):
+        if gait == "none":
+            continue
+        ranges = range_of_gait(table, x, gait)
+        ranges = ranges.assign(up=[up_of_row[row] for row in ranges["row"]])
+        unions = [
+            _union(at_value, f"{gait} at {y} = {value:g}", x)
+            for value, at_value in ranges.groupby("up", sort=True)
+        ]
+        # no area crosses a value of y at which the gait is not stable
+        area = values.merge(pd.DataFrame(unions), on="up", how="left")
+        areas[gait] = area.fillna({"low_by": "", "high_by": ""})
     return areas
 
 
-def _union(same: pd.DataFrame, what: str, x: str) -> pd.Series:
-    """The union of the ranges of branches at one value of y."""
-    same = same.sort_values("low", kind="stable")
-    low, high = same["low"].to_numpy(float), same["high"].to_numpy(float)
+def _union(ranges: pd.DataFrame, place: str, x: str) -> pd.Series:
+    """The union of the ranges of branches at one value of y, which `place` names in messages.
+
+    Raises:
+        PlotError: the ranges are disjoint.
+    """
+    ranges = ranges.sort_values("low", kind="stable")
+    low, high = ranges["low"].to_numpy(float), ranges["high"].to_numpy(float)
     reach = np.maximum.accumulate(high)
     if np.any(low[1:] > reach[:-1]):
         raise PlotError(
-            f"{what}: stable in separate ranges of {x}, which do not form one area. Draw fewer branches, or "
+            f"{place}: stable in separate ranges of {x}, which do not form one area. Draw fewer branches, or "
             "the branches themselves (figures: continuation)."
         )
-    last = same.iloc[int(np.argmax(high))]
-    return pd.Series({**same.iloc[0], "high": last["high"], "high_by": last["high_by"]})
+    last = ranges.iloc[int(np.argmax(high))]
+    return pd.Series({**ranges.iloc[0], "high": last["high"], "high_by": last["high_by"]})
 
 
 def _draw(axes: Axes, areas: dict[str, pd.DataFrame]) -> None:
@@ -109,13 +116,14 @@ def _draw(axes: Axes, areas: dict[str, pd.DataFrame]) -> None:
     for area in areas.values():
         for side in ("low", "high"):
             at, up = area[side].to_numpy(float), area["up"].to_numpy(float)
-            by = area[f"{side}_by"].to_numpy(str)
-            lost = ~np.isin(by, ["start", "range"])
-            axes.plot(np.where(lost, at, np.nan), up, color=mpl.rcParams["axes.edgecolor"], lw=1.0, zorder=3)
-            for mark, shape in MARKERS.items():
-                marked = by == mark
+            cause = area[f"{side}_by"].to_numpy(str)
+            is_lost = ~np.isin(cause, ["start", "range"])
+            edge_colour = mpl.rcParams["axes.edgecolor"]
+            axes.plot(np.where(is_lost, at, np.nan), up, color=edge_colour, lw=1.0, zorder=3)
+            for bifurcation, marker in MARKERS.items():
+                marked = cause == bifurcation
                 look: dict[str, Any] = {"ms": 4.5, "color": "black", "mfc": "white", "zorder": 4}
-                axes.plot(at[marked], up[marked], shape, **look)
+                axes.plot(at[marked], up[marked], marker, **look)
 
 
 def _overlaps(
@@ -127,8 +135,9 @@ def _overlaps(
         both = areas[one].merge(areas[other], on="up", suffixes=("", "_2"))
         low = both[["low", "low_2"]].to_numpy(float).max(axis=1)
         high = both[["high", "high_2"]].to_numpy(float).min(axis=1)
-        disjoint, up = high <= low, both["up"].to_numpy(float)
+        disjoint = high <= low
         if not disjoint.all():
+            up = both["up"].to_numpy(float)
             overlaps[one, other] = np.where(disjoint, np.nan, low), np.where(disjoint, np.nan, high), up
     return overlaps
 
@@ -141,8 +150,8 @@ def _key(areas: dict[str, pd.DataFrame]) -> tuple[list[Any], list[str]]:
     for one, other in _overlaps(areas):
         handles.append((Patch(color=colour[one], lw=0.0), Patch(edgecolor=colour[other], **_STRIPES)))
         labels.append(f"{theme.named(one)} and {theme.named(other)} stable")
-    occurring = {by for area in areas.values() for by in (*area["low_by"], *area["high_by"])}
-    kinds = [kind for kind in MARKERS if kind in occurring]
+    causes = {cause for area in areas.values() for cause in (*area["low_by"], *area["high_by"])}
+    kinds = [kind for kind in MARKERS if kind in causes]
     look: dict[str, Any] = {"ls": "", "ms": 4.5, "color": "black", "mfc": "white"}
     handles += [Line2D([], [], marker=MARKERS[kind], **look) for kind in kinds]
     return handles, [*labels, *(WORDS.get(kind, kind) for kind in kinds)]

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Callable
+import itertools
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
+from gaitsweep.contract import Quantity
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.kinds.columns import gaits
 from gaitsweep.kinds.fixed_points import FollowsFixedPoints
@@ -23,9 +25,8 @@ from gaitsweep.view.explorer.replay_groups import ReplayGroup, replay_groups
 from gaitsweep.view.explorer.replays import BodyParts, Crossings, ReplayedRow, Replayer
 from gaitsweep.view.explorer.start_map import StartMap
 
-# Lines of one figure beside the map, and symbols that name it.
-_MOST_SERIES = 6
-_NAMED = 3
+_MOST_SERIES = 6  # lines of one figure beside the map, unless they are angles
+_NAMED = 3  # symbols in the name of a group of observables
 # Differences in angles up to this value between a row simulated again and the table are not reported, rad.
 _REPORTED = 1e-2
 
@@ -44,9 +45,10 @@ class AnimatedRecords:
     def __init__(
         self, shown: StartMap, context: RunContext, most: int, spent: float, on_progress: Progress | None
     ) -> None:
-        self._context, self._on_progress = context, on_progress
-        self._model, self._shown = context.model, shown.table
-        self._outcomes, self._looks = shown.outcome, shown.outcomes
+        self._context = context
+        self._on_progress = on_progress
+        self._model = context.model
+        self._shown = shown
         self._table = shown.table.reset_index(drop=True)
         self._table.attrs = {}  # which pandas would copy with each record
         self._groups, self._beside = replay_groups(
@@ -54,11 +56,14 @@ class AnimatedRecords:
         )
         self._parts: BodyParts | None = None
         self._sizes: list[tuple[float, float, float]] = []
-        self.series = self._drawn_over_cycles()
+        self.series = self._drawn_over_cycles()  # the observables over the cycles, with their ranges
         self.sentence = "The page has no animated starts."
 
     def fields(self, room: int) -> dict[str, Any]:
-        """The replays that fit into a number of bytes; `sentence` has their number."""
+        """Simulate the records again; returns the replays that fit into `room` bytes.
+
+        Afterwards `sentence` has their number, and `limbs` are those of the skeleton.
+        """
         replays: dict[int, dict[str, Any]] = {}
         around: dict[int, Crossings] = {}
         for group in self._groups:
@@ -70,14 +75,15 @@ class AnimatedRecords:
                     around[record] = group.around(record, replayed)
             self._parts = self._parts or replayer.parts
         self._set_ranges(list(around.values()))
-        walks, size = [], 0
-        for record in (record for group in self._groups for record in group.records.tolist()):
+        walks: list[dict[str, Any]] = []
+        size = 0
+        for record in itertools.chain.from_iterable(group.records.tolist() for group in self._groups):
             replay = {**replays[record], "crossings": self._over_cycles(around[record])}
             size += len(compressed(json_bytes(replay)))
             if size > room:
                 break
             walks.append(replay)
-        self._count(walks, len(replays))
+        self.sentence = self._sentence(walks, len(replays))
         cycles = np.concatenate([[], *(np.diff(crossings.t) for crossings in around.values())])
         return {
             "walks": walks,
@@ -89,9 +95,14 @@ class AnimatedRecords:
 
     def _first(self, animated: list[int]) -> int:
         """The record with which the page opens: one with a settled gait, animated if any is."""
-        records = animated[1:2] + animated or list(range(len(self._outcomes)))
-        hidden = [look["hollow"] or look["hatched"] or look["leads"] == "none" for look in self._looks]
-        return next((record for record in records if not hidden[self._outcomes[record]]), records[0])
+        outcome = self._shown.outcome
+        # the second animated record is beside a boundary, so that another outcome is near
+        records = [*animated[1:2], *animated] if animated else list(range(len(outcome)))
+        settled = [
+            not look["hollow"] and not look["hatched"] and look["leads"] != "none"
+            for look in self._shown.outcomes
+        ]
+        return next((record for record in records if settled[outcome[record]]), records[0])
 
     def _on_branch_progress(self, note: str = "", share: float = 0.0) -> None:
         """Report progress while branches are followed again."""
@@ -137,15 +148,19 @@ class AnimatedRecords:
             return self._largest_change(record, replayed, period, "n")
         if not run.one_a_row or str(row["status"]) not in Status.SOUND:
             return {}
-        name = str(gaits(self._model, np.array([replayed.gait]))[0]) if replayed.gait != -1 else "none"
-        other = not pd.isna(row["gait"]) and name != str(row["gait"])
-        later = {"later": name} if other else {}
-        return {**later, **self._largest_change(record, replayed, int(row["cycles"]), "end")}
+        difference = self._largest_change(record, replayed, int(row["cycles"]), "end")
+        gait = str(gaits(self._model, np.array([replayed.gait]))[0]) if replayed.gait != -1 else "none"
+        if not pd.isna(row["gait"]) and gait != str(row["gait"]):
+            difference["later"] = gait
+        return difference
 
     def _largest_change(
         self, record: int, replayed: ReplayedRow, crossing: int, suffix: str
     ) -> dict[str, Any]:
-        """The largest difference of an angle at a crossing from the table's, rad, if it is to be reported."""
+        """The largest difference of an angle at a crossing from the table's (rad), if it is reported.
+
+        The table's observables are the columns with `suffix`.
+        """
         if crossing >= len(replayed.crossings.number):
             return {}
         row = self._table.iloc[record]
@@ -159,28 +174,41 @@ class AnimatedRecords:
 
         The page draws one group at a time; `group` is its name in HTML.
         """
-        observables = self._model.observables
-        kinds = dict.fromkeys((not q.circular, q.unit) for q in observables)
+        kinds: dict[tuple[bool, str], list[Quantity]] = {}
+        for quantity in self._model.observables:
+            kinds.setdefault((not quantity.circular, quantity.unit), []).append(quantity)
         series = []
         for linear, unit in sorted(kinds, key=lambda kind: kind[0]):
-            of_kind = [q for q in observables if (not q.circular, q.unit) == (linear, unit)]
+            of_kind = kinds[linear, unit]
             most = _MOST_SERIES if linear else len(of_kind)  # angles are compared with each other
-            for together in (of_kind[i : i + most] for i in range(0, len(of_kind), most)):
-                symbols = [html_symbol(self._shown, q.name) for q in together]
-                shown_unit = "" if unit == "1" else unit
-                names = ", ".join(symbols) if len(symbols) <= _NAMED else f"{symbols[0]} ... {symbols[-1]}"
-                group = {"group": f"{names} ({html.escape(shown_unit)})" if shown_unit else names}
-                for q, symbol in zip(together, symbols, strict=True):
-                    about = {"name": q.name, "symbol": symbol, "unit": shown_unit, "circular": q.circular}
-                    series.append({**about, "number": observables.index(q), **group})
+            for first in range(0, len(of_kind), most):
+                series += self._group(of_kind[first : first + most])
         return series
+
+    def _group(self, quantities: Sequence[Quantity]) -> list[dict[str, Any]]:
+        """The fields of observables of one unit that the page draws together."""
+        unit = "" if quantities[0].unit == "1" else quantities[0].unit
+        symbols = [html_symbol(self._shown.table, quantity.name) for quantity in quantities]
+        names = ", ".join(symbols) if len(symbols) <= _NAMED else f"{symbols[0]} ... {symbols[-1]}"
+        return [
+            {
+                "name": quantity.name,
+                "symbol": symbol,
+                "unit": unit,
+                "circular": quantity.circular,
+                "number": self._model.observables.index(quantity),
+                "group": f"{names} ({html.escape(unit)})" if unit else names,
+            }
+            for quantity, symbol in zip(quantities, symbols, strict=True)
+        ]
 
     def _set_ranges(self, crossings: list[Crossings]) -> None:
         """Set the ranges of the observables drawn over the cycles."""
         for line in self.series:
             values = np.concatenate([[], *(of_record.observed[:, line["number"]] for of_record in crossings)])
             values = values[np.isfinite(values)]
-            line["low"], line["high"] = (values.min(), values.max()) if values.size else (0.0, 0.0)
+            line["low"] = values.min() if values.size else 0.0
+            line["high"] = values.max() if values.size else 0.0
 
     def _figure(self) -> dict[str, Any] | None:
         """Parts of the body in the frames, and its size; None for a model without a skeleton."""
@@ -208,13 +236,13 @@ class AnimatedRecords:
             return tuple(self._model.limbs)
         return tuple(LimbLook(f"leg {number + 1}") for number in range(count))
 
-    def _count(self, walks: list[dict[str, Any]], simulated: int) -> None:
-        """State the number of animated records, and of those that differ from the table."""
+    def _sentence(self, walks: list[dict[str, Any]], simulated: int) -> str:
+        """Format the number of animated records, and of those that differ from the table."""
         starts = self._context.job.run.one_a_row or self._context.job.run.kind_name == "return_map"
         total = self._table["row"].nunique() if starts else len(self._table)
         noun = ("start" if starts else "record") + "s" * (total != 1)
         full = f"; {simulated - len(walks)} more did not fit" if len(walks) < simulated else ""
         beside = f", {self._beside} of them beside a boundary" if self._beside and not full else ""
-        other = sum("later" in walk or "apart" in walk for walk in walks)
-        differ = f"; {other} of them differ from the table, as the page shows" if other else ""
-        self.sentence = f"{len(walks)} of {total} {noun} are animated{beside}{full}{differ}."
+        different = sum("later" in walk or "apart" in walk for walk in walks)
+        differ = f"; {different} of them differ from the table, as the page shows" if different else ""
+        return f"{len(walks)} of {total} {noun} are animated{beside}{full}{differ}."

@@ -12,8 +12,8 @@ from jaxtyping import Bool, Float, Int, Real
 
 from gaitsweep.view.explorer.replays import Crossings, Motion
 
-# Pictures are stored to this share of the body's height.
-RESOLUTION = 1e-3
+RESOLUTION = 1e-3  # of stored pictures, as a share of the body's height
+# Integers of two bytes: the largest in magnitude that is a number, and the one for a missing number.
 _LARGEST = 32767
 _NO_NUMBER = -32768
 
@@ -36,7 +36,7 @@ def json_bytes(fields: Any) -> bytes:
 
 
 def _plain(value: Any) -> Any:
-    """The number of Python of a NumPy scalar, which JSON does not know."""
+    """Convert a NumPy scalar, which JSON does not know, to a number of Python."""
     if isinstance(value, np.generic):
         return value.item()
     raise TypeError(f"{type(value)} is not JSON")
@@ -81,7 +81,13 @@ def crossing_fields(
     low: Float[np.ndarray, " shown"],
     high: Float[np.ndarray, " shown"],
 ) -> dict[str, Any]:
-    """The observables `shown` (k,) over the crossings of a row, as fractions from low to high."""
+    """Observables over the crossings of a row in the format of the page, as fractions from low to high.
+
+    Args:
+        crossings: the crossings of the row.
+        shown: numbers of the observables, (k,).
+        low, high: their ranges, (k,), each in the unit of its observable.
+    """
     values = crossings.observed[:, shown]
     share = (values - low) / np.where(high > low, high - low, 1.0)
     integers = np.rint(share * 2.0 * _LARGEST) - _LARGEST

@@ -42,6 +42,8 @@ MAX_SIZE = 10.0  # MB
 MOST_REPLAYS = 400
 KINDS = ("settle", "fixed_time", "return_map", "ramp", "staircase", "continuation", "atlas")
 _MB = 1_000_000
+_LEAST_ROOM = 0.2 * _MB  # bytes of the records
+_TEXTS_SIZE = 4000  # bytes of the texts about the table
 # The share of the room beside plotly.js that the table may take.
 _TABLE_SHARE = 0.6
 # Records by which the size of a table's records is measured.
@@ -158,18 +160,21 @@ def _page(
     on_message: Callable[[str], None],
 ) -> str:
     """The HTML page of a table, with plotly.js (source `plotly`), the records and the replays embedded."""
-    if replays < 0 or max_size <= 0.0:
-        raise ArgumentError(
-            f"replays is {replays} and max_size is {max_size:g} MB, but both must be at least 0."
-        )
+    if replays < 0:
+        raise ArgumentError(f"replays is {replays}, but must be at least 0.")
+    if max_size <= 0.0:
+        raise ArgumentError(f"max_size is {max_size:g} MB, but must be above 0.")
     if not len(table):
         raise ArgumentError("No row has ended yet, so there is nothing to explore.")
     script = compressed(plotly.encode())
-    frame_size = len(script) + sum(len(_part(name)) for name in (_TEMPLATE, _STYLE, *_SCRIPTS)) + 4000
+    page_size = sum(len(_part(name)) for name in (_TEMPLATE, _STYLE, *_SCRIPTS)) + _TEXTS_SIZE
+    frame_size = len(script) + page_size
     room = int(max_size * _MB) - frame_size
-    least = f"The page needs {(frame_size + 0.2 * _MB) / _MB:.1f} MB even without walks"
-    if room < 0.2 * _MB:
-        raise ExplorerSizeError(f"{least}, but --max-size is {max_size:g} MB.")
+    if room < _LEAST_ROOM:
+        least = (frame_size + _LEAST_ROOM) / _MB
+        raise ExplorerSizeError(
+            f"The page needs {least:.1f} MB even without walks, but --max-size is {max_size:g} MB."
+        )
     context = prepare(job)
     table = _labelled(table, context)
     shown = map_of(table, job, *axes, _most_records(table, context.design.names, _TABLE_SHARE * room))
@@ -180,7 +185,9 @@ def _page(
     spent = table.attrs.get("manifest", {}).get("timings", {}).get("run_s", 0.0)
     animated = AnimatedRecords(shown, context, replays, float(spent), on_progress)
     fields |= animated.fields(room)
-    fields |= _python(table, context) | _passes(table, context) | _about(shown, table, context, animated)
+    fields |= _python(table, context)
+    fields |= _passes(table, context)
+    fields |= _about(shown, table, context, animated)
     data = compressed(json_bytes(fields))
     parts = {"title": fields["name"], "told": animated.sentence}
     size = f"{len(_filled(parts, script, data, '0.0').encode()) / _MB:.1f}"
@@ -192,56 +199,79 @@ def _labelled(table: pd.DataFrame, context: RunContext) -> pd.DataFrame:
     """A table with a gait for each record; crossings have the label of their observables."""
     run = context.job.run
     if "gait" not in table.columns:
-        names = [q.name for q in context.model.observables]
-        observed = table[[f"{name}_n" for name in names]].to_numpy(float)
-        rows = table["row"].to_numpy(np.int64)
-        codes = _gaits(context, rows, table["t"].to_numpy(float), dict(zip(names, observed.T, strict=True)))
-        codes = np.where(np.isfinite(observed).all(axis=1), codes, -1)
-        if not run.moved:  # all crossings of a start lead to one gait, that of the last
-            last = pd.Series(codes).groupby(rows).transform("last").to_numpy()
-            codes = np.asarray(last, np.int64)
-        attrs = table.attrs
-        table = table.assign(gait=gaits(context.model, codes))
-        table.attrs = attrs
+        table = _with_gaits(table, gaits(context.model, _gait_codes(table, context)))
     if run.kind_name == "atlas":
         table = rows_where(table, (table["part"] == "branch") & table["stable"].notna())
         gait = table["gait"].astype(str)
-        period = "period " + table["period"].astype(str)
-        attrs = table.attrs
-        table = table.assign(gait=gait.mask(gait == "none", period))
-        table.attrs = attrs
-        return table
+        table = _with_gaits(table, gait.mask(gait == "none", "period " + table["period"].astype(str)))
     if run.kind_name == "return_map":
-        drawn = filter(None, (getattr(figure, "y", None) for figure in context.job.figures))
-        of_model = [quantity.name for quantity in context.model.observables]
-        # what the job's first figure draws, else the first observable
-        names = [f"{name}_n" for name in (*itertools.islice(drawn, 1), *of_model)]
-        table = with_next(table, next(name for name in names if name in table.columns))
+        table = with_next(table, _mapped_column(table, context))
     return table
 
 
-def _gaits(
+def _with_gaits(table: pd.DataFrame, names: Any) -> pd.DataFrame:
+    """A table with a column of gaits, and its attributes."""
+    labelled = table.assign(gait=names)
+    labelled.attrs = table.attrs
+    return labelled
+
+
+def _mapped_column(table: pd.DataFrame, context: RunContext) -> str:
+    """The column of the observable that the job's first figure draws, else of the first observable."""
+    drawn = [dict(figure).get("y") for figure in context.job.figures]
+    names = [name for name in drawn if name][:1]
+    names += [quantity.name for quantity in context.model.observables]
+    return next(f"{name}_n" for name in names if f"{name}_n" in table.columns)
+
+
+def _gait_codes(table: pd.DataFrame, context: RunContext) -> Int[np.ndarray, " records"]:
+    """The number of the gait of each record, (n,), from its observables; -1 where one is not finite.
+
+    All records of a row whose parameter does not move have the gait of its last record.
+    """
+    names = [quantity.name for quantity in context.model.observables]
+    observed = table[[f"{name}_n" for name in names]].to_numpy(float)
+    rows = table["row"].to_numpy(np.int64)
+    of_records = dict(zip(names, observed.T, strict=True))
+    codes = _labelled_gaits(context, rows, table["t"].to_numpy(float), of_records)
+    codes = np.where(np.isfinite(observed).all(axis=1), codes, -1)
+    if context.job.run.moved:
+        return codes
+    return np.asarray(pd.Series(codes).groupby(rows).transform("last").to_numpy(), np.int64)
+
+
+def _labelled_gaits(
     context: RunContext,
     rows: Int[np.ndarray, " records"],
     t: Float[np.ndarray, " records"],
     observed: Mapping[str, Float[np.ndarray, " records"]],
 ) -> Int[np.ndarray, " records"]:
-    """The number of the gait (n,) from the observables of n records at times `t` (n,) s."""
+    """The number of the gait that the model reads from the observables of records, (n,) each.
+
+    Args:
+        context: the job.
+        rows: the row of each record.
+        t: their times, s.
+        observed: their observables by name.
+    """
     model, drive = context.model, context.spec.drive
     distinct_rows, place = np.unique(rows, return_inverse=True)
-    parameters, _ = context.design.values_in(distinct_rows)
-    of_records = {name: jnp.asarray(v)[place] for name, v in model.on_host(parameters).items()}
+    of_rows, _ = context.design.values_in(distinct_rows)
+    parameters = {name: jnp.asarray(values)[place] for name, values in model.on_host(of_rows).items()}
 
     def gait_of(values: Any, time: jax.Array, observed: Any) -> jax.Array:
         params = model.params(values) if drive is None else drive(values, time)
         return model.label(params, observed)["gait"]
 
-    finite = {name: np.nan_to_num(v) for name, v in observed.items()}
-    return gait_codes(np.asarray(jax.jit(jax.vmap(gait_of))(of_records, np.nan_to_num(t), finite)))
+    finite = {name: np.nan_to_num(values) for name, values in observed.items()}
+    return gait_codes(np.asarray(jax.jit(jax.vmap(gait_of))(parameters, np.nan_to_num(t), finite)))
 
 
 def _most_records(table: pd.DataFrame, exact: Sequence[str], room: float) -> int:
-    """The number of a table's records that fit into a number of bytes of the page."""
+    """The number of a table's records that fit into `room` bytes of the page.
+
+    Columns that are `exact` have all digits.
+    """
     sample = table.iloc[np.linspace(0, len(table) - 1, min(_MEASURED, len(table))).astype(int)]
     size = len(compressed(json_bytes({"columns": columns_of(sample, exact)}))) / len(sample)
     return max(int(room / size), 100)
@@ -277,8 +307,12 @@ def _python(table: pd.DataFrame, context: RunContext) -> dict[str, Any]:
     fields = table.attrs["job"]
     arguments: dict[str, Any] = {"name": f"{context.job.name}_row_@row@"}
     arguments |= {name: fields[name] for name in ("model", "structure", "params", "start", "numerics")}
-    run = {k: v for k, v in fields["run"].items() if v is not None and k not in _ROW_CHOOSING_FIELDS}
-    lines = [f"{key}={value!r}" for key, value in (arguments | {"run": run}).items() if value]
+    arguments["run"] = {
+        field: value
+        for field, value in fields["run"].items()
+        if value is not None and field not in _ROW_CHOOSING_FIELDS
+    }
+    lines = [f"{name}={value!r}" for name, value in arguments.items() if value]
     text = "".join(f"    {line},\n" for line in [*lines, "vary={@vary@}"])
     python = f"import gaitsweep as gs\n\njob = gs.Job(\n{text})\nprint(gs.run(job).table)\n"
     return {"python": python, "varied": [name for name in context.design.names if name in table.columns]}
@@ -288,11 +322,12 @@ def _passes(table: pd.DataFrame, context: RunContext) -> dict[str, Any]:
     """The direction, colour and marker of each pass of a parameter that rises and falls; none for others."""
     run = context.job.run
     turns = run.turns if "pass" in table.columns else ()
-    rises = [after > before for before, after in itertools.pairwise(turns)]
+    rising = [after > before for before, after in itertools.pairwise(turns)]
+    if len(set(rising)) < 2:
+        return {"moved": run.moved, "passes": []}
     up = {"rises": True, "colour": UP, "marker": "^"}
     down = {"rises": False, "colour": DOWN, "marker": "v"}
-    passes = [up if rising else down for rising in rises] if len(set(rises)) == 2 else []
-    return {"moved": run.moved, "passes": passes}
+    return {"moved": run.moved, "passes": [up if rises else down for rises in rising]}
 
 
 def _about(

@@ -13,8 +13,8 @@ import pandas as pd
 from gaitsweep.plot import theme
 from gaitsweep.plot.columns import is_angle, symbol, unit_of
 
-# Significant digits of the numbers that the page shows.
-DIGITS = 7
+DIGITS = 7  # significant digits of the numbers that the page shows
+_ALL_DIGITS = 17  # significant digits that tell all numbers apart
 _GREEK = {
     "alpha": "α", "beta": "β", "gamma": "γ", "delta": "δ", "Delta": "Δ", "eta": "η", "kappa": "κ", "mu": "μ",
     "omega": "ω", "phi": "φ", "psi": "ψ", "sigma": "σ", "tau": "τ", "theta": "θ", "zeta": "ζ", "lambda": "λ",
@@ -36,7 +36,7 @@ def written(table: pd.DataFrame, name: str, value: float) -> str:
 
 
 def html_symbol(table: pd.DataFrame, name: str) -> str:
-    """A column's symbol as HTML; its name if its TeX has more than letters, accents and indices."""
+    """A column's symbol as HTML; its name if its TeX has other commands than letters and accents."""
     for ending, word in (("_next", "next"), ("_change", "change of")):
         if name.endswith(ending) and name.removesuffix(ending) in table.columns:
             return f"{word} {html_symbol(table, name.removesuffix(ending))}"
@@ -76,12 +76,12 @@ def columns_of(table: pd.DataFrame, exact: Collection[str] = ()) -> list[dict[st
             codes, categories = pd.factorize(values.astype(object), use_na_sentinel=True)
             entry |= {"categories": list(map(str, categories)), "values": codes.tolist()}
         elif pd.api.types.is_float_dtype(values):
-            digits = 17 if name in exact else DIGITS
+            digits = _ALL_DIGITS if name in exact else DIGITS
             entry["values"] = [rounded(value, digits) for value in values.to_numpy(float)]
         else:
             entry["values"] = [int(value) for value in values]
         if len(set(map(str, entry["values"]))) == 1 and len(table) > 1:
-            entry["values"] = entry["values"][0]  # one for all
+            entry["values"] = entry["values"][0]  # one value of all records
         columns.append(entry)
     return columns
 

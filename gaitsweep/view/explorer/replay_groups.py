@@ -5,6 +5,8 @@ from __future__ import annotations
 import abc
 import dataclasses
 import math
+from collections.abc import Hashable, Sequence
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -36,8 +38,9 @@ _MAX_FOLLOWING_TIME = 600.0  # s of following branches again
 def replayer_of(context: RunContext, rows: Int[np.ndarray, " rows"]) -> Replayer:
     """Simulator of some rows (n,) of a job, from their own starts."""
     run = context.job.run
-    begun = {run.moved: run.turns[0]} if run.moved and run.turns else {}
-    return Replayer(context.spec, rows, *context.design.values_in(rows), begun)
+    initial = {run.moved: run.turns[0]} if run.moved and run.turns else {}
+    parameters, starts = context.design.values_in(rows)
+    return Replayer(context.spec, rows, parameters, starts, initial)
 
 
 class ReplayGroup(abc.ABC):
@@ -55,7 +58,7 @@ class ReplayGroup(abc.ABC):
         self.table, self.records, self.context = table, records, context
         self.row_of = table["row"].to_numpy(np.int64)
         self.rows = np.array(list(dict.fromkeys(self.row_of[records].tolist())), np.int64)
-        # a model, its parameters and states: where the rows begin, if not as in their job
+        # a model, its parameters and states from which the rows begin, if not from those of their job
         self._start: tuple[Model, dict[str, PerPoint], dict[str, PerPoint]] | None = None
         self.records_of: dict[int, list[int]] = {}  # the animated records of each row
         for record in records.tolist():
@@ -258,25 +261,19 @@ class ReplayBranches(ReplayGroup):
         branches = run.followed_again(context.design, context.spec, rows, table, on_progress)
         assert branches is not None
         mapped, followed = branches
-        names = [table[name].to_numpy(np.int64) for name in ("row", *run.point_names)]
-        record_of = {point: record for record, point in enumerate(zip(*names, strict=True))}
         assert run.moved is not None
-        records, points = [], []
-        for point in followed.to_dict("records"):
-            record = record_of.get((int(rows[point["row"]]), *(point[name] for name in run.point_names)))
-            same = record is not None and math.isclose(
-                point[run.moved], float(table[run.moved].iloc[record]), rel_tol=_PARAMETER_TOLERANCE
-            )
-            if same and isinstance(point.get("at"), BranchPoints | StoredPoint):
-                records.append(record)
-                points.append(point)
-        chosen = spread(len(records))[:most] if records else np.zeros(0, np.int64)
-        points = [points[k] for k in chosen]
-        super().__init__(table, np.array(records, np.int64)[chosen], context)
+        point_of_record = _points_of_records(table, rows, followed, run.point_names, run.moved)
+        records = _spread(np.array(list(point_of_record), np.int64), most)
+        points = [point_of_record[record] for record in records.tolist()]
+        super().__init__(table, records, context)
         self.rows = self.records  # each point is a trajectory of its own
         self.records_of = {record: [record] for record in self.records.tolist()}
+        if not points:
+            return
         branch = np.array([point["row"] for point in points], np.int64)
-        parameters = {name: np.broadcast_to(v, rows.shape)[branch] for name, v in mapped.values.items()}
+        parameters = {
+            name: np.broadcast_to(values, rows.shape)[branch] for name, values in mapped.values.items()
+        }
         parameters[run.moved] = np.array([point[run.moved] for point in points], float)
         self._start = states_at(mapped.mapping, [point["at"].points for point in points], parameters)
 
@@ -286,11 +283,40 @@ class ReplayBranches(ReplayGroup):
 
     def stretches(self, record: int, replayed: ReplayedRow, period: float) -> list[Stretch]:
         t = replayed.crossings.t
-        period = int(self.number(record, "period")) if "period" in self.table else 1
-        return [Stretch("the steady gait", 0.0, float(t[period]), loops=True)] if len(t) > period else []
+        cycles = int(self.number(record, "period")) if "period" in self.table else 1
+        return [Stretch("the steady gait", 0.0, float(t[cycles]), loops=True)] if len(t) > cycles else []
 
     def around(self, record: int, replayed: ReplayedRow) -> Crossings:
         return replayed.crossings
+
+
+def _points_of_records(
+    table: pd.DataFrame,
+    rows: Int[np.ndarray, " rows"],
+    followed: pd.DataFrame,
+    point_names: Sequence[str],
+    moved: str,
+) -> dict[int, dict[Hashable, Any]]:
+    """The points of branches that were followed again, by the records that they repeat.
+
+    Args:
+        table: the records of the page.
+        rows: the rows whose branches were followed again.
+        followed: points of these branches; `row` is a place in `rows`.
+        point_names: the columns that number the points of a row.
+        moved: the parameter along the branches, by which a point is compared with its record.
+    """
+    numbers = [table[name].to_numpy(np.int64) for name in ("row", *point_names)]
+    record_of = {key: record for record, key in enumerate(zip(*numbers, strict=True))}
+    points = {}
+    for point in followed.to_dict("records"):
+        record = record_of.get((int(rows[point["row"]]), *(point[name] for name in point_names)))
+        if record is None or not isinstance(point.get("at"), BranchPoints | StoredPoint):
+            continue
+        parameter = float(table[moved].iloc[record])
+        if math.isclose(point[moved], parameter, rel_tol=_PARAMETER_TOLERANCE):
+            points.setdefault(record, point)
+    return points
 
 
 def _up_to(end: float, replayed: ReplayedRow, name: str, period: float) -> list[Stretch]:
@@ -311,7 +337,7 @@ def _branches_in_time(context: RunContext, spent: float, rows: int) -> int:
 
 
 def _spread(values: Int[np.ndarray, " values"], most: int) -> Int[np.ndarray, " some"]:
-    """At most so many of some values (n,), in an order of which each beginning is spread evenly over them."""
+    """At most `most` of some values (n,), ordered so that each beginning is spread evenly over them."""
     return values[spread(len(values))[:most]] if len(values) else values
 
 
@@ -345,7 +371,8 @@ def replay_groups(
             return [], 0
         if "stored_point" not in table:
             rows = np.sort(_spread(rows, _branches_in_time(context, spent, len(rows))))
-        return [ReplayBranches(table, context, rows, most, on_progress)], 0
+        branches = ReplayBranches(table, context, rows, most, on_progress)
+        return [branches] if len(branches.records) else [], 0
     if run.one_a_row:
         return _groups_of_starts(shown, table, context, most)
     return _groups_of_records(table, context, most), 0
@@ -362,8 +389,12 @@ def _groups_of_starts(
     else:
         records = _spread(np.flatnonzero(simulated), most)
     failed = Status.FAILED.among(table["status"])[records]
-    groups = ((ReplayStarts, records[~failed]), (ReplayFailures, records[failed]))
-    return [group_class(table, some, context) for group_class, some in groups if len(some)], beside
+    groups: list[ReplayGroup] = []
+    if not failed.all():
+        groups.append(ReplayStarts(table, records[~failed], context))
+    if failed.any():
+        groups.append(ReplayFailures(table, records[failed], context))
+    return groups, beside
 
 
 def _groups_of_records(table: pd.DataFrame, context: RunContext, most: int) -> list[ReplayGroup]:

@@ -19,13 +19,10 @@ from gaitsweep.skeleton import Skeleton
 from gaitsweep.view.movie.animation import Clip
 from gaitsweep.view.movie.side_view import bounds, heading, nearest_first, projected, turned, with_points
 
-# Contacts are sampled at this many instants a nominal cycle, and every second of them is a picture.
-SAMPLES_PER_CYCLE = 64
-PICTURES_EVERY = 2
-# Signals of the rows of one block, in bytes.
-_BLOCK_BYTES = 128 * 2**20
-# A picture in which the body is this many times larger than in the first one is of a row that diverges.
-_MAX_GROWTH = 4.0
+SAMPLES_PER_CYCLE = 64  # of contacts, in a nominal cycle
+PICTURES_EVERY = 2  # samples
+_BLOCK_BYTES = 128 * 2**20  # of the signals of the rows of one block
+_MAX_GROWTH = 4.0  # of the body's size since the first picture; a row in which it grows further diverges
 
 PerRow = Real[np.ndarray, " rows"]  # a number for each row
 Samples = Float[np.ndarray, " samples"]  # a number for each sample
@@ -150,7 +147,7 @@ class Replayer:
         spec: the sweep of their job.
         rows: their numbers (n,).
         parameters, starts: their values (n,) by name.
-        begun: initial values of moving parameters by name.
+        initial: values from which moving parameters begin, by name.
     """
 
     def __init__(
@@ -159,13 +156,18 @@ class Replayer:
         rows: Int[np.ndarray, " rows"],
         parameters: Mapping[str, PerRow],
         starts: Mapping[str, PerRow],
-        begun: Mapping[str, float] = MappingProxyType({}),
+        initial: Mapping[str, float] = MappingProxyType({}),
     ) -> None:
-        self._spec, self._rows, self._inputs = spec, rows, (parameters, starts)
+        self._spec = spec
+        self._rows = rows
+        self._inputs = (parameters, starts)
         model = spec.model
-        initial = {**parameters, **{name: np.full(rows.size, value) for name, value in begun.items()}}
-        self._parameters = [{k: float(v[i]) for k, v in initial.items()} for i in range(rows.size)]
-        hosted = {name: jnp.asarray(v) for name, v in model.on_host(initial).items()}
+        at_start = dict(parameters)
+        at_start |= {name: np.full(rows.size, value) for name, value in initial.items()}
+        self._parameters = [
+            {name: float(values[place]) for name, values in at_start.items()} for place in range(rows.size)
+        ]
+        hosted = {name: jnp.asarray(values) for name, values in model.on_host(at_start).items()}
         self.periods = np.asarray(jax.vmap(lambda values: model.period(model.params(values)))(hosted))
         self.every = float(self.periods.min()) / SAMPLES_PER_CYCLE
         self.parts: BodyParts | None = None
@@ -193,18 +195,19 @@ class Replayer:
 
     def _values(self, first: int, last: int) -> tuple[dict[str, PerRow], dict[str, PerRow]]:
         """The parameters and starts of rows `first` to `last` - 1, by name."""
-        parameters, starts = self._inputs
-        part = slice(first, last)
-        return {k: v[part] for k, v in parameters.items()}, {k: v[part] for k, v in starts.items()}
+        parameters, starts = (
+            {name: values[first:last] for name, values in inputs.items()} for inputs in self._inputs
+        )
+        return parameters, starts
 
     def _of_block(self, result: RowOutcome, recorder: WindowsRecorder) -> Iterator[ReplayedRow]:
         """The rows of a simulated block."""
         observed = len(self._spec.model.observables)
         cuts = np.cumsum(result.kept)[:-1]
         end = 2 + observed  # of the columns of a crossing: its number, its time, the observables
-        for i, numbers in enumerate(np.split(result.samples, cuts)):
-            crossed = numbers[:, 0] >= 0.0
-            crossings, samples = numbers[crossed], numbers[~crossed]
+        for i, records in enumerate(np.split(result.samples, cuts)):
+            is_crossing = records[:, 0] >= 0.0
+            crossings, samples = records[is_crossing], records[~is_crossing]
             yield ReplayedRow(
                 row=int(self._rows[result.row[i]]),
                 place=int(result.row[i]),
@@ -223,25 +226,29 @@ class Replayer:
         stride = PICTURES_EVERY * max(1, round(self.periods[place] / self.periods.min()))
         slack = 1e-6 * self.every
         first, last = np.searchsorted(replayed.t, [stretch.begin - slack, stretch.end + slack])
-        part = {name: values[first:last] for name, values in replayed.signals.items()}
+        signals = {name: values[first:last] for name, values in replayed.signals.items()}
         t = replayed.t[first:last]
-        finite = np.isfinite(np.stack(list(part.values()))).all(axis=0)
-        length = len(t) if finite.all() else int(np.argmin(finite))
-        gaps = np.flatnonzero(np.diff(t[:length]) > 1.5 * self.every)
-        length = int(gaps[0]) + 1 if gaps.size else length  # the next window is another stretch
+        length = self._length(t, signals)
         if length < 2 * stride + 1:
             return None
-        part = {name: values[:length] for name, values in part.items()}
-        pictures = self._pictures(place, {k: v[::stride] for k, v in part.items()}, t[:length:stride])
-        if pictures is not None and (len(pictures.points) - 1) * stride + stride < length:
+        of_pictures = {name: values[:length:stride] for name, values in signals.items()}
+        pictures = self._pictures(place, of_pictures, t[:length:stride])
+        if pictures is not None and len(pictures.points) * stride < length:  # a body that falls apart
             length = (len(pictures.points) - 1) * stride + 1
             if length < 2 * stride + 1:
                 return None
         complete = t[0] - stretch.begin <= self.every and stretch.end - t[length - 1] <= stride * self.every
         stretch = dataclasses.replace(stretch, loops=stretch.loops and complete)
-        contact = [part[name][:length] for name in self._contacts]
-        feet = np.stack(contact, axis=1) if contact else np.zeros((length, 0))
-        return Motion(stretch, t[:length], stride, feet, pictures)
+        contact = [signals[name][:length] for name in self._contacts]
+        of_limbs = np.stack(contact, axis=1) if contact else np.zeros((length, 0))
+        return Motion(stretch, t[:length], stride, of_limbs, pictures)
+
+    def _length(self, t: Samples, signals: Mapping[str, Samples]) -> int:
+        """The number of samples before the first that is not finite, or is in the next window."""
+        finite = np.isfinite(np.stack(list(signals.values()))).all(axis=0)
+        length = len(t) if finite.all() else int(np.argmin(finite))
+        gaps = np.flatnonzero(np.diff(t[:length]) > 1.5 * self.every)
+        return int(gaps[0]) + 1 if gaps.size else length
 
     def _pictures(self, place: int, signals: dict[str, Samples], t: Samples) -> Pictures | None:
         """The pictures of a row's signals (n,) at times `t` (n,) s; None without a skeleton."""
@@ -258,7 +265,7 @@ def pictures_of(skeleton: Skeleton, t: Samples, period: float) -> Pictures:
 
     Args:
         skeleton: the body.
-        t: the times of its samples, (n,) s.
+        t: the times of its samples, s, (n,).
         period: duration of a cycle, s.
     """
     skeleton = turned(skeleton, heading(skeleton))

@@ -47,9 +47,9 @@ def states_at(
     return model, {name: np.asarray(v) for name, v in parameters.items()}, starts
 
 
-def _in_state(model: Model, like: Any) -> Model:
-    """The model with all numbers of a state as initial conditions; `like` is one of its states."""
-    leaves, tree = jax.tree.flatten(like)
+def _in_state(model: Model, state: Any) -> Model:
+    """The model with all numbers of a state as initial conditions; `state` is one of its states."""
+    leaves, tree = jax.tree.flatten(state)
     shapes = [(np.shape(leaf), np.asarray(leaf).dtype) for leaf in leaves]
     cuts = np.cumsum([int(np.prod(shape)) for shape, _ in shapes])
     quantities = tuple(Quantity(f"state_{i}", "1", "number of a state") for i in range(int(cuts[-1])))
@@ -57,12 +57,12 @@ def _in_state(model: Model, like: Any) -> Model:
     def init(self: Model, params: Any, start: Mapping[str, jax.Array]) -> Any:
         numbers = jnp.stack([jnp.asarray(start[quantity.name]) for quantity in quantities])
         parts = jnp.split(numbers, cuts[:-1].tolist())
-        return jax.tree.unflatten(
-            tree,
-            [part.reshape(shape).astype(dtype) for part, (shape, dtype) in zip(parts, shapes, strict=True)],
-        )
+        shaped = [
+            part.reshape(shape).astype(dtype) for part, (shape, dtype) in zip(parts, shapes, strict=True)
+        ]
+        return jax.tree.unflatten(tree, shaped)
 
     members = {"init": init, "initial_conditions": property(lambda self: quantities)}
-    kind = type(f"{type(model).__name__}InState", (type(model),), members)
+    of_any_state = type(f"{type(model).__name__}InState", (type(model),), members)
     fields = dataclasses.fields(model)  # pyright: ignore[reportArgumentType] (each is a dataclass)
-    return kind(**{field.name: getattr(model, field.name) for field in fields if field.init})
+    return of_any_state(**{field.name: getattr(model, field.name) for field in fields if field.init})

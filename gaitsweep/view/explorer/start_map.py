@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Sequence
 from typing import Any
@@ -12,7 +13,7 @@ import pandas as pd
 from jaxtyping import Float, Int
 
 from gaitsweep.analysis.records import in_order, outcome_labels, sound
-from gaitsweep.angles import branch_cut
+from gaitsweep.design import Design
 from gaitsweep.job import Job
 from gaitsweep.plot import PlotError, theme
 from gaitsweep.plot.basins.cells import cell_edges
@@ -21,10 +22,8 @@ from gaitsweep.status import Outcome, Status
 from gaitsweep.view.explorer.page_columns import label_of, written
 
 CELLS, POINTS = "cells", "points"
-# Points of a figure of a browser beyond which it is slow to answer.
-MAX_POINTS = 6000
-# Values of a parameter of which the points of one are shown at a time.
-_MAX_SLICES = 12
+MAX_POINTS = 6000  # beyond which a figure in a browser responds slowly
+_MAX_SLICES = 12  # values of a parameter of which one is shown at a time
 
 
 @dataclasses.dataclass(frozen=True)
@@ -92,9 +91,10 @@ def map_of(table: pd.DataFrame, job: Job, x: str | None, y: str | None, most: in
     drawn = [number_of_group[name] for name in (x, y) if name in number_of_group]
     if job.run.one_a_row and len(set(drawn)) == 2:
         values = [np.unique(table[name].to_numpy(float)) for name in (x, y)]
+        of_axes = [groups[number] for number in drawn]
         # an axis whose values follow another's makes no grid, nor does a sample
-        axes = zip(values, (groups[i] for i in drawn), strict=True)
-        if all(len(v) <= group.length and not group.drawn for v, group in axes):
+        follows = any(len(v) > group.length for v, group in zip(values, of_axes, strict=True))
+        if not follows and not any(group.drawn for group in of_axes):
             return _cells(shown, values, job, drawn, most)
     return _points(shown, job, drawn, most)
 
@@ -107,8 +107,11 @@ def _cells(
     `drawn` are the numbers of the groups of axes along x and y.
     """
     table = shown.table
-    places = [table[name].to_numpy(float) for name in (shown.x, shown.y)]
-    at = np.column_stack([np.searchsorted(v, place) for v, place in zip(values, places, strict=True)])
+    cell_of_record = [
+        np.searchsorted(centres, table[name].to_numpy(float))
+        for name, centres in zip((shown.x, shown.y), values, strict=True)
+    ]
+    at = np.column_stack(cell_of_record)
     step = 1
     while np.count_nonzero((at % step == 0).all(axis=1)) > most:
         step += 1
@@ -189,35 +192,37 @@ def _axes(table: pd.DataFrame, job: Job, x: str | None, y: str | None) -> tuple[
 
 def _axes_of_rows(table: pd.DataFrame, job: Job) -> tuple[str, str]:
     """The columns along x and y of a table with one record a row."""
-    for figure in job.figures:
-        of_figure = (getattr(figure, "x", None), getattr(figure, "y", None))
-        if None not in of_figure:
-            if set(of_figure) <= set(table.columns):
-                return str(of_figure[0]), str(of_figure[1])
-            break
+    axes_of_figures = ((dict(figure).get("x"), dict(figure).get("y")) for figure in job.figures)
+    x, y = next((axes for axes in axes_of_figures if None not in axes), (None, None))
+    if isinstance(x, str) and isinstance(y, str) and {x, y} <= set(table.columns):
+        return x, y
     observable = f"{job.design.model.observables[0].name}_end"
-    several = [axis for axis in job.design.groups if axis.length > 1]
-    # what moves alone says more than a zip, whose values go by its first name
-    longest = sorted(several, key=lambda axis: (len(axis.names) > 1, -axis.length))
-    names = [axis.names[0] for axis in longest[:2]]
-    if len(longest) == 1 and len(longest[0].names) > 1 and job.design.groups[0].drawn:
-        names = list(longest[0].names[:2])
-    elif len(names) == 2:
-        places = [job.design.names.index(name) for name in names]
-        names = [names[i] for i in np.argsort(places)[::-1]]  # the last varies fastest
-    first, second, *_ = [*names, observable, observable] if names else ["row", observable]
-    return first, second
+    names = _longest_axes(job.design)
+    if len(names) == 2:
+        return names[0], names[1]
+    return names[0] if names else "row", observable
+
+
+def _longest_axes(design: Design) -> list[str]:
+    """The names of the two longest axes of a design, or fewer; the one that varies fastest is first."""
+    groups = [group for group in design.groups if group.length > 1]
+    if len(groups) == 1 and len(groups[0].names) > 1 and design.groups[0].drawn:
+        return list(groups[0].names[:2])
+    # axes that vary alone come before a zip, which is named by the first of its axes
+    longest = sorted(groups, key=lambda group: (len(group.names) > 1, -group.length))
+    names = [group.names[0] for group in longest[:2]]
+    return sorted(names, key=design.names.index, reverse=True)
 
 
 def _axes_of_records(table: pd.DataFrame, job: Job) -> tuple[str, str]:
     """The columns along x and y of a table with several records a row."""
-    drawn = [figure for figure in job.figures if getattr(figure, "y", None) is not None]
-    y = getattr(drawn[0], "y", None) if drawn else None
+    fields = [dict(figure) for figure in job.figures if dict(figure).get("y") is not None]
+    y = fields[0]["y"] if fields else None
     observable = f"{job.design.model.observables[0].name}_n"
     first = column(table, y, ("_n", "")) if isinstance(y, str) else observable
     if job.run.kind_name == "return_map":
-        form = next((vars(figure)["form"] for figure in drawn if hasattr(figure, "form")), "change")
-        return first, next_of(first) if form == "next" else change_of(first)
+        forms = [of_figure["form"] for of_figure in fields if "form" in of_figure]
+        return first, next_of(first) if forms[:1] == ["next"] else change_of(first)
     return job.run.moved or "crossing", first
 
 
@@ -247,17 +252,20 @@ def _outcomes(table: pd.DataFrame) -> tuple[list[dict[str, Any]], Int[np.ndarray
     colours, markers = theme.colours(names), theme.markers(names)
     outcomes: list[dict[str, Any]] = []
     numbers = np.zeros(len(table), np.int64)
-    for name in names:
-        records = np.asarray(shown == name)
-        hatched = name in (Outcome.NOT_SETTLED, Outcome.FAILED)
-        for text, where, is_hollow in (
-            (name, records & ~hollow, False),
-            (f"{name}, {suffix}", records & hollow, True),
-        ):
-            if where.any():
-                numbers[where] = len(outcomes)
-                style = {"colour": colours[name], "marker": markers[name], "hollow": is_hollow}
-                outcomes.append({"name": text, **style, "leads": name, "hatched": hatched})
+    for name, is_hollow in itertools.product(names, (False, True)):
+        records = np.asarray(shown == name) & (hollow == is_hollow)
+        if records.any():
+            numbers[records] = len(outcomes)
+            outcomes.append(
+                {
+                    "name": f"{name}, {suffix}" if is_hollow else name,
+                    "colour": colours[name],
+                    "marker": markers[name],
+                    "hollow": is_hollow,
+                    "leads": name,
+                    "hatched": name in (Outcome.NOT_SETTLED, Outcome.FAILED),
+                }
+            )
     return outcomes, numbers
 
 
@@ -269,7 +277,8 @@ def _slices(table: pd.DataFrame, job: Job, drawn: Sequence[int], few: int | None
     groups = [(place, group) for place, group in enumerate(design.groups) if group.length > 1]
     slices = []
     for number, (place, group) in enumerate(groups):
-        if number in drawn or (few is not None and (group.length > few or not parameters & set(group.axes))):
+        is_few = few is None or (group.length <= few and bool(parameters & set(group.axes)))
+        if number in drawn or not is_few:
             continue
         texts = []
         for value in range(group.length):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import math
 from collections.abc import Generator, Iterator, Sequence
 from typing import Protocol
 
@@ -22,7 +23,7 @@ from gaitsweep.skeleton import Limb, Skeleton
 from gaitsweep.view.movie.side_view import SideView, bounds
 
 _FRAME_WIDTH = 8.0  # inches; width of every frame, so that its text has the same relative size
-_CYCLES_SHOWN = 2.0
+_CYCLES_SHOWN = 2.0  # of footfalls
 _TWO_LINES_FROM = 1.6  # half of the ratio of length to height above which the poses are in two lines
 _MARGIN = 0.012  # of texts, as a share of the width
 _BAR_HEIGHT = 0.66  # of a foot's bar, as a share of its row
@@ -61,9 +62,9 @@ class Clip:
         middle = np.concatenate(parts, axis=1)[..., :2].mean(axis=1)
         if len(self.t) < 3:
             return middle
-        wide = int(min(round(self.period / (self.t[1] - self.t[0])), len(self.t) - 1)) // 2
-        padded = np.pad(middle, ((wide, wide), (0, 0)), mode="reflect", reflect_type="odd")
-        kernel = np.full(2 * wide + 1, 1.0 / (2 * wide + 1))
+        half_width = int(min(round(self.period / (self.t[1] - self.t[0])), len(self.t) - 1)) // 2
+        padded = np.pad(middle, ((half_width, half_width), (0, 0)), mode="reflect", reflect_type="odd")
+        kernel = np.full(2 * half_width + 1, 1.0 / (2 * half_width + 1))
         return np.column_stack([np.convolve(column, kernel, mode="valid") for column in padded.T])
 
 
@@ -77,14 +78,21 @@ class Footfalls:
         t: Float[np.ndarray, " times"],
         contact: Float[np.ndarray, "times limbs"],
     ) -> None:
-        """Draw all bars: `contact` is 1 on the ground, at the times `t` (s) of a trace."""
+        """Draw all bars.
+
+        Args:
+            axes: the panel.
+            limbs: the limbs, one for each row of bars.
+            t: the times of a trace, s.
+            contact: 1 on the ground.
+        """
         self._axes = axes
         colours = limb_colours(limbs)
         for row, colour in enumerate(colours):
             starts, stops = contact_intervals(t, contact[:, row])
             bars = list(zip(starts, stops - starts, strict=True))
             axes.broken_barh(bars, (row - _BAR_HEIGHT / 2, _BAR_HEIGHT), facecolors=colour, linewidth=0)
-        named = range(0, len(limbs), max(1, -(-len(limbs) // _MAX_NAMES)))
+        named = range(0, len(limbs), max(1, math.ceil(len(limbs) / _MAX_NAMES)))
         axes.set_yticks(list(named), [limbs[row].name for row in named])
         for tick, row in zip(axes.get_yticklabels(), named, strict=True):
             tick.set_color(colours[row])
@@ -140,7 +148,10 @@ def frames(
 ) -> Generator[UInt8[np.ndarray, "height width 3"]]:
     """The frames of a movie, RGB bytes for each of the clip's times, valid until the next.
 
-    `size` is the width and height in pixels; `scene` draws the body in its axes.
+    Args:
+        clip: the data of the animation.
+        size: width and height, pixels.
+        scene: the function that draws the body in its axes.
     """
     with _blank_figure(size) as (figure, canvas):
         view, chart, bar = _movie_axes(figure, clip)
@@ -149,15 +160,15 @@ def frames(
             _CHART_RIGHT, 1.0 - 0.17 / figure.get_figheight(), "", ha="right", va="center", fontsize=10
         )
         progress = _time_bar(bar, clip)
-        drawn = scene(view, clip, named=True)
-        shown = _CYCLES_SHOWN * clip.period
+        body = scene(view, clip, named=True)
+        duration = _CYCLES_SHOWN * clip.period
         first = float(clip.t[0])
         for k, t in enumerate(clip.t):
-            drawn.show(k)
-            low = max(first, float(t) - shown)
-            falls.set_window(low, low + shown)
+            body.show(k)
+            low = max(first, float(t) - duration)
+            falls.set_window(low, low + duration)
             falls.set_time(float(t))
-            clock.set_text(", ".join(filter(None, (f"{t:.2f} s", clip.pace))))
+            clock.set_text(f"{t:.2f} s, {clip.pace}" if clip.pace else f"{t:.2f} s")
             progress.set_width(float(t) - first)
             canvas.draw()
             yield np.asarray(canvas.buffer_rgba())[..., :3]
@@ -167,9 +178,8 @@ def _movie_axes(figure: Figure, clip: Clip) -> tuple[Axes, Axes, Axes]:
     """The axes of the body, of the footfalls and of the time bar, from top to bottom."""
     tall = figure.get_figheight()
     chart = _chart_height(clip, tall)
-    head, foot = 0.34 / tall, 0.62 / tall
-    between = 0.2 / tall
-    view = figure.add_axes((0.0, foot + chart + between, 1.0, 1.0 - head - between - chart - foot))
+    head, foot, gap = 0.34 / tall, 0.62 / tall, 0.2 / tall
+    view = figure.add_axes((0.0, foot + chart + gap, 1.0, 1.0 - head - gap - chart - foot))
     falls = figure.add_axes((_CHART_LEFT, foot, _CHART_RIGHT - _CHART_LEFT, chart))
     bar = figure.add_axes((_CHART_LEFT, 0.13 / tall, _CHART_RIGHT - _CHART_LEFT, 0.06 / tall))
     figure.text(_MARGIN, 1.0 - 0.5 * head, settable(clip.title), va="center", fontsize=10, weight="bold")
@@ -190,9 +200,9 @@ def _time_bar(axes: Axes, clip: Clip) -> Rectangle:
     axes.set_ylim(0.0, 1.0)
     axes.set_axis_off()
     axes.add_patch(Rectangle((clip.t[0], 0.0), clip.t[-1] - clip.t[0], 1.0, facecolor="#E4E6E9"))
-    passed = Rectangle((clip.t[0], 0.0), 0.0, 1.0, facecolor=_INK)
-    axes.add_patch(passed)
-    return passed
+    elapsed = Rectangle((clip.t[0], 0.0), 0.0, 1.0, facecolor=_INK)
+    axes.add_patch(elapsed)
+    return elapsed
 
 
 @contextlib.contextmanager
@@ -208,22 +218,26 @@ def _blank_figure(size: tuple[int, int]) -> Iterator[tuple[Figure, FigureCanvasA
 def still(clip: Clip, size: tuple[int, int], scene: DrawBody = side_view) -> Figure:
     """Numbered poses of a clip of a period or less, side by side, above the footfalls that mark their times.
 
-    `size` is the width and height in pixels; `scene` draws a pose in its axes.
+    Args:
+        clip: the data of the animation.
+        size: width and height, pixels.
+        scene: the function that draws a pose in its axes.
     """
     half, height, _ = bounds(clip.skeleton, clip.camera)
     lines = 2 if half > _TWO_LINES_FROM * height else 1
-    columns = -(-len(clip.t) // lines)
+    columns = math.ceil(len(clip.t) / lines)
     with _blank_figure(size) as (figure, _):
         tall = figure.get_figheight()
-        head, foot, between = 0.3 / tall, 0.38 / tall, 0.2 / tall
+        head, foot, gap = 0.3 / tall, 0.38 / tall, 0.2 / tall
         chart = _chart_height(clip, tall)
         figure.text(_MARGIN, 1.0 - 0.5 * head, settable(clip.title), va="center", fontsize=10, weight="bold")
         figure.text(_CHART_RIGHT, 1.0 - 0.5 * head, _FORWARD, ha="right", va="center", fontsize=8, color=_INK)
-        low = foot + chart + between
-        wide, high = 1.0 / columns, (1.0 - head - low) / lines
+        pose_width = 1.0 / columns
+        pose_height = (1.0 - head - (foot + chart + gap)) / lines
         for k in range(len(clip.t)):
             line, column = divmod(k, columns)
-            axes = figure.add_axes((column * wide, 1.0 - head - (line + 1) * high, wide, high))
+            low = 1.0 - head - (line + 1) * pose_height
+            axes = figure.add_axes((column * pose_width, low, pose_width, pose_height))
             scene(axes, clip, named=False).show(k)
             axes.text(0.04, 0.98, str(k + 1), transform=axes.transAxes, va="top", fontsize=9, weight="bold")
         axes = figure.add_axes((_CHART_LEFT, foot, _CHART_RIGHT - _CHART_LEFT, chart))

@@ -16,11 +16,10 @@ from PIL import Image
 from gaitsweep.plot.columns import PlotError
 from gaitsweep.table import replace_file
 
-# Colours of a GIF, and those that are kept exactly: the others are shades along the edges of what is drawn.
-# More colours make a larger file, and look the same.
-_COLOURS, _EXACT_COLOURS = 64, 48
+_COLOURS = 64  # of a GIF: more make a larger file, and look the same
+_EXACT_COLOURS = 48  # those that are stored exactly: the others are shades along the edges of what is drawn
 _SAME_COLOUR_WITHIN = 8  # of 255; Pillow looks colours up in steps of 4, so it may confuse colours this near
-_RGB_PLACES = np.array([65536, 256, 1], np.uint32)  # of the channels in a colour as one number
+_RGB_WEIGHTS = np.array([65536, 256, 1], np.uint32)  # of the channels in a colour as one number
 FORMATS = (".gif", ".mp4")
 
 
@@ -43,9 +42,13 @@ def require(path: Path, fps: float) -> None:
 def save(
     path: Path, frames: Iterator[UInt8[np.ndarray, "height width 3"]], fps: float, colours: Sequence[str] = ()
 ) -> None:
-    """Write RGB frames at `fps` per second; the file is replaced when all are written.
+    """Write a movie; the file is replaced when all frames are written.
 
-    `colours` are kept among the 64 of a GIF.
+    Args:
+        path: the file, .gif or .mp4.
+        frames: RGB bytes.
+        fps: frames per second.
+        colours: colours that a GIF has exactly, among its 64.
 
     Raises:
         PlotError: as for `require`, or ffmpeg fails.
@@ -61,7 +64,7 @@ def save(
 def _gif(
     file: BinaryIO, frames: Iterator[UInt8[np.ndarray, "height width 3"]], fps: float, colours: Sequence[str]
 ) -> None:
-    """All frames with one palette, so that unchanged pixels are equal.
+    """Write all frames with one palette, so that unchanged pixels are equal.
 
     Pillow then stores the rectangle that has changed, and with `optimize` the colours that occur in it.
     """
@@ -81,12 +84,13 @@ def _gif(
 
 
 def _palette(picture: UInt8[np.ndarray, "height width 3"], colours: Sequence[str]) -> Image.Image:
-    """The `_COLOURS`: the given ones, the most frequent ones of this frame, and means of the others."""
-    packed, counts = np.unique(picture.astype(np.uint32) @ _RGB_PLACES, return_counts=True)
-    frequent = packed[np.argsort(-counts, kind="stable")[: 4 * _EXACT_COLOURS], None] // _RGB_PLACES % 256
+    """The palette: some colours, the most frequent ones of a picture, and means of its other colours."""
+    codes, counts = np.unique(picture.astype(np.uint32) @ _RGB_WEIGHTS, return_counts=True)
+    most_frequent = np.argsort(-counts, kind="stable")[: 4 * _EXACT_COLOURS]
+    frequent = codes[most_frequent, None] // _RGB_WEIGHTS % 256
     means = Image.fromarray(picture).quantize(_COLOURS, dither=Image.Dither.NONE).getpalette() or []
-    wanted = np.round(255 * np.array([to_rgb(colour) for colour in colours])).reshape(-1, 3)
-    exact = _distinct([*wanted, *frequent])[:_EXACT_COLOURS]
+    requested = np.round(255 * np.array([to_rgb(colour) for colour in colours])).reshape(-1, 3)
+    exact = _distinct([*requested, *frequent])[:_EXACT_COLOURS]
     entries = _distinct([*exact, *np.reshape(means, (-1, 3))])[:_COLOURS]
     palette = Image.new("P", (1, 1))
     palette.putpalette(np.array(entries, np.uint8).ravel().tolist())
@@ -103,7 +107,11 @@ def _distinct(colours: Sequence[Real[np.ndarray, 3]]) -> list[Int[np.ndarray, 3]
 
 
 def _ffmpeg() -> str:
-    """The path of imageio-ffmpeg's program."""
+    """The path of imageio-ffmpeg's program.
+
+    Raises:
+        PlotError: it is not installed.
+    """
     try:
         import imageio_ffmpeg  # pyright: ignore[reportMissingImports] (an extra)
 
@@ -133,11 +141,12 @@ def _mp4(target: str, frames: Iterator[UInt8[np.ndarray, "height width 3"]], fps
             process.stdin.write(first.tobytes())
             for frame in frames:
                 process.stdin.write(frame.tobytes())
-        _, words = process.communicate()
+        _, messages = process.communicate()
     except BaseException:
         process.kill()
         process.wait()
         raise
     if process.returncode != 0:
-        last = words.decode(errors="replace").strip().splitlines()[-1:] or [f"code {process.returncode}"]
-        raise PlotError(f"ffmpeg could not write the movie: {last[0].rstrip('.')}.")
+        lines = messages.decode(errors="replace").strip().splitlines()
+        reason = lines[-1].rstrip(".") if lines else f"code {process.returncode}"
+        raise PlotError(f"ffmpeg could not write the movie: {reason}.")

@@ -52,9 +52,13 @@ class Painter:
         camera: Float[np.ndarray, "frames 2"],
         size: tuple[int, int],
     ) -> None:
-        """Start the process and read its first frame, of `size` (width, height) pixels.
+        """Start the process and read its first frame.
 
-        `skeleton` is the same body as lines, and `camera` (m) the centre of each frame.
+        Args:
+            body: what MuJoCo renders.
+            skeleton: the same body as lines.
+            camera: the centre of each frame, m.
+            size: width and height, pixels.
 
         Raises:
             NoOpenGL: no OpenGL backend works.
@@ -73,7 +77,11 @@ class Painter:
         raise NoOpenGL(f"MuJoCo cannot render here ({'; '.join(refusals)})")
 
     def picture(self, k: int) -> UInt8[np.ndarray, "height width 3"]:
-        """The frame of sample k, RGB bytes; samples must be requested in order."""
+        """The frame of sample k, RGB bytes; samples must be requested in order.
+
+        Raises:
+            PlotError: the process has ended.
+        """
         while self._at < k:
             try:
                 self._picture = self._read()
@@ -101,13 +109,13 @@ class Painter:
         deadline = time.monotonic() + _PATIENCE
         while len(picture) < length:
             ready, _, _ = select.select([self._process.stdout], [], [], max(deadline - time.monotonic(), 0.0))
-            piece = os.read(self._process.stdout.fileno(), length - len(picture)) if ready else b""
-            if not piece:
-                silent = f"no output within {_PATIENCE:.0f} s"
-                why = _last_message(self._process, self._log) if ready else silent
+            pixels = os.read(self._process.stdout.fileno(), length - len(picture)) if ready else b""
+            if not pixels:
+                silence = f"no output within {_PATIENCE:.0f} s"
+                reason = _last_message(self._process, self._log) if ready else silence
                 self.close()
-                raise NoOpenGL(why)
-            picture += piece
+                raise NoOpenGL(reason)
+            picture += pixels
         return np.frombuffer(bytes(picture), np.uint8).reshape(self._shape)
 
 
@@ -116,11 +124,12 @@ class Rendered:
 
     def __init__(self, axes: Axes, painter: Painter) -> None:
         axes.set_axis_off()
-        self._axes, self._painter = axes, painter
+        self._axes = axes
+        self._painter = painter
         self._image: AxesImage | None = None
 
     def show(self, k: int) -> None:
-        """Show sample k, or the next in order."""
+        """Show sample k; samples must be shown in order."""
         picture = self._painter.picture(k)
         if self._image is None:
             self._image = self._axes.imshow(picture, aspect="auto", interpolation="nearest")
@@ -140,9 +149,9 @@ def _request(
     half, tall, _ = bounds(skeleton, camera)
     cosine, sine = np.cos(body.heading), np.sin(body.heading)
     to_walking_direction = np.array([[cosine, sine], [-sine, cosine]])
-    packed = io.BytesIO()
+    file = io.BytesIO()
     np.savez(
-        packed,
+        file,
         mjcf=np.array(body.mjcf),
         qpos=body.qpos,
         middle=camera @ to_walking_direction,
@@ -152,7 +161,7 @@ def _request(
         square=round_step(0.2 * tall),
         colours=np.array([to_rgb(colour) for colour in limb_colours(skeleton.limbs)]),
     )
-    return packed.getvalue()
+    return file.getvalue()
 
 
 def _start(request: bytes, backend: str) -> tuple[subprocess.Popen[bytes], io.BufferedRandom]:

@@ -18,10 +18,11 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
-_ASIDE, _DOWN = 28.0, -14.0  # degrees; azimuth of the camera ahead of the right side, and its elevation
-_VIEW = 25.0  # degrees; vertical field of view
-_TIGHT = 1.08
-_SHADOW = 1024  # pixels; with software OpenGL, MuJoCo's 4096 take most of the time
+_ASIDE = 28.0  # degrees: azimuth of the camera ahead of the right side
+_DOWN = -14.0  # degrees: elevation of the camera
+_VIEW = 25.0  # degrees: vertical field of view
+_MARGIN = 1.08  # factor on the distance at which the body just fits
+_SHADOW = 1024  # pixels: with software OpenGL, MuJoCo's 4096 take most of the time
 
 
 def main() -> None:
@@ -39,11 +40,11 @@ def main() -> None:
     _paint_limbs(model, request["colours"])
     camera = _camera(request, width / height)
     renderer = mujoco.Renderer(model, height, width)
-    hung = model.light_bodyid == 0
-    lamps = model.light_pos[hung]
+    of_world = model.light_bodyid == 0
+    lamps = model.light_pos[of_world]
     for qpos, middle in zip(request["qpos"], request["middle"], strict=True):
         data.qpos = qpos
-        model.light_pos[hung] = lamps + np.append(middle, 0.0)  # a lamp casts shadows only near itself
+        model.light_pos[of_world] = lamps + np.append(middle, 0.0)  # a lamp casts shadows only near itself
         mujoco.mj_forward(model, data)
         camera.lookat[:2] = middle
         renderer.update_scene(data, camera)
@@ -85,31 +86,33 @@ def _camera(request: np.lib.npyio.NpzFile, aspect: float) -> mujoco.MjvCamera:
     camera.lookat[2] = 0.46 * tall
     height_at_a_metre = 2.0 * np.tan(np.radians(0.5 * _VIEW))
     to_fit = max(1.2 * tall, 2.0 * half / aspect) / height_at_a_metre
-    camera.distance = _TIGHT * (to_fit + half * np.sin(np.radians(_ASIDE)))
+    camera.distance = _MARGIN * (to_fit + half * np.sin(np.radians(_ASIDE)))
     return camera
 
 
 def _light(model: mujoco.MjModel) -> None:
-    """Light that keeps marks and shadows on pale ground visible; without lamps, more from the viewer."""
-    more = 1.0 if model.nlight else 1.4
-    model.vis.headlight.ambient[:], model.vis.headlight.diffuse[:] = 0.42 * more, 0.4 * more
+    """Set light in which marks and shadows on pale ground are visible; more from the viewer without lamps."""
+    headlight = 1.0 if model.nlight else 1.4
+    model.vis.headlight.ambient[:] = 0.42 * headlight
+    model.vis.headlight.diffuse[:] = 0.4 * headlight
     model.vis.headlight.specular[:] = 0.0
-    model.light_diffuse[:], model.light_specular[:] = 0.3, 0.0
+    model.light_diffuse[:] = 0.3
+    model.light_specular[:] = 0.0
 
 
 def _paint_limbs(model: mujoco.MjModel, colours: Float[np.ndarray, "limbs channels"]) -> None:
     """Give the bodies that carry exactly one foot the colour of their limb."""
-    above: list[list[int]] = []
+    chains: list[list[int]] = []  # the bodies between each foot and the world
     for number in range(1, len(colours) + 1):
         site = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, f"foot_{number}")
         chain = [int(model.site_bodyid[site])] if site >= 0 else []
         while chain and model.body_parentid[chain[-1]] > 0:
             chain.append(int(model.body_parentid[chain[-1]]))
-        above.append(chain)
-    carried = np.bincount([body for chain in above for body in chain], minlength=model.nbody)
-    for chain, colour in zip(above, colours, strict=True):
-        own = [body for body in chain if carried[body] == 1]
-        geoms = np.isin(model.geom_bodyid, own)
+        chains.append(chain)
+    feet_of_body = np.bincount([body for chain in chains for body in chain], minlength=model.nbody)
+    for chain, colour in zip(chains, colours, strict=True):
+        of_limb = [body for body in chain if feet_of_body[body] == 1]
+        geoms = np.isin(model.geom_bodyid, of_limb)
         model.geom_matid[geoms] = -1
         model.geom_rgba[geoms, :3] = colour
 

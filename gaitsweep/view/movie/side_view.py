@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -19,14 +20,16 @@ from gaitsweep.skeleton import Skeleton
 
 # The drawn offset (m) of a metre to the left: to the right and up.
 _ASIDE = np.array([0.28, 0.22])
-_BODY, _NEAR_SIDE, _EDGE = "#DDE0E4", "#BFC4CC", "#4A4F57"
-_STRIP, _MARK, _INK = "#F1EEE8", "#CFC9BE", "#8A8478"
+_BODY, _NEAR_SIDE, _EDGE = "#DDE0E4", "#BFC4CC", "#4A4F57"  # of a body
+_STRIP, _MARK, _INK = "#F1EEE8", "#CFC9BE", "#8A8478"  # of the ground, its marks and their labels
 SWING = "#D55E00"  # of limbs off the ground, where limbs have no colours of their own
 _MARKS = 7  # approximate number of marks across the frame
-# Space above the body and below the ground, as shares of its height, with names and without.
-_NAMED, _PLAIN = (1.22, 0.24), (1.12, 0.1)
+# The top of the axes and the space below the ground, as shares of the body's height.
+_NAMED = (1.22, 0.24)
+_PLAIN = (1.12, 0.1)  # without names
 _TURNS = 5  # turns of a spring
-_MOST_NAMES = 16
+_MOST_NAMES = 16  # with more limbs none is named
+_USUAL_HEIGHT = 110.0  # points: drawn height of a body for which line widths are meant
 
 
 def heading(skeleton: Skeleton) -> float:
@@ -90,8 +93,9 @@ def bounds(skeleton: Skeleton, camera: Float[np.ndarray, "frames 2"]) -> tuple[f
     parts = [*(limb.points for limb in skeleton.limbs), *skeleton.bodies, *skeleton.springs]
     across, up = projected(np.concatenate([part - middle for part in parts], axis=1).reshape(-1, 3)).T
     height = float(up.max())
-    aside = [np.abs(limb.points[:, -1, 1] - camera[:, 1]).max() for limb in skeleton.limbs]  # of the feet
-    return float(np.abs(across).max()), height, max(1.5 * float(max(aside, default=0.0)), 0.3 * height)
+    of_feet = [np.abs(limb.points[:, -1, 1] - camera[:, 1]).max() for limb in skeleton.limbs]
+    depth = max(1.5 * float(max(of_feet, default=0.0)), 0.3 * height)
+    return float(np.abs(across).max()), height, depth
 
 
 class Ground:
@@ -107,9 +111,14 @@ class Ground:
         *,
         named: bool,
     ) -> None:
-        """Draw the ground for a body `height` m high and 2 `half` m wide, `depth` m to both sides.
+        """Draw the ground.
 
-        A metre to the left is drawn at the offset `aside`, m; marks that are `named` show their position.
+        Args:
+            axes: the panel, whose limits are set.
+            half, height: half the width and the height of the body, m.
+            depth: width of the ground to both sides, m.
+            aside: the drawn offset of a metre to the left, m.
+            named: whether marks show their position.
         """
         self._aside = aside * depth
         self.near = -float(self._aside[1])
@@ -147,10 +156,10 @@ class Ground:
 
 
 def round_step(length: float) -> float:
-    """The next number from 1, 2, 5, 10, ... times a power of ten."""
+    """The next number from 1, 2, 5, 10 times a power of ten."""
     power = 10.0 ** np.floor(np.log10(length))
-    heads = (head for head in (1.0, 2.0, 5.0, 10.0) if head * power >= length * (1.0 - 1e-9))
-    return float(power * next(heads))
+    steps = (digit * power for digit in (1.0, 2.0, 5.0, 10.0))
+    return float(next(step for step in steps if step >= length * (1.0 - 1e-9)))
 
 
 class SideView:
@@ -165,27 +174,37 @@ class SideView:
         *,
         named: bool = True,
     ) -> None:
-        """Prepare the drawing of all samples: `down` on the ground, its middle at `camera`, m.
+        """Prepare the drawing of all samples.
 
-        Limbs and marks on the ground are `named` or not.
+        Args:
+            axes: the panel.
+            skeleton: the body.
+            down: whether each limb is on the ground.
+            camera: the middle of the axes along the ground, m.
+            named: whether limbs and marks on the ground have names.
         """
         skeleton = dataclasses.replace(skeleton, bodies=tuple(map(nearest_first, skeleton.bodies)))
-        self._axes, self._skeleton, self._down, self._camera = axes, skeleton, down, camera
+        self._axes = axes
+        self._skeleton = skeleton
+        self._down = down
+        self._camera = camera
         self._colours = limb_colours(skeleton.limbs)
-        alike = len(set(self._colours)) == 1 < len(self._colours)
+        alike = len(self._colours) > 1 and len(set(self._colours)) == 1
         self._swing = [SWING if alike else colour for colour in self._colours]
         half, self._height, depth = bounds(skeleton, camera)
         self._moves = float(np.ptp(camera[:, 0])) > 1e-6 * half
         self._sole = 0.05 * self._height
         axes.set_axis_off()
         self._ground = Ground(axes, half, self._height, depth, _ASIDE, named=named)
-        # line widths are for a body drawn a hundred points tall
-        points = self._height * axes.get_window_extent().height / np.ptp(axes.get_ylim())
-        self._thick = float(np.clip(72.0 * points / axes.figure.dpi / 110.0, 0.4, 1.5))
-        self._limbs = [self._limb(i) for i in range(len(skeleton.limbs))]
-        self._bodies = [(self._patch(_BODY), self._patch(_NEAR_SIDE)) for _ in skeleton.bodies]
+        pixels = self._height * axes.get_window_extent().height / np.ptp(axes.get_ylim())
+        self._thickness = float(np.clip(72.0 * pixels / axes.figure.dpi / _USUAL_HEIGHT, 0.4, 1.5))
+        self._limbs = [
+            self._add_limb(colour, far=limb.far)
+            for limb, colour in zip(skeleton.limbs, self._colours, strict=True)
+        ]
+        self._bodies = [(self._add_patch(_BODY), self._add_patch(_NEAR_SIDE)) for _ in skeleton.bodies]
         self._springs = [
-            axes.plot([], [], color=_EDGE, lw=0.9 * self._thick, zorder=5)[0] for _ in skeleton.springs
+            axes.plot([], [], color=_EDGE, lw=0.9 * self._thickness, zorder=5)[0] for _ in skeleton.springs
         ]
         if named and len(skeleton.limbs) <= _MOST_NAMES:
             self._name_limbs()
@@ -214,27 +233,30 @@ class SideView:
         if self._moves:
             self._ground.show(float(self._camera[k, 0]))
 
-    def _limb(self, i: int) -> tuple[Line2D, Line2D, Line2D]:
-        """Links with their joints, the foot, and the mark below it during stance."""
-        colour, far, w = self._colours[i], self._skeleton.limbs[i].far, self._thick
+    def _add_limb(self, colour: str, *, far: bool) -> tuple[Line2D, Line2D, Line2D]:
+        """Add the links of a limb with their joints, its foot, and the mark below it during stance."""
+        width = self._thickness
         order = 2 if far else 7
+        joints: dict[str, Any] = {"marker": "o", "mfc": "white", "mec": colour, "ms": 4.6 * width}
         (line,) = self._axes.plot(
-            [], [], color=colour, lw=3.4 * w, marker="o", ms=4.6 * w, mfc="white", mec=colour, mew=1.2 * w,
-            solid_capstyle="round", solid_joinstyle="round", zorder=order,
+            [], [], color=colour, lw=3.4 * width, mew=1.2 * width, zorder=order,
+            solid_capstyle="round", solid_joinstyle="round", **joints,
         )  # fmt: skip
         (foot,) = self._axes.plot(
-            [], [], ls="", marker="o", ms=6.0 * w, mec=colour, mew=1.4 * w, zorder=order + 0.1
+            [], [], ls="", marker="o", ms=6.0 * width, mec=colour, mew=1.4 * width, zorder=order + 0.1
         )
-        (sole,) = self._axes.plot([], [], color=_EDGE, lw=2.2 * w, solid_capstyle="butt", zorder=1.5)
+        (sole,) = self._axes.plot([], [], color=_EDGE, lw=2.2 * width, solid_capstyle="butt", zorder=1.5)
         return line, foot, sole
 
-    def _patch(self, face: str) -> Polygon:
-        patch = Polygon(np.zeros((3, 2)), facecolor=face, edgecolor=_EDGE, lw=0.8 * self._thick, zorder=4)
+    def _add_patch(self, face: str) -> Polygon:
+        """Add a part of a body, without its place."""
+        width = 0.8 * self._thickness
+        patch = Polygon(np.zeros((3, 2)), facecolor=face, edgecolor=_EDGE, lw=width, zorder=4)
         self._axes.add_patch(patch)
         return patch
 
     def _name_limbs(self) -> None:
-        """The names of near limbs below the ground, of far ones above the body, at their mean positions."""
+        """Write names of near limbs below the ground, of far ones above the body, at their mean positions."""
         low, high = self._ground.near - 0.05 * self._height, 1.06 * self._height
         for limb, colour in zip(self._skeleton.limbs, self._colours, strict=True):
             roots = limb.points[:, 0].copy()
@@ -256,7 +278,7 @@ def _hull(points: Float[np.ndarray, "points 2"]) -> Float[np.ndarray, "corners 2
 def _zigzag(
     ends: Float[np.ndarray, "2 2"], width: float
 ) -> tuple[Float[np.ndarray, " corners"], Float[np.ndarray, " corners"]]:
-    """A spring between two points, straight at both ends."""
+    """The corners of a spring of a `width` (m) between two points (m), straight at both ends."""
     share = np.concatenate([[0.0], np.linspace(0.2, 0.8, 2 * _TURNS + 1), [1.0]])
     aside = np.zeros_like(share)
     aside[2:-2] = 0.6 * width * np.where(np.arange(len(share) - 4) % 2, -1.0, 1.0)

@@ -1,17 +1,20 @@
-// The keys, what the page says of the table, and its beginning.
+// The keys, the texts about the table, and the beginning of the page.
 
 const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowDown: [0, -1], ArrowUp: [0, 1] };
 
 function onKey(event) {
-  const typing = ["INPUT", "SELECT", "TEXTAREA"].includes(event.target.tagName);
+  const { key, target } = event, onButton = target.tagName === "BUTTON";
+  const typing = ["INPUT", "SELECT", "TEXTAREA"].includes(target.tagName);
   if (event.ctrlKey || event.metaKey || event.altKey || typing) return;
-  if (event.key === " " && event.target.tagName !== "BUTTON") play(!clock.playing);
-  else if (ARROWS[event.key] && (event.target === $("map") || event.target === document.body || event.target.tagName === "BUTTON")) choose(neighbour(...ARROWS[event.key]));
-  else if (event.key === "e" && other >= 0) choose(other);
+  const moving = ARROWS[key] && (onButton || target === $("map") || target === document.body);
+  if (key === " " && !onButton) play(!clock.playing);
+  else if (moving) choose(neighbour(...ARROWS[key]));
+  else if (key === "e" && other >= 0) choose(other);
   else return;
   event.preventDefault();
 }
 
+/** Wait until the browser has painted the page. */
 const painted = () => new Promise(done => requestAnimationFrame(() => setTimeout(done, 0)));
 
 function showAbout() {
@@ -25,13 +28,13 @@ function showAbout() {
     : "<kbd>←</kbd> <kbd>→</kbd> move along a row, <kbd>↑</kbd> <kbd>↓</kbd> to another row";
   const playing = data.walks.length ? " <kbd>space</kbd> plays and pauses," : "";
   $("keys").innerHTML = `${arrows},${playing} <kbd>e</kbd> goes to the nearest that leads elsewhere.`;
-  const from = data.provenance;
-  $("provenance").textContent = `gaitsweep ${from.gaitsweep}; job ${from.job}${from.commit ? ", commit " + from.commit : ""}; ${from.engine}, ${from.device}.`;
+  const { gaitsweep, job, commit, engine, device } = data.provenance;
+  $("provenance").textContent = `gaitsweep ${gaitsweep}; job ${job}${commit ? ", commit " + commit : ""}; ${engine}, ${device}.`;
   if (!data.figure && data.walks.length) $("told").append(` ${data.model} defines no skeleton, so only its observables are shown.`);
   else if (data.figure && data.figure.note) $("told").append(` ${data.figure.note}`);
 }
 
-/** Read plotly.js, which takes longer than all else: the page shows what it can before. */
+/** Read plotly.js, which takes so long that the page shows a sketch of the map meanwhile. */
 async function readPlotly(source) {
   const script = document.createElement("script");
   script.textContent = await source;
@@ -39,12 +42,12 @@ async function readPlotly(source) {
   if (!window.Plotly) throw new Error("plotly.js could not be read.");
 }
 
-async function begin() {
-  if (typeof DecompressionStream === "undefined") throw new Error("This browser is older than 2023 and cannot unpack the page.");
+/** Read the records, and number them by row and by cell. */
+async function readData() {
   data = JSON.parse(await unpacked("data"));
-  data.columns.forEach(each => columns[each.name] = each);
+  for (const column of data.columns) columns[column.name] = column;
   count = data.outcome.length;
-  data.walks.forEach(each => walkOf.set(each.record, each));
+  for (const replay of data.walks) walkOf.set(replay.record, replay);
   for (let i = 0; i < count; i++) {
     const row = raw(columns.row, i);
     if (!recordsOf.has(row)) recordsOf.set(row, []);
@@ -52,21 +55,33 @@ async function begin() {
     if (data.kind === "cells") recordAt.set(`${sliceKey(i)}|${cellKey(i)}`, i);
   }
   spans = ranges().map(([low, high]) => high - low);
+}
+
+/** Show the page, with a sketch of the map, and the record of its address. */
+function showPage() {
   $("wait").remove();
   document.querySelector("main").hidden = false;
   showAbout();
   fillSpeeds();
+  fillLifts();
   const linked = fromHash(), first = linked >= 0 ? linked : data.first;
-  slice = data.slices.map(each => each.of[first]);
+  slice = data.slices.map(axis => axis.of[first]);
   showSlices();
   showLegend();
   sketchMap();
   choose(first, { announce: false });
-  $("compare").onclick = event => {
-    event.currentTarget.setAttribute("aria-pressed", event.currentTarget.getAttribute("aria-pressed") !== "true");
-    showBeside();
-    paint();
-  };
+}
+
+function toggleBeside(event) {
+  const button = event.currentTarget, pressed = button.getAttribute("aria-pressed") === "true";
+  button.setAttribute("aria-pressed", !pressed);
+  showBeside();
+  paint();
+}
+
+/** Answer buttons, keys, links, and changes of the window and of the colour scheme. */
+function listen() {
+  $("compare").onclick = toggleBeside;
   $("copy-link").onclick = () => copy(location.href, "Link");
   $("copy-python").onclick = () => copy(pythonOf(chosen), "Python");
   $("save-gif").onclick = saveGif;
@@ -75,24 +90,37 @@ async function begin() {
   addEventListener("keydown", onKey);
   addEventListener("hashchange", () => { const i = fromHash(); if (i >= 0 && i !== chosen) choose(i); });
   let width = innerWidth;
-  addEventListener("resize", () => { if (innerWidth !== width) { width = innerWidth; drawMap(); showPhases(); } paint(); });
+  addEventListener("resize", () => {
+    if (innerWidth !== width) { width = innerWidth; drawMap(); showPhases(); }
+    paint();
+  });
   darkness.addEventListener("change", () => {
     shade = SCHEMES[darkness.matches ? "dark" : "light"];
     showLegend(); drawMap(); showRecord(); showPhases(); paint();
   });
+}
+
+/** Choose the record at a place of the map that was clicked. */
+function onMapClick(event) {
+  const point = event.points[0];
+  if (point.data.type !== "heatmap") { if (point.customdata !== undefined) choose(point.customdata); return; }
+  const [b, a] = point.pointIndex ?? point.pointNumber, record = recordAt.get(`${shownKey()}|${a},${b}`);
+  if (record !== undefined) choose(record);
+  $("map").focus({ preventScroll: true });
+}
+
+async function begin() {
+  if (typeof DecompressionStream === "undefined") throw new Error("This browser is older than 2023 and cannot unpack the page.");
+  await readData();
+  showPage();
+  listen();
   const source = unpacked("plotly");
   await painted();
   const shown = performance.now();
   await readPlotly(source);
   await drawMap();
   if (data.kind === "cells" && $("map")._fullData[0].type !== "heatmap") throw new Error("plotly.js draws no cells.");
-  $("map").on("plotly_click", event => {
-    const point = event.points[0];
-    if (point.data.type !== "heatmap") { if (point.customdata !== undefined) choose(point.customdata); return; }
-    const [b, a] = point.pointIndex ?? point.pointNumber, found = recordAt.get(`${shownKey()}|${a},${b}`);
-    if (found !== undefined) choose(found);
-    $("map").focus({ preventScroll: true });
-  });
+  $("map").on("plotly_click", onMapClick);
   const opened = performance.now();
   await painted();
   showPhases();

@@ -4,6 +4,7 @@
 const ASIDE = [0.28, 0.22];
 
 const SWING = "#D55E00";                        // of limbs off the ground, where limbs have no colours of their own
+const SPRING_CORNERS = 12;
 
 /** The context of a canvas, cleared, and its size; that of a canvas outside the page is its own. */
 function surface(canvas) {
@@ -31,12 +32,12 @@ function bodyAt(motion, at, turns) {
   const k = Math.min(Math.floor(at / step), points.length - 1), next = Math.min(k + 1, points.length - 1);
   const share = Math.min(at / step - k, 1), mix = (a, b) => a + share * (b - a);
   const advance = motion.loops ? turns * (camera[camera.length - 1] - camera[0]) : 0;
-  return { points: points[k].map((each, c) => mix(each, points[next][c])), camera: mix(camera[k], camera[next]) + advance };
+  return { points: points[k].map((coordinate, c) => mix(coordinate, points[next][c])), camera: mix(camera[k], camera[next]) + advance };
 }
 
-/** How far the camera goes in a stretch, m. */
-function wayOf(each) {
-  const { camera } = picturesOf(each);
+/** The distance that the camera travels in a stretch, m. */
+function distanceOf(motion) {
+  const { camera } = picturesOf(motion);
   return camera[camera.length - 1] - camera[0];
 }
 
@@ -48,118 +49,158 @@ function isOnGround(motion, limb, at) {
   return passed % 2 === 1;
 }
 
+/** The corners of the convex hull of points (Andrew's monotone chain). */
 function hull(points) {
   const sorted = [...points].sort((p, q) => p[0] - q[0] || p[1] - q[1]);
   const turn = (o, p, q) => (p[0] - o[0]) * (q[1] - o[1]) - (p[1] - o[1]) * (q[0] - o[0]);
-  const half = list => list.reduce((kept, p) => {
-    while (kept.length > 1 && turn(kept[kept.length - 2], kept[kept.length - 1], p) <= 0) kept.pop();
-    kept.push(p);
-    return kept;
+  const halfHull = ordered => ordered.reduce((corners, p) => {
+    while (corners.length > 1 && turn(corners.at(-2), corners.at(-1), p) <= 0) corners.pop();
+    corners.push(p);
+    return corners;
   }, []);
-  return [...half(sorted).slice(0, -1), ...half(sorted.reverse()).slice(0, -1)];
+  return [...halfHull(sorted).slice(0, -1), ...halfHull(sorted.reverse()).slice(0, -1)];
 }
 
+/** The next number from 1, 2, 5, 10 times a power of ten. */
 function roundStep(length) {
   const power = 10 ** Math.floor(Math.log10(length));
-  return power * [1, 2, 5, 10].find(head => head * power >= length * (1 - 1e-9));
+  return power * [1, 2, 5, 10].find(digit => digit * power >= length * (1 - 1e-9));
 }
+
+/** The decimal places of multiples of a step. */
+const digitsOf = step => Math.max(0, Math.ceil(-Math.log10(step) - 1e-9));
 
 /** The points with feet `lift` times as high over their lowest place in the stretch, and joints in proportion. */
 function withLiftedFeet(motion, points) {
   const factor = Number($("lift").value) - 1, raised = [...points];
-  let from = 0;
+  let first = 0;
   for (const n of data.figure.limbs) {
-    const foot = from + 2 * n - 1, lowest = motion.lowest ??= {};
-    lowest[foot] ??= Math.min(...picturesOf(motion).points.map(each => each[foot]));
-    for (let j = 1; j < n; j++) raised[from + 2 * j + 1] += factor * (points[foot] - lowest[foot]) * j / (n - 1);
-    from += 2 * n;
+    const foot = first + 2 * n - 1, lowest = motion.lowest ??= {};
+    lowest[foot] ??= Math.min(...picturesOf(motion).points.map(picture => picture[foot]));
+    for (let j = 1; j < n; j++) raised[first + 2 * j + 1] += factor * (points[foot] - lowest[foot]) * j / (n - 1);
+    first += 2 * n;
   }
   return raised;
 }
 
-function paintBody(canvas, motion, at, turns) {
-  const { pen, width, height } = surface(canvas), look = data.figure;
-  const { points: seenPoints, camera } = bodyAt(motion, at, turns), points = withLiftedFeet(motion, seenPoints);
-  const nearEdge = -ASIDE[1] * look.depth, low = nearEdge - 0.24 * look.height, high = 1.2 * look.height;
-  const scale = Math.min(height / (high - low), width / (2.3 * look.half));
-  const base = height - (height - scale * (high - low)) / 2 + scale * low;
-  const place = (x, y) => [width / 2 + x * scale, base - y * scale];
-  const thick = Math.max(0.5, Math.min(1.5, look.height * scale / 110));
-  const path = list => { pen.beginPath(); list.forEach(([x, y], k) => k ? pen.lineTo(x, y) : pen.moveTo(x, y)); };
+/** The places (pixels) of points that are in the order limbs, bodies, springs. */
+function partsOf(points, place) {
+  let first = 0;
+  const next = n => {
+    const part = Array.from({ length: n }, (_, j) => place(points[first + 2 * j], points[first + 2 * j + 1]));
+    first += 2 * n;
+    return part;
+  };
+  const { limbs, bodies, springs } = data.figure;
+  return { limbs: limbs.map(next), bodies: bodies.map(next), springs: Array.from({ length: springs }, () => next(2)) };
+}
 
-  // the ground, its marks, and how far the body has come
-  const [, top] = place(0, -nearEdge), [, bottom] = place(0, nearEdge), reach = width / 2 / scale + ASIDE[0] * look.depth;
+function tracePath(pen, points) {
+  pen.beginPath();
+  points.forEach(([x, y], k) => k ? pen.lineTo(x, y) : pen.moveTo(x, y));
+}
+
+/** The scale of a canvas: `place` of a point (m), pixels a metre, and the near edge of the ground (m). */
+function scaleOf({ width, height }) {
+  const { depth, half, height: tall } = data.figure;
+  const nearEdge = -ASIDE[1] * depth, low = nearEdge - 0.24 * tall, high = 1.2 * tall;
+  const perMetre = Math.min(height / (high - low), width / (2.3 * half));
+  const base = height - (height - perMetre * (high - low)) / 2 + perMetre * low;
+  return { place: (x, y) => [width / 2 + x * perMetre, base - y * perMetre], perMetre, nearEdge };
+}
+
+/** Draw the ground, with marks that show the distance that the body has travelled. */
+function paintGround(pen, { width }, { place, perMetre, nearEdge }, motion, camera) {
+  const { depth, half } = data.figure;
+  const [, top] = place(0, -nearEdge), [, bottom] = place(0, nearEdge);
   pen.fillStyle = shade.strip;
   pen.fillRect(0, top, width, bottom - top);
-  const walks = Math.abs(wayOf(motion)) > 1e-3 * look.half;
-  const step = roundStep(width / scale / 7), digits = Math.max(0, Math.ceil(-Math.log10(step) - 1e-9));
-  pen.font = "11px system-ui, DejaVu Sans, sans-serif";
+  if (Math.abs(distanceOf(motion)) <= 1e-3 * half) return;
+  const reach = width / 2 / perMetre + ASIDE[0] * depth, step = roundStep(width / perMetre / 7);
   pen.strokeStyle = shade.tick;
   pen.fillStyle = shade.length;
   pen.lineWidth = 1;
-  for (let m = Math.ceil((camera - reach) / step); walks && m * step <= camera + reach; m++) {
-    const ahead = m * step - camera, near = place(ahead - ASIDE[0] * look.depth, nearEdge);
-    path([near, place(ahead + ASIDE[0] * look.depth, -nearEdge)]);
+  for (let m = Math.ceil((camera - reach) / step); m * step <= camera + reach; m++) {
+    const ahead = m * step - camera, near = place(ahead - ASIDE[0] * depth, nearEdge);
+    tracePath(pen, [near, place(ahead + ASIDE[0] * depth, -nearEdge)]);
     pen.stroke();
-    pen.fillText(`${(m * step + 0).toFixed(digits)} m`.replace("-0 ", "0 "), near[0] + 3, near[1] - 3);
+    pen.fillText(`${(m * step + 0).toFixed(digitsOf(step))} m`.replace("-0 ", "0 "), near[0] + 3, near[1] - 3);
   }
+}
 
-  // points are in the order limbs, bodies, springs
-  let from = 0;
-  const take = k => { const list = []; for (let j = 0; j < k; j++) list.push(place(points[from + 2 * j], points[from + 2 * j + 1])); from += 2 * k; return list; };
-  const limbs = look.limbs.map(take), bodies = look.bodies.map(take);
-  const springs = Array.from({ length: look.springs }, () => take(2));
-  const sole = 0.05 * look.height * scale, stands = limbs.map((_, k) => isOnGround(motion, k, at));
-  pen.lineCap = pen.lineJoin = "round";
-  limbs.forEach((limb, k) => {
-    if (!stands[k]) return;
-    const [x, y] = limb[limb.length - 1];
-    pen.strokeStyle = shade.bone;
-    pen.lineWidth = 2.4 * thick;
-    path([[x - sole, y], [x + sole, y]]);
+/** Draw the links of limb k with its joints, and its foot, filled on the ground. */
+function paintLimb(pen, limb, k, stands, thickness) {
+  const colour = limbsAreAlike() && !stands ? visible(SWING) : limbColour(data.limbs[k]);
+  pen.strokeStyle = colour;
+  pen.lineWidth = 4 * thickness;
+  tracePath(pen, limb);
+  pen.stroke();
+  limb.forEach(([x, y], j) => {
+    const isFoot = j === limb.length - 1;
+    pen.beginPath();
+    pen.arc(x, y, (isFoot ? 3.8 : 2.9) * thickness, 0, TURN);
+    pen.fillStyle = isFoot && stands ? colour : shade.paper;
+    pen.lineWidth = 1.6 * thickness;
+    pen.fill();
     pen.stroke();
   });
-  const drawLimb = k => {
-    const limb = limbs[k], colour = limbsAreAlike() && !stands[k] ? visible(SWING) : limbColour(data.limbs[k]);
-    pen.strokeStyle = colour;
-    pen.lineWidth = 4 * thick;
-    path(limb);
-    pen.stroke();
-    limb.forEach(([x, y], j) => {
-      const foot = j === limb.length - 1;
-      pen.beginPath();
-      pen.arc(x, y, (foot ? 3.8 : 2.9) * thick, 0, TURN);
-      pen.fillStyle = foot && stands[k] ? colour : shade.paper;
-      pen.lineWidth = 1.6 * thick;
-      pen.fill();
-      pen.stroke();
-    });
-  };
-  limbs.forEach((_, k) => { if (data.limbs[k].far) drawLimb(k); });
+}
+
+/** Draw a mark of half the width `sole` (pixels) below a foot on the ground. */
+function paintSole(pen, [x, y], sole, thickness) {
   pen.strokeStyle = shade.bone;
-  for (const body of bodies) {
-    for (const [part, face] of [[body, shade.body], [body.slice(0, (body.length + 1) >> 1), shade.near]]) {
-      path(part.length > 2 ? hull(part) : part);
-      pen.closePath();
-      pen.fillStyle = face;
-      pen.lineWidth = 0.9 * thick;
-      pen.fill();
-      pen.stroke();
-    }
-  }
-  for (const [a, b] of springs) {
-    const along = [b[0] - a[0], b[1] - a[1]], size = Math.hypot(...along) || 1, normal = [-along[1] / size, along[0] / size];
-    const zigzag = Array.from({ length: 12 }, (_, k) => {
-      const share = k === 0 ? 0 : k === 11 ? 1 : 0.2 + 0.6 * (k - 1) / 10, aside = k > 1 && k < 11 ? 0.6 * sole * (k % 2 ? 1 : -1) : 0;
-      return [a[0] + share * along[0] + aside * normal[0], a[1] + share * along[1] + aside * normal[1]];
-    });
-    pen.lineWidth = 1.1 * thick;
-    path(zigzag);
+  pen.lineWidth = 2.4 * thickness;
+  tracePath(pen, [[x - sole, y], [x + sole, y]]);
+  pen.stroke();
+}
+
+/** Draw the outline of a body, and its near side: the first half of its points. */
+function paintPart(pen, points, thickness) {
+  for (const [part, face] of [[points, shade.body], [points.slice(0, (points.length + 1) >> 1), shade.near]]) {
+    tracePath(pen, part.length > 2 ? hull(part) : part);
+    pen.closePath();
+    pen.fillStyle = face;
+    pen.lineWidth = 0.9 * thickness;
+    pen.fill();
     pen.stroke();
   }
-  limbs.forEach((_, k) => { if (!data.limbs[k].far) drawLimb(k); });
+}
+
+/** Draw a spring between two points, straight at both ends, that is 1.2 `sole` (pixels) wide. */
+function paintSpring(pen, [begin, end], sole, thickness) {
+  const along = [end[0] - begin[0], end[1] - begin[1]], length = Math.hypot(...along) || 1;
+  const across = [-along[1] / length, along[0] / length], last = SPRING_CORNERS - 1;
+  const corners = Array.from({ length: SPRING_CORNERS }, (_, k) => {
+    if (k === 0) return begin;
+    if (k === last) return end;
+    const share = 0.2 + 0.6 * (k - 1) / (last - 1), aside = k > 1 ? 0.6 * sole * (k % 2 ? 1 : -1) : 0;
+    return [0, 1].map(axis => begin[axis] + share * along[axis] + aside * across[axis]);
+  });
+  pen.lineWidth = 1.1 * thickness;
+  tracePath(pen, corners);
+  pen.stroke();
+}
+
+/** Draw the body at a time (s) of a stretch after some turns of it. */
+function paintBody(canvas, motion, at, turns) {
+  const { pen, ...size } = surface(canvas), scale = scaleOf(size);
+  const { points, camera } = bodyAt(motion, at, turns);
+  pen.font = "11px system-ui, DejaVu Sans, sans-serif";
+  paintGround(pen, size, scale, motion, camera);
+  const { limbs, bodies, springs } = partsOf(withLiftedFeet(motion, points), scale.place);
+  const tall = data.figure.height * scale.perMetre, sole = 0.05 * tall;
+  const thickness = Math.max(0.5, Math.min(1.5, tall / 110));
+  const stands = limbs.map((_, k) => isOnGround(motion, k, at));
+  const paintLimbs = far => limbs.forEach((limb, k) => { if (data.limbs[k].far === far) paintLimb(pen, limb, k, stands[k], thickness); });
+  pen.lineCap = pen.lineJoin = "round";
+  limbs.forEach((limb, k) => { if (stands[k]) paintSole(pen, limb.at(-1), sole, thickness); });
+  paintLimbs(true);
+  pen.strokeStyle = shade.bone;
+  for (const body of bodies) paintPart(pen, body, thickness);
+  for (const spring of springs) paintSpring(pen, spring, sole, thickness);
+  paintLimbs(false);
   pen.fillStyle = shade.faint;
   pen.textAlign = "right";
-  pen.fillText("forward ⟶", width - 6, 14);
+  pen.fillText("forward ⟶", size.width - 6, 14);
   pen.textAlign = "left";
 }

@@ -2,6 +2,7 @@
 
 const UNCHANGED = 255;                          // entry of the palette for pixels as in the picture before
 const MOST_CODES = 4096, CLEAR = 256, END = 257;
+const SAMPLED = 8;                              // pictures from which the palette is made
 
 /** A palette with the most frequent colours (0xBBGGRR) of some pictures, and the entry nearest to a colour. */
 function paletteOf(pictures) {
@@ -13,9 +14,9 @@ function paletteOf(pictures) {
     if (entries.has(colour)) return entries.get(colour);
     const [red, green, blue] = channels(colour);
     let entry = 0, least = Infinity;
-    colours.forEach((each, k) => {
-      const apart = (each[0] - red) ** 2 + (each[1] - green) ** 2 + (each[2] - blue) ** 2;
-      if (apart < least) { least = apart; entry = k; }
+    colours.forEach(([r, g, b], k) => {
+      const difference = (r - red) ** 2 + (g - green) ** 2 + (b - blue) ** 2;
+      if (difference < least) { least = difference; entry = k; }
     });
     entries.set(colour, entry);
     return entry;
@@ -26,10 +27,10 @@ function paletteOf(pictures) {
 /** Entries of a palette compressed by Lempel, Ziv and Welch, in blocks of at most 255 bytes. */
 function blocksOf(entries) {
   const bytes = [], codes = new Map();
-  let width = 9, next = END + 1, held = 0, bits = 0, prefix = entries[0];
+  let width = 9, next = END + 1, buffer = 0, bits = 0, prefix = entries[0];
   const put = code => {
-    held |= code << bits;
-    for (bits += width; bits >= 8; bits -= 8, held >>>= 8) bytes.push(held & 255);
+    buffer |= code << bits;
+    for (bits += width; bits >= 8; bits -= 8, buffer >>>= 8) bytes.push(buffer & 255);
   };
   put(CLEAR);
   for (let i = 1; i < entries.length; i++) {
@@ -49,7 +50,7 @@ function blocksOf(entries) {
   put(prefix);
   if (next === 1 << width && next < MOST_CODES) width++;  // a reader has as many codes by now
   put(END);
-  if (bits) bytes.push(held & 255);
+  if (bits) bytes.push(buffer & 255);
   const blocks = [];
   for (let k = 0; k < bytes.length; k += 255) {
     const block = bytes.slice(k, k + 255);
@@ -60,13 +61,14 @@ function blocksOf(entries) {
 
 /** A GIF that repeats for ever, of `count` pictures.
  *
- * `pixelsOf(k)` gives the pixels (0xAABBGGRR) of a picture, `delayOf(k)` its duration in hundredths of a second;
- * `onPicture(k)` is called, and the page answers, before each.
+ * `pixelsOf(k)` returns the pixels (0xAABBGGRR) of a picture, `delayOf(k)` its duration in hundredths of a second;
+ * before each picture `onPicture(k)` is called, and the page handles its events.
  */
 async function gifOf(width, height, count, pixelsOf, delayOf, onPicture) {
-  const two = number => [number & 255, number >> 8], letters = text => [...text].map(each => each.charCodeAt(0));
-  const some = Array.from({ length: Math.min(count, 8) }, (_, k, all = Math.min(count, 8)) => pixelsOf(Math.floor(k * count / all)));
-  const { colours, entryOf } = paletteOf(some), table = new Uint8Array(3 * 256);
+  const two = number => [number & 255, number >> 8], letters = text => [...text].map(letter => letter.charCodeAt(0));
+  const sampled = Math.min(count, SAMPLED);
+  const samples = Array.from({ length: sampled }, (_, k) => pixelsOf(Math.floor(k * count / sampled)));
+  const { colours, entryOf } = paletteOf(samples), table = new Uint8Array(3 * 256);
   colours.forEach((channels, k) => table.set(channels, 3 * k));
   const parts = [Uint8Array.of(...letters("GIF89a"), ...two(width), ...two(height), 0xf7, 0, 0), table,
     Uint8Array.of(0x21, 0xff, 11, ...letters("NETSCAPE2.0"), 3, 1, 0, 0, 0)];

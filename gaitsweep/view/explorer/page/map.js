@@ -1,13 +1,14 @@
 // The map: cells or points by plotly.js, with marks of the chosen record and the nearest other one.
 
+/** Ticks at round multiples of pi, at most seven. */
 function piTicks(low, high) {
-  const steps = [0.005, 0.01, 0.02, 0.05, 0.1, 0.25, 0.5, 1];
-  const step = Math.PI * (steps.find(each => (high - low) / (each * Math.PI) <= 6) ?? 1), values = [];
+  const steps = [0.005, 0.01, 0.02, 0.05, 0.1, 0.25, 0.5, 1].map(share => share * Math.PI);
+  const step = steps.find(width => (high - low) / width <= 6) ?? Math.PI, values = [];
   for (let k = Math.ceil(low / step - 1e-9); k * step <= high + 1e-9; k++) values.push(k * step);
   return { tickvals: values, ticktext: values.map(inPi) };
 }
 
-/** Where a value stands along an axis: its logarithm to base 10 where the axis is logarithmic. */
+/** The place of a value along an axis: its logarithm to base 10 if the axis is logarithmic. */
 const onScale = (axis, value) => axis.log ? Math.log10(value) : value;
 const offScale = (axis, at) => axis.log ? 10 ** at : at;
 
@@ -54,9 +55,9 @@ function cellTraces() {
     const a = data.at[0][i], b = data.at[1][i], centre = [middle(data.x, xs, a), middle(data.y, ys, b)];
     z[b][a] = data.outcome[i];
     text[b][a] = hoverText(i);
-    const into = outcomeOf(i).hatched ? [hatched] : [];
-    if (walkOf.has(i)) into.push(walking);
-    for (const each of into) { each.x.push(centre[0]); each.y.push(centre[1]); }
+    for (const [dots, isMarked] of [[hatched, outcomeOf(i).hatched], [walking, walkOf.has(i)]]) {
+      if (isMarked) { dots.x.push(centre[0]); dots.y.push(centre[1]); }
+    }
   }
   const scale = [];
   data.outcomes.forEach((outcome, k) => scale.push(...[k, k + 1].map(end => [end / (last + 1), visible(outcome.colour)])));
@@ -82,9 +83,9 @@ function pieceStyle(i, j) {
   return { width: 1.8, color: shade.bone, dash: outcomeOf(special(i) ? j : i).hollow ? "dash" : "solid" };
 }
 
-function pointTraces() {
-  const traces = [], key = shownKey(), size = count > 1500 ? 4 : count > 400 ? 6 : 8;
-  const lines = new Map();  // pieces by their style
+/** The lines between consecutive records of rows, one trace for each style. */
+function lineTraces() {
+  const key = shownKey(), lines = new Map();  // pieces by their style
   for (const records of data.noChange === null && recordsOf.size < count ? recordsOf.values() : []) {
     let before = -1;
     for (const i of records) {
@@ -101,11 +102,23 @@ function pointTraces() {
       x.push(to[0]); y.push(to[1]);
     }
   }
-  traces.push(...lines.values());
-  if (data.noChange !== null) {
-    const range = ranges()[0].map(at => offScale(data.x, at));
-    traces.push({ type: "scatter", mode: "lines", x: range, y: range.map(at => data.noChange * at), line: { width: 1, dash: "dot", color: shade.axis }, hoverinfo: "skip" });
-  }
+  return [...lines.values()];
+}
+
+/** The line of a return map on which the value does not change. */
+function noChangeTraces() {
+  if (data.noChange === null) return [];
+  const range = ranges()[0].map(at => offScale(data.x, at)), line = { width: 1, dash: "dot", color: shade.axis };
+  return [{ type: "scatter", mode: "lines", x: range, y: range.map(at => data.noChange * at), line, hoverinfo: "skip" }];
+}
+
+function sizeOfPoints() {
+  if (count > 1500) return 4;
+  return count > 400 ? 6 : 8;
+}
+
+function pointTraces() {
+  const traces = [...lineTraces(), ...noChangeTraces()], key = shownKey(), size = sizeOfPoints();
   data.outcomes.forEach((outcome, number) => {
     const look = marker(outcome, size), symbol = data.passes.length ? [] : look.symbol;
     const trace = { type: "scatter", mode: "markers", x: [], y: [], customdata: [], text: [], hovertemplate: "%{text}<extra></extra>", marker: { ...look, symbol } };

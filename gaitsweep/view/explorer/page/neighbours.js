@@ -19,8 +19,9 @@ function distance(i, j) {
   return Math.sqrt(sum);
 }
 
-let spans = [1, 1];
+let spans = [1, 1];                               // of both axes
 
+/** The nearest record in a record's slice for which `fits` is true; -1 without one. */
 function nearest(i, fits) {
   const key = sliceKey(i);
   let best = -1, least = Infinity;
@@ -33,25 +34,28 @@ function nearest(i, fits) {
 }
 
 /** The record one step along an axis from the chosen one. */
-function neighbour(dx, dy) {
-  if (data.kind === "cells") {
-    const at = [data.at[0][chosen], data.at[1][chosen]], step = [dx, dy];
-    const lengths = data.edges.map(edges => edges.length - 1);
-    for (let tries = 0; tries < Math.max(...lengths); tries++) {
-      for (const k of [0, 1]) {
-        at[k] += step[k];
-        if (data.closed[k]) at[k] = mod(at[k], lengths[k]);
-        if (at[k] < 0 || at[k] >= lengths[k]) return chosen;
-      }
-      const found = recordAt.get(`${shownKey()}|${at}`);
-      if (found !== undefined) return found;
+const neighbour = (dx, dy) => data.kind === "cells" ? nextCell([dx, dy]) : nextPoint(dx, dy);
+
+/** The record in the next cell that has one; the chosen one at the edge of the map. */
+function nextCell(step) {
+  const at = [data.at[0][chosen], data.at[1][chosen]], lengths = data.edges.map(edges => edges.length - 1);
+  for (let tries = 0; tries < Math.max(...lengths); tries++) {
+    for (const k of [0, 1]) {
+      at[k] += step[k];
+      if (data.closed[k]) at[k] = mod(at[k], lengths[k]);
+      if (at[k] < 0 || at[k] >= lengths[k]) return chosen;
     }
-    return chosen;
+    const record = recordAt.get(`${shownKey()}|${at}`);
+    if (record !== undefined) return record;
   }
-  const row = raw(columns.row, chosen), mine = recordsOf.get(row);
-  if (dx && mine.length > 1) return mine[Math.min(Math.max(mine.indexOf(chosen) + dx, 0), mine.length - 1)];
-  const rows = [...recordsOf.keys()].filter(each => sliceKey(recordsOf.get(each)[0]) === sliceKey(chosen));
-  const next = rows[Math.min(Math.max(rows.indexOf(row) + (dy || dx), 0), rows.length - 1)];
-  const theirs = recordsOf.get(next);
-  return theirs[Math.min(mine.indexOf(chosen), theirs.length - 1)];
+  return chosen;
+}
+
+/** The next record of the chosen one's row along x, else the record at the same place in the next row. */
+function nextPoint(dx, dy) {
+  const clamped = (list, k) => list[Math.min(Math.max(k, 0), list.length - 1)];
+  const records = rowOf(chosen), place = records.indexOf(chosen);
+  if (dx && records.length > 1) return clamped(records, place + dx);
+  const rows = [...recordsOf.values()].filter(([first]) => sliceKey(first) === sliceKey(chosen));
+  return clamped(clamped(rows, rows.indexOf(records) + (dy || dx)), place);
 }

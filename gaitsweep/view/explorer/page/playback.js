@@ -1,9 +1,11 @@
-// Time in a stretch: the clock, its speed, and what is painted at each instant.
+// Playback of a stretch: the clock, its speed, and the drawing at each instant.
 
 const CYCLE_SECONDS = 1.6;                      // that a cycle takes at the speed shown first
 
 const clock = { at: 0, turns: 0, playing: false, speed: 1, last: 0 };
-const lengthOf = each => (each.samples - 1) * each.sample;
+
+/** The duration of a stretch, s. */
+const lengthOf = motion => (motion.samples - 1) * motion.sample;
 
 function tick(now) {
   if (clock.playing && motion) {
@@ -33,20 +35,29 @@ function paint() {
 }
 
 /** Draw the body beside the chosen one, at a time (s) of the chosen one's stretch and after all its turns. */
-function paintBeside(canvas, beside, at, passed) {
-  const whole = lengthOf(beside);
-  if (beside.loops) paintBody(canvas, beside, passed % whole, Math.floor(passed / whole));
-  else paintBody(canvas, beside, Math.min(at, whole), 0);
+function paintBeside(canvas, beside, at, elapsed) {
+  const length = lengthOf(beside);
+  if (beside.loops) paintBody(canvas, beside, elapsed % length, Math.floor(elapsed / length));
+  else paintBody(canvas, beside, Math.min(at, length), 0);
+}
+
+/** A speed relative to real time, in words. */
+function speedText(speed) {
+  if (speed === 1) return "real time";
+  return speed < 1 ? `${1 / speed} times slower` : `${speed} times faster`;
 }
 
 function fillSpeeds() {
-  const usual = data.cycle / CYCLE_SECONDS;
-  const speeds = [0.02, 0.05, 0.1, 0.2, 0.4, 1, 2, 5].map(speed => [speed, speed === 1 ? "real time" : speed < 1 ? `${1 / speed} times slower` : `${speed} times faster`]);
-  const best = speeds.reduce((a, b) => Math.abs(Math.log(b[0] / usual)) < Math.abs(Math.log(a[0] / usual)) ? b : a);
-  for (const [speed, text] of speeds) $("speed").add(new Option(text, speed, false, speed === best[0]));
-  clock.speed = best[0];
+  const usual = data.cycle / CYCLE_SECONDS, speeds = [0.02, 0.05, 0.1, 0.2, 0.4, 1, 2, 5];
+  const ratio = speed => Math.abs(Math.log(speed / usual));
+  clock.speed = speeds.reduce((best, speed) => ratio(speed) < ratio(best) ? speed : best);
+  for (const speed of speeds) $("speed").add(new Option(speedText(speed), speed, false, speed === clock.speed));
+  $("speed").onchange = () => clock.speed = Number($("speed").value);
+}
+
+/** The choice of how high feet are lifted in the drawing. */
+function fillLifts() {
   for (const times of [1, 2, 3, 5]) $("lift").add(new Option(times === 1 ? "lift as it is" : `lift ${times} times as high`, times));
   $("lift").onchange = paint;
   $("lift").hidden = !data.figure || !data.figure.limbs.length;
-  $("speed").onchange = () => clock.speed = Number($("speed").value);
 }

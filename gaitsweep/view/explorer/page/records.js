@@ -1,6 +1,6 @@
 // The records of the table, and their values as text.
 
-let data, count;                                  // the page's fields, and how many records it has
+let data, count;                                  // the page's fields, and the number of its records
 let columns = {};                                 // columns by name
 let slice = [];                                   // the value shown of each axis that is not drawn
 let chosen = -1, other = -1;                      // the record, and the nearest one that leads elsewhere
@@ -18,13 +18,15 @@ function textOf(column, i) {
 }
 
 const outcomeOf = i => data.outcomes[data.outcome[i]];
-const sliceKey = i => data.slices.map(each => each.of[i]).join(",");
+const sliceKey = i => data.slices.map(axis => axis.of[i]).join(",");
 /** The branch of a record, in an atlas, whose rows have several. */
 const branchOf = i => data.run === "atlas" ? raw(columns.number, i) : 0;
 const shownKey = () => slice.join(",");
+/** The records of a record's row. */
+const rowOf = i => recordsOf.get(raw(columns.row, i));
 const nameOf = i => {
-  const row = raw(columns.row, i), mine = recordsOf.get(row);
-  return mine.length > 1 ? `row ${row}, record ${mine.indexOf(i) + 1} of ${mine.length}` : `row ${row}`;
+  const row = raw(columns.row, i), records = rowOf(i);
+  return records.length > 1 ? `row ${row}, record ${records.indexOf(i) + 1} of ${records.length}` : `row ${row}`;
 };
 
 function valueText(name, i) {
@@ -39,6 +41,7 @@ function along(axis, value) {
   return axis.circular && data.kind === "points" ? axis.origin + mod(value - axis.origin, TURN) : value;
 }
 
+/** An angle (rad) as a multiple of pi: 3π/4, or 0.77π if it is not a simple fraction. */
 function inPi(angle) {
   const turns = Math.round(angle / Math.PI * 1e4) / 1e4, quarters = turns * 4;
   const sign = turns < 0 ? "−" : "", size = Math.abs(turns);

@@ -1,4 +1,4 @@
-// Unpacking of what `encoding.py` packs: texts, numbers, pictures, observables.
+// Unpacking of texts, numbers, pictures and observables that `encoding.py` packs.
 
 const LARGEST = 32767, NO_NUMBER = -32768;      // of whole numbers of two bytes, as encoding.py packs them
 
@@ -32,14 +32,14 @@ function picturesOf(motion) {
     let at = 0;
     for (let k = 0; k < n; k++) points[k][c] = (at += steps[c * n + k]) * motion.unit;
   }
-  return motion.unpacked = { points, camera: points.map(each => motion.ground + each[columns - 1]) };
+  return motion.unpacked = { points, camera: points.map(picture => motion.ground + picture[columns - 1]) };
 }
 
 /** The observables over the cycles: an array of numbers (null where there is none) for each series. */
 function seriesOf(walk) {
-  const whole = numbersOf(walk.crossings.values), count = data.series.length, n = count ? whole.length / count : 0;
-  return data.series.map((series, s) => Array.from({ length: n }, (_, k) => {
-    const q = whole[s * n + k];
-    return q === NO_NUMBER ? null : series.low + (q + LARGEST) / (2 * LARGEST) * (series.high - series.low);
+  const integers = numbersOf(walk.crossings.values), n = data.series.length ? integers.length / data.series.length : 0;
+  return data.series.map(({ low, high }, s) => Array.from({ length: n }, (_, k) => {
+    const integer = integers[s * n + k];
+    return integer === NO_NUMBER ? null : low + (integer + LARGEST) / (2 * LARGEST) * (high - low);
   }));
 }

@@ -12,9 +12,10 @@ function walkFor(i) {
   return near < 0 ? [null, -1] : [walkOf.get(near), near];
 }
 
+/** Show the walk of the chosen record, in the stretch of the same name as before, else in its last. */
 function showWalk() {
-  const [found, owner] = walkFor(chosen), before = motion ? motion.name : null;
-  walk = found;
+  const [shown, owner] = walkFor(chosen), before = motion ? motion.name : null;
+  walk = shown;
   const note = $("instead"), texts = [];
   if (!walk && !columns.multiplier) texts.push("The page has no animation of this outcome here.");
   else if (walk && owner !== chosen) texts.push(`The animation shows ${nameOf(owner)}, the nearest record with this outcome that has one; records with an animation have a dot on the map.`);
@@ -25,15 +26,15 @@ function showWalk() {
   const group = $("stretches");
   group.replaceChildren();
   const motions = walk ? walk.motions : [];
-  motions.forEach((each, k) => {
+  motions.forEach(({ name }, k) => {
     const button = document.createElement("button");
     button.type = "button";
-    button.textContent = each.name;
+    button.textContent = name;
     button.onclick = () => showMotion(k);
     group.append(button);
   });
-  const loop = motions.findIndex(each => each.name === before);
-  showMotion(loop >= 0 ? loop : Math.max(0, motions.length - 1));
+  const same = motions.findIndex(({ name }) => name === before);
+  showMotion(same >= 0 ? same : Math.max(0, motions.length - 1));
   showPhases();
 }
 
@@ -41,11 +42,11 @@ let beside = null;                                // the motion of the nearest s
 
 /** Show the nearest start with another outcome in step with the chosen one, if that is asked for. */
 function showBeside() {
-  const [theirs, owner] = other < 0 ? [null, -1] : walkFor(other), both = motion && motion.points !== undefined && theirs;
-  const drawn = both ? theirs.motions.filter(each => each.points !== undefined) : [];
+  const [otherWalk, owner] = other < 0 ? [null, -1] : walkFor(other), both = motion && motion.points !== undefined && otherWalk;
+  const drawn = both ? otherWalk.motions.filter(({ points }) => points !== undefined) : [];
   $("compare").hidden = !drawn.length;
   const on = drawn.length && $("compare").getAttribute("aria-pressed") === "true";
-  beside = on ? drawn.find(each => each.name === motion.name) || drawn.at(-1) : null;
+  beside = on ? drawn.find(({ name }) => name === motion.name) || drawn.at(-1) : null;
   $("beside").hidden = !beside;
   $("body-name").replaceChildren(...(beside ? [chip(outcomeOf(chosen)), `${outcomeOf(chosen).name}, ${nameOf(walkFor(chosen)[1])}`] : []));
   $("beside-name").replaceChildren(...(beside ? [chip(outcomeOf(other)), `${outcomeOf(other).name}, ${nameOf(owner)}`] : []));
@@ -65,6 +66,7 @@ function showMotion(k) {
   $("footfalls").hidden = $("footfalls-title").hidden = !motion || !motion.contact.length;
   $("body").setAttribute("aria-label", drawn ? `stick figure of ${nameOf(chosen)}, ${motion.name}` : "");
   $("footfalls").setAttribute("aria-label", "footfall diagram: when each foot is on the ground");
-  document.querySelectorAll("#bodies, #footfalls, #footfalls-title, #controls, #stretches").forEach(each => each.style.display = each.hidden ? "none" : "");
+  for (const element of document.querySelectorAll("#bodies, #footfalls, #footfalls-title, #controls, #stretches"))
+    element.style.display = element.hidden ? "none" : "";
   paint();
 }
