@@ -1,4 +1,4 @@
-"""A biped of an MJCF on a boom, whose legs follow two oscillators that feel the loads on the feet.
+"""A MuJoCo biped on a boom, whose legs follow two oscillators with feedback of the loads on the feet.
 
 Source of the feedback: Owaki, Kano, Nagasawa, Tero and Ishiguro 2013, J. R. Soc. Interface 10:20120669.
 """
@@ -26,7 +26,8 @@ class BoomWalker(BodyModel):
     begin = variable("m", "place of the trunk at the section", observed=False, signal=False)
     speed = variable("m/s", "mean speed of the last cycle, forward", observed=True, scale=1.0)
 
-    def control(self, p, s):  # hips forward and back, knees flexed in swing, from pi on
+    def control(self, p, s):
+        """Target angles of hips and knees; a knee is flexed in swing, where the phase is above pi."""
         hips = p.stride * jnp.cos(s.phase)
         knees = 0.15 + p.lift * jnp.maximum(-jnp.sin(s.phase), 0.0)
         return jnp.stack([hips[0], knees[0], hips[1], knees[1]])
