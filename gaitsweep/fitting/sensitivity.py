@@ -53,7 +53,7 @@ _MAX_SHARE = 0.1
 class HalfStep:
     """Values of some sets at half the step, beside the table.
 
-    `sets` is their number; `differ`, by output, the number of those that differ by more than MAX_DIFFERENCE of
+    `sets` is their number; `differ`, by output, the number that differ by more than MAX_DIFFERENCE of
     its standard deviation, or that have a value at one of the steps only; `largest` the largest difference,
     in the output's unit.
     """
