@@ -87,7 +87,7 @@ def check_numerics(model: Model, numerics: NumericsSpec, resolved: ResolvedNumer
 
 @dataclasses.dataclass(frozen=True)
 class RowSteps:
-    """The steps of a job's rows, evaluated for each distinct set of the parameters on which they depend.
+    """Steps of a job's rows, evaluated for each distinct set of the parameters on which they depend.
 
     `rows` (n,) has one row of each set, `rows_per_set` is the number of rows of a set, `dt` (n,) is their
     step (s), and `longest` (n,) the longest accurate step (s), NaN if unknown. If `sampled`, only some sets
@@ -122,10 +122,9 @@ def row_steps(design: Design, run: RunKind, numerics: ResolvedNumerics) -> RowSt
     names = _parameters_of_steps(model, numerics)
     positions = sorted({position for name in names for position in design.spans(name)})
     count = math.prod(design.groups[position].length for position in positions)
+    most = MAX_RECOMMENDED if numerics.dt is None else MAX_SETS
     if model.host_parameters:
         most = MAX_COSTLY_SETS
-    else:
-        most = MAX_RECOMMENDED if numerics.dt is None else MAX_SETS
     sets = np.arange(count) if count <= most else np.linspace(0, count - 1, most).astype(np.int64)
     rows = design.rows_over(sets, positions)
     dt, longest = _steps(design, run, numerics, rows)
