@@ -13,7 +13,7 @@ from jaxtyping import Bool
 from gaitsweep.contract import Status
 from gaitsweep.kinds.columns import UNKNOWN_GAIT
 from gaitsweep.runs.provenance import NOT_INSTALLED
-from gaitsweep.table.self_check_fields import DIFFERENCES, STORED_DIFFERS, UNSTABLE
+from gaitsweep.table.manifest import DIFFERENCES, STORED_DIFFERS, UNSTABLE
 
 
 class SetStatus(enum.StrEnum):

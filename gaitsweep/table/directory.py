@@ -1,4 +1,4 @@
-"""Writing a result directory, new or continued, one part at a time.
+"""Writing of a result directory, new or continued, one part at a time.
 
 `ResultDirectory` is its one writer; beside it or before it, other processes may write parts (`part_writer`).
 """
@@ -237,12 +237,12 @@ class ResultDirectory:
 
     @property
     def rows_done(self) -> int:
-        """The number of rows in complete parts."""
+        """Number of rows in complete parts."""
         return sum(footer.rows for footer in self._footers.values())
 
     @property
     def rows_open(self) -> int:
-        """The number of ended rows in open blocks when the directory was opened."""
+        """Number of ended rows in open blocks when the directory was opened."""
         return sum(rows.row.size for rows in self._restored.values())
 
     def missing_blocks(self) -> list[int]:
@@ -297,7 +297,8 @@ class ResultDirectory:
         """Encode the records of a block, for `write_encoded`; threads may do so at the same time.
 
         Args:
-            number, frame: as for `write_part`.
+            number: the block.
+            frame: its records, as for `write_part`.
 
         Raises:
             ValueError: the frame does not belong to the block.
@@ -306,6 +307,10 @@ class ResultDirectory:
 
     def write_encoded(self, number: int, part: EncodedPart) -> None:
         """Write a part that `encoded` has made; it is on disk when this returns.
+
+        Args:
+            number: the block.
+            part: its bytes and footer.
 
         Raises:
             WriteError: as for `write_part`.
@@ -322,13 +327,17 @@ class ResultDirectory:
     def write_part_bytes(self, number: int, data: bytes) -> None:
         """Write a part that another process has encoded, by `checked_part`.
 
+        Args:
+            number: the block.
+            data: the bytes of the part.
+
         Raises:
             WriteError: as for `write_part`.
             DamagedPart: the bytes are not this part of this table.
         """
         footer = read_footer(data)
-        of_table = number, self.layout.job_hash, self.layout.rows_in([number])
-        if (footer.part, footer.job_hash, footer.rows) != of_table:
+        expected = (number, self.layout.job_hash, self.layout.rows_in([number]))
+        if (footer.part, footer.job_hash, footer.rows) != expected:
             raise DamagedPart(f"it is not part {number} of this table")
         self.write_encoded(number, (data, footer))
 
@@ -389,7 +398,7 @@ class ResultDirectory:
         write_digests(self.path, read_digests(self.path))
 
     def read_beside(self, name: str) -> bytes | None:
-        """The bytes that `write_beside` wrote; None, with a note, if they are missing, damaged or edited."""
+        """Read what `write_beside` wrote; None, with a note, if it is missing, damaged or edited."""
         digest = read_digests(self.path).get(name)
         try:
             data = read_file(self.path / name)
@@ -415,9 +424,8 @@ class ResultDirectory:
                 raise ValueError(f"The manifest's {name} cannot change.")
         if not fields:
             return
-        manifest = {k: v for k, v in (self.manifest | fields).items() if v is not None}
         old = self.manifest
-        self.manifest = manifest
+        self.manifest = {name: value for name, value in (old | fields).items() if value is not None}
         try:
             with writing(f"{self.path / MANIFEST} could not be written"):
                 self._write_manifest()
@@ -464,7 +472,7 @@ class ResultDirectory:
 
 
 def _claimed(path: Path, layout: Layout) -> dict[str, Any] | DamagedManifest | None:
-    """The manifest from `claim`, or the error if it is damaged but the parts belong to this job."""
+    """Return the manifest from `claim`, or the error if it is damaged but the parts belong to this job."""
     try:
         return claim(path, layout)
     except DamagedManifest as error:
@@ -483,11 +491,12 @@ class _Dumper(_SafeDumper):
     """Writer of YAML that writes a repeated list twice, not as an anchor and an alias."""
 
     def ignore_aliases(self, data: Any) -> bool:
+        """Write all values in full."""
         return True
 
 
 # cached, since most fields are written several times, and Python indents them slowly
 @functools.lru_cache(maxsize=64)
 def _indented(value: str) -> str:
-    """A field of the manifest, from JSON without indents."""
+    """Indent a field of the manifest, from JSON without indents."""
     return json.dumps(json.loads(value), indent=2, ensure_ascii=False).replace("\n", "\n  ")

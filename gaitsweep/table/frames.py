@@ -26,7 +26,7 @@ _SOURCES = ("cycles", "gait", "status")
 
 @dataclasses.dataclass
 class _Part:
-    """The records of a part: its columns, and the names of the categorical ones, which have their codes."""
+    """Records of a part: its columns, and the names of the codes that categorical columns have."""
 
     length: int
     columns: dict[str, np.ndarray | pa.ChunkedArray]
@@ -70,7 +70,7 @@ class PartRecords:
         self.length += table.num_rows
 
     def _placed(self, name: str, values: np.ndarray) -> np.ndarray:
-        """The values in their place in the whole column, if they fit there."""
+        """Copy values to their place in the whole column, if they fit; return the copy."""
         if name not in self._whole:
             self._whole[name] = np.empty(self._room, values.dtype)
         whole = self._whole[name]
@@ -81,21 +81,26 @@ class PartRecords:
         return place
 
     def whole(self, name: str) -> np.ndarray | None:
-        """The column of all parts, if all have their values there."""
+        """Return the column of all parts, if all have their values there, else None."""
         whole = self._whole.get(name)
-        complete = all(getattr(part.columns.get(name), "base", None) is whole for part in self.parts)
-        return None if whole is None or not complete else whole[: self.length]
+        if whole is None:
+            return None
+        for part in self.parts:
+            column = part.columns.get(name)
+            if not isinstance(column, np.ndarray) or column.base is not whole:
+                return None
+        return whole[: self.length]
 
 
 def decoded_columns(columns: Sequence[str]) -> tuple[str, ...]:
-    """The columns of the parts that are needed for these columns of the table."""
+    """Return the columns of the parts that are needed for these columns of the table."""
     return (*columns, *_SOURCES) if "outcome" in columns else tuple(columns)
 
 
 def frame_of(
     parts: Iterable[tuple[pa.Table, Footer, float]], n_rows: int, columns: Sequence[str] | None
 ) -> pd.DataFrame:
-    """The records of parts in memory.
+    """Join the records of parts in memory.
 
     Args:
         parts: the records of each part, its footer, and its number of records per row.
@@ -109,7 +114,7 @@ def frame_of(
 
 
 def joined_parts(path: Path, parts: PartRecords, columns: Sequence[str] | None) -> pd.DataFrame:
-    """The records of all parts.
+    """Join the records of all parts.
 
     Args:
         path: the result directory, for messages.
@@ -120,8 +125,9 @@ def joined_parts(path: Path, parts: PartRecords, columns: Sequence[str] | None) 
         TableError: there is no such column, or the types of a column do not fit together.
     """
     names = list(dict.fromkeys(name for part in parts.parts for name in part.columns))
-    older = all(name in names for name in _SOURCES) and any("outcome" not in p.columns for p in parts.parts)
-    if older:
+    has_sources = all(name in names for name in _SOURCES)
+    lacks_outcome = has_sources and any("outcome" not in part.columns for part in parts.parts)
+    if lacks_outcome:
         names = [name for name in names if name != "outcome"]
         names.insert(names.index("gait") + 1, "outcome")
     values: dict[str, Any] = {}
@@ -129,7 +135,7 @@ def joined_parts(path: Path, parts: PartRecords, columns: Sequence[str] | None) 
         if name not in names:
             raise TableError(f"{name} is not a column of {path}{_near_column(path, name)}")
         try:
-            if older and name == "outcome":
+            if lacks_outcome and name == "outcome":
                 values[name] = outcomes(_joined("gait", parts), _joined("status", parts))
             else:
                 values[name] = _joined(name, parts)
@@ -142,7 +148,7 @@ def joined_parts(path: Path, parts: PartRecords, columns: Sequence[str] | None) 
 
 
 def outcomes(gait: pd.Categorical, status: ArrayLike) -> pd.Categorical:
-    """The column `outcome`: the gait of each row (n,), or the reason why it has none."""
+    """Return the column `outcome`: the gait of each row (n,), or the reason why it has none."""
     from gaitsweep.contract import Outcome, Status  # imports JAX
 
     names = list(dict.fromkeys([*gait.categories, *map(str, Outcome)]))
@@ -153,24 +159,25 @@ def outcomes(gait: pd.Categorical, status: ArrayLike) -> pd.Categorical:
 
 
 def categorical(codes: ArrayLike, names: Sequence[str]) -> pd.Categorical:
-    """The names of codes (n,); -1 has no name."""
+    """Return the names of codes (n,); -1 has no name."""
     return pd.Categorical.from_codes(codes, dtype=_categories(tuple(names)))
 
 
 # cached, since pandas takes longer to look for repeated names than a small column takes
 @functools.lru_cache(maxsize=256)
 def _categories(names: tuple[str, ...]) -> pd.CategoricalDtype:
+    """Return the type of a column with these categories."""
     return pd.CategoricalDtype(list(names))
 
 
 def _near_column(path: Path, name: str) -> str:
-    """The end of the message about an unknown column."""
+    """Return the end of the message about an unknown column."""
     file = next(iter(sorted((path / TABLE).glob("part-*.parquet"))))
     return near_miss.suggestion(name, pq.read_schema(file).names)
 
 
 def _joined(name: str, parts: PartRecords) -> Any:
-    """A column of all parts: categorical, an array, or a series."""
+    """Join a column of all parts: categorical, an array, or a series."""
     whole = parts.whole(name)
     if not any(name in part.categories for part in parts.parts):
         return _promoted(name, parts.parts) if whole is None else whole
@@ -181,7 +188,7 @@ def _joined(name: str, parts: PartRecords) -> Any:
 
 
 def _recoded(name: str, part: _Part, categories: list[str]) -> np.ndarray:
-    """The codes (n,) of a part's column among the categories of all parts."""
+    """Return the codes (n,) of a part's column among the categories of all parts."""
     column = part.columns.get(name)
     if column is None:
         return np.full(part.length, -1, _narrow(categories))
@@ -192,7 +199,7 @@ def _recoded(name: str, part: _Part, categories: list[str]) -> np.ndarray:
 
 
 def _promoted(name: str, parts: list[_Part]) -> pd.Series:
-    """A column of text or flags, or one whose type differs between parts of different versions."""
+    """Join a column of text or flags, or one whose type differs between parts of different versions."""
     pieces = [_in_arrow(part.columns.get(name, pa.nulls(part.length))) for part in parts]
     kinds = [pa.schema([pa.field(name, piece.type)]) for piece in pieces]
     common = pa.unify_schemas(kinds, promote_options="permissive").types[0]
@@ -201,17 +208,17 @@ def _promoted(name: str, parts: list[_Part]) -> pd.Series:
 
 
 def _in_arrow(piece: np.ndarray | pa.Array | pa.ChunkedArray) -> pa.ChunkedArray:
-    """A column of a part, which may be missing or lie in NumPy's memory, as an array of Arrow."""
+    """Convert a column of a part, which may be missing or in NumPy's memory, to an array of Arrow."""
     return piece if isinstance(piece, pa.ChunkedArray) else pa.chunked_array([pa.array(piece)])
 
 
 def _narrow(categories: list[str]) -> np.dtype[Any]:
-    """The smallest integer type for codes of categories, as in pandas."""
+    """Return the smallest integer type for codes of categories, as in pandas."""
     return np.min_scalar_type(-max(len(categories), 1))
 
 
 def _codes(column: pa.ChunkedArray, categories: list[str]) -> np.ndarray:
-    """The index of each name among the categories, -1 for missing names."""
+    """Return the index of each name among the categories, -1 for missing names."""
     place = {name: number for number, name in enumerate(categories)}
     codes = [np.zeros(0, _narrow(categories))]
     for chunk in column.chunks:

@@ -37,7 +37,7 @@ class MemoryTable:
 
     @property
     def rows_done(self) -> int:
-        """The number of rows in complete blocks."""
+        """Number of rows in complete blocks."""
         return sum(self.counts().values())
 
     def missing_blocks(self) -> list[int]:
@@ -71,7 +71,8 @@ class MemoryTable:
 
     def update_manifest(self, **fields: Any) -> None:
         """Set fields of the manifest (JSON values; None removes a field)."""
-        self.manifest = {k: v for k, v in (self.manifest | fields).items() if v is not None}
+        manifest = self.manifest | fields
+        self.manifest = {name: value for name, value in manifest.items() if value is not None}
 
     def load(self, rows: Rows | None = None) -> pd.DataFrame:
         """Return the complete table, or the records of some rows, with the `.attrs` of `table.load`."""
@@ -88,11 +89,11 @@ class MemoryTable:
         return frame
 
     def load_parts(self, columns: Sequence[str]) -> Iterator[pd.DataFrame]:
-        """The records of the complete table."""
+        """Yield the records of the complete table."""
         yield self._frame(columns, None)
 
     def _frame(self, columns: Sequence[str] | None, rows: Rows | None) -> pd.DataFrame:
-        """The records of some columns and rows."""
+        """Return the records of some columns and rows."""
         selection = Selection.of(columns, rows, self.layout.rows)
         parts = (
             (selection.records_of(records), footer, records.num_rows / footer.rows)
