@@ -27,7 +27,7 @@ class BoomWalker(BodyModel):
     speed = variable("m/s", "mean speed of the last cycle, forward", observed=True, scale=1.0)
 
     def control(self, p, s):
-        """Target angles of hips and knees; a knee is flexed in swing, where the phase is above pi."""
+        """Return target angles (rad) of hips and knees; a knee is flexed in swing, from the phase pi on."""
         hips = p.stride * jnp.cos(s.phase)
         knees = 0.15 + p.lift * jnp.maximum(-jnp.sin(s.phase), 0.0)
         return jnp.stack([hips[0], knees[0], hips[1], knees[1]])
@@ -56,7 +56,7 @@ class BoomWalker(BodyModel):
         return jnp.stack([self.touches(s, "foot_l"), self.touches(s, "foot_r")])
 
     def failed(self, p, s):
-        """Whether the trunk is 0.4 m below its rest."""
+        """Return whether the trunk is 0.4 m below its rest."""
         return self.position(s, "z") < -0.4
 
     def period(self, p):

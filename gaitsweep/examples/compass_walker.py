@@ -103,7 +103,7 @@ class CompassWalker(DeclaredModel):
         return kinetic + coupling * s.stance_rate * s.swing_rate + potential
 
     def failed(self, p, s):
-        """Whether the stance leg is beyond the horizontal or the swing leg points upwards."""
+        """Return whether the stance leg is beyond the horizontal or the swing leg points upwards."""
         return (jnp.abs(s.stance) > 0.5 * jnp.pi) | (jnp.abs(s.swing) > jnp.pi)
 
     def period(self, p):

@@ -61,7 +61,7 @@ class RimlessWheel(DeclaredModel):
         return 0.5 * s.rate**2 + jnp.cos(s.angle) - 1.0
 
     def failed(self, p, s):
-        """Whether the wheel rolls back."""
+        """Return whether the wheel rolls back."""
         return s.rate < 0.0
 
     def period(self, p):

@@ -94,7 +94,7 @@ class SlipRunner(DeclaredModel):
         return 0.5 * p.m * (s.v_x**2 + s.v_z**2) + p.m * p.g * s.z + spring
 
     def failed(self, p, s):
-        """Whether a step failed: too low an apex, a lift-off backwards, or the mass on the ground."""
+        """Return whether a step failed: too low an apex, a lift-off backwards, or the mass on the ground."""
         return s.phase == FALLEN
 
     def period(self, p):

@@ -99,7 +99,7 @@ class SpringMassWalker(DeclaredModel):
         return -s.v_z
 
     def failed(self, p, s):
-        """Whether the mass is below 0.3 of the legs' rest length, or moves backwards."""
+        """Return whether the mass is below 0.3 of the legs' rest length, or moves backwards."""
         return (s.z <= 0.3 * p.l0) | (s.v_x <= 0.0)
 
     def period(self, p):

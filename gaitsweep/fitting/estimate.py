@@ -91,7 +91,14 @@ class _Batch:
     def of(
         cls, part: Population, structure: Mapping[str, Any], middle: Mapping[str, Any], sets: int
     ) -> _Batch | None:
-        """Estimate a batch of sets in the middle of all ranges; return None if they have no rows."""
+        """Estimate a batch of sets in the middle of all ranges; return None if they have no rows.
+
+        Args:
+            part: measures the sets by one run.
+            structure: the choice of structure.
+            middle: the constants of the sets, by name.
+            sets: the number of sets.
+        """
         sample = part.middle_job(structure, middle, sets)
         if sample is None:
             return None

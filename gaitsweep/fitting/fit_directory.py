@@ -103,7 +103,8 @@ class ClusterRows:
     """
 
     def __init__(self, path: Path, cluster: Cluster) -> None:
-        self._path, self._cluster = path / BATCH, cluster
+        self._path = path / BATCH
+        self._cluster = cluster
 
     def __call__(self, job: Job, on_progress: OnProgress) -> pd.DataFrame:
         """Compute the rows of a job.

@@ -17,7 +17,9 @@ from gaitsweep.fitting.measure import FieldError, Measure, Measured, SetRows, un
 from gaitsweep.kinds.run_kind import RunKind
 from gaitsweep.schema.numbers import CountOrZero, Text
 
-_MULTIPLIER, _UNSTABLE = "multiplier", "unstable"
+# Values of the field `of` beside the names of observables.
+_MULTIPLIER = "multiplier"
+_UNSTABLE = "unstable"
 
 
 class FixedPoint(Measure):

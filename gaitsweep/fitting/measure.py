@@ -123,7 +123,13 @@ def unknown_name(name: str, allowed: Iterable[str]) -> str:
 
 
 def error_of_gaits(field: str, gaits: Iterable[str], model: Model) -> FieldError:
-    """Check the names of gaits in a field; return as `Measure.field_error` does."""
+    """Check the names of gaits in a field; return as `Measure.field_error` does.
+
+    Args:
+        field: the field, for the error.
+        gaits: the names.
+        model: the model, which has the allowed names.
+    """
     for gait in gaits:
         if gait not in model.gaits:
             return field, f"is {unknown_name(gait, model.gaits)}"

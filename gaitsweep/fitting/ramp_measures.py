@@ -28,7 +28,9 @@ from gaitsweep.schema.numbers import Count, CountOrZero, Text
 
 Column = Shaped[np.ndarray, " crossings"]
 # Codes of the crossings of a transition: the gait that gives way, the one that follows, or another.
-_FROM, _TO, _NEITHER = "from", "to", "neither"
+_FROM = "from"
+_TO = "to"
+_NEITHER = "neither"
 _SUFFIX = "_n"  # of the columns of observables at a crossing
 
 

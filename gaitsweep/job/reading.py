@@ -329,20 +329,19 @@ def _check_columns(design: Design, run: RunKind) -> list[Diagnostic]:
     columns = table_columns(design, run)
     repeated = dict.fromkeys(name for name in columns if columns.count(name) > 1)
     if isinstance(run, FollowsFixedPoints):  # whose branches have some observables by their own names
-        taken = {column.name for column in run.all_columns(design.model)} - run.beside_observables
+        used_names = {column.name for column in run.all_columns(design.model)} - run.beside_observables
         observables = [quantity.name for quantity in design.model.observables]
-        repeated |= dict.fromkeys(name for name in observables if name in taken)
+        repeated |= dict.fromkeys(name for name in observables if name in used_names)
     diagnostics = []
     # a moved parameter is reported at the run, an axis at its place in `vary`, other names at the model
     paths = {name: path for group in design.groups for name, path in group.paths.items()}
     for name in repeated:
+        reason = "has another column of this name: rename the model's quantity."
         if name == run.moved:
-            path, begin = ("run", "parameter"), f"is {name}, but the table"
+            diagnostics.append(Diagnostic(("run", "parameter"), f"is {name}, but the table {reason}"))
         elif name in paths:
-            path, begin = paths[name], f"varies {name}, but the table"
+            diagnostics.append(Diagnostic(paths[name], f"varies {name}, but the table {reason}"))
         else:
-            path = ("model",)
-            begin = f"is {design.model.name}, which has a quantity {name}, but the table of {run.kind_name}"
-        text = f"{begin} has another column of this name: rename the model's quantity."
-        diagnostics.append(Diagnostic(path, text))
+            text = f"is {design.model.name}, which has a quantity {name}, but the table of {run.kind_name} "
+            diagnostics.append(Diagnostic(("model",), text + reason))
     return diagnostics

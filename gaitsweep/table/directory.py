@@ -8,8 +8,6 @@ from __future__ import annotations
 import collections
 import contextlib
 import errno
-import functools
-import json
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -52,6 +50,7 @@ from gaitsweep.table.manifest import (
     Layout,
     claim,
     json_value,
+    manifest_bytes,
     new_manifest,
     sealed,
 )
@@ -456,9 +455,7 @@ class ResultDirectory:
         if plain["format"] > 1:
             plain = sealed(plain)
         self.manifest = plain
-        fields = (f"  {json.dumps(name)}: {_indented(json.dumps(value))}" for name, value in plain.items())
-        text = "{\n" + ",\n".join(fields) + "\n}\n"
-        replace_file(self.path / MANIFEST, lambda file: file.write(text.encode()))
+        replace_file(self.path / MANIFEST, lambda file: file.write(manifest_bytes(plain)))
 
     def close(self) -> None:
         """Release the directory for other writers; a second call does nothing."""
@@ -493,10 +490,3 @@ class _Dumper(_SafeDumper):
     def ignore_aliases(self, data: Any) -> bool:
         """Write all values in full."""
         return True
-
-
-# cached, since most fields are written several times, and Python indents them slowly
-@functools.lru_cache(maxsize=64)
-def _indented(value: str) -> str:
-    """Indent a field of the manifest, from JSON without indents."""
-    return json.dumps(json.loads(value), indent=2, ensure_ascii=False).replace("\n", "\n  ")

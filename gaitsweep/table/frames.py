@@ -43,7 +43,7 @@ class PartRecords:
     def __init__(self, n_rows: int) -> None:
         self._n_rows = n_rows
         self._room = 0
-        self._whole: dict[str, np.ndarray] = {}
+        self._full_columns: dict[str, np.ndarray] = {}
         self.parts: list[_Part] = []
         self.length = 0
 
@@ -70,26 +70,26 @@ class PartRecords:
         self.length += table.num_rows
 
     def _placed(self, name: str, values: np.ndarray) -> np.ndarray:
-        """Copy values to their place in the whole column, if they fit; return the copy."""
-        if name not in self._whole:
-            self._whole[name] = np.empty(self._room, values.dtype)
-        whole = self._whole[name]
-        place = whole[self.length : self.length + len(values)]
-        if whole.dtype != values.dtype or len(place) != len(values):
+        """Copy values to their place in the full column, if they fit; return the copy."""
+        if name not in self._full_columns:
+            self._full_columns[name] = np.empty(self._room, values.dtype)
+        full_column = self._full_columns[name]
+        place = full_column[self.length : self.length + len(values)]
+        if full_column.dtype != values.dtype or len(place) != len(values):
             return np.array(values)
         place[:] = values
         return place
 
-    def whole(self, name: str) -> np.ndarray | None:
+    def full_column(self, name: str) -> np.ndarray | None:
         """Return the column of all parts, if all have their values there, else None."""
-        whole = self._whole.get(name)
-        if whole is None:
+        full_column = self._full_columns.get(name)
+        if full_column is None:
             return None
         for part in self.parts:
             column = part.columns.get(name)
-            if not isinstance(column, np.ndarray) or column.base is not whole:
+            if not isinstance(column, np.ndarray) or column.base is not full_column:
                 return None
-        return whole[: self.length]
+        return full_column[: self.length]
 
 
 def decoded_columns(columns: Sequence[str]) -> tuple[str, ...]:
@@ -178,13 +178,13 @@ def _near_column(path: Path, name: str) -> str:
 
 def _joined(name: str, parts: PartRecords) -> Any:
     """Join a column of all parts: categorical, an array, or a series."""
-    whole = parts.whole(name)
+    full_column = parts.full_column(name)
     if not any(name in part.categories for part in parts.parts):
-        return _promoted(name, parts.parts) if whole is None else whole
+        return _promoted(name, parts.parts) if full_column is None else full_column
     categories = list(dict.fromkeys(text for part in parts.parts for text in part.categories.get(name, ())))
-    if whole is None or any(part.categories[name] != categories for part in parts.parts):
-        whole = np.concatenate([_recoded(name, part, categories) for part in parts.parts])
-    return categorical(whole, categories)
+    if full_column is None or any(part.categories[name] != categories for part in parts.parts):
+        full_column = np.concatenate([_recoded(name, part, categories) for part in parts.parts])
+    return categorical(full_column, categories)
 
 
 def _recoded(name: str, part: _Part, categories: list[str]) -> np.ndarray:

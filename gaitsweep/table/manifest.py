@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import datetime
+import functools
 import hashlib
 import json
 from collections.abc import Iterable, Mapping
@@ -122,6 +123,19 @@ def read_manifest(path: Path) -> dict[str, Any]:
     if manifest["format"] >= FORMAT and manifest.get(SEAL) != sealed(manifest)[SEAL]:
         raise DamagedManifest(f"{file} was changed after gaitsweep wrote it", path)
     return manifest
+
+
+def manifest_bytes(manifest: Mapping[str, Any]) -> bytes:
+    """Return the content of `manifest.json` with these JSON values."""
+    fields = (f"  {json.dumps(name)}: {_indented(json.dumps(value))}" for name, value in manifest.items())
+    return ("{\n" + ",\n".join(fields) + "\n}\n").encode()
+
+
+# cached, since most fields are written several times, and Python indents them slowly
+@functools.lru_cache(maxsize=64)
+def _indented(value: str) -> str:
+    """Indent a field of the manifest, from JSON without indents."""
+    return json.dumps(json.loads(value), indent=2, ensure_ascii=False).replace("\n", "\n  ")
 
 
 def _missing(path: Path) -> TableError:
