@@ -123,6 +123,7 @@ class ListAxis:
 
     @property
     def length(self) -> int:
+        """Number of points."""
         return len(self.numbers)
 
     @property

@@ -1,4 +1,4 @@
-"""The design of a job: the parameters and starts of each row, computed from the row's number."""
+"""Design of a job: the parameters and starts of each row, computed from the row's number."""
 
 from __future__ import annotations
 
@@ -281,6 +281,7 @@ class Design:
         return {name: place for place, group in enumerate(self.groups) for name in group.axes}
 
     def _rows(self, start: int, stop: int) -> RowNumbers:
+        """Return the numbers of rows start..stop-1."""
         if not 0 <= start <= stop <= self.n_rows:
             raise IndexError(f"Rows {start} to {stop} are out of range: the job has {self.n_rows} rows.")
         return np.arange(start, stop, dtype=np.int64)

@@ -30,10 +30,12 @@ class Group:
 
     @property
     def names(self) -> tuple[str, ...]:
+        """Names that vary together."""
         return tuple(self.axes)
 
     @property
     def length(self) -> int:
+        """Number of points."""
         return next(iter(self.axes.values())).length
 
     @property

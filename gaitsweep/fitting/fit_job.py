@@ -1,4 +1,4 @@
-"""A job whose rows follow from sets of constants: the common part of search and sensitivity."""
+"""Job whose rows follow from sets of constants: the common part of search and sensitivity."""
 
 from __future__ import annotations
 
@@ -49,6 +49,7 @@ class FitJob:
 
     @property
     def name(self) -> str:
+        """Name of the job."""
         return str(self.written.get("name"))
 
     def path_of(self, measure: str) -> tuple[str, str, str]:

@@ -30,7 +30,8 @@ class FreeParameter(StrictModel, title="Free"):  # its name in the JSON schema o
     )
 
     @model_validator(mode="after")
-    def _fits(self) -> Self:
+    def _check_fields(self) -> Self:
+        """Refuse fields that do not fit together."""
         if self.choices is not None:
             if self.low is not None or self.high is not None or self.log or self.whole:
                 raise wrong_value("has choices, and a range as well: give one of the two.")
@@ -68,7 +69,7 @@ class FreeParameter(StrictModel, title="Free"):  # its name in the JSON schema o
 
     @property
     def _whole_range(self) -> tuple[int, int]:
-        """The least and the largest whole number of its range."""
+        """Least and largest whole number of its range."""
         low, high = self._range
         return math.ceil(low), math.floor(high)
 

@@ -79,8 +79,9 @@ def indices(design: SensitivityDesign, outputs: Mapping[str, Output], seed: int)
     records = []
     for name, output in outputs.items():
         method, by_parameter = _of_output(design, output, seed)
-        for parameter in sorted(by_parameter, key=lambda parameter: -_importance(by_parameter[parameter])):
-            records.extend(_index_records(method, name, parameter, by_parameter[parameter], output))
+        by_importance = sorted(by_parameter.items(), key=lambda item: -_importance(item[1]))
+        for parameter, by_index in by_importance:
+            records.extend(_index_records(method, name, parameter, by_index, output))
     return pd.DataFrame(records, columns=list(COLUMNS))
 
 

@@ -303,12 +303,12 @@ def _end(name: str, columns: Iterable[str]) -> str:
 
 def unit_of_parameter(name: str, model: Model) -> str:
     """Return the unit of a parameter, "1" if the model has none of this name."""
-    return {q.name: q.unit for q in model.parameters}.get(name, "1")
+    return {quantity.name: quantity.unit for quantity in model.parameters}.get(name, "1")
 
 
 def unit_of(formula: str, model: Model) -> str:
     """Return the unit of a column, "" for a formula."""
-    units = {q.name: q.unit for q in model.label_fields} | {"t_end": "s"}
+    units = {quantity.name: quantity.unit for quantity in model.label_fields} | {"t_end": "s"}
     for quantity in model.observables:
         units[quantity.name] = units[f"{quantity.name}_end"] = quantity.unit
     return units.get(formula, "1" if formula.isidentifier() else "")

@@ -35,7 +35,7 @@ _SUFFIX = "_n"  # of the columns of observables at a crossing
 
 
 class Crossings(NamedTuple):
-    """The crossings of one row of a ramp, in their order: columns (k,), and the row's status."""
+    """Crossings of one row of a ramp, in their order: columns (k,), and the row's status."""
 
     columns: Mapping[str, Column]
     status: str

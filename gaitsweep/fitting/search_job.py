@@ -101,7 +101,7 @@ class SearchOptions(StrictModel):
 
 @dataclasses.dataclass(frozen=True)
 class Search:
-    """The field `search` of a job: free constants, targets and options.
+    """Field `search` of a job: free constants, targets and options.
 
     With `options.robust` the last target is the share of a set's neighbours that keep its targets.
     """
@@ -131,6 +131,7 @@ class SearchJob(Search):
 
     @property
     def name(self) -> str:
+        """Name of the job."""
         return self.fit.name
 
     @property

@@ -67,6 +67,7 @@ class SensitivityJob:
 
     @property
     def name(self) -> str:
+        """Name of the job."""
         return self.fit.name
 
     @property

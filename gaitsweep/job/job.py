@@ -1,4 +1,4 @@
-"""A job: its fields, its resolved form, and its JSON schema."""
+"""Job: its fields, its resolved form, and its JSON schema."""
 
 from __future__ import annotations
 
@@ -149,6 +149,7 @@ class Job(StrictModel):
     @model_validator(mode="wrap")
     @classmethod
     def _read(cls, data: Any, handler: ModelWrapValidatorHandler[Job], info: ValidationInfo) -> Job:
+        """Read a job from its mapping; jobs are returned unchanged."""
         if isinstance(data, Job):
             return data
         with effort.limited():
@@ -277,7 +278,7 @@ def _sections(data: Any) -> dict[str, SchemaSection]:
 
 
 class _Figures(StrictModel):
-    """The figures of a job and their style, without its other fields."""
+    """Figures of a job and their style, without its other fields."""
 
     figures: list[Annotated[FigureKind, OneOf(FIGURES)]]
     style: FigureStyle = Field(default_factory=FigureStyle)

@@ -1,4 +1,4 @@
-"""The model of a job, its structure, and the parameters and starts that the job sets."""
+"""Model of a job, its structure, and the parameters and starts that the job sets."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The sections `numerics` and `engine` of a job."""
+"""Sections `numerics` and `engine` of a job."""
 
 from __future__ import annotations
 

@@ -18,7 +18,7 @@ from pydantic_core import CoreSchema, SchemaValidator, core_schema
 
 
 class _OwnMembers(type(BaseModel)):
-    """The metaclass of strict models, whose `help` shows their own members, without those of bases."""
+    """Metaclass of strict models, whose `help` shows their own members, without those of bases."""
 
     def __dir__(cls) -> list[str]:
         return [name for name in vars(cls) if not name.startswith("_")]

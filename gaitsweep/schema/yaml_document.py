@@ -64,7 +64,7 @@ class _Counted:
 
 
 class _Loader(_Counted, yaml.SafeLoader):
-    """The safe loader, without its rules for plain words."""
+    """Safe loader of PyYAML, without its rules for plain words."""
 
     yaml_implicit_resolvers: ClassVar[dict] = {}  # pyright: ignore[reportIncompatibleVariableOverride]
 
@@ -73,7 +73,7 @@ _ByLibyaml: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
 class _FastLoader(_Counted, _ByLibyaml):
-    """The same loader by libyaml, if PyYAML was built with it."""
+    """Loader like `_Loader` by libyaml, if PyYAML was built with it."""
 
     yaml_implicit_resolvers: ClassVar[dict] = _Loader.yaml_implicit_resolvers
 

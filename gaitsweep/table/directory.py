@@ -187,7 +187,7 @@ class ResultDirectory:
             else:  # the earlier run was killed after it had written their parts
                 file.unlink(missing_ok=True)
         for number, parts in stored.items():
-            newest = max((part.numbers.keys() for part in parts), key=len)  # another version may lack some
+            newest = max((part.numbers.keys() for part in parts), key=len)  # older versions may have fewer
             rows = RowOutcome.concat([part for part in parts if part.numbers.keys() == newest])
             _, first = np.unique(rows.row, return_index=True)  # a row may stand in several files
             self._restored[number] = rows.take(first)

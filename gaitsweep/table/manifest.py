@@ -212,7 +212,7 @@ class _Job(_Plain):
 
 
 class _Fields(_Plain):
-    """The fields of a manifest that are read, each with its description in messages."""
+    """Fields of a manifest that are read, each with its description in messages."""
 
     job_hash: str = Field(default="", description="text")
     rows: _Count = Field(default=1, description="a number of rows")
@@ -247,7 +247,7 @@ def is_job(value: object) -> bool:
 
 @dataclasses.dataclass(frozen=True)
 class Layout:
-    """The rows of a table in blocks of `block`, each of which has a part.
+    """Rows of a table in blocks of `block`, each of which has a part.
 
     `job_hash` is the hash of all that determines the results.
     """

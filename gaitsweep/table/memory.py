@@ -1,4 +1,4 @@
-"""A table in memory, which a run writes as it writes a result directory."""
+"""Table in memory, which a run writes as it writes a result directory."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from gaitsweep.table.reading import Rows, Selection, add_counts
 
 
 class MemoryTable:
-    """A table in memory, with the methods of `ResultDirectory` that a run uses.
+    """Table in memory, with the methods of `ResultDirectory` that a run uses.
 
     Columns have the values and types that a result directory gives, since the same functions convert them.
 

@@ -1,4 +1,4 @@
-"""The files of a table: parts, and ended rows of incomplete blocks.
+"""Files of a table: parts, and ended rows of incomplete blocks.
 
 A part is a parquet file with the rows of one block, and a footer that identifies it.
 `table/open-00003.parquet` is the third file of ended rows of incomplete blocks, which exists until the parts
