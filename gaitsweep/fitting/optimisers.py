@@ -285,7 +285,7 @@ class Front:
         if len(offspring) < n:  # duplicates are left out
             sobol_points = Population.new("X", self._sobol.ask(n - len(offspring)))
             offspring = Population.merge(offspring, sobol_points)
-        asked = offspring[:n]
+        asked: Any = offspring[:n]
         self._asked.append(asked)
         return np.clip(asked.get("X"), 0.0, 1.0)
 

@@ -36,15 +36,14 @@ from gaitsweep.fitting.robustness import ROBUST, share_kept
 from gaitsweep.fitting.search_figures import FIGURES, draw_search, search_figure
 from gaitsweep.fitting.search_job import SearchJob, read_search_field
 from gaitsweep.fitting.targets import MISS, PerSet, scores
-from gaitsweep.job import JobError
 from gaitsweep.kinds.columns import quantities_of
 from gaitsweep.runs import provenance
 from gaitsweep.runs.execute import RESULTS
 from gaitsweep.runs.executor import write_blocks
 from gaitsweep.runs.progress import Progress
 from gaitsweep.runs.sentences import SetStatus
-from gaitsweep.schema.diagnostics import Diagnostic
-from gaitsweep.table import ResultDirectory, Snapshot, TableError, load
+from gaitsweep.schema.diagnostics import Diagnostic, refuse
+from gaitsweep.table import ResultDirectory, TableError, load, load_with_snapshot
 from gaitsweep.table.manifest import Layout
 
 if TYPE_CHECKING:
@@ -158,12 +157,10 @@ def draw_again(path: Path) -> list[Path]:
     Raises:
         JobError, TableError: the directory is not that of a search, or its table cannot be read.
     """
-    snapshot = Snapshot.of(path)
+    snapshot, table = load_with_snapshot(path)
     wrong: list[Diagnostic] = []
     search = read_search_field(snapshot.job, wrong)
-    if wrong:
-        raise JobError(wrong)
-    table = load(path)
+    refuse(wrong)
     return draw_search(path, search, table, identifiability(table, search))
 
 
@@ -218,7 +215,7 @@ class _Search:
         missing = set(self.directory.missing_blocks())
         if len(missing) < len(self.directory.layout.blocks):
             with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # that it is not complete
+                warnings.simplefilter("ignore")  # about missing rows
                 self.stored = load(self.directory.path)
         chosen: deque[tuple[int, Sets]] = deque()
         # a cluster takes one batch at a time
