@@ -22,16 +22,17 @@ _SOBOL_BITS = 30
 _SOBOL_CHUNK = 2**16  # points drawn at a time: a power of two, as the sequence needs
 
 
-def _of_length(value: Any, length: int, words: str) -> Any:
-    """A list of so many items; raises InvalidValue for others, with the form in words."""
+def _check_length(value: Any, length: int, words: str) -> Any:
+    """Return a list of this length; raises InvalidValue, with the form in words, for other values."""
     if not isinstance(value, (list, tuple)) or len(value) != length:
         raise InvalidValue(f"is {quoted(value)}, but must be {words}.")
     return value
 
 
-_THREE = BeforeValidator(checked(_of_length, length=3, words="[first, last, number of points]"))
-_TWO = BeforeValidator(checked(_of_length, length=2, words="[low, high]"))
-EndsAndCount = Annotated[tuple[Number, Number, PointCount], _THREE]
+_ENDS_AND_COUNT = BeforeValidator(checked(_check_length, length=3, words="[first, last, number of points]"))
+_ENDS = BeforeValidator(checked(_check_length, length=2, words="[low, high]"))
+EndsAndCount = Annotated[tuple[Number, Number, PointCount], _ENDS_AND_COUNT]
+Ends = Annotated[tuple[Number, Number], _ENDS]
 At = Annotated[Literal["ends", "centre"], word("ends", "centre")]
 _AT_WORDS = "ends: both ends are points; centre: the points are the centres of equal cells"
 _SEED = "seed of the points, combined with the name of the axis"
@@ -43,7 +44,7 @@ class Values(StrictModel):
     values: list[Number] = Field(min_length=1, max_length=MAX_LISTED, description="the points")
 
     def axis(self, name: str) -> ListAxis:
-        """The axis of the name, by which the points of random axes are drawn."""
+        """Return the axis; its name does not matter."""
         return ListAxis(tuple(self.values))
 
 
@@ -54,7 +55,7 @@ class Linspace(StrictModel):
     at: At = Field(default="ends", description=_AT_WORDS)
 
     def axis(self, name: str) -> RangeAxis:
-        """The axis of the name, by which the points of random axes are drawn."""
+        """Return the axis; its name does not matter."""
         return RangeAxis(*self.linspace, LinearSpacing(self.linspace[2], self.at))
 
 
@@ -65,7 +66,7 @@ class Logspace(StrictModel):
     at: At = Field(default="ends", description=_AT_WORDS)
 
     def axis(self, name: str) -> RangeAxis:
-        """The axis of the name, by which the points of random axes are drawn."""
+        """Return the axis; its name does not matter."""
         return RangeAxis(*self.logspace, LinearSpacing(self.logspace[2], self.at), logarithmic=True)
 
 
@@ -76,7 +77,7 @@ class Random(StrictModel):
     seed: Seed = Field(default=0, description=_SEED)
 
     def axis(self, name: str) -> RangeAxis:
-        """The axis of the name, by which the points of random axes are drawn."""
+        """Return the axis of a name, with which its points are drawn."""
         box = SampleBox((name,), self.random[2], self.seed, "random")
         return RangeAxis(*self.random, RandomAxis(box, name))
 
@@ -88,7 +89,7 @@ class Sobol(StrictModel):
     seed: Seed = Field(default=0, description=_SEED)
 
     def axis(self, name: str) -> RangeAxis:
-        """The axis of the name, by which the points of random axes are drawn."""
+        """Return the axis of a name, with which its points are drawn."""
         box = SampleBox((name,), self.sobol[2], self.seed, "sobol")
         return RangeAxis(*self.sobol, RandomAxis(box, name))
 
@@ -101,12 +102,10 @@ class Sample(StrictModel):
     method: Annotated[Literal["random", "sobol"], word("random", "sobol")] = Field(
         default="random", description="random: independent uniform points; sobol: one joint Sobol sequence"
     )
-    of: dict[Text, Annotated[tuple[Number, Number], _TWO]] = Field(
-        min_length=1, description="[low, high] by name"
-    )
+    of: dict[Text, Ends] = Field(min_length=1, description="[low, high] by name")
 
     def axes(self) -> dict[str, RangeAxis]:
-        """The axis of each name; the points are drawn once, so that a slice of rows has the same values."""
+        """Return the axis of each name; all share one box, whose points are drawn once."""
         box = SampleBox(tuple(self.of), self.n, self.seed, self.method)
         return {name: RangeAxis(*ends, self.n, RandomAxis(box, name)) for name, ends in self.of.items()}
 
@@ -124,34 +123,45 @@ class ListAxis:
 
     @property
     def length(self) -> int:
+        """Number of points."""
         return len(self.numbers)
 
     @property
     def formulas(self) -> tuple[str, ...]:
-        """The expressions among its numbers."""
+        """Expressions among its numbers."""
         return tuple(self._formula_at.values())
 
     def at(self, index: Int[np.ndarray, " rows"], names: Mapping[str, Any]) -> Float[np.ndarray, " rows"]:
-        """Points `index` (n,); `names` has a float or (n,) for each name in the formulas."""
-        result = self._plain[index]
+        """Return points of the axis in some rows.
+
+        Args:
+            index: the numbers of the points (n,).
+            names: a float or (n,) for each name in the formulas.
+
+        Raises:
+            ExpressionError: a formula has no value.
+        """
+        points = self._plain[index]
         for place in np.intersect1d(index, list(self._formula_at)):
             formula = self._formula_at[place]
             mask = index == place
-            used = {name: names[name] for name in names_in(formula)}
-            used = {name: value if np.ndim(value) == 0 else value[mask] for name, value in used.items()}
-            result[mask] = evaluate(formula, used)
-        return result
+            used = {}
+            for name in names_in(formula):
+                value = names[name]
+                used[name] = value if np.ndim(value) == 0 else value[mask]
+            points[mask] = evaluate(formula, used)
+        return points
 
     @cached_property
     def _formula_at(self) -> dict[int, str]:
-        """The formulas by their positions."""
+        """Formulas by their places in the list."""
         if isinstance(self.numbers, np.ndarray):
             return {}
         return {place: number for place, number in enumerate(self.numbers) if isinstance(number, str)}
 
     @cached_property
     def _plain(self) -> Float[np.ndarray, " points"]:
-        """The numbers (length,), with NaN for formulas."""
+        """Numbers (length,), with NaN for formulas."""
         if isinstance(self.numbers, np.ndarray):
             return self.numbers.astype(np.float64)
         return np.array([np.nan if isinstance(number, str) else number for number in self.numbers])
@@ -165,12 +175,15 @@ class LinearSpacing:
     at: Literal["ends", "centre"]
 
     def __call__(self, index: Int[np.ndarray, " rows"]) -> Float[np.ndarray, " rows"]:
-        return (index + 0.5) / self.count if self.at == "centre" else index / max(self.count - 1, 1)
+        """Return the positions (n,) of points in [0, 1]."""
+        if self.at == "centre":
+            return (index + 0.5) / self.count
+        return index / max(self.count - 1, 1)
 
 
 @dataclass(frozen=True)
 class SampleBox:
-    """The points of a sample, which are drawn together at their first use."""
+    """Points of a sample, which are drawn together at their first use."""
 
     names: tuple[str, ...]
     count: int
@@ -181,7 +194,7 @@ class SampleBox:
     def points(self) -> dict[str, Float[np.ndarray, " points"]]:
         """Points of [0, 1) by name, (count,)."""
         if self.method == "random":
-            # 53 bits of each word, as a float of [0, 1) has
+            # 53 of the 64 bits of each word, which are the bits of a float in [0, 1)
             shift = np.uint64(11)
             return {name: (_bits(self.seed, name, self.count) >> shift) * 2.0**-53 for name in self.names}
         return _sobol(self.seed, list(self.names), self.count)
@@ -195,6 +208,7 @@ class RandomAxis:
     name: str
 
     def __call__(self, index: Int[np.ndarray, " rows"]) -> Float[np.ndarray, " rows"]:
+        """Return the positions (n,) of points in [0, 1)."""
         return self.box.points[self.name][index]
 
 
@@ -215,11 +229,15 @@ class RangeAxis:
 
     @property
     def formulas(self) -> tuple[str, ...]:
-        """The expressions among its ends."""
+        """Expressions among its ends."""
         return tuple(number for number in (self.low, self.high) if isinstance(number, str))
 
     def at(self, index: Int[np.ndarray, " rows"], names: Mapping[str, Any]) -> Float[np.ndarray, " rows"]:
-        """Points `index` (n,); `names` has a float or (n,) for each name in the ends.
+        """Return points of the axis in some rows.
+
+        Args:
+            index: the numbers of the points (n,).
+            names: a float or (n,) for each name in the ends.
 
         Raises:
             ExpressionError: an end of a logarithmic axis is not above 0.
@@ -229,9 +247,9 @@ class RangeAxis:
         fraction = self.fraction(index)
         if not self.logarithmic:
             between = low + (high - low) * fraction
+        elif np.any(np.less_equal(low, 0.0)) or np.any(np.less_equal(high, 0.0)):
+            raise ExpressionError("the ends of a logspace must be above 0.")
         else:
-            if np.any(np.less_equal(low, 0.0)) or np.any(np.less_equal(high, 0.0)):
-                raise ExpressionError("the ends of a logspace must be above 0.")
             between = np.exp(np.log(low) + (np.log(high) - np.log(low)) * fraction)
         # the ends exactly as written, although low + (high - low) may be rounded
         return np.where(fraction == 0.0, low, np.where(fraction == 1.0, high, between))
@@ -241,20 +259,21 @@ Axis = ListAxis | RangeAxis
 
 
 def _bits(seed: int, name: str, count: int) -> UInt[np.ndarray, " points"]:
-    """Random 64-bit words, which no version of NumPy changes; each name has its own stream."""
+    """Draw random 64-bit words, which no version of NumPy changes; each name has its own stream."""
     key = int.from_bytes(hashlib.sha256(f"{seed} {name}".encode()).digest()[:16], "big")
     return np.asarray(np.random.Philox(key=key).random_raw(count))
 
 
 def _sobol(seed: int, names: list[str], count: int) -> dict[str, Float[np.ndarray, " points"]]:
-    """An unscrambled Sobol sequence with our own digital shift, since SciPy's scrambling may change."""
+    """Draw an unscrambled Sobol sequence with our own digital shift, since SciPy's scrambling may change."""
     import scipy
 
     sequence = scipy.stats.qmc.Sobol(len(names), scramble=False, bits=_SOBOL_BITS)
     shifts = [_bits(seed, name, 1)[0] >> np.uint64(64 - _SOBOL_BITS) for name in names]
     points = np.empty((len(names), count))
+    chunk = min(_SOBOL_CHUNK, 1 << (count - 1).bit_length())  # a power of two
     for first in range(0, count, _SOBOL_CHUNK):
-        part = sequence.random(min(_SOBOL_CHUNK, 1 << (count - 1).bit_length()))[: count - first]
+        part = sequence.random(chunk)[: count - first]
         cells = np.rint(part * 2.0**_SOBOL_BITS).astype(np.uint64)
         for column, shift in enumerate(shifts):
             drawn = ((cells[:, column] ^ shift) + 0.5) * 2.0**-_SOBOL_BITS

@@ -1,4 +1,4 @@
-"""The design of a job: the parameters and starts of each row, computed from the row's number."""
+"""Design of a job: the parameters and starts of each row, computed from the row's number."""
 
 from __future__ import annotations
 
@@ -21,10 +21,12 @@ from gaitsweep.expression import names_in, resolve
 from gaitsweep.schema.diagnostics import Diagnostic, JobError
 from gaitsweep.schema.numbers import bound
 
-# A name is checked before a job runs if its axes have at most so many combinations, and these times the
-# letters of its formulas are at most so many.
-MAX_CHECKED, MAX_LETTERS = 1_000_000, 20_000_000
+# Limits of a name that is checked before a job runs: combinations of its axes, and these times the letters of
+# its formulas.
+MAX_CHECKED = 1_000_000
+MAX_LETTERS = 20_000_000
 MAX_CELLS = 200_000  # points of an axis whose distinct values are counted
+MAX_FEW_VALUES = 4  # distinct values of an axis without equal steps that figures draw as cells
 
 RowNumbers = Int[np.ndarray, " rows"]
 Columns = dict[str, Float[np.ndarray, " rows"]]  # the values of rows by name
@@ -32,7 +34,7 @@ Columns = dict[str, Float[np.ndarray, " rows"]]  # the values of rows by name
 
 @dataclasses.dataclass(frozen=True)
 class GridAxis:
-    """The position of an axis among a design's groups, and whether its last cell borders on its first."""
+    """Position of an axis among a design's groups, and whether its last cell borders on its first."""
 
     place: int
     closed: bool
@@ -40,7 +42,7 @@ class GridAxis:
 
 @dataclasses.dataclass(frozen=True)
 class Design:
-    """The rows of a job; their values follow from their numbers, so memory does not grow with their number.
+    """Rows of a job; their values follow from their numbers, so memory does not grow with their number.
 
     `settings` has a number or a formula for each parameter and start that does not vary, including the
     model's defaults; NaN stands for a start that the model itself decides. The parameter of a ramp or
@@ -54,32 +56,35 @@ class Design:
 
     @property
     def n_rows(self) -> int:
-        """The product of the axes' lengths; 1 without axes."""
+        """Number of rows: the product of the axes' lengths, 1 without axes."""
         return math.prod(group.length for group in self.groups)
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The names that vary, in the order of the table's columns."""
+        """Names that vary, in the order of the table's columns."""
         return tuple(name for group in self.groups for name in group.axes)
 
     @property
     def derived(self) -> dict[str, str]:
-        """The parameters that are formulas of others, with the structure's numbers filled in.
+        """Formulas of the parameters that follow others, with the structure's numbers filled in.
 
         A parameter that moves while a row runs (ramp, staircase) also moves the parameters `following` it.
         """
         parameters = [quantity.name for quantity in self.model.parameters]
-        formulas = {name: self.settings[name] for name in parameters if name in self.settings}
-        derived = {name: text for name, text in formulas.items() if isinstance(text, str)}
-        written = {size: _operand(number) for size, number in self.sizes.items()}
+        settings = {name: self.settings[name] for name in parameters if name in self.settings}
+        operands = {size: _operand(number) for size, number in self.sizes.items()}
 
         def with_number(word: re.Match[str]) -> str:
-            return written.get(word[0], word[0])
+            return operands.get(word[0], word[0])
 
-        return {name: re.sub(r"\b[A-Za-z_]\w*", with_number, text) for name, text in derived.items()}
+        return {
+            name: re.sub(r"\b[A-Za-z_]\w*", with_number, setting)
+            for name, setting in settings.items()
+            if isinstance(setting, str)
+        }
 
     def columns(self, start: int, stop: int) -> Columns:
-        """Values of the axes in rows start..stop-1: a float64 array (stop - start,) by name.
+        """Return the values of the axes in rows start..stop-1: a float64 array (stop - start,) by name.
 
         Raises:
             IndexError: the job does not have these rows.
@@ -88,7 +93,7 @@ class Design:
         return self.at(self._rows(start, stop), self.names)
 
     def values(self, start: int, stop: int) -> tuple[Columns, Columns]:
-        """All parameters and all starts in rows start..stop-1: float64 arrays (stop - start,) by name.
+        """Return all parameters and all starts in rows start..stop-1: float64 arrays (stop - start,) by name.
 
         Raises:
             IndexError: the job does not have these rows.
@@ -98,7 +103,14 @@ class Design:
         return self.values_in(self._rows(start, stop))
 
     def values_in(self, rows: RowNumbers) -> tuple[Columns, Columns]:
-        """All parameters and all starts in `rows` (n,) of int64, as `values` gives them."""
+        """Return all parameters and all starts in some rows, as `values` does.
+
+        Args:
+            rows: the rows (n,), int64.
+
+        Raises:
+            ExpressionError, JobError: as `values`.
+        """
         parameters = [quantity.name for quantity in self.model.parameters]
         starts = [quantity.name for quantity in self.model.initial_conditions]
         values = self.at(rows, [*parameters, *starts])
@@ -106,7 +118,18 @@ class Design:
         return {name: values[name] for name in parameters}, {name: values[name] for name in starts}
 
     def at(self, rows: RowNumbers, wanted: Iterable[str]) -> Columns:
-        """The `wanted` names in `rows` (n,) of int64: float64 arrays (n,), in that order."""
+        """Return the values of names in some rows.
+
+        Args:
+            rows: the rows (n,), int64.
+            wanted: the names.
+
+        Returns:
+            Float64 arrays (n,) by name, in the order of `wanted`.
+
+        Raises:
+            ExpressionError: an expression has no value in one of these rows.
+        """
         wanted = tuple(wanted)
         needed = self.closure(wanted)
         known: dict[str, Any] = dict(self.sizes)
@@ -121,12 +144,12 @@ class Design:
         return {name: np.array(np.broadcast_to(known[name], rows.shape), dtype=np.float64) for name in wanted}
 
     def row(self, number: int) -> dict[str, float]:
-        """All parameters and starts of a row; NaN for a start that the model itself decides."""
+        """Return all parameters and starts of a row; NaN for a start that the model itself decides."""
         values = self.at(np.array([number]), self.order)
         return {name: float(value[0]) for name, value in values.items()}
 
     def closure(self, names: Iterable[str]) -> set[str]:
-        """The names and all names in their formulas, directly or indirectly."""
+        """Return the names and all names in their formulas, directly or indirectly."""
         reached: set[str] = set()
         waiting = list(names)
         while waiting:
@@ -137,18 +160,18 @@ class Design:
         return reached
 
     def following(self, *parameters: str) -> dict[str, str]:
-        """The formulas of the parameters that move with `parameters`, each after those that it uses."""
+        """Return the formulas of parameters that move with `parameters`, each after those that it uses."""
         derived = self.derived
         others = (name for name in self.order if name in derived and name not in parameters)
         return {name: derived[name] for name in others if not self.closure([name]).isdisjoint(parameters)}
 
     def uses(self, name: str) -> set[str]:
-        """The quantities that the formulas of `name` use directly."""
+        """Return the quantities that the formulas of `name` use directly."""
         if name in self._places:
-            texts: tuple[float | str, ...] = self.groups[self._places[name]].axes[name].formulas
+            settings: tuple[float | str, ...] = self.groups[self._places[name]].axes[name].formulas
         else:
-            texts = (self.settings[name],)
-        return {used for text in texts for used in names_in(text)} - set(self.sizes)
+            settings = (self.settings[name],)
+        return {used for setting in settings for used in names_in(setting)} - set(self.sizes)
 
     @functools.cached_property
     def order(self) -> tuple[str, ...]:
@@ -162,7 +185,7 @@ class Design:
 
     @property
     def grids(self) -> dict[str, GridAxis]:
-        """The separate axes (not in a zip or sample) with equal steps, by name."""
+        """Separate axes (not in a zip or sample) with equal steps or ratios, by name."""
         return {
             name: GridAxis(place, self._closed(name, axis))
             for place, group in enumerate(self.groups)
@@ -171,46 +194,48 @@ class Design:
         }
 
     def is_drawn_as_cells(self, name: str) -> bool:
-        """Whether figures draw a name's points as cells: equal steps or ratios, or at most four values."""
+        """Return whether figures draw a name as cells: equal steps or ratios, or at most four values."""
         if name not in self._places:
             return False
         axis = self.groups[self._places[name]].axes[name]
         if axis.formulas or axis.length > MAX_CELLS:
             return False
-        regular = isinstance(axis, RangeAxis) and not axis.drawn
-        return regular or np.unique(axis.at(np.arange(axis.length), {})).size <= 4
+        is_regular = isinstance(axis, RangeAxis) and not axis.drawn
+        return is_regular or np.unique(axis.at(np.arange(axis.length), {})).size <= MAX_FEW_VALUES
 
     def _closed(self, name: str, axis: RangeAxis) -> bool:
-        """Whether an axis is an angle whose cells cover one turn."""
-        quantities = {q.name: q for q in (*self.model.parameters, *self.model.initial_conditions)}
+        """Return whether an axis is an angle whose cells cover one turn."""
+        quantities = {
+            quantity.name: quantity for quantity in (*self.model.parameters, *self.model.initial_conditions)
+        }
         if not quantities[name].circular or axis.logarithmic or axis.formulas:
             return False
-        turn = math.isclose(float(axis.high) - float(axis.low), 2.0 * math.pi)
-        return turn and axis.fraction == LinearSpacing(axis.length, "centre")
+        is_one_turn = math.isclose(float(axis.high) - float(axis.low), 2.0 * math.pi)
+        return is_one_turn and axis.fraction == LinearSpacing(axis.length, "centre")
 
     def with_columns(self, columns: Mapping[str, Float[np.ndarray, " rows"]]) -> Design:
-        """The design whose rows are the entries of these columns (n,), without other axes."""
+        """Return the design whose rows are the entries of these columns (n,), without other axes."""
         settings = {name: value for name, value in self.settings.items() if name not in columns}
         group = Group({name: ListAxis(column) for name, column in columns.items()})
         return dataclasses.replace(self, groups=(group,), settings=settings)
 
     def stride(self, position: int) -> int:
-        """Number of rows for which the group at `position` keeps its point."""
+        """Return the number of rows for which the group at `position` keeps its point."""
         return math.prod(group.length for group in self.groups[position + 1 :])
 
     def index(self, rows: RowNumbers, position: int) -> Int[np.ndarray, " rows"]:
-        """The index of the point of the group at `position` in rows (n,)."""
+        """Return the index of the point of the group at `position` in rows (n,)."""
         return rows // self.stride(position) % self.groups[position].length
 
     def spans(self, name: str) -> tuple[int, ...]:
-        """The positions of the groups on which the value of a name depends."""
+        """Return the positions of the groups on which the value of a name depends."""
         needed = self.closure([name])
         return tuple(place for place, group in enumerate(self.groups) if needed & set(group.axes))
 
     def rows_over(
         self, points: Int[np.ndarray, " combinations"], positions: Sequence[int]
     ) -> Int[np.ndarray, " combinations"]:
-        """Rows at combinations of the points of some groups; other groups have their first point.
+        """Return rows at combinations of the points of some groups; other groups have their first point.
 
         Args:
             points: the numbers of the combinations (n,); the last group varies fastest.
@@ -224,9 +249,9 @@ class Design:
         return rows
 
     def checkable(self, name: str) -> bool:
-        """Whether a name has so few values that all can be checked before the job runs.
+        """Return whether a name has so few values that all can be checked before the job runs.
 
-        This is true of plain numbers, and of formulas whose axes have few combinations.
+        Plain numbers have, and so have formulas whose axes have few combinations.
         """
         if name in self._places and not self.uses(name):
             return True
@@ -246,28 +271,34 @@ class Design:
 
     @functools.cached_property
     def _unchecked(self) -> list[Quantity]:
+        """Quantities whose values are checked block by block."""
         quantities = (*self.model.parameters, *self.model.initial_conditions)
         return [quantity for quantity in quantities if not self.checkable(quantity.name)]
 
     @functools.cached_property
     def _places(self) -> dict[str, int]:
-        """The position of the group of each name that varies."""
+        """Position of the group of each name that varies."""
         return {name: place for place, group in enumerate(self.groups) for name in group.axes}
 
     def _rows(self, start: int, stop: int) -> RowNumbers:
+        """Return the numbers of rows start..stop-1."""
         if not 0 <= start <= stop <= self.n_rows:
             raise IndexError(f"Rows {start} to {stop} are out of range: the job has {self.n_rows} rows.")
         return np.arange(start, stop, dtype=np.int64)
 
 
 def _operand(number: float) -> str:
-    """A number in a formula; in parentheses where a minus would else bind less than the power after it."""
+    """Format a number for a formula; a negative one in parentheses, since powers bind more than the minus."""
     text = repr(number)
     return f"({text})" if text.startswith("-") else text
 
 
 def row_params(design: Design, row: int) -> Params:
-    """The model's parameters of a row, a frozen pytree.
+    """Return the model's parameters of a row, a frozen pytree.
+
+    Args:
+        design: the rows.
+        row: the number of the row.
 
     Raises:
         IndexError: the design does not have this row.
@@ -279,21 +310,22 @@ def row_params(design: Design, row: int) -> Params:
 
 
 def inside(values: Float[np.ndarray, " *rows"], quantity: Quantity) -> np.ndarray:
-    """Mask of allowed values of a quantity; the NaN of a start that the model decides itself passes."""
+    """Return a mask of allowed values of a quantity; NaN is allowed for a start that the model decides."""
     if quantity.open_ends:
-        within = (values > quantity.low) & (values < quantity.high)
+        is_inside = (values > quantity.low) & (values < quantity.high)
     else:
-        within = (values >= quantity.low) & (values <= quantity.high)
+        is_inside = (values >= quantity.low) & (values <= quantity.high)
     if quantity.whole:
-        within = within & (values == np.round(values))
-    undecided = isinstance(quantity.default, float) and math.isnan(quantity.default)
-    return within | np.isnan(values) if undecided else within
+        is_inside = is_inside & (values == np.round(values))
+    model_decides = isinstance(quantity.default, float) and math.isnan(quantity.default)
+    return is_inside | np.isnan(values) if model_decides else is_inside
 
 
 def requirement(quantity: Quantity) -> str:
-    """The end of a message about a value out of range: allowed range, meaning and unit."""
+    """Return the end of a message about a value out of range: allowed range, meaning and unit."""
     unit = "" if quantity.unit in ("", "1") else f", in {quantity.unit}"
-    if quantity.whole and math.isinf(quantity.low) and math.isinf(quantity.high):
-        return f"must be a whole number ({quantity.meaning}{unit})"
     limits = bound(quantity.low, quantity.high, open_ends=quantity.open_ends)
-    return f"must be {'a whole number ' if quantity.whole else ''}{limits} ({quantity.meaning}{unit})"
+    if quantity.whole:
+        is_unlimited = math.isinf(quantity.low) and math.isinf(quantity.high)
+        limits = "a whole number" if is_unlimited else f"a whole number {limits}"
+    return f"must be {limits} ({quantity.meaning}{unit})"

@@ -1,4 +1,4 @@
-"""The grammar of a job's `vary`: groups of axes, whose combinations are the rows."""
+"""Grammar of a job's `vary`: groups of axes, whose combinations are the rows."""
 
 from __future__ import annotations
 
@@ -15,24 +15,27 @@ from gaitsweep.design.axes import AXIS_KINDS, MAX_LISTED, Axis, RangeAxis, Sampl
 from gaitsweep.schema.diagnostics import Diagnostic, Path, quoted, read_model, unknown_field
 
 MAX_ROWS = 10**9
-MAX_DRAWN = 2 * 10**7  # numbers of random and sobol points, which are held while a job runs
+MAX_DRAWN = 2 * 10**7  # numbers of random and sobol points, which are in memory while a job runs
 
-_LONG = 1000  # points of a list
+_MAX_COUNTED = 10**30  # rows, beyond which their number is not computed
+_LONG = 1000  # points of a list that is converted at once, if its points are plain numbers
 
 
 @dataclass(frozen=True)
 class Group:
-    """Names that vary together: an axis, a `zip` or a `sample`; `paths` are their places in the job."""
+    """Names that vary together: an axis, a `zip` or a `sample`; `paths` are their paths in the job."""
 
     axes: Mapping[str, Axis]
     paths: Mapping[str, Path] = field(default_factory=dict)
 
     @property
     def names(self) -> tuple[str, ...]:
+        """Names that vary together."""
         return tuple(self.axes)
 
     @property
     def length(self) -> int:
+        """Number of points."""
         return next(iter(self.axes.values())).length
 
     @property
@@ -100,14 +103,14 @@ def read_vary(raw: Any, quantities: Mapping[str, Quantity], refuse: Callable[[st
 
 
 def _check_size(vary: Vary) -> None:
-    """Diagnostics about too many rows or drawn points, found without drawing them."""
+    """Refuse too many rows or drawn points, without drawing them."""
     rows = 1
     for group in vary.groups:
         rows *= group.length
-        if rows > 10**30:  # the product itself can grow past anything
+        if rows > _MAX_COUNTED:  # thousands of axes would make a number of thousands of digits
             break
     if rows > MAX_ROWS:
-        number = f"{rows}" if rows < 10**30 else "more than 1e30"
+        number = f"{rows}" if rows <= _MAX_COUNTED else "more than 1e30"
         vary.refuse(("vary",), f"gives {number} rows; at most {MAX_ROWS} are allowed.")
     drawn = sum(group.length * len(group.axes) for group in vary.groups if group.drawn)
     if drawn > MAX_DRAWN:
@@ -116,43 +119,46 @@ def _check_size(vary: Vary) -> None:
 
 
 def _read_axis(name: str, value: Any, path: Path, vary: Vary) -> tuple[Axis, dict[str, Any]] | None:
-    """An axis and its normal form, or None with a diagnostic."""
-    if isinstance(value, np.ndarray):
-        value = value.tolist() if value.ndim == 1 and len(value) <= MAX_LISTED else {"values": value}
-    if isinstance(value, (list, tuple)):
-        value = {"values": list(value)}
-    kinds = [kind for kind in AXIS_KINDS if isinstance(value, Mapping) and kind in value]
-    if not isinstance(value, Mapping):
-        allowed = ", ".join(AXIS_KINDS)
-        text = f"is {quoted(value)}, but must be a list or one of {allowed}"
-        text += "; a single value belongs under params."
-        vary.refuse(path, text)
+    """Read an axis; return it with its normal form, or None with a diagnostic."""
+    fields = _axis_fields(value)
+    if fields is None:
+        text = f"is {quoted(value)}, but must be a list or one of {', '.join(AXIS_KINDS)}"
+        vary.refuse(path, f"{text}; a single value belongs under params.")
         return None
+    kinds = [kind for kind in AXIS_KINDS if kind in fields]
     if len(kinds) != 1:
-        vary.diagnostics.append(_about_kinds(value, kinds, path))
+        vary.diagnostics.append(_about_kinds(fields, kinds, path))
         return None
-    value = dict(value)
-    if kinds == ["values"] and isinstance(value["values"], (list, tuple, np.ndarray)):
-        listed = value["values"]
-        if len(listed) > MAX_LISTED:
-            text = (
-                f"has {len(listed)} points; a list may have at most {MAX_LISTED}: use linspace or a sample."
-            )
+    kind = kinds[0]
+    if kind == "values" and isinstance(fields["values"], (list, tuple, np.ndarray)):
+        count = len(fields["values"])
+        if count > MAX_LISTED:
+            text = f"has {count} points; a list may have at most {MAX_LISTED}: use linspace or a sample."
             vary.refuse((*path, "values"), text)
             return None
-        value["values"] = [_switch(item, vary.quantities.get(name)) for item in listed]
-    kind = AXIS_KINDS[kinds[0]]
-    words = f"an axis ({kinds[0]})"
-    written = _many_numbers(value) or read_model(kind, value, path, vary.diagnostics, words)
+        fields["values"] = [_read_switch(item, vary.quantities.get(name)) for item in fields["values"]]
+    written = _many_numbers(fields)
+    if written is None:
+        written = read_model(AXIS_KINDS[kind], fields, path, vary.diagnostics, f"an axis ({kind})")
     if written is None:
         return None
     axis = written.axis(name)
-    _check_order(axis, (*path, kinds[0]), vary)
+    _check_order(axis, (*path, kind), vary)
     return axis, written.model_dump(mode="json")
 
 
+def _axis_fields(value: Any) -> dict[str, Any] | None:
+    """Return the fields of an axis, for which a list is short; None for values that are no axis."""
+    if isinstance(value, np.ndarray):
+        is_list = value.ndim == 1 and len(value) <= MAX_LISTED
+        return {"values": value.tolist() if is_list else value}
+    if isinstance(value, list | tuple):
+        return {"values": list(value)}
+    return dict(value) if isinstance(value, Mapping) else None
+
+
 def _many_numbers(value: dict[str, Any]) -> Values | None:
-    """The axis of a long list of plain numbers, which is converted at once, or None for other lists."""
+    """Return the axis of a long list of plain numbers, which are converted at once; None for other axes."""
     listed = value.get("values")
     if set(value) != {"values"} or not isinstance(listed, list) or len(listed) < _LONG:
         return None
@@ -166,7 +172,7 @@ def _many_numbers(value: dict[str, Any]) -> Values | None:
 
 
 def _about_kinds(value: Mapping[str, Any], kinds: list[str], path: Path) -> Diagnostic:
-    """The diagnostic of an axis that has no form, an unknown one, or several."""
+    """Return the diagnostic of an axis that has no form, an unknown one, or several."""
     if kinds:
         return Diagnostic(path, f"has {' and '.join(kinds)}, but an axis must have only one of them.")
     if not value:
@@ -177,8 +183,8 @@ def _about_kinds(value: Mapping[str, Any], kinds: list[str], path: Path) -> Diag
     return Diagnostic(path, f"has no points. {near_miss.allowing(AXIS_KINDS)}")
 
 
-def _switch(item: Any, quantity: Quantity | None) -> Any:
-    """True and false as 1 and 0 for a quantity from 0 to 1."""
+def _read_switch(item: Any, quantity: Quantity | None) -> Any:
+    """Convert true and false to 1 and 0 for a quantity from 0 to 1; return other items unchanged."""
     if quantity is None or not isinstance(item, bool):
         return item
     is_switch = quantity.low == 0.0 and quantity.high == 1.0 and not quantity.open_ends
@@ -186,7 +192,7 @@ def _switch(item: Any, quantity: Quantity | None) -> Any:
 
 
 def _read_zip(value: Any, path: Path, vary: Vary) -> dict[str, Any]:
-    """The normal form of a `zip`, whose group and diagnostics are added to `vary`."""
+    """Return the normal form of a `zip`, and add its group and diagnostics to `vary`."""
     if not isinstance(value, Mapping) or not value:
         vary.refuse(
             path, f"is {quoted(value)}, but must be a mapping of names to axes of equal length (name: axis)."
@@ -195,20 +201,20 @@ def _read_zip(value: Any, path: Path, vary: Vary) -> dict[str, Any]:
     axes: dict[str, Axis] = {}
     plain: dict[str, Any] = {}
     for name, written in value.items():
-        read = _read_axis(str(name), written, (*path, str(name)), vary)
-        if read is not None:
-            axes[str(name)], plain[str(name)] = read
+        axis = _read_axis(str(name), written, (*path, str(name)), vary)
+        if axis is not None:
+            axes[str(name)], plain[str(name)] = axis
     lengths = {name: axis.length for name, axis in axes.items()}
     if len(set(lengths.values())) > 1:
-        shown = ", ".join(f"{name} has {length}" for name, length in lengths.items())
-        vary.refuse(path, f"needs axes of equal length, but {shown}.")
+        listed = ", ".join(f"{name} has {length}" for name, length in lengths.items())
+        vary.refuse(path, f"needs axes of equal length, but {listed}.")
     elif axes:
         vary.groups.append(Group(axes, {name: (*path, name) for name in axes}))
     return plain
 
 
 def _read_sample(value: Any, path: Path, vary: Vary) -> dict[str, Any]:
-    """The normal form of a `sample`, whose group and diagnostics are added to `vary`."""
+    """Return the normal form of a `sample`, and add its group and diagnostics to `vary`."""
     if not isinstance(value, Mapping):
         text = f"is {quoted(value)}, but must be a mapping. {near_miss.allowing(Sample.model_fields)}"
         vary.refuse(path, text)
@@ -234,7 +240,7 @@ def _check_order(axis: Axis, path: Path, vary: Vary) -> None:
 
 
 def _check_names(vary: Vary, refuse: Callable[[str], str | None]) -> None:
-    """Diagnostics about names that vary twice or cannot vary."""
+    """Refuse names that vary twice or cannot vary."""
     first_paths: dict[str, Path] = {}
     for group in vary.groups:
         for name, path in group.paths.items():
@@ -247,8 +253,10 @@ def _check_names(vary: Vary, refuse: Callable[[str], str | None]) -> None:
 
 
 def written_groups(vary: Any) -> Iterator[tuple[str, Mapping[str, Any]]]:
-    """The groups of `vary` as written, even unchecked: axis, zip or sample, and the fields of each."""
-    for name, value in vary.items() if isinstance(vary, Mapping) else ():
+    """Yield the groups of `vary` as written, even unchecked: axis, zip or sample, and the fields of each."""
+    if not isinstance(vary, Mapping):
+        return
+    for name, value in vary.items():
         if name not in ("zip", "sample"):
             yield "axis", {str(name): value}
             continue
@@ -258,7 +266,7 @@ def written_groups(vary: Any) -> Iterator[tuple[str, Mapping[str, Any]]]:
 
 
 def written_names(vary: Any) -> Iterator[tuple[str, ...]]:
-    """The names in each group of `vary`, as written in a job."""
+    """Yield the names in each group of `vary`, as written in a job."""
     for form, group in written_groups(vary):
         names = group.get("of", {}) if form == "sample" else group
         if isinstance(names, Mapping):
@@ -266,7 +274,7 @@ def written_names(vary: Any) -> Iterator[tuple[str, ...]]:
 
 
 def vary_schema() -> dict[str, Any]:
-    """The JSON schema of `vary`, for editors."""
+    """Return the JSON schema of `vary`, for editors."""
     numbers = {"type": "array", "items": {"type": ["number", "string", "boolean"]}, "minItems": 1}
     axis = {"anyOf": [numbers, *(TypeAdapter(kind).json_schema() for kind in AXIS_KINDS.values())]}
     zipped = {"type": "object", "additionalProperties": axis, "minProperties": 1}

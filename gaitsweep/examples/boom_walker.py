@@ -1,4 +1,4 @@
-"""A biped of an MJCF on a boom, whose legs follow two oscillators that feel the loads on the feet.
+"""A MuJoCo biped on a boom, whose legs follow two oscillators with feedback of the loads on the feet.
 
 Source of the feedback: Owaki, Kano, Nagasawa, Tero and Ishiguro 2013, J. R. Soc. Interface 10:20120669.
 """
@@ -26,7 +26,8 @@ class BoomWalker(BodyModel):
     begin = variable("m", "place of the trunk at the section", observed=False, signal=False)
     speed = variable("m/s", "mean speed of the last cycle, forward", observed=True, scale=1.0)
 
-    def control(self, p, s):  # hips forward and back, knees flexed in swing, from pi on
+    def control(self, p, s):
+        """Return target angles (rad) of hips and knees; a knee is flexed in swing, from the phase pi on."""
         hips = p.stride * jnp.cos(s.phase)
         knees = 0.15 + p.lift * jnp.maximum(-jnp.sin(s.phase), 0.0)
         return jnp.stack([hips[0], knees[0], hips[1], knees[1]])
@@ -55,7 +56,7 @@ class BoomWalker(BodyModel):
         return jnp.stack([self.touches(s, "foot_l"), self.touches(s, "foot_r")])
 
     def failed(self, p, s):
-        """Whether the trunk is 0.4 m below its rest."""
+        """Return whether the trunk is 0.4 m below its rest."""
         return self.position(s, "z") < -0.4
 
     def period(self, p):

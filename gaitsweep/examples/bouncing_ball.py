@@ -1,4 +1,4 @@
-"""A ball bounces on a table that shakes up and down: the simplest system that hops with a rhythm.
+"""A ball that bounces on a shaking table: the simplest system that hops periodically.
 
 Lengths are in units of g / omega^2 and times in 1 / omega, so that the table's acceleration, in units of
 gravity, is the only number of the shaking. A ball that stays n periods of the table in flight bounces at the
@@ -35,8 +35,8 @@ class BouncingBall(DeclaredModel):
 
     @impact.jump
     def bounce(self, p, s):
-        table = p.G * jnp.cos(s.phase)
-        speed = table - p.restitution * (s.speed - table)
+        table_speed = p.G * jnp.cos(s.phase)
+        speed = table_speed - p.restitution * (s.speed - table_speed)
         return s.replace(height=p.G * jnp.sin(s.phase), speed=speed, phase=jnp.mod(s.phase, 2.0 * jnp.pi))
 
     def complete(self, p, s):

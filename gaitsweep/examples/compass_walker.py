@@ -14,9 +14,8 @@ import jax.numpy as jnp
 
 from gaitsweep import DeclaredModel, energy, event, ground_field, observable, parameter, variable
 
-CLOSE = (
-    1e-6  # feet that are closer than this (m) count as so far apart: the line between them needs two points
-)
+# Least distance (m) of the feet for the slope of the line between them, which needs two points.
+CLOSE = 1e-6
 
 
 @dataclasses.dataclass(frozen=True)
@@ -46,13 +45,19 @@ class CompassWalker(DeclaredModel):
         return s.replace(swing=2.0 * jnp.deg2rad(p.slope) - s.stance)  # both feet are on the ground
 
     def flow(self, p, s):
-        mass, coupling = _inertia(p, s.stance - s.swing)
-        sine = p.m * (p.a + p.b) * p.b * jnp.sin(s.stance - s.swing)
-        weight = (p.m_H * (p.a + p.b) + p.m * (2.0 * p.a + p.b)) * p.g
-        stance = weight * jnp.sin(s.stance) + sine * s.swing_rate**2
-        swing = -p.m * p.b * p.g * jnp.sin(s.swing) - sine * s.stance_rate**2
-        stance, swing = _solved(mass, coupling, coupling, p.m * p.b**2, stance, swing)
-        return {"stance": s.stance_rate, "swing": s.swing_rate, "stance_rate": stance, "swing_rate": swing}
+        stance_inertia, coupling = _inertia(p, s.stance - s.swing)
+        centrifugal = p.m * (p.a + p.b) * p.b * jnp.sin(s.stance - s.swing)
+        stance_torque = _stance_weight(p) * jnp.sin(s.stance) + centrifugal * s.swing_rate**2
+        swing_torque = -p.m * p.b * p.g * jnp.sin(s.swing) - centrifugal * s.stance_rate**2
+        stance_acceleration, swing_acceleration = _solved(
+            stance_inertia, coupling, coupling, p.m * p.b**2, stance_torque, swing_torque
+        )
+        return {
+            "stance": s.stance_rate,
+            "swing": s.swing_rate,
+            "stance_rate": stance_acceleration,
+            "swing_rate": swing_acceleration,
+        }
 
     # on uneven ground the swing foot may meet the line behind the stance foot, too, where it scuffs through
     @event("heel strikes", section=True, when=lambda p, s: (p.ground.kind == "even") | (_ahead(p, s) > 0.0))
@@ -60,23 +65,31 @@ class CompassWalker(DeclaredModel):
         if self.ground == "even":
             return s.stance + s.swing - 2.0 * jnp.deg2rad(p.slope)
         ahead = _ahead(p, s)
-        ahead = jnp.where(jnp.abs(ahead) > CLOSE, ahead, CLOSE)
-        rise = p.ground(s.foot + ahead) - p.ground(s.foot)
-        return s.stance + s.swing - 2.0 * jnp.arctan(jnp.tan(jnp.deg2rad(p.slope)) - rise / ahead)
+        distance = jnp.where(jnp.abs(ahead) > CLOSE, ahead, CLOSE)
+        rise = p.ground(s.foot + distance) - p.ground(s.foot)
+        return s.stance + s.swing - 2.0 * jnp.arctan(jnp.tan(jnp.deg2rad(p.slope)) - rise / distance)
 
     @strike.jump
     def exchange(self, p, s):
-        """The legs change their roles; angular momentum about the new foot and about the hip is conserved."""
-        length, c = p.a + p.b, jnp.cos(s.stance - s.swing)
-        ab = p.m * p.a * p.b
-        whole = (p.m_H * length**2 + 2.0 * p.m * p.a * length) * c * s.stance_rate
-        whole = whole - ab * (s.stance_rate + s.swing_rate)
-        leg = -ab * s.stance_rate
-        mass, coupling = _inertia(p, s.stance - s.swing)
-        inertia = p.m * p.b**2
-        stance, swing = _solved(mass + coupling, coupling + inertia, coupling, inertia, whole, leg)
-        foot = s.foot + _ahead(p, s)
-        return s.replace(stance=s.swing, swing=s.stance, stance_rate=stance, swing_rate=swing, foot=foot)
+        """Exchange the legs; angular momentum about the new foot and about the hip is conserved."""
+        length = p.a + p.b
+        cosine = jnp.cos(s.stance - s.swing)
+        mass_moment = p.m * p.a * p.b
+        about_foot = (p.m_H * length**2 + 2.0 * p.m * p.a * length) * cosine * s.stance_rate
+        about_foot = about_foot - mass_moment * (s.stance_rate + s.swing_rate)
+        about_hip = -mass_moment * s.stance_rate
+        stance_inertia, coupling = _inertia(p, s.stance - s.swing)
+        leg_inertia = p.m * p.b**2
+        stance_rate, swing_rate = _solved(
+            stance_inertia + coupling, coupling + leg_inertia, coupling, leg_inertia, about_foot, about_hip
+        )
+        return s.replace(
+            stance=s.swing,
+            swing=s.stance,
+            stance_rate=stance_rate,
+            swing_rate=swing_rate,
+            foot=s.foot + _ahead(p, s),
+        )
 
     @observable("m", "length of the last step")
     def step_length(self, p, s):
@@ -84,14 +97,13 @@ class CompassWalker(DeclaredModel):
 
     @energy("J", "energy of both legs and the hip, from the stance foot")
     def energy(self, p, s):
-        mass, coupling = _inertia(p, s.stance - s.swing)
-        moving = 0.5 * (mass * s.stance_rate**2 + p.m * p.b**2 * s.swing_rate**2)
-        weight = (p.m_H * (p.a + p.b) + p.m * (2.0 * p.a + p.b)) * p.g
-        height = weight * jnp.cos(s.stance) - p.m * p.b * p.g * jnp.cos(s.swing)
-        return moving + coupling * s.stance_rate * s.swing_rate + height
+        stance_inertia, coupling = _inertia(p, s.stance - s.swing)
+        kinetic = 0.5 * (stance_inertia * s.stance_rate**2 + p.m * p.b**2 * s.swing_rate**2)
+        potential = _stance_weight(p) * jnp.cos(s.stance) - p.m * p.b * p.g * jnp.cos(s.swing)
+        return kinetic + coupling * s.stance_rate * s.swing_rate + potential
 
     def failed(self, p, s):
-        """Whether the stance leg is beyond the horizontal or the swing leg points upwards."""
+        """Return whether the stance leg is beyond the horizontal or the swing leg points upwards."""
         return (jnp.abs(s.stance) > 0.5 * jnp.pi) | (jnp.abs(s.swing) > jnp.pi)
 
     def period(self, p):
@@ -99,18 +111,23 @@ class CompassWalker(DeclaredModel):
 
 
 def _ahead(p, s):
-    """The horizontal distance (m) of the swing foot from the stance foot."""
+    """Horizontal distance (m) of the swing foot ahead of the stance foot."""
     return (p.a + p.b) * (jnp.sin(s.stance) - jnp.sin(s.swing))
 
 
 def _inertia(p, between):
-    """Inertia of the stance leg with its load, and the coupling of the legs (kg m2)."""
+    """Inertia of the stance leg with its load, and coupling of the legs (kg m2) at an angle between them."""
     length = p.a + p.b
-    mass = (p.m_H + p.m) * length**2 + p.m * p.a**2
-    return mass, -p.m * length * p.b * jnp.cos(between)
+    stance_inertia = (p.m_H + p.m) * length**2 + p.m * p.a**2
+    return stance_inertia, -p.m * length * p.b * jnp.cos(between)
+
+
+def _stance_weight(p):
+    """Moment (N m) of the weights that the stance leg carries, where it is horizontal."""
+    return (p.m_H * (p.a + p.b) + p.m * (2.0 * p.a + p.b)) * p.g
 
 
 def _solved(a11, a12, a21, a22, b1, b2):
-    """Solve two linear equations with two unknowns."""
+    """Solve the equations a11 x + a12 y = b1 and a21 x + a22 y = b2."""
     determinant = a11 * a22 - a12 * a21
     return (a22 * b1 - a12 * b2) / determinant, (a11 * b2 - a21 * b1) / determinant

@@ -1,4 +1,4 @@
-"""Duffing's oscillator: a mass between two wells, driven by a force of the time.
+"""Duffing's oscillator: a mass in a potential with two wells, driven by a periodic force.
 
 The section is one instant of each period of the drive, where the force is largest.
 
@@ -12,7 +12,7 @@ from gaitsweep import DeclaredModel, instants, parameter, time, variable
 
 
 def drive_period(p):
-    """The period of the drive, s."""
+    """Period of the drive (s)."""
     return 2.0 * jnp.pi / p.omega
 
 

@@ -1,4 +1,4 @@
-"""Henon's map: the plane is stretched, folded and put back into itself.
+"""Henon's map, which stretches the plane, folds it and maps it into itself.
 
 Source: Henon 1976, Commun. Math. Phys. 50:69.
 """

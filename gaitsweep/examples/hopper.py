@@ -1,7 +1,7 @@
-"""A body hops upright, and its leg pushes off harder or softer with a rhythm of its own.
+"""A body that hops upright on a leg whose push-off follows an oscillator.
 
-Its oscillator turns at omega, and the leg pushes hardest where the phase is 0: a landing
-turns the speed u into restitution u + push (1 + cos(phase)) / 2. Flight is ballistic.
+The oscillator turns at omega, and the leg pushes hardest at phase 0: a landing turns the speed u into
+restitution u + push (1 + cos(phase)) / 2. Flight is ballistic.
 """
 
 import jax.numpy as jnp

@@ -1,6 +1,6 @@
 """Lorenz's flow with the section that shows its map.
 
-The section is the plane z = rho - 1 through both fixed points that the attractor goes round, crossed
+The section is the plane z = rho - 1, which contains both fixed points inside the attractor's wings, crossed
 downwards.
 
 Source: Lorenz 1963, J. Atmos. Sci. 20:130, eq. (25) to (27).
@@ -36,4 +36,4 @@ class Lorenz(DeclaredModel):
         return s.replace(x=-s.x, y=-s.y)
 
     def period(self, p):
-        return jnp.asarray(0.75) + 0.0 * p.rho
+        return jnp.full_like(p.rho, 0.75)  # about one turn around a wing

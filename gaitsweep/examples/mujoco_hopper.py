@@ -1,4 +1,4 @@
-"""A hopper in MuJoCo whose leg follows an oscillator that the load on the foot delays or advances.
+"""A MuJoCo hopper, whose leg follows an oscillator with feedback of the load on the foot.
 
 Source of the feedback: Owaki, Kano, Nagasawa, Tero and Ishiguro 2013, J. R. Soc. Interface 10:20120669.
 """

@@ -36,7 +36,7 @@ class RimlessWheel(DeclaredModel):
         return s.replace(angle=p.slope - p.alpha, ahead=self.ground(p, 1.0))
 
     def ground(self, p, step):
-        """The slope (rad) from foothold `step` to the next one."""
+        """Slope (rad) from foothold `step` to the next one."""
         return p.slope + p.roughness * normal(p.seed, step)
 
     def flow(self, p, s):
@@ -61,7 +61,7 @@ class RimlessWheel(DeclaredModel):
         return 0.5 * s.rate**2 + jnp.cos(s.angle) - 1.0
 
     def failed(self, p, s):
-        """Whether the wheel rolls back."""
+        """Return whether the wheel rolls back."""
         return s.rate < 0.0
 
     def period(self, p):

@@ -19,6 +19,7 @@ import jax.numpy as jnp
 from gaitsweep import DeclaredModel, event, parameter, variable
 
 MOST_TURNS = 2  # twisted states with more turns have the gait `none`
+TOLERANCE = 1e-2  # rad, of the phase differences of a twisted state
 
 
 @dataclasses.dataclass(frozen=True)
@@ -63,11 +64,11 @@ class RingHopper(DeclaredModel):
     def label(self, p, at):
         phi = jnp.stack([at[f"phi_{i}"] for i in range(1, self.N + 1)])
         ahead = jnp.roll(phi, -1) - phi
-        ahead = ahead - 2.0 * jnp.pi * jnp.round(ahead / (2.0 * jnp.pi))
-        q = jnp.round(jnp.sum(ahead) / (2.0 * jnp.pi)).astype(jnp.int32)
-        even = jnp.max(jnp.abs(ahead - 2.0 * jnp.pi * q / self.N)) < 1e-2
-        known = even & (jnp.abs(q) <= MOST_TURNS)
-        return {"gait": jnp.where(known, q + MOST_TURNS, len(self.gaits) - 1)}
+        wrapped = ahead - 2.0 * jnp.pi * jnp.round(ahead / (2.0 * jnp.pi))
+        q = jnp.round(jnp.sum(wrapped) / (2.0 * jnp.pi)).astype(jnp.int32)
+        is_twisted = jnp.max(jnp.abs(wrapped - 2.0 * jnp.pi * q / self.N)) < TOLERANCE
+        is_named = is_twisted & (jnp.abs(q) <= MOST_TURNS)
+        return {"gait": jnp.where(is_named, q + MOST_TURNS, len(self.gaits) - 1)}
 
     def period(self, p):
         return 2.0 * p.push / (1.0 - p.restitution) / p.g  # no hop is longer

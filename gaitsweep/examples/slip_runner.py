@@ -49,8 +49,8 @@ class SlipRunner(DeclaredModel):
         return s.replace(x=0.0, v_x=speed, v_z=0.0, phase=jnp.where(falls, FALLEN, s.phase))
 
     def flow(self, p, s):
-        r = _leg(s)
-        push = jnp.where(s.phase == STANCE, p.k / p.m * (p.l0 - r) / r, 0.0)
+        length = _leg(s)
+        push = jnp.where(s.phase == STANCE, p.k / p.m * (p.l0 - length) / length, 0.0)
         return {"x": s.v_x, "z": s.v_z, "v_x": push * s.x, "v_z": push * (s.z - s.base) - p.g}
 
     @event("foot lands", during=lambda s: s.phase == DESCENDING)
@@ -94,7 +94,7 @@ class SlipRunner(DeclaredModel):
         return 0.5 * p.m * (s.v_x**2 + s.v_z**2) + p.m * p.g * s.z + spring
 
     def failed(self, p, s):
-        """Whether a step failed: too low an apex, a lift-off backwards, or the mass on the ground."""
+        """Return whether a step failed: too low an apex, a lift-off backwards, or the mass on the ground."""
         return s.phase == FALLEN
 
     def period(self, p):
@@ -102,20 +102,20 @@ class SlipRunner(DeclaredModel):
 
 
 def _leg(s):
-    """The length (m) of the leg in stance."""
+    """Length (m) of the leg in stance."""
     return jnp.sqrt(s.x**2 + (s.z - s.base) ** 2)
 
 
 def _reach(p):
-    """The distance (m) of the foot ahead of the mass where it lands."""
+    """Distance (m) of the foot ahead of the mass where it lands."""
     return p.l0 * jnp.cos(jnp.deg2rad(p.alpha))
 
 
 def _foothold(p, s):
-    """The place (m) of the foot in flight."""
+    """Horizontal position (m) of the foot in flight."""
     return s.origin + s.x + _reach(p)
 
 
 def _touchdown(p):
-    """The height (m) of the mass above the foot where it lands."""
+    """Height (m) of the mass above the foot where it lands."""
     return p.l0 * jnp.sin(jnp.deg2rad(p.alpha))

@@ -14,7 +14,7 @@ FLIGHT, SINGLE, DOUBLE = range(3)
 
 
 class SpringMassWalker(DeclaredModel):
-    """The walker; a step may have a flight, or a double support.
+    """The walker, whose steps have a flight or a double support; the section is the apex.
 
     `x` is measured from the foot on the ground, in double support from the rear one; in flight it is `l0`. A
     start whose distance from that foot is at least `l0` is in flight.
@@ -47,20 +47,23 @@ class SpringMassWalker(DeclaredModel):
         return s.replace(v_x=jnp.sqrt(jnp.maximum(2.0 * kinetic / p.m, 0.0)))
 
     def _stored(self, p, s):
-        """The energy in the springs."""
-        rear, front = (p.l0 - jnp.hypot(x, s.z) for x in (s.x, s.x - s.reach))
+        """Energy (J) of the springs."""
+        rear = p.l0 - jnp.hypot(s.x, s.z)
+        front = p.l0 - jnp.hypot(s.x - s.reach, s.z)
         squares = jnp.where(s.support >= SINGLE, rear**2, 0.0)
         squares = squares + jnp.where(s.support == DOUBLE, front**2, 0.0)
         return 0.5 * p.k * squares
 
     def flow(self, p, s):
-        push_x, push_z = 0.0, -p.g
+        acceleration_x = 0.0
+        acceleration_z = -p.g
         for x, stands in ((s.x, s.support >= SINGLE), (s.x - s.reach, s.support == DOUBLE)):
-            r = jnp.hypot(x, s.z)
-            push = jnp.where(stands, p.k / p.m * (p.l0 - r) / r, 0.0)
-            push_x, push_z = push_x + push * x, push_z + push * s.z
-        forward = jnp.where(s.support == FLIGHT, 0.0, s.v_x)
-        return {"x": forward, "z": s.v_z, "v_x": push_x, "v_z": push_z}
+            length = jnp.hypot(x, s.z)
+            push = jnp.where(stands, p.k / p.m * (p.l0 - length) / length, 0.0)
+            acceleration_x += push * x
+            acceleration_z += push * s.z
+        rate_x = jnp.where(s.support == FLIGHT, 0.0, s.v_x)
+        return {"x": rate_x, "z": s.v_z, "v_x": acceleration_x, "v_z": acceleration_z}
 
     @event("foot lands", during=lambda s: s.support < DOUBLE)
     def touchdown(self, p, s):
@@ -70,7 +73,8 @@ class SpringMassWalker(DeclaredModel):
     def land(self, p, s):
         ahead = p.l0 * jnp.cos(jnp.deg2rad(p.alpha))
         flies = s.support == FLIGHT
-        x, reach = jnp.where(flies, -ahead, s.x), jnp.where(flies, 0.0, s.x + ahead)
+        x = jnp.where(flies, -ahead, s.x)
+        reach = jnp.where(flies, 0.0, s.x + ahead)
         return s.replace(x=x, reach=reach, support=s.support + 1)
 
     @event("rear foot lifts off", during=lambda s: s.support >= SINGLE)
@@ -79,8 +83,8 @@ class SpringMassWalker(DeclaredModel):
 
     @liftoff.jump
     def lift(self, p, s):
-        flies = s.support == SINGLE
-        return s.replace(x=jnp.where(flies, p.l0, s.x - s.reach), reach=0.0, support=s.support - 1)
+        begins_flight = s.support == SINGLE
+        return s.replace(x=jnp.where(begins_flight, p.l0, s.x - s.reach), reach=0.0, support=s.support - 1)
 
     @event("front foot lifts off", during=lambda s: s.support == DOUBLE)
     def front_liftoff(self, p, s):
@@ -95,6 +99,7 @@ class SpringMassWalker(DeclaredModel):
         return -s.v_z
 
     def failed(self, p, s):
+        """Return whether the mass is below 0.3 of the legs' rest length, or moves backwards."""
         return (s.z <= 0.3 * p.l0) | (s.v_x <= 0.0)
 
     def period(self, p):
@@ -105,4 +110,5 @@ class SpringMassWalker(DeclaredModel):
         return 1.0 * s.support
 
     def label(self, params, observed):
-        return {"gait": jnp.where(observed["support_of_apex"] == FLIGHT, 2, 1)}
+        runs = observed["support_of_apex"] == FLIGHT
+        return {"gait": jnp.where(runs, self.gaits.index("running"), self.gaits.index("walking"))}

@@ -1,4 +1,4 @@
-"""Batches of sets that are measured side by side, each in a thread."""
+"""Concurrent measurement of batches of sets, each in a thread."""
 
 from __future__ import annotations
 
@@ -11,14 +11,13 @@ from types import TracebackType
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.fitting.measure import MeasuredByName
 
-# Seconds between two polls of the running batches.
-_POLL = 0.1
+_POLL_SECONDS = 0.1  # between two looks at the running batches
 # The measures of a batch by name; None of a batch that is on disk.
 Batch = MeasuredByName | None
 
 
 class ConcurrentBatches:
-    """Batches of sets that are measured side by side, each in a thread, and end in the order of their begin.
+    """Batches of sets that are measured side by side, each in a thread, and returned in the order of `begin`.
 
     A batch lasts as long as its slowest row. Near its end most lanes of a GPU would be idle, so other batches
     run meanwhile.
@@ -32,7 +31,8 @@ class ConcurrentBatches:
     def __init__(self, threads: int, on_progress: Callable[[list[SweepProgress]], None]) -> None:
         self._threads = ThreadPoolExecutor(threads)
         self._on_progress = on_progress
-        self._under_way: deque[tuple[Future[Batch], list[SweepProgress]]] = deque()
+        # each batch with a list of its latest progress, empty at first
+        self._running: deque[tuple[Future[Batch], list[SweepProgress]]] = deque()
         self._stopped = threading.Event()
 
     def __enter__(self) -> ConcurrentBatches:
@@ -49,17 +49,21 @@ class ConcurrentBatches:
         latest: list[SweepProgress] = []
 
         def on_progress(now: SweepProgress) -> None:
-            if self._stopped.is_set():  # nobody reads its result
+            if self._stopped.is_set():  # ends a thread whose result is no longer needed
                 raise InterruptedError
             latest[:] = [now]
 
-        self._under_way.append((self._threads.submit(measure, on_progress), latest))
+        self._running.append((self._threads.submit(measure, on_progress), latest))
 
     def oldest(self) -> Batch:
-        """Wait for the batch that began first, and return its result."""
-        future, _ = self._under_way[0]
+        """Wait for the batch that began first, and return its result.
+
+        Raises:
+            Exception: what `measure` or the progress callback raised.
+        """
+        future, _ = self._running[0]
         while not future.done():
-            wait([future], timeout=_POLL)
-            self._on_progress([latest[0] for _, latest in self._under_way if latest])
-        self._under_way.popleft()
+            wait([future], timeout=_POLL_SECONDS)
+            self._on_progress([latest[0] for _, latest in self._running if latest])
+        self._running.popleft()
         return future.result()

@@ -1,4 +1,4 @@
-"""Conflicts between targets of a search: those met together and those that exclude each other."""
+"""Conflicts between targets of a search: which are met together, and which exclude each other."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import pandas as pd
+from jaxtyping import Bool
 
 from gaitsweep.errors import ArgumentError
 from gaitsweep.fitting.targets import FAILED_MISS, MISS
@@ -43,27 +44,36 @@ def conflicts(
     Raises:
         ArgumentError: the tables are not those of searches, or have different targets.
     """
-    names = _targets(tables, targets)
-    misses = np.concatenate([np.abs(table[[f"{MISS}{name}" for name in names]]) for table in tables])
+    names = _target_names(tables, targets)
+    columns = [f"{MISS}{name}" for name in names]
+    misses = np.concatenate([np.abs(table[columns]) for table in tables])
     met = misses <= within
     counts = met.T.astype(np.int64) @ met
     with_value = np.where(misses < FAILED_MISS, misses, np.inf)
-    nearest = np.array([with_value[meets].min(axis=0, initial=np.inf) for meets in met.T])
-    # the largest number of targets, and of the combinations of so many the most frequent one
-    targets_met = met.sum(axis=1)
-    best, frequent = np.unique(met[targets_met == targets_met.max(initial=0)], axis=0, return_counts=True)
-    most = best[frequent.argmax()] if len(best) else np.zeros(len(names), bool)
+    nearest = np.array([with_value[meets_row].min(axis=0, initial=np.inf) for meets_row in met.T])
+    most, most_sets = _most_met(met)
     return Conflicts(
         sets=len(met),
         together=pd.DataFrame(counts, index=names, columns=names),
         nearest=pd.DataFrame(np.where(np.isfinite(nearest), nearest, np.nan), index=names, columns=names),
         most=tuple(name for name, is_met in zip(names, most, strict=True) if is_met),
-        most_sets=int(frequent.max(initial=0)),
+        most_sets=most_sets,
     )
 
 
-def _targets(tables: Sequence[pd.DataFrame], chosen: Sequence[str] | None) -> list[str]:
-    """The chosen targets of searches, by default all; refuses tables with different targets."""
+def _most_met(met: Bool[np.ndarray, "sets targets"]) -> tuple[Bool[np.ndarray, " targets"], int]:
+    """Return the largest combination of targets that a set meets, the most frequent one, and its sets."""
+    targets_met = met.sum(axis=1)
+    largest = met[targets_met == targets_met.max(initial=0)]
+    if not len(largest):
+        return np.zeros(met.shape[1], bool), 0
+    combinations, sets = np.unique(largest, axis=0, return_counts=True)
+    most_frequent = int(sets.argmax())
+    return combinations[most_frequent], int(sets[most_frequent])
+
+
+def _target_names(tables: Sequence[pd.DataFrame], chosen: Sequence[str] | None) -> list[str]:
+    """Return the chosen targets of searches, by default all; refuse tables with different targets."""
     target_names = [
         [str(column).removeprefix(MISS) for column in table.columns if str(column).startswith(MISS)]
         for table in tables
@@ -75,7 +85,9 @@ def _targets(tables: Sequence[pd.DataFrame], chosen: Sequence[str] | None) -> li
             raise ArgumentError(
                 f"The searches have different targets: {', '.join(target_names[0])} and {', '.join(names)}."
             )
-    for name in chosen or ():
+    if not chosen:
+        return target_names[0]
+    for name in chosen:
         if name not in target_names[0]:
             raise ArgumentError(f"{name} is not a target of the search{suggestion(name, target_names[0])}")
-    return list(chosen or target_names[0])
+    return list(chosen)

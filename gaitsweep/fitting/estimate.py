@@ -13,8 +13,8 @@ from gaitsweep.fitting.population import Population
 from gaitsweep.fitting.search_job import SearchJob
 from gaitsweep.runs.estimate import Estimate, estimate
 
-# A finalist's steps are half as long.
-_FINALIST = 2.0
+# Cost of a finalist, in sets: its steps are half as long.
+_COST_OF_A_FINALIST = 2.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -39,7 +39,10 @@ class SearchEstimate:
 
 
 def estimate_search(job: SearchJob) -> SearchEstimate:
-    """Estimate a search's needs from sets in the middle of the ranges; nothing is written.
+    """Estimate the cost of a search from sets in the middle of the ranges; nothing is written.
+
+    Args:
+        job: the search.
 
     Raises:
         RunError: a device or an engine that the job asks for is not available.
@@ -47,32 +50,30 @@ def estimate_search(job: SearchJob) -> SearchEstimate:
     population = job.fit.population()
     structure = job.fit.structures[0]
     rows = population.rows_of_a_set
-    robust = job.options.robust
-    near = 0 if robust is None else robust.sets * population.of(robust.targets).rows_of_a_set
+    budget = job.options.budget
     together = job.sets_together(population.prepared(structure), rows)
     middle = {
         name: free.at(np.array([0.5]))[0] for name, free in job.free.items() if name not in job.fit.structure
     }
-    batches = [
-        batch
-        for part in population.parts
-        if (batch := _Batch.of(part, structure, middle, together)) is not None
-    ]
+    estimates = [_Batch.of(part, structure, middle, together) for part in population.parts]
+    batches = [batch for batch in estimates if batch is not None]
     if not batches:
-        return SearchEstimate(job.options.budget, together, 0, 0, 0.0, 0.0, 0.0, None)
+        return SearchEstimate(budget, together, 0, 0, 0.0, 0.0, 0.0, None)
+    robust = job.options.robust
+    neighbours = 0 if robust is None else robust.sets * population.of(robust.targets).rows_of_a_set
     # whole batches, each with the rows of the sample
-    sets = math.ceil(job.options.budget / together) * together
-    sets += _FINALIST * min(job.options.finalists, job.options.budget)
+    sets = math.ceil(budget / together) * together
+    sets += _COST_OF_A_FINALIST * min(job.options.finalists, budget)
+    compile_s = sum(batch.estimate.compile_s for batch in batches)
+    seconds_most = sum(batch.seconds_most for batch in batches)
     return SearchEstimate(
-        sets=job.options.budget,
+        sets=budget,
         together=together,
         rows_of_a_set=rows,
-        rows_of_neighbours=near,
-        steps=sum(batch.steps for batch in batches) * job.options.budget,
-        seconds=sum(batch.estimate.compile_s + sets * batch.seconds for batch in batches),
-        seconds_most=sum(
-            batch.estimate.compile_s + sets * batch.seconds_most * (1.0 + near / rows) for batch in batches
-        ),
+        rows_of_neighbours=neighbours,
+        steps=sum(batch.steps for batch in batches) * budget,
+        seconds=compile_s + sets * sum(batch.seconds for batch in batches),
+        seconds_most=compile_s + sets * seconds_most * (1.0 + neighbours / rows),
         batch=batches[0].estimate,
     )
 
@@ -90,11 +91,22 @@ class _Batch:
     def of(
         cls, part: Population, structure: Mapping[str, Any], middle: Mapping[str, Any], sets: int
     ) -> _Batch | None:
-        """Estimate a batch of sets in the middle of all ranges; return None if they have no rows."""
+        """Estimate a batch of sets in the middle of all ranges; return None if they have no rows.
+
+        Args:
+            part: measures the sets by one run.
+            structure: the choice of structure.
+            middle: the constants of the sets, by name.
+            sets: the number of sets.
+        """
         sample = part.middle_job(structure, middle, sets)
         if sample is None:
             return None
         needs = estimate(sample)
-        share = part.own_rows_of_a_set / needs.rows
-        seconds, most = needs.seconds - needs.compile_s, needs.seconds_most - needs.compile_s
-        return cls(needs, needs.steps * share, seconds * share, most * share)
+        share_of_a_set = part.own_rows_of_a_set / needs.rows
+        return cls(
+            estimate=needs,
+            steps=needs.steps * share_of_a_set,
+            seconds=(needs.seconds - needs.compile_s) * share_of_a_set,
+            seconds_most=(needs.seconds_most - needs.compile_s) * share_of_a_set,
+        )

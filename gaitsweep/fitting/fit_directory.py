@@ -29,7 +29,8 @@ if TYPE_CHECKING:
 # The folder, in a result directory, of the rows that a cluster is computing.
 BATCH = "batch"
 _MIN_BLOCK = 16  # rows of a block of a batch
-_WORKERS = 4  # that are counted on while their number is not known
+_BLOCKS_PER_WORKER = 4
+_MIN_WORKERS = 4  # that are counted on while their number is not known
 
 
 @contextlib.contextmanager
@@ -48,6 +49,9 @@ def open_directory(
         layout: hash of the job, its sets, and the sets of a part.
         context: context of the job of a set.
         on_message: called with each note and warning, a sentence.
+
+    Yields:
+        The directory, which is closed at the end of the context.
 
     Raises:
         RunError, TableError: the directory cannot be continued.
@@ -69,7 +73,14 @@ def describe(
     quantities: Mapping[str, Any],
     versions: Mapping[str, str],
 ) -> None:
-    """Write the units of the columns, the settings of the run and the versions into the manifest."""
+    """Write the units of the columns, the settings of the run and the versions into the manifest.
+
+    Args:
+        context: context of the job of a set.
+        directory: the directory of the manifest.
+        quantities: unit and meaning of the columns, by name.
+        versions: versions of packages beside those of every run, by name.
+    """
     directory.update_manifest(
         engine=context.engine,
         device=context.device,
@@ -92,11 +103,22 @@ class ClusterRows:
     """
 
     def __init__(self, path: Path, cluster: Cluster) -> None:
-        self._path, self._cluster = path / BATCH, cluster
+        self._path = path / BATCH
+        self._cluster = cluster
 
     def __call__(self, job: Job, on_progress: OnProgress) -> pd.DataFrame:
+        """Compute the rows of a job.
+
+        Args:
+            job: the job.
+            on_progress: progress callback of its rows.
+
+        Returns:
+            The records of the rows.
+        """
         began = time.perf_counter()
-        block = max(_MIN_BLOCK, job.design.n_rows // (4 * max(self._cluster.workers.most, _WORKERS)))
+        blocks = _BLOCKS_PER_WORKER * max(self._cluster.workers.most, _MIN_WORKERS)
+        block = max(_MIN_BLOCK, job.design.n_rows // blocks)
         batch = job.model_copy(update={"engine": job.engine.model_copy(update={"block": block})})
 
         def on_job_progress(done: int, total: int, rate: float, fraction: float, note: str) -> None:
@@ -104,12 +126,17 @@ class ClusterRows:
                 on_progress(SweepProgress(done, total, fraction, 0, time.perf_counter() - began))
 
         name = hashlib.sha256(json.dumps(batch.resolved(), sort_keys=True).encode()).hexdigest()[:16]
-        # a client that was killed may have left another batch
+        self._remove_others(name)
+        path = run_job(
+            batch, self._path / name, on_progress=on_job_progress, figures=False, cluster=self._cluster
+        )
+        table = load(path)
+        shutil.rmtree(self._path)
+        return table
+
+    def _remove_others(self, name: str) -> None:
+        """Remove the folders of other batches, which a killed client may have left."""
         folders = list(self._path.iterdir()) if self._path.is_dir() else []
         for folder in folders:
             if folder.name != name:
                 shutil.rmtree(folder, ignore_errors=True)
-        options: dict[str, Any] = {"on_progress": on_job_progress, "figures": False, "cluster": self._cluster}
-        table = load(run_job(batch, self._path / name, **options))
-        shutil.rmtree(self._path)
-        return table

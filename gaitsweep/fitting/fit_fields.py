@@ -12,7 +12,7 @@ from gaitsweep.fitting.free_parameters import FreeParameter
 from gaitsweep.fitting.measure import Measure
 from gaitsweep.fitting.ramp_measures import GaitSequence, Transition
 from gaitsweep.fitting.row_measures import Coexistence, Edge, Failures, Order, Prominence, Share, Value
-from gaitsweep.job.load import read_with_overrides
+from gaitsweep.job.overrides import read_with_overrides
 from gaitsweep.kinds.run_kind import RunKind
 from gaitsweep.schema.diagnostics import (
     Diagnostic,
@@ -29,6 +29,7 @@ from gaitsweep.shipped import job_file
 
 T = TypeVar("T", bound=StrictModel)
 R = TypeVar("R")
+# Measures of targets and outputs by their kind.
 MEASURES: Registry[Measure] = Registry(
     "measure",
     [Value, Edge, Share, Coexistence, Order, Prominence, Failures, FixedPoint, Transition, GaitSequence],
@@ -42,10 +43,11 @@ def by_name(value: Any, takes: str, path: FieldPath, wrong: list[Diagnostic]) ->
         value: what is written in the field.
         takes: what the field takes, for the message.
         path: where the field stands.
-        wrong: gets an error if the field has no entries by name.
+        wrong: receives an error if the field has no entries by name.
     """
     if isinstance(value, Mapping) and value:
-        yield from ((str(name), entry) for name, entry in value.items())
+        for name, entry in value.items():
+            yield str(name), entry
     else:
         begin = "is missing: it" if value is None else f"is {quoted(value)}, but"
         wrong.append(Diagnostic(path, f"{begin} takes {takes}."))
@@ -57,21 +59,23 @@ def read_free(value: Any, path: FieldPath, wrong: list[Diagnostic]) -> dict[str,
     Args:
         value: what is written in the field `free`.
         path: where the field stands.
-        wrong: gets an error for each constant that is not read, and for a field without constants.
+        wrong: receives an error for each constant that is not read, and for a field without constants.
 
     Returns:
         Those without errors, by name.
     """
     free = {}
     for name, written in by_name(value, "constants by name, such as kappa: {low: 1, high: 2}", path, wrong):
-        if isinstance(written, list) and len(written) == 2:  # [low, high] is short for it
-            written = {"low": written[0], "high": written[1]}
-        if not isinstance(written, Mapping):
+        if isinstance(written, list) and len(written) == 2:
+            fields: Any = {"low": written[0], "high": written[1]}
+        else:
+            fields = written
+        if not isinstance(fields, Mapping):
             allowed = near_miss.allowing(FreeParameter.model_fields)
             text = f"is {quoted(written)}, but takes [low, high], or fields. {allowed}"
             wrong.append(Diagnostic((*path, name), text))
             continue
-        if (parameter := read_model(FreeParameter, written, (*path, name), wrong)) is not None:
+        if (parameter := read_model(FreeParameter, fields, (*path, name), wrong)) is not None:
             free[name] = parameter
     return free
 
@@ -84,8 +88,8 @@ def read_measure(
     Args:
         value: what is written.
         path: where it stands.
-        wrong: gets an error for each field that is not read.
-        beside: a part whose fields are written beside those of the measure; messages name them as allowed.
+        wrong: receives an error for each field that is not read.
+        beside: a model whose fields are written beside those of the measure; messages name them as allowed.
 
     Returns:
         The measure, or None if it has errors of its own.
@@ -94,17 +98,18 @@ def read_measure(
         wrong.append(bad)
         return None
     kind = value["kind"]
-    part = MEASURES[kind]
-    own = SchemaSection("", part).fields
-    more = () if beside is None else SchemaSection("", beside).fields
-    unknown = [key for key in value if key not in own]
-    wrong.extend(unknown_field((*path, str(key)), f"a measure ({kind})", [*own, *more]) for key in unknown)
-    fields = {key: entry for key, entry in value.items() if key in own}
-    if "run" in fields and "run" in own:
-        if (run := _read_run(part, fields["run"], (*path, "run"), wrong)) is None:
+    measure = MEASURES[kind]
+    own_fields = SchemaSection("", measure).fields
+    fields_beside = () if beside is None else SchemaSection("", beside).fields
+    allowed = [*own_fields, *fields_beside]
+    unknown = [key for key in value if key not in own_fields]
+    wrong.extend(unknown_field((*path, str(key)), f"a measure ({kind})", allowed) for key in unknown)
+    fields = {key: entry for key, entry in value.items() if key in own_fields}
+    if "run" in fields:
+        if (run := _read_run(measure, fields["run"], (*path, "run"), wrong)) is None:
             return None
         fields["run"] = run
-    return read_model(part, fields, path, wrong)
+    return read_model(measure, fields, path, wrong)
 
 
 def _read_run(measure: type[Measure], value: Any, path: FieldPath, wrong: list[Diagnostic]) -> RunKind | None:
@@ -116,8 +121,8 @@ def _read_run(measure: type[Measure], value: Any, path: FieldPath, wrong: list[D
         text = f"is {quoted(value)}, but takes fields, kind among them: {' or '.join(kinds)}."
         wrong.append(Diagnostic(path, text))
         return None
-    only_kind = next(iter(kinds)) if len(kinds) == 1 else None
-    kind = value.get("kind", only_kind)
+    default_kind = next(iter(kinds)) if len(kinds) == 1 else None
+    kind = value.get("kind", default_kind)
     if not isinstance(kind, str) or kind not in kinds:
         begin = "is missing" if kind is None else f"is {quoted(kind)}"
         text = f"{begin}, but the run of a measure ({kind_of(measure)}) is {' or '.join(kinds)}."
@@ -130,7 +135,7 @@ def _read_run(measure: type[Measure], value: Any, path: FieldPath, wrong: list[D
 
 
 def read_settings(
-    part: type[T],
+    settings: type[T],
     field: str,
     other_fields: Sequence[str],
     written: Mapping[str, Any],
@@ -139,19 +144,19 @@ def read_settings(
     """Read the settings of a search or an analysis, which stand in one field beside others.
 
     Args:
-        part: the class of the settings.
+        settings: the class of the settings.
         field: name of the field.
         other_fields: fields written beside the settings, which others read.
         written: what is written in the field.
-        wrong: gets an error for each setting that is not read.
+        wrong: receives an error for each setting that is not read.
 
     Returns:
         The settings, or None if one of them is wrong.
     """
-    allowed = [*other_fields, *part.model_fields]
+    allowed = [*other_fields, *settings.model_fields]
     wrong.extend(unknown_field((field, str(key)), field, allowed) for key in written if key not in allowed)
-    settings = {key: value for key, value in written.items() if key in part.model_fields}
-    return read_model(part, settings, (field,), wrong)
+    own_fields = {key: value for key, value in written.items() if key in settings.model_fields}
+    return read_model(settings, own_fields, (field,), wrong)
 
 
 def read_file(path: str | Path, overrides: Sequence[str], read: Callable[[Any, Path], R]) -> R:
@@ -160,7 +165,7 @@ def read_file(path: str | Path, overrides: Sequence[str], read: Callable[[Any, P
     Args:
         path: the file, or the name of a job shipped with the package.
         overrides: values that replace those of the file, as `field=value`.
-        read: reads the file's data; gets its folder too, from which paths in it start.
+        read: reads the file's data; its second argument is the folder to which paths in them are relative.
 
     Returns:
         What `read` returns.

@@ -1,16 +1,17 @@
-"""A job whose rows follow from sets of constants: the common part of search and sensitivity."""
+"""Job whose rows follow from sets of constants: the common part of search and sensitivity."""
 
 from __future__ import annotations
 
 import copy
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from gaitsweep import near_miss
+from gaitsweep.contract import Quantity
 from gaitsweep.design.design import inside, requirement
 from gaitsweep.engine.solver import derivative_refusal
 from gaitsweep.fitting.free_parameters import FreeParameter
@@ -25,18 +26,20 @@ from gaitsweep.schema.diagnostics import Diagnostic, JobError, quoted, refuse
 from gaitsweep.schema.diagnostics import Path as FieldPath
 
 # Fields of a job that have no place beside sets of constants.
-_WITHOUT = ("vary", "figures")
+_EXCLUDED_FIELDS = ("vary", "figures")
+
+FitField = Literal["search", "sensitivity"]
 
 
 @dataclasses.dataclass(frozen=True)
 class FitJob:
     """A job without `vary`, its free constants, and the measures of each set of them.
 
-    `written` is the job as written, without the field `field` (search or sensitivity) that holds the rest;
-    `config` is the same with the fields of its config.
+    `field` is the field of the job that holds constants and measures; `written` is the job as written without
+    it, and `config` the same with the fields of its config.
     """
 
-    field: str
+    field: FitField
     written: dict[str, Any]
     folder: Path
     free: dict[str, FreeParameter]
@@ -46,11 +49,18 @@ class FitJob:
 
     @property
     def name(self) -> str:
+        """Name of the job."""
         return str(self.written.get("name"))
 
     def path_of(self, measure: str) -> tuple[str, str, str]:
         """Return the path of a measure in the job."""
-        return self.field, "targets" if self.field == "search" else "outputs", measure
+        measures_field = "targets" if self.field == "search" else "outputs"
+        return self.field, measures_field, measure
+
+    @property
+    def free_path(self) -> tuple[str, str]:
+        """Path of the free constants in the job."""
+        return self.field, "free" if self.field == "search" else "parameters"
 
     @property
     def structure(self) -> tuple[str, ...]:
@@ -67,8 +77,12 @@ class FitJob:
     def structures(self) -> list[dict[str, Any]]:
         """Choices of structure such that each choice of each name is among them."""
         choices = {name: self.free[name].ends for name in self.structure}
-        longest = max(map(len, choices.values()), default=1)
-        return [{name: ends[min(i, len(ends) - 1)] for name, ends in choices.items()} for i in range(longest)]
+        most_choices = max(map(len, choices.values()), default=1)
+        # a name with fewer choices repeats its last one
+        return [
+            {name: ends[min(number, len(ends) - 1)] for name, ends in choices.items()}
+            for number in range(most_choices)
+        ]
 
     def job_of(self, structure: Mapping[str, Any]) -> Job:
         """Return the job with a choice of structure, and with free constants in the middle of their ranges.
@@ -88,8 +102,8 @@ class FitJob:
 
         Args:
             constants: the known ones by name, or a config that has them; others have the job's own value, or
-                the model's default. What shapes the model is the job's, whatever the config says, unless it
-                is free.
+                the model's default. The structure is that of the job and not of the config, unless it is
+                free.
 
         Raises:
             JobError: the model does not allow a name or a value, or a value without default is missing.
@@ -111,33 +125,36 @@ class FitJob:
         data = copy.deepcopy(self.written)
         if config is not None:
             data["config"] = config
-            # a constant of this structure may be none of the config's
+            # a constant of the job's structure need not exist in that of the config
             data["structure"] = {
                 name: value for name, value in self.spec.structure.items() if name not in self.free
             }
         # a job needs values of these, which every measure replaces by its own
-        needed = {
+        placeholders = {
             name: points[0]
             for measure in self.measures.values()
             for name, points in measure.at.items()
             if name in self.without_default
         }
-        for field, names in (
-            ("params", self.spec.parameters),
-            ("start", self.spec.starts),
-            ("structure", self.structure),
-        ):
-            if settings := {name: value for name, value in {**needed, **values}.items() if name in names}:
+        all_values = {**placeholders, **values}
+        names_by_field = {
+            "params": self.spec.parameters,
+            "start": self.spec.starts,
+            "structure": self.structure,
+        }
+        for field, names in names_by_field.items():
+            settings = {name: value for name, value in all_values.items() if name in names}
+            if settings:
                 data[field] = {**(data.get(field) or {}), **settings}
         return Job.model_validate(data, context={"folder": self.folder})
 
     def population(self) -> Population:
-        """Population that measures sets of constants."""
+        """Create the population that measures sets of constants."""
         return Population(self.job_of, self.structure, self.measures)
 
 
 def read_fit_job(
-    field: str,
+    field: FitField,
     data: Mapping[str, Any],
     folder: Path,
     free: dict[str, FreeParameter],
@@ -147,7 +164,7 @@ def read_fit_job(
     """Read a job whose free constants and measures have been read.
 
     Args:
-        field: search or sensitivity, the field that contains them.
+        field: the field that contains them.
         data: the job as written.
         folder: folder to which its paths are relative.
         free: the free constants by name.
@@ -158,45 +175,60 @@ def read_fit_job(
         JobError: all errors.
     """
     written = {str(key): value for key, value in data.items() if key != field and value is not None}
-    for key in _WITHOUT:
+    for key in _EXCLUDED_FIELDS:
         if key in written:
             text = f"has no place beside {field}, whose sets of constants vary: take it out."
             wrong.append(Diagnostic((key,), text))
             del written[key]
     config = Config(written, folder)
-    spec = None
-    if "model" in config.raw:
-        params = config.raw.get("params")
-        spec, _ = read_model_spec(config.raw["model"], config.raw.get("structure"), params, [folder])
+    spec = _spec_of(config, folder)
     if spec is None:
         refuse(wrong)
         Job.model_validate(written, context={"folder": folder})  # raises the errors of the model
         raise JobError([Diagnostic(("model",), "is missing.")])
     fit = FitJob(field, written, folder, free, measures, spec, config.raw)
-    wrong.extend(_check_run(fit))
-    wrong.extend(check_constants(fit))
-    wrong.extend(check_measures(fit))
-    refuse(wrong)
+    refuse([*wrong, *_check_run(fit), *check_constants(fit), *check_measures(fit)])
     for structure in fit.structures:
-        try:
-            job = fit.job_of(structure)
-        except JobError as error:
-            raise _at_the_choices(error, fit) from None
-        columns_of_job = table_columns(job.design, job.run)
-        for name, measure in measures.items():
-            path = fit.path_of(name)
-            columns = columns_of_job
-            if (run := measure.own_run) is not None:
-                columns = _columns_of_run(fit, structure, run, (*path, "run"), wrong)
-            method = job.integration.method
-            if measure.on_map and (refusal := derivative_refusal(method, job.design.model)) is not None:
-                text = f"is fixed_point, but by {method} a return map has no derivative: {refusal}"
-                wrong.append(Diagnostic((*path, "kind"), text))
-            if (error := measure.field_error(columns, job.design.model)) is not None:
-                key, text = error
-                wrong.append(Diagnostic((*path, key), text))
-        refuse(wrong)
+        _check_structure(fit, structure)
     return fit
+
+
+def _spec_of(config: Config, folder: Path) -> ModelSpec | None:
+    """Return the model of a job merged with its config; None if it is missing or has errors."""
+    fields = config.raw
+    if "model" not in fields:
+        return None
+    spec, _ = read_model_spec(fields["model"], fields.get("structure"), fields.get("params"), [folder])
+    return spec
+
+
+def _check_structure(fit: FitJob, structure: Mapping[str, Any]) -> None:
+    """Check the job and the fields of its measures with a choice of structure.
+
+    Raises:
+        JobError: all errors.
+    """
+    try:
+        job = fit.job_of(structure)
+    except JobError as error:
+        raise _at_the_choices(error, fit) from None
+    model = job.design.model
+    method = job.integration.method
+    columns_of_job = table_columns(job.design, job.run)
+    wrong: list[Diagnostic] = []
+    for name, measure in fit.measures.items():
+        path = fit.path_of(name)
+        run = measure.own_run
+        columns = columns_of_job
+        if run is not None:
+            columns = _columns_of_run(fit, structure, run, (*path, "run"), wrong)
+        if measure.on_map and (refusal := derivative_refusal(method, model)) is not None:
+            text = f"is fixed_point, but by {method} a return map has no derivative: {refusal}"
+            wrong.append(Diagnostic((*path, "kind"), text))
+        if (field_error := measure.field_error(columns, model)) is not None:
+            key, text = field_error
+            wrong.append(Diagnostic((*path, key), text))
+    refuse(wrong)
 
 
 def _columns_of_run(
@@ -221,38 +253,50 @@ def _columns_of_run(
 
 
 def check_constants(fit: FitJob) -> list[Diagnostic]:
-    """Diagnostics of the free constants of a job."""
+    """Check the free constants of a job; return the diagnostics."""
     wrong = []
     for name, parameter in fit.free.items():
-        path = (fit.field, _free_field(fit), name)
+        path = (*fit.free_path, name)
         if name in fit.spec.structure:
             if parameter.choices is None:
                 wrong.append(Diagnostic(path, "shapes the model: give its choices, not a range."))
-            continue
-        if (unknown := fit.spec.unknown(name, "vary")) is not None:
+        elif (unknown := fit.spec.unknown(name, "vary")) is not None:
             wrong.append(Diagnostic(path, unknown))
-            continue
-        for field in ("params", "start"):
+        else:
             # a search takes the job's value or a range of a constant; a sensitivity needs both
-            if fit.field == "search" and name in (fit.written.get(field) or {}):
-                text = f"is free, but {field}.{name} fixes it: take one of the two out."
-                wrong.append(Diagnostic(path, text))
-        quantity = fit.spec.quantities[name]
-        for end in parameter.ends:
-            if not isinstance(end, int | float) or isinstance(end, bool):
-                wrong.append(Diagnostic(path, f"has the choice {quoted(end)}, but takes numbers."))
-            elif not inside(np.array([float(end)]), quantity)[0]:
-                wrong.append(Diagnostic(path, f"goes to {end:g}, but {requirement(quantity)}."))
+            if fit.field == "search":
+                wrong.extend(_fixed_and_free(fit, name))
+            wrong.extend(Diagnostic(path, text) for text in _end_errors(parameter, fit.spec.quantities[name]))
     return wrong
 
 
+def _fixed_and_free(fit: FitJob, name: str) -> list[Diagnostic]:
+    """Return errors of a free constant that the job fixes too."""
+    return [
+        Diagnostic((*fit.free_path, name), f"is free, but {field}.{name} fixes it: take one of the two out.")
+        for field in ("params", "start")
+        if name in (fit.written.get(field) or {})
+    ]
+
+
+def _end_errors(parameter: FreeParameter, quantity: Quantity) -> list[str]:
+    """Return the ends of sentences about ends or choices that a quantity does not allow."""
+    errors = []
+    for end in parameter.ends:
+        if not isinstance(end, int | float) or isinstance(end, bool):
+            errors.append(f"has the choice {quoted(end)}, but takes numbers.")
+        elif not inside(np.array([float(end)]), quantity)[0]:
+            errors.append(f"goes to {end:g}, but {requirement(quantity)}.")
+    return errors
+
+
 def _check_run(fit: FitJob) -> list[Diagnostic]:
-    """Diagnostics of the run kind of a job whose rows have to end in one record each."""
+    """Check that the rows of a job's run end in one record each; return the diagnostics."""
     run = fit.config.get("run")
     kind = run.get("kind") if isinstance(run, Mapping) else None
     if not isinstance(run, Mapping) or not isinstance(kind, str) or kind not in RUN_KINDS:
         return []  # the job reports it
-    allowed = [name for name, part in RUN_KINDS.items() if part.one_a_row]
+    allowed = [name for name, run_kind in RUN_KINDS.items() if run_kind.one_a_row]
     if kind not in allowed:
         text = f"is {kind}, but {fit.field} takes {' or '.join(allowed)}: a record for each row."
         return [Diagnostic(("run", "kind"), text)]
@@ -264,7 +308,7 @@ def _check_run(fit: FitJob) -> list[Diagnostic]:
 def _at_the_choices(error: JobError, fit: FitJob) -> JobError:
     """Return the error of a job with the paths of the choices and ranges that caused it."""
     diagnostics = [
-        dataclasses.replace(diagnostic, path=(fit.field, _free_field(fit), str(diagnostic.path[1])))
+        dataclasses.replace(diagnostic, path=(*fit.free_path, str(diagnostic.path[1])))
         if len(diagnostic.path) > 1 and diagnostic.path[1] in fit.free
         else diagnostic
         for diagnostic in error.diagnostics
@@ -272,31 +316,31 @@ def _at_the_choices(error: JobError, fit: FitJob) -> JobError:
     return JobError(diagnostics)
 
 
-def _free_field(fit: FitJob) -> str:
-    """The field of a job that contains the free constants."""
-    return "free" if fit.field == "search" else "parameters"
-
-
 def check_measures(fit: FitJob) -> list[Diagnostic]:
-    """Diagnostics of the conditions of measures."""
+    """Check the conditions of measures; return the diagnostics."""
     wrong = []
     for name, measure in fit.measures.items():
+        path = (*fit.path_of(name), "at")
         lacking = sorted(fit.without_default - set(measure.at))
         if lacking:
             names = " and ".join(lacking)
             text = f"does not set {names}, which the job does not fix and which has no default."
-            wrong.append(Diagnostic((*fit.path_of(name), "at"), text))
+            wrong.append(Diagnostic(path, text))
         for condition, values in measure.at.items():
-            path = (*fit.path_of(name), "at", condition)
-            if (unknown := fit.spec.unknown(condition, "vary")) is not None:
-                wrong.append(Diagnostic(path, unknown))
-            elif condition in fit.structure:
-                wrong.append(Diagnostic(path, "is free and shapes the model: a measure cannot set it."))
-            elif condition in fit.free and all(condition in other.at for other in fit.measures.values()):
-                wrong.append(Diagnostic(path, "is free, but every measure sets it: leave it to one of them."))
-            else:
-                quantity = fit.spec.quantities[condition]
-                outside = np.array(values)[~inside(np.array(values), quantity)]
-                if outside.size:
-                    wrong.append(Diagnostic(path, f"is {outside[0]:g}, but {requirement(quantity)}."))
+            if (text := _condition_error(fit, condition, values)) is not None:
+                wrong.append(Diagnostic((*path, condition), text))
     return wrong
+
+
+def _condition_error(fit: FitJob, name: str, values: Sequence[float]) -> str | None:
+    """Return the end of a sentence why a measure cannot set a name to some values; None if it can."""
+    if (unknown := fit.spec.unknown(name, "vary")) is not None:
+        return unknown
+    if name in fit.structure:
+        return "is free and shapes the model: a measure cannot set it."
+    if name in fit.free and all(name in measure.at for measure in fit.measures.values()):
+        return "is free, but every measure sets it: leave it to one of them."
+    quantity = fit.spec.quantities[name]
+    points = np.array(values)
+    outside = points[~inside(points, quantity)]
+    return f"is {outside[0]:g}, but {requirement(quantity)}." if outside.size else None

@@ -1,4 +1,4 @@
-"""The measure of a fixed point of the return map."""
+"""Measure of a fixed point of the return map."""
 
 from __future__ import annotations
 
@@ -16,17 +16,20 @@ from gaitsweep.fitting.measure import FieldError, Measure, Measured, SetRows, un
 from gaitsweep.kinds.run_kind import RunKind
 from gaitsweep.schema.numbers import CountOrZero, Text
 
-_MULTIPLIER, _UNSTABLE = "multiplier", "unstable"
+# Values of the field `of` beside the names of observables.
+_MULTIPLIER = "multiplier"
+_UNSTABLE = "unstable"
 
 
 class FixedPoint(Measure):
-    """A fixed point of the return map near where a start leads: its multiplier, or an observable there.
+    """Multiplier of a fixed point of the return map, or an observable there.
 
-    It is found by Newton's method, so it may be unstable; the map needs located events.
+    Newton's method begins at the point that a start reaches after `settle` cycles, so the fixed point may be
+    unstable; the map needs located events.
     """
 
     on_map: ClassVar[bool] = True
-    reads_angles: ClassVar[bool] = True
+    angle_field: ClassVar[str | None] = "of_"
 
     kind: Literal["fixed_point"] = Field(
         description="fixed_point: of the return map, by Newton's method: a multiplier or an observable"
@@ -39,25 +42,34 @@ class FixedPoint(Measure):
     fix: list[Text] = Field(default=[], description="conserved quantities that stay as they are")
 
     def of_starts(self, mapping: BatchedReturnMap, values: SetRows, starts: SetRows, n: int) -> Measured:
-        """Measure n sets, whose one condition has these parameters and starts (n,)."""
-        points, reached = mapping.settled(starts, values, self.settle)
-        fixed = newton(mapping, points, values, fix=self.fix)
+        """Measure n sets at their one condition.
+
+        Args:
+            mapping: the return map.
+            values: parameters (n,) by name.
+            starts: start values (n,) by name.
+            n: the number of sets.
+        """
+        points, statuses = mapping.settled(starts, values, self.settle)
+        fixed_points = newton(mapping, points, values, fix=self.fix)
         measured = np.full(n, np.nan)
-        converged = np.flatnonzero(fixed.converged & (reached == ReturnStatus.crossed))
+        converged = np.flatnonzero(fixed_points.converged & (statuses == ReturnStatus.crossed))
         if converged.size:
-            images = fixed.images
+            images = fixed_points.images
             if self.of_ in images.observed:
                 measured[converged] = np.asarray(images.observed[self.of_], float)[converged]
             else:
                 names = [quantity.name for quantity in mapping.conserved]
-                conserved = images.conserved_jacobian[converged][:, [names.index(name) for name in self.fix]]
-                size = np.abs(multipliers(images.jacobian[converged], conserved))
-                measured[converged] = size[:, 0] if self.of_ == _MULTIPLIER else (size > 1.0).sum(axis=1)
+                fixed = [names.index(name) for name in self.fix]
+                conserved = images.conserved_jacobian[converged][:, fixed]
+                moduli = np.abs(multipliers(images.jacobian[converged], conserved))
+                is_largest = self.of_ == _MULTIPLIER
+                measured[converged] = moduli[:, 0] if is_largest else (moduli > 1.0).sum(axis=1)
         why = np.where(np.isnan(measured), "no fixed point found", "")
         return Measured(measured, why)
 
     def unit(self, model: Model) -> str:
-        return {q.name: q.unit for q in model.observables}.get(self.of_, "1")
+        return {quantity.name: quantity.unit for quantity in model.observables}.get(self.of_, "1")
 
     @property
     def own_run(self) -> RunKind | None:
@@ -67,10 +79,12 @@ class FixedPoint(Measure):
         lists = [name for name, values in self.at.items() if len(values) > 1]
         if lists:
             return "at", f"has a list of {lists[0]}, but a fixed point takes one number for each name."
-        allowed = [_MULTIPLIER, _UNSTABLE, *(q.name for q in model.observables)]
+        allowed = [_MULTIPLIER, _UNSTABLE, *(quantity.name for quantity in model.observables)]
         if self.of_ not in allowed:
             return "of", f"is {unknown_name(self.of_, allowed)}"
         chart = model.chart()
-        names = [] if chart is None else [q.name for q in chart.conserved]
-        unknown = [name for name in self.fix if name not in names]
-        return ("fix", f"is {unknown_name(unknown[0], names)}") if unknown else None
+        conserved = [] if chart is None else [quantity.name for quantity in chart.conserved]
+        for name in self.fix:
+            if name not in conserved:
+                return "fix", f"is {unknown_name(name, conserved)}"
+        return None

@@ -19,7 +19,7 @@ Shares = Float[np.ndarray, " sets"]  # of the range of a constant, from 0 to 1
 
 
 class FreeParameter(StrictModel, title="Free"):  # its name in the JSON schema of jobs
-    """A constant that is searched: within a range, or one of some choices."""
+    """A free constant: within a range, or one of some choices."""
 
     low: Real | None = Field(default=None, description="least value")
     high: Real | None = Field(default=None, description="largest value")
@@ -30,13 +30,15 @@ class FreeParameter(StrictModel, title="Free"):  # its name in the JSON schema o
     )
 
     @model_validator(mode="after")
-    def _fits(self) -> Self:
+    def _check_fields(self) -> Self:
+        """Refuse fields that do not fit together."""
         if self.choices is not None:
             if self.low is not None or self.high is not None or self.log or self.whole:
                 raise wrong_value("has choices, and a range as well: give one of the two.")
             texts = [str(choice) for choice in self.choices]
-            if twice := [text for text in texts if texts.count(text) > 1]:
-                raise wrong_value(f"has the choice {twice[0]} twice.")
+            repeated = [text for text in texts if texts.count(text) > 1]
+            if repeated:
+                raise wrong_value(f"has the choice {repeated[0]} twice.")
             return self
         if self.low is None or self.high is None:
             raise wrong_value("needs low and high, or choices.")
@@ -49,19 +51,32 @@ class FreeParameter(StrictModel, title="Free"):  # its name in the JSON schema o
         return self
 
     @property
-    def _listed(self) -> Shaped[np.ndarray, " choices"]:
+    def _choice_array(self) -> Shaped[np.ndarray, " choices"]:
         """Choices as an array of numbers, or of objects."""
         assert self.choices is not None
         if all(isinstance(choice, int | float) and not isinstance(choice, bool) for choice in self.choices):
             return np.array(self.choices)
-        listed = np.empty(len(self.choices), object)
-        listed[:] = self.choices
-        return listed
+        choices = np.empty(len(self.choices), object)
+        choices[:] = self.choices
+        return choices
+
+    @property
+    def _range(self) -> tuple[float, float]:
+        """Both ends of its range; only a constant without choices has them."""
+        assert self.low is not None
+        assert self.high is not None
+        return self.low, self.high
+
+    @property
+    def _whole_range(self) -> tuple[int, int]:
+        """Least and largest whole number of its range."""
+        low, high = self._range
+        return math.ceil(low), math.floor(high)
 
     @property
     def ends(self) -> tuple[Any, ...]:
         """Values that bound it: the ends of a range, or all choices."""
-        return tuple(self.choices) if self.choices is not None else (self.low, self.high)
+        return self._range if self.choices is None else tuple(self.choices)
 
     def outside(self, value: Any) -> str | None:
         """Return the end of a sentence why a value is not allowed; None if it is allowed."""
@@ -69,32 +84,34 @@ class FreeParameter(StrictModel, title="Free"):  # its name in the JSON schema o
             if value in self.choices:
                 return None
             return f"which is not one of its choices {', '.join(map(str, self.choices))}."
-        assert self.low is not None
-        assert self.high is not None
-        if not self.low <= value <= self.high:
-            return f"outside of its range, {self.low:g} to {self.high:g}."
+        low, high = self._range
+        if not low <= value <= high:
+            return f"outside of its range, {low:g} to {high:g}."
         if self.whole and value != int(value):
             return "which is not a whole number."
         return None
 
     def at(self, share: Shares) -> Shaped[np.ndarray, " sets"]:
-        """Return its values at shares (n,) of its range, from 0 to 1; choices are equal parts of the range.
+        """Return its values at shares of its range; choices are equal parts of the range.
 
-        Numbers are float64, choices of a structure are objects.
+        Args:
+            share: the shares (n,), from 0 to 1; others are clipped.
+
+        Returns:
+            The values (n,): numbers are float64, choices of a structure are objects.
         """
         share = np.clip(share, 0.0, 1.0)
         if self.choices is not None:
-            place = np.minimum((share * len(self.choices)).astype(int), len(self.choices) - 1)
-            return self._listed[place]
-        assert self.low is not None
-        assert self.high is not None
+            number = np.minimum((share * len(self.choices)).astype(int), len(self.choices) - 1)
+            return self._choice_array[number]
+        low, high = self._range
         if self.whole:
-            least, most = math.ceil(self.low), math.floor(self.high)
+            least, most = self._whole_range
             return np.minimum(least + np.floor(share * (most - least + 1)), most).astype(float)
         if self.log:
-            value = np.exp(math.log(self.low) + share * math.log(self.high / self.low))
-            return np.clip(value, self.low, self.high)  # rounding goes past the ends
-        return self.low + share * (self.high - self.low)
+            value = np.exp(math.log(low) + share * math.log(high / low))
+            return np.clip(value, low, high)  # rounding goes past the ends
+        return low + share * (high - low)
 
     def written(self, values: Sequence[Any]) -> list[Any]:
         """Convert values of a table to those of the job: a table has choices of structure as text."""
@@ -107,25 +124,32 @@ class FreeParameter(StrictModel, title="Free"):  # its name in the JSON schema o
         """Convert values (n,) of a table to those that `at` returns."""
         if self.choices is None:
             return np.asarray(values, float)
-        return self._listed[[self.choices.index(value) for value in self.written(values)]]
+        return self._choice_array[[self.choices.index(value) for value in self.written(values)]]
 
     def share(self, values: Sequence[Any] | Shaped[np.ndarray, " sets"]) -> Shares:
         """Return the shares (n,) of its range at these values: the inverse of `at`."""
         if self.choices is not None:
             return np.array([(self.choices.index(value) + 0.5) / len(self.choices) for value in values])
-        assert self.low is not None
-        assert self.high is not None
+        low, high = self._range
         numbers = np.asarray(values, float)
         if self.whole:
-            least, most = math.ceil(self.low), math.floor(self.high)
+            least, most = self._whole_range
             return (numbers - least + 0.5) / (most - least + 1)
         if self.log:
-            return np.log(numbers / self.low) / math.log(self.high / self.low)
-        return (numbers - self.low) / (self.high - self.low)
+            return np.log(numbers / low) / math.log(high / low)
+        return (numbers - low) / (high - low)
 
 
 def sets_at(
     free: Mapping[str, FreeParameter], shares: Float[np.ndarray, "sets constants"]
 ) -> dict[str, Shaped[np.ndarray, " sets"]]:
-    """Return the constants (n,) by name at points (n, constants) of the unit cube."""
+    """Return the constants of sets at points of the unit cube.
+
+    Args:
+        free: the free constants by name.
+        shares: the points (n, constants).
+
+    Returns:
+        The values (n,) by name.
+    """
     return {name: parameter.at(shares[:, i]) for i, (name, parameter) in enumerate(free.items())}

@@ -1,4 +1,4 @@
-"""Identifiability of each constant from the sets of a search: pinned by the targets, or free."""
+"""Identifiability of the constants from the sets of a search: pinned by the targets, or free."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ PARTS = 20
 class Constant:
     """Identifiability of one constant from the near-best sets.
 
-    `best` is its value in the best set; `low` and `high` those among the near-best sets, `spread` their
-    distance as a share of its range; `profile` (PARTS,) the least score in each part of its range, NaN
-    without a set; `sets` the number of near-best sets.
+    `best` is its value in the best set; `low` and `high` are its least and largest value in the near-best
+    sets, and `spread` is their distance as a share of its range; `profile` (PARTS,) has the least score in
+    each part of its range, NaN without a set; `sets` is the number of near-best sets.
     """
 
     name: str
@@ -39,11 +39,11 @@ class Constant:
     high: Any
     spread: float
     profile: Float[np.ndarray, " parts"]
-    sets: int = 0
+    sets: int
 
     @property
     def verdict(self) -> str:
-        """Verdict: pinned, free, or too few sets to say."""
+        """Whether the targets pin it: pinned, free, or too few sets to say."""
         if self.spread >= PINNED_SPREAD:
             return "free"
         return "pinned" if self.sets >= MIN_SETS else "too few sets to say"
@@ -55,17 +55,18 @@ class Constant:
 
 
 def _in_words(value: Any) -> str:
-    """A value of a constant as text: numbers in five digits, choices as they are written."""
+    """Format a value of a constant: numbers in five digits, choices as they are written."""
     is_number = isinstance(value, int | float) and not isinstance(value, bool)
     return f"{value:.5g}" if is_number else str(value)
 
 
 @dataclasses.dataclass(frozen=True)
 class Identifiability:
-    """Identifiability of each constant from the near-best sets of a search, which are sorted by score.
+    """Identifiability of each constant from the near-best sets of a search.
 
-    `fitting` is the number of sets that miss no target by more than its reading error. The near-best sets are
-    these, or, if there is none, those with a score within NEAR_BEST_FACTOR times the least.
+    `fitting` is the number of sets that miss no target by more than its reading error. `best` has the
+    near-best sets, sorted by score: those that fit, or, if there is none, those with a score within
+    NEAR_BEST_FACTOR times the least.
     """
 
     best: pd.DataFrame
@@ -74,15 +75,13 @@ class Identifiability:
 
     def __repr__(self) -> str:
         """Format it, a line for each constant."""
-        which = (
-            f"{self.fitting} sets fit" if self.fitting else f"no set fits; {len(self.best)} near-best ones"
-        )
-        lines = [
-            f"  {constant.name}: best {constant.words[0]}, {constant.words[1]} ({constant.verdict})"
-            for constant in self.constants
-            if len(self.best)
-        ]
-        return "\n".join([f"Identifiability: {which}", *lines])
+        sets = f"{self.fitting} sets fit" if self.fitting else f"no set fits; {len(self.best)} near-best ones"
+        lines = [f"Identifiability: {sets}"]
+        if len(self.best):
+            for constant in self.constants:
+                best, span = constant.words
+                lines.append(f"  {constant.name}: best {best}, {span} ({constant.verdict})")
+        return "\n".join(lines)
 
     def summary(self) -> dict[str, Any]:
         """Return the fields of the manifest."""
@@ -103,25 +102,34 @@ def identifiability(table: pd.DataFrame, search: Search) -> Identifiability:
         table: the measured sets.
         search: the search.
     """
-    complete = np.flatnonzero(SetStatus.COMPLETE.among(table))
-    sound = table.iloc[complete].sort_values(["score", "row"], kind="stable")
-    if not len(sound):
-        nothing = tuple(Constant(name, None, None, None, 1.0, np.full(PARTS, np.nan)) for name in search.free)
-        return Identifiability(sound, 0, nothing)
-    misses = np.abs(sound[[f"{MISS}{name}" for name in search.counted]].to_numpy())
+    complete = table.iloc[np.flatnonzero(SetStatus.COMPLETE.among(table))]
+    complete = complete.sort_values(["score", "row"], kind="stable")
+    if not len(complete):
+        no_scores = np.full(PARTS, np.nan)
+        unknown = tuple(Constant(name, None, None, None, 1.0, no_scores, 0) for name in search.free)
+        return Identifiability(complete, 0, unknown)
+    scores = complete["score"].to_numpy()
+    misses = np.abs(complete[[f"{MISS}{name}" for name in search.counted]].to_numpy())
     fits = (misses <= 1.0).all(axis=1)
-    near = fits if fits.any() else sound["score"].to_numpy() <= NEAR_BEST_FACTOR * sound["score"].iloc[0]
-    near_best = sound.iloc[np.flatnonzero(near)]
-    constants = tuple(_constant(name, free, sound, near_best) for name, free in search.free.items())
+    is_near_best = fits if fits.any() else scores <= NEAR_BEST_FACTOR * scores[0]
+    near_best = complete.iloc[np.flatnonzero(is_near_best)]
+    constants = tuple(_constant(name, free, complete, near_best) for name, free in search.free.items())
     return Identifiability(near_best, int(fits.sum()), constants)
 
 
-def _constant(name: str, free: FreeParameter, sound: pd.DataFrame, near_best: pd.DataFrame) -> Constant:
-    """The identifiability of a constant, from the sound and the near-best sets, each sorted by score."""
+def _constant(name: str, free: FreeParameter, complete: pd.DataFrame, near_best: pd.DataFrame) -> Constant:
+    """Return the identifiability of a constant from the complete and the near-best sets, sorted by score."""
     values = near_best[name].tolist()
     shares = free.share(free.written(values))
-    low, high = values[int(np.argmin(shares))], values[int(np.argmax(shares))]
     profile = np.full(PARTS, np.nan)
-    parts = (free.share(free.written(sound[name].tolist())) * PARTS).astype(int)
-    np.fmin.at(profile, np.minimum(parts, PARTS - 1), sound["score"].to_numpy())
-    return Constant(name, values[0], low, high, float(np.ptp(shares)), profile, len(near_best))
+    parts = (free.share(free.written(complete[name].tolist())) * PARTS).astype(int)
+    np.fmin.at(profile, np.minimum(parts, PARTS - 1), complete["score"].to_numpy())
+    return Constant(
+        name,
+        best=values[0],
+        low=values[int(np.argmin(shares))],
+        high=values[int(np.argmax(shares))],
+        spread=float(np.ptp(shares)),
+        profile=profile,
+        sets=len(near_best),
+    )

@@ -1,4 +1,4 @@
-"""Indices of a sensitivity analysis: how much each output depends on each parameter, by its method."""
+"""Indices of a sensitivity analysis, which measure the dependence of each output on each parameter."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ LEVEL = 0.95  # of confidence
 _RESAMPLES = 200  # of the bootstrap
 _MIN_TRAJECTORIES = 4
 _MIN_GIVEN_ROWS = 100  # of RBD-FAST, which sums ten harmonics
+_ROUNDING = 1e-12  # relative difference of values that count as equal
 # Mean resultant length of angles below which they lie so far around the circle that a cut matters.
 _SPREAD = 0.5
 _OWN_SET = "the job's own values"
@@ -77,29 +78,37 @@ def indices(design: SensitivityDesign, outputs: Mapping[str, Output], seed: int)
     """
     records = []
     for name, output in outputs.items():
-        values = unwrapped(output)
-        note = _remark(output)
-        if design.method == "one_at_a_time":
-            method = "one_at_a_time"
-            by_parameter = _changes(design, output)
-        elif design.method == "morris":
-            method = "morris"
-            by_parameter = _elementary_effects(design, values, seed)
-        elif np.isfinite(values).all():
-            method = "sobol"
-            by_parameter = _variance_shares(design, values, seed)
-        else:
-            method = "rbd_fast"
-            by_parameter = _given_data(design, values, seed)
-        for parameter in sorted(by_parameter, key=lambda name: -_importance(by_parameter[name])):
-            for index in INDICES[method]:
-                if (result := by_parameter[parameter].get(index)) is None:
-                    continue
-                unit = "1" if index in ("S1", "ST", "elasticity") else output.unit
-                remark = "; ".join(text for text in (result.note, note) if text)
-                numbers = (result.value, result.confidence, result.rows)
-                records.append((method, name, parameter, index, *numbers, unit, remark))
+        method, by_parameter = _of_output(design, output, seed)
+        by_importance = sorted(by_parameter.items(), key=lambda item: -_importance(item[1]))
+        for parameter, by_index in by_importance:
+            records.extend(_index_records(method, name, parameter, by_index, output))
     return pd.DataFrame(records, columns=list(COLUMNS))
+
+
+def _of_output(design: SensitivityDesign, output: Output, seed: int) -> tuple[str, IndicesByParameter]:
+    """Return the method for an output, which depends on missing values, and the indices of each parameter."""
+    if design.method == "one_at_a_time":
+        return "one_at_a_time", _changes(design, output)
+    values = unwrapped(output)
+    if design.method == "morris":
+        return "morris", _elementary_effects(design, values, seed)
+    if np.isfinite(values).all():
+        return "sobol", _variance_shares(design, values, seed)
+    return "rbd_fast", _given_data(design, values, seed)
+
+
+def _index_records(
+    method: str, name: str, parameter: str, by_index: Mapping[str, _Index], output: Output
+) -> Iterator[tuple[Any, ...]]:
+    """Yield the records, with COLUMNS, of the indices of a parameter for an output of this name."""
+    remark = _remark(output)
+    for index_name in INDICES[method]:
+        if index_name not in by_index:
+            continue
+        index = by_index[index_name]
+        unit = "1" if index_name in ("S1", "ST", "elasticity") else output.unit
+        note = "; ".join(text for text in (index.note, remark) if text)
+        yield method, name, parameter, index_name, index.value, index.confidence, index.rows, unit, note
 
 
 def _importance(by_index: Mapping[str, _Index]) -> float:
@@ -133,7 +142,7 @@ def _remark(output: Output) -> str:
 
 
 def _missing(method: str, names: Sequence[str], why: str, rows: int) -> IndicesByParameter:
-    """The indices of parameters by a method that gives none of them a value, and the reason."""
+    """Return indices without a value, and the reason, for each parameter and each index of a method."""
     without_value = _Index(np.nan, np.nan, rows, why)
     return {name: dict.fromkeys(INDICES[method], without_value) for name in names}
 
@@ -141,35 +150,38 @@ def _missing(method: str, names: Sequence[str], why: str, rows: int) -> IndicesB
 def _changes(design: SensitivityDesign, output: Output) -> IndicesByParameter:
     """Compute the changes from the job's value to the ends and the middle of each range, and elasticities."""
     assert design.places is not None
-    y = output.values
-
-    def change(end: int, begin: int) -> float:
-        difference = y[end] - y[begin]
-        return float(wrapped_difference(difference)) if output.circular else float(difference)
-
     by_parameter = {}
     for name, (low, middle, high) in design.places.items():
-        by_index = {}
-        for word, place in (("low", low), ("middle", middle), ("high", high)):
-            if word == "middle" and place == 0:
-                continue
-            value = change(place, 0)
-            if np.isfinite(value):
-                why = ""
-            elif not np.isfinite(y[0]):
-                why = f"no value at {_OWN_SET}"
-            else:
-                why = "no value at the middle" if word == "middle" else f"no value at the {word} end"
-            by_index[f"change_{word}"] = _Index(value, np.nan, 2, why)
+        by_index = {"change_low": _change_from_own(output, low, "low end")}
+        if middle != 0:  # else the job itself is the middle
+            by_index["change_middle"] = _change_from_own(output, middle, "middle")
+        by_index["change_high"] = _change_from_own(output, high, "high end")
         x = design.sets[name]
-        dx, dy = x[high] - x[low], change(high, low)
-        by_index["elasticity"] = _elasticity(x[0], y[0], dx, dy, circular=output.circular)
+        y = float(output.values[0])
+        dy = _change(output, low, high)
+        by_index["elasticity"] = _elasticity(x[0], y, x[high] - x[low], dy, circular=output.circular)
         by_parameter[name] = by_index
     return by_parameter
 
 
+def _change(output: Output, begin: int, end: int) -> float:
+    """Return the change of an output from one row to another; of an angle it is within half a turn."""
+    difference = output.values[end] - output.values[begin]
+    return float(wrapped_difference(difference)) if output.circular else float(difference)
+
+
+def _change_from_own(output: Output, row: int, place: str) -> _Index:
+    """Return the change of an output from the job's own values (row 0) to a place in a range."""
+    value = _change(output, 0, row)
+    if np.isfinite(value):
+        return _Index(value, np.nan, 2)
+    missing_at = f"the {place}" if np.isfinite(output.values[0]) else _OWN_SET
+    return _Index(value, np.nan, 2, f"no value at {missing_at}")
+
+
 def _elasticity(x: float, y: float, dx: float, dy: float, *, circular: bool) -> _Index:
     """Compute (dy / y) / (dx / x), over the whole range."""
+    why = ""
     if circular:
         why = "an angle has no zero, to which a change could be relative"
     elif not np.isfinite(dy) or not np.isfinite(y):
@@ -177,24 +189,23 @@ def _elasticity(x: float, y: float, dx: float, dy: float, *, circular: bool) -> 
     elif x == 0.0 or y == 0.0:
         zero = "parameter" if x == 0.0 else "output"
         why = f"the job's own {zero} is 0"
-    else:
-        return _Index(float(dy / y / (dx / x)), np.nan, 3)
-    return _Index(np.nan, np.nan, 3, why)
+    value = np.nan if why else float(dy / y / (dx / x))
+    return _Index(value, np.nan, 3, why)
 
 
 def _elementary_effects(design: SensitivityDesign, y: PerSet, seed: int) -> IndicesByParameter:
     """Compute Morris's measures from whole trajectories; effects are changes over the whole range."""
     assert design.shares is not None
     names = design.names
-    k = len(names)
-    complete = np.isfinite(y.reshape(-1, k + 1)).all(axis=1)
-    rows = int(complete.sum()) * (k + 1)
+    points = len(names) + 1  # of a trajectory
+    complete = np.isfinite(y.reshape(-1, points)).all(axis=1)
+    rows = int(complete.sum()) * points
     note = "" if complete.all() else f"{complete.sum()} of {complete.size} trajectories are whole"
     if complete.sum() < _MIN_TRAJECTORIES:
         return _missing("morris", names, f"{note}, and {_MIN_TRAJECTORIES} are needed", rows)
     from SALib.analyze import morris
 
-    used = np.repeat(complete, k + 1)
+    used = np.repeat(complete, points)
     arguments = (design.shares[used], y[used])
     return _by_salib(morris, "morris", names, arguments, seed, rows, note, num_levels=LEVELS)
 
@@ -217,9 +228,9 @@ def _given_data(design: SensitivityDesign, y: PerSet, seed: int) -> IndicesByPar
     """
     assert design.shares is not None
     names = design.names
-    k = len(names)
-    place = np.arange(y.size) % (k + 2)
-    independent = (place == 0) | (place == k + 1)
+    points = len(names) + 2  # of a base point: A, those between, and B
+    place = np.arange(y.size) % points
+    independent = (place == 0) | (place == points - 1)
     used = independent & np.isfinite(y)
     rows = int(used.sum())
     note = f"{rows} of {independent.sum()} independent rows have a value"
@@ -244,7 +255,18 @@ def _by_salib(
     note: str,
     **options: Any,
 ) -> IndicesByParameter:
-    """Compute the indices of each parameter by a package of SALib, with their intervals if it gives them."""
+    """Compute the indices of each parameter by a module of SALib, with their intervals if it gives them.
+
+    Args:
+        package: the module of SALib, whose `analyze` is called.
+        method: the method, whose INDICES are read.
+        names: the parameters.
+        arguments: arrays that `analyze` takes after the description of the ranges.
+        seed: seed of the bootstrap.
+        rows: the number of rows from which the indices are.
+        note: the remark of all indices.
+        options: further arguments of `analyze`.
+    """
     options |= {"num_resamples": _RESAMPLES, "conf_level": LEVEL, "seed": seed}
     with _seeded(seed):
         analysis = package.analyze(unit_cube(len(names)), *arguments, **options)
@@ -259,7 +281,7 @@ def _by_salib(
 
 def _constant(y: PerSet) -> bool:
     """Return whether values differ by no more than rounding."""
-    return bool(np.ptp(y) <= 1e-12 * np.max(np.abs(y)))
+    return bool(np.ptp(y) <= _ROUNDING * np.max(np.abs(y)))
 
 
 @contextlib.contextmanager

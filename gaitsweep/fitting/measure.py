@@ -1,4 +1,4 @@
-"""The measure of a set of constants: base classes of its kinds, their shared fields, and columns of rows."""
+"""Base classes of the measures of sets of constants, their shared fields, and columns of rows."""
 
 from __future__ import annotations
 
@@ -34,7 +34,8 @@ def _read_conditions(value: Any) -> dict[str, tuple[float, ...]]:
     if not isinstance(value, Mapping) or not value:
         raise InvalidValue("takes a number, a list, or {linspace: [first, last, number]} by name.")
     values = {str(name): _values_of_condition(str(name), written) for name, written in value.items()}
-    if (rows := math.prod(map(len, values.values()))) > MOST_CONDITIONS:
+    rows = math.prod(map(len, values.values()))
+    if rows > MOST_CONDITIONS:
         raise InvalidValue(f"makes {rows} rows of a set, but a measure takes {MOST_CONDITIONS} at most.")
     return values
 
@@ -43,14 +44,7 @@ def _values_of_condition(name: str, value: Any) -> tuple[float, ...]:
     """Read a number, a list or a linspace; raises InvalidValue."""
     try:
         if isinstance(value, Mapping):
-            if set(value) != {"linspace"} or not isinstance(value["linspace"], Sequence):
-                raise InvalidValue("takes a number, a list, or {linspace: [first, last, number]}.")
-            if len(value["linspace"]) != 3:
-                raise InvalidValue("has a linspace that is not [first, last, number].")
-            first, last, number = (read_real(item) for item in value["linspace"])
-            if number != int(number) or not 2 <= number <= MOST_CONDITIONS:
-                raise InvalidValue(f"has a linspace of {number:g} points, but takes 2 to {MOST_CONDITIONS}.")
-            return tuple(np.linspace(first, last, int(number)).tolist())
+            return _read_linspace(value)
         if isinstance(value, list | tuple):
             if not value:
                 raise InvalidValue("is an empty list.")
@@ -58,6 +52,18 @@ def _values_of_condition(name: str, value: Any) -> tuple[float, ...]:
         return (read_real(value),)
     except InvalidValue as error:
         raise InvalidValue(f"has {name}, which {error}") from None
+
+
+def _read_linspace(value: Mapping[Any, Any]) -> tuple[float, ...]:
+    """Read the points of {linspace: [first, last, number]}; raises InvalidValue."""
+    if set(value) != {"linspace"} or not isinstance(value["linspace"], Sequence):
+        raise InvalidValue("takes a number, a list, or {linspace: [first, last, number]}.")
+    if len(value["linspace"]) != 3:
+        raise InvalidValue("has a linspace that is not [first, last, number].")
+    first, last, number = (read_real(item) for item in value["linspace"])
+    if number != int(number) or not 2 <= number <= MOST_CONDITIONS:
+        raise InvalidValue(f"has a linspace of {number:g} points, but takes 2 to {MOST_CONDITIONS}.")
+    return tuple(np.linspace(first, last, int(number)).tolist())
 
 
 Conditions = Annotated[
@@ -117,15 +123,23 @@ def unknown_name(name: str, allowed: Iterable[str]) -> str:
 
 
 def error_of_gaits(field: str, gaits: Iterable[str], model: Model) -> FieldError:
-    """Check the names of gaits in a field; return as `Measure.field_error` does."""
-    unknown = [gait for gait in gaits if gait not in model.gaits]
-    return (field, f"is {unknown_name(unknown[0], model.gaits)}") if unknown else None
+    """Check the names of gaits in a field; return as `Measure.field_error` does.
+
+    Args:
+        field: the field, for the error.
+        gaits: the names.
+        model: the model, which has the allowed names.
+    """
+    for gait in gaits:
+        if gait not in model.gaits:
+            return field, f"is {unknown_name(gait, model.gaits)}"
+    return None
 
 
 def error_of_column(formula: str, columns: Sequence[str]) -> FieldError:
     """Check a numeric column or a formula of such columns; return as `Measure.field_error` does."""
-    numbers = _numeric_columns(columns)
-    if formula in numbers:
+    numeric_columns = _numeric_columns(columns)
+    if formula in numeric_columns:
         return None
     try:
         names = names_in(formula)
@@ -133,28 +147,38 @@ def error_of_column(formula: str, columns: Sequence[str]) -> FieldError:
         return "of", f"is neither a column nor a formula: {error}"
     if not names:
         return "of", "has no column: it takes one, or a formula of columns."
-    unknown = sorted(names - set(numbers))
+    unknown = sorted(names - set(numeric_columns))
     if not unknown:
         return None
     verb = "is" if unknown == [formula] else "has"
-    return "of", f"{verb} {unknown_name(unknown[0], numbers)}"
+    return "of", f"{verb} {unknown_name(unknown[0], numeric_columns)}"
 
 
 def error_of_ranges(among: Mapping[str, tuple[float, float]] | None, columns: Sequence[str]) -> FieldError:
     """Check the columns of a field `among`; return as `Measure.field_error` does."""
-    numbers = _numeric_columns(columns)
-    unknown = [name for name in among or {} if name not in numbers]
-    return ("among", f"has {unknown_name(unknown[0], numbers)}") if unknown else None
+    numeric_columns = _numeric_columns(columns)
+    for name in among or {}:
+        if name not in numeric_columns:
+            return "among", f"has {unknown_name(name, numeric_columns)}"
+    return None
 
 
 def error_of_list(
     along: str, at: Mapping[str, Sequence[float]], measure: str, begins: str = ""
 ) -> FieldError:
-    """Check the list along which a measure goes; return as `Measure.field_error` does."""
+    """Check the list along which a measure goes; return as `Measure.field_error` does.
+
+    Args:
+        along: name of the parameter whose list it is.
+        at: the values of all conditions by name.
+        measure: the measure in words, with its article.
+        begins: the end of a sentence that says where the list begins.
+    """
     if along not in at:
         return "along", f"is {unknown_name(along, at)}"
-    if others := [name for name, values in at.items() if len(values) > 1 and name != along]:
-        return "at", f"has a list of {others[0]} too, but {measure} takes one list, that of {along}."
+    other_lists = [name for name, values in at.items() if len(values) > 1 and name != along]
+    if other_lists:
+        return "at", f"has a list of {other_lists[0]} too, but {measure} takes one list, that of {along}."
     steps = np.sign(np.diff(at[along]))
     if not steps.size or not (steps == steps[0]).all() or steps[0] == 0:
         return "at", f"has {along}, which {measure} takes as a list that rises or falls{begins}."
@@ -163,12 +187,12 @@ def error_of_list(
 
 def _numeric_columns(columns: Sequence[str]) -> list[str]:
     """Return the names of numeric columns, those at the rows' end also without suffix."""
-    numbers = [name for name in columns if name not in _NOT_NUMERIC and not names_gait(name)]
-    return [*numbers, *(name.removesuffix("_end") for name in numbers if name.endswith("_end"))]
+    numeric = [name for name in columns if name not in _NOT_NUMERIC and not names_gait(name)]
+    return [*numeric, *(name.removesuffix("_end") for name in numeric if name.endswith("_end"))]
 
 
 class Measured(NamedTuple):
-    """Values (n,) of a measure, NaN for sets without one, and the reasons `why` (n,), in a few words."""
+    """Values (n,) of a measure, NaN for sets without one, and `why` (n,) they have none, in a few words."""
 
     values: Float[np.ndarray, " sets"]
     why: Shaped[np.ndarray, " sets"]
@@ -183,7 +207,7 @@ class Measure(StrictModel):
     """A number that is measured of a set of constants."""
 
     on_map: ClassVar[bool] = False  # whether it is measured on the return map, not of rows
-    reads_angles: ClassVar[bool] = False  # whether its value is an angle where `of` is one
+    angle_field: ClassVar[str | None] = None  # its field for a column, whose value is an angle if that is one
     runs: ClassVar[tuple[type[RunKind], ...]] = ()  # run kinds that its field `run` may name
 
     at: Conditions = Field(description="parameters and starts of its rows by name; lists multiply")
@@ -195,9 +219,11 @@ class Measure(StrictModel):
 
     def circular(self, model: Model) -> bool:
         """Return whether its value is an angle."""
-        read = getattr(self, "of_", "")
-        angles = (q.name for q in model.observables if q.circular)
-        return self.reads_angles and any(read in (name, f"{name}_end") for name in angles)
+        if self.angle_field is None:
+            return False
+        column_name = getattr(self, self.angle_field)
+        angles = (quantity.name for quantity in model.observables if quantity.circular)
+        return any(column_name in (name, f"{name}_end") for name in angles)
 
     @abc.abstractmethod
     def unit(self, model: Model) -> str:
@@ -229,24 +255,39 @@ class RowMeasure(Measure):
 
     @abc.abstractmethod
     def of_sets(self, rows: SetRows, model: Model) -> Measured:
-        """Measure n sets from the last records of their rows, (n, conditions) each."""
+        """Measure n sets from the last records of their rows.
+
+        Args:
+            rows: columns (n, conditions) by name.
+            model: the model.
+        """
 
 
 def column(formula: str, rows: SetRows) -> Float[np.ndarray, "sets conditions"]:
     """Evaluate a column or a formula of columns for the rows of n sets: (n, conditions), NaN without a value.
 
     The column at the rows' end is preferred, since the name of an observable may be that of a start.
+
+    Args:
+        formula: the column or formula.
+        rows: columns (n, conditions) by name.
     """
-    if (name := _end(formula, rows)) in rows:
-        return rows[name].astype(float)
-    names = {name: rows[_end(name, rows)].astype(float) for name in names_in(formula)}
+    name_at_end = _end(formula, rows)
+    if name_at_end in rows:
+        return rows[name_at_end].astype(float)
+    used = {name: rows[_end(name, rows)].astype(float) for name in names_in(formula)}
     with np.errstate(all="ignore"):
-        values = evaluate(formula, names, functions_of(np))
+        values = evaluate(formula, used, functions_of(np))
     return np.broadcast_to(values, rows["status"].shape)
 
 
 def within(among: Mapping[str, tuple[float, float]], rows: SetRows) -> Bool[np.ndarray, "sets conditions"]:
-    """Return whether each row (n, conditions) is within all ranges, ends included."""
+    """Return a mask of the rows (n, conditions) that are within all ranges, ends included.
+
+    Args:
+        among: ranges (low, high) of columns by name.
+        rows: columns (n, conditions) by name.
+    """
     inside = np.ones(rows["status"].shape, bool)
     for name, (low, high) in among.items():
         values = column(name, rows)
@@ -255,19 +296,19 @@ def within(among: Mapping[str, tuple[float, float]], rows: SetRows) -> Bool[np.n
 
 
 def _end(name: str, columns: Iterable[str]) -> str:
-    """Return the column with the last value of a name."""
-    last = f"{name}_end"
-    return last if last in columns else name
+    """Return the name of the column at the rows' end, if there is one, else the name itself."""
+    name_at_end = f"{name}_end"
+    return name_at_end if name_at_end in columns else name
 
 
 def unit_of_parameter(name: str, model: Model) -> str:
     """Return the unit of a parameter, "1" if the model has none of this name."""
-    return {q.name: q.unit for q in model.parameters}.get(name, "1")
+    return {quantity.name: quantity.unit for quantity in model.parameters}.get(name, "1")
 
 
 def unit_of(formula: str, model: Model) -> str:
     """Return the unit of a column, "" for a formula."""
-    units = {q.name: q.unit for q in model.label_fields} | {"t_end": "s"}
+    units = {quantity.name: quantity.unit for quantity in model.label_fields} | {"t_end": "s"}
     for quantity in model.observables:
         units[quantity.name] = units[f"{quantity.name}_end"] = quantity.unit
     return units.get(formula, "1" if formula.isidentifier() else "")

@@ -11,7 +11,7 @@ import heapq
 import importlib.util
 import math
 from collections import deque
-from typing import Any, Protocol
+from typing import Any, Literal, NamedTuple, Protocol
 
 import numpy as np
 from jaxtyping import Float
@@ -19,15 +19,22 @@ from scipy.stats import qmc
 
 Point = Float[np.ndarray, " constants"]  # of the unit cube
 PointArray = Float[np.ndarray, "points constants"]
-METHODS = ("sobol", "cma", "nsga3")
+Scores = Float[np.ndarray, " points"]
+Misses = Float[np.ndarray, "points targets"]
+Method = Literal["sobol", "cma", "nsga3"]
+METHODS: tuple[Method, ...] = ("sobol", "cma", "nsga3")
 # Packages of the extra `search`.
 _PACKAGES = {"cma": "cma", "nsga3": "pymoo"}
-# Points of a strategy for each constant, at most: with more it learns hardly faster from each generation.
+# Points of a strategy for each constant, at most: more points hardly improve a generation.
 _MAX_PER_DIMENSION = 32
+_MIN_POINTS = 4  # of a strategy, which CMA-ES needs
 # The standard deviation with which a strategy begins, a share of the ranges.
 _WIDTH = 0.2
+# Doublings of the number of points of large strategies, at most.
+_MAX_DOUBLINGS = 3
 # Points of a Sobol sequence that are drawn at a time: a power of two, after which it is even.
 _DRAWN_AT_ONCE = 256
+_MAX_PARTITIONS = 100  # of the reference directions of a front
 
 
 class Optimiser(Protocol):
@@ -37,7 +44,7 @@ class Optimiser(Protocol):
         """Return the next points (n, constants) of the unit cube."""
         ...
 
-    def tell(self, scores: Float[np.ndarray, " points"], misses: Float[np.ndarray, "points targets"]) -> None:
+    def tell(self, scores: Scores, misses: Misses) -> None:
         """Report the scores of the points of the first `ask` that has none yet.
 
         Args:
@@ -47,14 +54,14 @@ class Optimiser(Protocol):
         ...
 
 
-def missing_package(method: str) -> str | None:
+def missing_package(method: Method) -> str | None:
     """Return the package that a method needs if it is not installed, else None."""
     package = _PACKAGES.get(method)
     return package if package is not None and importlib.util.find_spec(package) is None else None
 
 
 def optimiser(
-    method: str,
+    method: Method,
     *,
     dimension: int,
     targets: int,
@@ -90,17 +97,17 @@ class Sobol:
 
     def __init__(self, dimension: int, seed: int, known: PointArray | None = None) -> None:
         self.dimension = dimension
-        self._points = qmc.Sobol(dimension, rng=np.random.default_rng(seed))
-        self._drawn: list[PointArray] = [] if known is None else [known]
+        self._sequence = qmc.Sobol(dimension, rng=np.random.default_rng(seed))
+        self._drawn = np.zeros((0, dimension)) if known is None else known
 
     def ask(self, n: int) -> PointArray:
-        while sum(map(len, self._drawn)) < n:
-            self._drawn.append(self._points.random(_DRAWN_AT_ONCE))
-        points = np.concatenate(self._drawn)
-        self._drawn = [points[n:]]
-        return points[:n]
+        while len(self._drawn) < n:
+            self._drawn = np.concatenate([self._drawn, self._sequence.random(_DRAWN_AT_ONCE)])
+        points = self._drawn[:n]
+        self._drawn = self._drawn[n:]
+        return points
 
-    def tell(self, scores: Float[np.ndarray, " points"], misses: Float[np.ndarray, "points targets"]) -> None:
+    def tell(self, scores: Scores, misses: Misses) -> None:
         """Ignore the scores, on which no point of the sequence depends."""
 
 
@@ -121,30 +128,46 @@ class _Strategy:
             "tolfun": 1e-6,
             "tolx": 1e-6,
         }
-        self.size, self._dimension = size, middle.size
+        self._dimension = middle.size
         # the package does not support one dimension: a second is added, on which nothing depends
-        begun = [*middle, 0.5] if middle.size == 1 else list(middle)
-        self._strategy = cma.CMAEvolutionStrategy(begun, width, options)
+        begin = [*middle, 0.5] if middle.size == 1 else list(middle)
+        self._strategy = cma.CMAEvolutionStrategy(begin, width, options)
         self._asked: list[Any] = []
         self._scores: dict[int, float] = {}
 
     def ask(self) -> PointArray:
+        """Return the points of the next generation."""
         self._asked = self._strategy.ask()
         self._scores = {}
         return np.clip(np.array(self._asked)[:, : self._dimension], 0.0, 1.0)
 
     def tell(self, place: int, score: float) -> bool:
-        """Store a point's score; return True when the generation is complete."""
+        """Record the score of a point of the generation; return whether all of its points now have one.
+
+        A complete generation moves the strategy.
+
+        Args:
+            place: the point's place in the generation.
+            score: its score.
+        """
         self._scores[place] = score
         if len(self._scores) < len(self._asked):
             return False
-        self._strategy.tell(self._asked, [self._scores[i] for i in range(len(self._asked))])
+        self._strategy.tell(self._asked, [self._scores[number] for number in range(len(self._asked))])
         return True
 
     @property
     def is_over(self) -> bool:
         """Whether the strategy has converged, or no longer improves."""
         return bool(self._strategy.stop())
+
+
+class _AskedPoint(NamedTuple):
+    """A point without a score so far, of a strategy's generation, or of the Sobol start (no strategy)."""
+
+    point: Point
+    strategy: int | None = None  # its number
+    place: int = 0  # in the generation
 
 
 class Restarts:
@@ -157,100 +180,116 @@ class Restarts:
     """
 
     def __init__(self, sobol: Sobol, start: int, together: int, seed: int, width: float) -> None:
-        dimension = sobol.dimension
-        self._least = 4 + int(3 * np.log(dimension))
-        self._first = min(max(together, self._least), _MAX_PER_DIMENSION * dimension)
-        self._dimension = dimension
+        self._sobol = sobol
+        self._dimension = sobol.dimension
+        # points of a small strategy at least, and of the first large one
+        self._smallest = _MIN_POINTS + int(3 * np.log(self._dimension))
+        self._first_size = min(max(together, self._smallest), _MAX_PER_DIMENSION * self._dimension)
+        self._width = width
         self._rng = np.random.default_rng([seed, 1])
         # whole batches, so that a strategy's generation is one batch where it has as many points
-        self._sobol, self._start = sobol, -(-start // together) * together
+        self._start_left = math.ceil(start / together) * together
         # scores, numbers and points of the Sobol start, the best first (a heap)
-        self._begun: list[tuple[float, int, Point]] = []
-        self._scored = 0
-        self._waiting: deque[tuple[int, int, Point]] = deque()  # strategy, place, point
+        self._start_points: list[tuple[float, int, Point]] = []
+        self._start_scored = 0
         self._strategies: dict[int, _Strategy] = {}
-        self._asked: deque[list[tuple[int, int, Point]]] = deque()
-        self._number = 0
-        self._width = width
+        self._begun = 0
+        self._queue: deque[_AskedPoint] = deque()
+        self._asked: deque[list[_AskedPoint]] = deque()
         self._doublings = 0
-        self._spent = {"small": 0, "large": 0}
+        self._points_of_small = 0
+        self._points_of_large = 0
 
     def ask(self, n: int) -> PointArray:
-        asked: list[tuple[int, int, Point]] = []
-        while len(asked) < n:
-            if self._start > 0:
-                point = self._sobol.ask(1)[0]
-                self._start -= 1
-                asked.append((-1, 0, point))
-                continue
-            if not self._waiting:
-                self._begin()
-            asked.append(self._waiting.popleft())
+        asked = [self._next_point() for _ in range(n)]
         self._asked.append(asked)
-        return np.array([point for _, _, point in asked])
+        return np.array([asked_point.point for asked_point in asked])
 
-    def tell(self, scores: Float[np.ndarray, " points"], misses: Float[np.ndarray, "points targets"]) -> None:
-        for (number, place, point), score in zip(self._asked.popleft(), scores, strict=True):
-            if number < 0:
-                heapq.heappush(self._begun, (float(score), self._scored, point))
-                self._scored += 1
-                continue
-            strategy = self._strategies[number]
-            if not strategy.tell(place, float(score)):
-                continue
-            if strategy.is_over:
-                del self._strategies[number]
+    def tell(self, scores: Scores, misses: Misses) -> None:
+        for (point, number, place), score in zip(self._asked.popleft(), scores, strict=True):
+            if number is None:
+                heapq.heappush(self._start_points, (float(score), self._start_scored, point))
+                self._start_scored += 1
             else:
-                self._queue(number)
+                self._tell_strategy(number, place, float(score))
 
-    def _begin(self) -> None:
-        """Begin a strategy: a large one if the small ones have had more points, else a small one."""
-        if self._spent["large"] <= self._spent["small"]:
-            size, width, regime = self._first * 2**self._doublings, self._width, "large"
-            self._doublings = min(self._doublings + 1, 3)
+    def _next_point(self) -> _AskedPoint:
+        """Return the next point of the Sobol start, then of the strategies; begin one if none has points."""
+        if self._start_left > 0:
+            self._start_left -= 1
+            return _AskedPoint(self._sobol.ask(1)[0])
+        if not self._queue:
+            self._begin_strategy()
+        return self._queue.popleft()
+
+    def _tell_strategy(self, number: int, place: int, score: float) -> None:
+        """Report a score to a strategy, which is queued again after each generation until it is over."""
+        strategy = self._strategies[number]
+        if not strategy.tell(place, score):
+            return
+        if strategy.is_over:
+            del self._strategies[number]
+        else:
+            self._queue_generation(number)
+
+    def _begin_strategy(self) -> None:
+        """Begin a strategy: a large one if the small ones have had as many points, else a small one."""
+        large_size = self._first_size * 2**self._doublings
+        if self._points_of_large <= self._points_of_small:
+            size = large_size
+            width = self._width
+            self._doublings = min(self._doublings + 1, _MAX_DOUBLINGS)
+            self._points_of_large += size
         else:
             share = self._rng.random() ** 2
-            size = int(self._least * (0.5 * self._first * 2**self._doublings / self._least) ** share)
+            size = int(self._smallest * (0.5 * large_size / self._smallest) ** share)
             width = self._width * 10.0 ** (-2.0 * self._rng.random())
-            regime = "small"
-        self._spent[regime] += size
-        middle = heapq.heappop(self._begun)[2] if self._begun else self._rng.random(self._dimension)
+            self._points_of_small += size
+        middle = self._rng.random(self._dimension) if not self._start_points else self._best_start_point()
         seed = int(self._rng.integers(2**63))
-        self._strategies[self._number] = _Strategy(middle, width, max(size, 4), seed)
-        self._queue(self._number)
-        self._number += 1
+        self._strategies[self._begun] = _Strategy(middle, width, max(size, _MIN_POINTS), seed)
+        self._queue_generation(self._begun)
+        self._begun += 1
 
-    def _queue(self, number: int) -> None:
+    def _best_start_point(self) -> Point:
+        """Remove the best point of the Sobol start, and return it."""
+        _, _, point = heapq.heappop(self._start_points)
+        return point
+
+    def _queue_generation(self, number: int) -> None:
         """Queue the points of a strategy's next generation."""
         points = self._strategies[number].ask()
-        self._waiting.extend((number, place, point) for place, point in enumerate(points))
+        self._queue.extend(_AskedPoint(point, number, place) for place, point in enumerate(points))
 
 
 class Front:
     """Pareto front of sets (NSGA-III), which begins with a Sobol sequence."""
 
     def __init__(self, sobol: Sobol, targets: int, seed: int) -> None:
-        self._dimension, self._targets, self._seed = sobol.dimension, targets, seed
         self._sobol = sobol
-        self._algorithm: Any = None
+        self._targets = targets
+        self._seed = seed
+        self._algorithm: Any = None  # of pymoo, set up by the first `ask`
         self._asked: deque[Any] = deque()
 
     def ask(self, n: int) -> PointArray:
         from pymoo.core.population import Population
 
-        begins = self._algorithm is None
-        if begins:
-            self._algorithm = self._first(n)
-        # before the first scores there is no parent
-        breeds = begins or self._algorithm.is_initialized
-        offspring = self._algorithm.infill() if breeds else Population()
+        if self._algorithm is None:
+            self._algorithm = self._set_up(n)
+            offspring = self._algorithm.infill()
+        elif self._algorithm.is_initialized:
+            offspring = self._algorithm.infill()
+        else:  # before the first scores there are no parents
+            offspring = Population()
         if len(offspring) < n:  # duplicates are left out
-            more = Population.new("X", self._sobol.ask(n - len(offspring)))
-            offspring = Population.merge(offspring, more)
-        self._asked.append(offspring[:n])
-        return np.clip(self._asked[-1].get("X"), 0.0, 1.0)
+            sobol_points = Population.new("X", self._sobol.ask(n - len(offspring)))
+            offspring = Population.merge(offspring, sobol_points)
+        asked: Any = offspring[:n]
+        self._asked.append(asked)
+        return np.clip(asked.get("X"), 0.0, 1.0)
 
-    def tell(self, scores: Float[np.ndarray, " points"], misses: Float[np.ndarray, "points targets"]) -> None:
+    def tell(self, scores: Scores, misses: Misses) -> None:
         from pymoo.core.evaluator import Evaluator
         from pymoo.problems.static import StaticProblem
 
@@ -258,14 +297,14 @@ class Front:
         Evaluator().eval(StaticProblem(self._algorithm.problem, F=np.abs(misses)), asked)
         self._algorithm.advance(infills=asked)
 
-    def _first(self, n: int) -> Any:
-        """Set up NSGA-III with its first n points."""
+    def _set_up(self, n: int) -> Any:
+        """Create NSGA-III with its first n points."""
         from pymoo.algorithms.moo.nsga3 import NSGA3
         from pymoo.core.problem import Problem
 
-        first: Any = self._sobol.ask(n)  # in the place of pymoo's own random points
-        algorithm = NSGA3(_directions(self._targets, n), pop_size=n, n_offsprings=n, sampling=first)
-        problem = Problem(n_var=self._dimension, n_obj=self._targets, xl=0.0, xu=1.0)
+        points: Any = self._sobol.ask(n)  # in the place of pymoo's own random points
+        algorithm = NSGA3(_directions(self._targets, n), pop_size=n, n_offsprings=n, sampling=points)
+        problem = Problem(n_var=self._sobol.dimension, n_obj=self._targets, xl=0.0, xu=1.0)
         algorithm.setup(problem, termination=("n_gen", 10**9), seed=self._seed)
         return algorithm
 
@@ -274,7 +313,8 @@ def _directions(targets: int, most: int) -> Float[np.ndarray, "directions target
     """Return reference directions (n, targets) of a front, at most `most` if possible."""
     from pymoo.util.ref_dirs import get_reference_directions
 
-    parts = 1
-    while math.comb(targets + parts, targets - 1) <= most and parts < 100:
-        parts += 1
-    return get_reference_directions("das-dennis", targets, n_partitions=parts)
+    partitions = 1
+    # `comb` is the number of directions with one more partition
+    while math.comb(targets + partitions, targets - 1) <= most and partitions < _MAX_PARTITIONS:
+        partitions += 1
+    return get_reference_directions("das-dennis", targets, n_partitions=partitions)

@@ -28,11 +28,15 @@ from gaitsweep.schema.numbers import Count, CountOrZero, Text
 from gaitsweep.status import Status
 
 Column = Shaped[np.ndarray, " crossings"]
-_SUFFIX = "_n"
+# Codes of the crossings of a transition: the gait that gives way, the one that follows, or another.
+_FROM = "from"
+_TO = "to"
+_NEITHER = "neither"
+_SUFFIX = "_n"  # of the columns of observables at a crossing
 
 
 class Crossings(NamedTuple):
-    """The crossings of one row of a ramp, in their order: columns (k,), and the row's status."""
+    """Crossings of one row of a ramp, in their order: columns (k,), and the row's status."""
 
     columns: Mapping[str, Column]
     status: str
@@ -54,36 +58,44 @@ class RampMeasure(Measure):
 
     @abc.abstractmethod
     def of_rows(self, rows: Sequence[Sequence[Crossings]], model: Model) -> Measured:
-        """Measure n sets, each with a row for every condition."""
+        """Measure n sets.
+
+        Args:
+            rows: the rows of each set, one for every condition.
+            model: the model.
+        """
 
     @abc.abstractmethod
     def name_error(self, columns: Sequence[str], model: Model) -> FieldError:
-        """Return as `field_error` does, for the names of gaits and columns."""
+        """Check names of gaits and columns and the pass; return as `field_error` does."""
 
     def _in_pass(self, row: Crossings, number: int | None) -> dict[str, Column]:
         """Return the crossings at which the parameter moves, of one pass or of all."""
         columns = row.columns
         with np.errstate(invalid="ignore"):  # a row without crossings has a record without numbers
-            counts = (columns["t"] >= self.run.initial_dwell) & (columns["crossing"] > 0)
+            moves = (columns["t"] >= self.run.initial_dwell) & (columns["crossing"] > 0)
         if number is not None:
-            counts &= columns["pass"] == number
-        return {name: values[counts] for name, values in columns.items()}
+            moves &= columns["pass"] == number
+        return {name: values[moves] for name, values in columns.items()}
+
+    def _pass_error(self, number: int | None) -> FieldError:
+        """Check the number of a pass; return as `field_error` does."""
+        passes = len(self.run.path) - 1
+        if number is None or number < passes:
+            return None
+        return "pass", f"is {number}, but the path has {passes} passes, of which the first is 0."
 
     def field_error(self, columns: Sequence[str], model: Model) -> FieldError:
         if self.run.parameter in self.at:
             return "at", f"sets {self.run.parameter}, which the ramp moves: take it out."
-        number = getattr(self, "pass_", None)
-        passes = len(self.run.path) - 1
-        if number is not None and number >= passes:
-            return "pass", f"is {number}, but the path has {passes} passes, of which the first is 0."
         return self.name_error(columns, model)
 
 
 class Transition(RampMeasure):
     """Value at which one gait first gives way to another in a pass; the mean over the rows.
 
-    It is the middle between the last crossing that has the one gait and the first that has the other. Between
-    them may be what lasts shorter than `least` crossings, or is neither of the two.
+    It is the middle between the last crossing with the one gait and the first with the other. Gaits that last
+    less than `least` crossings may lie between them, and so may crossings with neither of the two.
     """
 
     kind: Literal["transition"] = Field(
@@ -101,11 +113,14 @@ class Transition(RampMeasure):
     )
 
     def of_rows(self, rows: Sequence[Sequence[Crossings]], model: Model) -> Measured:
-        values, why = np.full(len(rows), np.nan), np.full(len(rows), "", object)
+        values = np.full(len(rows), np.nan)
+        why = np.full(len(rows), "", object)
         for number, rows_of_set in enumerate(rows):
             transitions = [self._transition(row) for row in rows_of_set]
-            why[number] = next((reason for _, reason in transitions if reason), "")
-            if not why[number]:
+            reasons = [reason for _, reason in transitions if reason]
+            if reasons:
+                why[number] = reasons[0]
+            else:
                 values[number] = np.mean([value for value, _ in transitions])
         return Measured(values, why)
 
@@ -115,13 +130,15 @@ class Transition(RampMeasure):
             return np.nan, row.status
         columns = self._in_pass(row, self.pass_)
         gaits = columns["gait"]
-        sides = np.where(np.isin(gaits, self.gait), "gait", np.where(np.isin(gaits, self.to), "to", ""))
-        bouts = [bout for bout in _bouts(sides, self.least) if bout.code]
+        sides = np.full(gaits.size, _NEITHER, object)
+        sides[np.isin(gaits, self.to)] = _TO
+        sides[np.isin(gaits, self.gait)] = _FROM
+        bouts = [bout for bout in _bouts(sides, self.least) if bout.code != _NEITHER]
         for before, after in itertools.pairwise(bouts):
-            if (before.code, after.code) == ("gait", "to"):
+            if before.code == _FROM and after.code == _TO:
                 # observables are read by their own names too
-                columns |= {name.removesuffix(_SUFFIX): values for name, values in columns.items()}
-                values = column(self.of_ or self.run.parameter, columns)
+                by_own_name = {name.removesuffix(_SUFFIX): values for name, values in columns.items()}
+                values = column(self.of_ or self.run.parameter, columns | by_own_name)
                 return float(0.5 * (values[before.last] + values[after.first])), ""
         return np.nan, f"no {' or '.join(self.to)} after {' or '.join(self.gait)}"
 
@@ -133,25 +150,27 @@ class Transition(RampMeasure):
         return unit_of(self.of_, model)
 
     def name_error(self, columns: Sequence[str], model: Model) -> FieldError:
-        error = error_of_gaits("gait", self.gait, model) or error_of_gaits("to", self.to, model)
+        error = self._pass_error(self.pass_)
+        error = error or error_of_gaits("gait", self.gait, model) or error_of_gaits("to", self.to, model)
         if error is not None:
             return error
-        if both := [gait for gait in self.to if gait in self.gait]:
-            return "to", f"has {both[0]}, which is in gait too."
+        in_both = [gait for gait in self.to if gait in self.gait]
+        if in_both:
+            return "to", f"has {in_both[0]}, which is in gait too."
         if self.of_ is None:
             return None
-        circular = [q.name for q in model.observables if q.circular]
+        circular = [quantity.name for quantity in model.observables if quantity.circular]
         if self.of_.removesuffix(_SUFFIX) in circular:
             return "of", f"is {self.of_}, an angle, which has no middle between two crossings."
         return error_of_column(self.of_, [name.removesuffix(_SUFFIX) for name in columns])
 
 
 class GaitSequence(RampMeasure):
-    """Share of some gaits that follow each other in an order: 1 where all do; the mean over the rows.
+    """Share of a list of gaits that occurs in its order: 1 where all do; the mean over the rows.
 
-    Of a row it is the longest part of the list that occurs in its order, as a share of the list. Others may
-    stand between, unless `only` is set: then it is a share of the gaits that the row shows, if these are
-    more. A row that falls has none.
+    In a row it is the longest part of the list that occurs in its order, as a share of the list. Other gaits
+    may lie between, unless `only` is set: then it is a share of the gaits that the row shows, if these are
+    more. The share of a row that falls is 0.
     """
 
     kind: Literal["sequence"] = Field(
@@ -168,33 +187,42 @@ class GaitSequence(RampMeasure):
         return Measured(values, np.full(values.size, "", object))
 
     def _share(self, row: Crossings) -> float:
-        """The share of the list in a row."""
+        """Return the share of the list in a row."""
         if row.status in Status.FAILED:
             return 0.0
         gaits = self._in_pass(row, self.pass_)["gait"]
+        bouts = [bout.code for bout in _bouts(gaits, self.least)]
         # bouts shorter than `least` do not separate two bouts of a gait
-        sequence = [gait for gait, _ in itertools.groupby(bout.code for bout in _bouts(gaits, self.least))]
-        counted = max(len(self.gaits), len(sequence)) if self.only else len(self.gaits)
-        return _in_order(sequence, self.gaits) / counted
+        sequence = [gait for gait, _ in itertools.groupby(bouts)]
+        length = len(self.gaits)
+        if self.only:
+            length = max(length, len(sequence))
+        return _count_in_order(sequence, self.gaits) / length
 
     def unit(self, model: Model) -> str:
         return "1"
 
     def name_error(self, columns: Sequence[str], model: Model) -> FieldError:
-        return error_of_gaits("gaits", itertools.chain(*self.gaits), model)
+        gaits = itertools.chain(*self.gaits)
+        return self._pass_error(self.pass_) or error_of_gaits("gaits", gaits, model)
 
 
 def crossings_of(table: Mapping[str, Column], n_rows: int) -> list[Crossings]:
-    """Split a ramp's table, whose records are in the order of its rows 0..n_rows-1, by rows."""
-    ends = np.searchsorted(table["row"], np.arange(n_rows + 1))
+    """Split the table of a ramp by its rows.
+
+    Args:
+        table: columns of the records by name, in the order of the rows.
+        n_rows: the number of rows, each of which has a record.
+    """
+    bounds = np.searchsorted(table["row"], np.arange(n_rows + 1)).tolist()
     return [
-        Crossings({name: values[a:b] for name, values in table.items()}, str(table["status"][a]))
-        for a, b in itertools.pairwise(ends.tolist())
+        Crossings({name: values[first:stop] for name, values in table.items()}, str(table["status"][first]))
+        for first, stop in itertools.pairwise(bounds)
     ]
 
 
 class _Bout(NamedTuple):
-    """A run of equal codes, and the places of its first and its last one."""
+    """A run of equal codes, and the positions of its first and its last one."""
 
     code: str
     first: int
@@ -203,12 +231,17 @@ class _Bout(NamedTuple):
 
 def _bouts(codes: Column, least: int) -> list[_Bout]:
     """Find the runs of `least` equal codes (k,) or more."""
-    ends = [0, *(1 + np.flatnonzero(codes[1:] != codes[:-1])).tolist(), codes.size]
-    return [_Bout(str(codes[a]), a, b - 1) for a, b in itertools.pairwise(ends) if b - a >= least]
+    changes = 1 + np.flatnonzero(codes[1:] != codes[:-1])
+    bounds = [0, *changes.tolist(), codes.size]
+    return [
+        _Bout(str(codes[first]), first, stop - 1)
+        for first, stop in itertools.pairwise(bounds)
+        if stop - first >= least
+    ]
 
 
-def _in_order(sequence: Sequence[str], groups: Sequence[Sequence[str]]) -> int:
-    """Count the groups with a gait in a sequence, in their order: the longest common subsequence."""
+def _count_in_order(sequence: Sequence[str], groups: Sequence[Sequence[str]]) -> int:
+    """Count the groups that occur in a sequence, in their order: the longest common subsequence."""
     longest = np.zeros((len(sequence) + 1, len(groups) + 1), int)
     for i, gait in enumerate(sequence, start=1):
         for j, group in enumerate(groups, start=1):

@@ -16,7 +16,7 @@ from gaitsweep.fitting.free_parameters import FreeParameter, Sets
 from gaitsweep.fitting.measure import Conditions, FieldError, Measure
 from gaitsweep.fitting.targets import Target, TargetValue
 from gaitsweep.kinds import RunKind
-from gaitsweep.schema.diagnostics import Diagnostic, JobError
+from gaitsweep.schema.diagnostics import Diagnostic, refuse
 from gaitsweep.schema.numbers import Count, Positive, Seed, Text
 
 # The name of the target, and of its column.
@@ -24,7 +24,7 @@ ROBUST = "robust"
 
 
 class Robust(TargetValue):
-    """The share of a set's random neighbours that should keep some targets."""
+    """Target of the share of a set's random neighbours that keep some targets."""
 
     within: Positive = Field(description="largest change of each constant, as a share of its value, below 1")
     targets: list[Text] = Field(
@@ -39,7 +39,7 @@ class Robust(TargetValue):
 
 
 class ShareKept(Measure):
-    """The share of a set's neighbours that keep some targets."""
+    """Share of a set's neighbours that keep some targets; `share_kept` computes it."""
 
     kind: Literal["robust"] = Field(description="robust: the share of neighbours that keep the targets named")
     at: Conditions = Field(default_factory=dict, description="no rows of its own")
@@ -57,23 +57,30 @@ class ShareKept(Measure):
 
 def robust_target(robust: Robust) -> Target:
     """Return the target of the field `robust` of a search."""
-    return Target(ROBUST, ShareKept(kind="robust"), robust)
+    return Target(ShareKept(kind="robust"), robust)
 
 
 def check_robust(
     robust: Robust, free: Mapping[str, FreeParameter], targets: Mapping[str, Target]
 ) -> list[Diagnostic]:
-    """Check the field against the search's constants and targets."""
-    path, wrong = ("search", ROBUST), []
+    """Check the field `robust` of a search; return the diagnostics.
+
+    Args:
+        robust: the field.
+        free: the free constants by name.
+        targets: the other targets by name.
+    """
+    path = ("search", ROBUST)
+    wrong = []
     if robust.within >= 1.0:
         wrong.append(Diagnostic((*path, "within"), f"is {robust.within:g}, but is a share below 1."))
-    for place, name in enumerate(robust.targets):
+    for number, name in enumerate(robust.targets):
         if name not in targets:
             text = f"is {name}, which is not a target{near_miss.suggestion(name, targets)}"
-            wrong.append(Diagnostic((*path, "targets", place), text))
-    for place, name in enumerate(robust.constants):
+            wrong.append(Diagnostic((*path, "targets", number), text))
+    for number, name in enumerate(robust.constants):
         if name in free:
-            wrong.append(Diagnostic((*path, "constants", place), f"is {name}, which is free and changes."))
+            wrong.append(Diagnostic((*path, "constants", number), f"is {name}, which is free and changes."))
     if ROBUST in targets:
         text = "has the name of the column of search.robust: take another."
         wrong.append(Diagnostic(("search", "targets", ROBUST), text))
@@ -81,27 +88,32 @@ def check_robust(
 
 
 def own_constants(robust: Robust, fit: FitJob) -> dict[str, float]:
-    """Return the values of the job's own constants that change.
+    """Return the values of the job's own constants that change, by name.
+
+    Args:
+        robust: the field that names them.
+        fit: the job.
 
     Raises:
         JobError: the model does not have a name, or its value is a formula.
     """
     job = fit.job_of(fit.structures[0])
-    parameters = {q.name: q for q in job.design.model.parameters}
+    parameters = {quantity.name: quantity for quantity in job.design.model.parameters}
     values: dict[str, float] = {}
     wrong = []
-    for place, name in enumerate(robust.constants):
-        setting = job.design.settings.get(name, parameters[name].default if name in parameters else None)
+    for number, name in enumerate(robust.constants):
+        path = ("search", ROBUST, "constants", number)
         if name not in parameters:
             text = f"is {name}, which is not a parameter{near_miss.suggestion(name, parameters)}"
-        elif not isinstance(setting, int | float):
-            text = f"is {name}, whose value is {setting}: only a number can change by a share of itself."
-        else:
-            values[name] = float(setting)
+            wrong.append(Diagnostic(path, text))
             continue
-        wrong.append(Diagnostic(("search", ROBUST, "constants", place), text))
-    if wrong:
-        raise JobError(wrong)
+        setting = job.design.settings.get(name, parameters[name].default)
+        if isinstance(setting, int | float):
+            values[name] = float(setting)
+        else:
+            text = f"is {name}, whose value is {setting}: only a number can change by a share of itself."
+            wrong.append(Diagnostic(path, text))
+    refuse(wrong)
     return values
 
 

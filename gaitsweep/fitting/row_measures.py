@@ -1,4 +1,4 @@
-"""Measures of the last records of rows: values, edges and orders of gaits, shares of starts."""
+"""Measures of the last records of rows, such as values, edges and orders of gaits, and shares of starts."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ from gaitsweep.status import Status
 
 
 class Value(RowMeasure):
-    """The mean of a column over rows, that of angles on the circle; no value if one of them is not sound."""
+    """Mean of a column over rows, of angles on the circle; no value if one of the rows is not sound."""
 
-    reads_angles: ClassVar[bool] = True
+    angle_field: ClassVar[str | None] = "of_"
 
     kind: Literal["value"] = Field(description="value: a column of a row's last record")
     of_: Text = Field(alias="of", description="the column, such as an observable, or a formula of columns")
@@ -49,10 +49,10 @@ class Value(RowMeasure):
             values = np.angle(np.mean(np.exp(1j * of_rows), axis=1)) if circular else of_rows.mean(axis=1)
             without_rows = np.zeros(len(values), bool)
         else:
-            counts = within(self.among, rows)
-            unsound = unsound & counts
-            without_rows = ~counts.any(axis=1)
-            values = _mean(of_rows, counts, circular=self.circular(model))
+            is_counted = within(self.among, rows)
+            unsound = unsound & is_counted
+            without_rows = ~is_counted.any(axis=1)
+            values = _mean(of_rows, is_counted, circular=self.circular(model))
         why = _why_none(self.of_, rows["status"], unsound, np.isfinite(values))
         why = np.where(without_rows, _no_row(self.among), why)
         return Measured(np.where(why == "", values, np.nan), why)
@@ -76,10 +76,11 @@ class Edge(RowMeasure):
 
     def of_sets(self, rows: SetRows, model: Model) -> Measured:
         holds = np.asarray(self.at[self.along])
-        has = (rows["gait"] == self.gait) & ~Status.FAILED.among(rows["status"])
-        first = np.where(has.all(axis=1), holds.size, np.argmin(has, axis=1))
-        never, always = first == 0, first == holds.size
-        after = np.clip(first, 1, holds.size - 1)
+        has_gait = (rows["gait"] == self.gait) & ~Status.FAILED.among(rows["status"])
+        first_lost = np.where(has_gait.all(axis=1), holds.size, np.argmin(has_gait, axis=1))
+        never = first_lost == 0
+        always = first_lost == holds.size
+        after = np.clip(first_lost, 1, holds.size - 1)
         values = np.where(never | always, np.nan, 0.5 * (holds[after - 1] + holds[after]))
         why = np.where(never, f"no {self.gait} at {self.along} = {holds[0]:g}", "")
         why = np.where(always, f"{self.gait} is not lost by {self.along} = {holds[-1]:g}", why)
@@ -94,18 +95,17 @@ class Edge(RowMeasure):
 
 
 class Share(RowMeasure):
-    """The share of rows that end in a gait; failed rows have none."""
+    """Share of rows that end in a gait; failed rows have no gait."""
 
     kind: Literal["share"] = Field(description="share: of rows that end in a gait, such as a basin's")
     gait: Gaits = Field(description="the gait, or a list of which each counts")
     among: Ranges | None = AMONG
 
     def of_sets(self, rows: SetRows, model: Model) -> Measured:
-        has = np.isin(rows["gait"], self.gait) & ~Status.FAILED.among(rows["status"])
+        has_gait = np.isin(rows["gait"], self.gait) & ~Status.FAILED.among(rows["status"])
         if self.among is None:
-            return _always(has.mean(axis=1))
-        counts = within(self.among, rows)
-        values = _mean(has.astype(float), counts)
+            return _without_missing(has_gait.mean(axis=1))
+        values = _mean(has_gait.astype(float), within(self.among, rows))
         return Measured(values, np.where(np.isnan(values), _no_row(self.among), ""))
 
     def unit(self, model: Model) -> str:
@@ -116,9 +116,9 @@ class Share(RowMeasure):
 
 
 class Coexistence(RowMeasure):
-    """The length of a parameter's range in which holds keep each of several gaits, from some start.
+    """Length of a parameter's range in which holds keep each of several gaits, from some start.
 
-    Each value of the list stands for half of the way to its neighbours.
+    Each value of the list represents half of the distance to its neighbours (trapezoidal rule).
     """
 
     kind: Literal["coexistence"] = Field(
@@ -128,28 +128,30 @@ class Coexistence(RowMeasure):
     along: Text = Field(description="the parameter, whose list stands in `at` beside those of starts")
 
     def of_sets(self, rows: SetRows, model: Model) -> Measured:
-        stands = ~Status.FAILED.among(rows["status"])
+        not_failed = ~Status.FAILED.among(rows["status"])
         lengths = [len(values) for values in self.at.values()]
         axis = list(self.at).index(self.along)
-        together = np.ones((len(stands), lengths[axis]), bool)
+        coexist = np.ones((len(not_failed), lengths[axis]), bool)
         for group in self.gaits:
-            has = (np.isin(rows["gait"], group) & stands).reshape(-1, *lengths)
-            together &= np.moveaxis(has, axis + 1, 1).reshape(*together.shape, -1).any(axis=2)
-        return _always(np.abs(np.trapezoid(together.astype(float), self.at[self.along])))
+            has_gait = (np.isin(rows["gait"], group) & not_failed).reshape(-1, *lengths)
+            # values of the parameter, then all starts
+            by_value = np.moveaxis(has_gait, axis + 1, 1).reshape(*coexist.shape, -1)
+            coexist &= by_value.any(axis=2)
+        return _without_missing(np.abs(np.trapezoid(coexist.astype(float), self.at[self.along])))
 
     def unit(self, model: Model) -> str:
         return unit_of_parameter(self.along, model)
 
     def field_error(self, columns: Sequence[str], model: Model) -> FieldError:
-        alone = {name: values for name, values in self.at.items() if name == self.along}
+        only_along = {name: values for name, values in self.at.items() if name == self.along}
         error = error_of_gaits("gaits", itertools.chain(*self.gaits), model)
-        return error or error_of_list(self.along, alone, "a coexistence")
+        return error or error_of_list(self.along, only_along, "a coexistence")
 
 
 class Order(RowMeasure):
-    """The least step between the medians of a column in successive groups of gaits: above 0 in their order.
+    """Least step between the medians of a column in successive groups of gaits: above 0 in their order.
 
-    A group that no sound row shows leaves it without a value.
+    It has no value if no sound row shows one of the groups.
     """
 
     kind: Literal["order"] = Field(
@@ -163,10 +165,10 @@ class Order(RowMeasure):
         values = column(self.of_, rows)
         medians = np.full((len(sound), len(self.gaits)), np.nan)
         why = np.full(len(sound), "", object)
-        for place, group in enumerate(self.gaits):
+        for number, group in enumerate(self.gaits):
             in_group = np.isin(rows["gait"], group) & sound & np.isfinite(values)
             has_group = in_group.any(axis=1)
-            medians[has_group, place] = np.nanmedian(np.where(in_group, values, np.nan)[has_group], axis=1)
+            medians[has_group, number] = np.nanmedian(np.where(in_group, values, np.nan)[has_group], axis=1)
             why = np.where((why == "") & ~has_group, f"no {' or '.join(group)}", why)
         return Measured(np.diff(medians, axis=1).min(axis=1), why)
 
@@ -177,16 +179,17 @@ class Order(RowMeasure):
         gaits = list(itertools.chain(*self.gaits))
         if (error := error_of_gaits("gaits", gaits, model)) is not None:
             return error
-        if twice := [gait for gait in gaits if gaits.count(gait) > 1]:
-            return "gaits", f"has {twice[0]} twice."
+        repeated = [gait for gait in gaits if gaits.count(gait) > 1]
+        if repeated:
+            return "gaits", f"has {repeated[0]} twice."
         return error_of_column(self.of_, columns)
 
 
 class Prominence(RowMeasure):
-    """Depth by which a column falls between both ends of a list and rises again: its minimum's prominence.
+    """Prominence of the minimum of a column along a list: the depth by which it falls and rises again.
 
-    It is the smaller of the largest values on the two sides of the least inner value, less that value:
-    positive where the curve is large, small, large.
+    It is the smaller of the largest values on the two sides of the least inner value, less that value: it is
+    positive if the column falls and rises again between the ends.
     """
 
     kind: Literal["prominence"] = Field(
@@ -198,12 +201,12 @@ class Prominence(RowMeasure):
     def of_sets(self, rows: SetRows, model: Model) -> Measured:
         unsound = ~Status.SOUND.among(rows["status"])
         curve = column(self.of_, rows)
-        least = 1 + curve[:, 1:-1].argmin(axis=1)
-        places = np.arange(curve.shape[1])
-        sides = [places < least[:, None], places > least[:, None]]
-        peaks = [np.where(side, curve, -np.inf).max(axis=1) for side in sides]
+        minimum = 1 + curve[:, 1:-1].argmin(axis=1)
+        points = np.arange(curve.shape[1])
+        peak_before = np.where(points < minimum[:, None], curve, -np.inf).max(axis=1)
+        peak_after = np.where(points > minimum[:, None], curve, -np.inf).max(axis=1)
         with np.errstate(invalid="ignore"):  # of curves that are not finite
-            values = np.minimum(*peaks) - curve[np.arange(len(curve)), least]
+            values = np.minimum(peak_before, peak_after) - curve[np.arange(len(curve)), minimum]
         finite = np.asarray(np.isfinite(curve).all(axis=1))
         why = _why_none(self.of_, rows["status"], unsound, finite)
         return Measured(np.where(why == "", values, np.nan), why)
@@ -220,12 +223,12 @@ class Prominence(RowMeasure):
 
 
 class Failures(RowMeasure):
-    """The share of rows that fail: fall, diverge, stall."""
+    """Share of rows that fail: fall, diverge or stall."""
 
     kind: Literal["failures"] = Field(description="failures: the share of rows that fall or fail otherwise")
 
     def of_sets(self, rows: SetRows, model: Model) -> Measured:
-        return _always(Status.FAILED.among(rows["status"]).mean(axis=1))
+        return _without_missing(Status.FAILED.among(rows["status"]).mean(axis=1))
 
     def unit(self, model: Model) -> str:
         return "1"
@@ -236,16 +239,16 @@ class Failures(RowMeasure):
 
 def _mean(
     values: Float[np.ndarray, "sets conditions"],
-    counts: Bool[np.ndarray, "sets conditions"],
+    is_counted: Bool[np.ndarray, "sets conditions"],
     *,
     circular: bool = False,
 ) -> Float[np.ndarray, " sets"]:
-    """Average the values (n, conditions) that count, on the circle or not; NaN without any."""
-    number = counts.sum(axis=1)
-    per_row = np.where(number > 0, 1.0 / np.maximum(number, 1), np.nan)
+    """Average the values that are counted, on the circle or not; NaN without any."""
+    number = is_counted.sum(axis=1)
+    weight = np.where(number > 0, 1.0 / np.maximum(number, 1), np.nan)
     if circular:
-        return np.angle(per_row * np.where(counts, np.exp(1j * values), 0.0).sum(axis=1))
-    return per_row * np.where(counts, values, 0.0).sum(axis=1)
+        return np.angle(weight * np.where(is_counted, np.exp(1j * values), 0.0).sum(axis=1))
+    return weight * np.where(is_counted, values, 0.0).sum(axis=1)
 
 
 def _why_none(
@@ -255,16 +258,16 @@ def _why_none(
     finite: Bool[np.ndarray, " sets"],
 ) -> Shaped[np.ndarray, " sets"]:
     """Return why sets (n,) have no value of a column: a row is not sound, or a number is missing; else ""."""
-    first = status[np.arange(len(status)), unsound.argmax(axis=1)]
-    return np.where(unsound.any(axis=1), first, np.where(finite, "", f"{name} is missing"))
+    first_unsound = status[np.arange(len(status)), unsound.argmax(axis=1)]
+    return np.where(unsound.any(axis=1), first_unsound, np.where(finite, "", f"{name} is missing"))
 
 
 def _no_row(among: Mapping[str, tuple[float, float]] | None) -> str:
-    """The reason for a set of which no row is in the ranges."""
+    """Return the reason for a set of which no row is in the ranges."""
     ranges = (f"{name} in {low:g} to {high:g}" for name, (low, high) in (among or {}).items())
     return f"no row has {' and '.join(ranges)}"
 
 
-def _always(values: Float[np.ndarray, " sets"]) -> Measured:
-    """Return values of sets that all have one."""
+def _without_missing(values: Float[np.ndarray, " sets"]) -> Measured:
+    """Return the results of sets that all have a value."""
     return Measured(values, np.full(values.size, ""))

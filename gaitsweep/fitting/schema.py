@@ -15,10 +15,10 @@ from gaitsweep.schema.strict_model import StrictModel
 
 def schema() -> dict[str, Any]:
     """Return the JSON schema of job files, including searches and sensitivity analyses."""
-    described = job_schema()
-    described["properties"]["search"] = _search()
-    described["properties"]["sensitivity"] = _sensitivity()
-    return described
+    job = job_schema()
+    job["properties"]["search"] = _search()
+    job["properties"]["sensitivity"] = _sensitivity()
+    return job
 
 
 def _ranges() -> list[dict[str, Any]]:
@@ -28,16 +28,16 @@ def _ranges() -> list[dict[str, Any]]:
 
 
 def _by_name(entries: list[dict[str, Any]], description: str) -> dict[str, Any]:
-    """Return the schema of a field with entries by name, each of which has one of some schemas."""
+    """Return the schema of a field with entries by name, each of which has one of the schemas `entries`."""
     return {"type": "object", "additionalProperties": {"anyOf": entries}, "description": description}
 
 
 def _with_fields(settings: type[StrictModel], fields: dict[str, dict[str, Any]]) -> dict[str, Any]:
     """Return the schema of some settings with further required fields before them."""
-    described = settings.model_json_schema()
-    described["properties"] = {**fields, **described["properties"]}
-    described["required"] = [*fields, *described["required"]]
-    return described
+    schema_of_settings = settings.model_json_schema()
+    properties = {**fields, **schema_of_settings["properties"]}
+    required = [*fields, *schema_of_settings["required"]]
+    return {**schema_of_settings, "properties": properties, "required": required}
 
 
 def _sensitivity() -> dict[str, Any]:
@@ -48,8 +48,8 @@ def _sensitivity() -> dict[str, Any]:
         "parameters": _by_name(ranges, "constants by name: [low, high], fields, or 10%"),
         "outputs": _by_name(measures, "what is measured, by a name for each"),
     }
-    about = {"title": "sensitivity", "description": "constants that vary, and what is measured"}
-    return _with_fields(Analysis, fields) | about
+    title = {"title": "sensitivity", "description": "constants that vary, and what is measured"}
+    return _with_fields(Analysis, fields) | title
 
 
 def _search() -> dict[str, Any]:
@@ -59,8 +59,8 @@ def _search() -> dict[str, Any]:
         "free": _by_name(_ranges(), "constants that are searched, by name: [low, high], or fields"),
         "targets": _by_name(targets, "what is measured and wanted, by a name for each"),
     }
-    about = {"title": "search", "description": "constants to be found, and what they should give"}
-    return _with_fields(SearchOptions, fields) | about
+    title = {"title": "search", "description": "constants to be found, and what they should give"}
+    return _with_fields(SearchOptions, fields) | title
 
 
 def _target(kind: str) -> dict[str, Any]:

@@ -35,16 +35,15 @@ from gaitsweep.fitting.population import Population
 from gaitsweep.fitting.robustness import ROBUST, share_kept
 from gaitsweep.fitting.search_figures import FIGURES, draw_search, search_figure
 from gaitsweep.fitting.search_job import SearchJob, read_search_field
-from gaitsweep.fitting.targets import MISS, scores
-from gaitsweep.job import JobError
+from gaitsweep.fitting.targets import MISS, PerSet, scores
 from gaitsweep.kinds.columns import quantities_of
 from gaitsweep.runs import provenance
 from gaitsweep.runs.execute import RESULTS
 from gaitsweep.runs.executor import write_blocks
 from gaitsweep.runs.progress import Progress
-from gaitsweep.schema.diagnostics import Diagnostic
-from gaitsweep.status import SetStatus
-from gaitsweep.table import ResultDirectory, Snapshot, TableError, load
+from gaitsweep.runs.sentences import SetStatus
+from gaitsweep.schema.diagnostics import Diagnostic, refuse
+from gaitsweep.table import ResultDirectory, TableError, load, load_with_snapshot
 from gaitsweep.table.manifest import Layout
 
 if TYPE_CHECKING:
@@ -59,7 +58,7 @@ _DECIDING = ("numpy", "scipy", "cma", "pymoo")
 class SearchResult:
     """Result of a search.
 
-    `path` is its directory; `table` has a row for each set; `identifiability` says which constants the
+    `path` is its directory; `table` has a row for each set; `identifiability` tells which constants the
     targets pin; `finalists` has the best sets at half the step; `figures` are the files drawn. In memory
     there is no path and no file.
     """
@@ -74,12 +73,15 @@ class SearchResult:
     def __repr__(self) -> str:
         best = self.identifiability.summary()["best_score"]
         score = "none complete" if best is None else f"least score {best:.4g}"
-        where = "in memory" if self.path is None else f"in {self.path}"
+        place = "in memory" if self.path is None else f"in {self.path}"
         fitting = self.identifiability.fitting
-        return f"SearchResult({len(self.table)} sets: {score}, {fitting} fit all targets; {where})"
+        return f"SearchResult({len(self.table)} sets: {score}, {fitting} fit all targets; {place})"
 
     def figure(self, name: str) -> Figure:
-        """Draw a figure of the search: convergence, constants or misses.
+        """Draw a figure of the search.
+
+        Args:
+            name: convergence, constants or misses.
 
         Raises:
             ArgumentError: there is no figure of this name.
@@ -116,50 +118,63 @@ def run_search(
     on_progress = on_progress or (lambda *_, **__: None)
     population = job.fit.population()
     context = population.prepared(job.fit.structures[0])
-    platform = context.spec.devices[0].platform
-    together = job.sets_together(context, population.rows_of_a_set)
     versions = {name: provenance.version_of(name) for name in _DECIDING}
+    together = job.sets_together(context, population.rows_of_a_set)
     side_by_side = job.batches_side_by_side(context)
-    batches = {"population": together, "side_by_side": side_by_side}
-    job_hash = job.hash(device=platform, engine=context.engine, versions=versions, **batches)
-    model = context.model
+    job_hash = job.hash(
+        device=context.spec.devices[0].platform,
+        engine=context.engine,
+        population=together,
+        side_by_side=side_by_side,
+        versions=versions,
+    )
     layout = Layout(job_hash, job.options.budget, together)
     with open_directory(path, job.resolved(), layout, context, on_message) as directory:
-        describe(context, directory, _quantities(job, model), versions)
+        describe(context, directory, _quantities(job, context.model), versions)
         if cluster is not None:
             population.run_elsewhere = ClusterRows(path, cluster)
-        search = _Search(job, population, model, directory, on_progress, side_by_side)
+        search = _Search(job, population, context.model, directory, on_progress, side_by_side)
         write_blocks(directory, search.blocks())
         table = load(path)
-        near = identifiability(table, job)
-        reported = len(directory.notes)
-        finalists = _finalists(job, population, model, directory, near, on_progress)
-        for note in directory.notes[reported:]:
+        near_best = identifiability(table, job)
+        notes_before = len(directory.notes)
+        finalists = search.finalists(near_best.best)
+        for note in directory.notes[notes_before:]:
             on_message(note)
-        if (doubt := _depends_on_the_step(job, finalists)) is not None:
-            on_message(f"Warning: {doubt}")
-        directory.update_manifest(complete=True, counts=directory.counts(), search=near.summary())
-        drawn = draw_search(path, job, table, near) if figures else []
-    return SearchResult(job, path, table, near, finalists, tuple(drawn))
+        if (warning := _depends_on_the_step(job, finalists)) is not None:
+            on_message(f"Warning: {warning}")
+        directory.update_manifest(complete=True, counts=directory.counts(), search=near_best.summary())
+        drawn = draw_search(path, job, table, near_best) if figures else []
+    return SearchResult(job, path, table, near_best, finalists, tuple(drawn))
 
 
 def draw_again(path: Path) -> list[Path]:
-    """Draw the figures of a search's directory again from its table, which may not be complete.
+    """Draw the figures of a search again from its table, which need not be complete.
+
+    Args:
+        path: its result directory.
 
     Raises:
         JobError, TableError: the directory is not that of a search, or its table cannot be read.
     """
-    snapshot = Snapshot.of(path)
+    snapshot, table = load_with_snapshot(path)
     wrong: list[Diagnostic] = []
     search = read_search_field(snapshot.job, wrong)
-    if wrong:
-        raise JobError(wrong)
-    table = load(path)
+    refuse(wrong)
     return draw_search(path, search, table, identifiability(table, search))
 
 
 class _Search:
-    """Batches of a search, on disk and to come."""
+    """Execution of a search in its open directory: its batches, on disk and to come, and its finalists.
+
+    Args:
+        job: the search.
+        population: measures the sets.
+        model: the model.
+        directory: its result directory.
+        on_progress: progress callback.
+        side_by_side: number of batches that run at a time.
+    """
 
     def __init__(
         self,
@@ -170,8 +185,12 @@ class _Search:
         on_progress: Progress,
         side_by_side: int,
     ) -> None:
-        self.job, self.population, self.model = job, population, model
-        self.directory, self.on_progress = directory, on_progress
+        self.job = job
+        self.population = population
+        self.model = model
+        self.directory = directory
+        self.on_progress = on_progress
+        self.side_by_side = side_by_side
         self.optimiser: Optimiser = optimiser(
             job.options.method,
             dimension=len(job.free),
@@ -182,11 +201,10 @@ class _Search:
             known_points=job.known_points(),
             width=job.options.width,
         )
-        self.stored = pd.DataFrame()  # the sets that are on disk
-        self.best = np.inf
-        self.side_by_side = side_by_side
-        self.before = directory.rows_done  # sets that were on disk when this run began
+        self.stored = pd.DataFrame()  # the sets that were on disk when this run began
+        self.sets_before = directory.rows_done  # their number
         self.began = time.perf_counter()
+        self.best = np.inf  # the least score so far
 
     def blocks(self) -> Iterator[tuple[int, pd.DataFrame]]:
         """Give the scores of the stored sets to the optimiser, and yield the batches that are not on disk.
@@ -197,47 +215,48 @@ class _Search:
         missing = set(self.directory.missing_blocks())
         if len(missing) < len(self.directory.layout.blocks):
             with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # that it is not complete
+                warnings.simplefilter("ignore")  # about missing rows
                 self.stored = load(self.directory.path)
         chosen: deque[tuple[int, Sets]] = deque()
         # a cluster takes one batch at a time
         threads = 1 if self.population.run_elsewhere is not None else self.side_by_side
-        with ConcurrentBatches(threads, self._report) as self.batches:
+        with ConcurrentBatches(threads, self._report) as batches:
             for number in self.directory.layout.blocks:
                 if len(chosen) == self.side_by_side:
-                    yield from self._end(*chosen.popleft())
+                    yield from self._end(batches, *chosen.popleft())
                 first, stop = self.directory.layout.rows_of(number)
                 sets = sets_at(self.job.free, self.optimiser.ask(stop - first))
                 chosen.append((number, sets))
-                measure = partial(self._measured, sets) if number in missing else _on_disk
-                self.batches.begin(measure)
+                batches.begin(partial(self._measure_batch, sets) if number in missing else _on_disk)
             while chosen:
-                yield from self._end(*chosen.popleft())
+                yield from self._end(batches, *chosen.popleft())
 
-    def _measured(self, sets: Sets, on_progress: Callable[[SweepProgress], None]) -> MeasuredByName:
+    def _measure_batch(self, sets: Sets, on_progress: Callable[[SweepProgress], None]) -> MeasuredByName:
         """Measure the sets of a batch."""
-        if first := self.job.options.first:
-            measured = self.population.staged_evaluate(sets, first, self._goes_on, on_progress)
+        first = self.job.options.first
+        if first:
+            measured = self.population.staged_evaluate(sets, first, self._is_measured_further, on_progress)
         else:
             measured = self.population.measure(sets, on_progress)
-        return measured | _robustness(self.job, self.population, self.model, sets, measured, on_progress)
+        return measured | self._robustness(sets, measured, on_progress)
 
-    def _goes_on(self, first: MeasuredByName) -> Bool[np.ndarray, " sets"]:
-        """Return which sets (n,) are measured further: those whose first targets have near enough values."""
+    def _is_measured_further(self, first: MeasuredByName) -> Bool[np.ndarray, " sets"]:
+        """Return a mask of the sets (n,) whose first targets have values that are near enough."""
         within = self.job.options.first_within
-        most = np.inf if within is None else within
-        near = [
-            (measured.why == "") & (np.abs(self.job.targets[name].misses(measured, self.model)) <= most)
-            for name, measured in first.items()
-        ]
-        return np.all(near, axis=0)
+        has_value = np.all([measured.why == "" for measured in first.values()], axis=0)
+        return has_value & self._misses_at_most(np.inf if within is None else within, first)
 
-    def _end(self, number: int, sets: Sets) -> Iterator[tuple[int, pd.DataFrame]]:
+    def _misses_at_most(self, most: float, measured: MeasuredByName) -> Bool[np.ndarray, " sets"]:
+        """Return a mask of the sets (n,) that miss none of the measured targets by more than `most`."""
+        misses = [self.job.targets[name].misses(result, self.model) for name, result in measured.items()]
+        return np.all(np.abs(misses) <= most, axis=0)
+
+    def _end(self, batches: ConcurrentBatches, number: int, sets: Sets) -> Iterator[tuple[int, pd.DataFrame]]:
         """Yield a batch that is not on disk, and give its scores to the optimiser."""
-        measured = self.batches.oldest()
+        measured = batches.oldest()
         first, stop = self.directory.layout.rows_of(number)
         if measured is None:
-            frame = self._stored(first, stop, sets)
+            frame = self._stored_batch(first, stop, sets)
         else:
             frame = self._frame(number, first, sets, measured)
             yield number, frame
@@ -246,40 +265,42 @@ class _Search:
         self.optimiser.tell(batch_scores, misses)
         self.best = min(self.best, float(batch_scores.min()))
 
-    def _report(self, under_way: list[SweepProgress]) -> None:
+    def _report(self, running: list[SweepProgress]) -> None:
         """Report an upper estimate of the progress, since rows that are not needed are left out."""
-        total, rows_per_set = self.directory.layout.rows, self.population.rows_of_a_set
-        new = self.directory.rows_done - self.before
-        new += sum(int(now.share * now.rows / rows_per_set) for now in under_way)
+        total = self.directory.layout.rows
+        rows_per_set = self.population.rows_of_a_set
+        new = self.directory.rows_done - self.sets_before
+        new += sum(int(now.share * now.rows / rows_per_set) for now in running)
         rate = new / max(time.perf_counter() - self.began, 1e-9)
         best = f"best score {self.best:.3g}, " if np.isfinite(self.best) else ""
-        attempts = sum(now.attempts / max(now.seconds, 1e-9) for now in under_way)
-        done = min(self.before + new, total)
-        self.on_progress(done, total, rate, done / total, f"{best}{attempts / 1e6:.1f} million steps/s")
+        steps_per_second = sum(now.attempts / max(now.seconds, 1e-9) for now in running)
+        done = min(self.sets_before + new, total)
+        note = f"{best}{steps_per_second / 1e6:.1f} million steps/s"
+        self.on_progress(done, total, rate, done / total, note)
 
     def _frame(self, generation: int, first: int, sets: Sets, measured: MeasuredByName) -> pd.DataFrame:
         """Return the records of a batch."""
-        model, targets = self.model, self.job.targets
-        misses = {name: target.misses(measured[name], model) for name, target in targets.items()}
+        targets = self.job.targets
+        misses = self._misses(measured)
         n = next(iter(misses.values())).size
         failed = np.any([measured[name].why != "" for name in self.job.counted], axis=0)
-        why = []
-        for reasons in zip(*(values.why for values in measured.values()), strict=True):
-            named = zip(measured, reasons, strict=True)
-            why.append("; ".join(f"{name}: {reason}" for name, reason in named if reason))
         frame: dict[str, Any] = {
             "row": np.arange(first, first + n, dtype=np.int64),
             "generation": np.full(n, generation),
             **{name: _plain(column) for name, column in sets.items()},
-            **{name: target.shown(measured[name].values, model) for name, target in targets.items()},
+            **{name: target.shown(measured[name].values, self.model) for name, target in targets.items()},
             **{f"{MISS}{name}": miss for name, miss in misses.items()},
             "score": scores(misses, targets),
             "status": SetStatus.column(failed),
-            "why": pd.Series(why, dtype="str"),
+            "why": pd.Series(_reasons(measured), dtype="str"),
         }
         return pd.DataFrame(frame)
 
-    def _stored(self, first: int, stop: int, sets: Sets) -> pd.DataFrame:
+    def _misses(self, measured: MeasuredByName) -> dict[str, PerSet]:
+        """Return the misses (n,) of each target."""
+        return {name: target.misses(measured[name], self.model) for name, target in self.job.targets.items()}
+
+    def _stored_batch(self, first: int, stop: int, sets: Sets) -> pd.DataFrame:
         """Return the records of a batch on disk, whose sets have to be those of the optimiser."""
         frame = self.stored.iloc[np.searchsorted(self.stored["row"], np.arange(first, stop))]
         for name, column in sets.items():
@@ -290,83 +311,90 @@ class _Search:
                 )
         return frame
 
+    def _robustness(
+        self,
+        sets: Sets,
+        measured: MeasuredByName,
+        on_progress: Callable[[SweepProgress], None] | None = None,
+        share: float = 1.0,
+    ) -> MeasuredByName:
+        """Measure the share of neighbours that keep targets, of sets that keep them; empty without `robust`.
+
+        Args:
+            sets: the sets.
+            measured: their results.
+            on_progress: progress callback of the rows.
+            share: the length of steps as a share of the job's own.
+        """
+        robust = self.job.options.robust
+        if robust is None:
+            return {}
+
+        def keep_targets(results: MeasuredByName) -> Bool[np.ndarray, " sets"]:
+            return self._misses_at_most(1.0, {name: results[name] for name in robust.targets})
+
+        def on_neighbours(now: SweepProgress) -> None:
+            if on_progress is not None:  # rows of neighbours are not those of the batch's own sets
+                on_progress(dataclasses.replace(now, rows=0))
+
+        keeps = keep_targets(measured)
+        values = np.full(keeps.size, np.nan)
+        if keeps.any():
+            population = self.population.of(robust.targets)
+            values[keeps] = share_kept(
+                robust,
+                {name: column[keeps] for name, column in sets.items()},
+                own=self.job.changing,
+                free=self.job.free,
+                quantities=self.job.fit.spec.quantities,
+                keeps=lambda neighbours: keep_targets(population.measure(neighbours, on_neighbours, share)),
+            )
+        return {ROBUST: Measured(values, np.where(keeps, "", "the set itself does not keep the targets"))}
+
+    def finalists(self, best: pd.DataFrame) -> pd.DataFrame | None:
+        """Measure the best sets again at half the step, and write the result beside the table.
+
+        Args:
+            best: records of the near-best sets, the best first.
+
+        Returns:
+            The finalists, or None without any; those of an earlier run if they are the same sets.
+        """
+        job = self.job
+        count = min(job.options.finalists, len(best))
+        if not count:
+            return None
+        frame = best.iloc[:count][["row", *job.free, "score", *job.targets]].reset_index(drop=True)
+        stored = self.directory.read_beside(FINALISTS)
+        if stored is not None:
+            stored_frame = pd.read_parquet(io.BytesIO(stored))
+            if np.array_equal(stored_frame["row"], frame["row"]):
+                return stored_frame
+        total = job.options.budget
+        self.on_progress(total, total, 0.0, 1.0, f"{count} finalists at half the step")
+        sets = {name: free.column(frame[name].tolist()) for name, free in job.free.items()}
+        measured = self.population.measure(sets, share=0.5)
+        measured |= self._robustness(sets, measured, share=0.5)
+        frame["score_half"] = scores(self._misses(measured), job.targets)
+        for name, target in job.targets.items():
+            frame[f"{name}_half"] = target.shown(measured[name].values, self.model)
+        file = io.BytesIO()
+        frame.to_parquet(file, index=False, write_page_checksum=True)
+        self.directory.write_beside(FINALISTS, file.getvalue())
+        return frame
+
 
 def _on_disk(on_progress: Callable[[SweepProgress], None]) -> None:
     """Measure nothing, for a batch that is on disk and keeps its place among the others."""
 
 
-def _robustness(
-    job: SearchJob,
-    population: Population,
-    model: Model,
-    sets: Sets,
-    measured: MeasuredByName,
-    on_progress: Callable[[SweepProgress], None] | None = None,
-    share: float = 1.0,
-) -> MeasuredByName:
-    """Measure the share of neighbours that keep targets, of sets that keep them; empty without `robust`."""
-    robust = job.options.robust
-    if robust is None:
-        return {}
-
-    def keep(results: MeasuredByName) -> Bool[np.ndarray, " sets"]:
-        near = [np.abs(job.targets[name].misses(results[name], model)) <= 1.0 for name in robust.targets]
-        return np.all(near, axis=0)
-
-    def rows(now: SweepProgress) -> None:
-        if on_progress is not None:  # rows of neighbours are not those of the batch's own sets
-            on_progress(dataclasses.replace(now, rows=0))
-
-    keeps = keep(measured)
-    values = np.full(keeps.size, np.nan)
-    if keeps.any():
-        keeping = {name: column[keeps] for name, column in sets.items()}
-        measures = population.of(robust.targets)
-
-        def keeps_targets(neighbours: Sets) -> Bool[np.ndarray, " neighbours"]:
-            return keep(measures.measure(neighbours, rows, share))
-
-        values[keeps] = share_kept(
-            robust,
-            keeping,
-            own=job.changing,
-            free=job.free,
-            quantities=job.fit.spec.quantities,
-            keeps=keeps_targets,
-        )
-    return {ROBUST: Measured(values, np.where(keeps, "", "the set itself does not keep the targets"))}
-
-
-def _finalists(
-    job: SearchJob,
-    population: Population,
-    model: Model,
-    directory: ResultDirectory,
-    near: Identifiability,
-    on_progress: Progress,
-) -> pd.DataFrame | None:
-    """Measure the best sets again at half the step; the result is written beside the table."""
-    count = min(job.options.finalists, len(near.best))
-    if not count:
-        return None
-    frame = near.best.iloc[:count][["row", *job.free, "score", *job.targets]].reset_index(drop=True)
-    if (stored := directory.read_beside(FINALISTS)) is not None:
-        finalists = pd.read_parquet(io.BytesIO(stored))
-        if np.array_equal(finalists["row"], frame["row"]):
-            return finalists
-    total = job.options.budget
-    on_progress(total, total, 0.0, 1.0, f"{count} finalists at half the step")
-    sets = {name: free.column(frame[name].tolist()) for name, free in job.free.items()}
-    measured = population.measure(sets, share=0.5)
-    measured |= _robustness(job, population, model, sets, measured, share=0.5)
-    misses = {name: target.misses(measured[name], model) for name, target in job.targets.items()}
-    frame["score_half"] = scores(misses, job.targets)
-    for name, target in job.targets.items():
-        frame[f"{name}_half"] = target.shown(measured[name].values, model)
-    file = io.BytesIO()
-    frame.to_parquet(file, index=False, write_page_checksum=True)
-    directory.write_beside(FINALISTS, file.getvalue())
-    return frame
+def _reasons(measured: MeasuredByName) -> list[str]:
+    """Return, for each set, the targets without a value and the reasons."""
+    sentences = []
+    for reasons in zip(*(result.why for result in measured.values()), strict=True):
+        by_name = dict(zip(measured, reasons, strict=True))
+        sentences.append("; ".join(f"{name}: {reason}" for name, reason in by_name.items() if reason))
+    return sentences
 
 
 def _depends_on_the_step(job: SearchJob, finalists: pd.DataFrame | None) -> str | None:
@@ -376,9 +404,9 @@ def _depends_on_the_step(job: SearchJob, finalists: pd.DataFrame | None) -> str 
     moved = {}
     for name in job.counted:
         change = np.abs(finalists[f"{name}_half"] - finalists[name])
-        # a NaN, of a value that one of the steps does not have, counts as moved
+        # NaN, where one of the steps gives no value, counts as moved
         moved[name] = int(np.sum(~(change <= job.targets[name].value.error)))
-    counts = ", ".join(f"{name} of {n}" for name, n in moved.items() if n)
+    counts = ", ".join(f"{name} of {number}" for name, number in moved.items() if number)
     if not counts:
         return None
     return (
@@ -388,14 +416,14 @@ def _depends_on_the_step(job: SearchJob, finalists: pd.DataFrame | None) -> str 
 
 
 def _quantities(job: SearchJob, model: Model) -> dict[str, dict[str, Any]]:
-    """Return unit and meaning of the columns."""
+    """Return unit and meaning of the columns, by name."""
     of_model = quantities_of(model)
     quantities: dict[str, dict[str, Any]] = {name: of_model[name] for name in job.free if name in of_model}
     for name, target in job.targets.items():
         measure = target.measure
         quantities[name] = {
             "unit": measure.unit(model),
-            "meaning": f"{type(measure).model_fields['kind'].description}",
+            "meaning": type(measure).model_fields["kind"].description,
             "circular": measure.circular(model),
         }
         quantities[f"{MISS}{name}"] = {"unit": "1", "meaning": f"miss of {name}, in reading errors"}

@@ -25,13 +25,16 @@ from gaitsweep.table import own_folder, replace_file
 FIGURES = ("convergence", "constants", "misses")
 
 _ORANGE, _BLUE = theme.SPARE_COLOURS[:2]
-_GREY, _DARK = "#BBBBBB", "#555555"
+_GREY = "#BBBBBB"
+_DARK_GREY = "#555555"
+_LIGHT_GREY = "#EDEDED"
 # Sets whose misses are drawn, at most.
 _MAX_LINES = 200
 # The score below which an axis is linear, where scores are 0.
 _LINEAR_BELOW = 1e-2
 # Labels along an axis are written aslant if they have more letters in all.
-_MAX_CHOICE_LETTERS, _MAX_TARGET_LETTERS = 14, 60
+_MAX_CHOICE_LETTERS = 14
+_MAX_TARGET_LETTERS = 60
 _ASLANT: dict[str, Any] = {"rotation": 30, "ha": "right"}
 
 
@@ -82,10 +85,10 @@ def _convergence(table: pd.DataFrame) -> Figure:
         axes.axhline(1.0, color="black", lw=0.6, ls=":", label="reading error")
         _score_axis(axes, scores)
         if failed.any():
-            height = np.full(int(failed.sum()), 1.02)  # as a share of the axis
+            above_the_axes = np.full(int(failed.sum()), 1.02)  # as a share of their height
             style: dict[str, Any] = {"color": "black", "ms": 3.0, "mew": 0.4, "clip_on": False}
-            style |= {"transform": axes.get_xaxis_transform(), "label": f"{height.size} failed sets"}
-            axes.plot(numbers[failed], height, "|", **style)
+            style |= {"transform": axes.get_xaxis_transform(), "label": f"{failed.sum()} failed sets"}
+            axes.plot(numbers[failed], above_the_axes, "|", **style)
         axes.set_xlim(0.5, numbers.max() + 0.5)
         axes.set_xlabel("sets measured")
         axes.set_ylabel("score: root mean square miss,\nin reading errors")
@@ -111,8 +114,8 @@ def _constants(free: Mapping[str, FreeParameter], table: pd.DataFrame, near: Ide
         panels = theme.panels(figure, (rows, columns), len(free), sharey=True)
         for axes, constant in zip(panels, near.constants, strict=True):
             _profile(axes, free[constant.name], constant, near.best)
-            room = theme.width_of(theme.PAGE) / columns - 0.3
-            axes.set_xlabel(theme.wrapped(described(table, constant.name), room, 8.5))
+            width = theme.width_of(theme.PAGE) / columns - 0.3
+            axes.set_xlabel(theme.wrapped(described(table, constant.name), width, 8.5))
         for axes in panels[::columns]:
             axes.set_ylabel("least score")
     return figure
@@ -126,17 +129,22 @@ def _profile(axes: Axes, free: FreeParameter, constant: Constant, best: pd.DataF
     axes.plot(shares, best["score"], "o", color=_ORANGE, ms=2.5, rasterized=True)
     _score_axis(axes, constant.profile)
     axes.set_xlim(0.0, 1.0)
-    ticks = [0.0, 0.5, 1.0]
     if free.choices is not None:
-        n = len(free.choices)
-        words = [str(choice) for choice in free.choices]
-        slant = _ASLANT if sum(map(len, words)) > _MAX_CHOICE_LETTERS else {}
-        axes.set_xticks((np.arange(n) + 0.5) / n, words, **slant)
+        _choice_ticks(axes, [str(choice) for choice in free.choices])
     else:
-        axes.set_xticks(ticks, [f"{value:.3g}" for value in free.at(np.array(ticks))])
+        ticks = np.array([0.0, 0.5, 1.0])
+        axes.set_xticks(ticks, [f"{value:.3g}" for value in free.at(ticks)])
+        # inside the panel, so that they do not overlap labels of the next one
         for label, side in zip(axes.get_xticklabels(), ("left", "center", "right"), strict=True):
-            label.set_horizontalalignment(side)  # those of the next panel begin here
+            label.set_horizontalalignment(side)
     axes.set_title(constant.verdict, fontsize=7.5)
+
+
+def _choice_ticks(axes: Axes, choices: list[str]) -> None:
+    """Label the equal parts of an axis from 0 to 1 with choices."""
+    letters = sum(map(len, choices))
+    centres = (np.arange(len(choices)) + 0.5) / len(choices)
+    axes.set_xticks(centres, choices, **(_ASLANT if letters > _MAX_CHOICE_LETTERS else {}))
 
 
 def _misses(search: Search, table: pd.DataFrame, near: Identifiability) -> Figure:
@@ -149,26 +157,27 @@ def _misses(search: Search, table: pd.DataFrame, near: Identifiability) -> Figur
     drawn = np.concatenate([least, others, best])
     has_value = np.abs(drawn) < FAILED_MISS
     limit = 1.5 * max(2.0, float(np.max(np.abs(drawn), where=has_value, initial=0.0)))
-    place = np.arange(len(names))
-    long = sum(map(len, names)) > _MAX_TARGET_LETTERS
-    with theme.canvas(theme.PAGE, 3.4 if long else 2.8) as figure:
+    positions = np.arange(len(names))
+    is_long = sum(map(len, names)) > _MAX_TARGET_LETTERS
+    with theme.canvas(theme.PAGE, 3.4 if is_long else 2.8) as figure:
         axes = figure.add_subplot()
-        axes.axhspan(-1.0, 1.0, color="#EDEDED", lw=0, label="within reading error")
-        for lines, label, style in (
-            (least, "least miss of one target", {"color": _DARK, "lw": 0.8, "ls": "--"}),
-            (others, "near-best sets", {"color": _ORANGE, "lw": 0.6, "alpha": 0.5}),
-            (best, "best set", {"color": _BLUE, "lw": 1.4, "marker": "o", "ms": 3.0}),
-        ):
+        axes.axhspan(-1.0, 1.0, color=_LIGHT_GREY, lw=0, label="within reading error")
+        styles: dict[str, tuple[Float[np.ndarray, "sets targets"], dict[str, Any]]] = {
+            "least miss of one target": (least, {"color": _DARK_GREY, "lw": 0.8, "ls": "--"}),
+            "near-best sets": (others, {"color": _ORANGE, "lw": 0.6, "alpha": 0.5}),
+            "best set": (best, {"color": _BLUE, "lw": 1.4, "marker": "o", "ms": 3.0}),
+        }
+        for label, (lines, style) in styles.items():
             for number, values in enumerate(np.clip(lines, -limit, limit)):
                 entry = label if number == 0 else None  # one entry of the legend for all lines
-                axes.plot(place, values, label=entry, **style)
+                axes.plot(positions, values, label=entry, **style)
         lost = (~has_value).any(axis=0)
         if lost.any():
-            style: dict[str, Any] = {"color": "black", "ms": 4, "clip_on": False, "label": "no value"}
-            axes.plot(place[lost], np.full(int(lost.sum()), limit), "x", **style)
-        gap = ", " if long else "\n"
-        labels = [f"{name}{gap}held back" if search.targets[name].value.held_back else name for name in names]
-        axes.set_xticks(place, labels, **(_ASLANT if long else {}))
+            marks: dict[str, Any] = {"color": "black", "ms": 4, "clip_on": False, "label": "no value"}
+            axes.plot(positions[lost], np.full(int(lost.sum()), limit), "x", **marks)
+        held_back = ", held back" if is_long else "\nheld back"
+        labels = [f"{name}{held_back}" if name not in search.counted else name for name in names]
+        axes.set_xticks(positions, labels, **(_ASLANT if is_long else {}))
         axes.set_yscale("symlog", linthresh=1.0)
         axes.yaxis.set_major_formatter("{x:g}")  # 1 and -1, the reading errors, are not written as powers
         axes.set_ylim(-limit, limit)
@@ -182,6 +191,6 @@ def _least_of_each(search: Search, table: pd.DataFrame) -> pd.DataFrame:
     """Return the set that misses each counting target least, of equal ones that with the best score."""
     rows = []
     for name in search.counted:
-        order = table.assign(_miss=table[f"{MISS}{name}"].abs()).sort_values(["_miss", "score"])
-        rows.append(order.index[0])
+        sorted_sets = table.assign(_miss=table[f"{MISS}{name}"].abs()).sort_values(["_miss", "score"])
+        rows.append(sorted_sets.index[0])
     return table.loc[list(dict.fromkeys(rows))]

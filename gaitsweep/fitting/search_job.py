@@ -9,7 +9,7 @@ import math
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import numpy as np
 from jaxtyping import Float
@@ -21,7 +21,7 @@ from gaitsweep.errors import ArgumentError
 from gaitsweep.fitting.fit_fields import by_name, read_file, read_free, read_measure, read_settings
 from gaitsweep.fitting.fit_job import FitJob, read_fit_job
 from gaitsweep.fitting.free_parameters import FreeParameter
-from gaitsweep.fitting.optimisers import METHODS, missing_package
+from gaitsweep.fitting.optimisers import METHODS, Method, missing_package
 from gaitsweep.fitting.robustness import ROBUST, Robust, check_robust, own_constants, robust_target
 from gaitsweep.fitting.targets import MISS, Target, TargetValue
 from gaitsweep.runs.prepare import RunContext
@@ -30,7 +30,7 @@ from gaitsweep.schema.numbers import Count, CountOrZero, Positive, Seed, Text, w
 from gaitsweep.schema.strict_model import StrictModel, plain
 from gaitsweep.table import TableError, load
 
-# Columns of a search's table beside constants and targets.
+# Columns of the table of a search beside constants and targets.
 _COLUMNS = ("row", "generation", "score", "status", "why")
 # Sets that are measured together by default.
 _SETS_TOGETHER = 64
@@ -38,12 +38,13 @@ _SETS_TOGETHER = 64
 _MOST_OF_A_FRONT = 2048
 # Batches that a GPU runs at a time by default.
 _SIDE_BY_SIDE = 4
+_MAX_LANES = 2**20  # rows that a GPU is filled for
 
 
 class SearchOptions(StrictModel):
     """Settings by which a search chooses its sets."""
 
-    method: Annotated[Literal["sobol", "cma", "nsga3"], word(*METHODS)] = Field(
+    method: Annotated[Method, word(*METHODS)] = Field(
         default="cma",
         description="sobol: points that fill the ranges; cma: evolution strategies with restarts (BIPOP), "
         "for one score; nsga3: a front, where targets conflict",
@@ -100,7 +101,7 @@ class SearchOptions(StrictModel):
 
 @dataclasses.dataclass(frozen=True)
 class Search:
-    """The field `search` of a job: free constants, targets and options.
+    """Field `search` of a job: free constants, targets and options.
 
     With `options.robust` the last target is the share of a set's neighbours that keep its targets.
     """
@@ -130,6 +131,7 @@ class SearchJob(Search):
 
     @property
     def name(self) -> str:
+        """Name of the job."""
         return self.fit.name
 
     @property
@@ -139,24 +141,31 @@ class SearchJob(Search):
 
     def known_points(self) -> Float[np.ndarray, "sets constants"]:
         """Return the points (m, constants) of the unit cube of the sets that are measured first."""
-        shares = [
-            [float(parameter.share([values[name]])[0]) for name, parameter in self.free.items()]
-            for values in self.known
-        ]
-        return np.array(shares).reshape(len(self.known), len(self.free))
+        points = np.empty((len(self.known), len(self.free)))
+        for number, (name, parameter) in enumerate(self.free.items()):
+            points[:, number] = parameter.share([values[name] for values in self.known])
+        return points
 
     def sets_together(self, context: RunContext, rows_of_a_set: int) -> int:
-        """Return the number of sets that are measured together."""
+        """Return the number of sets that are measured together.
+
+        Args:
+            context: context of the job of a set.
+            rows_of_a_set: number of rows of each set.
+        """
         sets = self.options.population
         if sets is None:
-            sets = _SETS_TOGETHER
-            platform = context.spec.devices[0].platform
-            if platform != "cpu" and rows_of_a_set:
-                at_a_time = default_lanes(context.engine, 2**20, platform) * len(context.spec.devices)
-                sets = max(sets, math.ceil(at_a_time / rows_of_a_set))
-            if self.options.method == "nsga3":
-                sets = min(sets, _MOST_OF_A_FRONT)
+            sets = self._default_population(context, rows_of_a_set)
         return min(sets, self.options.budget)
+
+    def _default_population(self, context: RunContext, rows_of_a_set: int) -> int:
+        """Return the number of sets that are measured together by default, such that they fill a GPU."""
+        sets = _SETS_TOGETHER
+        platform = context.spec.devices[0].platform
+        if platform != "cpu" and rows_of_a_set:
+            lanes = default_lanes(context.engine, _MAX_LANES, platform) * len(context.spec.devices)
+            sets = max(sets, math.ceil(lanes / rows_of_a_set))
+        return min(sets, _MOST_OF_A_FRONT) if self.options.method == "nsga3" else sets
 
     def batches_side_by_side(self, context: RunContext) -> int:
         """Return the number of batches that run at a time."""
@@ -165,7 +174,7 @@ class SearchJob(Search):
         return 1 if context.spec.devices[0].platform == "cpu" else _SIDE_BY_SIDE
 
     def resolved(self) -> dict[str, Any]:
-        """Return the job as plain values, as the result directory keeps it."""
+        """Return the search as plain values, which the result directory stores."""
         return self.written
 
     def hash(
@@ -173,17 +182,20 @@ class SearchJob(Search):
     ) -> str:
         """Return the sha256, in hex, of all that determines the sets and their measures.
 
-        It includes versions, since optimisers of other versions draw other numbers.
+        Args:
+            device: class of the device, such as "cpu" or "gpu".
+            engine: the engine that runs.
+            population: number of sets that are measured together.
+            side_by_side: number of batches that run at a time.
+            versions: versions by package, since optimisers of other versions draw other numbers.
         """
-        decides = {
-            "job": [
-                self.fit.job_of(structure).hash(device=device, engine=engine)
-                for structure in self.fit.structures
-            ],
+        jobs = [self.fit.job_of(structure) for structure in self.fit.structures]
+        deciding = {
+            "job": [job.hash(device=device, engine=engine) for job in jobs],
             "search": {**self.written["search"], "population": population, "side_by_side": side_by_side},
             "versions": dict(versions),
         }
-        return hashlib.sha256(json.dumps(decides, sort_keys=True).encode()).hexdigest()
+        return hashlib.sha256(json.dumps(deciding, sort_keys=True).encode()).hexdigest()
 
 
 def load_search(path: str | Path, overrides: Sequence[str] = ()) -> SearchJob:
@@ -200,7 +212,16 @@ def load_search(path: str | Path, overrides: Sequence[str] = ()) -> SearchJob:
 
 
 def read_search(data: Mapping[str, Any], folder: Path) -> SearchJob:
-    """Read a search from its mapping; raise JobError with all errors."""
+    """Read a search from its mapping.
+
+    Args:
+        data: the mapping.
+        folder: folder to which its paths are relative.
+
+    Raises:
+        JobError: all errors.
+        ArgumentError: the package of the method is not installed.
+    """
     data = plain(data)
     wrong: list[Diagnostic] = []
     search = read_search_field(data, wrong)
@@ -215,13 +236,17 @@ def read_search(data: Mapping[str, Any], folder: Path) -> SearchJob:
     changing = {} if robust is None else own_constants(robust, fit)
     known = _known(search, fit)
     written = {key: value for key, value in data.items() if value is not None}
-    if known:  # a config may change, and has to be another search then
+    if known:  # the values and not a config that names them: with a changed config the search is another
         written["search"] = {**written["search"], "known": [dict(values) for values in known]}
     return SearchJob(search.free, search.targets, search.options, fit, written, known, changing)
 
 
 def read_search_field(data: Mapping[str, Any], wrong: list[Diagnostic]) -> Search:
-    """Read the field `search` of a job, without its model; errors are added to `wrong`.
+    """Read the field `search` of a job, without its model.
+
+    Args:
+        data: the job's mapping.
+        wrong: receives all errors in the field.
 
     Raises:
         JobError: the field is missing or not a mapping.
@@ -233,36 +258,55 @@ def read_search_field(data: Mapping[str, Any], wrong: list[Diagnostic]) -> Searc
     free = read_free(search.get("free"), ("search", "free"), wrong)
     targets = _read_targets(search.get("targets"), free, wrong)
     options = read_settings(SearchOptions, "search", ("free", "targets"), search, wrong)
-    all_targets = targets
-    if options is not None and options.robust is not None:
+    if options is None:
+        result = Search(free, targets, SearchOptions(budget=1))
+    elif options.robust is None:
+        result = Search(free, targets, options)
+    else:
         wrong.extend(check_robust(options.robust, free, targets))
-        all_targets = {**targets, ROBUST: robust_target(options.robust)}
-    result = Search(free, all_targets, SearchOptions(budget=1) if options is None else options)
+        result = Search(free, {**targets, ROBUST: robust_target(options.robust)}, options)
     if targets and not result.counted:
         wrong.append(Diagnostic(("search", "targets"), "are all held back: one of them has to count."))
-    for place, name in enumerate(result.options.first):
+    if options is not None:
+        wrong.extend(_check_options(options, targets))
+        if options.method == "nsga3":
+            wrong.extend(_check_front(options, len(result.counted)))
+    return result
+
+
+def _check_options(options: SearchOptions, targets: Mapping[str, Target]) -> list[Diagnostic]:
+    """Check the options `first`, `first_within` and `width` of a search; return the diagnostics."""
+    wrong = []
+    for number, name in enumerate(options.first):
         if name not in targets:
             text = f"is {name}, which is not a target{near_miss.suggestion(name, targets)}"
-            wrong.append(Diagnostic(("search", "first", place), text))
-    if result.options.first_within is not None and not result.options.first:
+            wrong.append(Diagnostic(("search", "first", number), text))
+    if options.first_within is not None and not options.first:
         text = "has no meaning without search.first, the targets that are measured first."
         wrong.append(Diagnostic(("search", "first_within"), text))
-    if result.options.width is not None and (result.options.method != "cma" or result.options.width > 1.0):
-        text = f"is {result.options.width:g}, but is a share of the ranges, at most 1."
-        if result.options.method != "cma":
-            text = f"has no meaning for the method {result.options.method}: it is cma's."
-        wrong.append(Diagnostic(("search", "width"), text))
-    if result.options.method == "nsga3" and len(result.counted) == 1:
+    if options.width is not None:
+        path = ("search", "width")
+        if options.method != "cma":
+            text = f"has no meaning for the method {options.method}: it is cma's."
+            wrong.append(Diagnostic(path, text))
+        elif options.width > 1.0:
+            text = f"is {options.width:g}, but is a share of the ranges, at most 1."
+            wrong.append(Diagnostic(path, text))
+    return wrong
+
+
+def _check_front(options: SearchOptions, counted: int) -> list[Diagnostic]:
+    """Check a search by nsga3 with this number of targets that count; return the diagnostics."""
+    wrong = []
+    if counted == 1:
         text = "is nsga3, which needs two targets or more that count: take cma."
         wrong.append(Diagnostic(("search", "method"), text))
-    together = min(result.options.population or _SETS_TOGETHER, result.options.budget)
-    if options is not None and options.method == "nsga3" and together < len(result.counted):
-        which = "budget" if together == options.budget else "population"
-        text = (
-            f"is {together}, but nsga3 takes as many sets at a time as targets count, {len(result.counted)}."
-        )
-        wrong.append(Diagnostic(("search", which), text))
-    return result
+    together = min(options.population or _SETS_TOGETHER, options.budget)
+    if together < counted:
+        field = "budget" if together == options.budget else "population"
+        text = f"is {together}, but nsga3 takes as many sets at a time as targets count, {counted}."
+        wrong.append(Diagnostic(("search", field), text))
+    return wrong
 
 
 def _known(search: Search, fit: FitJob) -> tuple[dict[str, Any], ...]:
@@ -271,16 +315,18 @@ def _known(search: Search, fit: FitJob) -> tuple[dict[str, Any], ...]:
     Raises:
         JobError: all errors of these sets.
     """
-    sets, wrong = [], []
-    for place, entry in enumerate(search.options.known):
-        path = ("search", "known", place)
+    sets: list[dict[str, Any]] = []
+    wrong: list[Diagnostic] = []
+    for number, entry in enumerate(search.options.known):
+        path = ("search", "known", number)
         try:
             for name, known_set in _sets_of(entry, search, fit.folder):
                 values = fit.own_values(known_set)
+                reasons = {constant: free.outside(values[constant]) for constant, free in search.free.items()}
                 outside = [
-                    f"{name}has {constant} at {quoted(values[constant])}, {why}"
-                    for constant, free in search.free.items()
-                    if (why := free.outside(values[constant])) is not None
+                    f"{name}has {constant} at {quoted(values[constant])}, {reason}"
+                    for constant, reason in reasons.items()
+                    if reason is not None
                 ]
                 wrong.extend(Diagnostic(path, text) for text in outside)
                 sets.append(values)
@@ -300,12 +346,18 @@ def _known(search: Search, fit: FitJob) -> tuple[dict[str, Any], ...]:
 def _sets_of(
     entry: Mapping[str, Any] | str, search: Search, folder: Path
 ) -> Iterator[tuple[str, Mapping[str, Any] | str]]:
-    """Yield the sets of an entry of `known`, each with its name in an earlier search, or ''.
+    """Yield the sets of an entry of `known`, each with its name in an earlier search, or "" without one.
+
+    Args:
+        entry: constants by name, a config, or a result directory of a search.
+        search: the search.
+        folder: folder to which the directory is relative.
 
     Raises:
         TableError: a directory is not the result of a search.
     """
-    if not isinstance(entry, str) or not (directory := folder / entry).is_dir():
+    directory = folder / entry if isinstance(entry, str) else None
+    if directory is None or not directory.is_dir():
         yield "", entry
         return
     with warnings.catch_warnings():
@@ -332,10 +384,10 @@ def _read_targets(
         if not isinstance(fields, Mapping):
             wrong.append(Diagnostic(target_path, f"is {quoted(fields)}, but takes fields (key: value)."))
             continue
-        aims = {key: field for key, field in fields.items() if key in TargetValue.model_fields}
-        target_value = read_model(TargetValue, aims, target_path, wrong)
-        measured = {key: field for key, field in fields.items() if key not in aims}
-        measure = read_measure(measured, target_path, wrong, beside=TargetValue)
+        value_fields = {key: field for key, field in fields.items() if key in TargetValue.model_fields}
+        target_value = read_model(TargetValue, value_fields, target_path, wrong)
+        measure_fields = {key: field for key, field in fields.items() if key not in value_fields}
+        measure = read_measure(measure_fields, target_path, wrong, beside=TargetValue)
         if not name.isidentifier():
             text = "has a name that is not of letters, digits and _: take another."
             wrong.append(Diagnostic(target_path, text))
@@ -343,5 +395,5 @@ def _read_targets(
             text = "has the name of another column of the table: take another."
             wrong.append(Diagnostic(target_path, text))
         if target_value is not None and measure is not None:
-            targets[name] = Target(name, measure, target_value)
+            targets[name] = Target(measure, target_value)
     return targets

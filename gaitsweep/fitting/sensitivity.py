@@ -19,7 +19,7 @@ from gaitsweep.contract import Model
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.fitting.fit_directory import ClusterRows, describe, open_directory
 from gaitsweep.fitting.free_parameters import Sets
-from gaitsweep.fitting.indices import Output, indices, unwrapped
+from gaitsweep.fitting.indices import Output, PerSet, indices, unwrapped
 from gaitsweep.fitting.measure import Measure, MeasuredByName
 from gaitsweep.fitting.population import Population
 from gaitsweep.fitting.sensitivity_job import FAILURES, SensitivityJob
@@ -45,14 +45,17 @@ _ROWS_OF_A_BATCH = 2**15
 
 # Share of an output's standard deviation by which a set may differ at half the step.
 MAX_DIFFERENCE = 0.1
+# Share of the sets that may differ without a warning.
+_MAX_SHARE = 0.1
 
 
 @dataclasses.dataclass(frozen=True)
 class HalfStep:
     """Values of some sets at half the step, beside the table.
 
-    `differ`: by output, the sets that differ by more than MAX_DIFFERENCE of its standard deviation, or that
-    have a value at one of the steps only; `largest`: the largest difference, in the output's unit.
+    `sets` is their number; `differ`, by output, the number that differ by more than MAX_DIFFERENCE of
+    its standard deviation, or that have a value at one of the steps only; `largest` the largest difference,
+    in the output's unit.
     """
 
     sets: int
@@ -61,17 +64,21 @@ class HalfStep:
 
     @property
     def many(self) -> bool:
-        """Whether more than a tenth of the sets differ."""
-        return max(self.differ.values()) > 0.1 * self.sets
+        """Whether more than a tenth of the sets differ in an output."""
+        return max(self.differ.values()) > _MAX_SHARE * self.sets
 
     @property
     def sentence(self) -> str:
         """Number of sets that differ, by output, and the largest difference."""
-        far = [f"{name} in {n} (at most {self.largest[name]:.2g})" for name, n in self.differ.items() if n]
-        than = "by more than a tenth of the output's standard deviation"
-        if not far:
-            return f"At half the step none of {self.sets} sets differs {than}."
-        return f"At half the step, of {self.sets} sets, these differ {than}: {', '.join(far)}."
+        outputs = [
+            f"{name} in {number} (at most {self.largest[name]:.2g})"
+            for name, number in self.differ.items()
+            if number
+        ]
+        limit = "by more than a tenth of the output's standard deviation"
+        if not outputs:
+            return f"At half the step none of {self.sets} sets differs {limit}."
+        return f"At half the step, of {self.sets} sets, these differ {limit}: {', '.join(outputs)}."
 
 
 @dataclasses.dataclass(frozen=True)
@@ -91,8 +98,8 @@ class Sensitivity:
     def __repr__(self) -> str:
         complete = int(np.count_nonzero(SetStatus.COMPLETE.among(self.table)))
         outputs = ", ".join(map(str, self.indices["output"].unique()))
-        where = "in memory" if self.path is None else f"in {self.path}"
-        return f"Sensitivity({len(self.table)} sets, {complete} complete: {outputs}; {where})"
+        place = "in memory" if self.path is None else f"in {self.path}"
+        return f"Sensitivity({len(self.table)} sets, {complete} complete: {outputs}; {place})"
 
     def figure(self) -> Figure:
         """Draw the indices as bars with their intervals, a panel for each output."""
@@ -127,18 +134,20 @@ def run_sensitivity(
     population = job.population()
     context = population.prepared({})
     n = job.design.n_rows
-    rows = max(1, population.rows_of_a_set)  # a fixed point has no row
-    block = min(n, max(1, rows_of_a_part(context.job.engine.block, n * rows) // rows))
+    rows_of_a_set = max(1, population.rows_of_a_set)  # a fixed point has no row
+    rows_of_a_block = rows_of_a_part(context.job.engine.block, n * rows_of_a_set)
+    block = min(n, max(1, rows_of_a_block // rows_of_a_set))
     resolved = job.resolved(context.job, context.engine)
     layout = Layout(job.hash(context.job_hash, block), n, block)
     with open_directory(path, resolved, layout, context, on_message) as directory:
-        if missing := directory.missing_blocks():
+        missing = directory.missing_blocks()
+        if missing:
             salib = {"SALib": provenance.version_of("SALib")}
             describe(context, directory, _quantities(job, context.model), salib)
             together = 1
             if cluster is not None:
                 population.run_elsewhere = ClusterRows(path, cluster)
-                together = max(1, _ROWS_OF_A_BATCH // (block * rows))
+                together = max(1, _ROWS_OF_A_BATCH // (block * rows_of_a_set))
             write_blocks(directory, _blocks(job, population, directory, missing, together, on_progress))
         if not directory.manifest.get("complete"):
             directory.tidy_digests()
@@ -148,7 +157,7 @@ def run_sensitivity(
         if half_step is not None and half_step.many:
             on_message(f"Warning: {half_step.sentence}")
         on_progress(n, n, 0.0, 1.0, "indices")
-        result = dataclasses.replace(_analysed(job, table, context.model), path=path, half_step=half_step)
+        result = Sensitivity(table, _index_table(job, table, context.model), half_step, path)
         _write(result, path, figures=figures)
     return result
 
@@ -161,35 +170,44 @@ def _blocks(
     together: int,
     on_progress: Progress,
 ) -> Iterator[tuple[int, pd.DataFrame]]:
-    """Measure the sets of the missing blocks; those of `together` blocks are one batched run."""
+    """Measure the sets of the missing blocks, and yield the records of each block.
+
+    Args:
+        job: the analysis.
+        population: measures the sets.
+        directory: its result directory.
+        missing: numbers of the missing blocks.
+        together: number of blocks whose sets are one batched run.
+        on_progress: progress callback of the sets.
+    """
     n = job.design.n_rows
-    sets = job.design.sets
     began = time.perf_counter()
-    before = directory.rows_done
-    on_progress(before, n, 0.0, before / n, "compiling")
+    sets_before = directory.rows_done
+    on_progress(sets_before, n, 0.0, sets_before / n, "compiling")
     for place in range(0, len(missing), together):
-        parts = [directory.layout.rows_of(number) for number in missing[place : place + together]]
-        rows = np.concatenate([np.arange(first, last) for first, last in parts])
+        numbers = missing[place : place + together]
+        bounds = [directory.layout.rows_of(number) for number in numbers]
+        rows = np.concatenate([np.arange(first, stop) for first, stop in bounds])
         done = directory.rows_done
 
         def on_sweep_progress(now: SweepProgress, done: int = done, size: int = rows.size) -> None:
-            so_far = done + now.share * size
-            rate = (so_far - before) / max(time.perf_counter() - began, 1e-9)
-            on_progress(math.floor(so_far), n, rate, so_far / n, f"{now.done} of {now.rows} rows")
+            done_now = done + now.share * size
+            rate = (done_now - sets_before) / max(time.perf_counter() - began, 1e-9)
+            on_progress(math.floor(done_now), n, rate, done_now / n, f"{now.done} of {now.rows} rows")
 
-        chosen = {name: column[rows] for name, column in sets.items()}
-        records = _records(rows, chosen, population.measure(chosen, on_sweep_progress))
-        for number, (first, last) in zip(missing[place : place + together], parts, strict=True):
+        sets = {name: column[rows] for name, column in job.design.sets.items()}
+        records = _records(rows, sets, population.measure(sets, on_sweep_progress))
+        for number, (first, stop) in zip(numbers, bounds, strict=True):
             begin = int(np.searchsorted(rows, first))
-            yield number, records.iloc[begin : begin + last - first].reset_index(drop=True)
+            yield number, records.iloc[begin : begin + stop - first].reset_index(drop=True)
 
 
 def _records(rows: Int[np.ndarray, " sets"], sets: Sets, measured: MeasuredByName) -> pd.DataFrame:
     """Return the records of the sets `rows` (n,): their status, and why outputs have no value."""
     why = []
-    for i in range(rows.size):
-        missing = [name for name, output in measured.items() if math.isnan(output.values[i])]
-        why.append("; ".join(f"{name}: {measured[name].why[i]}" for name in missing))
+    for number in range(rows.size):
+        missing = [name for name, output in measured.items() if math.isnan(output.values[number])]
+        why.append("; ".join(f"{name}: {measured[name].why[number]}" for name in missing))
     return pd.DataFrame(
         {
             "row": rows.astype(np.int64),
@@ -202,22 +220,28 @@ def _records(rows: Int[np.ndarray, " sets"], sets: Sets, measured: MeasuredByNam
 
 
 def _quantities(job: SensitivityJob, model: Model) -> dict[str, dict[str, Any]]:
-    """Return unit, meaning and symbol of the columns."""
+    """Return unit, meaning and symbol of the columns, by name."""
     of_model = quantities_of(model)
-    quantities = {name: of_model[name] for name in job.parameters}
+    quantities: dict[str, dict[str, Any]] = {name: of_model[name] for name in job.parameters}
     for name, measure in job.outputs.items():
-        about = {"unit": measure.unit(model), "meaning": _meaning(measure)}
-        quantities[name] = {**about, "circular": measure.circular(model)}
+        quantities[name] = {
+            "unit": measure.unit(model),
+            "meaning": _meaning(measure),
+            "circular": measure.circular(model),
+        }
     return quantities
 
 
 def _meaning(measure: Measure) -> str:
     """Describe a measure: value of psi_1, at psi_1 1."""
-    conditions = [f"{name} {' '.join(map('{:g}'.format, values))}" for name, values in measure.at.items()]
+    conditions = []
+    for name, values in measure.at.items():
+        points = " ".join(f"{value:g}" for value in values)
+        conditions.append(f"{name} {points}")
     model_fields = type(measure).model_fields
     fields = {field.alias or name: getattr(measure, name) for name, field in model_fields.items()}
-    words = (f"{name} {value}" for name, value in fields.items() if name not in ("kind", "at"))
-    return f"{' '.join((fields['kind'], *words))}, at {', '.join(conditions)}"
+    settings = [f"{name} {value}" for name, value in fields.items() if name not in ("kind", "at")]
+    return f"{' '.join([fields['kind'], *settings])}, at {', '.join(conditions)}"
 
 
 def _at_half_the_step(
@@ -227,10 +251,17 @@ def _at_half_the_step(
     table: pd.DataFrame,
     on_progress: Progress,
 ) -> HalfStep | None:
-    """Compare some sets with half the step, or return the stored comparison; None if not asked for."""
+    """Compare some sets with half the step, or return the stored comparison; None if `verify` is 0.
+
+    Args:
+        job: the analysis.
+        population: measures the sets.
+        directory: its result directory, whose manifest stores the comparison.
+        table: the complete table.
+        on_progress: progress callback of the sets.
+    """
     n = len(table)
     context = population.prepared({})
-    model = context.model
     count = min(context.job.verify, n)
     stored = directory.manifest.get("half_step")
     names = {field.name for field in dataclasses.fields(HalfStep)}
@@ -244,26 +275,37 @@ def _at_half_the_step(
 
     rows = np.unique(np.linspace(0, n - 1, count).round().astype(int))
     sets = {name: column[rows] for name, column in job.design.sets.items()}
-    again = population.measure(sets, on_sweep_progress, 0.5)
-    differ, largest = {}, {}
+    measured = population.measure(sets, on_sweep_progress, 0.5)
+    differ: dict[str, int] = {}
+    largest: dict[str, float] = {}
     for name, measure in job.outputs.items():
-        before = table[name].to_numpy(float)[rows]
-        after = again[name].values
-        values = unwrapped(Output(table[name].to_numpy(float), "", measure.circular(model)))
-        change = after - before
-        if measure.circular(model):
-            change = wrapped_difference(change)
-        lost = np.isnan(before) != np.isnan(after)
-        sizes = np.abs(change[np.isfinite(change)])
-        limit = MAX_DIFFERENCE * np.nanstd(values) if np.isfinite(values).any() else 0.0
-        differ[name] = int(lost.sum() + (sizes > limit).sum())
-        largest[name] = float(sizes.max(initial=0.0))
+        output = Output(table[name].to_numpy(float), circular=measure.circular(context.model))
+        differ[name], largest[name] = _compare(output, rows, measured[name].values)
     half_step = HalfStep(count, differ, largest)
     directory.update_manifest(half_step=dataclasses.asdict(half_step))
     return half_step
 
 
-def _analysed(job: SensitivityJob, table: pd.DataFrame, model: Model) -> Sensitivity:
+def _compare(output: Output, rows: Int[np.ndarray, " some"], at_half: PerSet) -> tuple[int, float]:
+    """Return how many of some sets differ at half the step in an output, and the largest difference.
+
+    Args:
+        output: the values of all sets.
+        rows: the rows (m,) of the sets that were measured again.
+        at_half: their values (m,) at half the step.
+    """
+    values = output.values[rows]
+    change = at_half - values
+    if output.circular:
+        change = wrapped_difference(change)
+    has_lost_value = np.isnan(values) != np.isnan(at_half)
+    sizes = np.abs(change[np.isfinite(change)])
+    has_values = np.isfinite(output.values).any()
+    limit = MAX_DIFFERENCE * np.nanstd(unwrapped(output)) if has_values else 0.0
+    return int(has_lost_value.sum() + (sizes > limit).sum()), float(sizes.max(initial=0.0))
+
+
+def _index_table(job: SensitivityJob, table: pd.DataFrame, model: Model) -> pd.DataFrame:
     """Compute the indices of a complete table; failures, if any, are another output."""
     outputs = {
         name: Output(table[name].to_numpy(float), measure.unit(model), measure.circular(model))
@@ -274,17 +316,18 @@ def _analysed(job: SensitivityJob, table: pd.DataFrame, model: Model) -> Sensiti
         outputs[FAILURES] = Output(failed.astype(float))
     index_table = indices(job.design, outputs, job.analysis.seed)
     index_table.attrs["quantities"] = _quantities(job, model)
-    return Sensitivity(table, index_table)
+    return index_table
 
 
 def _write(result: Sensitivity, path: Path, *, figures: bool) -> None:
     """Write the indices into a result directory, and their figure if asked to."""
-    table, figure = path / INDICES_FILE, path / FIGURES / FIGURE
+    table = path / INDICES_FILE
     with writing(f"{table} could not be written"):
         options: dict[str, Any] = {"index": False, "write_page_checksum": True}
         replace_file(table, lambda file: result.indices.to_parquet(file, **options))
     if not figures:
         return
+    figure = path / FIGURES / FIGURE
     with writing(f"{figure} could not be written"):
         figure.parent.mkdir(exist_ok=True)
         replace_file(figure, lambda file: result.figure().savefig(file, format="png", dpi=150))

@@ -1,16 +1,18 @@
-"""The sets of parameters that a sensitivity analysis measures, by its method."""
+"""Sets of parameters of a sensitivity analysis, by its method."""
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
 
 from gaitsweep.fitting.free_parameters import FreeParameter, sets_at
 
-METHODS = ("one_at_a_time", "morris", "sobol")
+Method = Literal["one_at_a_time", "morris", "sobol"]
+METHODS: tuple[Method, ...] = ("one_at_a_time", "morris", "sobol")
 LEVELS = 4  # of each range, on which Morris's trajectories run
 
 
@@ -23,30 +25,30 @@ class SensitivityDesign:
     one_at_a_time is the job itself.
     """
 
-    method: str
+    method: Method
     sets: dict[str, Float[np.ndarray, " sets"]]
     shares: Float[np.ndarray, "sets parameters"] | None = None
     places: dict[str, tuple[int, int, int]] | None = None
 
     @property
     def n_rows(self) -> int:
-        """The number of sets."""
+        """Number of sets, each a row of the table."""
         return next(iter(self.sets.values())).size
 
     @property
     def names(self) -> list[str]:
-        """The parameters."""
+        """Names of the parameters."""
         return list(self.sets)
 
 
 def design_of(
-    method: str, n: int | None, seed: int, ranges: Mapping[str, FreeParameter], base: Mapping[str, float]
+    method: Method, n: int | None, seed: int, ranges: Mapping[str, FreeParameter], base: Mapping[str, float]
 ) -> SensitivityDesign:
     """Return the sets of a method.
 
     Args:
         method: one of METHODS.
-        n: trajectories (morris), or base points (sobol).
+        n: trajectories (morris), or base points (sobol); None for one_at_a_time.
         seed: seed of all random numbers.
         ranges: range of each parameter.
         base: the job's own values.
@@ -80,17 +82,19 @@ def _saltelli(dimension: int, n: int, seed: int) -> Float[np.ndarray, "sets para
 
 
 def _one_at_a_time(ranges: Mapping[str, FreeParameter], base: Mapping[str, float]) -> SensitivityDesign:
-    """The job itself, then the ends and the middle of each range that differ from the job's value."""
+    """Return the job itself, then the ends and the middle of each range that differ from the job's value."""
     rows = [dict(base)]
+
+    def row_with(name: str, value: float) -> int:
+        """Return the row of the job with this value of a parameter; add it if it differs from the job's."""
+        if np.isclose(value, base[name], rtol=1e-12, atol=0.0):
+            return 0
+        rows.append({**base, name: value})
+        return len(rows) - 1
+
     places = {}
     for name, parameter in ranges.items():
-        numbers = []
-        for value in parameter.at(np.array([0.0, 0.5, 1.0])).tolist():
-            if np.isclose(value, base[name], rtol=1e-12, atol=0.0):
-                numbers.append(0)  # the job itself
-            else:
-                numbers.append(len(rows))
-                rows.append({**base, name: value})
-        places[name] = (numbers[0], numbers[1], numbers[2])
+        low, middle, high = parameter.at(np.array([0.0, 0.5, 1.0])).tolist()
+        places[name] = (row_with(name, low), row_with(name, middle), row_with(name, high))
     sets = {name: np.array([row[name] for row in rows]) for name in ranges}
     return SensitivityDesign("one_at_a_time", sets, places=places)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
 from typing import Annotated, Any
 
@@ -19,9 +20,7 @@ from gaitsweep.schema.strict_model import StrictModel
 PerSet = Float[np.ndarray, " sets"]  # a number for each set
 # The miss of a target without a value, in reading errors: more than that of any meaningful value.
 FAILED_MISS = 1.0e4
-
-# Names of the columns of misses.
-MISS = "miss_"
+MISS = "miss_"  # prefix of the columns of misses
 
 
 def _read_value_or_range(value: Any) -> tuple[float, float]:
@@ -31,7 +30,7 @@ def _read_value_or_range(value: Any) -> tuple[float, float]:
             raise InvalidValue(f"is {quoted(value)}, but takes a number, or [low, high].")
         low, high = (read_real(end) for end in value)
         if low > high:
-            raise InvalidValue(f"is {quoted(value)}, but low is not above high.")
+            raise InvalidValue(f"is {quoted(value)}, but low must not be above high.")
         return low, high
     number = read_real(value)
     return number, number
@@ -54,17 +53,12 @@ class TargetValue(StrictModel):
     )
 
 
+@dataclasses.dataclass(frozen=True)
 class Target:
-    """A measure with its target value.
+    """A measure with its target value."""
 
-    Args:
-        name: name of the target.
-        measure: the measure.
-        value: its target value.
-    """
-
-    def __init__(self, name: str, measure: Measure, value: TargetValue) -> None:
-        self.name, self.measure, self.value = name, measure, value
+    measure: Measure
+    value: TargetValue
 
     def shown(self, values: PerSet, model: Model) -> PerSet:
         """Return values (n,) for the table: angles within half a turn of the target value."""
@@ -83,6 +77,11 @@ class Target:
 
 
 def scores(misses: Mapping[str, PerSet], targets: Mapping[str, Target]) -> PerSet:
-    """Compute the root mean squares (n,) of the misses that count, in reading errors."""
+    """Compute the score of each set: the root mean square of its misses that count, in reading errors.
+
+    Args:
+        misses: misses (n,) by target.
+        targets: the targets by name.
+    """
     counted = [misses[name] for name, target in targets.items() if not target.value.held_back]
     return np.sqrt(np.mean(np.square(counted), axis=0))

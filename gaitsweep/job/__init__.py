@@ -1,8 +1,8 @@
 """Jobs, in YAML or Python: their fields, checks and rows.
 
-`load` reads a file with overrides, `job` has the fields, `reading` the order in which sections are read,
-`config`, `model_spec` and `numerics` some of these sections; `checks` and `step_lengths` compare them with
-each other.
+`load` reads a file, and `overrides` applies `--set`; `job` has the fields, `reading` the order in which
+sections are read, `config`, `model_spec` and `numerics` some of these sections; `checks` and `step_lengths`
+compare them with each other.
 """
 
 from gaitsweep.job.job import Job, read_figures, schema

@@ -1,11 +1,11 @@
-"""Checks of a job's formulas, of its rows' values, and of its figures."""
+"""Checks of a job's formulas, of the values of its rows, and of its figures."""
 
 from __future__ import annotations
 
 import dataclasses
 import graphlib
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from jaxtyping import Int
@@ -29,16 +29,22 @@ from gaitsweep.schema.strict_model import kind_of
 _CHUNK = 50_000  # rows whose values are checked at a time
 # Rows at which a model's functions are evaluated before a job runs, and axes whose corners are among them.
 _TRIED_ROWS = 64
-_CORNERED_AXES = 5
-_MAX_TURNS = 20  # of a path, at each of which formulas are checked; of a longer one at its ends alone
+_AXES_WITH_CORNERS = 5
+# Turns of a path at each of which formulas are checked; of a longer path they are checked at its ends alone.
+_MAX_TURNS = 20
 
 
 def check_names(design: Design, spec: ModelSpec) -> list[Diagnostic]:
-    """Diagnostics about formulas that use unknown names or depend on themselves."""
+    """Return errors about formulas that use unknown names or depend on themselves.
+
+    Args:
+        design: the job's rows.
+        spec: its model.
+    """
     diagnostics: list[Diagnostic] = []
-    of_parameters = [*spec.parameters, *spec.sizes]
+    for_parameters = [*spec.parameters, *spec.sizes]
     for name in [*design.settings, *design.names]:
-        allowed = of_parameters if name in spec.parameters else [*of_parameters, *spec.starts]
+        allowed = for_parameters if name in spec.parameters else [*for_parameters, *spec.starts]
         for used in sorted(design.uses(name)):
             if used in allowed:
                 continue
@@ -46,20 +52,20 @@ def check_names(design: Design, spec: ModelSpec) -> list[Diagnostic]:
             if used in spec.starts:
                 text = f"uses {used}, which is a start value; parameters cannot depend on start values"
             text += near_miss.suggestion(used, [*allowed, *CONSTANTS])
-            diagnostics.append(Diagnostic(place(design, spec, name), text))
+            diagnostics.append(Diagnostic(path_of_value(design, spec, name), text))
     if diagnostics:
         return diagnostics
     try:
-        design.order  # noqa: B018 - computing the order is what finds a circle
+        design.order  # noqa: B018 - its computation finds a cycle
     except graphlib.CycleError as error:
-        circle = list(reversed(error.args[1]))
-        text = f"depends on itself: {' -> '.join(circle)}."
-        diagnostics.append(Diagnostic(place(design, spec, circle[0]), text))
+        cycle = list(reversed(error.args[1]))
+        text = f"depends on itself: {' -> '.join(cycle)}."
+        diagnostics.append(Diagnostic(path_of_value(design, spec, cycle[0]), text))
     return diagnostics
 
 
 def check_ranges(design: Design, spec: ModelSpec, run: RunKind) -> list[Diagnostic]:
-    """Diagnostics about values that the model does not allow, each with the first such row.
+    """Return errors about values that the model does not allow, each with the first such row.
 
     Args:
         design: the job's rows.
@@ -81,8 +87,14 @@ def check_ranges(design: Design, spec: ModelSpec, run: RunKind) -> list[Diagnost
     return diagnostics
 
 
-def place(design: Design, spec: ModelSpec, name: str) -> Path:
-    """Path of a parameter's or start's value in the job, even if the job leaves it out."""
+def path_of_value(design: Design, spec: ModelSpec, name: str) -> Path:
+    """Return the path of a parameter's or start's value in the job, even if the job leaves it out.
+
+    Args:
+        design: the job's rows.
+        spec: its model.
+        name: the parameter or start.
+    """
     for group in design.groups:
         if name in group.paths:
             return group.paths[name]
@@ -90,8 +102,8 @@ def place(design: Design, spec: ModelSpec, name: str) -> Path:
 
 
 def _check_quantity(design: Design, spec: ModelSpec, name: str, quantity: Quantity) -> Diagnostic | None:
-    """The diagnostic of the first row whose value of a quantity is not allowed, or None."""
-    path = place(design, spec, name)
+    """Return the diagnostic of the first row whose value of a quantity is not allowed, or None."""
+    path = path_of_value(design, spec, name)
     if not design.checkable(name):
         return None  # Design.values checks these, block by block
     if _between_its_ends(design, name, quantity):
@@ -109,14 +121,14 @@ def _check_quantity(design: Design, spec: ModelSpec, name: str, quantity: Quanti
         if wrong.size:
             setting = design.settings.get(name)
             formula = f'"{setting}", which is ' if isinstance(setting, str) else ""
-            where = f" in row {rows[wrong].min()}" if spans else ""
-            value = values[wrong[np.argmin(rows[wrong])]]
-            return Diagnostic(path, f"is {formula}{value:g}{where}, but {requirement(quantity)}.")
+            first = wrong[np.argmin(rows[wrong])]
+            in_row = f" in row {rows[first]}" if spans else ""
+            return Diagnostic(path, f"is {formula}{values[first]:g}{in_row}, but {requirement(quantity)}.")
     return None
 
 
 def _between_its_ends(design: Design, name: str, quantity: Quantity) -> bool:
-    """Whether both ends of a name's axis are allowed, so that its points need no check."""
+    """Return whether both ends of a name's axis are allowed, so that its points need no check."""
     for group in design.groups:
         axis = group.axes.get(name)
         if isinstance(axis, RangeAxis) and not axis.formulas:
@@ -126,11 +138,11 @@ def _between_its_ends(design: Design, name: str, quantity: Quantity) -> bool:
 
 
 def remarks_on_rows(design: Design, name: str) -> list[str]:
-    """Starts of a job without effect on a user's model, and faults of the model at some rows, as sentences.
+    """Return sentences about starts without effect on a user's model, and about its faults at some rows.
 
     Rows are the corners of the axes and others, or all rows of a small job. Models of gaitsweep and models
-    with `host_parameters` are not checked. If a formula has no value in one of the rows, nothing is reported:
-    the run reports it for the row's block.
+    with `host_parameters` are not checked. If a formula has no value in one of the rows, no fault is
+    reported: the run reports the formula for the row's block.
 
     Args:
         design: the job's rows.
@@ -150,16 +162,21 @@ def remarks_on_rows(design: Design, name: str) -> list[str]:
     except (ExpressionError, JobError):
         return idle
 
-    def where(place: int) -> str:
-        at = ", ".join(f"{name} = {column[place]:.6g}" for name, column in varied.items())
+    def in_words(place: int) -> str:
+        """Describe the row at a place."""
+        words = f" at the start of row {rows[place]}"
+        if not varied:
+            return words
+        point = ", ".join(f"{name} = {column[place]:.6g}" for name, column in varied.items())
         more = ", ..." if len(design.names) > MAX_NAMED else ""
-        return f" at the start of row {rows[place]}" + (f" ({at}{more})" if at else "")
+        return f"{words} ({point}{more})"
 
-    return idle + [f"The model is {name}, {words}" for words in faults_of_rows(model, values, starts, where)]
+    faults = faults_of_rows(model, values, starts, in_words)
+    return idle + [f"The model is {name}, {words}" for words in faults]
 
 
 def _idle_starts(design: Design) -> list[str]:
-    """The starts without effect that a job varies, or sets to another value than their default."""
+    """Return the starts without effect that a job varies, or sets to another value than their default."""
     idle = idle_starts(design.model.original)
     quantities = design.model.initial_conditions
     used = design.closure(quantity.name for quantity in quantities if quantity.name not in idle)
@@ -173,40 +190,39 @@ def _idle_starts(design: Design) -> list[str]:
 
 
 def _some_rows(design: Design) -> Int[np.ndarray, " rows"]:
-    """`_TRIED_ROWS` rows: the corners of the first axes, then random ones; rows of a small job may repeat."""
+    """Return `_TRIED_ROWS` rows: corners of the first axes, random ones and the last; few repeat."""
     if design.n_rows <= _TRIED_ROWS:
         return np.arange(_TRIED_ROWS) % design.n_rows  # as many, so that the same program evaluates them
-    axes = [place for place, group in enumerate(design.groups) if group.length > 1][:_CORNERED_AXES]
+    axes = [position for position, group in enumerate(design.groups) if group.length > 1]
     corners = np.zeros(1, np.int64)
-    for place in axes:
-        last = (design.groups[place].length - 1) * design.stride(place)
-        corners = np.concatenate([corners, corners + last])
+    for position in axes[:_AXES_WITH_CORNERS]:
+        to_last_point = (design.groups[position].length - 1) * design.stride(position)
+        corners = np.concatenate([corners, corners + to_last_point])
     others = np.random.default_rng(0).integers(0, design.n_rows, _TRIED_ROWS - corners.size - 1)
     return np.concatenate([corners, others, [design.n_rows - 1]])
 
 
 def _check_path(design: Design, spec: ModelSpec, run: RunKind, movement: Movement) -> list[Diagnostic]:
-    """Diagnostics of values that a moving parameter, or one that follows it, must not have."""
+    """Return errors of values that a moving parameter, or one that follows it, must not have."""
     moving = movement.parameter
-    path = movement.values
+    turns = movement.values
     quantity = spec.parameters[moving]
-    diagnostics = []
-    for index, value in enumerate(path):
-        if not inside(np.array(value), quantity):
-            text = f"is {value:g}, but {requirement(quantity)}."
-            diagnostics.append(Diagnostic((*movement.valued, index), text))
+    diagnostics = [
+        Diagnostic((*movement.valued, index), f"is {value:g}, but {requirement(quantity)}.")
+        for index, value in enumerate(turns)
+        if not inside(np.array(value), quantity)
+    ]
     if diagnostics:
         return diagnostics
     for name in design.following(moving):
         rows = math.prod(design.groups[position].length for position in design.spans(name))
-        few = rows * len(path) <= MAX_CHECKED and len(path) <= _MAX_TURNS
-        turns = sorted(set(path)) if few else [min(path), max(path)]
-        for value in turns:
+        are_few = rows * len(turns) <= MAX_CHECKED and len(turns) <= _MAX_TURNS
+        for value in sorted(set(turns)) if are_few else (min(turns), max(turns)):
             design_at_value = dataclasses.replace(design, settings={**design.settings, moving: value})
             diagnostic = _check_quantity(design_at_value, spec, name, spec.parameters[name])
             if diagnostic is not None:
-                where = f"where the {run.kind_name} has {moving} = {value:g}."
-                text = f"{diagnostic.text.removesuffix('.')}, {where}"
+                begin = diagnostic.text.removesuffix(".")
+                text = f"{begin}, where the {run.kind_name} has {moving} = {value:g}."
                 diagnostics.append(Diagnostic(diagnostic.path, text))
                 break
     return diagnostics
@@ -215,7 +231,7 @@ def _check_path(design: Design, spec: ModelSpec, run: RunKind, movement: Movemen
 def check_figures(
     figures: Mapping[int, FigureKind], style: FigureStyle, design: Design, run: RunKind
 ) -> list[Diagnostic]:
-    """Diagnostics about figures that cannot be drawn from the run's table, or that share a name.
+    """Return errors about figures that cannot be drawn from the run's table, or that share a name.
 
     Args:
         figures: the figures by their places in the job.
@@ -223,51 +239,67 @@ def check_figures(
         design: the job's rows.
         run: their run.
     """
-    model = design.model
     columns = table_columns(design, run)
     table = PlannedTable(design, run, columns)
-    observables = [quantity.name for quantity in model.observables]
-    names = StyleNames.of_model(model, columns)
-    wrong = [Diagnostic(("style", *place), text) for place, text in names.unknown(style)]
-    colours = style.colours or {}
-    used = (figure.colours_of(name) for figure in figures.values() for name in colours)
-    if figures and colours and not any(used):
-        kinds = ", ".join(figure.kind_name for figure in figures.values())
-        text = f"has no effect: no figure of this job colours gaits ({kinds}). Remove it."
-        wrong.append(Diagnostic(("style", "colours"), text))
+    wrong = _check_style(figures, style, table, columns)
     stems: dict[str, int] = {}
     for index, figure in figures.items():
         path = ("figures", index)
         if not figure.suits(type(run)):
             wrong.append(_unsuited(figure, path, table))
             continue
-        unknown = [
-            unknown_name((*path, field), column, "a column of this job's table", columns)
-            for field, column in figure.columns().items()
-            if column not in columns
-        ]
-        unknown += [
-            unknown_name((*path, *place), name, f"an observable of {model.name}", observables)
-            for place, name in figure.observed().items()
-            if name not in observables
-        ]
-        wrong += unknown or [Diagnostic((*path, *place), text) for place, text in figure.refusals(table)]
-        if figure.stem in stems:
-            text = f"is {figure.stem}, like that of figures[{stems[figure.stem]}]"
+        wrong += _check_figure(figure, path, table, columns)
+        first = stems.setdefault(figure.stem, index)
+        if first != index:
+            text = f"is {figure.stem}, like that of figures[{first}]"
             text += f": give it a name of its own, such as name: {figure.stem}_{index + 1}."
             wrong.append(Diagnostic((*path, "name"), text))
-        stems.setdefault(figure.stem, index)
     return wrong
 
 
+def _check_style(
+    figures: Mapping[int, FigureKind], style: FigureStyle, table: PlannedTable, columns: Sequence[str]
+) -> list[Diagnostic]:
+    """Return errors about the style of all figures of a table with these columns."""
+    names = StyleNames.of_model(table.model, columns)
+    wrong = [Diagnostic(("style", *place), text) for place, text in names.unknown(style)]
+    colours = style.colours or {}
+    uses_colours = any(figure.colours_of(name) for figure in figures.values() for name in colours)
+    if figures and colours and not uses_colours:
+        kinds = ", ".join(figure.kind_name for figure in figures.values())
+        text = f"has no effect: no figure of this job colours gaits ({kinds}). Remove it."
+        wrong.append(Diagnostic(("style", "colours"), text))
+    return wrong
+
+
+def _check_figure(
+    figure: FigureKind, path: Path, table: PlannedTable, columns: Sequence[str]
+) -> list[Diagnostic]:
+    """Return errors about the columns and observables of a figure, or else about what it refuses."""
+    observables = [quantity.name for quantity in table.model.observables]
+    unknown = [
+        unknown_name((*path, field), column, "a column of this job's table", columns)
+        for field, column in figure.columns().items()
+        if column not in columns
+    ]
+    unknown += [
+        unknown_name((*path, *place), name, f"an observable of {table.model.name}", observables)
+        for place, name in figure.observed().items()
+        if name not in observables
+    ]
+    return unknown or [Diagnostic((*path, *place), text) for place, text in figure.refusals(table)]
+
+
 def _unsuited(figure: FigureKind, path: Path, table: PlannedTable) -> Diagnostic:
-    """The diagnostic of a figure that cannot show the table of a run of this kind."""
+    """Return the diagnostic of a figure that cannot show the table of a run of this kind."""
     run = table.run
-    others = [kind_of(part) for part in RUN_KINDS.values() if figure.kind_name in part.figures]
-    suited = " or ".join(dict.fromkeys([*figure.runs, *others]))
-    text = f"is {figure.kind_name}, which needs a run of kind {suited}, not {run.kind_name}."
-    suited_kinds = (
+    others = [kind_of(run_kind) for run_kind in RUN_KINDS.values() if figure.kind_name in run_kind.figures]
+    suited_runs = " or ".join(dict.fromkeys([*figure.runs, *others]))
+    suited_figures = [
         name for name, kind in FIGURES.items() if kind.suits(type(run)) and kind.needs_are_met(table)
+    ]
+    text = (
+        f"is {figure.kind_name}, which needs a run of kind {suited_runs}, not {run.kind_name}. "
+        f"Figures of {run.kind_name} for {table.model.name}: {', '.join(suited_figures)}."
     )
-    known = f"Figures of {run.kind_name} for {table.model.name}: {', '.join(suited_kinds)}."
-    return Diagnostic((*path, "kind"), f"{text} {known}")
+    return Diagnostic((*path, "kind"), text)

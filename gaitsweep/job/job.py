@@ -1,4 +1,4 @@
-"""A job: its fields, its resolved form, and its JSON schema."""
+"""Job: its fields, its resolved form, and its JSON schema."""
 
 from __future__ import annotations
 
@@ -36,8 +36,9 @@ from gaitsweep.schema.diagnostics import Diagnostic, JobError, SchemaSection, fr
 from gaitsweep.schema.numbers import Stem, Text, VerifyCount
 from gaitsweep.schema.strict_model import OneOf, StrictModel
 
-_KINDS = ", ".join(RUN_KINDS).rsplit(", ", 1)
-_PATH = PlainValidator(lambda path: path)  # `Config` has read or refused it before pydantic sees it
+_KINDS = list(RUN_KINDS)
+# no check, since `Config` has read or refused the path before pydantic sees it
+_PATH = PlainValidator(lambda path: path)
 _SETTINGS = WithJsonSchema(
     {"type": "object", "additionalProperties": {"type": ["number", "string", "boolean", "integer"]}}
 )
@@ -97,7 +98,7 @@ class Job(StrictModel):
         "last axis varies fastest",
     )
     run: Annotated[RunKind, OneOf(RUN_KINDS)] = Field(
-        description=f"task of each row (kind: {_KINDS[0]} or {_KINDS[1]})"
+        description=f"task of each row (kind: {', '.join(_KINDS[:-1])} or {_KINDS[-1]})"
     )
     numerics: Annotated[NumericsSpec, _NUMERICS] = Field(
         default_factory=NumericsSpec,
@@ -148,6 +149,7 @@ class Job(StrictModel):
     @model_validator(mode="wrap")
     @classmethod
     def _read(cls, data: Any, handler: ModelWrapValidatorHandler[Job], info: ValidationInfo) -> Job:
+        """Read a job from its mapping; jobs are returned unchanged."""
         if isinstance(data, Job):
             return data
         with near_miss.limited_effort():
@@ -157,21 +159,21 @@ class Job(StrictModel):
 
     @property
     def design(self) -> Design:
-        """The job's rows."""
+        """Rows of the job."""
         return self._design
 
     @property
     def integration(self) -> ResolvedNumerics:
-        """The numerics of its rows, with the model's recommendations filled in."""
+        """Numerics of its rows, with the model's recommendations filled in."""
         return self._integration
 
     @property
     def block(self) -> int:
-        """The number of rows in a part of the table."""
+        """Number of rows in a part of the table."""
         return rows_of_a_part(self.engine.block, self._design.n_rows)
 
     def resolved(self, engine: str | None = None) -> dict[str, Any]:
-        """The job as plain values, with the model's defaults and the config filled in.
+        """Return the job as plain values, with the model's defaults and the config filled in.
 
         Loading the result gives the same job. Formulas stay formulas, since they may depend on axes; starts
         that the model decides itself, and the parameter of a ramp or staircase, are left out.
@@ -210,7 +212,7 @@ class Job(StrictModel):
         lanes: int | None = None,
         steps: str | None = None,
     ) -> str:
-        """The sha256, in hex, of everything that decides the job's numbers, so without name and figures.
+        """Return the sha256, in hex, of all that decides the job's numbers, which name and figures do not.
 
         The order of `vary` counts, since it decides the order of rows and columns; no other order counts.
 
@@ -226,7 +228,7 @@ class Job(StrictModel):
             "block": self.block,
             "device": device,
         }
-        if not self.engine.contraction:  # left out by default, as it was before it could be chosen
+        if not self.engine.contraction:  # left out by default, so that hashes of older jobs stay valid
             runs_on["contraction"] = False
         resolved = self.resolved()
         deciding = {key: resolved[key] for key in ("model", "structure", "params", "start", "numerics")}
@@ -239,12 +241,12 @@ class Job(StrictModel):
 
 
 def _without_style(fields: dict[str, Any]) -> dict[str, Any]:
-    """The fields of a figure or a style without those of a style that are left open."""
+    """Return the fields of a figure or a style without those of a style that are left open."""
     return {key: value for key, value in fields.items() if key not in STYLE_FIELDS or value is not None}
 
 
 def _in_order(vary: dict[str, Any]) -> list[Any]:
-    """`vary` with its names in lists, so that the hash depends on their order."""
+    """Return `vary` with its names in lists, so that the hash depends on their order."""
     ordered: list[Any] = []
     for name, value in vary.items():
         groups = value if isinstance(value, list) else [value]
@@ -258,14 +260,14 @@ def _in_order(vary: dict[str, Any]) -> list[Any]:
 
 
 def _sections(data: Any) -> dict[str, SchemaSection]:
-    """The parts of a job by the keys under which pydantic reports them."""
-    runs = {kind: SchemaSection(f"run ({kind})", part, "run") for kind, part in RUN_KINDS.items()}
+    """Return the sections of a job by the keys under which pydantic reports them."""
+    runs = {kind: SchemaSection(f"run ({kind})", run, "run") for kind, run in RUN_KINDS.items()}
     # kinds of figures take long to import, and are not needed without figures
-    needed = FIGURES if isinstance(data, Mapping) and data.get("figures") else {}
+    figure_kinds = FIGURES if isinstance(data, Mapping) and data.get("figures") else {}
     # a figure's kind may be a run's too (return_map), hence the prefix
     figures = {
-        f"figures.{kind}": SchemaSection(f"a figure ({kind})", part, "figures")
-        for kind, part in needed.items()
+        f"figures.{kind}": SchemaSection(f"a figure ({kind})", figure, "figures")
+        for kind, figure in figure_kinds.items()
     }
     others = {
         "": SchemaSection("a job", Job),
@@ -276,7 +278,7 @@ def _sections(data: Any) -> dict[str, SchemaSection]:
 
 
 class _Figures(StrictModel):
-    """The figures of a job and their style, without its other fields."""
+    """Figures of a job and their style, without its other fields."""
 
     figures: list[Annotated[FigureKind, OneOf(FIGURES)]]
     style: FigureStyle = Field(default_factory=FigureStyle)
@@ -288,6 +290,9 @@ def read_figures(job: Mapping[str, Any], file: str) -> tuple[list[dict[str, Any]
     Args:
         job: the job.
         file: the name of its file, for messages.
+
+    Returns:
+        The figures as plain values, and their style.
 
     Raises:
         JobError: all errors in them, each with the name of the file.
@@ -308,9 +313,9 @@ def read_figures(job: Mapping[str, Any], file: str) -> tuple[list[dict[str, Any]
 
 
 def schema() -> dict[str, Any]:
-    """The JSON schema of job files, for editors; each field has a description."""
-    described = Job.model_json_schema()
-    described["$schema"] = "https://json-schema.org/draft/2020-12/schema"
-    described["title"] = "gaitsweep job"
-    described["required"].remove("model")  # a config may name it
-    return described
+    """Return the JSON schema of job files, for editors; each field has a description."""
+    job_schema = Job.model_json_schema()
+    job_schema["$schema"] = "https://json-schema.org/draft/2020-12/schema"
+    job_schema["title"] = "gaitsweep job"
+    job_schema["required"].remove("model")  # a config may name it
+    return job_schema

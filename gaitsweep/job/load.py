@@ -1,4 +1,4 @@
-"""Loading of a job from its file, with the overrides of `--set key=value`, or from the table of its run."""
+"""Loading of a job from its file, or from the table of its run."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ import pandas as pd
 from gaitsweep import models, near_miss
 from gaitsweep.errors import ArgumentError
 from gaitsweep.job.job import Job
+from gaitsweep.job.overrides import read_with_overrides
 from gaitsweep.kinds.atlas import Atlas
-from gaitsweep.schema.diagnostics import Diagnostic, JobError, quoted
-from gaitsweep.schema.yaml_document import Document, read_document, read_value
+from gaitsweep.schema.diagnostics import Diagnostic, JobError
 from gaitsweep.shipped import job_file
 
 
@@ -23,8 +23,8 @@ def load_job(path: str | Path, overrides: Sequence[str] = ()) -> Job:
     Args:
         path: the file, or `builtin:NAME` for one that comes with gaitsweep; `config` and the user's modules
             are found relative to its folder.
-        overrides: texts "key=value" with a dotted key and a YAML value (`run.max_cycles=10`), which override
-            fields of the file or add fields to it.
+        overrides: texts "key=value" with a dotted key and a YAML value, such as "run.max_cycles=10", which
+            override fields of the file or add fields to it.
 
     Raises:
         JobError: all errors, each with its file and line or its override.
@@ -44,53 +44,8 @@ def load_job(path: str | Path, overrides: Sequence[str] = ()) -> Job:
             raise document.located(error) from None
 
 
-def read_with_overrides(path: Path, overrides: Sequence[str]) -> Document:
-    """Read a YAML file and apply overrides.
-
-    Args:
-        path: the file.
-        overrides: as for `load_job`.
-
-    Raises:
-        JobError: the file is not YAML, or an override is not valid.
-    """
-    document = read_document(path)
-    for override in overrides:
-        _override(document, override)
-    return document
-
-
-def _override(document: Document, override: str) -> None:
-    """Set the field of an override "key=value"; fields that contain it are created as needed."""
-    origin = f"--set {override if len(override) <= 60 else f'{override[:57]}...'}"
-    key, equals, text = override.partition("=")
-    parts = tuple(part.strip() for part in key.split("."))
-    if not equals or not all(parts):
-        text = "is not valid: write --set key=value, such as --set run.max_cycles=10."
-        raise JobError([Diagnostic((), text, place=origin)])
-    value = read_value(text, origin)
-    section = document.data
-    for depth, part in enumerate(parts[:-1]):
-        if section.get(part) is None:
-            section[part] = {}
-        section = section[part]
-        if not isinstance(section, dict):
-            text = f"is {quoted(section)} and has no fields to set"
-            if isinstance(section, list):
-                text += f": write the whole list, {'.'.join(parts[: depth + 1])}=[...]"
-            text += "."
-            raise JobError([Diagnostic(parts[: depth + 1], text, place=origin)])
-    section[parts[-1]] = value
-    # error messages name the override as the place of this field, and of the fields that it created
-    for path in [path for path in document.places if path[: len(parts)] == parts]:
-        del document.places[path]
-    for length in range(1, len(parts) + 1):
-        if document.places.setdefault(parts[:length], origin) == origin:
-            document.overridden.append(parts[:length])
-
-
 def stored_job(attrs: Mapping[Any, Any], *, trust: bool = False) -> Job:
-    """The job that made a table, even if `job.yaml` was edited since.
+    """Return the job that made a table, even if `job.yaml` was edited since.
 
     Args:
         attrs: the table's `.attrs`.
@@ -108,7 +63,7 @@ def stored_job(attrs: Mapping[Any, Any], *, trust: bool = False) -> Job:
 
 
 def wider_job(table: pd.DataFrame, *, trust: bool = False) -> Job:
-    """The job of an atlas that continues the one that made a table.
+    """Return the job of an atlas that continues the one that made a table.
 
     Args:
         table: the table, with its `.attrs`.

@@ -1,4 +1,4 @@
-"""The model of a job, its structure, and the parameters and starts that the job sets."""
+"""Model of a job, its structure, and the parameters and starts that the job sets."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import math
 import typing
 from collections.abc import Mapping, Sequence
 from pathlib import Path as FilePath
-from typing import Any
+from typing import Any, Literal
 
 from pydantic import BaseModel
 
@@ -30,6 +30,11 @@ from gaitsweep.schema.numbers import (
     read_word,
 )
 
+Section = Literal["params", "start", "vary"]
+# Limits of whole numbers of the structure whose field has none.
+_SMALLEST_SIZE = 1
+_LARGEST_SIZE = 10**6
+
 
 @dataclasses.dataclass(frozen=True)
 class ModelSpec:
@@ -42,12 +47,12 @@ class ModelSpec:
 
     @property
     def quantities(self) -> dict[str, Quantity]:
-        """The parameters, then the starts."""
+        """Parameters, then starts, by name."""
         return {**self.parameters, **self.starts}
 
     @property
     def sizes(self) -> dict[str, float]:
-        """The numbers of the structure, which expressions may use: {"N": 3.0}."""
+        """Numbers of the structure, which expressions may use: {"N": 3.0}."""
         return {
             name: float(value)
             for name, value in self.resolved_structure.items()
@@ -56,9 +61,9 @@ class ModelSpec:
 
     @property
     def resolved_structure(self) -> dict[str, Any]:
-        """The structure in a resolved job, without fields marked `later` that have their default.
+        """Structure in a resolved job, without fields marked `later` that have their default.
 
-        Fields that were added to a model later so change neither the hash nor the manifest of older jobs.
+        Fields that were added to a model later thus change neither the hash nor the manifest of older jobs.
         """
         later = {
             field.name: field.default
@@ -69,26 +74,25 @@ class ModelSpec:
             name: value for name, value in self.structure.items() if name not in later or value != later[name]
         }
 
-    def unknown(self, name: str, field: str) -> str | None:
-        """The reason why a name is not allowed in a section, or None.
+    def unknown(self, name: str, field: Section) -> str | None:
+        """Return the reason why a name is not allowed in a section, or None.
 
         Args:
             name: the name.
-            field: the section: params, start or vary.
+            field: the section.
         """
         allowed = {"params": self.parameters, "start": self.starts, "vary": self.quantities}[field]
         if name in allowed:
             return None
         if name in self.structure:
             cannot = "cannot vary" if field == "vary" else "cannot be a start value"
-            where = "set it under structure or params, in one job for each value"
-            return f"decides the size of arrays and {cannot}: {where}."
+            advice = "set it under structure or params, in one job for each value"
+            return f"decides the size of arrays and {cannot}: {advice}."
         if name in self.quantities:
             noun, other = ("start value", "start") if field == "params" else ("parameter", "params")
             return f"is a {noun} of {self.model.name}: write it under {other}."
         nouns = {"params": "a parameter", "start": "a start value", "vary": "a parameter or start value"}
-        noun = nouns[field]
-        return f"is not {noun} of {self.model.name}{near_miss.suggestion(name, allowed)}"
+        return f"is not {nouns[field]} of {self.model.name}{near_miss.suggestion(name, allowed)}"
 
 
 def read_model_spec(
@@ -99,7 +103,7 @@ def read_model_spec(
     run: Any = None,
     ground: Any = None,
 ) -> tuple[ModelSpec | None, list[Diagnostic]]:
-    """The model that a job names, with the structure that `structure` and `params` set.
+    """Read the model that a job names, with the structure that `structure` and `params` set.
 
     Args:
         name, structure, params: these fields of the job as written.
@@ -114,10 +118,11 @@ def read_model_spec(
         model_class = models.find(read_text(name), folders)
     except (models.ModelError, InvalidValue) as error:
         return None, [Diagnostic(("model",), str(error))]
+    fields = {field.name: field for field in dataclasses.fields(model_class) if field.init}  # type: ignore[arg-type]
+    # the values of structural fields with their paths, in the order in which they take effect
     written: list[tuple[Path, str, Any]] = [
         (("structure", key), key, value) for key, value in _items(structure)
     ]
-    fields = {field.name: field for field in dataclasses.fields(model_class) if field.init}  # type: ignore[arg-type]
     written += [(("params", key), key, value) for key, value in _items(params) if key in fields]
     diagnostics: list[Diagnostic] = []
     if ground is not None:
@@ -126,8 +131,36 @@ def read_model_spec(
         else:
             text = f"is {quoted(ground)}, but {name} does not ask for the height of the ground: remove it."
             diagnostics.append(Diagnostic(("ground",), text))
+    shape = _read_structure(str(name), model_class, fields, written, folders, diagnostics)
+    if diagnostics:
+        return None, diagnostics
+    spec, diagnostics = _instance(str(name), model_class, shape)
+    return (None, diagnostics) if spec is None else _with_run(spec, run)
+
+
+def _read_structure(
+    name: str,
+    model_class: type[Model],
+    fields: Mapping[str, dataclasses.Field],
+    written: Sequence[tuple[Path, str, Any]],
+    folders: Sequence[FilePath],
+    diagnostics: list[Diagnostic],
+) -> dict[str, Any]:
+    """Read the structure of a model.
+
+    Args:
+        name: name of the model.
+        model_class: its class.
+        fields: the fields of its structure.
+        written: path, field and value of what the job sets.
+        folders: as for `read_model_spec`.
+        diagnostics: those of the job, to which errors are added.
+
+    Returns:
+        The values of all fields, including the defaults.
+    """
     shape: dict[str, Any] = {key: field.default for key, field in fields.items()}
-    first: dict[str, Any] = {}  # the value that is written first, by field
+    first_values: dict[str, Any] = {}
     for path, key, value in written:
         if key not in fields:
             text = f"is not part of the structure of {name}{near_miss.suggestion(str(key), fields)}"
@@ -141,21 +174,19 @@ def read_model_spec(
         except InvalidValue as error:
             diagnostics.append(Diagnostic(path, str(error)))
             continue
-        if first.setdefault(key, shape[key]) != shape[key]:
-            text = f"is {quoted(value)}, but structure.{key} is {quoted(first[key])}: remove one of the two."
+        first = first_values.setdefault(key, shape[key])
+        if first != shape[key]:
+            text = f"is {quoted(value)}, but structure.{key} is {quoted(first)}: remove one of the two."
             diagnostics.append(Diagnostic(path, text))
     for key, value in shape.items():
         if value is dataclasses.MISSING:
             text = f"is missing: {name} has no default for {key}."
             diagnostics.append(Diagnostic(("structure", key), text))
-    if diagnostics:
-        return None, diagnostics
-    spec, diagnostics = _instance(str(name), model_class, shape)
-    return (None, diagnostics) if spec is None else _of_run(spec, run)
+    return shape
 
 
-def _of_run(spec: ModelSpec, run: Any) -> tuple[ModelSpec, list[Diagnostic]]:
-    """The model with the parameters that a run adds, and diagnostics."""
+def _with_run(spec: ModelSpec, run: Any) -> tuple[ModelSpec, list[Diagnostic]]:
+    """Return the model with the parameters that a run adds, and the diagnostics."""
     written = run.model_dump() if isinstance(run, BaseModel) else run
     name = written.get("kind") if isinstance(written, Mapping) else None
     kind = RUN_KINDS.get(name) if isinstance(name, str) else None
@@ -169,12 +200,14 @@ def _of_run(spec: ModelSpec, run: Any) -> tuple[ModelSpec, list[Diagnostic]]:
 
 
 def _items(mapping: Any) -> list[tuple[str, Any]]:
-    """The items of a section as written; none if it is not a mapping."""
-    return [(str(key), value) for key, value in mapping.items()] if isinstance(mapping, Mapping) else []
+    """Return the items of a section as written; none if it is not a mapping."""
+    if not isinstance(mapping, Mapping):
+        return []
+    return [(str(key), value) for key, value in mapping.items()]
 
 
 def _read_size(value: Any, field: dataclasses.Field, hint: Any) -> bool | str | float:
-    """The value of a field of the structure, by its type; raises InvalidValue."""
+    """Read the value of a field of the structure, by its type hint; raises InvalidValue."""
     if hint is bool:
         return read_flag(value)
     if hint is str:
@@ -184,14 +217,12 @@ def _read_size(value: Any, field: dataclasses.Field, hint: Any) -> bool | str | 
     low = field.metadata.get("low")
     high = field.metadata.get("high")
     if hint is float:
-        smallest = -math.inf if low is None else low
-        return read_real(value, smallest, math.inf if high is None else high)
-    smallest = 1 if low is None else low
-    return read_whole(value, smallest, 10**6 if high is None else high)
+        return read_real(value, -math.inf if low is None else low, math.inf if high is None else high)
+    return read_whole(value, _SMALLEST_SIZE if low is None else low, _LARGEST_SIZE if high is None else high)
 
 
 def _read_ground(value: Any, folders: Sequence[FilePath]) -> str:
-    """The kind of ground, or the profile in a file; raises InvalidValue."""
+    """Read a kind of ground, or the profile in a file; raises InvalidValue."""
     allowed = f"must be {', '.join(KINDS)}, or {{file: PATH}} with the path of a CSV file"
     if isinstance(value, Mapping):
         if list(value) != ["file"] or not isinstance(value["file"], str):
@@ -211,7 +242,7 @@ def _read_ground(value: Any, folders: Sequence[FilePath]) -> str:
 def _instance(
     name: str, model_class: type[Model], shape: dict[str, Any]
 ) -> tuple[ModelSpec | None, list[Diagnostic]]:
-    """The spec of a model with this structure, or None; and the diagnostics."""
+    """Return the spec of a model with this structure, or None, and the diagnostics."""
     refuse_missing_platform()  # a model's constants are arrays of JAX
     try:
         model = model_class(**shape)
@@ -221,21 +252,24 @@ def _instance(
         return None, [Diagnostic(("structure",), f"is not accepted by {name}: {str(error).rstrip('.')}.")]
     names = [*parameters, *starts, *shape]
     for quantity in names:
-        if quantity in RESERVED or names.count(quantity) > 1:
-            reserved = f"a quantity named {quantity}, which is reserved"
-            fault_of_name = reserved if quantity in RESERVED else f"{quantity} twice"
-            return None, [Diagnostic(("model",), f"is {name}, which has {fault_of_name}: rename it.")]
+        if quantity in RESERVED:
+            text = f"is {name}, which has a quantity named {quantity}, which is reserved: rename it."
+            return None, [Diagnostic(("model",), text)]
+        if names.count(quantity) > 1:
+            return None, [Diagnostic(("model",), f"is {name}, which has {quantity} twice: rename it.")]
     if name not in models.names() and (wrong := fault(model)) is not None:
         return None, [Diagnostic(("model",), f"is {name}, {wrong}")]
     return ModelSpec(model, shape, parameters, starts), []
 
 
-def read_settings(raw: Any, field: str, spec: ModelSpec) -> tuple[dict[str, float | str], list[Diagnostic]]:
-    """The numbers and formulas under `params` or `start` without the structure.
+def read_settings(
+    raw: Any, field: Literal["params", "start"], spec: ModelSpec
+) -> tuple[dict[str, float | str], list[Diagnostic]]:
+    """Read the numbers and formulas of a section, without the structure.
 
     Args:
         raw: the section as written.
-        field: params or start.
+        field: the section.
         spec: the model.
 
     Returns:
@@ -264,17 +298,17 @@ def read_settings(raw: Any, field: str, spec: ModelSpec) -> tuple[dict[str, floa
 
 
 def _read_setting(value: Any, quantity: Quantity) -> float | str:
-    """The number or the formula that a job sets for a quantity; raises InvalidValue."""
-    switch = (quantity.low, quantity.high, quantity.open_ends) == (0.0, 1.0, False)
-    if switch and isinstance(value, bool):
+    """Read the number or the formula that a job sets for a quantity; raises InvalidValue."""
+    is_switch = quantity.low == 0.0 and quantity.high == 1.0 and not quantity.open_ends
+    if is_switch and isinstance(value, bool):
         return float(value)
-    if switch and isinstance(value, str) and value.lower() in ("yes", "no", "on", "off"):
+    if is_switch and isinstance(value, str) and value.lower() in ("yes", "no", "on", "off"):
         raise InvalidValue(f"is {quoted(value)}, but must be true, false or a number from 0 to 1.")
     if isinstance(value, (list, tuple, Mapping)):
         raise InvalidValue(f"is {quoted(value)}, but must be one number; lists and axes belong under vary.")
-    read = read_number(value)
+    setting = read_number(value)
     default = quantity.default
-    # the same formula stays the same text, with which a job's hash was made
-    if isinstance(read, str) and isinstance(default, str) and read == read_number(default):
+    # the model's own formula keeps its text, of which the job's hash is made
+    if isinstance(setting, str) and isinstance(default, str) and setting == read_number(default):
         return default
-    return read
+    return setting

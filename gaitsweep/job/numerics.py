@@ -1,9 +1,9 @@
-"""The sections `numerics` and `engine` of a job."""
+"""Sections `numerics` and `engine` of a job."""
 
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
 from pydantic import Field, PlainValidator, WithJsonSchema
 
@@ -14,40 +14,47 @@ from gaitsweep.schema.numbers import Count, Flag, LaneCount, Positive, checked, 
 from gaitsweep.schema.strict_model import StrictModel
 
 # Each part takes some milliseconds, however few its rows, which add up on a GPU. But an unfinished block of
-# more than _LARGE rows takes much memory, and a worker of a cluster loses it as a whole.
-_SMALL = 1024
-_LARGE = 32_768
-_PARTS = 64
+# more than _LARGE_PART rows takes much memory, and a worker of a cluster loses it as a whole.
+_SMALL_PART = 1024
+_LARGE_PART = 32_768
+_USUAL_PARTS = 64
 _MAX_PARTS = 500
-METHOD_NAMES = ("auto", "tsit5", "taylor", "rodas5p", "rk4", "propagator6", "propagator", "semi_implicit")
+MethodName = Literal[
+    "auto", "tsit5", "taylor", "rodas5p", "rk4", "propagator6", "propagator", "semi_implicit"
+]
+METHOD_NAMES: tuple[MethodName, ...] = get_args(MethodName)
 
 
-def _step(value: Any) -> float | str:
+def _read_step(value: Any) -> float | Literal["auto"]:
     """Read the length of a step, s, or `auto`."""
     return "auto" if value == "auto" else read_real(value, low=0.0, open_ends=True)
 
 
-def _block(value: Any) -> int | str:
+def _read_block(value: Any) -> int | Literal["auto"]:
     """Read a number of rows, or `auto`."""
     return "auto" if value == "auto" else read_whole(value, low=1, high=10**9)
 
 
-def rows_of_a_part(block: int | str, n_rows: int) -> int:
-    """The number of rows in a part of a table: the chosen one, or 1024 times a power of two.
+def rows_of_a_part(block: int | Literal["auto"], n_rows: int) -> int:
+    """Return the number of rows in a part of a table: the chosen one, or 1024 times a power of two.
 
     A table has about 64 parts, or more (up to 500) to keep each part within 32 768 rows.
+
+    Args:
+        block: the chosen number, or "auto".
+        n_rows: the number of rows of the table.
     """
-    if isinstance(block, int):
+    if block != "auto":
         return block
-    wanted = max(min(n_rows / _PARTS, _LARGE), n_rows / _MAX_PARTS, _SMALL)
-    return _SMALL * 2 ** math.ceil(math.log2(wanted / _SMALL))
+    least = max(min(n_rows / _USUAL_PARTS, _LARGE_PART), n_rows / _MAX_PARTS, _SMALL_PART)
+    return _SMALL_PART * 2 ** math.ceil(math.log2(least / _SMALL_PART))
 
 
 class NumericsSpec(StrictModel):
     """Integration of trajectories; the model recommends values for the fields that are left out."""
 
     method: Annotated[
-        Literal["auto", "tsit5", "taylor", "rodas5p", "rk4", "propagator6", "propagator", "semi_implicit"],
+        MethodName,
         word(*METHOD_NAMES, former=former_names.METHODS),
     ] = Field(
         default="auto",
@@ -62,7 +69,7 @@ class NumericsSpec(StrictModel):
     )
     dt: Annotated[
         float | Literal["auto"],
-        PlainValidator(checked(_step)),
+        PlainValidator(checked(_read_step)),
         WithJsonSchema({"anyOf": [{"type": "number"}, {"type": "string"}]}),
     ] = Field(
         default="auto",
@@ -87,7 +94,12 @@ class NumericsSpec(StrictModel):
     )
 
     def resolve(self, model: Model, *, contraction: bool) -> ResolvedNumerics:
-        """The numerics of a job's rows; `contraction` is that of `EngineChoice`."""
+        """Return the numerics with the model's recommendations filled in.
+
+        Args:
+            model: the model.
+            contraction: as in `EngineChoice`.
+        """
         dt = None if self.dt == "auto" else self.dt
         return Numerics(**{**self.model_dump(), "dt": dt, "contraction": contraction}).resolve(model)
 
@@ -105,7 +117,7 @@ class EngineChoice(StrictModel):
     )
     block: Annotated[
         int | Literal["auto"],
-        PlainValidator(checked(_block)),
+        PlainValidator(checked(_read_block)),
         WithJsonSchema({"anyOf": [{"type": "integer"}, {"type": "string"}]}),
     ] = Field(
         default="auto",

@@ -1,10 +1,10 @@
-"""Reading of a job: its sections in order, with all diagnostics collected, then its rows."""
+"""Reading of a job: its sections in order, with all diagnostics collected, and its rows."""
 
 from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,14 +14,16 @@ from gaitsweep.design.design import Design
 from gaitsweep.design.vary import Group, read_vary
 from gaitsweep.engine.numerics import ResolvedNumerics
 from gaitsweep.expression import ExpressionError, evaluate, names_in
-from gaitsweep.job.checks import check_figures, check_names, check_ranges
+from gaitsweep.job.checks import check_figures, check_names, check_ranges, path_of_value
 from gaitsweep.job.config import Config
 from gaitsweep.job.model_spec import ModelSpec, read_model_spec, read_settings
 from gaitsweep.job.step_lengths import check_numerics, check_steps, suited_to_stiffness
 from gaitsweep.kinds import parameter_written
 from gaitsweep.kinds.fixed_points import FollowsFixedPoints
 from gaitsweep.kinds.run_kind import RunKind, table_columns
+from gaitsweep.plot.kind import FigureKind
 from gaitsweep.schema.diagnostics import Diagnostic, JobError, SchemaSection, from_pydantic, quoted
+from gaitsweep.schema.diagnostics import Path as FieldPath
 from gaitsweep.schema.numbers import SCOPE, Scope
 
 if TYPE_CHECKING:
@@ -38,7 +40,7 @@ _READ_HERE = ("params", "start", "vary", "structure", "ground")
 def read_job(
     data: Any, folder: Path, handler: Callable[[Any], Job], sections: dict[str, SchemaSection]
 ) -> tuple[Job, Design, ResolvedNumerics]:
-    """The job built by pydantic, its rows, and its numerics.
+    """Read a job; return it with its rows and its numerics.
 
     Model, structure, params, start and vary come first, since expressions in the other parts use them.
 
@@ -51,50 +53,30 @@ def read_job(
     Raises:
         JobError: all errors in the job.
     """
-    if not isinstance(data, Mapping):
-        raise JobError([Diagnostic((), f"is {quoted(data)}, but a job must be a mapping (key: value).")])
-    if others := [key for key in FITTING_FIELDS if data.get(key) is not None]:
-        text = f"belongs to another command: run this job with `gaitsweep {others[0]}`."
-        raise JobError([Diagnostic((others[0],), text)])
-    config = Config({str(key): _plain(value) for key, value in data.items() if value is not None}, folder)
-    raw = config.raw
-    diagnostics = list(config.diagnostics)
-    spec = None
-    if "model" in raw:
-        of_model = (raw["model"], raw.get("structure"), raw.get("params"))
-        spec, wrong = read_model_spec(*of_model, [folder], raw.get("run"), raw.get("ground"))
-        diagnostics.extend(wrong)
-    fields = {key: value for key, value in raw.items() if key not in _READ_HERE}
-    settings = {} if spec is None else _read_values(raw, spec, fields, diagnostics)
-    moved = _moved(raw, spec)
-    refusal = functools.partial(_refusal_to_vary, spec, settings, moved)
-    vary = read_vary(raw.get("vary"), spec.quantities if spec else {}, refusal)
-    fields["vary"] = vary.plain
-    diagnostics.extend(vary.diagnostics)
-    design = None
-    if spec is not None and not vary.diagnostics:
-        design = _design(spec, vary.groups, settings, moved, diagnostics)
-    token = SCOPE.set(_scope(design, spec, moved))
+    config = Config(_written_fields(data), folder)
+    rows = _read_rows(config, folder)
+    diagnostics = list(rows.diagnostics)
+    token = SCOPE.set(_scope(rows.design, rows.spec, rows.moved))
     try:
-        job = handler(fields)
-        places = None
+        job = handler(rows.fields)
+        figure_numbers = list(range(len(job.figures)))
     except ValidationError as error:
         wrong = from_pydantic(error, sections, "")
         diagnostics.extend(wrong)
-        job, places = _without(fields, wrong, handler)
+        job, figure_numbers = _without_refused(rows.fields, wrong, handler)
     finally:
         SCOPE.reset(token)
-    if job is None or design is None or spec is None:
-        config.refuse(diagnostics)
-    assert job is not None
-    assert design is not None
-    assert spec is not None
+    if job is None or rows.design is None or rows.spec is None:
+        raise config.error(diagnostics)
+    spec = rows.spec
+    design = rows.design
     diagnostics.extend(_unknown_movements(job.run, spec))
     if job.run.moved is not None and job.run.turns:  # a trace may lack its path, which its check reports
-        first = {job.run.moved: job.run.turns[0]}
-        design = dataclasses.replace(design, settings={**design.settings, **first})
+        settings = {**design.settings, job.run.moved: job.run.turns[0]}
+        design = dataclasses.replace(design, settings=settings)
     if diagnostics:
-        config.refuse([*diagnostics, *_beside(diagnostics, design, spec, job, places)])
+        figures = dict(zip(figure_numbers, job.figures, strict=True))
+        raise config.error([*diagnostics, *_further_diagnostics(diagnostics, design, spec, job, figures)])
     numerics = job.numerics.resolve(spec.model, contraction=job.engine.contraction)
     config.refuse(_check_whole(design, spec, job, numerics))
     if job.numerics.method == "auto":
@@ -103,21 +85,69 @@ def read_job(
     return job, design, numerics
 
 
-def _read_values(
-    raw: Mapping[str, Any], spec: ModelSpec, fields: dict[str, Any], diagnostics: list[Diagnostic]
-) -> dict[str, float | str]:
-    """The settings under `params` and `start` together; `fields` gets both sections and the structure."""
-    fields["structure"] = spec.resolved_structure
-    for section in ("params", "start"):
-        fields[section], wrong = read_settings(raw.get(section), section, spec)
-        diagnostics.extend(wrong)
-    return {**fields["params"], **fields["start"]}
+def _written_fields(data: Any) -> dict[str, Any]:
+    """Return the fields of a job's mapping as plain values, without empty ones.
+
+    Raises:
+        JobError: it is not a mapping, or is a job of another command.
+    """
+    if not isinstance(data, Mapping):
+        raise JobError([Diagnostic((), f"is {quoted(data)}, but a job must be a mapping (key: value).")])
+    for key in FITTING_FIELDS:
+        if data.get(key) is not None:
+            text = f"belongs to another command: run this job with `gaitsweep {key}`."
+            raise JobError([Diagnostic((key,), text)])
+    return {str(key): _plain(value) for key, value in data.items() if value is not None}
+
+
+@dataclasses.dataclass
+class _Rows:
+    """Model and rows of a job, as far as they could be read.
+
+    `moved` is the parameter that the run moves; `fields` are the job's fields for pydantic, in which those
+    that were read have their normal form; `diagnostics` are the errors so far.
+    """
+
+    spec: ModelSpec | None
+    design: Design | None
+    moved: str | None
+    fields: dict[str, Any]
+    diagnostics: list[Diagnostic]
+
+
+def _read_rows(config: Config, folder: Path) -> _Rows:
+    """Read the model, its settings and `vary`, from the fields of a job and its config."""
+    raw = config.raw
+    diagnostics = list(config.diagnostics)
+    spec = None
+    if "model" in raw:
+        spec, wrong = read_model_spec(
+            raw["model"], raw.get("structure"), raw.get("params"), [folder], raw.get("run"), raw.get("ground")
+        )
+        diagnostics += wrong
+    fields = {key: value for key, value in raw.items() if key not in _READ_HERE}
+    settings: dict[str, float | str] = {}
+    if spec is not None:
+        fields["structure"] = spec.resolved_structure
+        fields["params"], wrong_params = read_settings(raw.get("params"), "params", spec)
+        fields["start"], wrong_starts = read_settings(raw.get("start"), "start", spec)
+        diagnostics += [*wrong_params, *wrong_starts]
+        settings = {**fields["params"], **fields["start"]}
+    moved = _moved(raw, spec)
+    refusal = functools.partial(_refusal_to_vary, spec, settings, moved)
+    vary = read_vary(raw.get("vary"), spec.quantities if spec else {}, refusal)
+    fields["vary"] = vary.plain
+    diagnostics += vary.diagnostics
+    design = None
+    if spec is not None and not vary.diagnostics:
+        design = _design(spec, vary.groups, settings, moved, diagnostics)
+    return _Rows(spec, design, moved, fields, diagnostics)
 
 
 def _refusal_to_vary(
     spec: ModelSpec | None, settings: Mapping[str, float | str], moved: str | None, name: str
 ) -> str | None:
-    """The reason why a name cannot vary in this job, or None."""
+    """Return the reason why a name cannot vary in this job, or None."""
     if spec is None:
         return None
     if name in settings:
@@ -129,54 +159,69 @@ def _refusal_to_vary(
 
 
 def _unknown_movements(run: RunKind, spec: ModelSpec) -> list[Diagnostic]:
-    """Diagnostics about parameters that a run moves and the model does not have."""
+    """Return errors about parameters that a run moves and the model does not have."""
+    names = {movement.named: movement.parameter for movement in run.movements}
+    reasons = {path: spec.unknown(name, "params") for path, name in names.items()}
     return [
-        Diagnostic(movement.named, f"is {name}, which {spec.unknown(name, 'params') or ''}")
-        for movement in run.movements
-        if (name := movement.parameter) not in spec.parameters
+        Diagnostic(path, f"is {names[path]}, which {reason}")
+        for path, reason in reasons.items()
+        if reason is not None
     ]
 
 
-def _beside(
-    diagnostics: Sequence[Diagnostic], design: Design, spec: ModelSpec, job: Job, places: list[int] | None
+def _further_diagnostics(
+    diagnostics: Sequence[Diagnostic],
+    design: Design,
+    spec: ModelSpec,
+    job: Job,
+    figures: Mapping[int, FigureKind],
 ) -> list[Diagnostic]:
-    """Diagnostics that do not follow from those already found; `places` are those of the job's figures."""
-    figures = dict(zip(range(len(job.figures)) if places is None else places, job.figures, strict=True))
-    later = check_figures(figures, job.style, design, job.run)
+    """Return errors of figures and values that do not follow from the errors found so far.
+
+    Args:
+        diagnostics: the errors found so far.
+        design: the job's rows.
+        spec: its model.
+        job: the job without wrong fields.
+        figures: its figures by their numbers in the job as written.
+    """
+    further = check_figures(figures, job.style, design, job.run)
     wrong_fields = {str(diagnostic.path[0]) if diagnostic.path else "" for diagnostic in diagnostics}
     if wrong_fields.isdisjoint(("", "run", *_DECIDING_VALUES)):
-        later += check_ranges(design, spec, job.run)
-    return later
+        further += check_ranges(design, spec, job.run)
+    return further
 
 
-def _without(
-    fields: Mapping[str, Any], wrong: Sequence[Diagnostic], handler: Callable[[Any], Any]
-) -> tuple[Any, list[int]]:
-    """The job without the fields that pydantic refused, and the places of its figures.
+def _without_refused(
+    fields: Mapping[str, Any], wrong: Sequence[Diagnostic], handler: Callable[[Any], Job]
+) -> tuple[Job | None, list[int]]:
+    """Return the job without the fields that pydantic refused, and the numbers of its figures as written.
 
     The job is None where it must have such a field.
     """
     refused = {diagnostic.path[:2] for diagnostic in wrong}
+    # a wrong figure is left out alone, of other fields the whole
+    names = {path[0] for path in refused if path and (len(path) == 1 or path[0] != "figures")}
+    sound_fields = {"name": "job", **{name: value for name, value in fields.items() if name not in names}}
     figures = fields.get("figures")
-    places = range(len(figures)) if isinstance(figures, list | tuple) else ()
-    places = [place for place in places if ("figures", place) not in refused]
-    names = {path[0] for path in refused if path[1:] == () or path[0] != "figures"}
-    rest = {"name": "job", **{name: value for name, value in fields.items() if name not in names}}
+    numbers: list[int] = []
     if figures is not None:
-        rest["figures"] = [figures[place] for place in places]
+        if isinstance(figures, list | tuple):
+            numbers = [number for number in range(len(figures)) if ("figures", number) not in refused]
+        sound_fields["figures"] = [figures[number] for number in numbers]
     try:
-        return handler(rest), places
+        return handler(sound_fields), numbers
     except ValidationError:
         return None, []
 
 
 def _plain(value: Any) -> Any:
-    """The fields of a model of pydantic, such as a run kind; other values unchanged."""
+    """Return the fields of a model of pydantic, such as a run kind, and other values unchanged."""
     return value.model_dump() if isinstance(value, BaseModel) else value
 
 
 def _moved(raw: Mapping[str, Any], spec: ModelSpec | None) -> str | None:
-    """The parameter that the run moves, if it is one of the model's."""
+    """Return the parameter that the run moves, if it is one of the model's."""
     name = parameter_written(raw.get("run"))
     return name if spec is not None and isinstance(name, str) and name in spec.parameters else None
 
@@ -188,7 +233,7 @@ def _design(
     moved: str | None,
     diagnostics: list[Diagnostic],
 ) -> Design | None:
-    """The design with the model's defaults; a moving parameter has the value 1 until its path is read.
+    """Return the design with the model's defaults; a moving parameter is 1 until its path is read.
 
     Args:
         spec: the model.
@@ -201,39 +246,44 @@ def _design(
         The design; None if its formulas have errors.
     """
     varied = {name for group in groups for name in group.axes}
+    reported = {diagnostic.path[:2] for diagnostic in diagnostics}
     settings: dict[str, float | str] = {}
     for name, quantity in spec.quantities.items():
-        field = "params" if name in spec.parameters else "start"
         if name in varied:
             continue
-        if name == moved and name in written:
-            text = "is fixed, but run.parameter moves it: remove one of the two."
-            diagnostics.append(Diagnostic((field, name), text))
+        path: FieldPath = ("params" if name in spec.parameters else "start", name)
+        default = quantity.default
         if name in written:
             settings[name] = written[name]
+            if name == moved:
+                text = "is fixed, but run.parameter moves it: remove one of the two."
+                diagnostics.append(Diagnostic(path, text))
         elif name == moved:
             settings[name] = 1.0
-        elif quantity.default is not None:
-            default = quantity.default
+        elif default is not None:
             settings[name] = default if isinstance(default, str) else float(default)
-        elif (field, name) not in {diagnostic.path[:2] for diagnostic in diagnostics}:
+        elif path not in reported:
             text = f"is missing: {quantity.meaning} ({quantity.unit}) has no default."
-            diagnostics.append(Diagnostic((field, name), f"{text} Set it here or under vary."))
+            diagnostics.append(Diagnostic(path, f"{text} Set it here or under vary."))
             settings[name] = 1.0
-    named = {*varied, *written, moved}
-    for name, (other, reason) in spec.model.given_with.items():
-        if name in named and other not in named:
-            paths = [group.paths[name] for group in groups if name in group.paths]
-            text = f"is set without {other}: {reason}"
-            diagnostics.append(Diagnostic(paths[0] if paths else ("params", name), text))
     design = Design(spec.model, tuple(groups), settings, spec.sizes)
+    diagnostics.extend(_without_companion(spec, design, {*varied, *written, moved}))
     wrong = check_names(design, spec)
     diagnostics.extend(wrong)
     return None if wrong else design
 
 
+def _without_companion(spec: ModelSpec, design: Design, named: Collection[str | None]) -> list[Diagnostic]:
+    """Return errors of quantities that the job names without another one that belongs to them."""
+    return [
+        Diagnostic(path_of_value(design, spec, name), f"is set without {other}: {reason}")
+        for name, (other, reason) in spec.model.given_with.items()
+        if name in named and other not in named
+    ]
+
+
 def _scope(design: Design | None, spec: ModelSpec | None, moved: str | None) -> Scope:
-    """Names for expressions under `run`, `numerics` and `figures`: the parameters that stay fixed."""
+    """Return the names for expressions under `run`, `numerics` and `figures`: parameters that stay fixed."""
     if design is None or spec is None:
         return Scope(known=False)
     fixed: dict[str, float] = dict(spec.sizes)
@@ -255,16 +305,18 @@ def _scope(design: Design | None, spec: ModelSpec | None, moved: str | None) -> 
 
 
 def _check_whole(design: Design, spec: ModelSpec, job: Job, numerics: ResolvedNumerics) -> list[Diagnostic]:
-    """Diagnostics about sections that are valid by themselves but do not fit together."""
+    """Check whether sections that are valid by themselves fit together; return the diagnostics."""
     run = job.run
     diagnostics: list[Diagnostic] = []
     for movement in run.movements:
         parameter = movement.parameter
         for name in (parameter, *design.following(parameter)):
             if name in spec.model.host_parameters:
-                moves = "" if name == parameter else f", with which {name} moves"
-                text = f"is {parameter}{moves}: {name} is compiled into the body of a row"
-                text += " and cannot move while the row runs."
+                follows = "" if name == parameter else f", with which {name} moves"
+                text = (
+                    f"is {parameter}{follows}: {name} is compiled into the body of a row "
+                    "and cannot move while the row runs."
+                )
                 diagnostics.append(Diagnostic(movement.named, text))
     diagnostics += run.check(design, numerics.method)
     diagnostics += check_numerics(spec.model, job.numerics, numerics)
@@ -275,26 +327,23 @@ def _check_whole(design: Design, spec: ModelSpec, job: Job, numerics: ResolvedNu
 
 
 def _check_columns(design: Design, run: RunKind) -> list[Diagnostic]:
-    """Diagnostics about names that two columns of the table would have."""
+    """Return errors about names that two columns of the table would have."""
     columns = table_columns(design, run)
     repeated = dict.fromkeys(name for name in columns if columns.count(name) > 1)
     if isinstance(run, FollowsFixedPoints):  # whose branches have some observables by their own names
-        disturbed = {column.name for column in run.all_columns(design.model)} - run.beside_observables
-        repeated |= dict.fromkeys(q.name for q in design.model.observables if q.name in disturbed)
-    places = {name: (path, "varies") for group in design.groups for name, path in group.paths.items()}
-    if run.moved is not None:
-        places[run.moved] = ("run", "parameter"), "is"
-    diagnostics = [
-        Diagnostic(
-            path,
-            f"{does} {name}, but the table has another column of this name: rename the model's quantity.",
-        )
-        for name, (path, does) in places.items()
-        if name in repeated
-    ]
+        used_names = {column.name for column in run.all_columns(design.model)} - run.beside_observables
+        observables = [quantity.name for quantity in design.model.observables]
+        repeated |= dict.fromkeys(name for name in observables if name in used_names)
+    diagnostics = []
+    # a moved parameter is reported at the run, an axis at its place in `vary`, other names at the model
+    paths = {name: path for group in design.groups for name, path in group.paths.items()}
     for name in repeated:
-        if name not in places:
-            text = f"is {design.model.name}, which has a quantity {name}, but the table of {run.kind_name}"
-            text += " has another column of this name: rename the quantity."
-            diagnostics.append(Diagnostic(("model",), text))
+        reason = "has another column of this name: rename the model's quantity."
+        if name == run.moved:
+            diagnostics.append(Diagnostic(("run", "parameter"), f"is {name}, but the table {reason}"))
+        elif name in paths:
+            diagnostics.append(Diagnostic(paths[name], f"varies {name}, but the table {reason}"))
+        else:
+            text = f"is {design.model.name}, which has a quantity {name}, but the table of {run.kind_name} "
+            diagnostics.append(Diagnostic(("model",), text + reason))
     return diagnostics

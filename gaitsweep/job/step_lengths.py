@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import jax
@@ -36,6 +36,8 @@ from gaitsweep.schema.diagnostics import Diagnostic, JobError
 
 Rows = Int[np.ndarray, " rows"]  # numbers of rows
 PerRow = Float[np.ndarray, " rows"]  # a number for each row
+# Parameters by name -> the step and the longest accurate step.
+StepsAndLimits = Callable[[Any], tuple[jax.Array, jax.Array]]
 # Largest number of sets of parameters whose steps are checked before a job runs. Of more sets, so many evenly
 # spaced ones are checked then, and the step of each row when its block begins.
 MAX_SETS = 1_000_000
@@ -45,7 +47,8 @@ MAX_RECOMMENDED = 65_536
 MAX_COSTLY_SETS = 64
 # Number of rows whose flow is examined for stiffness.
 MAX_STIFFNESS_ROWS = 16
-_CHUNK = 65_536
+_CHUNK = 65_536  # rows that are evaluated at a time
+_DIGEST_ROWS = 1024  # of which the steps are in a digest
 # The largest tolerance on event times, as a share of the nominal period: well below the longest step.
 LARGEST_EVENT_TOLERANCE = 1e-3
 # A step may be longer by rounding.
@@ -53,7 +56,7 @@ _ROUNDING = 1.0 + 1e-9
 
 
 def check_numerics(model: Model, numerics: NumericsSpec, resolved: ResolvedNumerics) -> list[Diagnostic]:
-    """Diagnostics about numerics that do not suit a model.
+    """Return errors about numerics that do not suit a model.
 
     Args:
         model: the model.
@@ -111,7 +114,7 @@ def suited_to_stiffness(design: Design, run: RunKind, numerics: ResolvedNumerics
 
 @dataclasses.dataclass(frozen=True)
 class RowSteps:
-    """The steps of a job's rows, evaluated for each distinct set of the parameters on which they depend.
+    """Steps of a job's rows, evaluated for each distinct set of the parameters on which they depend.
 
     `rows` (n,) has one row of each set, `rows_per_set` is the number of rows of a set, `dt` (n,) is their
     step (s), and `longest` (n,) the longest accurate step (s), NaN if unknown. If `sampled`, only some sets
@@ -126,17 +129,16 @@ class RowSteps:
 
     @property
     def digest(self) -> str:
-        """The recommended step to six digits, which reveals a changed recommendation later."""
-        steps, place = np.unique(
-            self.dt[np.linspace(0, self.dt.size - 1, 1024).astype(int)], return_inverse=True
-        )
-        written = [f"{dt:.5e}" for dt in steps]
-        text = ",".join(written[at] for at in place)
+        """Digest of the steps to six digits, which reveals a changed recommendation later."""
+        rows = np.linspace(0, self.dt.size - 1, _DIGEST_ROWS).astype(int)
+        distinct, inverse = np.unique(self.dt[rows], return_inverse=True)
+        written = [f"{dt:.5e}" for dt in distinct]  # each once, since formatting takes time
+        text = ",".join(written[index] for index in inverse)
         return hashlib.sha256(text.encode()).hexdigest()
 
 
 def row_steps(design: Design, run: RunKind, numerics: ResolvedNumerics) -> RowSteps:
-    """The steps of all rows.
+    """Return the steps of all rows.
 
     Args:
         design: the job's rows.
@@ -145,18 +147,19 @@ def row_steps(design: Design, run: RunKind, numerics: ResolvedNumerics) -> RowSt
     """
     model = design.model
     names = _parameters_of_steps(model, numerics)
-    spans = sorted({place for name in names for place in design.spans(name)})
-    count = math.prod(design.groups[place].length for place in spans)
+    positions = sorted({position for name in names for position in design.spans(name)})
+    count = math.prod(design.groups[position].length for position in positions)
     most = MAX_RECOMMENDED if numerics.dt is None else MAX_SETS
-    most = MAX_COSTLY_SETS if model.host_parameters else most
+    if model.host_parameters:
+        most = MAX_COSTLY_SETS
     sets = np.arange(count) if count <= most else np.linspace(0, count - 1, most).astype(np.int64)
-    rows = design.rows_over(sets, spans)
+    rows = design.rows_over(sets, positions)
     dt, longest = _steps(design, run, numerics, rows)
     return RowSteps(rows, design.n_rows / count, dt, longest, count > most)
 
 
 def check_steps(design: Design, run: RunKind, numerics: ResolvedNumerics) -> list[Diagnostic]:
-    """Diagnostics about a step that is too long for some rows, or that neither job nor model gives.
+    """Return errors about a step that is too long for some rows, or that neither job nor model gives.
 
     Args:
         design, run, numerics: as for `row_steps`.
@@ -175,12 +178,12 @@ def check_steps(design: Design, run: RunKind, numerics: ResolvedNumerics) -> lis
         return []
     worst = int(wrong[np.argmin(longest[wrong])])
     worst_row = design.at(steps.rows[[worst]], design.names)
-    named = [name for name in design.names if _varies(design, name, steps)]
-    where = ", ".join(f"{name} = {worst_row[name][0]:.6g}" for name in named)
+    varying = [name for name in design.names if _varies(design, name, steps)]
+    point = ", ".join(f"{name} = {worst_row[name][0]:.6g}" for name in varying)
     rows = "some" if steps.sampled else round(wrong.size * steps.rows_per_set)
     limit = f"{_rounded_down(float(longest[worst])):g} s"
-    if where:
-        limit += f" (at {where})"
+    if point:
+        limit += f" (at {point})"
     text = (
         f"is {numerics.dt:g} s, too long for {rows} of {design.n_rows} rows: the longest accurate step of "
         f"{numerics.method} for all of them is {limit}. Remove it to let each row take an accurate step."
@@ -189,7 +192,7 @@ def check_steps(design: Design, run: RunKind, numerics: ResolvedNumerics) -> lis
 
 
 def too_long_steps(design: Design, run: RunKind, numerics: ResolvedNumerics) -> Bool[np.ndarray, " rows"]:
-    """Mask of the rows (n_rows,) whose step is known to be too long for their parameters.
+    """Return a mask of the rows (n_rows,) whose step is known to be too long for their parameters.
 
     Args:
         design, run, numerics: as for `row_steps`.
@@ -220,19 +223,19 @@ def refuse_long_steps(design: Design, run: RunKind, numerics: ResolvedNumerics, 
 
 
 def _varies(design: Design, name: str, steps: RowSteps) -> bool:
-    """Whether the values of an axis differ between the evaluated sets."""
+    """Return whether the values of an axis differ between the evaluated sets."""
     values = design.at(steps.rows[:: max(1, steps.rows.size // 1000)], [name])[name]
     return bool(np.ptp(values) > 0.0)
 
 
 def _rounded_down(value: float) -> float:
-    """A number above 0, rounded down to four digits."""
+    """Round a number above 0 down to four digits."""
     digits = 10.0 ** (math.floor(math.log10(value)) - 3)
     return math.floor(value / digits) * digits
 
 
 def _steps(design: Design, run: RunKind, numerics: ResolvedNumerics, rows: Rows) -> tuple[PerRow, PerRow]:
-    """The steps of rows (n,), and their longest accurate steps."""
+    """Return the steps of rows (n,), and their longest accurate steps."""
     if rows.size > _CHUNK:
         chunks = [rows[first : first + _CHUNK] for first in range(0, rows.size, _CHUNK)]
         parts = [_steps(design, run, numerics, chunk) for chunk in chunks]
@@ -244,15 +247,16 @@ def _steps(design: Design, run: RunKind, numerics: ResolvedNumerics, rows: Rows)
     steps_and_limits = _steps_and_limits(model, numerics)
     steps_by_place: list[PerRow] = []
     limits_by_place: list[PerRow] = []
+    n = rows.size
+    # few sizes are compiled: that of a small set of rows, and full chunks
+    size = n if n <= MAX_COSTLY_SETS else _CHUNK
     for place in run.places():
-        row_values = {**values, **{name: np.full(rows.size, at) for name, at in place.items()}}
-        row_values = resolve(design.following(*place), row_values, functions_of(np))
-        n = rows.size
-        # few sizes are compiled: small sets one by one, many in chunks that are filled up
-        room = n if n <= MAX_COSTLY_SETS else _CHUNK
-        padded = {}
-        for name, column in row_values.items():
-            padded[name] = np.resize(np.broadcast_to(column, rows.shape).astype(float), room)
+        moved = {name: np.full(n, value) for name, value in place.items()}
+        row_values = resolve(design.following(*place), {**values, **moved}, functions_of(np))
+        padded = {
+            name: np.resize(np.broadcast_to(column, rows.shape).astype(float), size)
+            for name, column in row_values.items()
+        }
         dt, longest = steps_and_limits(model.on_host(padded))
         steps_by_place.append(np.asarray(dt)[:n])
         limits_by_place.append(np.asarray(longest)[:n])
@@ -260,21 +264,21 @@ def _steps(design: Design, run: RunKind, numerics: ResolvedNumerics, rows: Rows)
 
 
 @cached_by_content(maxsize=16)
-def _steps_and_limits(model: Model, numerics: ResolvedNumerics) -> Callable[..., Any]:
-    """The function `values -> (dt, longest)` of many rows."""
+def _steps_and_limits(model: Model, numerics: ResolvedNumerics) -> StepsAndLimits:
+    """Return the compiled function from parameters of many rows to their steps and longest steps."""
 
-    def one(values: Any) -> tuple[jax.Array, jax.Array]:
+    def step_and_limit(values: dict[str, jax.Array]) -> tuple[jax.Array, jax.Array]:
         params = model.params(values)
         nan = jnp.full_like(model.period(params), jnp.nan)
         dt = recommended_step(model, numerics, params)
         longest = longest_step(model, numerics.method, params)
         return nan if dt is None else dt, nan if longest is None else longest
 
-    return over_rows(one, "steps", model, numerics)
+    return over_rows(step_and_limit, "steps", model, numerics)
 
 
 def _parameters_of_steps(model: Model, numerics: ResolvedNumerics) -> list[str]:
-    """The parameters on which the length of steps depends."""
+    """Return the parameters on which the length of steps depends."""
     if model.host_parameters:
         return [quantity.name for quantity in model.parameters]
     return _deciding_names(model, numerics)
@@ -282,38 +286,43 @@ def _parameters_of_steps(model: Model, numerics: ResolvedNumerics) -> list[str]:
 
 @cached_by_content(maxsize=16)
 def _deciding_names(model: Model, numerics: ResolvedNumerics) -> list[str]:
-    """The parameters on which the length of steps depends, from the traced program of a model's functions."""
+    """Find the parameters on which the length of steps depends, from the traced functions of a model."""
     names = [quantity.name for quantity in model.parameters]
 
-    def one(values: dict[str, jax.Array]) -> list[jax.Array]:
+    def lengths(values: dict[str, jax.Array]) -> list[jax.Array]:
         params = model.params(values)
-        lengths = recommended_step(model, numerics, params), longest_step(model, numerics.method, params)
-        return [x for x in lengths if x is not None]
+        steps = [recommended_step(model, numerics, params), longest_step(model, numerics.method, params)]
+        return [step for step in steps if step is not None]
 
     def deciding() -> list[str]:
         number = jax.ShapeDtypeStruct((), jnp.float64)
-        return sorted(frozenset[str]().union(*dependences(one, dict.fromkeys(names, number))))
+        return sorted(frozenset[str]().union(*dependences(lengths, dict.fromkeys(names, number))))
 
     return stored("deciding", model, (numerics,), deciding)
 
 
 def _from_spectrum(design: Design, numerics: ResolvedNumerics, steps: RowSteps) -> PerRow:
-    """Longest steps of rows whose model gives none.
+    """Compute the longest steps of rows whose model gives none.
 
-    They come from the flow's matrix where it is linear, and are a share of the nominal period elsewhere.
+    They follow from the flow's matrix where it is linear, and are a share of the nominal period elsewhere.
+    Rows that are not examined have no limit.
     """
     model = design.model
     examined = np.unique(np.linspace(0, steps.rows.size - 1, MAX_COSTLY_SETS).astype(int))
     longest = np.full(steps.rows.size, np.inf)
-    for at in examined:
-        values, starts = design.values_in(steps.rows[[at]])
-        one = {name: jnp.asarray(value[0]) for name, value in model.on_host(values).items()}
-        params = model.params(one)
-        # a map may take one step a period
-        fewest = MIN_STEPS_PER_PERIOD if isinstance(model, HybridModel) else 1.0
-        limit = float(model.period(params)) / fewest
+    # a map may take one step a period
+    min_steps = MIN_STEPS_PER_PERIOD if isinstance(model, HybridModel) else 1.0
+    for place in examined:
+        values, starts = design.values_in(steps.rows[[place]])
+        params = model.params(_only_row(model.on_host(values)))
+        limit = float(model.period(params)) / min_steps
         if isinstance(model, HybridModel) and model.linear and METHODS[numerics.method].limits:
-            begun = {name: jnp.asarray(value[0]) for name, value in starts.items()}
-            limit = min(limit, slowest_limit(model, params, model.init(params, begun), numerics.method))
-        longest[at] = limit
+            state = model.init(params, _only_row(starts))
+            limit = min(limit, slowest_limit(model, params, state, numerics.method))
+        longest[place] = limit
     return longest
+
+
+def _only_row(columns: Mapping[str, Any]) -> dict[str, jax.Array]:
+    """Return the values of the only row of columns (1,)."""
+    return {name: jnp.asarray(column[0]) for name, column in columns.items()}

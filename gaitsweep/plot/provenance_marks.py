@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 
 from gaitsweep.plot.columns import PlotError
-from gaitsweep.table.self_check_fields import DIFFERENCES
+from gaitsweep.table.manifest import DIFFERENCES
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -17,39 +17,39 @@ from gaitsweep.errors import UserError
 from gaitsweep.schema import former_names
 from gaitsweep.schema.strict_model import ModelT, StrictModel
 
-Path = tuple[str | int, ...]  # where a field stands in a job: ("vary", "psi_1", "linspace", 0)
+Path = tuple[str | int, ...]  # of a field in a job: ("vary", "psi_1", "linspace", 0)
 
-_SHOWN = 5  # errors in a message
+_MAX_ERRORS = 5  # in a message
 _TEXT_LIMIT = 60  # characters of a quoted value
 _LONGEST_WORD = 150  # characters
 _LONGEST_SENTENCE = 1500  # characters
 _DEEPEST = 4  # lists inside lists that are quoted
+_MOST_BITS = 1000  # of a whole number that is quoted, since Python refuses to write longer ones
 
 
 @dataclasses.dataclass(frozen=True)
 class Diagnostic:
-    """An error in a field: its path, the text that follows the field's name, and the file and line if known.
+    """An error in a field of a job.
 
-    The text follows the name after a space, or directly where it begins with a colon.
+    `text` follows the name of the field at `path`, after a space unless it begins with a colon. `file` and
+    `line` are its place if known; `place` is "--set key=value" if the field was set there.
     """
 
     path: Path
     text: str
     file: str = ""
     line: int | None = None
-    place: str = ""  # "--set key=value" if the field was set there and not in a line of the file
+    place: str = ""
 
     def __str__(self) -> str:
-        parts = [self.file] if self.file else []
-        if self.place:
-            parts.append(self.place)
-        elif self.line is not None:
-            parts.append(f"line {self.line}")
-        where = ", ".join(parts)
+        line = self.place
+        if not line and self.line is not None:
+            line = f"line {self.line}"
+        location = printable(", ".join(part for part in (self.file, line) if part))
         field = dotted(self.path)
-        space = "" if self.text.startswith(":") else " "
-        sentence = printable(clipped_words(f"{field}{space}{self.text}" if field else self.text))
-        return f"{printable(where)}: {sentence}" if where else sentence
+        space = " " if field and not self.text.startswith(":") else ""
+        sentence = printable(clipped_words(f"{field}{space}{self.text}"))
+        return f"{location}: {sentence}" if location else sentence
 
 
 class JobError(UserError):
@@ -57,9 +57,9 @@ class JobError(UserError):
 
     def __init__(self, diagnostics: Sequence[Diagnostic]) -> None:
         self.diagnostics = tuple(dict.fromkeys(diagnostics))
-        lines = [str(diagnostic) for diagnostic in self.diagnostics[:_SHOWN]]
-        if len(self.diagnostics) > _SHOWN:
-            lines.append(f"... and {len(self.diagnostics) - _SHOWN} more.")
+        lines = [str(diagnostic) for diagnostic in self.diagnostics[:_MAX_ERRORS]]
+        if len(self.diagnostics) > _MAX_ERRORS:
+            lines.append(f"... and {len(self.diagnostics) - _MAX_ERRORS} more.")
         super().__init__("\n".join(lines))
 
     def __reduce__(self) -> tuple[type[JobError], tuple[tuple[Diagnostic, ...]]]:
@@ -67,32 +67,33 @@ class JobError(UserError):
 
 
 def printable(text: str) -> str:
-    """A text on one line: line ends become spaces, and control characters are escaped."""
+    """Return a text on one line: line ends become spaces, and control characters are escaped."""
     if text.isprintable():
         return text
     return "".join(map(_printable_character, text))
 
 
 def _printable_character(character: str) -> str:
+    """Return a character, or what stands for it in a printable text."""
     if character in "\n\t":
         return " "
     return character if character.isprintable() else character.encode("unicode_escape").decode()
 
 
 def clipped(text: str) -> str:
-    """A text, shortened so that it can be quoted."""
+    """Shorten a text so that it can be quoted."""
     return text if len(text) <= _TEXT_LIMIT else f"{text[: _TEXT_LIMIT - 3]}..."
 
 
 def clipped_words(text: str) -> str:
-    """A sentence with overlong words shortened, such as a key of a thousand letters."""
+    """Shorten a long sentence, and its overlong words, such as a key of a thousand letters."""
     if len(text) > _LONGEST_SENTENCE:
         text = f"{text[:_LONGEST_SENTENCE]}..."
     return re.sub(rf"\S{{{_LONGEST_WORD + 1},}}", lambda word: f"{word[0][: _LONGEST_WORD - 3]}...", text)
 
 
 def dotted(path: Path) -> str:
-    """A path in dotted notation: vary.psi_1.linspace[0]."""
+    """Write a path in dotted notation: vary.psi_1.linspace[0]."""
     text = ""
     for part in path:
         if isinstance(part, int):
@@ -103,12 +104,12 @@ def dotted(path: Path) -> str:
 
 
 def quoted(value: object) -> str:
-    """A value as it was written, shortened to be quoted; only the beginning of a long one is read."""
+    """Write a value as in a job, shortened to be quoted; only the beginning of a long one is read."""
     return clipped(_written(value, 0))
 
 
 def _written(value: object, depth: int) -> str:
-    """A value as it was written; `depth` is the number of lists around it."""
+    """Write a value as in a job; `depth` is the number of lists around it."""
     if value is None:
         return "empty"
     if isinstance(value, bool):
@@ -122,13 +123,13 @@ def _written(value: object, depth: int) -> str:
     if isinstance(value, (list, tuple)):
         items = _some(_written(item, depth + 1) for item in value)
         return f"a list ({', '.join(items)})" if value else "an empty list"
-    if isinstance(value, int) and value.bit_length() > 1000:
+    if isinstance(value, int) and value.bit_length() > _MOST_BITS:
         return f"a number of {math.floor(value.bit_length() * math.log10(2.0)) + 1} digits"
     return str(value)
 
 
 def _some(texts: Iterator[str]) -> Iterator[str]:
-    """The first texts, as far as a quoted value reaches."""
+    """Yield the first texts, as far as a quoted value reaches."""
     length = 0
     for text in texts:
         yield text
@@ -150,7 +151,7 @@ def refuse(wrong: Sequence[Diagnostic]) -> None:
 def unknown_field(
     path: Path, section: str, allowed: Iterable[str], former: Mapping[str, str] | None = None
 ) -> Diagnostic:
-    """The diagnostic of a field that its section does not have.
+    """Return the diagnostic of a field that its section does not have.
 
     Args:
         path: the field's path.
@@ -166,7 +167,7 @@ def unknown_field(
 
 
 def unknown_name(path: Path, name: str, kind: str, allowed: Iterable[str]) -> Diagnostic:
-    """The diagnostic of a field whose value is no name of its kind.
+    """Return the diagnostic of a field whose value is no name of its kind.
 
     Args:
         path: the field's path.
@@ -187,14 +188,14 @@ class SchemaSection:
 
     @property
     def fields(self) -> dict[str, FieldInfo]:
-        """The fields by their names in a job, which may not be those in Python."""
+        """Fields by their names in a job, which may not be those in Python."""
         return {field.alias or name: field for name, field in self.model.model_fields.items()}
 
 
 def from_pydantic(
     error: ValidationError, sections: dict[str, SchemaSection], top: str, prefix: Path = ()
 ) -> list[Diagnostic]:
-    """A diagnostic for each error of pydantic.
+    """Return a diagnostic for each error of pydantic.
 
     Args:
         error: what pydantic raised.
@@ -208,7 +209,7 @@ def from_pydantic(
 def read_model(
     model: type[ModelT], value: Any, path: Path, wrong: list[Diagnostic], words: str = ""
 ) -> ModelT | None:
-    """The value at a path as a strict model, or None.
+    """Read the value at a path as a strict model; return None if it has errors.
 
     Args:
         model: the class of the model.
@@ -228,13 +229,13 @@ def read_model(
 def _from_details(
     details: ErrorDetails, sections: dict[str, SchemaSection], top: str, prefix: Path
 ) -> Diagnostic:
-    """The diagnostic of one error of pydantic; arguments as of `from_pydantic`."""
+    """Return the diagnostic of one error of pydantic; arguments as of `from_pydantic`."""
     loc = tuple(details["loc"])
     path: Path = (*prefix, *_without_tags(loc, sections))
     error = details["type"]
     value = details["input"]
     context = details.get("ctx", {})
-    enclosing = (_key(loc, place) for place in reversed(range(len(loc) - 1)))
+    enclosing = [_key(loc, place) for place in reversed(range(len(loc) - 1))]
     key = next((key for key in enclosing if key in sections), top)
     section = sections[key]
     if error == "gaitsweep":
@@ -262,11 +263,13 @@ def _from_details(
 
 
 def _about_kind(path: Path, value: object, sections: dict[str, SchemaSection]) -> Diagnostic:
-    """The diagnostic of a run or a figure whose `kind` is missing or unknown."""
+    """Return the diagnostic of a run or a figure whose `kind` is missing or unknown."""
     kinds = [tag.rpartition(".")[2] for tag, section in sections.items() if section.union == path[0]]
-    former = former_names.RUN_KINDS if path[0] == "run" else None
-    noun = "a run kind" if path[0] == "run" else "a figure kind"
-    return wrong_kind(path, value, kinds, former, noun) or Diagnostic(path, f"is {quoted(value)}.")
+    if path[0] == "run":
+        wrong = wrong_kind(path, value, kinds, former_names.RUN_KINDS, "a run kind")
+    else:
+        wrong = wrong_kind(path, value, kinds, noun="a figure kind")
+    return wrong or Diagnostic(path, f"is {quoted(value)}.")
 
 
 def wrong_kind(
@@ -276,7 +279,7 @@ def wrong_kind(
     former: Mapping[str, str] | None = None,
     noun: str = "an allowed kind",
 ) -> Diagnostic | None:
-    """The diagnostic of a mapping whose field `kind` is missing or unknown, or None.
+    """Return the diagnostic of a mapping whose field `kind` is missing or unknown, or None.
 
     Args:
         path: the mapping's path.
@@ -293,14 +296,15 @@ def wrong_kind(
     kind = value["kind"]
     if isinstance(kind, str) and kind in kinds:
         return None
-    text = f": {quoted(kind)} is not {noun}{near_miss.suggestion(str(kind), kinds)}"
     if former and isinstance(kind, str) and kind in former:
         text = f": {kind} is now called {former[kind]}; write {former[kind]}."
+    else:
+        text = f": {quoted(kind)} is not {noun}{near_miss.suggestion(str(kind), kinds)}"
     return Diagnostic((*path, "kind"), text)
 
 
 def _without_tags(loc: Path, sections: dict[str, SchemaSection]) -> Path:
-    """The path as written: pydantic puts a tag after run, figures[i] and a mapping's key that is wrong."""
+    """Return the path as written; pydantic adds tags after run, figures[i] and a wrong key of a mapping."""
     if loc[-1:] == ("[key]",):
         return loc[:-1]
     if len(loc) > 1 and loc[0] == "run" and loc[1] in sections:
@@ -311,5 +315,5 @@ def _without_tags(loc: Path, sections: dict[str, SchemaSection]) -> Path:
 
 
 def _key(loc: Path, place: int) -> str:
-    """The key among the sections of one step of a pydantic path: figures.basin, but settle."""
+    """Return the key among the sections of one step of a pydantic path: figures.basin, but settle."""
     return f"figures.{loc[place]}" if loc[0] == "figures" else str(loc[place])

@@ -1,4 +1,4 @@
-"""Names that older versions wrote into jobs, and their present names."""
+"""Names in jobs of older versions, and their present names."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 RUN_KINDS = {"hold": "fixed_time"}
+# Fields of a run by its present kind.
 RUN_FIELDS: Mapping[str, Mapping[str, str]] = {
     "ramp": {"hold": "initial_dwell"},
     "trace": {"hold": "initial_dwell"},
@@ -15,18 +16,18 @@ METHODS = {"exact": "propagator", "stabilised": "propagator6"}
 
 
 def renamed(job: dict[str, Any]) -> dict[str, Any]:
-    """A job with the present names; the same object if it has no older ones."""
-    run = job.get("run")
-    numerics = job.get("numerics")
+    """Return a stored job with the present names; the same object if it has no older ones."""
     changed: dict[str, Any] = {}
+    run = job.get("run")
     if isinstance(run, dict) and isinstance(run.get("kind"), str):
-        fields = RUN_FIELDS.get(run["kind"], {})
-        renamed_run = {fields.get(name, name): value for name, value in run.items()}
-        renamed_run["kind"] = RUN_KINDS.get(run["kind"], run["kind"])
-        if renamed_run != run:
-            changed["run"] = renamed_run
+        kind = run["kind"]
+        fields = RUN_FIELDS.get(kind, {})
+        if kind in RUN_KINDS or not fields.keys().isdisjoint(run):
+            present = {fields.get(name, name): value for name, value in run.items()}
+            changed["run"] = {**present, "kind": RUN_KINDS.get(kind, kind)}
+    numerics = job.get("numerics")
     if isinstance(numerics, dict) and isinstance(numerics.get("method"), str):
-        method = METHODS.get(numerics["method"], numerics["method"])
-        if method != numerics["method"]:
-            changed["numerics"] = {**numerics, "method": method}
+        method = numerics["method"]
+        if method in METHODS:
+            changed["numerics"] = {**numerics, "method": METHODS[method]}
     return {**job, **changed} if changed else job

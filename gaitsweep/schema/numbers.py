@@ -38,6 +38,7 @@ SCOPE: ContextVar[Scope | None] = ContextVar("SCOPE", default=None)
 MAX_POINTS = 10**7  # of an axis
 
 _LONGEST_TEXT = 1000  # characters
+_LONGEST_AMBIGUOUS = 99  # characters of a text that is compared with the patterns of ambiguous numbers
 _STEM = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,99}")
 # Texts that look like numbers to some readers, each with the end of the message that refuses it.
 _AMBIGUOUS: tuple[tuple[re.Pattern[str], str], ...] = (
@@ -54,7 +55,7 @@ _AMBIGUOUS: tuple[tuple[re.Pattern[str], str], ...] = (
 
 
 def control_character(value: str) -> str | None:
-    """The first character of a text that figures cannot show, in words, or None."""
+    """Return the first character of a text that figures cannot show, in words, or None."""
     if value.isprintable():
         return None
     for character in value:
@@ -68,7 +69,7 @@ class InvalidValue(ValueError):
 
 
 def read_number(value: Any) -> float | str:
-    """A float, or the text of an expression that names parameters, without spaces.
+    """Read a float, or the text of an expression that names parameters, without spaces.
 
     Raises:
         InvalidValue: it is not a finite number or arithmetic; YAML's traps (1:30, 010, dates) are explained.
@@ -78,7 +79,7 @@ def read_number(value: Any) -> float | str:
             text = f"has more than {near_miss.BUDGET['expressions']} numbers written as text or expressions."
             raise JobError([Diagnostic((), text)])
         for pattern, sentence in _AMBIGUOUS:
-            if len(value) < 100 and pattern.match(value):
+            if len(value) <= _LONGEST_AMBIGUOUS and pattern.match(value):
                 raise InvalidValue(f"is {quoted(value)}, {sentence}.")
         try:
             return "".join(value.split()) if names_in(value) else evaluate(value, {})
@@ -87,13 +88,13 @@ def read_number(value: Any) -> float | str:
     if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, float, np.integer, np.floating)):
         raise InvalidValue(f"is {quoted(value)}, but must be a number.")
     try:
-        return evaluate(float(value), {}) + 0.0  # turns -0.0 into 0.0, which decide the same rows
+        return evaluate(float(value), {}) + 0.0  # -0.0 becomes 0.0, which gives the same rows
     except (ExpressionError, OverflowError):
         raise InvalidValue(f"is {quoted(value)}, but must be a finite number.") from None
 
 
 def read_fixed(value: Any) -> float | None:
-    """A float, expressions evaluated over the job's `SCOPE`; None if the names are not known yet.
+    """Read a float, with expressions over the job's `SCOPE`; None if the names are not known yet.
 
     Raises:
         InvalidValue: as `read_number`; or a name varies in this job or is unknown to the model.
@@ -119,7 +120,7 @@ def read_fixed(value: Any) -> float | None:
 
 
 def bound(low: float, high: float, *, open_ends: bool) -> str:
-    """Bounds in words: "above 0", "from 0 to 1", "between 0 and 1, ends excluded".
+    """Write bounds in words: "above 0", "from 0 to 1", "between 0 and 1, ends excluded".
 
     Args:
         low, high: the bounds; one of them may be infinite.
@@ -135,7 +136,7 @@ def bound(low: float, high: float, *, open_ends: bool) -> str:
 def read_real(
     value: Any, low: float = -math.inf, high: float = math.inf, *, open_ends: bool = False
 ) -> float:
-    """A float within its bounds, NaN while the names in its expression are not known.
+    """Read a float within its bounds, NaN while the names in its expression are not known.
 
     Args:
         value: a number or an expression.
@@ -153,7 +154,7 @@ def read_real(
 
 
 def read_whole(value: Any, low: int, high: int) -> int:
-    """An int within its bounds, the lowest while the names in its expression are not known.
+    """Read an int within its bounds, the lowest while the names in its expression are not known.
 
     Args:
         value: a number or an expression.
@@ -173,7 +174,7 @@ def read_whole(value: Any, low: int, high: int) -> int:
 
 
 def read_positive_or_each(value: Any) -> float | dict[str, float]:
-    """A number above 0, or one for each of some names.
+    """Read a number above 0, or one for each of some names.
 
     Raises:
         InvalidValue: a number is not above 0, or a mapping has no names.
@@ -212,7 +213,7 @@ def read_text(value: Any) -> str:
 
 
 def read_stem(value: Any) -> str:
-    """Text that can name a file, without spaces around it.
+    """Read text that can name a file, without spaces around it.
 
     Raises:
         InvalidValue: it is no such text.
@@ -227,7 +228,7 @@ def read_stem(value: Any) -> str:
 
 
 def read_flag(value: Any) -> bool:
-    """True or false.
+    """Read a boolean.
 
     Raises:
         InvalidValue: it is another value, such as 1 or yes.
@@ -238,7 +239,7 @@ def read_flag(value: Any) -> bool:
 
 
 def read_word(value: Any, allowed: tuple[str, ...], former: Mapping[str, str] | None = None) -> str:
-    """One of the allowed words.
+    """Read one of the allowed words.
 
     Args:
         value: the value.
@@ -256,9 +257,15 @@ def read_word(value: Any, allowed: tuple[str, ...], former: Mapping[str, str] | 
 
 
 def checked(read: Callable[..., Any], **limits: Any) -> Callable[[Any], Any]:
-    """Wrap a reader for pydantic: InvalidValue becomes the error whose text is printed."""
+    """Wrap a reader for pydantic: InvalidValue becomes the error whose text is printed.
+
+    Args:
+        read: the reader.
+        limits: its further arguments.
+    """
 
     def validate(value: Any) -> Any:
+        """Read a value within the limits."""
         try:
             return read(value, **limits)
         except InvalidValue as error:
@@ -268,7 +275,7 @@ def checked(read: Callable[..., Any], **limits: Any) -> Callable[[Any], Any]:
 
 
 def wrong_value(text: str) -> PydanticCustomError:
-    """The error of a pydantic validator whose text is printed after the field's name."""
+    """Return the error of a pydantic validator whose text is printed after the field's name."""
     return PydanticCustomError("gaitsweep", "{text}", {"text": text})
 
 
@@ -299,5 +306,5 @@ Flag = Annotated[bool, PlainValidator(checked(read_flag)), WithJsonSchema({"type
 
 
 def word(*allowed: str, former: Mapping[str, str] | None = None) -> BeforeValidator:
-    """The validator of a Literal, for its error message; `former` maps older words to new ones."""
+    """Return the validator of a Literal, for its error message; `former` maps older words to new ones."""
     return BeforeValidator(checked(read_word, allowed=allowed, former=former))

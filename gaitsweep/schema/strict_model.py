@@ -9,7 +9,7 @@ import inspect
 import operator
 import textwrap
 from collections.abc import Iterable, Iterator, Mapping
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeVar, cast
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeVar, cast, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, GetCoreSchemaHandler, GetJsonSchemaHandler, TypeAdapter
 from pydantic.fields import FieldInfo
@@ -18,32 +18,31 @@ from pydantic_core import CoreSchema, SchemaValidator, core_schema
 
 
 class _OwnMembers(type(BaseModel)):
-    """The metaclass of strict models, whose `help` shows their own members, without those of bases."""
+    """Metaclass of strict models, whose `help` shows their own members, without those of bases."""
 
     def __dir__(cls) -> list[str]:
         return [name for name in vars(cls) if not name.startswith("_")]
 
     @property
     def __signature__(cls) -> inspect.Signature:
-        """The fields and their defaults, without types."""
-        required = []
-        optional = []
-        for name, field in cast(type[BaseModel], cls).model_fields.items():
-            if field.init is not False:
-                own_name = field.alias or name
-                parameter = inspect.Parameter(
-                    own_name, inspect.Parameter.KEYWORD_ONLY, default=_default(field)
-                )
-                (required if field.is_required() else optional).append(parameter)
-        return inspect.Signature([*required, *optional])
+        """Signature of the fields and their defaults, without types; required fields come first."""
+        fields = cast(type[BaseModel], cls).model_fields.items()
+        init_fields = {field.alias or name: field for name, field in fields if field.init is not False}
+        in_order = sorted(init_fields.items(), key=lambda item: not item[1].is_required())
+        return inspect.Signature(
+            [
+                inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=_default(field))
+                for name, field in in_order
+            ]
+        )
 
     @__signature__.setter
     def __signature__(cls, signature: object) -> None:
-        """Pydantic sets one with the types of validators, which is not kept."""
+        """Ignore the signature that pydantic sets, which has the types of validators."""
 
 
 def _default(field: FieldInfo) -> Any:
-    """The default of a field in a signature."""
+    """Return the default of a field in a signature; an ellipsis for one that is a model."""
     if field.is_required():
         return inspect.Parameter.empty
     default = field.get_default(call_default_factory=True)
@@ -89,13 +88,16 @@ class StrictModel(_Base):
 
 
 def kind_of(model: type[StrictModel]) -> str:
-    """The value of the field `kind` that selects a model.
+    """Return the value of the field `kind` that selects a model.
+
+    Args:
+        model: the class of the model.
 
     Raises:
         TypeError: the model has no field `kind: Literal["..."]`.
     """
     field = model.model_fields.get("kind")
-    values = getattr(field and field.annotation, "__args__", ())
+    values = () if field is None else get_args(field.annotation)
     if len(values) != 1 or not isinstance(values[0], str):
         raise TypeError(f'{model.__name__} needs a field kind: Literal["its_name"].')
     return values[0]
@@ -142,6 +144,7 @@ class Registry(Mapping[str, type[ModelT]]):
 
     @property
     def _members(self) -> dict[str, type[ModelT]]:
+        """All members, including those of the module."""
         if self._module is not None:
             importlib.import_module(self._module)
         return self._models
@@ -158,7 +161,7 @@ class Registry(Mapping[str, type[ModelT]]):
 
 @dataclasses.dataclass(frozen=True)
 class OneOf:
-    """The annotation of a field for any model of a registry, including models registered later."""
+    """Annotation of a field for any model of a registry, including models registered later."""
 
     registry: Registry[Any]
 
@@ -172,25 +175,28 @@ class OneOf:
         return handler(self._adapter.core_schema)
 
     def _read(self, value: Any) -> Any:
+        """Validate a value by the member of its kind; without such a member the union reports the error."""
         kind = value.get("kind") if isinstance(value, Mapping) else getattr(value, "kind", None)
-        model = self.registry.get(kind) if isinstance(kind, str) else None
-        validator = self._adapter.validator if model is None else _member(kind, model)
-        return validator.validate_python(value)
+        if isinstance(kind, str) and kind in self.registry:
+            return _member(kind, self.registry[kind]).validate_python(value)
+        return self._adapter.validator.validate_python(value)
 
     @property
     def _adapter(self) -> TypeAdapter[Any]:
+        """Validator of the union of all members."""
         return _union(tuple(self.registry.values()))
 
 
 @functools.lru_cache(maxsize=64)
 def _member(kind: str, model: type[StrictModel]) -> SchemaValidator:
-    """The validator of a union's member, whose errors have the same places as those of the union."""
+    """Return the validator of a union's member, whose errors have the same places as those of the union."""
     member = core_schema.no_info_plain_validator_function(model.model_validate)
     return SchemaValidator(core_schema.tagged_union_schema({kind: member}, "kind", from_attributes=True))
 
 
 @functools.lru_cache(maxsize=8)
 def _union(models: tuple[type[StrictModel], ...]) -> TypeAdapter[Any]:
+    """Return the validator of a union that the field `kind` discriminates."""
     union: Any = Annotated[functools.reduce(operator.or_, models), Field(discriminator="kind")]
     return TypeAdapter(union)
 

@@ -29,11 +29,12 @@ _MAX_NODES = 100_000  # values of a file, with all that its aliases stand for
 _DEEPEST = 60  # lists and mappings inside each other
 _TOO_DEEP = f"is nested too deep: at most {_DEEPEST} levels of lists and mappings are allowed."
 _MAX_LISTED = 200  # names of a folder that are looked through for a near miss
+_MAX_DIGITS = 18  # of a whole number that is read as one; longer ones become floats
 _CORE = "tag:yaml.org,2002:"  # begins the tags of YAML's own types
 _TAGS = ("null", "bool", "int", "float", "str", "seq", "map")
 
 
-class _Limit(Exception):
+class _LimitError(Exception):
     """A document exceeds a limit; the message follows the file's name."""
 
     def __init__(self, line: int | None, message: str) -> None:
@@ -42,27 +43,28 @@ class _Limit(Exception):
 
 
 class _Counted:
-    """Limits of both loaders, which count nodes and depth while they compose."""
+    """Mixin of both loaders that limits nodes and depth while they compose."""
 
     _nodes = 0
     _depth = 0
 
     def descend_resolver(self, current_node: Any, current_index: Any) -> None:
-        """PyYAML calls this before it composes a node, and `ascend_resolver` after it."""
+        """Count a node; PyYAML calls this before it composes one, and `ascend_resolver` after it."""
         self._nodes += 1
         self._depth += 1
         line = current_node.start_mark.line + 1 if current_node is not None else None
         if self._nodes > _MAX_NODES:
-            raise _Limit(line, f"has more than {_MAX_NODES} values.")
+            raise _LimitError(line, f"has more than {_MAX_NODES} values.")
         if self._depth > _DEEPEST:
-            raise _Limit(line, _TOO_DEEP)
+            raise _LimitError(line, _TOO_DEEP)
 
     def ascend_resolver(self) -> None:
+        """Leave a node."""
         self._depth -= 1
 
 
 class _Loader(_Counted, yaml.SafeLoader):
-    """The safe loader, without its rules for plain words."""
+    """Safe loader of PyYAML, without its rules for plain words."""
 
     yaml_implicit_resolvers: ClassVar[dict] = {}  # pyright: ignore[reportIncompatibleVariableOverride]
 
@@ -71,7 +73,7 @@ _ByLibyaml: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
 class _FastLoader(_Counted, _ByLibyaml):
-    """The same loader by libyaml, if PyYAML was built with it."""
+    """Loader like `_Loader` by libyaml, if PyYAML was built with it."""
 
     yaml_implicit_resolvers: ClassVar[dict] = _Loader.yaml_implicit_resolvers
 
@@ -110,7 +112,7 @@ _YAML_SENTENCES = {
 
 @dataclasses.dataclass
 class Document:
-    """Content of a file: `data`, and the line or the `--set` of each path.
+    """Content of a file: `data`, and in `places` the line or the `--set` of each path.
 
     `overridden` are the paths that `--set` changed.
     """
@@ -121,7 +123,7 @@ class Document:
     overridden: list[diagnostics.Path] = dataclasses.field(default_factory=list)
 
     def locate(self, diagnostic: Diagnostic) -> Diagnostic:
-        """The diagnostic with the file and line (or `--set`) of the nearest field in this document."""
+        """Return the diagnostic with the file and line (or `--set`) of the nearest field in this document."""
         if diagnostic.file:
             return diagnostic
         place = self._place(diagnostic.path)
@@ -133,7 +135,7 @@ class Document:
         return dataclasses.replace(diagnostic, file=self.file, place=place, text=text)
 
     def _place(self, path: diagnostics.Path) -> int | str | None:
-        """The line or the `--set` of the nearest field that contains a path, or None."""
+        """Return the line or the `--set` of the nearest field that contains a path, or None."""
         # an error in a field of the file that an override changed inside is located at the override
         for inner in self.overridden:  # few, where `places` may be many
             if inner in self.places and len(inner) > len(path) > 1 and inner[: len(path)] == path:
@@ -144,13 +146,13 @@ class Document:
         return None
 
     def located(self, error: JobError) -> JobError:
-        """The error with the location of each diagnostic, in the order of the lines."""
+        """Return the error with the location of each diagnostic, in the order of the lines."""
         diagnostics = [self.locate(diagnostic) for diagnostic in error.diagnostics]
         return JobError(sorted(diagnostics, key=lambda diagnostic: diagnostic.line or 0))
 
 
 def read_document(path: Path) -> Document:
-    """The YAML mapping in a file.
+    """Read the YAML mapping in a file.
 
     Raises:
         JobError: the file is missing, a directory, not text, not YAML, empty, or not a mapping; or it has a
@@ -171,18 +173,18 @@ def read_document(path: Path) -> Document:
 
 
 def read_value(text: str, origin: str) -> Any:
-    """The plain value of YAML text from the command line; `origin` is the option in which it stands."""
+    """Read the plain value of YAML text from the command line; `origin` is its option."""
     node = _compose(text, origin)
     return None if node is None else _Reading(origin).value(node, ())
 
 
 def _refused(file: str, line: int | None, text: str, path: diagnostics.Path = ()) -> JobError:
-    """The error of one field of a file, or of the file itself."""
+    """Return the error of one field of a file, or of the file itself."""
     return JobError([Diagnostic(path, text, file=file, line=line)])
 
 
 def _read_text(path: Path, name: str) -> str:
-    """The text of a file; raises JobError where it cannot be read or is no text."""
+    """Read the text of a file; raises JobError where it cannot be read or is no text."""
     try:
         kind = _kind(os.stat(path).st_mode)
         if kind == "a directory":
@@ -204,8 +206,8 @@ def _read_text(path: Path, name: str) -> str:
 
 
 def _suggestion(path: Path) -> str:
-    """The end of the message about a missing file."""
-    # `sweeps/quick_basins.yaml` of the documentation, in a folder that is no checkout
+    """Return the end of the message about a missing file."""
+    # `sweeps/quick_basins.yaml` of the documentation, in a folder that is not a checkout
     if job := shipped_as(path, near_miss.nearest):
         return f"; did you mean {job}?"
     if path.parent in job_folders():
@@ -216,7 +218,7 @@ def _suggestion(path: Path) -> str:
 
 
 def _read_regular(path: Path, name: str) -> bytes:
-    """The bytes of a regular file, at most the allowed number; any other kind of file is refused.
+    """Read the bytes of a regular file, at most the allowed number; refuse any other kind of file.
 
     It is opened without blocking, since it may have been replaced by a named pipe that has no writer.
     """
@@ -235,7 +237,7 @@ def _read_regular(path: Path, name: str) -> bytes:
 
 
 def _kind(mode: int) -> str:
-    """The kind of a file that is not a regular one, else an empty text."""
+    """Return the kind of a file that is not a regular one, else an empty text."""
     if stat.S_ISREG(mode):
         return ""
     kinds = {
@@ -249,7 +251,7 @@ def _kind(mode: int) -> str:
 
 
 def _yaml_files(folder: Path) -> list[str]:
-    """The names of some YAML files of a folder; none if it cannot be read."""
+    """Return the names of some YAML files of a folder; none if it cannot be read."""
     try:
         with os.scandir(folder) as entries:
             names = (entry.name for entry in entries if re.search(r"\.ya?ml\Z", entry.name))
@@ -259,11 +261,11 @@ def _yaml_files(folder: Path) -> list[str]:
 
 
 def _compose(text: str, name: str) -> yaml.Node | None:
-    """The tree of nodes of a YAML text; None if it is empty."""
+    """Parse the tree of nodes of a YAML text; None if it is empty."""
     loader = _Loader if len(text) <= _SHORT else _FastLoader
     try:
         return yaml.compose(text, Loader=loader)
-    except _Limit as error:
+    except _LimitError as error:
         raise _refused(name, error.line, str(error)) from None
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
@@ -279,7 +281,7 @@ def _compose(text: str, name: str) -> yaml.Node | None:
 
 
 def _sentence(text: str, problem: str, line: int | None) -> str:
-    """The sentence for a problem that the YAML parser reports in a line."""
+    """Return the sentence for a problem that the YAML parser reports in a line."""
     lines = text.split("\n", line or 0)
     if line is not None and line <= len(lines) and re.match(r"^\s*\t", lines[line - 1]):
         return "a tab is used for indentation; use spaces"
@@ -303,10 +305,11 @@ class _Reading:
         self._nodes = 0
 
     def _refused(self, line: int, text: str, path: diagnostics.Path) -> JobError:
+        """Return the error of a field of the file."""
         return _refused(self.file, line, text, path)
 
     def value(self, node: yaml.Node, path: diagnostics.Path) -> Any:
-        """The plain value of a node at a path.
+        """Return the plain value of a node at a path.
 
         Raises:
             JobError: the node is nested too deep, contains itself, or has an unsupported tag or key.
@@ -322,10 +325,9 @@ class _Reading:
             raise self._refused(line, "contains itself through an alias.", path)
         tag = node.tag.removeprefix(_CORE)
         if tag not in _TAGS:
-            shown = node.tag.replace(_CORE, "!!")
-            text = (
-                f"has the tag {shown}, which is not supported: write plain numbers, text, lists and mappings."
-            )
+            short_tag = node.tag.replace(_CORE, "!!")
+            text = f"has the tag {short_tag}, which is not supported"
+            text += ": write plain numbers, text, lists and mappings."
             raise self._refused(line, text, path)
         self._open.add(id(node))
         try:
@@ -338,7 +340,7 @@ class _Reading:
             self._open.discard(id(node))
 
     def _mapping(self, node: yaml.MappingNode, path: diagnostics.Path) -> dict[str, Any]:
-        """The values of a mapping by key; duplicate and merge keys are refused."""
+        """Return the values of a mapping by key; duplicate and merge keys are refused."""
         result: dict[str, Any] = {}
         for key_node, value_node in node.value:
             line = key_node.start_mark.line + 1
@@ -354,23 +356,23 @@ class _Reading:
         return result
 
     def _key(self, node: yaml.Node, line: int, path: diagnostics.Path) -> str:
-        """The key of a mapping, which must be text."""
+        """Return the key of a mapping, which must be text."""
         if not isinstance(node, yaml.ScalarNode) or node.tag != f"{_CORE}str":
-            shown = "a list or mapping"
+            key = "a list or mapping"
             if isinstance(node, yaml.ScalarNode):
-                shown = diagnostics.clipped(node.value)
-            raise self._refused(line, f"has the key {shown or '(empty)'}, but a key must be text.", path)
+                key = diagnostics.clipped(node.value) or "(empty)"
+            raise self._refused(line, f"has the key {key}, but a key must be text.", path)
         if (wrong := control_character(node.value)) is not None:
             raise self._refused(line, f"has a key that contains {wrong}, which is not allowed.", path)
         return node.value
 
     def _scalar(self, tag: str, text: str, line: int, path: diagnostics.Path) -> Any:
-        """The value of a scalar by its tag."""
+        """Return the value of a scalar by its tag."""
         if tag == "null":
             return None
         if tag == "bool" and text.lower() in ("true", "false"):
             return text.lower() == "true"
-        if tag == "int" and _INT.match(text) and len(text) < 19:
+        if tag == "int" and _INT.match(text) and len(text) <= _MAX_DIGITS:
             return int(text)
         if tag in ("int", "float") and (_INT.match(text) or _FLOAT.match(text)):
             return float(text)
@@ -378,5 +380,5 @@ class _Reading:
             if (wrong := control_character(text)) is not None:
                 raise self._refused(line, f"contains {wrong}, which is not allowed in text.", path)
             return text
-        text = f"is tagged !!{tag}, but {diagnostics.quoted(text)} is not of that type."
-        raise self._refused(line, text, path)
+        message = f"is tagged !!{tag}, but {diagnostics.quoted(text)} is not of that type."
+        raise self._refused(line, message, path)

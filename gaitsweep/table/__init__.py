@@ -6,8 +6,8 @@ part that exists is complete; during a run, ended rows of other blocks are in `t
 so on.
 
 `directory` writes one, `part_writer` parts of one beside other processes, `memory` a table without files;
-`reading` reads them. `manifest`, `parts`, `digests`, `locks` and `files` are their files, `examination`
-verifies these, `frames` joins parts.
+`reading` reads them. `manifest`, `parts`, `digests`, `locks` and `files` have the formats of their files,
+`examination` verifies these, `frames` joins parts.
 """
 
 from __future__ import annotations

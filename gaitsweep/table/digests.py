@@ -1,4 +1,4 @@
-"""The digests of a directory's files, in `SHA256SUMS`, which `sha256sum -c` can read.
+"""Digests of the files of a directory, in `SHA256SUMS`, which `sha256sum -c` can read.
 
 The line of a file is on disk before the file gets its name, so every file has a line, even after a kill. If a
 name has several lines, the last one is valid. Processes that write parts of one table at the same time append
@@ -8,10 +8,11 @@ file; they become one file when the table is complete.
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import os
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 
 from gaitsweep.table.files import TableError, read_file, reason, replace_file, sync_file, sync_folder
@@ -40,22 +41,20 @@ def read_digests(folder: Path) -> dict[str, str]:
             continue
         except OSError as error:
             raise TableError(f"{file} cannot be read: {reason(error)}.") from error
-        lines = (_LINE.fullmatch(line) for line in text.split("\n"))
-        digests.update((line[2], line[1]) for line in lines if line)
+        for line in text.split("\n"):
+            if match := _LINE.fullmatch(line):
+                digest, name = match.groups()
+                digests[name] = digest
     return digests
 
 
 def of_writers(folder: Path) -> list[Path]:
-    """The files of processes that write parts at the same time, the last changed at the end."""
-
-    def changed(files: Iterator[Path]) -> Iterator[tuple[int, Path]]:
-        for file in files:
-            try:
-                yield file.stat().st_mtime_ns, file
-            except OSError:  # removed meanwhile, when the table was completed
-                continue
-
-    return [file for _, file in sorted(changed(folder.glob(f"{DIGESTS}.*")))]
+    """Return the files of processes that write parts at the same time, the last changed at the end."""
+    changed: list[tuple[int, Path]] = []
+    for file in folder.glob(f"{DIGESTS}.*"):
+        with contextlib.suppress(OSError):  # removed meanwhile, when the table was completed
+            changed.append((file.stat().st_mtime_ns, file))
+    return [file for _, file in sorted(changed)]
 
 
 def add_digest(folder: Path, name: str, digest: str, *, writer: str = "") -> None:
@@ -70,17 +69,17 @@ def add_digest(folder: Path, name: str, digest: str, *, writer: str = "") -> Non
     Raises:
         OSError: it cannot be written.
     """
-    path = folder / f"{DIGESTS}{writer and '.'}{writer}"
+    path = folder / (f"{DIGESTS}.{writer}" if writer else DIGESTS)
     flags = os.O_RDWR | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK
-    new = not path.exists()
+    is_new = not path.exists()
     with os.fdopen(os.open(path, flags, 0o666), "r+b", buffering=0) as file:
         size = os.fstat(file.fileno()).st_size
         # a power failure may have left an incomplete line
-        torn = size > 0 and os.pread(file.fileno(), 1, size - 1) != b"\n"
+        is_torn = size > 0 and os.pread(file.fileno(), 1, size - 1) != b"\n"
         line = f"{digest}  {name}\n".encode()
-        file.write(b"\n" + line if torn else line)
+        file.write(b"\n" + line if is_torn else line)
         sync_file(file, path)
-    if new:
+    if is_new:
         sync_folder(folder)
 
 

@@ -1,4 +1,4 @@
-"""Writing a result directory, new or continued, one part at a time.
+"""Writing of a result directory, new or continued, one part at a time.
 
 `ResultDirectory` is its one writer; beside it or before it, other processes may write parts (`part_writer`).
 """
@@ -8,8 +8,6 @@ from __future__ import annotations
 import collections
 import contextlib
 import errno
-import functools
-import json
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -52,6 +50,7 @@ from gaitsweep.table.manifest import (
     Layout,
     claim,
     json_value,
+    manifest_bytes,
     new_manifest,
     sealed,
 )
@@ -188,7 +187,7 @@ class ResultDirectory:
             else:  # the earlier run was killed after it had written their parts
                 file.unlink(missing_ok=True)
         for number, parts in stored.items():
-            newest = max((part.numbers.keys() for part in parts), key=len)  # another version may lack some
+            newest = max((part.numbers.keys() for part in parts), key=len)  # older versions may have fewer
             rows = RowOutcome.concat([part for part in parts if part.numbers.keys() == newest])
             _, first = np.unique(rows.row, return_index=True)  # a row may stand in several files
             self._restored[number] = rows.take(first)
@@ -237,12 +236,12 @@ class ResultDirectory:
 
     @property
     def rows_done(self) -> int:
-        """The number of rows in complete parts."""
+        """Number of rows in complete parts."""
         return sum(footer.rows for footer in self._footers.values())
 
     @property
     def rows_open(self) -> int:
-        """The number of ended rows in open blocks when the directory was opened."""
+        """Number of ended rows in open blocks when the directory was opened."""
         return sum(rows.row.size for rows in self._restored.values())
 
     def missing_blocks(self) -> list[int]:
@@ -297,7 +296,8 @@ class ResultDirectory:
         """Encode the records of a block, for `write_encoded`; threads may do so at the same time.
 
         Args:
-            number, frame: as for `write_part`.
+            number: the block.
+            frame: its records, as for `write_part`.
 
         Raises:
             ValueError: the frame does not belong to the block.
@@ -306,6 +306,10 @@ class ResultDirectory:
 
     def write_encoded(self, number: int, part: EncodedPart) -> None:
         """Write a part that `encoded` has made; it is on disk when this returns.
+
+        Args:
+            number: the block.
+            part: its bytes and footer.
 
         Raises:
             WriteError: as for `write_part`.
@@ -322,13 +326,17 @@ class ResultDirectory:
     def write_part_bytes(self, number: int, data: bytes) -> None:
         """Write a part that another process has encoded, by `checked_part`.
 
+        Args:
+            number: the block.
+            data: the bytes of the part.
+
         Raises:
             WriteError: as for `write_part`.
             DamagedPart: the bytes are not this part of this table.
         """
         footer = read_footer(data)
-        of_table = number, self.layout.job_hash, self.layout.rows_in([number])
-        if (footer.part, footer.job_hash, footer.rows) != of_table:
+        expected = (number, self.layout.job_hash, self.layout.rows_in([number]))
+        if (footer.part, footer.job_hash, footer.rows) != expected:
             raise DamagedPart(f"it is not part {number} of this table")
         self.write_encoded(number, (data, footer))
 
@@ -389,7 +397,7 @@ class ResultDirectory:
         write_digests(self.path, read_digests(self.path))
 
     def read_beside(self, name: str) -> bytes | None:
-        """The bytes that `write_beside` wrote; None, with a note, if they are missing, damaged or edited."""
+        """Read what `write_beside` wrote; None, with a note, if it is missing, damaged or edited."""
         digest = read_digests(self.path).get(name)
         try:
             data = read_file(self.path / name)
@@ -415,9 +423,8 @@ class ResultDirectory:
                 raise ValueError(f"The manifest's {name} cannot change.")
         if not fields:
             return
-        manifest = {k: v for k, v in (self.manifest | fields).items() if v is not None}
         old = self.manifest
-        self.manifest = manifest
+        self.manifest = {name: value for name, value in (old | fields).items() if value is not None}
         try:
             with writing(f"{self.path / MANIFEST} could not be written"):
                 self._write_manifest()
@@ -448,9 +455,7 @@ class ResultDirectory:
         if plain["format"] > 1:
             plain = sealed(plain)
         self.manifest = plain
-        fields = (f"  {json.dumps(name)}: {_indented(json.dumps(value))}" for name, value in plain.items())
-        text = "{\n" + ",\n".join(fields) + "\n}\n"
-        replace_file(self.path / MANIFEST, lambda file: file.write(text.encode()))
+        replace_file(self.path / MANIFEST, lambda file: file.write(manifest_bytes(plain)))
 
     def close(self) -> None:
         """Release the directory for other writers; a second call does nothing."""
@@ -464,7 +469,7 @@ class ResultDirectory:
 
 
 def _claimed(path: Path, layout: Layout) -> dict[str, Any] | DamagedManifest | None:
-    """The manifest from `claim`, or the error if it is damaged but the parts belong to this job."""
+    """Return the manifest from `claim`, or the error if it is damaged but the parts belong to this job."""
     try:
         return claim(path, layout)
     except DamagedManifest as error:
@@ -483,11 +488,5 @@ class _Dumper(_SafeDumper):
     """Writer of YAML that writes a repeated list twice, not as an anchor and an alias."""
 
     def ignore_aliases(self, data: Any) -> bool:
+        """Write all values in full."""
         return True
-
-
-# cached, since most fields are written several times, and Python indents them slowly
-@functools.lru_cache(maxsize=64)
-def _indented(value: str) -> str:
-    """A field of the manifest, from JSON without indents."""
-    return json.dumps(json.loads(value), indent=2, ensure_ascii=False).replace("\n", "\n  ")

@@ -34,11 +34,12 @@ class Fault:
 
     @property
     def sentence(self) -> str:
+        """File and reason."""
         return f"{self.file} is {'not a part of this table' if self.foreign else 'damaged'}: {self.what}"
 
 
 class Examination:
-    """The files of a table, each read once and compared with the layout.
+    """Comparison of the files of a table, each read once, with the layout.
 
     The iteration over `parts` sets `footers` of valid parts and `faults` of the others, by block; `strangers`
     are files without a block; the iteration over `open_rows` sets `open_faults`. `digests` are the recorded
@@ -96,8 +97,10 @@ class Examination:
 
             def read(data: bytes, digest: str | None, number: int = number) -> tuple[Footer, pa.Table | None]:
                 footer = examined_part(data, digest, self.layout, number)
-                rows = self.layout.rows_of(number)
-                return footer, read_records(data, footer, *rows, columns) if records else None
+                if not records:
+                    return footer, None
+                start, stop = self.layout.rows_of(number)
+                return footer, read_records(data, footer, start, stop, columns)
 
             part = self._read(self.folder / PARTS.name(number), read)
             if isinstance(part, Fault):
@@ -202,5 +205,6 @@ def _refuse_other_part(data: bytes, job_hash: str, number: int) -> None:
 
 
 def _check_job(footer: Footer, job_hash: str) -> None:
+    """Refuse a part of another job."""
     if footer.job_hash != job_hash:
         raise _ForeignPart(f"it belongs to another job (hash {footer.job_hash[:12]}, part {footer.part})")

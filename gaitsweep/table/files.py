@@ -51,9 +51,13 @@ def reason(error: OSError) -> str:
 
 @contextlib.contextmanager
 def writing(what: str, then: str = "") -> Iterator[None]:
-    """A context in which an OSError becomes an exception whose message is `what`, the reason and `then`.
+    """Context in which an OSError becomes an exception whose message is `what`, the reason and `then`.
 
     It is a TableError if the user can correct it, else a WriteError.
+
+    Args:
+        what: the beginning of the message.
+        then: its end, after the reason.
     """
     try:
         yield
@@ -118,7 +122,7 @@ def _without_links(path: str, flags: int) -> int:
 
 @contextlib.contextmanager
 def temporary_folder() -> Iterator[Path]:
-    """A folder that is removed at the end, so that its files need not be flushed to disk."""
+    """Context with a folder that is removed at its end, so that files in it need not be flushed to disk."""
     with tempfile.TemporaryDirectory(prefix="gaitsweep_") as name:
         _TEMPORARY.add(name)
         try:
@@ -128,7 +132,7 @@ def temporary_folder() -> Iterator[Path]:
 
 
 def _is_temporary(path: Path) -> bool:
-    """Whether a path is inside a folder of `temporary_folder`."""
+    """Return whether a path is inside a folder of `temporary_folder`."""
     return any(f"{path}/".startswith(f"{folder}/") for folder in _TEMPORARY)
 
 
@@ -181,17 +185,21 @@ def remove_partials(folder: Path) -> None:
 
 
 class Numbered(NamedTuple):
-    """The numbered names of one kind of a table's files: `part-00003.parquet`."""
+    """Numbered names of one kind of files of a table, such as `part-00003.parquet`."""
 
     kind: str
 
     def name(self, number: int) -> str:
+        """Return the file name with a number."""
         return f"{self.kind}-{number:05d}.parquet"
 
     def number(self, name: str) -> int | None:
-        """The number in a file name, or None if it is not a file of this kind."""
+        """Return the number in a file name, or None if it is not a file of this kind."""
         match = re.fullmatch(rf"{self.kind}-([0-9]{{5,18}})\.parquet", name)
-        return int(match[1]) if match and self.name(int(match[1])) == name else None
+        if match is None:
+            return None
+        number = int(match[1])
+        return number if self.name(number) == name else None
 
 
 PARTS = Numbered("part")

@@ -16,7 +16,6 @@ import pyarrow.parquet as pq
 from numpy.typing import ArrayLike
 
 from gaitsweep import near_miss
-from gaitsweep.status import Outcome, Status
 from gaitsweep.table.files import TableError
 from gaitsweep.table.manifest import TABLE
 from gaitsweep.table.parts import Footer
@@ -27,7 +26,7 @@ _SOURCES = ("cycles", "gait", "status")
 
 @dataclasses.dataclass
 class _Part:
-    """The records of a part: its columns, and the names of the categorical ones, which have their codes."""
+    """Records of a part: its columns, and the names of the codes that categorical columns have."""
 
     length: int
     columns: dict[str, np.ndarray | pa.ChunkedArray]
@@ -44,7 +43,7 @@ class PartRecords:
     def __init__(self, n_rows: int) -> None:
         self._n_rows = n_rows
         self._room = 0
-        self._whole: dict[str, np.ndarray] = {}
+        self._full_columns: dict[str, np.ndarray] = {}
         self.parts: list[_Part] = []
         self.length = 0
 
@@ -71,30 +70,35 @@ class PartRecords:
         self.length += table.num_rows
 
     def _placed(self, name: str, values: np.ndarray) -> np.ndarray:
-        """The values in their place in the whole column, if they fit there."""
-        if name not in self._whole:
-            self._whole[name] = np.empty(self._room, values.dtype)
-        whole = self._whole[name]
-        place = whole[self.length : self.length + len(values)]
-        if whole.dtype != values.dtype or len(place) != len(values):
+        """Copy values to their place in the full column, if they fit; return the copy."""
+        if name not in self._full_columns:
+            self._full_columns[name] = np.empty(self._room, values.dtype)
+        full_column = self._full_columns[name]
+        place = full_column[self.length : self.length + len(values)]
+        if full_column.dtype != values.dtype or len(place) != len(values):
             return np.array(values)
         place[:] = values
         return place
 
-    def whole(self, name: str) -> np.ndarray | None:
-        """The column of all parts, if all have their values there."""
-        whole = self._whole.get(name)
-        complete = all(getattr(part.columns.get(name), "base", None) is whole for part in self.parts)
-        return None if whole is None or not complete else whole[: self.length]
+    def full_column(self, name: str) -> np.ndarray | None:
+        """Return the column of all parts, if all have their values there, else None."""
+        full_column = self._full_columns.get(name)
+        if full_column is None:
+            return None
+        for part in self.parts:
+            column = part.columns.get(name)
+            if not isinstance(column, np.ndarray) or column.base is not full_column:
+                return None
+        return full_column[: self.length]
 
 
 def decoded_columns(columns: Sequence[str]) -> tuple[str, ...]:
-    """The columns of the parts that are needed for these columns of the table."""
+    """Return the columns of the parts that are needed for these columns of the table."""
     return (*columns, *_SOURCES) if "outcome" in columns else tuple(columns)
 
 
 def joined_parts(path: Path, parts: PartRecords, columns: Sequence[str] | None) -> pd.DataFrame:
-    """The records of all parts.
+    """Join the records of all parts.
 
     Args:
         path: the result directory, for messages.
@@ -105,8 +109,9 @@ def joined_parts(path: Path, parts: PartRecords, columns: Sequence[str] | None) 
         TableError: there is no such column, or the types of a column do not fit together.
     """
     names = list(dict.fromkeys(name for part in parts.parts for name in part.columns))
-    older = all(name in names for name in _SOURCES) and any("outcome" not in p.columns for p in parts.parts)
-    if older:
+    has_sources = all(name in names for name in _SOURCES)
+    lacks_outcome = has_sources and any("outcome" not in part.columns for part in parts.parts)
+    if lacks_outcome:
         names = [name for name in names if name != "outcome"]
         names.insert(names.index("gait") + 1, "outcome")
     values: dict[str, Any] = {}
@@ -114,7 +119,7 @@ def joined_parts(path: Path, parts: PartRecords, columns: Sequence[str] | None) 
         if name not in names:
             raise TableError(f"{name} is not a column of {path}{_near_column(path, name)}")
         try:
-            if older and name == "outcome":
+            if lacks_outcome and name == "outcome":
                 values[name] = outcomes(_joined("gait", parts), _joined("status", parts))
             else:
                 values[name] = _joined(name, parts)
@@ -127,7 +132,9 @@ def joined_parts(path: Path, parts: PartRecords, columns: Sequence[str] | None) 
 
 
 def outcomes(gait: pd.Categorical, status: ArrayLike) -> pd.Categorical:
-    """The column `outcome`: the gait of each row (n,), or the reason why it has none."""
+    """Return the column `outcome`: the gait of each row (n,), or the reason why it has none."""
+    from gaitsweep.contract import Outcome, Status  # imports JAX
+
     names = list(dict.fromkeys([*gait.categories, *map(str, Outcome)]))
     codes = np.where(gait.codes < 0, names.index(Outcome.NO_GAIT), gait.codes.astype(np.int32))
     codes[~Status.SOUND.among(status)] = names.index(Outcome.FAILED)
@@ -136,35 +143,36 @@ def outcomes(gait: pd.Categorical, status: ArrayLike) -> pd.Categorical:
 
 
 def categorical(codes: ArrayLike, names: Sequence[str]) -> pd.Categorical:
-    """The names of codes (n,); -1 has no name."""
+    """Return the names of codes (n,); -1 has no name."""
     return pd.Categorical.from_codes(codes, dtype=_categories(tuple(names)))
 
 
 # cached, since pandas takes longer to look for repeated names than a small column takes
 @functools.lru_cache(maxsize=256)
 def _categories(names: tuple[str, ...]) -> pd.CategoricalDtype:
+    """Return the type of a column with these categories."""
     return pd.CategoricalDtype(list(names))
 
 
 def _near_column(path: Path, name: str) -> str:
-    """The end of the message about an unknown column."""
+    """Return the end of the message about an unknown column."""
     file = next(iter(sorted((path / TABLE).glob("part-*.parquet"))))
     return near_miss.suggestion(name, pq.read_schema(file).names)
 
 
 def _joined(name: str, parts: PartRecords) -> Any:
-    """A column of all parts: categorical, an array, or a series."""
-    whole = parts.whole(name)
+    """Join a column of all parts: categorical, an array, or a series."""
+    full_column = parts.full_column(name)
     if not any(name in part.categories for part in parts.parts):
-        return _promoted(name, parts.parts) if whole is None else whole
+        return _promoted(name, parts.parts) if full_column is None else full_column
     categories = list(dict.fromkeys(text for part in parts.parts for text in part.categories.get(name, ())))
-    if whole is None or any(part.categories[name] != categories for part in parts.parts):
-        whole = np.concatenate([_recoded(name, part, categories) for part in parts.parts])
-    return categorical(whole, categories)
+    if full_column is None or any(part.categories[name] != categories for part in parts.parts):
+        full_column = np.concatenate([_recoded(name, part, categories) for part in parts.parts])
+    return categorical(full_column, categories)
 
 
 def _recoded(name: str, part: _Part, categories: list[str]) -> np.ndarray:
-    """The codes (n,) of a part's column among the categories of all parts."""
+    """Return the codes (n,) of a part's column among the categories of all parts."""
     column = part.columns.get(name)
     if column is None:
         return np.full(part.length, -1, _narrow(categories))
@@ -175,7 +183,7 @@ def _recoded(name: str, part: _Part, categories: list[str]) -> np.ndarray:
 
 
 def _promoted(name: str, parts: list[_Part]) -> pd.Series:
-    """A column of text or flags, or one whose type differs between parts of different versions."""
+    """Join a column of text or flags, or one whose type differs between parts of different versions."""
     pieces = [_in_arrow(part.columns.get(name, pa.nulls(part.length))) for part in parts]
     kinds = [pa.schema([pa.field(name, piece.type)]) for piece in pieces]
     common = pa.unify_schemas(kinds, promote_options="permissive").types[0]
@@ -184,17 +192,17 @@ def _promoted(name: str, parts: list[_Part]) -> pd.Series:
 
 
 def _in_arrow(piece: np.ndarray | pa.Array | pa.ChunkedArray) -> pa.ChunkedArray:
-    """A column of a part, which may be missing or lie in NumPy's memory, as an array of Arrow."""
+    """Convert a column of a part, which may be missing or in NumPy's memory, to an array of Arrow."""
     return piece if isinstance(piece, pa.ChunkedArray) else pa.chunked_array([pa.array(piece)])
 
 
 def _narrow(categories: list[str]) -> np.dtype[Any]:
-    """The smallest integer type for codes of categories, as in pandas."""
+    """Return the smallest integer type for codes of categories, as in pandas."""
     return np.min_scalar_type(-max(len(categories), 1))
 
 
 def _codes(column: pa.ChunkedArray, categories: list[str]) -> np.ndarray:
-    """The index of each name among the categories, -1 for missing names."""
+    """Return the index of each name among the categories, -1 for missing names."""
     place = {name: number for number, name in enumerate(categories)}
     codes = [np.zeros(0, _narrow(categories))]
     for chunk in column.chunks:

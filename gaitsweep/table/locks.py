@@ -1,4 +1,4 @@
-"""Locks of a directory for its writer, and of single blocks for processes that compute a table together.
+"""Locks of a directory for its writer, and of its blocks for processes that compute a table together.
 
 The file `.blocks` has a record for each block: the number of starts without an end, and the process of the
 last start. A process locks the record of the block that it computes; the operating system frees the lock when
@@ -21,13 +21,14 @@ from typing import NamedTuple
 from gaitsweep.errors import UnsupportedSystem
 from gaitsweep.table.files import TableError
 
-LOCK_NAME, BLOCK_LOCKS = ".lock", ".blocks"
+LOCK_NAME = ".lock"
+BLOCK_LOCKS = ".blocks"
 _NO_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.ENOTSUP, errno.EINVAL)
 _RECORD = 128  # bytes
 
 
 def this_process() -> str:
-    """The name of this process in messages."""
+    """Return the name of this process in messages."""
     return f"process {os.getpid()} on {socket.gethostname()}"
 
 
@@ -93,14 +94,14 @@ class Lock:
 
 
 class UnfinishedStarts(NamedTuple):
-    """The number of starts of a block without an end, and the process of the last start."""
+    """Number of starts of a block without an end, and the process of the last start."""
 
     starts: int
     process: str
 
 
 class BlockLocks:
-    """The locks of the blocks of one directory; use it as a context manager, or call `close`.
+    """Locks of the blocks of one directory; use it as a context manager, or call `close`.
 
     Args:
         folder: the directory.
@@ -124,6 +125,10 @@ class BlockLocks:
 
         On a file system without locks it always succeeds; two processes may then compute the same block and
         write the same part.
+
+        Args:
+            number: the block.
+            process: the name of the process in messages.
         """
         try:
             self._lock(fcntl.F_WRLCK, number)
@@ -139,6 +144,16 @@ class BlockLocks:
             self._lock(fcntl.F_UNLCK, number)
 
     def _lock(self, kind: int, number: int) -> None:
+        """Lock or unlock the record of a block.
+
+        Args:
+            kind: F_WRLCK or F_UNLCK of `fcntl`.
+            number: the block.
+
+        Raises:
+            OSError: another process holds the lock, or the file system has none.
+        """
+        # `struct flock` of 64-bit systems: kind, origin, begin and length of the range, process (0), padding
         # a lock of the open file, since a process loses its own locks when it closes any descriptor of a file
         fields = struct.pack("hhqqi0q", kind, os.SEEK_SET, number * _RECORD, _RECORD, 0)
         fcntl.fcntl(self._descriptor, fcntl.F_OFD_SETLK, fields)
@@ -159,6 +174,7 @@ class BlockLocks:
         self._write_record(number, 0, "")
 
     def _write_record(self, number: int, starts: int, process: str) -> None:
+        """Write the starts of a block without an end, and the process of the last one."""
         record = f"{starts} {process}".encode()[: _RECORD - 1].ljust(_RECORD - 1) + b"\n"
         os.pwrite(self._descriptor, record, number * _RECORD)
 

@@ -1,14 +1,15 @@
-"""The manifest, which identifies a result directory and its job."""
+"""Manifest of a result directory, which identifies its job, and the fields that others read in it."""
 
 from __future__ import annotations
 
 import dataclasses
 import datetime
+import functools
 import hashlib
 import json
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Final, NamedTuple
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
@@ -30,6 +31,32 @@ _Count = Annotated[int, Field(ge=1, lt=2**63)]
 _CountOrZero = Annotated[int, Field(ge=0)]
 
 
+class Difference(NamedTuple):
+    """Words after a number of rows that a self-check found different: `mark` on a figure, else `sentence`."""
+
+    mark: str
+    sentence: str
+
+
+# A settled row may move by this many times the tolerance of settling.
+TOLERANCES: Final = 10.0
+STORED_DIFFERS: Final = "stored_differs"
+UNSTABLE: Final = "unstable"
+# Differences that a self-check counts, by their fields in the manifest.
+DIFFERENCES: Final = {
+    STORED_DIFFERS: Difference(
+        "not reproduced", "did not reproduce their stored records with the same steps"
+    ),
+    "status_differs": Difference("end otherwise", "ended with another status"),
+    "gait_differs": Difference("change gait", "ended with another gait"),
+    "count_differs": Difference("change their count", "ended with another count"),
+    "moved": Difference("depend on the step", f"moved by more than {TOLERANCES:g} tolerances"),
+    UNSTABLE: Difference(
+        "rest on unstable gaits", "rest on an unstable gait, which any small displacement leaves"
+    ),
+}
+
+
 class DamagedManifest(TableError):
     """A manifest that was changed after gaitsweep wrote it, or is missing beside a table.
 
@@ -43,18 +70,19 @@ class DamagedManifest(TableError):
 
 
 def sealed(manifest: Mapping[str, Any]) -> dict[str, Any]:
-    """A manifest of JSON values with the digest of its fields, which reveals edits."""
+    """Return a manifest of JSON values with the digest of its fields, which reveals edits."""
     fields = {name: value for name, value in manifest.items() if name != SEAL}
     text = json.dumps(fields, sort_keys=True, separators=(",", ":"))
     return {**fields, SEAL: hashlib.sha256(text.encode()).hexdigest()}
 
 
 def json_value(value: Any) -> Any:
-    """Values as JSON gives them back: lists for tuples and arrays, numbers of Python for those of NumPy."""
+    """Convert values as JSON does: lists for tuples and arrays, Python's numbers for those of NumPy."""
     return json.loads(json.dumps(value, default=_plain))
 
 
 def _plain(value: Any) -> Any:
+    """Convert a value that JSON does not have."""
     if hasattr(value, "tolist"):  # NumPy's and JAX's scalars and arrays
         return value.tolist()
     return str(value)
@@ -71,12 +99,7 @@ def read_manifest(path: Path) -> dict[str, Any]:
     try:
         text = read_file(file, _LARGEST).decode()
     except (FileNotFoundError, NotADirectoryError):
-        if (path / TABLE).is_dir():
-            raise DamagedManifest(f"{MANIFEST} of {path} is missing", path) from None
-        what = f"is not a result directory of gaitsweep: it has no {MANIFEST}"
-        if not path.is_dir():
-            what = "is not a directory" if path.exists() else "does not exist"
-        raise TableError(f"{path} {what}.") from None
+        raise _missing(path) from None
     except OSError as error:
         raise TableError(f"{file} cannot be read: {reason(error)}.") from error
     except ValueError as error:
@@ -102,7 +125,30 @@ def read_manifest(path: Path) -> dict[str, Any]:
     return manifest
 
 
+def manifest_bytes(manifest: Mapping[str, Any]) -> bytes:
+    """Return the content of `manifest.json` with these JSON values."""
+    fields = (f"  {json.dumps(name)}: {_indented(json.dumps(value))}" for name, value in manifest.items())
+    return ("{\n" + ",\n".join(fields) + "\n}\n").encode()
+
+
+# cached, since most fields are written several times, and Python indents them slowly
+@functools.lru_cache(maxsize=64)
+def _indented(value: str) -> str:
+    """Indent a field of the manifest, from JSON without indents."""
+    return json.dumps(json.loads(value), indent=2, ensure_ascii=False).replace("\n", "\n  ")
+
+
+def _missing(path: Path) -> TableError:
+    """Return the error of a directory without a manifest."""
+    if (path / TABLE).is_dir():
+        return DamagedManifest(f"{MANIFEST} of {path} is missing", path)
+    if path.is_dir():
+        return TableError(f"{path} is not a result directory of gaitsweep: it has no {MANIFEST}.")
+    return TableError(f"{path} {'is not a directory' if path.exists() else 'does not exist'}.")
+
+
 def _short(value: object) -> str:
+    """Write a value in at most about 40 characters."""
     text = str(value)
     return text if len(text) <= 40 else f"{text[:40]}..."
 
@@ -166,7 +212,7 @@ class _Job(_Plain):
 
 
 class _Fields(_Plain):
-    """The fields of a manifest that are read, each with its description in messages."""
+    """Fields of a manifest that are read, each with its description in messages."""
 
     job_hash: str = Field(default="", description="text")
     rows: _Count = Field(default=1, description="a number of rows")
@@ -191,7 +237,7 @@ class _Fields(_Plain):
 
 
 def is_job(value: object) -> bool:
-    """Whether plain values are a job, in the fields on which readers of tables depend."""
+    """Return whether plain values are a job, in the fields on which readers of tables depend."""
     try:
         _Job.model_validate(value)
     except ValidationError:
@@ -201,7 +247,7 @@ def is_job(value: object) -> bool:
 
 @dataclasses.dataclass(frozen=True)
 class Layout:
-    """The rows of a table in blocks of `block`, each of which has a part.
+    """Rows of a table in blocks of `block`, each of which has a part.
 
     `job_hash` is the hash of all that determines the results.
     """
@@ -212,12 +258,12 @@ class Layout:
 
     @classmethod
     def of(cls, manifest: Mapping[str, Any]) -> Layout:
-        """The layout in a manifest."""
+        """Return the layout in a manifest."""
         return cls(manifest["job_hash"], manifest["rows"], manifest["block"])
 
     @property
     def blocks(self) -> range:
-        """The numbers of the blocks."""
+        """Numbers of the blocks."""
         return range(-(-self.rows // self.block))
 
     def rows_of(self, number: int) -> tuple[int, int]:
@@ -235,7 +281,12 @@ class Layout:
 
 
 def new_manifest(layout: Layout, job: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the manifest of a new directory."""
+    """Return the manifest of a new directory.
+
+    Args:
+        layout: that of its table.
+        job: the resolved job.
+    """
     if layout.rows < 1 or layout.block < 1:
         raise ValueError(
             f"A table must have at least one row and one row per part, not {layout.rows} and {layout.block}."

@@ -1,4 +1,4 @@
-"""A table in memory, which a run writes as it writes a result directory."""
+"""Table in memory, which a run writes as it writes a result directory."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from gaitsweep.table.reading import Rows, Selection, add_counts
 
 
 class MemoryTable:
-    """A table in memory, with the methods of `ResultDirectory` that a run uses.
+    """Table in memory, with the methods of `ResultDirectory` that a run uses.
 
     Columns have the values and types that a result directory gives, since the same functions convert them.
 
@@ -40,7 +40,7 @@ class MemoryTable:
 
     @property
     def rows_done(self) -> int:
-        """The number of rows in complete blocks."""
+        """Number of rows in complete blocks."""
         return sum(self.counts().values())
 
     def missing_blocks(self) -> list[int]:
@@ -74,7 +74,8 @@ class MemoryTable:
 
     def update_manifest(self, **fields: Any) -> None:
         """Set fields of the manifest (JSON values; None removes a field)."""
-        self.manifest = {k: v for k, v in (self.manifest | fields).items() if v is not None}
+        manifest = self.manifest | fields
+        self.manifest = {name: value for name, value in manifest.items() if value is not None}
 
     def load(self, rows: Rows | None = None) -> pd.DataFrame:
         """Return the complete table, or the records of some rows, with the `.attrs` of `table.load`."""
@@ -91,15 +92,11 @@ class MemoryTable:
         return frame
 
     def load_parts(self, columns: Sequence[str]) -> Iterator[pd.DataFrame]:
-        """The records of the complete table."""
+        """Yield the records of the complete table."""
         yield self._frame(columns, None)
 
     def _frame(self, columns: Sequence[str] | None, rows: Rows | None) -> pd.DataFrame:
-        """The records of some columns (by default of all) and rows.
-
-        Raises:
-            TableError: there is no such column.
-        """
+        """Return the records of some columns and rows."""
         selection = Selection.of(columns, rows, self.layout.rows)
         parts = PartRecords(self.layout.rows if selection.rows is None else len(selection.rows))
         for _, (records, footer) in sorted(self._parts.items()):

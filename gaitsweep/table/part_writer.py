@@ -36,18 +36,18 @@ class PartWriter:
         self.layout = layout
 
     def has(self, number: int) -> bool:
-        """Whether the part of a block exists and is valid."""
+        """Return whether the part of a block exists and is valid."""
         return not self.missing([number])
 
     def missing(self, numbers: Sequence[int]) -> list[int]:
-        """The blocks, among some, whose part is missing or invalid."""
+        """Return the blocks, among some, whose part is missing or invalid."""
         sound = examined_parts(self.path, self.layout, numbers)
         return [number for number in numbers if number not in sound]
 
     def encoded(
         self, number: int, frame: pd.DataFrame, quantities: Mapping[str, Mapping[str, Any]] | None = None
     ) -> bytes:
-        """The part with the records of a block.
+        """Encode the part with the records of a block.
 
         Args:
             number: the block.

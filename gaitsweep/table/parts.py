@@ -1,4 +1,4 @@
-"""The files of a table: parts, and ended rows of incomplete blocks.
+"""Files of a table: parts, and ended rows of incomplete blocks.
 
 A part is a parquet file with the rows of one block, and a footer that identifies it.
 `table/open-00003.parquet` is the third file of ended rows of incomplete blocks, which exists until the parts
@@ -24,13 +24,16 @@ from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.run_columns import COLUMNS
 from gaitsweep.table.manifest import Layout
 
+# Keys of the metadata of a part, and of a file of open rows.
 _KEY = b"gaitsweep"
 _OPEN_KEY = b"gaitsweep open rows"
+# Columns that are categorical even where a frame has them as text.
+_CATEGORICAL = ("status", "gait", "outcome")
 
 
 @dataclasses.dataclass(frozen=True)
 class Footer:
-    """The metadata of a part: its block, the hash of its job, its statuses and its categorical columns."""
+    """Metadata of a part: its block, the hash of its job, rows by status, and names by categorical column."""
 
     part: int
     job_hash: str
@@ -39,7 +42,7 @@ class Footer:
 
     @property
     def rows(self) -> int:
-        """The number of rows of the sweep in this part; a row may have many records."""
+        """Number of rows of the sweep in this part; a row may have many records."""
         return sum(self.counts.values())
 
 
@@ -59,7 +62,7 @@ def _count_statuses(frame: pd.DataFrame) -> dict[str, int]:
 
 
 def _check_frame(frame: pd.DataFrame, start: int, stop: int) -> None:
-    """Check that a frame has the records of rows `start` to `stop - 1`, in order.
+    """Check that a frame has records of rows `start` to `stop - 1`, in order.
 
     Raises:
         ValueError: it has not, because of a bug.
@@ -150,7 +153,7 @@ def _records(
     counts: Mapping[str, int],
     quantities: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> tuple[pa.Table, Footer]:
-    """The records of a part in Arrow's memory, and its footer; arguments as for `part_bytes`."""
+    """Convert the records of a part to Arrow, with its footer; arguments as for `part_bytes`."""
     categories: dict[str, list[str]] = {}
     fields = []
     arrays = []
@@ -159,22 +162,27 @@ def _records(
         if isinstance(values.dtype, pd.CategoricalDtype):
             categories[column] = [str(category) for category in values.cat.categories]
             arrays.append(_text(values.cat.codes.to_numpy(), categories[column]))
-        elif column in ("status", "gait", "outcome"):
+        elif column in _CATEGORICAL:
             categories[column] = sorted({str(value) for value in values.dropna()})
             arrays.append(pa.Array.from_pandas(values, type=pa.string()))
         else:
             arrays.append(pa.Array.from_pandas(values))
-        observed = re.sub(r"_end_\d+\Z", "_end", column)  # at a further crossing of an orbit
-        added = dict(zip(("unit", "meaning"), COLUMNS.get(column, ()), strict=False))
-        quantity = (quantities or {}).get(observed) or added
-        described = {name: quantity[name] for name in ("unit", "meaning") if quantity.get(name)}
-        fields.append(pa.field(column, arrays[-1].type, metadata=described or None))
+        fields.append(pa.field(column, arrays[-1].type, metadata=_unit_and_meaning(column, quantities or {})))
     footer = Footer(number, job_hash, dict(counts), categories)
     return pa.Table.from_arrays(arrays, schema=pa.schema(fields)), footer
 
 
+def _unit_and_meaning(column: str, quantities: Mapping[str, Mapping[str, Any]]) -> dict[str, str] | None:
+    """Return `unit` and `meaning` of a column, of the manifest or of a run kind; None without any."""
+    observed = re.sub(r"_end_\d+\Z", "_end", column)  # at a further crossing of an orbit
+    added = dict(zip(("unit", "meaning"), COLUMNS.get(column, ()), strict=False))
+    quantity = quantities.get(observed) or added
+    described = {name: quantity[name] for name in ("unit", "meaning") if quantity.get(name)}
+    return described or None
+
+
 def _encoded(records: pa.Table, footer: Footer) -> EncodedPart:
-    """The bytes of a part."""
+    """Encode the records of a part as parquet."""
     metadata = {_KEY: json.dumps(dataclasses.asdict(footer)).encode()}
     file = io.BytesIO()
     pq.write_table(
@@ -188,7 +196,7 @@ def _encoded(records: pa.Table, footer: Footer) -> EncodedPart:
 
 
 def _text(codes: np.ndarray, names: list[str]) -> pa.Array:
-    """The names of codes (n,); -1 has no name."""
+    """Return the names of codes (n,); -1 has no name."""
     coded = pa.array(codes, mask=codes < 0)
     return pa.DictionaryArray.from_arrays(coded, pa.array(names, pa.string())).cast(pa.string())
 
@@ -268,7 +276,7 @@ def open_bytes(rows: RowOutcome, job_hash: str) -> bytes:
 
 
 def _lists(values: np.ndarray, ends: np.ndarray) -> pa.Array:
-    """Numbers as lists, whose places in the flat array are between successive `ends`."""
+    """Return numbers as lists, whose places in the flat array are between successive `ends`."""
     flat = pa.array(np.ascontiguousarray(values).ravel())
     return pa.LargeListArray.from_arrays(pa.array(ends.astype(np.int64)), flat)
 
@@ -318,7 +326,7 @@ def read_open(data: bytes, job_hash: str, n_rows: int) -> RowOutcome:
 
 
 def readable(data: bytes) -> pa.BufferReader:
-    """A reader of a copy of the bytes in Arrow's memory.
+    """Return a reader of a copy of the bytes in Arrow's memory.
 
     Arrow's threads may release the copy after the last read has returned. With Python's memory the process
     would abort if Python had ended meanwhile.
@@ -329,7 +337,7 @@ def readable(data: bytes) -> pa.BufferReader:
 
 
 def unreadable() -> tuple[type[Exception], ...]:
-    """Errors of the parquet reader and the JSON reader for damaged bytes."""
+    """Return the errors of the parquet reader and the JSON reader for damaged bytes."""
     values = KeyError, ValueError, TypeError, AttributeError, EOFError, OverflowError, RecursionError
     return pa.ArrowException, OSError, *values, MemoryError
 

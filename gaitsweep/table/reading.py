@@ -27,18 +27,22 @@ Rows = slice | range | ArrayLike
 
 _LARGEST_JOB = 64 * 2**20  # bytes
 _WITHOUT_NUMBERS = ("name", "verify", "figures", "style")  # fields of a job that decide no number
-_DEEPEST, _MAX_EVENTS = 50, 400_000  # of an edited `job.yaml`
+_DEEPEST = 50  # lists and mappings inside each other in an edited `job.yaml`
+_MAX_EVENTS = 400_000  # of YAML's parser in it
+# Records in a frame of `load_parts`, at most, if a part has no more: it takes as long to make a frame of one
+# part of a few thousand records as of sixteen such parts.
+_MAX_RECORDS = 65_536
 
 
 def figure_files(path: Path) -> list[Path]:
-    """The files of a directory's figures, sorted by name."""
+    """Return the files of a directory's figures, sorted by name."""
     files = (path / FIGURES).glob("*")
     return sorted(file for file in files if file.suffix in (".png", ".pdf", ".svg") and file.is_file())
 
 
 @dataclasses.dataclass(frozen=True)
 class Snapshot:
-    """The contents of a result directory at one moment, without its records; a run may be writing it.
+    """Contents of a result directory at one moment, without its records; a run may be writing it.
 
     `job` is the job that was run, `written` the content of `job.yaml`; they differ if the file was edited.
     `files` are those of the table, examined; `rows_open` is the number of ended rows of incomplete blocks.
@@ -53,7 +57,7 @@ class Snapshot:
 
     @classmethod
     def of(cls, path: str | Path) -> Snapshot:
-        """Read a result directory.
+        """Select some columns and rows.
 
         Raises:
             TableError: it is not a result directory, or its manifest or `job.yaml` cannot be read.
@@ -72,17 +76,17 @@ class Snapshot:
 
     @property
     def rows_done(self) -> int:
-        """The number of rows in complete parts."""
+        """Number of rows in complete parts."""
         return sum(footer.rows for footer in self.files.footers.values())
 
     @property
     def rows_safe(self) -> int:
-        """The number of rows that are stored, including those of incomplete blocks."""
+        """Number of rows that are stored, including those of incomplete blocks."""
         return self.rows_done + self.rows_open
 
     @property
     def figures(self) -> list[Path]:
-        """The files of drawn figures, sorted by name."""
+        """Files of drawn figures, sorted by name."""
         return figure_files(self.path)
 
     @property
@@ -92,7 +96,7 @@ class Snapshot:
 
     @property
     def without_digests(self) -> str:
-        """A clause on files without digests, in which damage may go undetected."""
+        """Clause on files without digests, in which damage may go undetected."""
         count = len(self.files.undigested)
         files = "1 file of the table has" if count == 1 else f"{count} files of the table have"
         again = "" if self.manifest["format"] == 1 else ". Run its job again to write the digests"
@@ -108,7 +112,7 @@ class Snapshot:
 
 
 def _deciding(job: dict[str, Any]) -> dict[str, Any]:
-    """The fields of a job that decide the table's numbers."""
+    """Return the fields of a job that decide the table's numbers."""
     return {key: value for key, value in job.items() if key not in _WITHOUT_NUMBERS}
 
 
@@ -136,14 +140,14 @@ def add_counts(footers: dict[int, Footer]) -> dict[str, int]:
 
 @dataclasses.dataclass(frozen=True)
 class Selection:
-    """The records to read from a table: some or all columns of some or all rows."""
+    """Records to read from a table: some or all columns of some or all rows."""
 
     columns: tuple[str, ...] | None = None
     rows: range | np.ndarray | None = None  # in rising order
 
     @classmethod
     def of(cls, columns: Sequence[str] | None, rows: Rows | None, n_rows: int) -> Selection:
-        """The selection of some columns and rows.
+        """Select some columns and rows.
 
         Args:
             columns, rows: as for `load`.
@@ -169,7 +173,7 @@ class Selection:
         return cls(names, numbers)
 
     def records_of(self, table: pa.Table) -> pa.Table:
-        """The selected records of a part."""
+        """Return the selected records of a part."""
         row = table.column("row").to_numpy()
         if self.columns is not None:
             table = table.select([name for name in table.column_names if name in self.columns])
@@ -207,7 +211,7 @@ def _snapshot(path: Path, parts: PartRecords | None = None, selection: Selection
 def _job_of(
     path: Path, manifest: dict[str, Any], digest: str | None
 ) -> tuple[dict[str, Any], dict[str, Any]]:
-    """The job that was run, and the content of `job.yaml`: the same object if it was not edited."""
+    """Return the job that was run, and the content of `job.yaml`: the same object if it was not edited."""
     file = path / JOB
     advice = f"Run the job of {path} again to rewrite it."
     known = manifest.get("job")
@@ -232,7 +236,7 @@ def _job_of(
 
 
 def _parsed(text: str) -> Any:
-    """The values of a YAML text that may have been edited; raises the exceptions of YAML's readers."""
+    """Parse YAML text that may have been edited; raises the exceptions of YAML's readers."""
     depth = 0
     for number, event in enumerate(yaml.parse(text, Loader=yaml.SafeLoader)):
         # the time of PyYAML grows with the square of the depth, and its value readers are recursive
@@ -317,13 +321,8 @@ def load_with_snapshot(
     return snapshot, frame
 
 
-# Records in a frame of `load_parts`, at most, if a part has no more: a frame of one part of a few thousand
-# takes as long as one of sixteen.
-_TOGETHER = 65_536
-
-
 def load_parts(path: str | Path, columns: Sequence[str]) -> Iterator[pd.DataFrame]:
-    """The records of a complete table, some parts at a time, so that few are in memory.
+    """Yield the records of a complete table, some parts at a time, so that few are in memory.
 
     Args:
         path: the directory.
@@ -335,13 +334,13 @@ def load_parts(path: str | Path, columns: Sequence[str]) -> Iterator[pd.DataFram
     path = Path(path)
     selection = Selection(decoded_columns(columns))
     examined = Examination(path, Layout.of(read_manifest(path)))
-    parts = PartRecords(_TOGETHER)
+    parts = PartRecords(_MAX_RECORDS)
     for number, table in examined.parts(records=True, columns=selection.columns):
         if table is not None:
             parts.add(selection.records_of(table), examined.footers[number])
-        if parts.length > _TOGETHER // 2:
+        if parts.length > _MAX_RECORDS // 2:
             yield joined_parts(path, parts, columns)
-            parts = PartRecords(_TOGETHER)
+            parts = PartRecords(_MAX_RECORDS)
     if parts.length:
         yield joined_parts(path, parts, columns)
     _refuse_faults(examined)

@@ -98,7 +98,7 @@ def test_drawn_points_fill_their_box(method: str, seed: int, count: int) -> None
 
 
 def test_random_points_are_pinned() -> None:
-    """The very numbers, so that another version of NumPy or SciPy cannot change a job's rows unseen."""
+    """Pinned numbers, so that no version of NumPy or SciPy changes a job's rows unnoticed."""
     random = columns_of(toy(vary={"mass": {"random": [1, 2, 3], "seed": 7}}))["mass"]
     sobol = columns_of(toy(vary={"mass": {"sobol": [1, 2, 4], "seed": 7}}))["mass"]
     assert random.tolist() == PINNED_RANDOM

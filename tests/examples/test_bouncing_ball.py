@@ -15,12 +15,12 @@ RANGES = {"phase_0": (0.0, 2.0 * np.pi), "speed_0": (0.0, 6.0)}
 
 
 def fold(n: Any, restitution: Any) -> Any:
-    """The table's acceleration from which on the ball stays in flight for n periods of the table."""
+    """Return the table's acceleration from which on the ball stays in flight for n periods of the table."""
     return n * np.pi * (1.0 - restitution) / (1.0 + restitution)
 
 
 def flip(n: Any, restitution: Any) -> Any:
-    """The acceleration from which on two bounces differ."""
+    """Return the acceleration from which on two bounces differ."""
     doubled = 2.0 * (1.0 + restitution**2) / (1.0 + restitution) ** 2
     return np.sqrt(fold(n, restitution) ** 2 + doubled**2)
 

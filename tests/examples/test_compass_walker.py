@@ -1,4 +1,4 @@
-"""The compass walker beside a derivation of its own, and the slope at which its gait doubles."""
+"""The compass walker against an independent derivation, and the slope at which its gait doubles."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Henon's map beside its closed forms."""
+"""Henon's map against its closed forms."""
 
 from __future__ import annotations
 

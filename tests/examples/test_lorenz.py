@@ -1,4 +1,4 @@
-"""Lorenz's flow beside its shortest periodic orbit, as published."""
+"""Lorenz's flow against its published shortest periodic orbit."""
 
 from __future__ import annotations
 

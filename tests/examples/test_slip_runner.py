@@ -18,7 +18,7 @@ ALPHA, K, M, L0, G, SPEED = np.deg2rad(68.0), 20e3, 80.0, 1.0, 9.81, 5.0
 
 
 def stance(height: float) -> tuple[np.ndarray, float]:
-    """The state (x, z, v_x, v_z) at lift-off and the time of stance, after an apex of this height."""
+    """Return the state (x, z, v_x, v_z) at lift-off and the time of stance, after an apex of this height."""
 
     def flow(t: float, s: np.ndarray) -> list[float]:
         x, z, u, w = s
@@ -99,7 +99,7 @@ def test_an_apex_below_touchdown_falls_and_so_does_a_leg_too_steep() -> None:
 
 @pytest.fixture(scope="module")
 def atlas_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The shipped atlas, on a shorter path."""
+    """Return the shipped atlas, on a shorter path."""
     folder = tmp_path_factory.mktemp("atlas") / "runner"
     gs.run(EXAMPLES / "slip_runner_atlas.yaml", folder, overrides=["run.path=[66, 70]", "run.depth=0"])
     return folder

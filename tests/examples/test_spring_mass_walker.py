@@ -15,7 +15,7 @@ ALPHA, K, M, L0, G, ENERGY = np.deg2rad(69.0), 14e3, 80.0, 1.0, 9.81, 816.0
 
 
 def next_apex(x: float, z: float) -> tuple[float, float]:
-    """The next apex (x, z) of a walking step, from one in single support."""
+    """Return the next apex (x, z) of a walking step, from one in single support."""
     stored = 0.5 * K * (L0 - np.hypot(x, z)) ** 2
     state = np.array([x, z, np.sqrt(2.0 * (ENERGY - M * G * z - stored) / M), 0.0])
     reach = None

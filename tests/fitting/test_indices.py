@@ -1,4 +1,4 @@
-"""Indices of sensitivity beside closed forms, for outputs that are known functions of the sets."""
+"""Indices of sensitivity against closed forms, for outputs that are known functions of the sets."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def points(design: SensitivityDesign) -> np.ndarray:
 
 
 def column(found: pd.DataFrame, index: str, field: str = "value", output: str = "y") -> np.ndarray:
-    """A field of an index by the order of NAMES."""
+    """Return a field of an index by the order of NAMES."""
     chosen = found[(found["index"] == index) & (found["output"] == output)].set_index("parameter")
     return chosen.loc[NAMES, field].to_numpy()
 

@@ -24,7 +24,7 @@ AIRY = 2.338107410459767
 
 
 class Falling(CuspFlow):
-    """It counts as fallen left of a place."""
+    """Model that counts as fallen left of a place."""
 
     name: ClassVar[str] = "falling_flow"
 

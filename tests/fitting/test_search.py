@@ -63,14 +63,14 @@ EDGE = {"kind": "edge", "along": "mass", "gait": "hop", "at": {"mass": [1, 2]}}
 
 
 def job(**search: Any) -> dict[str, Any]:
-    """The toy's search with other fields of `search`."""
+    """Return the toy's search with other fields of `search`."""
     changed = copy.deepcopy(TOY)
     changed["search"] |= search
     return changed
 
 
 def searched(fields: dict[str, Any], out: Path) -> SearchResult:
-    """The result of a search whose files of figures no test reads."""
+    """Return the result of a search whose files of figures no test reads."""
     return run_search(read_search(fields, Path.cwd()), out, figures=False)
 
 
@@ -97,7 +97,7 @@ def test_planted_constants_are_found_again(tmp_path: Path) -> None:
 
 
 def by_keywords(fields: dict[str, Any], **more: Any) -> Any:
-    """The search of a job's fields, as keywords of `gs.search`."""
+    """Return the search of a job's fields, as keywords of `gs.search`."""
     values = {**fields.get("params", {}), **fields.get("start", {})}
     given = {"run": gs.Settle(max_cycles=60, tolerance=1e-9), **values, **fields["search"]}
     return gs.search(toy_model.Toy, **{**given, **more})

@@ -42,7 +42,7 @@ sensitivity:
 
 
 def refused(folder: Path, **changes: Any) -> str:
-    """The message with which the job is refused, with fields of `sensitivity` changed."""
+    """Return the message with which the job is refused, with fields of `sensitivity` changed."""
     data = yaml.safe_load(JOB)
     top = changes.pop("top", {})
     data["sensitivity"] |= changes

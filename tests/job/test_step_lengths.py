@@ -46,7 +46,7 @@ def test_a_ramp_has_the_step_of_its_whole_path() -> None:
     ],
 )
 def test_an_explicit_step_is_refused_where_it_is_too_long(numerics: dict, sentences: list[str]) -> None:
-    """The readme's own example: at 0.7 kg 32 ms lost 31 of 36 rows without a word."""
+    """The readme's own example: at 0.7 kg steps of 32 ms lost 31 of 36 rows without a message."""
     phases = {"linspace": [0, "2*pi", 6], "at": "centre"}
     fields: dict[str, Any] = {
         "name": "end_mass", "model": "multilegged", "start": {"psi_3": "pi"}, "run": {"kind": "settle"},

@@ -38,7 +38,7 @@ def whole(tmp_path: Path) -> Path:
 
 
 def part(path: Path, number: int) -> Path:
-    """The file of a part."""
+    """Return the file of a part."""
     return path / "table" / f"part-{number:05d}.parquet"
 
 

@@ -1,4 +1,4 @@
-"""The column `outcome`: a gait, or why there is none; tables of before get it when they are loaded."""
+"""The column `outcome`: a gait, or why there is none; older tables receive it when they are loaded."""
 
 from __future__ import annotations
 

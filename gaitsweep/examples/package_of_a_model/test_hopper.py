@@ -1,4 +1,4 @@
-"""The model beside what is known of it; `pytest` runs it."""
+"""Tests of the model against its closed form; `pytest` runs them."""
 
 import numpy as np
 from hopper import Hopper
@@ -9,7 +9,7 @@ G, OMEGA, RESTITUTION, PUSH = 9.81, 12.0, 0.7, 2.6  # the model's defaults
 
 
 def test_the_model_keeps_the_contract():
-    assert gs.fault(Hopper()) is None  # else what is wrong, as `gaitsweep check-model` says it
+    assert gs.fault(Hopper()) is None  # `gaitsweep check-model` prints the fault
 
 
 def test_hops_are_those_of_the_map_in_closed_form():
@@ -17,11 +17,11 @@ def test_hops_are_those_of_the_map_in_closed_form():
     starts = {"n": 16, "seed": 1, "of": {"phase_0": [0, "2*pi"], "launch_0": [0.5, 8.0]}}
     hops = gs.sweep(Hopper(), sample=starts, run=gs.ReturnMap(crossings=20)).table
     phase, launch = (hops[name].to_numpy().reshape(16, 21) for name in ("phase_n", "launch_n"))
-    lands = phase[:, :-1] + 2 * OMEGA / G * launch[:, :-1]
-    launched = RESTITUTION * launch[:, :-1] + PUSH * (1 + np.cos(lands)) / 2
+    next_phase = phase[:, :-1] + 2 * OMEGA / G * launch[:, :-1]
+    next_launch = RESTITUTION * launch[:, :-1] + PUSH * (1 + np.cos(next_phase)) / 2
     # an event's time is known to 1e-12 s
-    np.testing.assert_allclose(np.angle(np.exp(1j * (phase[:, 1:] - lands))), 0.0, atol=1e-9)
-    np.testing.assert_allclose(launch[:, 1:], launched, atol=1e-9)
+    np.testing.assert_allclose(np.angle(np.exp(1j * (phase[:, 1:] - next_phase))), 0.0, atol=1e-9)
+    np.testing.assert_allclose(launch[:, 1:], next_launch, atol=1e-9)
 
 
 def test_one_turn_a_hop_is_steady():

@@ -10,7 +10,7 @@ app = typer.Typer()
 
 
 def launches(table: pd.DataFrame) -> pd.DataFrame:
-    """The number of rows and the median speed of the launch (m/s) of each gait."""
+    """Compute the number of rows and the median launch speed (m/s) of each gait."""
     settled = table.loc[table["status"] == "settled"]
     groups = settled.groupby("gait", observed=True)["launch_end"]
     return groups.agg(rows="size", launch="median").reset_index()

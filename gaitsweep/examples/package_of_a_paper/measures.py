@@ -8,7 +8,13 @@ import gaitsweep as gs
 
 @gs.claims.measure
 def hopper_launch_error(table: pd.DataFrame, *, g: float, omega: float) -> float:
-    """Largest distance (m/s) of a launch from that of a whole number of turns a hop, turns pi g / omega."""
-    even = table.loc[table["gait"] != "none"]
-    turns = even["gait"].astype(str).str.partition(":")[0].astype(float)
-    return float(np.abs(even["launch_end"] - turns * np.pi * g / omega).max())
+    """Compute the largest error (m/s) of a launch speed: that of n turns a hop is n pi g / omega.
+
+    Args:
+        table: the table of settled rows.
+        g: gravitational acceleration (m/s2).
+        omega: frequency of the oscillator (rad/s).
+    """
+    locked = table.loc[table["gait"] != "none"]
+    turns = locked["gait"].astype(str).str.partition(":")[0].astype(float)
+    return float(np.abs(locked["launch_end"] - turns * np.pi * g / omega).max())

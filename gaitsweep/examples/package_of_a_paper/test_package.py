@@ -1,4 +1,4 @@
-"""The package as gaitsweep finds it; `pytest` runs it once the package is installed."""
+"""Tests of the package as gaitsweep finds it; `pytest` runs them once the package is installed."""
 
 import numpy as np
 

@@ -15,6 +15,7 @@ from gaitsweep.plot.basins.basin import basin
 from gaitsweep.plot.basins.cells import check_cells
 from gaitsweep.plot.columns import require_columns, unit_of
 from gaitsweep.plot.kind import PlannedTable, Refusal, figure_kind
+from gaitsweep.status import Status
 
 
 def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:

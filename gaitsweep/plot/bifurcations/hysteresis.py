@@ -17,6 +17,7 @@ from matplotlib.transforms import ScaledTranslation
 
 from gaitsweep.analysis.records import sound
 from gaitsweep.analysis.transitions.hysteresis import LEAST
+from gaitsweep.angles import unwrap_from
 from gaitsweep.plot import theme
 from gaitsweep.plot.arguments import Observable, Observed, Panels, TableOrName, Title
 from gaitsweep.plot.bifurcations.branch_names import name_branches, named_gaits

@@ -18,6 +18,7 @@ from gaitsweep.plot import theme
 from gaitsweep.plot.arguments import TEXT_COLUMNS, AlongAxis, Observed, Title
 from gaitsweep.plot.columns import column, described, is_angle, log_axes, require_columns, rows_where
 from gaitsweep.plot.kind import PlannedTable, Refusal, figure_kind
+from gaitsweep.status import RECURRENT, Status
 
 _EXPONENT = "lyapunov_1"
 # The colour and the words of each status. Settled rows are darkest, so that grey print tells them apart.

@@ -12,7 +12,6 @@ from matplotlib.axes import Axes
 from matplotlib.patches import FancyArrowPatch, Patch
 from matplotlib.transforms import ScaledTranslation
 
-from gaitsweep.analysis.circular import unwrap_from
 from gaitsweep.analysis.records import sound
 from gaitsweep.analysis.transitions.hysteresis import LEAST, jump_intervals, largest_jumps
 from gaitsweep.analysis.transitions.jumps import STEEPER, where_it_moves

@@ -13,6 +13,7 @@ import pandas as pd
 from jaxtyping import Float, Int
 
 from gaitsweep.analysis.records import in_order, outcome_labels, sound
+from gaitsweep.angles import branch_cut
 from gaitsweep.design import Design
 from gaitsweep.job import Job
 from gaitsweep.plot import PlotError, theme
