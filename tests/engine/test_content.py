@@ -142,7 +142,7 @@ def test_a_cell_that_is_run_again_unchanged_is_the_same_content() -> None:
 def test_functions_are_called_again_for_changed_content_only(monkeypatch: pytest.MonkeyPatch) -> None:
     calls = []
 
-    @cached_by_content(maxsize=4)
+    @cached_by_content(maxsize=8)
     def compiled(model: gs.DeclaredModel, size: int = 1) -> float:
         calls.append(size)
         return GAIN
