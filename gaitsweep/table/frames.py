@@ -16,6 +16,7 @@ import pyarrow.parquet as pq
 from numpy.typing import ArrayLike
 
 from gaitsweep import near_miss
+from gaitsweep.status import Outcome, Status
 from gaitsweep.table.files import TableError
 from gaitsweep.table.manifest import TABLE
 from gaitsweep.table.parts import Footer
@@ -133,8 +134,6 @@ def joined_parts(path: Path, parts: PartRecords, columns: Sequence[str] | None) 
 
 def outcomes(gait: pd.Categorical, status: ArrayLike) -> pd.Categorical:
     """Return the column `outcome`: the gait of each row (n,), or the reason why it has none."""
-    from gaitsweep.contract import Outcome, Status  # imports JAX
-
     names = list(dict.fromkeys([*gait.categories, *map(str, Outcome)]))
     codes = np.where(gait.codes < 0, names.index(Outcome.NO_GAIT), gait.codes.astype(np.int32))
     codes[~Status.SOUND.among(status)] = names.index(Outcome.FAILED)

@@ -8,7 +8,7 @@ import pytest
 
 from gaitsweep.fitting.free_parameters import FreeParameter
 from gaitsweep.fitting.indices import Output, indices
-from gaitsweep.fitting.sensitivity_design import SensitivityDesign, design_of
+from gaitsweep.fitting.sensitivity_design import Method, SensitivityDesign, design_of
 from response_model import COEFFICIENTS, A, B, ishigami, ishigami_indices
 
 NAMES = ["x_1", "x_2", "x_3"]
@@ -16,7 +16,7 @@ RANGES = {name: FreeParameter(low=-np.pi, high=np.pi) for name in NAMES}
 
 
 def designed(
-    method: str, n: int | None, ranges: dict[str, FreeParameter] = RANGES, seed: int = 0
+    method: Method, n: int | None, ranges: dict[str, FreeParameter] = RANGES, seed: int = 0
 ) -> SensitivityDesign:
     return design_of(method, n, seed, ranges, {"x_1": 1.0, "x_2": 0.5, "x_3": -2.0})
 
@@ -171,7 +171,7 @@ def test_too_few_sound_rows_and_constant_outputs_have_no_index() -> None:
 
 
 @pytest.mark.parametrize("method", ["one_at_a_time", "morris", "sobol"])
-def test_angles_are_unwrapped(method: str) -> None:
+def test_angles_are_unwrapped(method: Method) -> None:
     """A third of a linear function, less whole turns: the indices are those of the third itself."""
     ranges = {name: FreeParameter(low=-1.0, high=1.0) for name in NAMES}
     n = {"one_at_a_time": None, "morris": 6, "sobol": 64}[method]

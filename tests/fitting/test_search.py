@@ -21,7 +21,7 @@ import gaitsweep as gs
 import toy_model
 from gaitsweep.fitting.estimate import estimate_search
 from gaitsweep.fitting.free_parameters import sets_at
-from gaitsweep.fitting.optimisers import METHODS, optimiser
+from gaitsweep.fitting.optimisers import METHODS, Method, optimiser
 from gaitsweep.fitting.population import Population
 from gaitsweep.fitting.search import FINALISTS, SearchResult, run_search
 from gaitsweep.fitting.search_job import SearchOptions, load_search, read_search
@@ -587,7 +587,7 @@ def test_batches_side_by_side_learn_too(method: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_optimisers_stay_in_their_ranges_and_repeat(method: str) -> None:
+def test_optimisers_stay_in_their_ranges_and_repeat(method: Method) -> None:
     def points(seed: int) -> np.ndarray:
         made = optimiser(method, dimension=3, targets=2, start=16, together=16, seed=seed)
         asked = []

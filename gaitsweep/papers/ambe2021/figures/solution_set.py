@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import pandas as pd
@@ -43,6 +43,7 @@ from gaitsweep.status import Outcome
 _ThreeEntries = Field(min_length=3, max_length=3)
 _NAME_DISTANCE = 11.0  # points from a marked point to its name
 _PSI = ("psi_1", "psi_2", "psi_3")
+_AXES: tuple[Literal["x"], Literal["y"], Literal["z"]] = ("x", "y", "z")
 Planes = list[tuple[Any, list[int]]]  # the axes of each projection, and the two observables along them
 
 
@@ -170,13 +171,13 @@ def _name(
 def _label(table: pd.DataFrame, names: list[str], space: Any, planes: Planes) -> None:
     """Label the axes of all panels, with ticks of angles in multiples of pi."""
     labels = [axis_label(table, name) for name in names]
-    for which, name, label in zip("xyz", names, labels, strict=True):
+    for which, name, label in zip(_AXES, names, labels, strict=True):
         getattr(space, f"set_{which}label")(label, labelpad=-2)
         if is_angle(table, name):
             theme.angle_axis(space, which, steps=2)
     space.tick_params(pad=-1)
     for plane, pair in planes:
-        for which, i in zip("xy", pair, strict=True):
+        for which, i in zip(_AXES[:2], pair, strict=True):
             getattr(plane, f"set_{which}label")(labels[i])
             if is_angle(table, names[i]):
                 theme.angle_axis(plane, which)
