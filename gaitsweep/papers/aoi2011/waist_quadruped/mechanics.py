@@ -228,7 +228,7 @@ class WaistMechanics:
         return jnp.asarray(forward_dynamics(tree, self.geometry(), q, v, tau, forces, gravity=self.gravity()))
 
     def fastest_motion(self, farthest: jax.Array) -> tuple[jax.Array, jax.Array]:
-        """Rate (1/s) and damping ratio of the fastest motion, estimated for the straightest limb and the waist.
+        """Rate (1/s) and damping ratio of the fastest motion, of the straightest limb or the waist.
 
         A limb is two rods on a hip whose compliance is that of half a body; ground and joints act as springs
         and dampers. A waist that is stiffer than the limbs twists the bodies against each other and against
