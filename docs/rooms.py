@@ -21,7 +21,10 @@ WAY = (
     ("blocks of rows that the directory lacks are run", "gaitsweep.runs.execute:run_job"),
     ("each lane takes the next row of its block", "gaitsweep.engine.sweep.sweep:sweep"),
     ("a step of one row, its events located", "gaitsweep.engine.advance:attempt"),
-    ("the block's records and labels become a part of the table", "gaitsweep.table.part_writer:PartWriter"),
+    (
+        "the block's records and labels become a part of the table",
+        "gaitsweep.table.shared_writer:SharedWriter",
+    ),
     ("parts are checked, joined and read as one table", "gaitsweep.table.reading:load"),
     ("figures are drawn from the table alone", "gaitsweep.runs.figures:draw_figures"),
 )

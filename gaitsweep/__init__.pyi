@@ -38,7 +38,6 @@ from gaitsweep.dynamics.declarations import symmetry as symmetry
 from gaitsweep.dynamics.declarations import time as time
 from gaitsweep.dynamics.declarations import variable as variable
 from gaitsweep.dynamics.declared_model import DeclaredModel as DeclaredModel
-from gaitsweep.dynamics.diffusion import diffusion as diffusion
 from gaitsweep.dynamics.event_declarations import event as event
 from gaitsweep.dynamics.event_declarations import instants as instants
 from gaitsweep.dynamics.footfalls import footfalls as footfalls
@@ -47,8 +46,9 @@ from gaitsweep.dynamics.ground import ground_field as ground_field
 from gaitsweep.dynamics.ground import ground_profile as ground_profile
 from gaitsweep.dynamics.map_model import MapModel as MapModel
 from gaitsweep.dynamics.mjx.mjcf_model import MjcfModel as MjcfModel
-from gaitsweep.dynamics.noise import normal as normal
-from gaitsweep.dynamics.noise import uniform as uniform
+from gaitsweep.dynamics.noise import diffusion as diffusion
+from gaitsweep.dynamics.random_numbers import normal as normal
+from gaitsweep.dynamics.random_numbers import uniform as uniform
 from gaitsweep.errors import ArgumentError as ArgumentError
 from gaitsweep.errors import UserError as UserError
 from gaitsweep.extension import Extension as Extension

@@ -17,7 +17,8 @@ from numpy.typing import ArrayLike
 from gaitsweep import near_miss
 from gaitsweep.analysis.basins.fractions import LEVEL
 from gaitsweep.analysis.continuation.continuation import LevelMap, continuation
-from gaitsweep.analysis.continuation.newton import FixedPoints, multipliers, newton
+from gaitsweep.analysis.continuation.floquet_multipliers import multipliers
+from gaitsweep.analysis.continuation.newton import FixedPoints, newton
 from gaitsweep.analysis.phase_response import phase_response
 from gaitsweep.analysis.rare_falls import SCALES, Draws, RareFalls, rare_falls
 from gaitsweep.api.keywords import AnyModel, job_of

@@ -27,10 +27,10 @@ from gaitsweep.dynamics.declarations import (
     Variable,
     faults_of_quantity,
 )
-from gaitsweep.dynamics.diffusion import PATH, SEED, Diffusion, begun_path
 from gaitsweep.dynamics.event_declarations import Event, SingleEvent
 from gaitsweep.dynamics.footfalls import Footfalls
 from gaitsweep.dynamics.ground import Ground, asks_for_ground, check_ground, ground_quantities
+from gaitsweep.dynamics.noise import PATH, SEED, Diffusion, begun_path
 from gaitsweep.expression import RESERVED
 from gaitsweep.near_miss import suggestion
 from gaitsweep.run_columns import COLUMNS, time_column

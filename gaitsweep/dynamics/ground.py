@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from gaitsweep.contract import Model, Quantity
-from gaitsweep.dynamics.noise import normal
+from gaitsweep.dynamics.random_numbers import normal
 from gaitsweep.errors import ArgumentError
 from gaitsweep.near_miss import suggestion
 

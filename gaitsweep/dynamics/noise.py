@@ -1,112 +1,168 @@
-"""Random numbers of models: functions of a seed, a counter and a stream, all of them whole numbers.
+"""Noise in a flow: dx = f(x) dt + g(x) dW, stepped with a fixed length along a path that a seed decides.
 
-A number depends on nothing else: not on the engine, the device, the lane, the block, or on numbers drawn
-before it. The generator is Philox 4x32 with ten rounds, of the seed as its key, and of counter and stream as
-its counter. Source: Salmon, Moraes, Dror and Shaw 2011, Parallel random numbers: as easy as 1, 2, 3 (SC '11).
+The equation is Ito's. A step is Euler-Maruyama's for the noise, with the drift of Heun's method,
+
+    y = x + f(x) h + g(x) W,    x' = x + (f(x) + f(y)) h / 2 + g(x) W.
+
+Where g is constant its strong order is 1 and its weak order 2; where g changes with the state they are 1/2
+and 1. Source: Kloeden and Platen 1992, Numerical Solution of Stochastic Differential Equations, ch. 10, 14.
 """
 
 from __future__ import annotations
 
-from typing import Any
+import dataclasses
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, ClassVar, final
 
 import jax
 import jax.numpy as jnp
-import numpy as np
-from jax.extend.core import Primitive
-from jax.interpreters import ad, batching, mlir
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float, Int
 
-__all__ = ["MULTIPLIERS", "ROUNDS", "WEYL", "WHOLE", "normal", "philox_words", "uniform"]
+from gaitsweep.contract import FixedStepDynamics, Quantity, Rates
+from gaitsweep.dynamics.random_numbers import normal
 
-ROUNDS = 10
-MULTIPLIERS = (0xD2511F53, 0xCD9E8D57)
-WEYL = (0x9E3779B9, 0xBB67AE85)
-# Whole numbers up to this are exact; seeds, counters and streams beyond it, and NaN, count as 0.
-WHOLE = 2.0**53
-_MASK = 0xFFFFFFFF
+if TYPE_CHECKING:
+    from gaitsweep.dynamics.declared_model import DeclaredModel
+
+# The parameter of the seed, and the field of a state with the path.
+SEED = Quantity("noise_seed", "1", "seed of the noise: the same seed is the same path", 0.0, whole=True)
+PATH = "noise_path"
+# Streams of a seed that models themselves hardly use, and those that are kept for each variable.
+_FIRST_STREAM = 2.0**32
+_COMPONENTS = 4096.0
 
 
-def uniform(seed: Any, counter: Any, stream: Any = 0) -> Float[Array, " ..."]:
-    """A random number between 0 and 1, both excluded, the same on every engine and device to the last bit.
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class NoisePath:
+    """A row's place on its path of noise: `steps` made, and the length `dt` (s) of the last one."""
 
-    Args:
-        seed: a parameter, such as one that `vary` lists; fractions are dropped.
-        counter: which number of the seed, such as a mode that counts steps, or the index of a foothold; it
-            may be negative.
-        stream: which of several independent sequences.
+    steps: Int[Array, ""]
+    dt: Float[Array, ""]
 
-    Returns:
-        A multiple of 2^-53, of the broadcast shape.
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Diffusion:
+    """The declared noise of a flow; see `diffusion`."""
+
+    function: Callable[..., Rates]
+
+
+def diffusion(function: Callable[..., Rates]) -> Any:
+    """Declare a function (params, state) -> intensities of white noise in the flow, by name of variable.
+
+    A variable x with the rate f and the intensity g follows the Ito equation dx = f dt + g dW, with a Wiener
+    process W of its own; g has the unit of x per square root of a second. The model gets the parameter
+    `noise_seed`, and steps of a fixed length, `numerics.dt`, which a job has to give: strong order 1 and weak
+    order 2 where g is constant, 1/2 and 1 where it depends on the state.
+
+    An event is looked for at the ends of steps, and its jump is applied where the drift met its surface
+    within the step. So event times have errors of the order of dt^2 where the guard depends on variables
+    without noise of their own (angles whose rates are noisy); where noise itself moves the guard, a crossing
+    and a return within one step are not seen, an error of the order of the square root of dt.
 
     Example:
-        >>> import gaitsweep as gs
-        >>> [round(float(gs.uniform(7, step)), 6) for step in (0, 1, 2)]
-        [0.954597, 0.40696, 0.006075]
+        >>> import numpy as np, gaitsweep as gs
+        >>> class Particle(gs.DeclaredModel):
+        ...     x = gs.variable("m", "place", 0.0)
+        ...
+        ...     def flow(self, p, s):
+        ...         return {"x": -2.0 * s.x}
+        ...
+        ...     @gs.diffusion
+        ...     def noise(self, p, s):
+        ...         return {"x": 0.5}
+        ...
+        ...     def period(self, p):
+        ...         return 1.0
+        >>> run, dt = gs.FixedTime(duration=4.0), {"dt": 0.02}
+        >>> ends = gs.sweep(Particle(), noise_seed=np.arange(4000), run=run, numerics=dt, verify=0).table
+        >>> bool(abs(ends["x_end"].var() - 0.5**2 / (2.0 * 2.0)) < 0.005)
+        True
     """
-    return _uniform(seed, counter, stream, 0)
+    return Diffusion(function)
 
 
-def normal(seed: Any, counter: Any, stream: Any = 0) -> Float[Array, " ..."]:
-    """A normally distributed random number of mean 0 and variance 1, by the method of Box and Muller.
+@final
+@dataclasses.dataclass(frozen=True)
+class StochasticSteps(FixedStepDynamics):
+    """The steps of a flow with declared noise."""
 
-    Engines and devices agree to rounding, since their logarithms and cosines do. Arguments are those of
-    `uniform`; a number is not independent of the uniform one of the same seed, counter and stream.
-    """
-    radius = jnp.sqrt(-2.0 * jnp.log(_uniform(seed, counter, stream, 0)))
-    return radius * jnp.cos(2.0 * jnp.pi * _uniform(seed, counter, stream, 1))
+    model: DeclaredModel
+    diffusion: Diffusion
+
+    stochastic: ClassVar[bool] = True
+
+    def step(
+        self, params: Any, state: Any, dt: Float[Array, ""], share: Float[Array, ""] | float = 1.0, /
+    ) -> Any:
+        rates = self.model.flow(params, state)
+        gains = self.diffusion.function(self.model, params, state)
+        path = state.noise_path
+        kicks = {name: self._kick(params, path.steps, dt, share, name, state) for name in gains}
+        noise = {name: gain * kicks[name] for name, gain in gains.items()}
+        moved = {name: getattr(state, name) + dt * rate for name, rate in rates.items()}
+        for name, kick in noise.items():
+            moved[name] = moved.get(name, getattr(state, name)) + kick
+        at_end = self.model.flow(params, state.replace(**moved))
+        moved = {
+            name: getattr(state, name) + 0.5 * dt * (rate + at_end[name]) for name, rate in rates.items()
+        }
+        for name, kick in noise.items():
+            moved[name] = moved.get(name, getattr(state, name)) + kick
+        return state.replace(**moved, noise_path=NoisePath(path.steps + 1, dt))
+
+    def _kick(
+        self, params: Any, steps: Int[Array, ""], dt: Float[Array, ""], share: Any, name: str, state: Any
+    ) -> Float[Array, " ..."]:
+        """The increment of a variable's Wiener processes in a step.
+
+        That of a whole step is the sum of those of its halves, so that the self-check, which repeats rows
+        with half the step (`share` 1/2), compares motions along the same path.
+        """
+        place = float(list(self.model.declarations).index(name))
+        shape = jnp.shape(getattr(state, name))
+        stream = _FIRST_STREAM + _COMPONENTS * place + jnp.arange(float(jnp.size(getattr(state, name))))
+        stream = jnp.reshape(stream, shape)
+        half = share < 1.0
+        count = steps.astype(float)
+        first = normal(params.noise_seed, jnp.where(half, count, 2.0 * count), stream)
+        second = normal(params.noise_seed, 2.0 * count + 1.0, stream)
+        return jnp.sqrt(dt) * jnp.where(half, first, (first + second) * jnp.sqrt(0.5))
+
+    def events(self, params: Any, before: Any, after: Any, /) -> Bool[Array, " events"]:
+        return self.model.guards(params, after) >= 0.0
+
+    def section(self, params: Any, before: Any, fired: Bool[Array, " events"], /) -> Bool[Array, ""]:
+        return self.model.section(params, before, fired)
+
+    def jump(self, params: Any, state: Any, fired: Bool[Array, " events"], /) -> Any:
+        """The state after a jump where the drift met the surface, and after the rest of the step."""
+        if not fired.size:
+            return self.model.jump(params, state, fired)
+        rates = self.model.flow(params, state)
+
+        def heights(time: Float[Array, ""]) -> Float[Array, " guards"]:
+            return self.model.guards(params, _along(state, rates, time))
+
+        zero = jnp.zeros_like(state.noise_path.dt)
+        height, slope = jax.jvp(heights, (zero,), (jnp.ones_like(zero),))
+        rises = fired & (slope > 0.0)
+        late = jnp.where(rises, height / jnp.where(rises, slope, 1.0), 0.0)
+        # noise may have moved a state further than the drift does in a step
+        late = jnp.minimum(jnp.max(late, initial=0.0), state.noise_path.dt)
+        after = self.model.jump(params, _along(state, rates, -late), fired)
+        return _along(after, self.model.flow(params, after), late)
+
+    def longest_step(self, params: Any, /) -> None:
+        return None
 
 
-def _uniform(seed: Any, counter: Any, stream: Any, half: int) -> Float[Array, " ..."]:
-    given = [jnp.asarray(value) for value in (seed, counter, stream)]
-    floats = [value.dtype for value in given if jnp.issubdtype(value.dtype, jnp.floating)]
-    wide = jnp.broadcast_arrays(*(value.astype(jnp.float64) for value in given))
-    number = _PHILOX.bind(*wide, half=half)
-    if floats and all(dtype == jnp.float32 for dtype in floats):
-        return jnp.minimum(number.astype(jnp.float32), jnp.float32(1.0 - 2.0**-24))
-    return number
+def _along(state: Any, rates: Rates, time: Float[Array, ""]) -> Any:
+    """The state a time (s) later at these rates."""
+    return state.replace(**{name: getattr(state, name) + time * rate for name, rate in rates.items()})
 
 
-def philox_words(counter: Any, key: Any) -> list[Any]:
-    """The four words of Philox 4x32-10 of a counter (4 words) and a key (2 words), as uint64 below 2^32."""
-    c0, c1, c2, c3 = counter
-    k0, k1 = key
-    for number in range(ROUNDS):
-        if number:
-            k0, k1 = (k0 + WEYL[0]) & _MASK, (k1 + WEYL[1]) & _MASK
-        first, second = c0 * MULTIPLIERS[0], c2 * MULTIPLIERS[1]
-        c0, c1, c2, c3 = (second >> 32) ^ c1 ^ k0, second & _MASK, (first >> 32) ^ c3 ^ k1, first & _MASK
-    return [c0, c1, c2, c3]
-
-
-def fraction(seed: Any, counter: Any, stream: Any, half: int, numpy: Any = np) -> Any:
-    """The number between 0 and 1 of three float64, of the first or second `half` of the words.
-
-    `numpy` is NumPy or its JAX counterpart.
-    """
-    words = []
-    for value in (seed, counter, stream):
-        whole = numpy.where(numpy.abs(value) < WHOLE, numpy.floor(value), 0.0)
-        bits = numpy.asarray(whole).astype(np.int64).astype(np.uint64)
-        words.append((bits & np.uint64(_MASK), bits >> np.uint64(32)))
-    key, *counters = words
-    high, low = philox_words([word for pair in counters for word in pair], key)[2 * half : 2 * half + 2]
-    whole = ((high >> np.uint64(6)) << np.uint64(26)) | (low >> np.uint64(6))
-    return (whole.astype(np.float64) + 0.5) * 2.0**-52
-
-
-def _by_jax(seed: Array, counter: Array, stream: Array, *, half: int) -> Array:
-    return fraction(seed, counter, stream, half, jnp)
-
-
-def _constant(primals: Any, _: Any, *, half: int) -> Any:
-    """The number and its derivative, which is zero."""
-    number = _PHILOX.bind(*primals, half=half)
-    return number, ad.Zero(jax.typeof(number).to_tangent_aval())
-
-
-_PHILOX = Primitive("philox")
-_PHILOX.def_impl(_by_jax)
-_PHILOX.def_abstract_eval(lambda seed, *_, half: seed)
-mlir.register_lowering(_PHILOX, mlir.lower_fun(_by_jax, multiple_results=False))
-batching.defbroadcasting(_PHILOX)
-ad.primitive_jvps[_PHILOX] = _constant
+def begun_path() -> NoisePath:
+    """The path at t = 0."""
+    return NoisePath(jnp.zeros((), jnp.int64), jnp.zeros(()))

@@ -1,4 +1,4 @@
-"""The lengths of steps, which meet the tolerances on the local error, or grow after an event."""
+"""Step control: whether a step is accurate enough to be accepted, and the lengths of the next steps."""
 
 from __future__ import annotations
 
@@ -19,8 +19,6 @@ MIN_FACTOR = 0.2
 # The smallest step, as a share of the longest, which is accepted with any error (a state that diverges is
 # then reported as diverged).
 MIN_STEP = 1e-9
-
-
 # The first step of a trajectory, as a share of the longest: the time scale of the flow is unknown.
 FIRST_STEP = 1e-3
 
@@ -78,6 +76,17 @@ def fitting_change(
     root = jnp.sqrt(jnp.sqrt(worst)) if order == ORDER - 1 else jnp.exp(jnp.log(worst) / order)
     change = SAFETY_FACTOR / root
     return jnp.where(worst >= 0.0, change, 0.0)
+
+
+def is_accurate(h: Number, change: Number, dt: Number) -> Flag:
+    """Whether a step meets the tolerance on its error; one that does not is rejected and tried shorter.
+
+    Args:
+        h: the length of the step (s).
+        change: its `fitting_change`.
+        dt: the longest step (s); those as short as `MIN_STEP` of it are accepted with any error.
+    """
+    return (change >= SAFETY_FACTOR) | (h <= MIN_STEP * dt)
 
 
 def growing_step(method: Method, carry: Carry, search: EventSearch, *, still: Flag) -> StepLengths:

@@ -14,7 +14,7 @@ from gaitsweep.engine.hidden_events import PROBES, guard_slopes, interpolated, m
 from gaitsweep.engine.numerics import DEFAULT_STEPS_PER_PERIOD, MIN_STEPS_PER_PERIOD, ORDER, ResolvedNumerics
 from gaitsweep.engine.solver import METHODS, Method, Step
 from gaitsweep.engine.solver.taylor import Expansion, bends_back, first_zero, order_of
-from gaitsweep.engine.step_control import MIN_STEP, SAFETY_FACTOR, fitting_change
+from gaitsweep.engine.step_control import fitting_change, is_accurate
 from gaitsweep.engine.switches import may_switch, switches_within
 
 # Steps shorter than this share of the nominal period do not end a chain of jumps.
@@ -249,9 +249,7 @@ def check_step(scheme: Scheme, carry: Carry, trial: Trial, going: Flag) -> Check
     """
     h = trial.h
     change = trial.change
-    accurate = jnp.asarray(True)
-    if change is not None:
-        accurate = (change >= SAFETY_FACTOR) | (h <= MIN_STEP * carry.dt)
+    accurate = jnp.asarray(True) if change is None else is_accurate(h, change, carry.dt)
     guards, slopes, leaving = _guards_at_end(scheme, carry, trial)
     inaccurate = unlikely(going & ~accurate)
     short = unlikely(h <= CHAIN_STEP * carry.unit)

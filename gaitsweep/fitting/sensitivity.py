@@ -16,6 +16,7 @@ from matplotlib.figure import Figure
 
 from gaitsweep.angles import wrapped_difference
 from gaitsweep.contract import Model
+from gaitsweep.engine.sweep.block import rows_of_a_block
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.fitting.fit_directory import ClusterRows, describe, open_directory
 from gaitsweep.fitting.free_parameters import Sets
@@ -23,7 +24,6 @@ from gaitsweep.fitting.indices import Output, PerSet, indices, unwrapped
 from gaitsweep.fitting.measure import Measure, MeasuredByName
 from gaitsweep.fitting.population import Population
 from gaitsweep.fitting.sensitivity_job import FAILURES, SensitivityJob
-from gaitsweep.job.numerics import rows_of_a_part
 from gaitsweep.kinds.columns import quantities_of
 from gaitsweep.plot.sensitivity import sensitivity_figure
 from gaitsweep.runs import provenance
@@ -135,8 +135,8 @@ def run_sensitivity(
     context = population.prepared({})
     n = job.design.n_rows
     rows_of_a_set = max(1, population.rows_of_a_set)  # a fixed point has no row
-    rows_of_a_block = rows_of_a_part(context.job.engine.block, n * rows_of_a_set)
-    block = min(n, max(1, rows_of_a_block // rows_of_a_set))
+    block_size = rows_of_a_block(context.job.engine.block, n * rows_of_a_set)
+    block = min(n, max(1, block_size // rows_of_a_set))
     resolved = job.resolved(context.job, context.engine)
     layout = Layout(job.hash(context.job_hash, block), n, block)
     with open_directory(path, resolved, layout, context, on_message) as directory:

@@ -27,7 +27,8 @@ from gaitsweep.design.design import Design
 from gaitsweep.design.vary import vary_schema
 from gaitsweep.dynamics.ground import KINDS
 from gaitsweep.engine.numerics import ResolvedNumerics
-from gaitsweep.job.numerics import EngineChoice, NumericsSpec, rows_of_a_part
+from gaitsweep.engine.sweep.block import rows_of_a_block
+from gaitsweep.job.numerics import EngineChoice, NumericsSpec
 from gaitsweep.job.reading import read_job
 from gaitsweep.kinds import RUN_KINDS, RunKind
 from gaitsweep.plot.figure_style import STYLE_FIELDS, FigureStyle
@@ -170,7 +171,7 @@ class Job(StrictModel):
     @property
     def block(self) -> int:
         """Number of rows in a part of the table."""
-        return rows_of_a_part(self.engine.block, self._design.n_rows)
+        return rows_of_a_block(self.engine.block, self._design.n_rows)
 
     def resolved(self, engine: str | None = None) -> dict[str, Any]:
         """Return the job as plain values, with the model's defaults and the config filled in.

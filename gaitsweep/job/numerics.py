@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Annotated, Any, Literal, get_args
 
 from pydantic import Field, PlainValidator, WithJsonSchema
@@ -13,12 +12,6 @@ from gaitsweep.schema import former_names
 from gaitsweep.schema.numbers import Count, Flag, LaneCount, Positive, checked, read_real, read_whole, word
 from gaitsweep.schema.strict_model import StrictModel
 
-# Each part takes some milliseconds, however few its rows, which add up on a GPU. But an unfinished block of
-# more than _LARGE_PART rows takes much memory, and a worker of a cluster loses it as a whole.
-_SMALL_PART = 1024
-_LARGE_PART = 32_768
-_USUAL_PARTS = 64
-_MAX_PARTS = 500
 MethodName = Literal[
     "auto", "tsit5", "taylor", "rodas5p", "rk4", "propagator6", "propagator", "semi_implicit"
 ]
@@ -33,21 +26,6 @@ def _read_step(value: Any) -> float | Literal["auto"]:
 def _read_block(value: Any) -> int | Literal["auto"]:
     """Read a number of rows, or `auto`."""
     return "auto" if value == "auto" else read_whole(value, low=1, high=10**9)
-
-
-def rows_of_a_part(block: int | Literal["auto"], n_rows: int) -> int:
-    """Return the number of rows in a part of a table: the chosen one, or 1024 times a power of two.
-
-    A table has about 64 parts, or more (up to 500) to keep each part within 32 768 rows.
-
-    Args:
-        block: the chosen number, or "auto".
-        n_rows: the number of rows of the table.
-    """
-    if block != "auto":
-        return block
-    least = max(min(n_rows / _USUAL_PARTS, _LARGE_PART), n_rows / _MAX_PARTS, _SMALL_PART)
-    return _SMALL_PART * 2 ** math.ceil(math.log2(least / _SMALL_PART))
 
 
 class NumericsSpec(StrictModel):

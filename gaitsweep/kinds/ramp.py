@@ -1,4 +1,7 @@
-"""Run kind `ramp`: a parameter moves slowly along a path, and every crossing of the section is recorded."""
+"""Run kind `ramp`: a parameter moves slowly along a path, and every crossing of the section is recorded.
+
+The parameter at each time is that of a `RampSchedule` (`engine/recorders/parameter_schedules.py`).
+"""
 
 from __future__ import annotations
 
@@ -13,7 +16,7 @@ from pydantic import Field
 from gaitsweep.contract import Model
 from gaitsweep.design import Design
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
-from gaitsweep.engine.recorders.schedules import RampSchedule
+from gaitsweep.engine.recorders.parameter_schedules import RampSchedule
 from gaitsweep.kinds.columns import (
     CROSSING,
     GAIT,

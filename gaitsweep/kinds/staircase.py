@@ -1,4 +1,7 @@
-"""Run kind `staircase`: a parameter moves in steps along a path, and the end of each stair is recorded."""
+"""Run kind `staircase`: a parameter moves in steps along a path, and the end of each stair is recorded.
+
+The parameter at each time is that of a `StepSchedule` (`engine/recorders/parameter_schedules.py`).
+"""
 
 from __future__ import annotations
 
@@ -14,7 +17,7 @@ from pydantic import Field
 from gaitsweep.contract import Model
 from gaitsweep.design import Design
 from gaitsweep.engine.recorders.bounds import tolerances
-from gaitsweep.engine.recorders.schedules import StepSchedule
+from gaitsweep.engine.recorders.parameter_schedules import StepSchedule
 from gaitsweep.engine.recorders.staircase import StepRecorder
 from gaitsweep.kinds.columns import (
     CROSSING,

@@ -8,7 +8,7 @@ from pydantic import Field
 
 from gaitsweep.contract import Model
 from gaitsweep.design import Design
-from gaitsweep.engine.recorders.schedules import RampSchedule
+from gaitsweep.engine.recorders.parameter_schedules import RampSchedule
 from gaitsweep.engine.recorders.trace import TraceRecorder
 from gaitsweep.kinds.columns import GAIT, STALLED_BY, STATUS, Column, signals
 from gaitsweep.kinds.ramp import moving_columns

@@ -26,7 +26,7 @@ from gaitsweep.table import ResultDirectory
 from gaitsweep.table.files import PARTS, TableError
 from gaitsweep.table.locks import BlockLocks, BusyDirectory, Lock, this_process
 from gaitsweep.table.manifest import MANIFEST, TABLE, Layout, claim
-from gaitsweep.table.part_writer import PartWriter
+from gaitsweep.table.shared_writer import SharedWriter
 
 # Others hold a directory for a moment when they make it, and while the last of them completes it (s).
 PATIENCE = 20.0
@@ -66,8 +66,8 @@ def run_rows(
     blocks = blocks_of(rows, context.layout)
     with naming_the_file():
         _create(path, context, on_message)
-        writer = PartWriter(path, context.layout)
-        missing = writer.missing(blocks)
+        writer = SharedWriter(path, context.layout)
+        missing = writer.missing_blocks(blocks)
         if missing:
             lock = _patiently(lambda: Lock(path, shared=True))
             try:
@@ -144,7 +144,9 @@ def _patiently(action: Callable[[], Returned]) -> Returned:
             time.sleep(0.2)
 
 
-def _run_missing(context: RunContext, writer: PartWriter, missing: list[int], on_progress: Progress) -> None:
+def _run_missing(
+    context: RunContext, writer: SharedWriter, missing: list[int], on_progress: Progress
+) -> None:
     """Compute the missing blocks, each of which this process locks."""
     total = context.spec.n_rows
     with BlockLocks(writer.path) as locks:

@@ -5,7 +5,7 @@ for each block of rows), `SHA256SUMS` (the digest of each part), `figures/` and 
 part that exists is complete; during a run, ended rows of other blocks are in `table/open-00001.parquet` and
 so on.
 
-`directory` writes one, `part_writer` parts of one beside other processes, `memory` a table without files;
+`directory` writes one, `shared_writer` parts of one beside other processes, `memory` a table without files;
 `reading` reads them. `manifest`, `parts`, `digests`, `locks` and `files` have the formats of their files,
 `examination` verifies these, `frames` joins parts.
 """

@@ -1,6 +1,7 @@
 """Writing of a result directory, new or continued, one part at a time.
 
-`ResultDirectory` is its one writer; beside it or before it, other processes may write parts (`part_writer`).
+`ResultDirectory` is its one writer; beside it or before it, other processes may write parts
+(`shared_writer`).
 """
 
 from __future__ import annotations
@@ -59,6 +60,7 @@ from gaitsweep.table.parts import (
     EncodedPart,
     Footer,
     checked_part,
+    missing_blocks,
     open_bytes,
     read_footer,
     readable,
@@ -246,7 +248,7 @@ class ResultDirectory:
 
     def missing_blocks(self) -> list[int]:
         """Return the blocks without a part, in order."""
-        return [number for number in self.layout.blocks if number not in self._footers]
+        return missing_blocks(self.layout.blocks, self._footers)
 
     def counts(self) -> dict[str, int]:
         """Return the numbers of rows in complete parts by status."""

@@ -15,7 +15,7 @@ from gaitsweep.schema.former_names import renamed
 from gaitsweep.table.files import TableError
 from gaitsweep.table.frames import PartRecords, joined_parts
 from gaitsweep.table.manifest import Layout, json_value, new_manifest, sealed
-from gaitsweep.table.parts import Footer, checked_records
+from gaitsweep.table.parts import Footer, checked_records, missing_blocks
 from gaitsweep.table.reading import Rows, Selection, add_counts
 
 
@@ -45,7 +45,7 @@ class MemoryTable:
 
     def missing_blocks(self) -> list[int]:
         """Return the blocks that are not complete, in order."""
-        return [number for number in self.layout.blocks if number not in self._parts]
+        return missing_blocks(self.layout.blocks, self._parts)
 
     def counts(self) -> dict[str, int]:
         """Return the numbers of rows in complete blocks by status."""

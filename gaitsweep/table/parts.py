@@ -12,7 +12,7 @@ import dataclasses
 import io
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -52,6 +52,16 @@ EncodedPart = tuple[bytes, Footer]
 
 class DamagedPart(Exception):
     """A part differs from what was written; the message gives the evidence."""
+
+
+def missing_blocks(numbers: Iterable[int], footers: Container[int]) -> list[int]:
+    """Return the blocks without a valid part, in their order.
+
+    Args:
+        numbers: the blocks that are looked for.
+        footers: the valid parts, such as footers by block.
+    """
+    return [number for number in numbers if number not in footers]
 
 
 def _count_statuses(frame: pd.DataFrame) -> dict[str, int]:

@@ -7,9 +7,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from gaitsweep.analysis.basins.attractor_mappers import LabelMapper, ProximityMapper
+from gaitsweep.analysis.basins.edge_mappers import LabelMapper, ProximityMapper
 from gaitsweep.analysis.basins.edge_states import EdgeLimits, EdgeOutcome, edge_states
-from gaitsweep.analysis.continuation.newton import multipliers, newton
+from gaitsweep.analysis.continuation.floquet_multipliers import multipliers
+from gaitsweep.analysis.continuation.newton import newton
 from gaitsweep.analysis.continuation.plain_map import PlainMap
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.poincare.maps import Coordinates, Points, Values

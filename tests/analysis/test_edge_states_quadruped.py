@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from gaitsweep.analysis.basins.edge_states import EdgeLimits, edge_states
-from gaitsweep.analysis.continuation.newton import multipliers, newton
+from gaitsweep.analysis.continuation.floquet_multipliers import multipliers
+from gaitsweep.analysis.continuation.newton import newton
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.poincare.poincare_return import ReturnStatus
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap

@@ -6,10 +6,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from gaitsweep.analysis.continuation.newton import NewtonOutcome, multipliers, newton
+from gaitsweep.analysis.continuation.floquet_multipliers import multipliers
+from gaitsweep.analysis.continuation.newton import NewtonOutcome, newton
 from gaitsweep.analysis.continuation.plain_map import PlainMap
 from gaitsweep.engine.numerics import Numerics
-from gaitsweep.engine.poincare.maps import BATCH_SIZES, Coordinates, Values
+from gaitsweep.engine.poincare.map_derivatives import BATCH_SIZES
+from gaitsweep.engine.poincare.maps import Coordinates, Values
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
 

@@ -13,7 +13,7 @@ import scipy
 
 import gaitsweep as gs
 from gaitsweep.dynamics.ground import RISER
-from gaitsweep.dynamics.noise import fraction
+from gaitsweep.dynamics.random_numbers import fraction
 from gaitsweep.engine.kernel import cuda_lanes
 from gaitsweep.engine.kernel.row_functions import over_rows
 from gaitsweep.engine.numerics import Numerics

@@ -1,142 +1,120 @@
-"""Random numbers of models: the generator's published vectors, equal on all engines, and their moments."""
+"""Noise in a flow against the Ornstein-Uhlenbeck process, its orders, and events between noisy steps."""
 
 from __future__ import annotations
 
-import types
-from functools import partial
-from pathlib import Path
+import dataclasses
 from typing import Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
-from scipy import stats
 
 import gaitsweep as gs
-from gaitsweep.dynamics.noise import fraction, philox_words
-from gaitsweep.engine.kernel import cuda_lanes
-from gaitsweep.engine.kernel.row_functions import over_rows
 from gaitsweep.engine.numerics import Numerics
-from gaitsweep.engine.recorders.crossings import CrossingRecorder
+from gaitsweep.engine.recorders.fixed_time import FixedTimeRecorder
 from gaitsweep.examples.rimless_wheel import RimlessWheel
-from tests.support.host_card import HostCard, compiler
-from tests.support.sweeping import run_rows, same
-
-# Of the file kat_vectors of Random123, the generator's own library: counter, key, words.
-KNOWN = [
-    ((0,) * 4, (0,) * 2, (0x6627E8D5, 0xE169C58D, 0xBC57AC4C, 0x9B00DBD8)),
-    ((0xFFFFFFFF,) * 4, (0xFFFFFFFF,) * 2, (0x408F276D, 0x41C83B0E, 0xA20BC7C6, 0x6D5451FD)),
-    (
-        (0x243F6A88, 0x85A308D3, 0x13198A2E, 0x03707344),
-        (0xA4093822, 0x299F31D0),
-        (0xD16CFE09, 0x94FDCCEB, 0x5001E420, 0x24126EA1),
-    ),
-]
-NUMBERS = [0.0, 1.0, -1.0, 2.0**31, 2.0**32 + 5.0, -(2.0**40), 2.0**53 - 1.0, 7.9, np.inf, np.nan]
-ALL = [np.ravel(x) for x in np.meshgrid(NUMBERS, NUMBERS, [0.0, -3.0, 2.0**33], indexing="ij")]
+from tests.support.sweeping import run_rows
 
 
-@pytest.mark.parametrize(("counter", "key", "words"), KNOWN)
-def test_the_words_are_those_published(counter: Any, key: Any, words: Any) -> None:
-    given = [[np.uint64(word) for word in part] for part in (counter, key)]
-    assert tuple(int(word) for word in philox_words(*given)) == words
+class Relaxation(gs.DeclaredModel):
+    """Two Ornstein-Uhlenbeck processes, and a third variable whose noise grows with it."""
+
+    theta = gs.parameter("1/s", "rate of relaxation", 2.0)
+    x = gs.variable("m", "place", (1.0, -1.0), count=2)
+    y = gs.variable("m", "size", 1.0)
+
+    def flow(self, p, s):
+        return {"x": -p.theta * s.x, "y": 0.3 * s.y}
+
+    @gs.diffusion
+    def noise(self, p, s):
+        return {"x": 0.5 + 0.0 * s.x, "y": 0.4 * s.y}
+
+    def period(self, p):
+        return 1.0 + 0.0 * p.theta
 
 
-@pytest.mark.slow
-def test_numbers_are_equal_to_the_bit_in_numpy_xla_and_llvm() -> None:
-    """Also of numbers that are no seeds, which count as 0."""
-    expected = [fraction(ALL[0], ALL[1], ALL[2], half) for half in (0, 1)]
-    by_xla = jax.jit(jax.vmap(gs.uniform))(*ALL)
-    by_kernel = over_rows(lambda s, c, t: gs.uniform(s, c, t), all_rows=True)(*ALL)
-    by_numpy = over_rows(lambda s, c, t: gs.uniform(s, c, t))(*ALL)
-    for numbers in (
-        by_xla,
-        by_kernel,
-        by_numpy,
-        [float(gs.uniform(s, c, t)) for s, c, t in zip(*ALL, strict=True)],
-    ):
-        np.testing.assert_array_equal(numbers, expected[0])
-    assert gs.uniform(7.0, 3.0) == gs.uniform(7.9, 3.2) != gs.uniform(8.0, 3.0)
-    assert gs.uniform(7.0, 3.0) != gs.uniform(7.0, -3.0) != gs.uniform(7.0, 3.0, 1.0)
-    assert expected[0].min() > 0.0
-    assert expected[0].max() < 1.0
+class NoisyWheel(RimlessWheel):
+    """The rimless wheel with noise in its rate."""
+
+    shake = gs.parameter("1", "intensity of the noise, in units of the rate per root of time", 0.0, low=0.0)
+
+    @gs.diffusion
+    def noise(self, p, s):
+        return {"rate": p.shake}
 
 
-@pytest.mark.slow
-def test_numbers_have_no_derivative_and_fit_single_precision() -> None:
-    assert jax.jacfwd(lambda x: x * gs.normal(1.0, x))(2.0) == gs.normal(1.0, 2.0)
-    single = gs.uniform(jnp.float32(3.0), jnp.arange(1000, dtype=jnp.float32))
-    assert single.dtype == jnp.float32
-    np.testing.assert_allclose(single, gs.uniform(3.0, np.arange(1000.0)), rtol=1e-7)
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Shortened(Numerics):
+    """The numerics of rows that the self-check repeats with a share of the step."""
+
+    share: float
+
+    def resolve(self, model: Any) -> Any:
+        own = {name: value for name, value in vars(self).items() if name != "share"}
+        return dataclasses.replace(Numerics(**own).resolve(model), factor=self.share)
 
 
-@pytest.mark.slow
-def test_numbers_are_uniform_normal_and_independent() -> None:
-    """100 000 numbers: tests whose p-values were fixed with the generator; 1e-3 would show a broken one."""
-    counters = np.arange(100_000.0)
-    uniform, normal = np.asarray(gs.uniform(5.0, counters)), np.asarray(gs.normal(5.0, counters))
-    assert stats.kstest(uniform, "uniform").pvalue > 1e-3
-    assert stats.kstest(normal, "norm").pvalue > 1e-3
-    others = [gs.uniform(6.0, counters), gs.uniform(5.0, counters, 1.0), gs.uniform(5.0, counters + 1.0)]
-    for other in others:
-        assert abs(np.corrcoef(uniform, other)[0, 1]) < 4.0 / np.sqrt(counters.size)
-
-
-def chain(seed: int, rate: float, roughness: float, most: int) -> list[float]:
-    """The rates after the impacts of a rimless wheel, by the Markov chain of its energies."""
-    keeps, energy, rates = np.cos(0.8) ** 2, rate**2 / 2.0 + np.cos(0.08 - 0.4), [rate]
-    for step in range(1, most + 1):
-        if energy < 1.0:
-            break
-        slope = 0.08 + roughness * float(gs.normal(seed, step))
-        rates.append(np.sqrt(2.0 * keeps * (energy - np.cos(slope + 0.4))))
-        energy = rates[-1] ** 2 / 2.0 + np.cos(slope - 0.4)
-    return rates
-
-
-ROUGH = {"seed": np.arange(12.0), "roughness": np.full(12, 0.02), "slope": np.full(12, 0.08)}
-FINE = Numerics(rtol=1e-11, atol=1e-12)
+def ends(dt: float, share: float, n: int) -> np.ndarray:
+    """The ends (n, 3) of paths at t = 1 with steps of a share of dt."""
+    starts = {"y_0": np.ones(n)}
+    recorder, seeds = FixedTimeRecorder(Relaxation(), 1.0), {"noise_seed": np.arange(float(n))}
+    numerics = Shortened(share=share, dt=dt, method="semi_implicit")
+    return run_rows(Relaxation(), recorder, starts, params=seeds, numerics=numerics, engine="kernel").samples
 
 
 @pytest.mark.slow
-def test_a_wheel_on_rough_ground_follows_its_markov_chain_on_each_engine() -> None:
-    """Rates follow from the energies to the tolerance of the integration; both engines fall at one step."""
-    recorder, starts = CrossingRecorder(RimlessWheel(), crossings=40), {"rate_0": np.full(12, 0.9)}
-    rows = {
-        engine: run_rows(RimlessWheel(), recorder, starts, params=ROUGH, numerics=FINE, engine=engine)
-        for engine in ("kernel", "xla")
-    }
-    for outcome in rows.values():
-        for row in range(12):
-            rates = outcome.samples[outcome.owner == row, 2]
-            expected = chain(row, 0.9, 0.02, 40)
-            assert len(rates) == len(expected)
-            np.testing.assert_allclose(rates, expected, atol=1e-9)
-    others = run_rows(
-        RimlessWheel(), recorder, starts, params=ROUGH, numerics=FINE, engine="kernel", lanes=3, block=5
+def test_the_ornstein_uhlenbeck_process_has_its_mean_variance_and_orders() -> None:
+    """Means and variances within 4 standard errors of the exact ones of the scheme, and their order.
+
+    With steps h a mean falls by 1 - z + z^2 / 2 and noise by 1 - z / 2, z = theta h: errors of order 2.
+    """
+    n, theta, h = 40_000, 2.0, 0.0625
+    coarse, fine = ends(h, 1.0, n), ends(h, 0.5, n)
+    keeps, gain = 1.0 - theta * h + 0.5 * (theta * h) ** 2, 0.5 * (1.0 - 0.5 * theta * h) * np.sqrt(h)
+    mean, variance = keeps**16, gain**2 * (1.0 - keeps**32) / (1.0 - keeps**2)
+    for column, start in ((0, 1.0), (1, -1.0)):
+        assert coarse[:, column].mean() == pytest.approx(start * mean, abs=4.0 * np.sqrt(variance / n))
+        assert coarse[:, column].var() == pytest.approx(variance, rel=4.0 * np.sqrt(2.0 / n))
+    # the scheme's own are near those of the process, which the bound above would not tell from it
+    assert mean == pytest.approx(np.exp(-theta), rel=0.01)
+    assert variance == pytest.approx(0.25 / 4.0 * (1.0 - np.exp(-4.0)), rel=0.02)
+    assert abs(np.corrcoef(coarse[:, :2].T)[0, 1]) < 4.0 / np.sqrt(n)
+    # E y = exp(0.3), whatever the noise: the equation is Ito's, not Stratonovich's, whose mean is exp(0.38)
+    assert coarse[:, 2].mean() == pytest.approx(np.exp(0.3), rel=0.01)
+    # along one path: half the step halves the error with constant noise, and divides it by sqrt(2) else
+    finer, finest = ends(h / 4.0, 1.0, n), ends(h / 4.0, 0.5, n)
+    errors = [np.sqrt(((a - b) ** 2).mean(axis=0)) for a, b in ((coarse, fine), (finer, finest))]
+    order = np.log(errors[0] / errors[1]) / np.log(4.0)
+    np.testing.assert_allclose(order, [1.0, 1.0, 0.5], atol=0.15)
+
+
+@pytest.mark.slow
+def test_events_between_noisy_steps_have_errors_of_second_order_and_engines_agree() -> None:
+    run, even = gs.FixedTime(duration=20.0), {"rate_0": 0.9, "slope": 0.2, "run": gs.FixedTime(duration=20.0)}
+    exact = gs.sweep(RimlessWheel(), **even, verify=0).table["margin_end"].item()
+    errors = [
+        abs(gs.sweep(NoisyWheel(), **even, numerics={"dt": dt}, verify=0).table["margin_end"].item() - exact)
+        for dt in (0.02, 0.005)
+    ]
+    assert np.log(errors[0] / errors[1]) / np.log(4.0) > 1.6
+    noisy = {"shake": 0.05, "noise_seed": np.arange(6), "slope": 0.2, "run": run, "numerics": {"dt": 0.01}}
+    tables = [
+        gs.sweep(NoisyWheel(), **noisy, engine=engine, verify=0).table
+        for engine in ("kernel", "xla", {"name": "kernel", "lanes": 4, "block": 3})
+    ]
+    assert tables[0].equals(tables[2])
+    rates = [table["rate_end"].to_numpy() for table in tables]
+    np.testing.assert_allclose(rates[0], rates[1], rtol=1e-9)
+    assert np.unique(rates[0].round(3)).size > 3
+
+
+def test_noise_needs_a_step_and_has_no_return_map() -> None:
+    with pytest.raises(gs.JobError, match=r"numerics.dt"):
+        gs.sweep(Relaxation(), run=gs.FixedTime(duration=1.0))
+    with pytest.raises(gs.JobError, match="has only steps"):
+        gs.sweep(Relaxation(), run=gs.FixedTime(duration=1.0), numerics={"method": "tsit5", "dt": 0.1})
+    result = gs.sweep(
+        Relaxation(), noise_seed=[1, 2, 3], run=gs.FixedTime(duration=1.0), numerics={"dt": 0.05}
     )
-    same(rows["kernel"], others)
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(compiler() is None, reason="no C++ compiler")
-def test_the_program_for_a_card_draws_the_same_numbers(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    class CudaDevice(HostCard):
-        folder = tmp_path
-
-    monkeypatch.setattr(cuda_lanes, "CudaDevice", CudaDevice)
-    device = types.SimpleNamespace(platform="gpu")
-    monkeypatch.setattr("tests.support.sweeping.devices_on", lambda platform, engine: [device])
-    recorder, starts = CrossingRecorder(RimlessWheel(), crossings=40), {"rate_0": np.full(12, 0.9)}
-    on_card = partial(
-        run_rows, RimlessWheel(), recorder, starts, params=ROUGH, numerics=FINE, engine="kernel"
-    )
-    outcome = on_card(lanes=5)
-    for row in range(12):
-        np.testing.assert_allclose(
-            outcome.samples[outcome.owner == row, 2], chain(row, 0.9, 0.02, 40), atol=1e-9
-        )
-    same(outcome, on_card(lanes=3, block=7))
+    # the self-check repeats the rows with half the step along the same path
+    assert "0.5 of the step" in repr(result)

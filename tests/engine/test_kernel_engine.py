@@ -23,8 +23,8 @@ from gaitsweep.engine.kernel import cpu_program, llvm_code
 from gaitsweep.engine.kernel.lanes import kernel_of
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
+from gaitsweep.engine.recorders.parameter_schedules import RampSchedule
 from gaitsweep.engine.recorders.recorder import Recorder
-from gaitsweep.engine.recorders.schedules import RampSchedule
 from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.engine.recorders.trace import TraceRecorder
 from gaitsweep.engine.sweep.engines import EngineError, choose

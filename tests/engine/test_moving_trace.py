@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import gaitsweep as gs
-from gaitsweep.engine.recorders.schedules import RampSchedule
+from gaitsweep.engine.recorders.parameter_schedules import RampSchedule
 from gaitsweep.job import Job
 from tests.support.job_files import refused, written
 from toy_model import Toy

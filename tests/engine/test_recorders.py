@@ -9,7 +9,7 @@ import pytest
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.fixed_time import FixedTimeRecorder
-from gaitsweep.engine.recorders.schedules import RampSchedule
+from gaitsweep.engine.recorders.parameter_schedules import RampSchedule
 from gaitsweep.engine.recorders.trace import TraceRecorder
 from gaitsweep.status import Status
 from tests.support.sweeping import run_rows

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 import yaml
 
-from gaitsweep.analysis.continuation.newton import multipliers, newton
+from gaitsweep.analysis.continuation.floquet_multipliers import multipliers
+from gaitsweep.analysis.continuation.newton import newton
 from gaitsweep.dynamics.tree.spatial import quaternion_product
 from gaitsweep.engine.advance import advance
 from gaitsweep.engine.carry import Halt, start

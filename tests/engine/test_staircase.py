@@ -17,7 +17,7 @@ from scipy.integrate import solve_ivp
 from firing_neuron import Neuron
 from gaitsweep.contract import Quantity, SteppedModel
 from gaitsweep.engine.numerics import Numerics
-from gaitsweep.engine.recorders.schedules import StepSchedule
+from gaitsweep.engine.recorders.parameter_schedules import StepSchedule
 from gaitsweep.engine.recorders.staircase import StepRecorder
 from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.status import Status

@@ -14,8 +14,8 @@ import yaml
 
 from gaitsweep import models
 from gaitsweep.design import Design
+from gaitsweep.engine.sweep.block import rows_of_a_block
 from gaitsweep.job import Job, JobError, load_job, schema
-from gaitsweep.job.numerics import rows_of_a_part
 from gaitsweep.kinds.ramp import Ramp
 from gaitsweep.kinds.settle import Settle
 from tests.support import MODELS
@@ -243,5 +243,5 @@ def test_a_job_does_not_change() -> None:
 
 def test_a_large_table_has_at_most_500_parts() -> None:
     rows = {1: 1024, 65_536: 1024, 65_537: 2048, 2_097_152: 32_768, 16_384_001: 65_536, 10**8: 262_144}
-    assert {n: rows_of_a_part("auto", n) for n in rows} == rows
-    assert rows_of_a_part(7, 10**8) == 7
+    assert {n: rows_of_a_block("auto", n) for n in rows} == rows
+    assert rows_of_a_block(7, 10**8) == 7

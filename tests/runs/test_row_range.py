@@ -16,7 +16,7 @@ from gaitsweep.runs.row_range import blocks_of, run_rows
 from gaitsweep.table import Snapshot, TableError, examination
 from gaitsweep.table.locks import BlockLocks, Lock
 from gaitsweep.table.manifest import Layout
-from gaitsweep.table.part_writer import PartWriter
+from gaitsweep.table.shared_writer import SharedWriter
 
 OVERRIDES = ["vary.launch_1={linspace: [0.2, 3.0, 10]}", "verify=4"]  # 120 rows in blocks of 32
 
@@ -162,10 +162,10 @@ def test_locks_of_blocks_count_starts(tmp_path: Path) -> None:
 
 def test_a_writer_sees_only_sound_parts(job: gs.Job, tmp_path: Path) -> None:
     run = gs.run(job, tmp_path / "whole")
-    writer = PartWriter(run.path, Layout.of(run.manifest))
+    writer = SharedWriter(run.path, Layout.of(run.manifest))
     assert writer.has(3)
     assert not writer.has(4)
-    assert not PartWriter(run.path, Layout("f" * 64, 120, 32)).has(3)
+    assert not SharedWriter(run.path, Layout("f" * 64, 120, 32)).has(3)
 
 
 def test_the_digests_of_a_table_are_read_once_for_all_its_parts(
@@ -176,7 +176,7 @@ def test_the_digests_of_a_table_are_read_once_for_all_its_parts(
     reads: list[Path] = []
     read = examination.read_digests
     monkeypatch.setattr(examination, "read_digests", lambda folder: reads.append(folder) or read(folder))
-    assert PartWriter(run.path, Layout.of(run.manifest)).missing(range(5)) == [4]
+    assert SharedWriter(run.path, Layout.of(run.manifest)).missing_blocks(range(5)) == [4]
     assert reads == [run.path]
 
 

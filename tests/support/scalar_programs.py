@@ -16,7 +16,7 @@ import numpy as np
 from llvmlite import ir
 from scipy import special
 
-from gaitsweep.dynamics.noise import fraction
+from gaitsweep.dynamics.random_numbers import fraction
 from gaitsweep.engine.kernel import llvm_code
 from gaitsweep.engine.kernel.program import Kind, Program
 from gaitsweep.engine.kernel.source import PYTHON, statements

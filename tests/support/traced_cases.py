@@ -12,7 +12,7 @@ import numpy as np
 from jax import lax
 from jax.ad_checkpoint import checkpoint_name
 
-from gaitsweep.dynamics import noise
+from gaitsweep.dynamics import random_numbers
 
 NAN, INF = math.nan, math.inf
 X = np.array([0.3, -1.7, 2.4, 0.0, 5.1])
@@ -97,7 +97,10 @@ _cases(
             lambda x: (jax.nn.sigmoid(x), jax.nn.softplus(x), jax.nn.gelu(x), jax.nn.silu(x)),
             (X,),
         ),
-        "random numbers": (lambda x, y: (noise.uniform(x, y, 1), noise.normal(y, x)), _grid(np.round(ODD))),
+        "random numbers": (
+            lambda x, y: (random_numbers.uniform(x, y, 1), random_numbers.normal(y, x)),
+            _grid(np.round(ODD)),
+        ),
         "error function": (lambda x: (lax.erf(x), lax.erfc(x)), (X,)),
         "soft maximum": (lambda x: (jax.nn.softmax(x), jax.nn.logsumexp(x)), (X,)),
         "float32": (

@@ -13,7 +13,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from gaitsweep.analysis.atlas.order_changes import change_of_order
-from gaitsweep.analysis.continuation.newton import multipliers, newton
+from gaitsweep.analysis.continuation.floquet_multipliers import multipliers
+from gaitsweep.analysis.continuation.newton import newton
 from gaitsweep.engine.poincare.maps import Events, Map, Points, Values
 
 # Steps of the second parameter over its range.

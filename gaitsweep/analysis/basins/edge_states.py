@@ -17,7 +17,7 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Bool, Float, Int
 
-from gaitsweep.analysis.basins.attractor_mappers import (
+from gaitsweep.analysis.basins.edge_mappers import (
     UNDECIDED,
     AttractorMapper,
     ProximityMapper,

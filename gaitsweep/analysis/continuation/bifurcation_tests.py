@@ -20,8 +20,8 @@ from gaitsweep.analysis.continuation.arclength import BranchPoints, Continuation
 from gaitsweep.analysis.continuation.branch_points import FLAT, IMPERFECT, Crossing, branch_point, cornered
 from gaitsweep.analysis.continuation.critical_points import REAL
 from gaitsweep.analysis.continuation.exact_points import located_exactly
+from gaitsweep.analysis.continuation.floquet_multipliers import multipliers
 from gaitsweep.analysis.continuation.lockstep import Computation, Request, alone, in_lockstep
-from gaitsweep.analysis.continuation.newton import multipliers
 from gaitsweep.analysis.continuation.normal_forms import PITCHFORKS
 from gaitsweep.analysis.continuation.one_sided import both_sides
 from gaitsweep.engine.poincare.maps import Points

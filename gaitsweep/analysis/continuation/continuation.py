@@ -32,11 +32,11 @@ from gaitsweep.analysis.continuation.branch_follower import ArclengthSteps, Bran
 from gaitsweep.analysis.continuation.branch_table import BranchTable
 from gaitsweep.analysis.continuation.newton import ConservedConstraints, NewtonOutcome, newton
 from gaitsweep.contract import State
+from gaitsweep.engine.poincare.map_derivatives import FollowedMap
 from gaitsweep.engine.poincare.maps import (
     Coordinates,
     DerivedMap,
     Events,
-    FollowedMap,
     Image,
     Map,
     Points,

@@ -19,8 +19,9 @@ import jax
 import numpy as np
 from jaxtyping import Complex, Float, Inexact
 
+from gaitsweep.analysis.continuation.floquet_multipliers import multipliers
 from gaitsweep.analysis.continuation.lockstep import Computation, Request
-from gaitsweep.analysis.continuation.newton import ConservedConstraints, matrices, multipliers, residuals
+from gaitsweep.analysis.continuation.newton import ConservedConstraints, matrices, residuals
 from gaitsweep.analysis.continuation.normal_forms import (
     circle_coefficient,
     flip_coefficient,

@@ -1,11 +1,11 @@
-"""Fixed points of a map by Newton's method, for many starts at once, and their Floquet multipliers.
+"""Fixed points of a map by Newton's method, for many starts at once.
 
 If the map conserves a quantity, fixed points are not isolated: they form lines, on which Newton's equations
 are singular. The quantity is then constrained to a value, and each constraint adds one unknown, the `drift`:
 the change of the quantity over a cycle. The drift is zero where the quantity is conserved exactly, and it
 measures the error where it is conserved only approximately (Munoz-Almaraz et al. 2003, Physica D 181).
 
-The Jacobian of a map at its points is `Map.linearised(...).jacobian` (`engine/poincare/maps.py`).
+The Jacobian of a map at its points is `Map.linearised(...).jacobian` (`engine/poincare/map_derivatives.py`).
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from jaxtyping import Bool, Complex, Float, Int
+from jaxtyping import Bool, Float, Int
 
 from gaitsweep import near_miss
 from gaitsweep.engine.poincare.maps import (
@@ -300,35 +300,3 @@ def norms(miss: Unknowns, at: Float[np.ndarray, "points coordinates"]) -> Float[
     scale[:, : at.shape[1]] = sizes(at)
     with np.errstate(invalid="ignore"):
         return np.nan_to_num(np.max(np.abs(miss) / scale, axis=1), nan=np.inf)
-
-
-def multipliers(
-    jacobian: Float[np.ndarray, "*points coordinates coordinates"],
-    gradients: Float[np.ndarray, "*points constrained coordinates"] | None = None,
-) -> Complex[np.ndarray, "*points multipliers"]:
-    """The Floquet multipliers, in descending order of modulus.
-
-    Args:
-        jacobian: of the map at its n fixed points, (n, size, size), or at one, (size, size).
-        gradients: of constrained quantities, (n, k, size): the multipliers are then those of the map
-            restricted to their level set, and k fewer.
-
-    Returns:
-        Complex numbers (n, size - k), or (size,) of one point.
-    """
-    if gradients is not None and gradients.shape[1]:
-        jacobian = np.stack([_restricted(*of_point) for of_point in zip(jacobian, gradients, strict=True)])
-    factors = np.asarray(np.linalg.eigvals(jacobian), complex)
-    # of two conjugates the one with the positive imaginary part comes first
-    order = np.lexsort((-np.imag(factors), -np.round(np.abs(factors), 12)), axis=-1)
-    return np.take_along_axis(factors, order, axis=-1)
-
-
-def _restricted(
-    matrix: Float[np.ndarray, "coordinates coordinates"],
-    gradients: Float[np.ndarray, "constrained coordinates"],
-) -> Float[np.ndarray, "directions directions"]:
-    """The matrix restricted to the directions normal to all gradients."""
-    k = len(gradients)
-    basis = np.linalg.svd(gradients)[2][k:].T
-    return basis.T @ matrix @ basis

@@ -13,7 +13,8 @@ from jaxtyping import Array, Float
 from numpy.typing import ArrayLike
 
 from gaitsweep.contract import Quantity, State
-from gaitsweep.engine.poincare.maps import Coordinates, Events, FollowedMap, Image, Points, Values
+from gaitsweep.engine.poincare.map_derivatives import FollowedMap
+from gaitsweep.engine.poincare.maps import Coordinates, Events, Image, Points, Values
 from gaitsweep.engine.poincare.poincare_return import ReturnStatus
 from gaitsweep.engine.poincare.symmetry_group import group_of
 

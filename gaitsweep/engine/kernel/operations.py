@@ -11,7 +11,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from gaitsweep.dynamics.noise import fraction
+from gaitsweep.dynamics.random_numbers import fraction
 
 Kind = Literal["f64", "f32", "int", "bool"]
 

@@ -1,4 +1,4 @@
-"""The random numbers of `gaitsweep.dynamics.noise` in kernels: integer operations in C and in LLVM."""
+"""Random numbers (`dynamics/random_numbers.py`) in kernels: integer operations in C and in LLVM."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import Any
 
 from llvmlite import ir
 
-from gaitsweep.dynamics.noise import MULTIPLIERS, ROUNDS, WEYL, WHOLE
+from gaitsweep.dynamics.random_numbers import MULTIPLIERS, ROUNDS, WEYL, WHOLE
 
 _WORD = ir.IntType(64)
 _MASK = 0xFFFFFFFF

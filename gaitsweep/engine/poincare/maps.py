@@ -1,11 +1,14 @@
-"""Discrete maps on a space of coordinates, evaluated and differentiated for a batch of points."""
+"""Discrete maps on a space of coordinates: the abstract map, its batches of points, and its iterates.
+
+`map_derivatives.py` computes the images and derivatives of a batch.
+"""
 
 from __future__ import annotations
 
 import abc
 import dataclasses
 import functools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Self
 
 import jax
@@ -15,13 +18,8 @@ from jaxtyping import Array, Bool, Float, Int, Real
 
 from gaitsweep.contract import Quantity, State
 from gaitsweep.engine.carry import Integer
-from gaitsweep.engine.content import cached_by_content
-from gaitsweep.engine.devices import refuse_fork
 from gaitsweep.engine.poincare.poincare_return import ReturnStatus
 
-# Batch sizes for which programs are compiled. A larger batch is split; a smaller one is filled up to the next
-# size by repeating its last point, which costs kernels nothing.
-BATCH_SIZES = (1, 8, 64, 1024)
 POINTS_SHOWN = 3  # in a `repr`
 MIN_SCALE = 0.1  # least scale of a coordinate (in its unit); larger coordinates are scaled by their magnitude
 
@@ -234,40 +232,6 @@ class Map(abc.ABC):
         """The images of many points; arguments as of `linearised`, and whether derivatives are computed."""
 
 
-class FollowedMap(Map):
-    """A map whose images are those of `follow`, by programs that are compiled for batches of points."""
-
-    def _evaluated(
-        self, points: Points, values: Values, over: str | None, *, derivatives: bool
-    ) -> MapEvaluation:
-        refuse_fork()
-        program = _program(self, over, derivatives=derivatives)
-        complete = self.complete(values, len(points))
-        batches = []
-        for first in range(0, len(points), BATCH_SIZES[-1]):
-            count = min(BATCH_SIZES[-1], len(points) - first)
-            width = next(size for size in BATCH_SIZES if size >= count)
-            order = np.minimum(first + np.arange(width), first + count - 1)
-            batch = points[order]
-            parameters = {name: column[order] for name, column in complete.items()}
-            outputs = program(parameters, batch.at, batch.modes)
-            batches.append(jax.tree.map(lambda leaf, n=count: np.asarray(leaf)[:n], outputs))
-        image, state, status, observed, conserved, slopes = jax.tree.map(
-            lambda *parts: np.concatenate(parts), *batches
-        )
-        size = points.at.shape[1]
-        return MapEvaluation(
-            points=Points(image, state),
-            status=status,
-            observed=observed,
-            conserved_values=conserved,
-            jacobian=slopes[:, :size, :size],
-            d_parameter=slopes[:, :size, size:].sum(axis=2),
-            conserved_jacobian=slopes[:, size:, :size],
-            conserved_d_parameter=slopes[:, size:, size:].sum(axis=2),
-        )
-
-
 @dataclasses.dataclass(frozen=True)
 class DerivedMap(Map):
     """A map that is made of another one, on the same space.
@@ -360,31 +324,6 @@ class IteratedMap(DerivedMap):
             )
             total = total.merged(rows, chained)
         return total
-
-
-@cached_by_content(maxsize=64)
-def _program(mapping: Map, over: str | None, *, derivatives: bool) -> Callable[..., Any]:
-    """The map of a batch of points and its derivatives, compiled for each batch size."""
-
-    def of_point(values: Any, at: Coordinates, modes: State) -> Any:
-        size = at.size
-
-        def image_of(variables: Float[Array, " variables"]) -> Any:
-            parameters = values if over is None else {**values, over: variables[size]}
-            image, state, status, observed = mapping.follow(parameters, variables[:size], modes)
-            conserved = mapping.conserved_values(parameters, variables[:size])
-            return jnp.concatenate([image, conserved]), (image, state, status, observed, conserved)
-
-        variables = at if over is None else jnp.concatenate([at, values[over][None]])
-        if derivatives:
-            slopes, outputs = jax.jacfwd(image_of, has_aux=True)(variables)
-        else:
-            _, outputs = image_of(variables)
-            gradients = jax.jacfwd(lambda at: mapping.conserved_values(values, at))(at)
-            slopes = jnp.concatenate([jnp.full((size, size), jnp.nan), gradients])
-        return (*outputs, slopes)
-
-    return jax.jit(jax.vmap(of_point))
 
 
 def sizes(at: ManyCoordinates) -> ManyCoordinates:

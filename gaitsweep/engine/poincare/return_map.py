@@ -21,7 +21,8 @@ from gaitsweep.contract import Chart, HybridModel, Params, Rates, State
 from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.leaves import AllVariables
 from gaitsweep.engine.numerics import Numerics, ResolvedNumerics
-from gaitsweep.engine.poincare.maps import BATCH_SIZES, Coordinates, Events, Points, Values
+from gaitsweep.engine.poincare.map_derivatives import BATCH_SIZES
+from gaitsweep.engine.poincare.maps import Coordinates, Events, Points, Values
 from gaitsweep.engine.poincare.model_map import ModelMap
 from gaitsweep.engine.poincare.poincare_return import Returned, crossing_of
 from gaitsweep.engine.solver import fixed_step_scheme

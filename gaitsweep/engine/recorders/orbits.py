@@ -1,20 +1,90 @@
-"""Periodic orbits of the return map, whose crossings have the same order in all rows that reach one."""
+"""Periodic orbits of the return map: their period, and one order of their crossings for all rows."""
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
 
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float, Int, Num
+from jaxtyping import Array, Float, Int, Num
 
 from gaitsweep.contract import Quantity
+from gaitsweep.engine.carry import Integer
+from gaitsweep.engine.recorders.bounds import per_observable
 from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.status import RECURRENT
 
+# Smallest ratio of the distance between an orbit's points to the remaining motion.
+ORBIT_SEPARATION = 10.0
+# Largest motion over all cycles of a row that counts as rest, as a share of the bound: event times have
+# errors.
+NO_MOTION = 1.0e-3
 # Largest difference of values that count as equal in the order of crossings, as a share of the largest
 # extent of the orbit; an observable is relative to its scale, or to its magnitude.
 SAME_VALUE = 0.01
+
+
+def orbit_period(
+    newest: Float[Array, " lags"],
+    before: Float[Array, " lags"],
+    *,
+    max_period: int,
+    max_cycles: int,
+    tolerance: float | tuple[float, ...],
+) -> Integer:
+    """The period, 2 to `max_period` crossings, of the periodic orbit that the state has reached; else 0.
+
+    The period is p under three conditions:
+
+    1. The distance from the state p crossings earlier, summed over the cycles of a whole row, is below the
+       bound.
+    2. It decays, and the remaining motion, extrapolated by a geometric series, is `ORBIT_SEPARATION`
+       times shorter than the distance between the points of the orbit; or it cannot be distinguished from
+       rest.
+    3. No divisor of p satisfies these conditions.
+
+    So neither a slowly converging spiral, whose remaining motion is that distance, nor a slow drift counts as
+    periodic.
+
+    Args:
+        newest: the largest distances (max_period,) from the state 1, 2, ... crossings earlier, over the last
+            `max_period` crossings, in units of the bound of a settled state.
+        before: the same over as many crossings before them.
+        max_period: the longest period that is detected (crossings).
+        max_cycles: the crossings of a whole row.
+        tolerance: one for all observables, or one for each, as a share of its scale.
+    """
+    eps = 64.0 * float(jnp.finfo(newest.dtype).eps) / min(per_observable(tolerance))
+    period = jnp.zeros((), jnp.int32)
+    for p in range(max_period, 1, -1):
+        periods_per_span = max_period / p
+        periods_per_row = max_cycles / p
+        latest = newest[p - 1]
+        earlier = before[p - 1]
+        divisors = _maximal_divisors(p)
+        spacing = newest[divisors[0] - 1]
+        for q in divisors[1:]:
+            spacing = jnp.minimum(spacing, newest[q - 1])
+        slow = jnp.maximum(latest, earlier) * periods_per_row < 1.0
+        # the geometric series latest * (1 + r + r^2 + ...), r = latest / earlier, times the periods of a
+        # span
+        remaining = ORBIT_SEPARATION * periods_per_span * latest * earlier
+        decays = remaining < spacing * (earlier - latest)
+        rests = latest < max(NO_MOTION / periods_per_row, eps)
+        repeats = slow & (ORBIT_SEPARATION * latest < spacing) & (decays | rests)
+        period = jnp.where(repeats, p, period)
+    return period
+
+
+def _maximal_divisors(p: int) -> list[int]:
+    """The divisors of p by primes: if one of them is a period, p is not."""
+    divisors = []
+    for quotient in range(2, p + 1):
+        is_prime = all(quotient % factor for factor in range(2, quotient))
+        if p % quotient == 0 and is_prime:
+            divisors.append(p // quotient)
+    return divisors[::-1]
 
 
 def with_orbits(numbers: Mapping[str, Num[np.ndarray, "rows ..."]]) -> dict[str, Num[np.ndarray, "rows ..."]]:

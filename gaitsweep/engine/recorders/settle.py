@@ -20,11 +20,11 @@ from gaitsweep.engine.recorders.bounds import (
     change,
     comparable,
     first_span,
-    per_observable,
     slowest,
     widened,
 )
 from gaitsweep.engine.recorders.exponents import Exponents, exponent_numbers, may_turn, separated
+from gaitsweep.engine.recorders.orbits import NO_MOTION, orbit_period
 from gaitsweep.engine.recorders.recorder import (
     SPARE_CYCLES,
     Beginning,
@@ -48,11 +48,6 @@ MAX_PERIOD = 8
 FIRST_TEST = 3
 # Longest periods for which a detected orbit has to be detected again: as many as the test looks at.
 CONFIRMED_FOR = 2
-# Smallest ratio of the distance between an orbit's points to the remaining motion.
-ORBIT_SEPARATION = 10.0
-# Largest motion over all cycles of a row that counts as rest, as a share of the bound: event times have
-# errors.
-NO_MOTION = 1.0e-3
 # A state leaves an unstable fixed point if its latest change is this many times the smallest in the window.
 LEAVING = 2.0
 # Crossings in each of three successive spans whose lengths in time are extrapolated as a geometric series.
@@ -212,7 +207,7 @@ class SettleRecorder(Recorder):
     1. Settled with period 1: each observable stayed within its bound (`bounds`) of its values at the last
        `SETTLE_WINDOW` crossings. A state that is about to leave (`LEAVING`) has to stay for as many more
        crossings. Crossings that accumulate do not settle.
-    2. Settled with period p: `_period` finds an orbit, again for `CONFIRMED_FOR` of the longest periods.
+    2. Settled with period p: `orbit_period` finds an orbit, again for `CONFIRMED_FOR` of the longest periods.
     3. At rest: all rates of the flow vanish (`REST`).
 
     Args:
@@ -351,7 +346,14 @@ class SettleRecorder(Recorder):
         fixed = still & stays & ~_accumulate(cycles, carry.t, times)
         moves = jnp.maximum(memory.moves[0], crossing.distances[: self.max_period])
         tested = cycles % self.max_period == 0
-        repeats = jnp.where(cycles >= FIRST_TEST * self.max_period, self._period(moves, memory.moves[1]), 0)
+        period_of_orbit = orbit_period(
+            moves,
+            memory.moves[1],
+            max_period=self.max_period,
+            max_cycles=self.max_cycles,
+            tolerance=self.tolerance,
+        )
+        repeats = jnp.where(cycles >= FIRST_TEST * self.max_period, period_of_orbit, 0)
         begun = jnp.where(repeats == memory.orbit[0], memory.orbit[1], cycles)
         is_orbit = tested & (repeats > 0) & ~still
         lasted = is_orbit & (cycles - begun >= CONFIRMED_FOR * self.max_period)
@@ -432,43 +434,6 @@ class SettleRecorder(Recorder):
         no_span = jnp.stack([carry.t, 0.0 * largest, 0.0 * largest - 1.0])
         return _Rest(fastest, jnp.where(slow, continued, no_span), rests)
 
-    def _period(self, newest: Float[Array, " lags"], before: Float[Array, " lags"]) -> Integer:
-        """The period, 2 to `max_period` crossings, of the periodic orbit that the state has reached; else 0.
-
-        `newest` and `before` (p,) are the largest distances from the state p crossings earlier, in units of
-        the bound of a settled state, over the last `max_period` crossings and as many before them. The
-        period is p under three conditions:
-
-        1. This distance, summed over the cycles of a whole row, is below the bound.
-        2. It decays, and the remaining motion, extrapolated by a geometric series, is `ORBIT_SEPARATION`
-           times shorter than the distance between the points of the orbit; or it cannot be distinguished from
-           rest.
-        3. No divisor of p satisfies these conditions.
-
-        So neither a slowly converging spiral, whose remaining motion is that distance, nor a slow drift
-        counts as periodic.
-        """
-        eps = 64.0 * float(jnp.finfo(newest.dtype).eps) / min(per_observable(self.tolerance))
-        period = jnp.zeros((), jnp.int32)
-        for p in range(self.max_period, 1, -1):
-            periods_per_span = self.max_period / p
-            periods_per_row = self.max_cycles / p
-            latest = newest[p - 1]
-            earlier = before[p - 1]
-            divisors = _maximal_divisors(p)
-            spacing = newest[divisors[0] - 1]
-            for q in divisors[1:]:
-                spacing = jnp.minimum(spacing, newest[q - 1])
-            slow = jnp.maximum(latest, earlier) * periods_per_row < 1.0
-            # the geometric series latest * (1 + r + r^2 + ...), r = latest / earlier, times the periods of a
-            # span
-            remaining = ORBIT_SEPARATION * periods_per_span * latest * earlier
-            decays = remaining < spacing * (earlier - latest)
-            rests = latest < max(NO_MOTION / periods_per_row, eps)
-            repeats = slow & (ORBIT_SEPARATION * latest < spacing) & (decays | rests)
-            period = jnp.where(repeats, p, period)
-        return period
-
     def readings(self, rows: RowOutcome) -> Readings:
         return readings_at_the_end(rows)
 
@@ -497,16 +462,6 @@ def _memory_after(
         rest=rest.span.astype(crossing.now.dtype),
         exponents=growth.exponents,
     )
-
-
-def _maximal_divisors(p: int) -> list[int]:
-    """The divisors of p by primes: if one of them is a period, p is not."""
-    divisors = []
-    for quotient in range(2, p + 1):
-        is_prime = all(quotient % factor for factor in range(2, quotient))
-        if p % quotient == 0 and is_prime:
-            divisors.append(p // quotient)
-    return divisors[::-1]
 
 
 def _accumulate(cycles: Integer, t: Number, times: Float[Array, " window"]) -> Flag:

@@ -21,6 +21,7 @@ from gaitsweep.engine.recorders.bounds import (
     slowest,
     widened,
 )
+from gaitsweep.engine.recorders.parameter_schedules import StepSchedule
 from gaitsweep.engine.recorders.recorder import (
     ATTEMPTS_PER_STEP,
     BUFFER,
@@ -33,7 +34,6 @@ from gaitsweep.engine.recorders.recorder import (
     attempts_until,
     counted,
 )
-from gaitsweep.engine.recorders.schedules import StepSchedule
 from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.status import Status
 

@@ -1,9 +1,11 @@
-"""The rows of one block while they run, and their results."""
+"""Blocks of rows: how many rows one has, and its rows while they run."""
 
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Sequence
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -13,6 +15,28 @@ from gaitsweep.engine.recorders.orbits import with_orbits
 from gaitsweep.engine.sweep.lane import ChunkOutput
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.row_outcome import RowOutcome
+
+# Each block takes some milliseconds, however few its rows, which add up on a GPU. But an unfinished block of
+# more than _LARGE_BLOCK rows takes much memory, and a worker of a cluster loses it as a whole.
+_SMALL_BLOCK = 1024
+_LARGE_BLOCK = 32_768
+_USUAL_BLOCKS = 64
+_MAX_BLOCKS = 500
+
+
+def rows_of_a_block(block: int | Literal["auto"], n_rows: int) -> int:
+    """Return the number of rows of a block: the chosen one, or 1024 times a power of two.
+
+    A table has about 64 blocks, or more (up to 500) to keep each block within 32 768 rows.
+
+    Args:
+        block: the chosen number, or "auto".
+        n_rows: the number of rows of the table.
+    """
+    if block != "auto":
+        return block
+    least = max(min(n_rows / _USUAL_BLOCKS, _LARGE_BLOCK), n_rows / _MAX_BLOCKS, _SMALL_BLOCK)
+    return _SMALL_BLOCK * 2 ** math.ceil(math.log2(least / _SMALL_BLOCK))
 
 
 class Block:

@@ -26,7 +26,7 @@ from gaitsweep.errors import EXIT_FAILURE, UserError
 from gaitsweep.runs.cluster.connection import Connection
 from gaitsweep.runs.cluster.identity import WorkerUnfit, identity_of, own_modules
 from gaitsweep.runs.cluster.task import MOST_DEATHS, Assignment, BlockGivenUp, JobTicket, Unwanted, run_block
-from gaitsweep.runs.cluster.workers import Workers
+from gaitsweep.runs.cluster.worker_pool import WorkerPool
 from gaitsweep.runs.executor import Executor, MissingBlocks
 from gaitsweep.runs.prepare import RunContext
 from gaitsweep.table import ResultDirectory, replace_file, writing
@@ -98,7 +98,7 @@ class Cluster(Executor):
         limit: float | None = None,
         on_message: Callable[[str], None] = lambda _: None,
     ) -> None:
-        self.workers = Workers(connection, on_message)
+        self.workers = WorkerPool(connection, on_message)
         self.collect = collect
         self._limit = limit
         self._ticket: JobTicket | None = None

@@ -29,7 +29,7 @@ from gaitsweep.table import TableError
 from gaitsweep.table.files import reason
 from gaitsweep.table.locks import BLOCK_LOCKS, BlockLocks, this_process
 from gaitsweep.table.manifest import Layout
-from gaitsweep.table.part_writer import PartWriter
+from gaitsweep.table.shared_writer import SharedWriter
 
 MOST_DEATHS = 3  # of workers that began a block, after which it is given up
 _POLL = 0.2  # s between two checks whether the task is still wanted
@@ -121,7 +121,7 @@ def run_block(number: int, rows: Int[np.ndarray, " rows"] | None, assignment: As
 def _run_block(number: int, rows: Int[np.ndarray, " rows"] | None, assignment: Assignment) -> int | bytes:
     """Compute a block in the only thread that does, as `run_block`."""
     ticket = assignment.ticket
-    writer = PartWriter(Path(assignment.path), assignment.layout)
+    writer = SharedWriter(Path(assignment.path), assignment.layout)
     name = f"block {assignment.layout.words(number)} of {assignment.path}"
     began = time.perf_counter()
     _log.info("begins %s", name)
@@ -143,7 +143,7 @@ def _run_block(number: int, rows: Int[np.ndarray, " rows"] | None, assignment: A
 
 
 @contextlib.contextmanager
-def _block_lock(writer: PartWriter, number: int, patience: float) -> Iterator[bool]:
+def _block_lock(writer: SharedWriter, number: int, patience: float) -> Iterator[bool]:
     """A context that holds a block; its value says whether the part is missing."""
     if writer.has(number):
         yield False
@@ -176,7 +176,7 @@ def _block_lock(writer: PartWriter, number: int, patience: float) -> Iterator[bo
 
 
 def _compute(
-    assignment: Assignment, writer: PartWriter, number: int, rows: Int[np.ndarray, " rows"] | None
+    assignment: Assignment, writer: SharedWriter, number: int, rows: Int[np.ndarray, " rows"] | None
 ) -> bytes:
     """Compute the part of a block."""
     context = _context_of(assignment.ticket)

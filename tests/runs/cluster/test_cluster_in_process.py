@@ -19,16 +19,17 @@ import pytest
 import gaitsweep as gs
 import toy_model
 from gaitsweep.runs.cluster import connection, dispatch, task
-from gaitsweep.runs.cluster.connection import UserClient, connection_to
+from gaitsweep.runs.cluster.cluster_option import connection_to
+from gaitsweep.runs.cluster.connection import UserClient
 from gaitsweep.runs.cluster.dispatch import BlocksFailed, Cluster
 from gaitsweep.runs.cluster.identity import WorkerUnfit, difference
-from gaitsweep.runs.cluster.workers import Workers
+from gaitsweep.runs.cluster.worker_pool import WorkerPool
 from gaitsweep.runs.execute import run_job
 from gaitsweep.runs.prepare import RunError
 from gaitsweep.table import Snapshot, TableError, WriteError
 from gaitsweep.table.locks import Lock
 from gaitsweep.table.manifest import Layout
-from gaitsweep.table.part_writer import PartWriter
+from gaitsweep.table.shared_writer import SharedWriter
 
 distributed = pytest.importorskip("distributed")
 
@@ -129,14 +130,14 @@ def test_a_worker_that_cannot_write_is_refused_and_the_others_go_on(
     client: Any, whole: gs.Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """As one whose disk is full: its blocks are written by another."""
-    write = PartWriter.write
+    write = SharedWriter.write
 
-    def full(self: PartWriter, number: int, data: bytes) -> None:
+    def full(self: SharedWriter, number: int, data: bytes) -> None:
         if distributed.get_worker().name == 1:
             raise WriteError(f"Part {number} could not be written: the disk is full.")
         write(self, number, data)
 
-    monkeypatch.setattr(PartWriter, "write", full)
+    monkeypatch.setattr(SharedWriter, "write", full)
     with pytest.warns(UserWarning, match="The worker 1 is refused: Part .* the disk is full"):
         run = gs.run(gs.Job(**JOB), tmp_path / "out", client=client)
     pd.testing.assert_frame_equal(run.table, whole.table, check_exact=True)
@@ -145,12 +146,12 @@ def test_a_worker_that_cannot_write_is_refused_and_the_others_go_on(
 def test_all_workers_that_cannot_write_end_the_run(
     client: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def full(self: PartWriter, number: int, data: bytes) -> None:
+    def full(self: SharedWriter, number: int, data: bytes) -> None:
         raise WriteError("The disk is full.")
 
     with monkeypatch.context() as patched, warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        patched.setattr(PartWriter, "write", full)
+        patched.setattr(SharedWriter, "write", full)
         with pytest.raises(RunError, match=r"No worker of .* can compute this job\. 0: The disk is full\."):
             gs.run(gs.Job(**JOB), tmp_path / "out", client=client)
     assert gs.run(gs.Job(**JOB), tmp_path / "out", client=client).manifest["complete"]
@@ -289,7 +290,7 @@ def test_a_silent_scheduler_is_reported_and_leaves_no_threads(
         assert threading.active_count() <= before
         mute.close()
     messages: list[str] = []
-    workers = Workers(connection_to(where), messages.append)
+    workers = WorkerPool(connection_to(where), messages.append)
     tries: list[None] = []
 
     def stop() -> None:

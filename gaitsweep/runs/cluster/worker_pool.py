@@ -19,7 +19,7 @@ _EMPTY = 5.0  # s without workers after which a message says so
 _EXAMINATION = 30.0
 
 
-class Workers:
+class WorkerPool:
     """The workers of a cluster.
 
     Args:

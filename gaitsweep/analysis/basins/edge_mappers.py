@@ -1,4 +1,4 @@
-"""Attractor mappers: functions that assign trajectories of a map to attractors."""
+"""Attractor mappers of the search for edge states: they assign trajectories of a map to attractors."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Writing parts of a table by several processes at the same time."""
+"""Writer of parts into a table that several processes share and write at the same time."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from gaitsweep.table.digests import write_file
 from gaitsweep.table.examination import examined_parts
 from gaitsweep.table.files import PARTS, writing
 from gaitsweep.table.manifest import TABLE, Layout
-from gaitsweep.table.parts import checked_part
+from gaitsweep.table.parts import checked_part, missing_blocks
 
 # No two processes have the same, also not two of different machines.
 WRITER = f"{socket.gethostname()}-{os.getpid()}-{secrets.token_hex(4)}"
 
 
-class PartWriter:
+class SharedWriter:
     """Writer of parts into a result directory whose manifest belongs to another process.
 
     The bytes of a part do not depend on its writer, so one process may replace another's part.
@@ -37,12 +37,11 @@ class PartWriter:
 
     def has(self, number: int) -> bool:
         """Return whether the part of a block exists and is valid."""
-        return not self.missing([number])
+        return not self.missing_blocks([number])
 
-    def missing(self, numbers: Sequence[int]) -> list[int]:
+    def missing_blocks(self, numbers: Sequence[int]) -> list[int]:
         """Return the blocks, among some, whose part is missing or invalid."""
-        sound = examined_parts(self.path, self.layout, numbers)
-        return [number for number in numbers if number not in sound]
+        return missing_blocks(numbers, examined_parts(self.path, self.layout, numbers))
 
     def encoded(
         self, number: int, frame: pd.DataFrame, quantities: Mapping[str, Mapping[str, Any]] | None = None

@@ -1,0 +1,79 @@
+"""Derivatives of a map by its points and a parameter, in programs compiled for batches of points."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from gaitsweep.contract import State
+from gaitsweep.engine.content import cached_by_content
+from gaitsweep.engine.devices import refuse_fork
+from gaitsweep.engine.poincare.maps import Coordinates, Map, MapEvaluation, Points, Values
+
+# Batch sizes for which programs are compiled. A larger batch is split; a smaller one is filled up to the next
+# size by repeating its last point, which costs kernels nothing.
+BATCH_SIZES = (1, 8, 64, 1024)
+
+
+class FollowedMap(Map):
+    """A map whose images are those of `follow`, by programs that are compiled for batches of points."""
+
+    def _evaluated(
+        self, points: Points, values: Values, over: str | None, *, derivatives: bool
+    ) -> MapEvaluation:
+        refuse_fork()
+        program = _program(self, over, derivatives=derivatives)
+        complete = self.complete(values, len(points))
+        batches = []
+        for first in range(0, len(points), BATCH_SIZES[-1]):
+            count = min(BATCH_SIZES[-1], len(points) - first)
+            width = next(size for size in BATCH_SIZES if size >= count)
+            order = np.minimum(first + np.arange(width), first + count - 1)
+            batch = points[order]
+            parameters = {name: column[order] for name, column in complete.items()}
+            outputs = program(parameters, batch.at, batch.modes)
+            batches.append(jax.tree.map(lambda leaf, n=count: np.asarray(leaf)[:n], outputs))
+        image, state, status, observed, conserved, slopes = jax.tree.map(
+            lambda *parts: np.concatenate(parts), *batches
+        )
+        size = points.at.shape[1]
+        return MapEvaluation(
+            points=Points(image, state),
+            status=status,
+            observed=observed,
+            conserved_values=conserved,
+            jacobian=slopes[:, :size, :size],
+            d_parameter=slopes[:, :size, size:].sum(axis=2),
+            conserved_jacobian=slopes[:, size:, :size],
+            conserved_d_parameter=slopes[:, size:, size:].sum(axis=2),
+        )
+
+
+@cached_by_content(maxsize=64)
+def _program(mapping: Map, over: str | None, *, derivatives: bool) -> Callable[..., Any]:
+    """The map of a batch of points and its derivatives, compiled for each batch size."""
+
+    def of_point(values: Any, at: Coordinates, modes: State) -> Any:
+        size = at.size
+
+        def image_of(variables: Float[Array, " variables"]) -> Any:
+            parameters = values if over is None else {**values, over: variables[size]}
+            image, state, status, observed = mapping.follow(parameters, variables[:size], modes)
+            conserved = mapping.conserved_values(parameters, variables[:size])
+            return jnp.concatenate([image, conserved]), (image, state, status, observed, conserved)
+
+        variables = at if over is None else jnp.concatenate([at, values[over][None]])
+        if derivatives:
+            slopes, outputs = jax.jacfwd(image_of, has_aux=True)(variables)
+        else:
+            _, outputs = image_of(variables)
+            gradients = jax.jacfwd(lambda at: mapping.conserved_values(values, at))(at)
+            slopes = jnp.concatenate([jnp.full((size, size), jnp.nan), gradients])
+        return (*outputs, slopes)
+
+    return jax.jit(jax.vmap(of_point))
