@@ -12,8 +12,9 @@ import pandas as pd
 
 from gaitsweep.analysis.atlas.atlas_tables import atlas_tables
 from gaitsweep.api.keywords import AnyModel
-from gaitsweep.api.result import Result, run, run_in_memory
-from gaitsweep.api.trajectories import sweep
+from gaitsweep.api.result import Result
+from gaitsweep.api.run import run, run_in_memory
+from gaitsweep.api.sweep import sweep
 from gaitsweep.errors import ArgumentError
 from gaitsweep.job.load import wider_job
 from gaitsweep.kinds import Atlas as AtlasRun

@@ -12,7 +12,7 @@ from jaxtyping import Float, Shaped
 from numpy.typing import ArrayLike
 
 from gaitsweep import near_miss
-from gaitsweep.api.result import run_in_memory
+from gaitsweep.api.run import run_in_memory
 from gaitsweep.errors import ArgumentError
 from gaitsweep.job import Job, load_job
 from gaitsweep.status import Status

@@ -12,7 +12,7 @@ import gaitsweep as gs
 from gaitsweep.analysis.basins.attractors import agreement, attractors
 from gaitsweep.analysis.basins.fractions import fractions
 from gaitsweep.analysis.basins.measures import basins
-from gaitsweep.api.result import run
+from gaitsweep.api.run import run
 from gaitsweep.job import load_job
 
 pytestmark = pytest.mark.slow
