@@ -1,0 +1,316 @@
+"""The registry of models, which are found by their names and imported at their first use."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.machinery
+import inspect
+import sys
+import weakref
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from gaitsweep import near_miss
+from gaitsweep.contract import HybridModel, Model, SteppedModel
+from gaitsweep.engine.content import held_result
+from gaitsweep.errors import UserError
+from gaitsweep.extension import model_paths
+from gaitsweep.own_modules import Stamp, data_files, installed, modules_beside, modules_in, stamp_of
+from gaitsweep.schema.diagnostics import JobError
+from gaitsweep.shipped import EXAMPLES
+
+_OWN_MODEL_HINT = "write your own model as package.module:attribute, or as the path of a model file (.yaml)"
+# classes that no module gives, such as those of a notebook's cells, by the name that a job has for them
+_SESSION_CLASSES: weakref.WeakValueDictionary[str, type[Model]] = weakref.WeakValueDictionary()
+_SESSION_PREFIX = "session:"
+_MODEL_FILE_ENDINGS = (".yaml", ".yml")
+# the field of a manifest with the folder from which a user's model was imported, from the result directory
+MODEL_FOLDER = "model_folder"
+# when the files of users' modules were written, and their sizes, as they were loaded
+_STAMPS: weakref.WeakKeyDictionary[ModuleType, Stamp] = weakref.WeakKeyDictionary()
+# the data files that these modules read as they were loaded
+_DATA_FILES: weakref.WeakKeyDictionary[ModuleType, dict[Path, Stamp]] = weakref.WeakKeyDictionary()
+
+
+class ModelError(UserError, LookupError):
+    """A model is not available; the message continues a sentence that begins with "The model"."""
+
+    subject = "The model "
+
+
+def classes() -> dict[str, str]:
+    """The names of models by the names of their classes."""
+    return {path.rpartition(":")[2]: name for name, path in model_paths().items()}
+
+
+def names() -> tuple[str, ...]:
+    """The names of the models of all extensions."""
+    return tuple(model_paths())
+
+
+def name_of(model_class: type[Model]) -> str:
+    """The name by which `find` returns this class.
+
+    It is the registered name, or "package.module:attribute". A class that cannot be imported again, such as
+    one of a notebook's cell, has a name that holds in this Python process only (see `importable`).
+    """
+    if (file := getattr(model_class, "model_file", None)) is not None:
+        return str(file)
+    name = classes().get(model_class.__qualname__)
+    if name is not None and find(name) is model_class:
+        return name
+    own = f"{model_class.__module__}:{model_class.__qualname__}"
+    if model_class.__module__ != "__main__":
+        try:
+            if find(own) is model_class:
+                return own
+        except ModelError:
+            pass
+    name = f"{_SESSION_PREFIX}{model_class.__name__}"
+    _SESSION_CLASSES[name] = model_class
+    return name
+
+
+def importable(name: str) -> bool:
+    """Whether another Python process finds the model of this name."""
+    return not name.startswith(_SESSION_PREFIX)
+
+
+def find(name: str, folders: Sequence[Path] = ()) -> type[Model]:
+    """The class of a registered model, or of a user's: "package.module:attribute", or a model file's path.
+
+    Args:
+        name: a registered name, the module and name of the user's class, or the path of a model file (.yaml).
+        folders: folders whose modules may be imported, in addition to the working directory and installed
+            packages.
+
+    Raises:
+        ModelError: the name is unknown (with the near miss), the module cannot be imported, or the attribute
+            is missing or not a model; or the model file is missing or has errors.
+
+    Example:
+        >>> import gaitsweep as gs
+        >>> hopper = gs.models.find("gaitsweep.examples.hopper:Hopper")()
+        >>> {quantity.name: quantity.default for quantity in hopper.parameters}
+        {'push': 2.6, 'restitution': 0.7, 'omega': 12.0, 'g': 9.81}
+    """
+    return held_result(("model", name, Path.cwd(), *folders), lambda: _find(name, folders))
+
+
+def _find(name: str, folders: Sequence[Path]) -> type[Model]:
+    """`find` without the memory of earlier calls."""
+    if name in _SESSION_CLASSES:
+        return _as_model(name, _SESSION_CLASSES[name])
+    if name.endswith(_MODEL_FILE_ENDINGS):
+        return _of_model_file(name, [*folders, Path.cwd()])
+    paths = model_paths()
+    path = paths.get(name, name)
+    if ":" not in path:
+        near = near_miss.suggestion(name, names())
+        raise ModelError(f"is {name}, which is not a known model{near} Or {_OWN_MODEL_HINT}.")
+    module_name, _, attribute = path.partition(":")
+    if module_name.endswith(".py"):
+        written = f"{Path(module_name).stem}:{attribute}"
+        raise ModelError(f"is {name}, but a file must be named without folder and ending: write {written}.")
+    if not all(part.isidentifier() for part in module_name.split(".")) or not attribute.isidentifier():
+        raise ModelError(f"is {name}, which is not a valid name; {_OWN_MODEL_HINT}.")
+    module = _import(name, module_name, [] if name in paths else [*folders, Path.cwd()])
+    if not hasattr(module, attribute):
+        classes = {key: member for key, member in vars(module).items() if inspect.isclass(member)}
+        own = {key: member for key, member in classes.items() if issubclass(member, Model)}
+        package = module_name.partition(".")[0]  # not the bases, which a user's module imports from here
+        in_package = [key for key, member in own.items() if member.__module__.partition(".")[0] == package]
+        near = near_miss.suggestion(attribute, in_package)
+        raise ModelError(f"is {name}, but {module_name} has no {attribute}{near}")
+    return _as_model(name, getattr(module, attribute))
+
+
+def _of_model_file(name: str, folders: Sequence[Path]) -> type[Model]:
+    """The class of a model file, whose path is relative to one of these folders or of Python's path."""
+    from gaitsweep.dynamics.controllers.model_file import model_of_file
+
+    files = [folder / name for folder in [*folders, *map(Path, sys.path), EXAMPLES]]
+    file = next((file for file in files if file.is_file()), None)
+    if file is None:
+        own = list(dict.fromkeys(folder.resolve() for folder in folders))
+        places = " and ".join(map(str, own))
+        beside = [path.name for folder in own for path in folder.glob("*.yaml")]
+        near = near_miss.nearest(Path(name).name, beside)
+        meant = f"; did you mean {near}?" if near else "."
+        raise ModelError(f"is {name}, but there is no such file in {places}{meant}")
+    try:
+        return model_of_file(file)
+    except (JobError, ValueError, OSError) as error:
+        raise ModelError(f"is {name}, which cannot be read: {str(error).rstrip('.')}.") from error
+
+
+def find_of_table(attrs: Mapping[Any, Any], *, trust: bool = False) -> type[Model]:
+    """The class of the model that made a table.
+
+    The table's directory names the model, and importing a module runs its code. A user's model is therefore
+    imported only from Python's import path and the working directory, and not from the result directory or
+    the folder named in its manifest, unless `trust` is set.
+
+    Args:
+        attrs: the table's `.attrs`.
+        trust: whether to search these two folders too.
+
+    Raises:
+        ModelError: as `find`; or the code is in one of these two folders, without `trust`.
+    """
+    name = attrs.get("job", {}).get("model")
+    if not isinstance(name, str):
+        raise ModelError(f"is {name!r}, which is not a name.")
+    directory = Path(attrs.get("path", Path.cwd()))
+    named = attrs.get("manifest", {}).get(MODEL_FOLDER)
+    # folders that came with the table, whose author may be a stranger
+    folders_of_table = [directory / named, directory] if isinstance(named, str) else [directory]
+    if name.endswith(_MODEL_FILE_ENDINGS):  # data, which runs no code
+        # the manifest names the folder of the file itself
+        local = next((path for path in (Path(name).name, name) if _is_in(path, folders_of_table)), name)
+        return find(local, folders_of_table)
+    top = name.partition(":")[0].partition(".")[0]
+    if (
+        trust
+        or name in model_paths()
+        or name in _SESSION_CLASSES
+        or top in sys.modules
+        or not top.isidentifier()
+    ):
+        return find(name, [folder for folder in folders_of_table if folder.is_dir()] if trust else ())
+    own_place = _source_of(top, [*sys.path, str(Path.cwd())])
+    if own_place is not None and own_place.parent.resolve().is_relative_to(directory.resolve()):
+        folders_of_table = [own_place.parent]  # the working directory is the stranger's
+        own_place = None
+    sources = (_source_of(top, [str(folder)]) for folder in folders_of_table)
+    place = next((source.resolve() for source in sources if source is not None), None)
+    if own_place is None and place is not None:
+        raise ModelError(
+            f"is {name}, whose code is in {place}: it came with {directory} and would run with your "
+            "permissions. Use --trust (trust=True in Python) if you trust its author, or put the module into "
+            "the working directory or on PYTHONPATH."
+        )
+    return find(name)
+
+
+def _is_in(file: str, folders: Sequence[Path]) -> bool:
+    """Whether one of these folders has a file."""
+    return any((folder / file).is_file() for folder in folders)
+
+
+def _source_of(top: str, folders: list[str]) -> Path | None:
+    """The file or folder from which a module or package would be imported; nothing is imported."""
+    spec = importlib.machinery.PathFinder.find_spec(top, folders)
+    places = [] if spec is None else [spec.origin, *(spec.submodule_search_locations or ())]
+    return next((Path(place).absolute() for place in places if place is not None), None)
+
+
+def _as_model(name: str, member: object) -> type[Model]:
+    """The attribute of a module as a model; refuses one that is not a complete model."""
+    if not inspect.isclass(member) or not issubclass(member, (HybridModel, SteppedModel)):
+        raise ModelError(f"is {name}, which is not a model: derive it from HybridModel or SteppedModel.")
+    if inspect.isabstract(member):
+        missing = ", ".join(sorted(member.__abstractmethods__))
+        raise ModelError(f"is {name}, which is not a complete model: it lacks {missing}.")
+    return member
+
+
+def _import(name: str, module_name: str, folders: list[Path]) -> object:
+    """The module of a model; the folders, if there are any, are those of a user's modules."""
+    try:
+        with _importable(folders):
+            with data_files() as read:
+                module = importlib.import_module(module_name)
+            if folders:
+                _DATA_FILES.setdefault(module, {}).update(read)
+                module = _reloaded_if_edited(module)
+    except ModuleNotFoundError as error:
+        reason = _reason_not_found(module_name, error.name, folders) or _reason_raised(error)
+        raise ModelError(f"is {name}, but {module_name} cannot be imported: {reason}") from error
+    except (Exception, SystemExit) as error:  # a user's module may raise any exception, which is reported
+        raise ModelError(
+            f"is {name}, but {module_name} cannot be imported: {_reason_raised(error)}"
+        ) from error
+    _refuse_namesake(name, module_name, folders)
+    return module
+
+
+def _reason_raised(error: BaseException) -> str:
+    """Format an exception by its type and message."""
+    return f"{type(error).__name__}: {str(error).rstrip('.')}."
+
+
+def _reason_not_found(module_name: str, missing: str | None, folders: list[Path]) -> str | None:
+    """The message that a user's module does not exist, or None if an import inside it failed."""
+    if missing is None or not f"{module_name}.".startswith(f"{missing}."):
+        return None
+    *package, last = missing.split(".")
+    places = list(dict.fromkeys(folder.resolve().joinpath(*package) for folder in folders))
+    places = [place for place in places if place.is_dir()]
+    if not places:
+        return None
+    near = near_miss.nearest(last, sorted({module for place in places for module in modules_in(place)}))
+    meant = "." if near is None else f"; did you mean {'.'.join([*package, near])}?"
+    looked = " and ".join(str(place) for place in places)
+    return f"no module of that name is installed or in {looked}{meant}"
+
+
+def _reloaded_if_edited(module: ModuleType) -> ModuleType:
+    """The user's module, reloaded together with the modules beside it if one of their files has changed.
+
+    Changes in data files that they read on import count too.
+    """
+    if installed(module):
+        return module
+    now = _stamps(module)
+    edited = any(_STAMPS.get(sys.modules[name], stamp) != stamp for name, stamp in now.items())
+    if edited or any(_is_changed(file, stamp) for file, stamp in _DATA_FILES.get(module, {}).items()):
+        with data_files() as read:
+            for name in now:
+                importlib.reload(sys.modules[name])
+        _DATA_FILES[sys.modules[module.__name__]] = read
+        now = _stamps(module) | now  # an edit may add imports; files written meanwhile are detected next time
+    for name, stamp in now.items():
+        _STAMPS[sys.modules[name]] = stamp
+    return sys.modules[module.__name__]
+
+
+def _is_changed(file: Path, stamp: Stamp) -> bool:
+    """Whether a file is gone or was written since its stamp."""
+    return not file.is_file() or stamp_of(file) != stamp
+
+
+def _stamps(module: ModuleType) -> dict[str, Stamp]:
+    """The stamps of a user's module and of the loaded modules beside it."""
+    return {name: stamp_of(file) for name, file in modules_beside(module).items() if name in sys.modules}
+
+
+@contextmanager
+def _importable(folders: list[Path]) -> Iterator[None]:
+    """Append folders to the import path, so that a user's file does not hide an installed package."""
+    added = [str(folder.resolve()) for folder in folders]
+    sys.path.extend(added)
+    importlib.invalidate_caches()
+    try:
+        yield
+    finally:
+        for folder in added:
+            sys.path.reverse()
+            sys.path.remove(folder)
+            sys.path.reverse()
+
+
+def _refuse_namesake(name: str, module_name: str, folders: list[Path]) -> None:
+    """Refuse a module if another one of the same name has been loaded, since that would be used instead."""
+    top = module_name.partition(".")[0]
+    loaded = getattr(sys.modules.get(top), "__file__", None)
+    for folder in folders:
+        spec = importlib.machinery.PathFinder.find_spec(top, [str(folder.resolve())])
+        if spec is not None and spec.origin is not None:
+            if loaded is not None and Path(loaded).resolve() != Path(spec.origin).resolve():
+                other = f"another module {top} has been loaded from {loaded}"
+                raise ModelError(f"is {name}, but {other}: rename {spec.origin}.")
+            return
