@@ -23,6 +23,18 @@ class Wells(gs.MapModel):
         return {"x": s.x - p.pull * (s.x - p.edge) * (s.x**2 - 1.0)}
 
 
+class Sheared(gs.MapModel):
+    """A map with one multiplier, twice, and a shear, by which deviations grow before they decay."""
+
+    shear = gs.parameter("1", "shear", 0.0)
+    keeps = gs.parameter("1", "multiplier", 0.5)
+    x = gs.variable("1", "first coordinate", 0.0)
+    y = gs.variable("1", "second coordinate", 0.1)
+
+    def image(self, p: Any, s: Any) -> dict[str, Any]:
+        return {"x": p.keeps * s.x + p.shear * s.y, "y": p.keeps * s.y}
+
+
 STARTS = np.linspace(-1.4, 1.4, 141)  # 0.02 apart
 
 
@@ -67,6 +79,26 @@ def test_what_does_not_follow_is_missing() -> None:
     assert np.isnan(quantified[["resilience", "within"]].to_numpy(float)).all()
     without = gs.quantifiers(plain.drop(columns="x_end").assign(attractor="A"), "edge")
     assert np.isnan(without["least_shock"].to_numpy(float)).all()
+
+
+def test_deviations_of_a_non_normal_map_grow_before_they_decay(table: Any) -> None:
+    """The nth power of ((m, s), (0, m)) has the norm m^n (c + sqrt(c^2 + 4)) / 2, with c = n s / m."""
+    starts, keeps, n = np.linspace(-1.0, 1.0, 4), 0.8, np.arange(60)
+    sheared = gs.sweep(Sheared(), y_0=starts, shear=[0.0, 1.0, 3.0], keeps=keeps, run=gs.Settle()).table
+    quantified = gs.quantifiers(sheared, "shear", amplification=True)
+    c = np.array([0.0, 1.0, 3.0])[:, None] * n / keeps
+    exact = (keeps**n * (c + np.sqrt(c**2 + 4.0)) / 2.0).max(axis=1)
+    assert exact[2] > 5.0
+    np.testing.assert_allclose(quantified["amplification"], exact, rtol=1e-9)
+    # a unit of y that is 10 times larger makes the shear as much stronger
+    scaled = gs.quantifiers(sheared, "shear", scales={"y_0": 10.0}, amplification=True)
+    c = np.array([0.0, 10.0, 30.0])[:, None] * n / keeps
+    exact = (keeps**n * (c + np.sqrt(c**2 + 4.0)) / 2.0).max(axis=1)
+    np.testing.assert_allclose(scaled["amplification"], exact, rtol=1e-9)
+    # one coordinate has no shear
+    np.testing.assert_array_equal(gs.quantifiers(table, "edge", amplification=True)["amplification"], 1.0)
+    with pytest.raises(AnalysisError, match="has no job"):
+        gs.quantifiers(pd.DataFrame(sheared.to_dict()), "shear", amplification=True)
 
 
 def test_bad_arguments_are_refused(table: Any) -> None:
