@@ -152,10 +152,12 @@ def rare_falls(
     if not scales or min(scales) < 1.0:
         raise AnalysisError("scales must be numbers of 1 or more.")
     walk = _Walk(mapping, values, starts, noise, draws, seed, steps)
-    pilots = {scale: walk.windows(scale, _PILOT) for scale in scales}
     half = 0.5 + 0.5 * level
-    if walk.plain.fell >= _COMMON:
-        return _of_plain_steps(walk, rounds, half)
+    pilots: dict[float, _Windows] = {}
+    for scale in scales:
+        pilots[scale] = walk.windows(scale, _PILOT)
+        if walk.plain.fell >= _COMMON:
+            return _of_plain_steps(walk, rounds, half)
     best = min(pilots, key=lambda scale: pilots[scale].error)
     if not np.isfinite(pilots[best].error):
         raise TooFewFallsError(

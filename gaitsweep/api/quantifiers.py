@@ -148,7 +148,8 @@ class _Amplifications:
         numbers = rows["row"].to_numpy(np.int64)
         values = design.at(numbers, [q.name for q in design.model.parameters])
         starts = design.at(numbers, [q.name for q in design.model.initial_conditions])
-        settled, _ = self._once.settled(starts, values, int(rows["cycles"].max()))
+        cycles = int(np.max(rows["cycles"].to_numpy(np.int64)))
+        settled, _ = self._once.settled(starts, values, cycles)
         conserved = [quantity.name for quantity in self._once.conserved]
         gaits = newton(self._once.iterated(period), settled, values, fix=conserved)
         jacobians = self._jacobians(gaits.points, values, period)

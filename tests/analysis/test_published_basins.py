@@ -172,7 +172,7 @@ def test_a_magnetic_pendulum() -> None:
 def test_a_magnetic_pendulum_loses_the_third_magnet() -> None:
     """Three places of rest above a strength of 0.22, two below 0.2 (test/continuation of Attractors.jl)."""
     n, strengths = 1000, [1.0, 0.5, 0.24, 0.18, 0.0]
-    ranges = dict.fromkeys(("x_0", "y_0"), (-3.0, 3.0))
+    ranges = {"x_0": (-3.0, 3.0), "y_0": (-3.0, 3.0)}
     table = settled(Pendulum(), gs.Settle(max_cycles=200), n, ranges, third=strengths, omega=0.5, height=0.3)
     assert set(table["status"]) == {"at_rest"}
     ends = np.round(table[["x_end", "y_end"]].to_numpy(), 2)

@@ -70,7 +70,7 @@ def quantifiers(
     records = _records(table, parameter, label, shares, space, axes)
     quantified = pd.DataFrame(records, columns=[parameter, label, *_COLUMNS])
     if amplifications is not None:
-        places, rows = _settled_rows(table, quantified[[parameter, label]], parameter, label)
+        places, rows = _settled_rows(table, quantified, parameter, label)
         growths = np.full(len(quantified), np.nan)
         growths[places] = amplifications(table.iloc[rows])
         quantified["amplification"] = growths
@@ -80,7 +80,13 @@ def quantifiers(
 def _settled_rows(
     table: pd.DataFrame, attractors: pd.DataFrame, parameter: str, label: str
 ) -> tuple[list[int], list[int]]:
-    """One settled row of each attractor that has one, by their places in `attractors` and the table."""
+    """One settled row of each attractor that has one, by their places in `attractors` and the table.
+
+    Args:
+        table: the settle table.
+        attractors: one record for each attractor and value of the parameter.
+        parameter, label: the columns of the parameter and of the attractors, in both.
+    """
     is_settled = (table["status"].astype(str) == Status.settled.name).to_numpy()
     settled = np.flatnonzero(is_settled & (table["attractor_period"].to_numpy(float) > 0))
     values, names = table[parameter].to_numpy(float)[settled], table[label].astype(str).to_numpy()[settled]
