@@ -69,8 +69,8 @@ FAULTS = {
         Fault("swing doubled", _CHAIN + "state.py", "slope = p.a / (", "slope = 2.0 * p.a / ("),
         Fault("head as heavy as inner legs", _CHAIN + "parameters.py",
               '"mass of the head\'s segment", "m_B"', '"mass of the head\'s segment", "m"'),
-        Fault("psi of the leg behind", _CHAIN + "model.py", "psi = wrapped(state.phi[1:] - state.phi[:-1])",
-              "psi = wrapped(state.phi[:-1] - state.phi[1:])"),
+        Fault("psi of the leg behind", _CHAIN + "model.py", "wrapped(state.phi[1:] - state.phi[:-1])",
+              "wrapped(state.phi[:-1] - state.phi[1:])"),
         Fault("starts from the tail", _CHAIN + "model.py",
               '*(start[f"psi_{i}"] for i in range(1, self.N + 1))',
               '*(start[f"psi_{i}"] for i in range(self.N, 0, -1))'),
@@ -105,7 +105,7 @@ FAULTS = {
               'leg.endswith("F")', 'leg.endswith("H")'),
         Fault("slow half of the path from its other end", _PLANAR + "parameters.py",
               '"min(sigma, 0.5)"', '"min(1 - sigma, 0.5)"'),
-        Fault("pitch, a sign", _PLANAR + "readings.py", '"pitch": s.q[PITCH]', '"pitch": -s.q[PITCH]'),
+        Fault("pitch, a sign", _PLANAR + "state.py", '"pitch": s.q[PITCH]', '"pitch": -s.q[PITCH]'),
     ),
 }  # fmt: skip
 

@@ -14,10 +14,20 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_BAND = 0.2  # inches: height of the band added on top of the figure
+_BAND = 0.2  # inches: height of the band added on top of the figure, with one line of remarks
+_LINE = 0.13  # inches: height of each further line
+_MARGIN = 0.05  # inches: between the remarks and the figure's right edge
+_BOLD = 1.15  # width of bold letters, in widths of usual ones
 _TITLE = 0.22  # inches: height of the title
 _LETTERED = "panel with its letter"
-_LOOK: dict[str, Any] = {"fontsize": 7.5, "color": "#B00020", "weight": "bold", "ha": "right", "va": "center"}
+_SIZE = 7.5  # pt, of remarks
+_LOOK: dict[str, Any] = {
+    "fontsize": _SIZE,
+    "color": "#B00020",
+    "weight": "bold",
+    "ha": "right",
+    "va": "center",
+}
 
 
 def remarks(table: pd.DataFrame) -> list[str]:
@@ -89,25 +99,30 @@ def letter_panels(axes_of_figure: Sequence[Axes], letters: Sequence[str] | bool)
 def mark(figure: Figure | Axes, notes: list[str]) -> None:
     """Write remarks above the right corner of a panel, or of a figure, in an added band."""
     text = "; ".join(notes)
-    if not notes or text in (label.get_text() for label in figure.texts):  # one figure may draw another
+    written = (" ".join(label.get_text().split()) for label in figure.texts)
+    if not notes or text in written:  # one figure may draw another
         return
     from matplotlib.figure import Figure  # jobs are read without Matplotlib
+
+    from gaitsweep.plot.figure_layout import wrapped
 
     if not isinstance(figure, Figure):
         figure.text(1.0, 1.0, text, transform=figure.transAxes, **{**_LOOK, "va": "bottom"})
         return
     width, height = figure.get_size_inches()
-    band = _BAND / (height + _BAND)
-    figure.set_size_inches(width, height + _BAND)
+    text = wrapped(text, width - 2.0 * _MARGIN, _BOLD * _SIZE)
+    added = _BAND + _LINE * text.count("\n")
+    band = added / (height + added)
+    figure.set_size_inches(width, height + added)
     above_panels = band
     title = getattr(figure, "_suptitle", None)
     if title is not None:  # the layout would move the title into the band, so it is placed below by hand
         title.set_y(1.0 - band)
         title.set_in_layout(False)
         title._autopos = False
-        above_panels += _TITLE / (height + _BAND)
+        above_panels += _TITLE / (height + added)
     engine = figure.get_layout_engine()
     if engine is not None:
         left, low, share_of_width, _ = engine.get()["rect"]
         engine.set(rect=(left, low, share_of_width, 1.0 - above_panels))  # pyright: ignore[reportCallIssue]
-    figure.text(1.0 - 0.05 / width, 1.0 - 0.5 * band, text, **_LOOK)
+    figure.text(1.0 - _MARGIN / width, 1.0 - 0.5 * band, text, **_LOOK)

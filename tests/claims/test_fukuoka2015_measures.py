@@ -130,7 +130,7 @@ def test_loads_of_pairs() -> None:
     assert leg_measures.late_tilt(table, gait="L-walk") == pytest.approx(
         [tilt_of_pair / 0.02 for tilt_of_pair in tilt], rel=0.01
     )
-    with pytest.raises(MeasureError, match="no column weight"):
+    with pytest.raises(MeasureError, match="weight is not a column of the table"):
         leg_measures.pair_measure(table, gait="L-walk", pair=1, measure="weight")
     with pytest.raises(MeasureError, match="measure == 'weight'"):
         leg_measures.rule_agreement(table, measure="weight")

@@ -75,7 +75,7 @@ def test_every_claim_has_a_verdict(
         "multilegged_reduced",
         "defaults",
     ]
-    assert "no column nothing" in result.loc["not_there", "why"]
+    assert "nothing is not a column of the table" in result.loc["not_there", "why"]
     assert result.loc["all_settle", "command"].startswith("gaitsweep run ")
     message = capsys.readouterr().out
     assert "1 of 5 claims reproduced, 2 not reproduced, 2 not run." in message

@@ -256,9 +256,21 @@ LINES: list[tuple[int, str, list[str]]] = [
     (7, "numerics: {dt: 0}", ["line 7", "numerics.dt is 0", "above 0"]),
     (7, "numerics: {dt: small}", ["line 7", "numerics.dt", "small is unknown"]),
     (7, "numerics: {dT: 1e-3}", ["line 7", "numerics.dT", "did you mean dt?"]),
-    (7, "numerics: {method: euler}", ["line 7", "numerics.method", "Allowed: auto, tsit5, taylor, rk4"]),
-    (7, "numerics: {method: propagator6}", ["line 7", "linear in the state", "Allowed: tsit5, taylor, rk4."]),
-    (7, "numerics: {method: semi_implicit}", ["line 7", "toy does not have", "Allowed: tsit5, taylor, rk4."]),
+    (
+        7,
+        "numerics: {method: euler}",
+        ["line 7", "numerics.method", "Allowed: auto, tsit5, taylor, rodas5p, rk4"],
+    ),
+    (
+        7,
+        "numerics: {method: propagator6}",
+        ["line 7", "linear in the state", "Allowed: tsit5, taylor, rodas5p, rk4."],
+    ),
+    (
+        7,
+        "numerics: {method: semi_implicit}",
+        ["line 7", "toy does not have", "Allowed: tsit5, taylor, rodas5p, rk4."],
+    ),
     (7, "numerics: {precision: float16}", ["line 7", "numerics.precision", "Allowed: float64, float32"]),
     (
         7,

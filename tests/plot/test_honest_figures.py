@@ -56,6 +56,20 @@ def test_a_table_that_is_not_complete_is_marked(kind: str, table: pd.DataFrame, 
         assert highest <= title.get_window_extent().y0 + 1.0
 
 
+def test_long_remarks_are_broken_into_lines_of_the_figures_width() -> None:
+    table = settle_table()
+    differences = {"status_differs": 8, "count_differs": 2, "moved": 3, "gait_differs": 4}
+    table.attrs["manifest"] = {"self_check": {"verdict": "warned", "rows": 32, **differences}}
+    figure = plot.draw("basin", table, x="psi_1", y="psi_2", panels="psi_3", width="column")
+    (text,) = corner(figure)
+    assert text.count("\n") >= 1
+    (mark,) = [text for text in figure.texts if text.get_color() == "#B00020"]
+    box = mark.get_window_extent()
+    assert box.x0 >= 0.0
+    assert box.x1 <= figure.bbox.x1
+    assert max(axes.get_tightbbox().y1 for axes in figure.axes) <= box.y0  # type: ignore[union-attr]
+
+
 def test_every_kind_is_marked() -> None:
     assert all(hasattr(plot.drawing_function(figure), "__wrapped__") for figure in FIGURES.values())
     assert all(getattr(plot, kind) is plot.drawing_function(figure) for kind, figure in FIGURES.items())

@@ -20,7 +20,9 @@ import jax.numpy as jnp
 
 from gaitsweep.contract import HybridModel, Params, Rates, State
 from gaitsweep.engine.carry import Flag, Number
+from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.solver.method import Estimate
+from gaitsweep.engine.stored_programs import stored
 
 Vector = list[Number]  # the numbers of a state, or their rates
 Matrix = list[Vector]  # the rows of a matrix
@@ -88,13 +90,20 @@ def rodas5p(model: HybridModel) -> Estimate:
     return step
 
 
+@cached_by_content(maxsize=64)
 def too_many_variables(model: HybridModel) -> int | None:
     """The number of continuous variables of a model if it is above `MAX_VARIABLES`, else None."""
+    # stored, since every job that leaves the method open asks for it
+    size: int = stored("continuous_variables", model, (), lambda: _count_variables(model))
+    return size if size > MAX_VARIABLES else None
+
+
+def _count_variables(model: HybridModel) -> int:
+    """The number of continuous variables of a model, by tracing it."""
     number = jax.ShapeDtypeStruct((), jnp.float64)
     params = jax.eval_shape(model.params, {q.name: number for q in model.parameters})
     state = jax.eval_shape(model.init, params, {q.name: number for q in model.initial_conditions})
-    size = _layout(model, params, state).size
-    return size if size > MAX_VARIABLES else None
+    return _layout(model, params, state).size
 
 
 @dataclasses.dataclass(frozen=True)
