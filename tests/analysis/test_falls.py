@@ -78,22 +78,23 @@ def test_rare_falls_of_a_wheel_are_those_of_its_transition_matrix(
 
 @pytest.mark.slow
 def test_falls_along_parameters_are_those_of_the_transition_matrix() -> None:
-    """Common and rare falls over two parameters, within 4 standard errors and 20 %; 8 rounds give 5 %."""
-    wheel = gs.return_map(RimlessWheel(), roughness=[0.2, 0.06, 0.03], slope=[0.12, SLOPE])
-    table: Any = wheel.steps_to_fall("roughness", drawn, rounds=8)
+    """Common and rare falls over two parameters, within 4 standard errors and 20 %; 6 rounds give 5 %."""
+    both = {"roughness": [0.2, 0.06, 0.03], "slope": [0.12, SLOPE, 0.13]}
+    wheel = gs.return_map(RimlessWheel(), zip=both)
+    table: Any = wheel.steps_to_fall("roughness", drawn, rounds=6)
     exact = [by_matrix(row.roughness, 800, row.slope) for row in table.itertuples()]
     assert exact[0] < 5.0
-    assert exact[-1] > 1e4
+    assert exact[2] > 1e3
     np.testing.assert_allclose(table["steps"], exact, rtol=0.2)
     widths = np.log(table["high"] / table["low"])
     assert (np.abs(np.log(table["steps"] / exact)) < widths).all()
-    assert (table["scale"][:4] == 1.0).all()
-    assert table["scale"][5] > 1.0
+    assert (table["scale"][:2] == 1.0).all()
+    assert table["scale"][2] > 1.0
     assert (table["note"] == "").all()
     # plain steps do not meet the rarest falls
-    two = gs.return_map(RimlessWheel(), roughness=[0.2, 0.02], slope=[SLOPE])
-    few: Any = two.steps_to_fall("roughness", drawn, rounds=2, scales=[1.0])
-    assert few["steps"].isna().tolist() == [False, True]
+    rare = gs.return_map(RimlessWheel(), zip={"roughness": [0.02], "slope": [SLOPE]})
+    few: Any = rare.steps_to_fall("roughness", drawn, rounds=2, scales=[1.0])
+    assert few["steps"].isna().tolist() == [True]
     assert few["note"].iloc[-1].startswith("fewer than 20 falls")
 
 
