@@ -2,6 +2,6 @@
 
 `sweep.py`: sweep, perturb; `simulate.py`: simulate; `run.py`: run; `result.py`: the result of a run, whose
 figures are those of `figures_of_table.py`; `maps.py`: return_map; `stationary.py`: stationary; `atlas.py`:
-atlas; `fits.py`: search, sensitivity; `simulator.py`: simulator. `keywords.py` makes jobs of models and
-keywords.
+atlas; `quantifiers.py`: quantifiers; `fits.py`: search, sensitivity; `simulator.py`: simulator. `keywords.py`
+makes jobs of models and keywords.
 """
