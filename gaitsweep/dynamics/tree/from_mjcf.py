@@ -148,11 +148,14 @@ def compiled(source: mujoco.MjModel | str | Path) -> mujoco.MjModel:
     Raises:
         ValueError: MuJoCo refuses the XML.
         FileNotFoundError: there is no file at the path.
+        IsADirectoryError: there is a folder.
     """
     if isinstance(source, mujoco.MjModel):
         return source
     if isinstance(source, str) and source.lstrip().startswith("<"):
         return mujoco.MjModel.from_xml_string(source)
+    if Path(source).is_dir():
+        raise IsADirectoryError(f"The MJCF {source} is a folder, but must be a file.")
     if not Path(source).is_file():
         raise FileNotFoundError(f"The MJCF {source} does not exist.")
     return mujoco.MjModel.from_xml_path(str(source))
