@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,12 +15,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from gaitsweep.dynamics.controllers.joint_torques import control_of_legs
 from gaitsweep.dynamics.controllers.leg_targets import Targets
 from gaitsweep.dynamics.controllers.oscillators import LegSenses
 from gaitsweep.dynamics.declarations import observable, parameter, signal, variable
 from gaitsweep.dynamics.event_declarations import event
 from gaitsweep.dynamics.footfalls import LEGS, footfalls
-from gaitsweep.dynamics.mjcf.source import identifier, keyframe_number
+from gaitsweep.dynamics.mjcf.source import identifier
 from gaitsweep.dynamics.tree import tilt_and_heading
 
 if TYPE_CHECKING:
@@ -93,7 +94,7 @@ class ControlledBody:
             members["kd"] = parameter("N m s/rad", "velocity gain of motors", controller.kd, low=0.0)
         members |= {
             "clock": variable("s", "time since the section", observed=False, signal=False),
-            "control": self._control(),
+            "control": control_of_legs(self.m, self.file, self.targets, self.actuators),
             "rates": rates,
             "period": period,
             "force": signal("N", "force of the ground on foot", count=len(names))(force),
@@ -101,27 +102,6 @@ class ControlledBody:
         if oscillators.resets:
             members["landing"] = self._landing()
         return members
-
-    def _control(self) -> Callable[[Any, Any, Any], Float[Array, " nu"]]:
-        """The function `control` of the model."""
-        m = self.m
-        keyframe = keyframe_number(m, self.file.keyframe)
-        resting = np.zeros(m.nu) if keyframe is None else np.array(m.key_ctrl[keyframe])
-
-        def control(model: Any, params: Any, state: Any) -> Float[Array, " nu"]:
-            place, lift = self.file.controller.oscillators.pattern(params, state)
-            controls: list[Any] = [float(number) for number in resting]
-            for joint, target in self.targets.of_joints(model, params, place, lift).items():
-                k = self.actuators[joint]
-                if follows_targets(m, k):
-                    controls[k] = target
-                    continue
-                error = target - model.position(state, joint)
-                force = params.kp * error - params.kd * model.rate(state, joint)
-                controls[k] = force / (float(m.actuator_gear[k, 0]) * float(m.actuator_gainprm[k, 0]))
-            return jnp.stack([jnp.asarray(value, float) for value in controls])
-
-        return control
 
     def _landing(self) -> Any:
         """The event of landing feet, which reset their oscillators."""
@@ -245,11 +225,6 @@ def model_class(
     }
     class_: Any = type(_class_name(path), (base,), members)
     return class_
-
-
-def follows_targets(m: Any, k: int) -> bool:
-    """Whether actuator `k` of a compiled MJCF is a position servo, whose control is a target."""
-    return bool(m.actuator_biasprm[k, 1])
 
 
 def _class_name(path: Path) -> str:

@@ -26,6 +26,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, ValidationError
 
 from gaitsweep.dynamics.body.body_model import BodyModel
+from gaitsweep.dynamics.controllers.joint_torques import follows_targets
 from gaitsweep.dynamics.controllers.leg_targets import (
     FootPath,
     FootPaths,
@@ -39,7 +40,6 @@ from gaitsweep.dynamics.controllers.model_class import (
     UNCONTROLLED,
     ControlledBody,
     Leg,
-    follows_targets,
     model_class,
 )
 from gaitsweep.dynamics.controllers.oscillators import OSCILLATORS, Oscillators
