@@ -31,6 +31,7 @@ from gaitsweep.dynamics.diffusion import PATH, SEED, Diffusion, begun_path
 from gaitsweep.dynamics.event_declarations import Event, SingleEvent
 from gaitsweep.dynamics.footfalls import Footfalls
 from gaitsweep.dynamics.ground import Ground, asks_for_ground, check_ground, ground_quantities
+from gaitsweep.dynamics.sliding import Sliding
 from gaitsweep.expression import RESERVED
 from gaitsweep.near_miss import suggestion
 from gaitsweep.run_columns import COLUMNS, time_column
@@ -182,6 +183,7 @@ class Declared(Model):
         cls._refuse_names()
         cls._refuse_events_without_section()
         cls._refuse_footfalls()
+        cls._refuse_sliding()
         sizes = cls._default_sizes()
         counts = cls._named_counts()
         for name, count in counts.items():
@@ -225,6 +227,17 @@ class Declared(Model):
         if cls.gaits not in (Declared.gaits, feet.gaits) and cls.label is Declared.label:
             remedy = f"leave gaits out, which then are {', '.join(feet.gaits)}, or write label"
             raise TypeError(f"{cls.__name__} has footfalls and gaits of its own without label: {remedy}.")
+
+    @classmethod
+    def _refuse_sliding(cls) -> None:
+        """Refuse a surface of sliding that the flow does not know, or beside another."""
+        surfaces = cls._named(Sliding)
+        if len(surfaces) > 1:
+            names = " and ".join(surfaces)
+            raise TypeError(f"{cls.__name__} declares the surfaces of sliding {names}; only one is allowed.")
+        for name, surface in surfaces.items():
+            if getattr(getattr(cls, "flow", None), "sliding", None) is not surface:
+                raise TypeError(f"{cls.__name__} declares {name} as sliding: write @{name}.flow above flow.")
 
     @classmethod
     def _named_counts(cls) -> dict[str, str]:
@@ -302,7 +315,10 @@ class Declared(Model):
     def declared_events(cls) -> list[Event]:
         """The declared events, each once."""
         # an event whose jump has another name is in the class twice
-        return list(dict.fromkeys(cls._named(Event).values()))
+        events = dict.fromkeys(cls._named(Event).values())
+        for surface in cls._named(Sliding).values():
+            events |= dict.fromkeys(surface.events)
+        return list(events)
 
     def single_events(self) -> list[SingleEvent]:
         """The declared events, one for each component and direction."""
