@@ -82,7 +82,7 @@ def _like(old: jax.Array, value: Any) -> jax.Array:
     return jnp.broadcast_to(jnp.asarray(value, old.dtype), old.shape)
 
 
-_DECLARED = (Parameter, Variable, Mode, Reading, Event, Symmetry, Footfalls, Diffusion)
+_DECLARED = (Parameter, Variable, Mode, Reading, Event, Symmetry, Footfalls, Diffusion, Sliding)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -114,7 +114,8 @@ class Declared(Model):
             cls.gaits = feet.gaits
         cls.Params = _record(cls, "Params", [*cls._named(Parameter), *cls._other_parameters()])
         more = cls._added_fields()
-        cls.State = _record(cls, "State", [*cls._named(Variable), *cls._named(Mode), *more])
+        modes = [*cls._named(Mode), *cls._named(Sliding)]
+        cls.State = _record(cls, "State", [*cls._named(Variable), *modes, *more])
 
     @classmethod
     def _inherited(cls) -> dict[str, Any]:
@@ -244,7 +245,7 @@ class Declared(Model):
         """The fields of the structure that declarations name as their count, by the declaration."""
         counts: dict[str, str] = {}
         for name, declared in cls.declarations.items():
-            if not isinstance(declared, Symmetry | Diffusion) and isinstance(declared.count, str):
+            if not isinstance(declared, Symmetry | Diffusion | Sliding) and isinstance(declared.count, str):
                 counts[name] = declared.count
         return counts
 
@@ -424,6 +425,8 @@ class Declared(Model):
             fields[name] = declaration.at_start(
                 self, [start.get(q.name, q.default) for q in declaration.starts(self, name)]
             )
+        for name in self._named(Sliding):
+            fields[name] = jnp.asarray(1)  # before the variables decide it
         if (feet := self._feet()) is not None:
             fields[STEPS] = feet.begun(fields[feet.clock])
         if self._diffusion() is not None:

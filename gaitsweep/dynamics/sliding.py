@@ -15,8 +15,6 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from gaitsweep.contract import Model, Quantity
-from gaitsweep.dynamics.declarations import Mode
 from gaitsweep.dynamics.event_declarations import Event
 
 if TYPE_CHECKING:
@@ -26,26 +24,19 @@ Height = Callable[[Any, Any], Float[Array, ""]]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Sliding(Mode):
+class Sliding:
     """A declared surface of sliding; see `sliding`.
 
     Its mode is 1 above the surface, -1 below it, and 0 while the state slides. `name` is that of the mode.
     """
 
+    meaning: str
     height: Height
     static: Callable[[Any], Any]
     name: str = ""
 
     def __set_name__(self, owner: type, name: str) -> None:
         object.__setattr__(self, "name", name)
-
-    def starts(self, model: Model, name: str) -> tuple[Quantity, ...]:
-        """No initial conditions: the mode follows from the variables."""
-        return ()
-
-    def at_start(self, model: Model, numbers: Any) -> Any:
-        """The mode before `begun` decides it."""
-        return jnp.asarray(1)
 
     @functools.cached_property
     def events(self) -> tuple[Event, Event]:
@@ -166,4 +157,4 @@ def sliding(meaning: str, height: Height, *, static: Callable[[Any], Any] | None
         >>> ends[["x_end", "v_end"]].round(6).abs().to_numpy().tolist()
         [[0.1, 0.0]]
     """
-    return Sliding(None, 1, meaning, height, static or (lambda params: 1.0))
+    return Sliding(meaning, height, static or (lambda params: 1.0))
