@@ -49,6 +49,7 @@ from gaitsweep.dynamics.mjx.mjcf_model import MjcfModel as MjcfModel
 from gaitsweep.dynamics.noise import diffusion as diffusion
 from gaitsweep.dynamics.random_numbers import normal as normal
 from gaitsweep.dynamics.random_numbers import uniform as uniform
+from gaitsweep.dynamics.sliding import sliding as sliding
 from gaitsweep.errors import ArgumentError as ArgumentError
 from gaitsweep.errors import UserError as UserError
 from gaitsweep.extension import Extension as Extension
