@@ -28,7 +28,7 @@ STEEPER = 4.0  # least ratio of a jump to the row's slower changes; else it is a
 # Without a least size, a jump between holds is as much steeper than the median of so many changes on each
 # side, and has this share of the range of its row or changes the gait.
 BESIDE, LEAST_SHARE = 3, 0.05
-LEAST = 0.15  # least change of a ramp's jump, in the observable's unit
+LEAST_JUMP = 0.15  # least change of a ramp's jump, in the observable's unit
 
 
 class Course(NamedTuple):
@@ -83,7 +83,7 @@ def stretches(course: Course, least: float | None) -> list[tuple[int, int]]:
             large as those beside them, and change the gait or are a twentieth of the range.
     """
     if course.settled is None:
-        return _along_crossings(course.value, LEAST if least is None else least)
+        return _along_crossings(course.value, LEAST_JUMP if least is None else least)
     if least is not None:
         return _between_holds(course.value, course.settled, least)
     change = np.abs(np.diff(course.value))
