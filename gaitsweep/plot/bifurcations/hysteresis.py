@@ -30,17 +30,8 @@ from gaitsweep.plot.bifurcations.hysteresis_panels import (
     while_moving,
 )
 from gaitsweep.plot.bifurcations.passes import DOWN, LINES, MARKER, UP, draw_passes, draw_strip
-from gaitsweep.plot.columns import (
-    PlotError,
-    column,
-    described,
-    moved_parameter,
-    origin_of,
-    require_columns,
-    rows_where,
-    symbol,
-    written,
-)
+from gaitsweep.plot.column_labels import described, symbol, written
+from gaitsweep.plot.columns import PlotError, column, moved_parameter, origin_of, require_columns, rows_where
 from gaitsweep.plot.figure_style import current
 from gaitsweep.plot.kind import PlannedTable, Refusal, figure_kind
 from gaitsweep.schema.numbers import Positive, Real, Text

@@ -18,7 +18,8 @@ from gaitsweep.analysis.transitions.jumps import STEEPER, where_it_moves
 from gaitsweep.angles import unwrap_from
 from gaitsweep.plot import theme
 from gaitsweep.plot.bifurcations.hysteresis_panels import Columns, Panel
-from gaitsweep.plot.columns import rows_where, symbol, unit_of
+from gaitsweep.plot.column_labels import symbol, unit_of
+from gaitsweep.plot.columns import rows_where
 
 UP, DOWN = "#E69F00", "#0072B2"  # distinct for colour-blind readers, and in lightness
 LINES: dict[str, Any] = {UP: "-", DOWN: (0, (4, 2))}
