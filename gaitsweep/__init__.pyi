@@ -8,7 +8,6 @@ from gaitsweep import models as models
 from gaitsweep import near_miss as near_miss
 from gaitsweep import plot as plot
 from gaitsweep.analysis.basins.measures import basins as basins
-from gaitsweep.analysis.basins.quantifiers import quantifiers as quantifiers
 from gaitsweep.analysis.transitions.hysteresis import hysteresis as hysteresis
 from gaitsweep.api.atlas import Atlas as Atlas
 from gaitsweep.api.atlas import atlas as atlas
@@ -16,6 +15,7 @@ from gaitsweep.api.fits import search as search
 from gaitsweep.api.fits import sensitivity as sensitivity
 from gaitsweep.api.maps import PoincareMap as PoincareMap
 from gaitsweep.api.maps import return_map as return_map
+from gaitsweep.api.quantifiers import quantifiers as quantifiers
 from gaitsweep.api.result import Result as Result
 from gaitsweep.api.result import run as run
 from gaitsweep.api.simulator import Simulator as Simulator

@@ -3,8 +3,9 @@
 A row that has forgotten its start falls in each step with the same chance p, and the mean number of steps is
 1 / p. From states that plain simulation reaches, some steps are made with normal numbers that are larger by a
 factor; a fall counts with the quotient of the densities of all numbers drawn on the way, so the estimate of p
-has no bias. Source: Bucklew 2004, Introduction to Rare Event Simulation, ch. 4; Byl and Tedrake 2009, Int. J.
-Robotics Research 28:1040, of the chance of a fall in a step.
+has no bias. Where plain simulation meets enough falls, it counts these. Source: Bucklew 2004, Introduction to
+Rare Event Simulation, ch. 4; Byl and Tedrake 2009, Int. J. Robotics Research 28:1040, of the chance of a fall
+in a step; Del Moral and Doucet 2004, Ann. Inst. Henri Poincare B 40:491, of rows that go on from others.
 """
 
 from __future__ import annotations
@@ -35,6 +36,11 @@ FORGOTTEN = 20  # steps after which rows have forgotten their common start
 _PILOT = 4  # rounds for each factor, before the best one is chosen
 _SLOW = 8  # times four nominal periods that a step may last
 _FEW = 20  # falls below which an estimate's own error is not known
+_COMMON = 400  # falls in the plain steps of the pilots from which no noise is enlarged: an error of 5 %
+
+
+class TooFewFallsError(AnalysisError):
+    """Error of an estimate that met too few falls, or rows that all fell at once."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -44,8 +50,8 @@ class RareFalls:
     Args:
         chance, low, high: the chance of a fall in a step, and its confidence interval; steps that end neither
             at a crossing nor by a fall count as falls in `high`.
-        falls: the number of weighted falls behind it.
-        scale: the factor by which the noise was enlarged.
+        falls: the number of falls behind it.
+        scale: the factor by which the noise was enlarged; 1 where plain steps met enough falls.
         simulated: steps that were simulated.
         way_out: one record for each of the last steps before a fall: step (0 is that of the fall), and the
             weighted means over all falls of the numbers drawn there, `draw_1`, ..., in standard deviations of
@@ -86,6 +92,17 @@ class _Windows:
     falls: int
     undecided: float
 
+    @classmethod
+    def joined(cls, windows: Sequence[_Windows]) -> _Windows:
+        """Windows of several rounds as one."""
+        return cls(
+            chances=np.concatenate([window.chances for window in windows]),
+            weights=np.concatenate([window.weights for window in windows]),
+            draws=np.concatenate([window.draws for window in windows]),
+            falls=sum(window.falls for window in windows),
+            undecided=sum(window.undecided for window in windows) / len(windows),
+        )
+
     @property
     def error(self) -> float:
         """The relative standard error of the mean chance; infinite where falls are too few to know it."""
@@ -97,6 +114,7 @@ class _Windows:
 
 def rare_falls(
     mapping: ModelMap,
+    values: Mapping[str, float],
     starts: Mapping[str, Any],
     noise: str,
     draws: Draws,
@@ -111,6 +129,7 @@ def rare_falls(
 
     Args:
         mapping: the return map.
+        values: parameters by name, beside those of the map's settings.
         starts: initial conditions by name.
         noise: the parameter that is proportional to the noise.
         draws: function of parameters and the state after a step that returns the numbers drawn in it.
@@ -121,7 +140,8 @@ def rare_falls(
         level: confidence level of the interval.
 
     Raises:
-        AnalysisError: an argument is not allowed, or too few falls were met with every factor.
+        TooFewFallsError: too few falls were met with every factor, or all rows fell at once.
+        AnalysisError: an argument is not allowed.
     """
     names = [quantity.name for quantity in mapping.model.parameters]
     for name in (noise, seed):
@@ -131,21 +151,55 @@ def rare_falls(
         raise AnalysisError(f"steps and rounds are {steps} and {rounds}, but must be 2 or more.")
     if not scales or min(scales) < 1.0:
         raise AnalysisError("scales must be numbers of 1 or more.")
-    walk = _Walk(mapping, starts, noise, draws, seed, steps)
-    pilots = {scale: walk.windows(scale, _PILOT) for scale in scales}
+    walk = _Walk(mapping, values, starts, noise, draws, seed, steps)
+    half = 0.5 + 0.5 * level
+    pilots: dict[float, _Windows] = {}
+    for scale in scales:
+        pilots[scale] = walk.windows(scale, _PILOT)
+        if walk.plain.fell >= _COMMON:
+            return _of_plain_steps(walk, rounds, half)
     best = min(pilots, key=lambda scale: pilots[scale].error)
     if not np.isfinite(pilots[best].error):
-        raise AnalysisError(
+        raise TooFewFallsError(
             f"fewer than {_FEW} falls were met with each of the factors {', '.join(map(str, scales))}: "
             "give larger ones as scales, or more steps."
         )
     windows = walk.windows(best, rounds)
     chance = float(windows.chances.mean())
-    width = scipy.stats.t.ppf(0.5 + 0.5 * level, rounds - 1) * windows.error
+    width = scipy.stats.t.ppf(half, rounds - 1) * windows.error
     # steps without an end may be falls
     chances = (chance, chance * np.exp(-width), chance * np.exp(width) + windows.undecided)
     hazard, low, high = (_hazard(float(of_fall), steps) for of_fall in chances)
     return RareFalls(hazard, low, high, windows.falls, best, walk.simulated, _way_out(windows, steps))
+
+
+def _of_plain_steps(walk: _Walk, rounds: int, half: float) -> RareFalls:
+    """The estimate from falls in the steps between windows, which are made with the noise itself.
+
+    Args:
+        walk: the rows.
+        rounds: rounds of windows.
+        half: the share of the distribution of the mean below the upper end of its interval.
+    """
+    counts, windows = [], []
+    for _ in range(rounds):
+        before = walk.plain
+        windows.append(walk.windows(1.0, 1))
+        counts.append(walk.plain.since(before))
+    chances = np.array([count.fell / count.tried for count in counts])
+    chance = float(chances.mean())
+    error = float(chances.std(ddof=1)) / np.sqrt(rounds)
+    width = scipy.stats.t.ppf(half, rounds - 1) * error / chance
+    undecided = sum(count.late for count in counts) / sum(count.tried for count in counts)
+    return RareFalls(
+        chance=chance,
+        low=chance * np.exp(-width),
+        high=min(1.0, chance * np.exp(width) + undecided),
+        falls=sum(count.fell for count in counts),
+        scale=1.0,
+        simulated=walk.simulated,
+        way_out=_way_out(_Windows.joined(windows), walk.steps),
+    )
 
 
 def _way_out(windows: _Windows, steps: int) -> pd.DataFrame:
@@ -170,21 +224,49 @@ def _hazard(chance: float, steps: int) -> float:
     return hazard
 
 
+@dataclasses.dataclass(frozen=True)
+class _PlainSteps:
+    """Steps with the noise itself: how many were tried, ended by a fall, and had no end in time."""
+
+    tried: int = 0
+    fell: int = 0
+    late: int = 0
+
+    def since(self, before: _PlainSteps) -> _PlainSteps:
+        """The steps that are not among those of `before`."""
+        return _PlainSteps(self.tried - before.tried, self.fell - before.fell, self.late - before.late)
+
+
 class _Walk:
-    """Rows that walk with the noise itself, and windows of enlarged noise that begin at their states."""
+    """Rows that walk with the noise itself, and windows of enlarged noise that begin at their states.
+
+    Attributes:
+        steps: steps of a window.
+        simulated: steps that were simulated.
+        plain: the steps with the noise itself, without those in which rows forgot their start.
+    """
 
     def __init__(
-        self, mapping: ModelMap, starts: Mapping[str, Any], noise: str, draws: Draws, seed: str, steps: int
+        self,
+        mapping: ModelMap,
+        values: Mapping[str, float],
+        starts: Mapping[str, Any],
+        noise: str,
+        draws: Draws,
+        seed: str,
+        steps: int,
     ) -> None:
-        self._noise, self._seed, self._steps = noise, seed, steps
-        self._own = float(mapping.complete({}, 1)[noise][0])
-        self._values = mapping.complete({}, ROWS)
+        self._noise, self._seed, self.steps = noise, seed, steps
+        self._own = float(mapping.complete(values, 1)[noise][0])
+        self._values = mapping.complete(values, ROWS)
         self._step = _stepper(mapping, draws)
         self._next_seed = 1
         self.simulated = 0
-        self._states = mapping.settled(starts, {seed: self._seeds()}, 0)[0].modes
+        self.plain = _PlainSteps()
+        self._states = mapping.settled(starts, {**self._values, seed: self._seeds()}, 0)[0].modes
         for _ in range(FORGOTTEN):
             self._walk_on()
+        self.plain = _PlainSteps()
 
     def _seeds(self) -> Float[np.ndarray, " rows"]:
         """Seeds that no other step has."""
@@ -218,36 +300,34 @@ class _Walk:
     def _walk_on(self) -> None:
         """Make a step with the noise itself; rows that fall go on from the states of others."""
         moved, status, _ = self._moved(self._states, 1.0)
-        fell = status != ReturnStatus.crossed
-        if fell.all():
-            raise AnalysisError("all rows fell within a few steps: count them in a run of kind fixed_time.")
-        alive = np.flatnonzero(~fell)
-        sources = np.where(fell, alive[np.arange(ROWS) % alive.size], np.arange(ROWS))
+        ended = status != ReturnStatus.crossed
+        if ended.all():
+            raise TooFewFallsError(
+                "all rows fell within a few steps: count them in a run of kind fixed_time."
+            )
+        fell, late = (int((status == code).sum()) for code in (ReturnStatus.fell, ReturnStatus.late))
+        self.plain = _PlainSteps(self.plain.tried + ROWS, self.plain.fell + fell, self.plain.late + late)
+        alive = np.flatnonzero(~ended)
+        sources = np.where(ended, alive[np.arange(ROWS) % alive.size], np.arange(ROWS))
         self._states = jax.tree.map(lambda leaf: np.asarray(leaf)[sources], moved)
 
     def windows(self, scale: float, rounds: int) -> _Windows:
         """Windows of so many rounds, each from the states of rows that have walked on."""
         windows = []
         for _ in range(rounds):
-            for _ in range(self._steps):
+            for _ in range(self.steps):
                 self._walk_on()
             windows.append(self._window(scale))
-        return _Windows(
-            chances=np.concatenate([window.chances for window in windows]),
-            weights=np.concatenate([window.weights for window in windows]),
-            draws=np.concatenate([window.draws for window in windows]),
-            falls=sum(window.falls for window in windows),
-            undecided=sum(window.undecided for window in windows) / rounds,
-        )
+        return _Windows.joined(windows)
 
     def _window(self, scale: float) -> _Windows:
         """One window of each row, from its present state."""
-        late = _late(self._steps)
+        late = _late(self.steps)
         states, walks, falling = self._states, np.ones(ROWS, bool), np.zeros(ROWS, bool)
         log_weights = np.zeros(ROWS)  # of the density of the noise itself over that of the larger noise
         draws = []
         falls, chance, undecided = 0, 0.0, 0.0
-        for step in range(self._steps):
+        for step in range(self.steps):
             states, status, numbers = self._moved(states, scale, walks)
             falling, lost = (walks & (status == code) for code in (ReturnStatus.fell, ReturnStatus.late))
             if (stuck := walks & ~falling & ~lost & (status != ReturnStatus.crossed)).any():
@@ -265,7 +345,7 @@ class _Walk:
             weights=np.exp(log_weights[falling]),
             draws=np.stack(draws, axis=1)[falling],
             falls=falls,
-            undecided=undecided / (ROWS * self._steps),
+            undecided=undecided / (ROWS * self.steps),
         )
 
 

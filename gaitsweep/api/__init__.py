@@ -2,5 +2,6 @@
 
 `trajectories.py`: sweep, perturb, simulate; `result.py`: run, and the result of a run, whose figures are
 those of `figures_of_table.py`; `maps.py`: return_map; `stationary.py`: stationary; `atlas.py`: atlas;
-`fits.py`: search, sensitivity. `keywords.py` makes jobs of models and keywords.
+`quantifiers.py`: quantifiers; `fits.py`: search, sensitivity. `keywords.py` makes jobs of models and
+keywords.
 """

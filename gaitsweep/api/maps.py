@@ -19,7 +19,7 @@ from gaitsweep.analysis.basins.fractions import LEVEL
 from gaitsweep.analysis.continuation.continuation import LevelMap, continuation
 from gaitsweep.analysis.continuation.newton import FixedPoints, multipliers, newton
 from gaitsweep.analysis.phase_response import phase_response
-from gaitsweep.analysis.rare_falls import SCALES, Draws, RareFalls, rare_falls
+from gaitsweep.analysis.rare_falls import SCALES, Draws, RareFalls, TooFewFallsError, rare_falls
 from gaitsweep.api.keywords import AnyModel, job_of
 from gaitsweep.contract import HybridModel
 from gaitsweep.engine.poincare.maps import Map, Points
@@ -468,10 +468,11 @@ class PoincareMap(FixedPointsOfModel):
         scales: Sequence[float] = SCALES,
         level: float = LEVEL,
     ) -> RareFalls:
-        """Estimate the mean number of steps to a fall that is too rare for plain runs.
+        """Estimate the mean number of steps to a fall, also of one that is too rare for plain runs.
 
         Some steps are made with a larger noise, and falls are weighted by the quotient of the densities of
-        the numbers drawn on the way: importance sampling, without bias.
+        the numbers drawn on the way: importance sampling, without bias. Where plain steps meet enough falls,
+        these are counted.
 
         Args:
             noise: the parameter to which the noise at events is proportional, such as `roughness`.
@@ -486,6 +487,7 @@ class PoincareMap(FixedPointsOfModel):
 
         Raises:
             AnalysisError: an argument is not allowed, or too few falls were met.
+            ArgumentError: the map has parameters with several values: use `steps_to_fall`.
 
         Example:
             >>> import gaitsweep as gs
@@ -496,9 +498,68 @@ class PoincareMap(FixedPointsOfModel):
             >>> 1e4 < found.steps < 1e6
             True
         """
+        if self._values:
+            raise ArgumentError(
+                f"{next(iter(self._values))} of this map has several values: steps_to_fall estimates each."
+            )
         settings = {"seed": seed, "steps": steps, "rounds": rounds, "scales": scales, "level": level}
-        starts = {name: float(np.ravel(value)[0]) for name, value in self._starts.items()}
-        return rare_falls(self._once, starts, noise, draws, **settings)
+        return rare_falls(self._once, {}, self._start_of(0), noise, draws, **settings)
+
+    def steps_to_fall(
+        self, noise: str, draws: Draws, *, seed: str = "seed", level: float = LEVEL, **options: Any
+    ) -> pd.DataFrame:
+        """Estimate the mean number of steps to a fall at each value of the map's parameters.
+
+        Args:
+            noise, draws, seed, level: as for `rare_falls`.
+            options: `steps`, `rounds` and `scales` of `rare_falls`.
+
+        Returns:
+            One record for each combination of the parameters that were given as arrays, which are columns:
+            `steps` (the mean), `low` and `high` (its confidence interval), `falls`, `scale` (the factor on
+            the noise; 1 where plain steps met enough falls) and `simulated` (steps). Numbers are NaN where
+            an estimate met too few falls or all rows fell at once, which `note` says.
+
+        Raises:
+            AnalysisError: an argument is not allowed.
+
+        Example:
+            >>> import gaitsweep as gs
+            >>> from gaitsweep.examples.rimless_wheel import RimlessWheel
+            >>> wheel = gs.return_map(RimlessWheel(), roughness=[0.06, 0.08], slope=[0.13, 0.15])
+            >>> drawn = lambda p, s: (s.ahead - p.slope) / p.roughness
+            >>> table = wheel.steps_to_fall("roughness", drawn, rounds=8)
+            >>> table[["roughness", "slope"]].to_numpy().tolist()
+            [[0.06, 0.13], [0.06, 0.15], [0.08, 0.13], [0.08, 0.15]]
+            >>> (table["low"] < table["steps"]).all() and bool(table["steps"][1] > table["steps"][0])
+            True
+        """
+        if seed in self._values:
+            raise ArgumentError(f"{seed} has several values, but each step has a seed of its own.")
+        options = {"steps": 6, "rounds": 64, "scales": SCALES, **options}
+        records: list[dict[str, Any]] = []
+        count = max((len(column) for column in self._values.values()), default=1)
+        for row in range(count):
+            values = {name: float(column[row]) for name, column in self._values.items()}
+            record: dict[str, Any] = dict(values)
+            try:
+                estimate = rare_falls(
+                    self._once, values, self._start_of(row), noise, draws, seed=seed, level=level, **options
+                )
+            except TooFewFallsError as error:
+                record["note"] = str(error)
+            else:
+                low, high = estimate.steps_interval
+                record |= {"steps": estimate.steps, "low": low, "high": high, "falls": estimate.falls}
+                record |= {"scale": estimate.scale, "simulated": estimate.simulated, "note": ""}
+            records.append(record)
+        columns = [*self._values, "steps", "low", "high", "falls", "scale", "simulated", "note"]
+        return pd.DataFrame(records, columns=columns)
+
+    def _start_of(self, row: int) -> dict[str, float]:
+        """The start values that the map has, of a row of its parameters."""
+        starts = {name: np.ravel(value) for name, value in self._starts.items()}
+        return {name: float(value[row if len(value) > 1 else 0]) for name, value in starts.items()}
 
 
 def return_map(

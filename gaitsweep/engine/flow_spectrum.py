@@ -11,12 +11,13 @@ import jax
 import jax.flatten_util
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Inexact
+from jaxtyping import Array, Bool, Float, Inexact
 
 from gaitsweep.contract import HybridModel, Params, State
 from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.kernel.row_functions import over_rows
 from gaitsweep.engine.solver import METHODS
+from gaitsweep.engine.stored_programs import stored
 
 # Largest number of flags whose combinations are evaluated; each flag doubles the number of combinations.
 MAX_FLAGS = 8
@@ -33,8 +34,9 @@ def flow_eigenvalues(model: HybridModel, params: Params, state: State) -> Inexac
         model: a model, whose flow is linearised at the state.
         params, state: its parameters and a state.
     """
-    matrix = jax.jit(lambda modes: _matrix(model, params, modes))
-    return np.array([np.linalg.eigvals(np.asarray(matrix(modes))) for modes in _in_all_modes(state)])
+    matrix = jax.jit(lambda flags: _matrix(model, params, _with_flags(state, flags)))
+    combinations = itertools.product((False, True), repeat=len(_flags_of(state)))
+    return np.array([np.linalg.eigvals(np.asarray(matrix(jnp.array(flags, bool)))) for flags in combinations])
 
 
 def decay_per_period(
@@ -46,23 +48,30 @@ def decay_per_period(
         model: the model.
         values, starts: the parameters and the initial conditions of the rows, (n,) each.
     """
-    matrices, periods = _matrices_of_rows(model)(values, starts)
-    finite = np.all(np.isfinite(matrices), axis=(1, 2, 3)) & np.isfinite(periods)
+    count = _flag_count(model)
+    rows = len(next(iter({**values, **starts}.values())))
+    modes = np.array(list(itertools.product((False, True), repeat=count))).reshape(-1, count)
+    in_modes = (
+        {name: np.repeat(column, len(modes)) for name, column in values.items()},
+        {name: np.repeat(column, len(modes)) for name, column in starts.items()},
+        np.tile(modes, (rows, 1)),
+    )
+    matrices, periods = _matrices_of_rows(model)(*in_modes)
+    finite = np.all(np.isfinite(matrices), axis=(1, 2)) & np.isfinite(periods)
     if not finite.any() or matrices.shape[-1] == 0:
         return 0.0
     rates = -np.linalg.eigvals(matrices[finite]).real
-    return float(np.max(rates.max(axis=(1, 2)) * periods[finite]))
+    return float(np.max(rates.max(axis=1) * periods[finite]))
 
 
 @cached_by_content(maxsize=64)
 def _matrices_of_rows(model: HybridModel) -> Callable[..., Any]:
-    """The function from values and starts of rows to the flow's matrices in all modes, and periods (s)."""
+    """The function from values, starts and flags of rows to the flow's matrices and the periods (s)."""
 
-    def of_row(values: Any, starts: Any) -> tuple[Array, Array]:
+    def of_row(values: Any, starts: Any, flags: Bool[Array, " flags"]) -> tuple[Array, Array]:
         params = model.params(values)
-        state = model.init(params, starts)
-        matrices = jnp.stack([_matrix(model, params, modes) for modes in _in_all_modes(state)])
-        return matrices, jnp.asarray(model.period(params), float)
+        state = _with_flags(model.init(params, starts), flags)
+        return _matrix(model, params, state), jnp.asarray(model.period(params), float)
 
     return over_rows(of_row, "flow_matrices", model)
 
@@ -80,23 +89,37 @@ def _matrix(model: HybridModel, params: Params, state: State) -> Float[Array, "f
     return jax.jacfwd(rates)(flat)
 
 
-def _in_all_modes(state: State) -> list[State]:
-    """The state with each combination of its flags, of the first `MAX_FLAGS` if it has more."""
-    leaves, tree = jax.tree.flatten(state)
-    flags: list[tuple[int, int]] = []  # the leaf of each flag, and its place in the flat leaf
-    for i, leaf in enumerate(leaves):
+def _flags_of(state: State) -> list[tuple[int, int]]:
+    """The first `MAX_FLAGS` flags of a state: the leaf of each, and its place in the flat leaf."""
+    flags = []
+    for i, leaf in enumerate(jax.tree.leaves(state)):
         if jnp.issubdtype(jnp.result_type(leaf), jnp.bool_):
-            flags += [(i, k) for k in range(int(np.size(leaf)))]
-    flags = flags[:MAX_FLAGS]
-    states = []
-    for combination in itertools.product((False, True), repeat=len(flags)):
-        changed = list(leaves)
-        for (i, k), flag in zip(flags, combination, strict=True):
-            flat = jnp.ravel(changed[i])
-            single = jnp.asarray([flag])
-            changed[i] = jnp.concatenate([flat[:k], single, flat[k + 1 :]]).reshape(jnp.shape(changed[i]))
-        states.append(jax.tree.unflatten(tree, changed))
-    return states
+            flags += [(i, k) for k in range(int(np.prod(jnp.shape(leaf))))]
+    return flags[:MAX_FLAGS]
+
+
+@cached_by_content(maxsize=64)
+def _flag_count(model: HybridModel) -> int:
+    """The number of flags of a model's states whose combinations are evaluated."""
+
+    def count() -> int:
+        number = jax.ShapeDtypeStruct((), float)
+        params = jax.eval_shape(model.params, {q.name: number for q in model.parameters})
+        state = jax.eval_shape(model.init, params, {q.name: number for q in model.initial_conditions})
+        return len(_flags_of(state))
+
+    return stored("flag_count", model, (), count)
+
+
+def _with_flags(state: State, values: Bool[Array, " flags"]) -> State:
+    """A state with other values of its first `MAX_FLAGS` flags."""
+    leaves, tree = jax.tree.flatten(state)
+    for number, (i, k) in enumerate(_flags_of(state)):
+        flat = jnp.ravel(leaves[i])
+        leaves[i] = jnp.concatenate([flat[:k], values[number][None], flat[k + 1 :]]).reshape(
+            jnp.shape(leaves[i])
+        )
+    return jax.tree.unflatten(tree, leaves)
 
 
 def slowest_limit(model: HybridModel, params: Params, state: State, method: str) -> float:

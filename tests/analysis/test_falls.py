@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -14,7 +16,7 @@ from gaitsweep.examples.rimless_wheel import RimlessWheel
 SLOPE, ALPHA = 0.14, 0.4
 
 
-def by_matrix(roughness: float, cells: int) -> float:
+def by_matrix(roughness: float, cells: int, slope: float = SLOPE) -> float:
     """1 / (1 - the largest eigenvalue) of the chain of energies above 1, the barrier, in so many cells.
 
     With slope g, an impact turns the energy K into keeps K + a cos g + b sin g, which grows with g.
@@ -25,7 +27,7 @@ def by_matrix(roughness: float, cells: int) -> float:
     edges = np.linspace(1.0, size / (1.0 - keeps), cells + 1)
     middles = 0.5 * (edges[1:] + edges[:-1])
     share = np.clip((edges[None, :] - keeps * middles[:, None]) / size, -1.0, 1.0)
-    below = special.ndtr((angle - np.arccos(share) - SLOPE) / roughness)
+    below = special.ndtr((angle - np.arccos(share) - slope) / roughness)
     return 1.0 / (1.0 - np.abs(np.linalg.eigvals(np.diff(below, axis=1))).max())
 
 
@@ -74,8 +76,34 @@ def test_rare_falls_of_a_wheel_are_those_of_its_transition_matrix(
         assert np.sum(way**2) < 1.1 * -2.0 * np.log(1.0 / exact)
 
 
+@pytest.mark.slow
+def test_falls_along_parameters_are_those_of_the_transition_matrix() -> None:
+    """Common and rare falls over two parameters, within 4 standard errors and 20 %; 6 rounds give 5 %."""
+    both = {"roughness": [0.2, 0.06, 0.03], "slope": [0.12, SLOPE, 0.13]}
+    wheel = gs.return_map(RimlessWheel(), zip=both)
+    table: Any = wheel.steps_to_fall("roughness", drawn, rounds=6)
+    exact = [by_matrix(row.roughness, 800, row.slope) for row in table.itertuples()]
+    assert exact[0] < 5.0
+    assert exact[2] > 1e3
+    np.testing.assert_allclose(table["steps"], exact, rtol=0.2)
+    widths = np.log(table["high"] / table["low"])
+    assert (np.abs(np.log(table["steps"] / exact)) < widths).all()
+    assert (table["scale"][:2] == 1.0).all()
+    assert table["scale"][2] > 1.0
+    assert (table["note"] == "").all()
+    # plain steps do not meet the rarest falls
+    rare = gs.return_map(RimlessWheel(), zip={"roughness": [0.02], "slope": [SLOPE]})
+    few: Any = rare.steps_to_fall("roughness", drawn, rounds=2, scales=[1.0])
+    assert few["steps"].isna().tolist() == [True]
+    assert few["note"].iloc[-1].startswith("fewer than 20 falls")
+
+
 def test_what_rare_falls_cannot_count_is_refused() -> None:
     wheel = gs.return_map(RimlessWheel(), roughness=0.03)
+    with pytest.raises(gs.ArgumentError, match="roughness of this map has several values"):
+        gs.return_map(RimlessWheel(), roughness=[0.02, 0.03]).rare_falls("roughness", drawn)
+    with pytest.raises(gs.ArgumentError, match="seed has several values"):
+        gs.return_map(RimlessWheel(), roughness=0.1, seed=[1, 2]).steps_to_fall("roughness", drawn)
     with pytest.raises(AnalysisError, match="rouhness"):
         wheel.rare_falls("rouhness", drawn)
     with pytest.raises(AnalysisError, match="scales"):

@@ -66,10 +66,24 @@ class Thomas(gs.DeclaredModel):
         return jnp.asarray(10.0)
 
 
+class Bistable(gs.MapModel):
+    """A map with one fixed point for r < 0.5, else with two, of starts with x above and below 0."""
+
+    r = gs.parameter("1", "place of the fixed points", 1.0)
+    x = gs.variable("1", "x", 0.0)
+    y = gs.variable("1", "y", 0.0)
+
+    def image(self, p: Any, s: Any) -> dict[str, Any]:
+        place = jnp.where(p.r < 0.5, 0.0, jnp.where(s.x > 0.0, p.r, -p.r))
+        return {"x": place, "y": place}
+
+
 class Pendulum(gs.DeclaredModel):
     """A pendulum over three magnets, without a section: it comes to rest."""
 
     omega = gs.parameter("1", "angular frequency", 0.8)
+    height = gs.parameter("1", "height above the magnets", 0.2)
+    third = gs.parameter("1", "strength of the third magnet", 1.0)
     x = gs.variable("1", "x", 0.1)
     y = gs.variable("1", "y", 0.1)
     u = gs.variable("1", "rate of x", 0.0)
@@ -78,7 +92,8 @@ class Pendulum(gs.DeclaredModel):
     def flow(self, p: Any, s: Any) -> dict[str, Any]:
         angle = 2.0 * np.pi * np.arange(1, 4) / 3.0
         x, y = s.x - np.cos(angle), s.y - np.sin(angle)
-        pull = (x**2 + y**2 + 0.2**2) ** -1.5
+        strength = jnp.stack([jnp.ones_like(p.third), jnp.ones_like(p.third), p.third])
+        pull = strength * (x**2 + y**2 + p.height**2) ** -1.5
         u = -(p.omega**2) * s.x - 0.2 * s.u - jnp.sum(pull * x)
         return {"x": s.u, "y": s.v, "u": u, "v": -(p.omega**2) * s.y - 0.2 * s.v - jnp.sum(pull * y)}
 
@@ -151,6 +166,35 @@ def test_a_magnetic_pendulum() -> None:
     shares = {str(int(k)): float((nearest == k).mean()) for k in range(3)}
     agree(shares, {"0": 0.309, "1": 0.377, "2": 0.314}, n)
     assert table["attractor"].nunique() == 3
+
+
+@pytest.mark.slow
+def test_a_magnetic_pendulum_loses_the_third_magnet() -> None:
+    """Three places of rest above a strength of 0.22, two below 0.2 (test/continuation of Attractors.jl)."""
+    n, strengths = 1000, [1.0, 0.5, 0.24, 0.18, 0.0]
+    ranges = {"x_0": (-3.0, 3.0), "y_0": (-3.0, 3.0)}
+    table = settled(Pendulum(), gs.Settle(max_cycles=200), n, ranges, third=strengths, omega=0.5, height=0.3)
+    assert set(table["status"]) == {"at_rest"}
+    ends = np.round(table[["x_end", "y_end"]].to_numpy(), 2)
+    counts = [len(np.unique(ends[(table["third"] == each).to_numpy()], axis=0)) for each in strengths]
+    assert counts == [3, 3, 3, 2, 2]
+
+
+@pytest.mark.slow
+def test_a_bistable_map() -> None:
+    """One fixed point, then two with equal shares, by symmetry."""
+    n, r = 1000, [0.2, 0.6, 1.3, 2.0]
+    table = settled(Bistable(), gs.Settle(), n, dict.fromkeys(("x_0", "y_0"), (-10.0, 10.0)), r=r)
+    assert set(table["status"]) == {"settled"}
+    quantified = gs.quantifiers(table.drop(columns="attractor"), "r")
+    assert quantified.groupby("r").size().tolist() == [1, 2, 2, 2]
+    for value, of_value in table.groupby("r"):
+        above = float((of_value["x_end"] > 0.0).mean())
+        if value < 0.5:
+            assert (of_value[["x_end", "y_end"]] == 0.0).all().all()
+        else:
+            np.testing.assert_array_equal(np.abs(of_value["x_end"]), value)
+            agree({"above": above, "below": 1.0 - above}, {"above": 0.5, "below": 0.5}, n)
 
 
 @pytest.mark.slow

@@ -10,6 +10,7 @@ import pytest
 
 import gaitsweep as gs
 from gaitsweep.analysis.records import AnalysisError
+from gaitsweep.examples.bouncing_ball import BouncingBall
 
 
 class Wells(gs.MapModel):
@@ -21,6 +22,18 @@ class Wells(gs.MapModel):
 
     def image(self, p: Any, s: Any) -> dict[str, Any]:
         return {"x": s.x - p.pull * (s.x - p.edge) * (s.x**2 - 1.0)}
+
+
+class Sheared(gs.MapModel):
+    """A map with one multiplier, twice, and a shear, by which deviations grow before they decay."""
+
+    shear = gs.parameter("1", "shear", 0.0)
+    keeps = gs.parameter("1", "multiplier", 0.5)
+    x = gs.variable("1", "first coordinate", 0.0)
+    y = gs.variable("1", "second coordinate", 0.1)
+
+    def image(self, p: Any, s: Any) -> dict[str, Any]:
+        return {"x": p.keeps * s.x + p.shear * s.y, "y": p.keeps * s.y}
 
 
 STARTS = np.linspace(-1.4, 1.4, 141)  # 0.02 apart
@@ -69,6 +82,26 @@ def test_what_does_not_follow_is_missing() -> None:
     assert np.isnan(without["least_shock"].to_numpy(float)).all()
 
 
+def test_deviations_of_a_non_normal_map_grow_before_they_decay(table: Any) -> None:
+    """The nth power of ((m, s), (0, m)) has the norm m^n (c + sqrt(c^2 + 4)) / 2, with c = n s / m."""
+    starts, keeps, n = np.linspace(-1.0, 1.0, 4), 0.8, np.arange(60)
+    sheared = gs.sweep(Sheared(), y_0=starts, shear=[0.0, 1.0, 3.0], keeps=keeps, run=gs.Settle()).table
+    quantified = gs.quantifiers(sheared, "shear", amplification=True)
+    c = np.array([0.0, 1.0, 3.0])[:, None] * n / keeps
+    exact = (keeps**n * (c + np.sqrt(c**2 + 4.0)) / 2.0).max(axis=1)
+    assert exact[2] > 5.0
+    np.testing.assert_allclose(quantified["amplification"], exact, rtol=1e-9)
+    # a unit of y that is 10 times larger makes the shear as much stronger
+    scaled = gs.quantifiers(sheared, "shear", scales={"y_0": 10.0}, amplification=True)
+    c = np.array([0.0, 10.0, 30.0])[:, None] * n / keeps
+    exact = (keeps**n * (c + np.sqrt(c**2 + 4.0)) / 2.0).max(axis=1)
+    np.testing.assert_allclose(scaled["amplification"], exact, rtol=1e-9)
+    # one coordinate has no shear
+    np.testing.assert_array_equal(gs.quantifiers(table, "edge", amplification=True)["amplification"], 1.0)
+    with pytest.raises(AnalysisError, match="has no job"):
+        gs.quantifiers(pd.DataFrame(sheared.to_dict()), "shear", amplification=True)
+
+
 def test_bad_arguments_are_refused(table: Any) -> None:
     with pytest.raises(AnalysisError, match=r"edges is not a column of this table.*edge"):
         gs.quantifiers(table, "edges")
@@ -98,3 +131,29 @@ def test_boundaries_are_smooth_or_intermingled_and_shared_or_not() -> None:
     few = np.isnan(gs.quantifiers(two, "drawn", label="gait")[["wada", "boundary_exponent"]].to_numpy(float))
     assert few[:, 0].all()
     assert few[:, 1].tolist() == [False, False, True, True]
+
+
+@pytest.mark.slow
+def test_deviations_of_a_gait_of_two_crossings_grow_as_simulated_ones() -> None:
+    """Deviations of 1e-6 in 720 directions at both crossings of a ball that bounces high and low in turns."""
+    run = gs.Settle(max_cycles=400, tolerance=1e-6)
+    table = gs.sweep(BouncingBall(), G=[1.55, 1.6], run=run, phase_0=0.5, speed_0=3.6).table
+    assert table["attractor_period"].tolist() == [2, 2]
+    labelled = table.assign(attractor="A")
+    labelled.attrs = table.attrs
+    quantified: Any = gs.quantifiers(labelled, "G", amplification=True)
+    angles = np.linspace(0.0, 2.0 * np.pi, 720, endpoint=False)
+    deviations = 1e-6 * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    for record in quantified.itertuples():
+        bounces = gs.return_map(BouncingBall(), G=record.G, period=2)
+        gait = bounces.fixed_points([0.5, 3.6])
+        once = gs.return_map(BouncingBall(), G=record.G)
+        largest = 1.0
+        for crossing in bounces.orbit(gait)[0]:
+            centre, around = crossing[None], crossing + deviations
+            for _ in range(30):
+                centre, around = once(centre), once(around)
+                difference = (around - centre + np.pi) % (2.0 * np.pi) - np.pi
+                largest = max(largest, np.linalg.norm(difference, axis=1).max() / 1e-6)
+        assert largest > 1.5
+        assert record.amplification == pytest.approx(largest, rel=1e-3)

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import pandas as pd
-from jaxtyping import Bool, Shaped
+from jaxtyping import Bool, Float, Shaped
 
 from gaitsweep.analysis.basins.attractor_matching import follow_attractors
 from gaitsweep.analysis.basins.fractal_boundaries import uncertainty_exponent, uncertainty_fraction
@@ -27,8 +27,10 @@ _SHARE_IN_TIME: tuple[str, str, str] = ("within", "within_low", "within_high")
 _COLUMNS = [
     *("rows", *_SHARE, *_SHARE_IN_TIME),
     *("time_mean", "time_median", "time_tail", "time_most", "resilience", "least_shock"),
-    *("boundary_exponent", "wada"),
+    *("boundary_exponent", "wada", "amplification"),
 ]
+# Maximal amplifications (n,) of the attractors of rows of a table, one row each.
+Amplifications = Callable[[pd.DataFrame], Float[np.ndarray, " attractors"]]
 
 
 def quantifiers(
@@ -39,61 +41,18 @@ def quantifiers(
     within: float | None = None,
     level: float = LEVEL,
     scales: Mapping[str, float] | None = None,
+    amplifications: Amplifications | None = None,
     **grouping: Any,
 ) -> pd.DataFrame:
-    """Quantify the stability of each attractor at each value of a parameter.
+    """Quantify the stability of each attractor at each value of a parameter, as `gaitsweep.quantifiers`.
 
     Args:
-        table: a settle table over starts and the parameter.
-        parameter: the column of the parameter.
-        label: the column of the outcomes; `attractor` matches the attractors along the parameter
-            (`analyses.follow_attractors`) if the table does not have it.
-        within: a time (s), for the share of starts that settle to the attractor until then.
-        level: confidence level of the intervals.
-        scales: unit of each axis of starts in the distance of shocks, where axes have different units.
-        grouping: arguments of `analyses.attractors`.
-
-    Returns:
-        One record for each value and attractor, with columns that are NaN where they do not follow from the
-        table.
-
-        - rows, fraction, low, high: starts that settle to it, their share of all starts and its interval:
-          the basin stability (Menck, Heitzig, Marwan and Kurths 2013, Nat. Phys. 9:89).
-        - within, within_low, within_high: the same of starts that settle until `within`: the finite-time
-          basin stability (Schultz, Menck, Heitzig and Kurths 2017, New J. Phys. 19:023005).
-        - time_mean, time_median, time_tail, time_most (s): times after which starts have settled: their mean,
-          median, the time that 5 % exceed, and the longest. They include the crossings that the test of
-          settling needs. Chaotic and quasi-periodic rows have none, since they run to their limit.
-        - resilience (1/s): the rate at which small deviations decay, -lyapunov_1 in the mean (Pimm 1984,
-          Nature 307:321). It needs `exponents` in the run.
-        - least_shock: the distance from the attractor's crossings to the nearest start with another outcome,
-          in the units of the starts: the minimal fatal shock (Halekotte and Feudel 2020, Sci. Rep. 10:11783).
-          It is no less than the true one, which lies between starts. It needs the observables of all axes
-          (x_end for x_0), so that starts are displaced crossings.
-        - boundary_exponent: the uncertainty exponent of the basin against all others: 1 for a smooth
-          boundary, less for a fractal one, and 0 for basins that are intermingled (Grebogi, McDonald, Ott and
-          Yorke 1983, Phys. Lett. A 99:415; Ott, Alexander, Kan, Sommerer and Yorke 1994, Physica D 76:384).
-          It needs a grid of starts with three sizes, so 32 starts along each axis.
-        - wada: the least share of the basin's boundary that is within 5 steps of the boundary of another
-          basin: 1 for a boundary that all basins share, at the resolution of the grid (Daza, Wagemakers and
-          Sanjuan 2018, Sci. Rep. 8:9954). It needs a grid of starts and three outcomes.
+        table, parameter, label, within, level, scales, grouping: as of `gaitsweep.quantifiers`.
+        amplifications: function from one settled row of each attractor and value, a table (n,), to the
+            maximal amplifications (n,); None: they are NaN.
 
     Raises:
         AnalysisError: the table lacks a column, or an argument is not allowed.
-
-    Example:
-        >>> import numpy as np, gaitsweep as gs
-        >>> class Wells(gs.MapModel):
-        ...     pull = gs.parameter("1", "pull to the wells at -1 and 1", 0.2)
-        ...     x = gs.variable("1", "place", 0.0)
-        ...
-        ...     def image(self, p, s):
-        ...         return {"x": s.x + p.pull * (s.x - s.x**3)}
-        >>> run = gs.Settle(exponents=1, tolerance=1e-6)
-        >>> table = gs.sweep(Wells(), x_0=np.linspace(-1.5, 1.5, 100), pull=[0.2, 0.4], run=run).table
-        >>> quantified = gs.quantifiers(table, "pull")
-        >>> quantified[["pull", "fraction", "resilience", "least_shock"]].round(2).to_numpy().tolist()
-        [[0.2, 0.5, 0.51, 1.02], [0.2, 0.5, 0.51, 1.02], [0.4, 0.5, 1.61, 1.02], [0.4, 0.5, 1.61, 1.02]]
     """
     if within is not None and not within > 0.0:
         raise AnalysisError(f"within is {within:g} s, but must be above 0.")
@@ -109,7 +68,35 @@ def quantifiers(
         shares[_SHARE_IN_TIME] = fractions(in_time, axes, label=label, by=by, level=level)
     space = Space.of(table, axes, scales) if axes else None
     records = _records(table, parameter, label, shares, space, axes)
-    return pd.DataFrame(records, columns=[parameter, label, *_COLUMNS])
+    quantified = pd.DataFrame(records, columns=[parameter, label, *_COLUMNS])
+    if amplifications is not None:
+        places, rows = _settled_rows(table, quantified, parameter, label)
+        growths = np.full(len(quantified), np.nan)
+        growths[places] = amplifications(table.iloc[rows])
+        quantified["amplification"] = growths
+    return quantified
+
+
+def _settled_rows(
+    table: pd.DataFrame, attractors: pd.DataFrame, parameter: str, label: str
+) -> tuple[list[int], list[int]]:
+    """One settled row of each attractor that has one, by their places in `attractors` and the table.
+
+    Args:
+        table: the settle table.
+        attractors: one record for each attractor and value of the parameter.
+        parameter, label: the columns of the parameter and of the attractors, in both.
+    """
+    is_settled = (table["status"].astype(str) == Status.settled.name).to_numpy()
+    settled = np.flatnonzero(is_settled & (table["attractor_period"].to_numpy(float) > 0))
+    values, names = table[parameter].to_numpy(float)[settled], table[label].astype(str).to_numpy()[settled]
+    places, rows = [], []
+    for place, (value, name) in enumerate(zip(attractors[parameter], attractors[label], strict=True)):
+        of_attractor = settled[(values == value) & (names == str(name))]
+        if of_attractor.size:
+            places.append(place)
+            rows.append(int(of_attractor[0]))
+    return places, rows
 
 
 def _in_time(table: pd.DataFrame, label: str, within: float) -> pd.DataFrame:

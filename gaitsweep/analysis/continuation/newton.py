@@ -36,6 +36,8 @@ Searches = Int[np.ndarray, " searches"]  # numbers of searches
 HALVINGS = 6
 # Condition number of the scaled Jacobian from which Newton's equations count as singular.
 SINGULAR = 1e11
+# Turns of an orbit after which deviations that have not decayed count as neutral or growing.
+MOST_TURNS = 1000
 # Factor by which an accepted step may raise the residual.
 PATIENCE = 4.0
 
@@ -322,6 +324,36 @@ def multipliers(
     # of two conjugates the one with the positive imaginary part comes first
     order = np.lexsort((-np.imag(factors), -np.round(np.abs(factors), 12)), axis=-1)
     return np.take_along_axis(factors, order, axis=-1)
+
+
+def largest_growth(jacobians: Sequence[Float[np.ndarray, "coordinates coordinates"]]) -> float:
+    """The largest factor by which a deviation from an orbit grows from one crossing to any later one.
+
+    It is the largest spectral norm of the products of successive Jacobians, and 1 if all of them are below
+    (Trefethen and Embree 2005, Spectra and Pseudospectra, ch. 14). Since norms of products are at most the
+    products of norms, it is reached before the product over a number of turns is at most 1.
+
+    Args:
+        jacobians: of the map at the crossings of the orbit, in order.
+
+    Returns:
+        The factor; NaN where deviations have not decayed after `MOST_TURNS` turns of the orbit.
+    """
+    largest = 1.0
+    period = len(jacobians)
+    for first in range(period):
+        product = np.eye(len(jacobians[0]))
+        for crossing in range(MOST_TURNS * period):
+            product = jacobians[(first + crossing) % period] @ product
+            if not np.isfinite(product).all():
+                return float("nan")
+            norm = float(np.linalg.norm(product, 2))
+            largest = max(largest, norm)
+            if (crossing + 1) % period == 0 and norm <= 1.0:
+                break
+        else:
+            return float("nan")
+    return largest
 
 
 def _restricted(

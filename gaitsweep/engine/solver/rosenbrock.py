@@ -91,6 +91,7 @@ def rodas5p(model: HybridModel) -> Estimate:
 
 
 @cached_by_content(maxsize=64)
+@cached_by_content(maxsize=64)
 def too_many_variables(model: HybridModel) -> int | None:
     """The number of continuous variables of a model if it is above `MAX_VARIABLES`, else None."""
     # stored, since every job that leaves the method open asks for it
