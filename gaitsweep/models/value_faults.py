@@ -34,7 +34,7 @@ MAX_NAMED = 8  # values that a sentence about a point names
 
 Columns = Mapping[str, Float[np.ndarray, " rows"]]
 _AnyArray = np.ndarray | Array
-_Values = dict[str, Shaped[_AnyArray, "..."]]
+_Values = Mapping[str, Shaped[_AnyArray, "..."]]
 Where = Callable[[int], str]  # words that say at which of some points something is
 
 
@@ -154,21 +154,20 @@ def _at_starts_of(model: Model) -> Callable[[Any, Any], _AtStarts]:
             after = model.step(params, state, jnp.asarray(1e-6))
             stepped = _by_path(after)
             quiet = jnp.zeros(model.events(params, state, after).shape, bool)
-        begun = _AtStarts(
-            state=_by_path(state),
-            observed=observed,
-            signals=model.signal(params, state),
-            gait=jnp.asarray(model.label(params, observed)["gait"], int),
-            period=jnp.asarray(model.period(params), float),
-            fallen=jnp.asarray(model.failed(params, state)),
-            rates=rates,
-            guards=guards,
-            stepped=stepped,
-            still=_by_path(model.jump(params, state, quiet)),
-            closes=jnp.asarray(model.section(params, state, quiet)),
-            beyond=model.beyond_at_start(params, state),
-        )
-        return vars(begun)
+        return {
+            "state": _by_path(state),
+            "observed": observed,
+            "signals": model.signal(params, state),
+            "gait": jnp.asarray(model.label(params, observed)["gait"], int),
+            "period": jnp.asarray(model.period(params), float),
+            "fallen": jnp.asarray(model.failed(params, state)),
+            "rates": rates,
+            "guards": guards,
+            "stepped": stepped,
+            "still": _by_path(model.jump(params, state, quiet)),
+            "closes": jnp.asarray(model.section(params, state, quiet)),
+            "beyond": model.beyond_at_start(params, state),
+        }
 
     of_rows = over_rows(of_one, "start", model)
     return lambda values, starts: _AtStarts(**of_rows(values, starts))
@@ -311,7 +310,9 @@ def _dependent_guards(
 
     first, second = np.triu_indices(count, 1)
     over_pairs = jax.vmap(of_pair, (None, None, 0, 0))
-    of_pairs = jax.jit(jax.vmap(lambda p, s: over_pairs(p, s, first, second)))(params, state)
+    of_pairs = jax.jit(jax.vmap(lambda p, s: over_pairs(p, s, jnp.asarray(first), jnp.asarray(second))))(
+        params, state
+    )
     dependent = np.zeros((len(of_pairs), count, count), bool)
     dependent[:, first, second] = of_pairs
     return dependent
@@ -409,7 +410,7 @@ def _non_finite_faults(name: str, tree: Any, where: Where) -> Iterator[str]:
             yield f"but its function {name} returns {numbers[row]}{for_field}{where(row)}."
 
 
-def _first_row(flags: Bool[np.ndarray, "rows ..."]) -> int | None:
+def _first_row(flags: Bool[_AnyArray, "rows ..."]) -> int | None:
     """The first row of flags (n, ...) of which one is set; None if none is."""
     rows = np.flatnonzero(np.any(np.reshape(flags, (len(flags), -1)), axis=1))
     return int(rows[0]) if rows.size else None

@@ -113,8 +113,7 @@ def described(table: pd.DataFrame, name: str, width: int = 44, *, named: bool = 
 
 def written(table: pd.DataFrame, name: str, value: object) -> str:
     """Format the value of a column: `f = 2.6 Hz`, angles in multiples of pi."""
-    is_number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
-    if not is_number or math.isnan(value):
+    if isinstance(value, bool) or not isinstance(value, int | float | np.number) or math.isnan(float(value)):
         return f"{symbol(table, name)} = {value}"
     number = float(value) + 0.0  # -0.0 becomes 0.0
     if not is_angle(table, name):

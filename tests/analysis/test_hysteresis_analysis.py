@@ -285,7 +285,7 @@ def test_gaits_may_be_numbers() -> None:
     table = settle_table(np.linspace(-0.8, 0.8, 33), [-1.0, 1.0])
     named = transition_points_by_gait(table, "f", "delta_13")
     number = {"trot": 1, "walk": 2}
-    numbered = table.assign(gait=table["gait"].astype(str).map(number).fillna(0).astype(int))
+    numbered = table.assign(gait=[number.get(name, 0) for name in table["gait"].astype(str)])
     result = transition_points_by_gait(numbered, "f", "delta_13")
     edges = ["direction", "kept", "lost", "rows"]
     for name in named["gait"]:

@@ -23,7 +23,7 @@ def test_a_swept_parameter_records_no_observable() -> None:
     m = {"unit": "kg", "symbol": None, "meaning": "mass"}
     swept = pd.DataFrame({"row": [0], "m_end": [1.0], "status": ["settled"]})
     swept.attrs["quantities"] = {"m": m, "m_end": m}
-    recorded = swept[["row", "status", "m_end"]]
+    recorded = pd.DataFrame(swept[["row", "status", "m_end"]])
     assert observable_in(swept, "m_end") == "m_end"
     assert symbol(swept, "m_end") == r"$m_{\mathrm{end}}$"
     assert symbol(recorded, "m_end") == "$m$"

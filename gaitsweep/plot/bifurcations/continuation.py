@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Annotated, Any
 
+import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
@@ -99,16 +100,17 @@ def _colours_of_rows(
             Line2D([], [], color=colour, lw=1.4, label=theme.named(name)) for name, colour in colours.items()
         ]
         return {row: colours[name] for row, name in name_of_row.items()}, handles
-    number_of_row = rows.first().astype(float)  # without NaN, unless all are
-    without_number = number_of_row.isna()
-    handles = []
-    if without_number.any():
-        handles = [Line2D([], [], color=theme.COLOURS["none"], lw=1.4, label=f"no {symbol(table, hue)}")]
-    numbers = number_of_row[~without_number]
-    colours_of_rows: dict[Any, Any] = dict.fromkeys(number_of_row.index, theme.COLOURS["none"])
-    if len(numbers):
-        low, high = float(numbers.min()), float(numbers.max())
+    numbers = rows.first()  # the first of a row that is not NaN
+    values = numbers.to_numpy(float)
+    has_number = ~np.isnan(values)
+    grey = theme.COLOURS["none"]
+    colours_of_rows: dict[Any, Any] = dict.fromkeys(numbers.index, grey)
+    if has_number.any():
+        low, high = float(np.nanmin(values)), float(np.nanmax(values))
         shades = ScalarMappable(Normalize(low, high if high > low else low + 1.0), "viridis")
         figure.colorbar(shades, ax=axes, label=described(table, hue), shrink=0.85)
-        colours_of_rows |= {row: shades.to_rgba(float(number)) for row, number in numbers.items()}
-    return colours_of_rows, handles
+        of_numbers = shades.to_rgba(values[has_number])
+        colours_of_rows |= dict(zip(numbers.index[has_number], of_numbers, strict=True))
+    if has_number.all():
+        return colours_of_rows, []
+    return colours_of_rows, [Line2D([], [], color=grey, lw=1.4, label=f"no {symbol(table, hue)}")]
