@@ -310,9 +310,8 @@ def _dependent_guards(
 
     first, second = np.triu_indices(count, 1)
     over_pairs = jax.vmap(of_pair, (None, None, 0, 0))
-    of_pairs = jax.jit(jax.vmap(lambda p, s: over_pairs(p, s, jnp.asarray(first), jnp.asarray(second))))(
-        params, state
-    )
+    pairs = jnp.asarray(first), jnp.asarray(second)
+    of_pairs = jax.jit(jax.vmap(lambda p, s: over_pairs(p, s, *pairs)))(params, state)
     dependent = np.zeros((len(of_pairs), count, count), bool)
     dependent[:, first, second] = of_pairs
     return dependent

@@ -109,7 +109,7 @@ def _colours_of_rows(
         low, high = float(np.nanmin(values)), float(np.nanmax(values))
         shades = ScalarMappable(Normalize(low, high if high > low else low + 1.0), "viridis")
         figure.colorbar(shades, ax=axes, label=described(table, hue), shrink=0.85)
-        of_numbers = shades.to_rgba(values[has_number])
+        of_numbers = map(tuple, shades.to_rgba(values[has_number]))
         colours_of_rows |= dict(zip(numbers.index[has_number], of_numbers, strict=True))
     if has_number.all():
         return colours_of_rows, []
