@@ -104,7 +104,7 @@ def suited_to_stiffness(design: Design, run: RunKind, numerics: ResolvedNumerics
         return numerics
     count = min(design.n_rows, MAX_STIFFNESS_ROWS)
     values, starts = design.values_in(np.linspace(0, design.n_rows - 1, count).astype(np.int64))
-    places = run.places()
+    places = list(run.places())
     for place in places[:: max(1, (len(places) - 1) // 2)]:  # both ends and the middle of a path
         placed = {**values, **{name: np.full(count, at) for name, at in place.items()}}
         placed = resolve(design.following(*place), placed, functions_of(np))
