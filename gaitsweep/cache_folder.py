@@ -22,18 +22,20 @@ def cache_folder(name: str) -> Path | None:
     """The folder of this name in the cache, created at its first use; None if it cannot be used.
 
     Warns if another user owns it or may write to it.
+
+    Args:
+        name: the name of the folder, such as kernels.
     """
     import tempfile  # which `--help` does not need
 
-    base = os.environ.get("GAITSWEEP_CACHE")
     try:
-        if base is None:
-            base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "gaitsweep"
-        folder = Path(base) / name
-        folder.parent.parent.mkdir(parents=True, exist_ok=True)
-        for directory in (folder.parent, folder):
+        cache = _cache()
+        folder = cache / name
+        cache.parent.mkdir(parents=True, exist_ok=True)
+        for directory in (cache, folder):
             directory.mkdir(mode=0o700, exist_ok=True)
-            if (reason := _unsafe(directory)) is not None:
+            # a sticky folder like /tmp keeps others from replacing what it has, but not from adding files
+            if (reason := _unsafe(directory, may_be_sticky=directory == cache)) is not None:
                 _warn_once(f"The cache {directory} is not used: {reason}.")
                 return None
         with tempfile.TemporaryFile(dir=folder):
@@ -42,8 +44,16 @@ def cache_folder(name: str) -> Path | None:
         return None
 
 
+def _cache() -> Path:
+    """The folder of all caches; raises RuntimeError for a user without a home."""
+    if own := os.environ.get("GAITSWEEP_CACHE"):
+        return Path(own)
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "gaitsweep"
+
+
 @functools.cache
 def _warn_once(sentence: str) -> None:
+    """Warn with a sentence at its first use in this process."""
     warnings.warn(sentence, stacklevel=3)
 
 
@@ -59,7 +69,8 @@ def store_cached(file: Path, content: bytes) -> None:
                 draft.write(hashlib.sha256(content).digest() + content)
             os.replace(draft.name, file)
         except BaseException:
-            os.unlink(draft.name)
+            with contextlib.suppress(OSError):  # or it would replace a KeyboardInterrupt, and be suppressed
+                os.unlink(draft.name)
             raise
 
 
@@ -95,8 +106,13 @@ def compiled_once(suffix: str, key: Sequence[str], compile_: Callable[[], bytes]
     return code
 
 
-def _unsafe(folder: Path) -> str | None:
-    """The reason why code from a folder may be another user's, or None."""
+def _unsafe(folder: Path, *, may_be_sticky: bool) -> str | None:
+    """The reason why code from a folder may be another user's, or None.
+
+    Args:
+        folder: the folder.
+        may_be_sticky: whether others may write to it if it has the sticky bit.
+    """
     status = folder.stat()
     user = os.geteuid()
     if status.st_uid not in (user, 0):
@@ -105,7 +121,8 @@ def _unsafe(folder: Path) -> str | None:
             "GAITSWEEP_CACHE to your own"
         )
     others = stat.S_IWOTH if _is_own_group(status.st_gid, user) else stat.S_IWOTH | stat.S_IWGRP
-    if status.st_mode & others and not status.st_mode & stat.S_ISVTX:
+    is_excused = may_be_sticky and bool(status.st_mode & stat.S_ISVTX)
+    if status.st_mode & others and not is_excused:
         return f"other users can write to it; prevent that by chmod go-w {folder}"
     return None
 

@@ -194,7 +194,7 @@ def read_paper(name: str | Path) -> Paper:
                 f"{name} is not a paper with a table of claims{near_miss.suggestion(str(name), known)}"
             )
         file = known[str(name)]
-    document = read_document(file)
+    document = read_document(file, noun="a table of claims", fields=("paper", "jobs", "claims"))
     import_all("measures")
     try:
         paper = Paper.model_validate(document.data)

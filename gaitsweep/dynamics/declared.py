@@ -189,7 +189,8 @@ class Declared(Model):
                 field = f"a field of its structure{suggestion(count, sizes) if sizes else ': it has none.'}"
                 raise TypeError(f'{cls.__name__} declares {name} with count="{count}", which is not {field}')
         if all(isinstance(sizes.get(count), int) for count in counts.values()):
-            for wrong in cls._faults(sizes):
+            wrong = next(cls._faults(sizes), None)
+            if wrong is not None:
                 raise TypeError(f"{cls.__name__} is a model {wrong}")
 
     @classmethod

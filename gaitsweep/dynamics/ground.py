@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import csv
 import dataclasses
+import functools
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -90,12 +91,11 @@ def check_ground(ground: Any) -> str:
     Raises:
         ArgumentError: it is neither, with the kinds that there are.
     """
-    kind = str(ground).split(" ", 1)[0]
-    if kind == PROFILE:
-        _points(str(ground))
+    if _kind(str(ground)) == PROFILE:
+        _profile(str(ground))
     elif ground not in KINDS:
         near = suggestion(str(ground), KINDS)
-        raise ArgumentError(f"ground is {ground}, which is no kind of ground{near}")
+        raise ArgumentError(f"ground is {ground}, which is not a kind of ground{near}")
     return str(ground)
 
 
@@ -104,41 +104,76 @@ def ground_profile(path: str | Path) -> str:
 
     Args:
         path: a CSV file with two columns, place x (m, increasing) and height z (m), with or without a line of
-            names; from 2 to 200 points. Between them the ground is straight, beyond the ends level.
+            two names; from 2 to 200 points. Between them the ground is straight, beyond the ends level.
 
     Returns:
         Text with the points themselves, so that stored jobs do not need the file.
 
     Raises:
-        ArgumentError: the file cannot be read, or is no such profile.
+        ArgumentError: the file cannot be read, or is not such a profile.
     """
     try:
-        with open(path, newline="", encoding="utf-8") as file:
-            lines = [line for line in csv.reader(file) if line]
+        # spreadsheets begin a file in UTF-8 with a byte order mark
+        with open(path, newline="", encoding="utf-8-sig") as file:
+            reader = csv.reader(file)
+            rows = [(reader.line_num, cells) for cells in reader if cells]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise ArgumentError(f"{path} cannot be read as a profile of the ground: {error}.") from None
-    numbers = []
-    for count, line in enumerate(lines):
+    if rows and _is_header(rows[0][1]):
+        del rows[0]
+    numbers: list[float] = []
+    for line, cells in rows:
         try:
-            x, z = (float(text) for text in line)
+            x, z = (float(cell) for cell in cells)
         except ValueError:
-            if count == 0:
-                continue
-            text = (
-                f"line {count + 1} is {','.join(line)}, but must be two numbers, a place and a height in m."
-            )
-            raise ArgumentError(f"{path} is no profile of the ground: {text}") from None
+            text = f"line {line} is {','.join(cells)}, but must be two numbers, a place and a height in m."
+            raise ArgumentError(f"{path} is not a profile of the ground: {text}") from None
         numbers += [x, z]
     text = " ".join([PROFILE, *(repr(number) for number in numbers)])
     try:
-        _points(text)
+        _profile(text)
     except ArgumentError as error:
-        raise ArgumentError(f"{path} is no profile of the ground: {error}") from None
+        raise ArgumentError(f"{path} is not a profile of the ground: {error}") from None
     return text
 
 
-def _points(text: str) -> tuple[Float[np.ndarray, " points"], Float[np.ndarray, " points"]]:
-    """The places and heights (m) of a profile as text; raises ArgumentError."""
+def _is_header(cells: list[str]) -> bool:
+    """Whether the cells of a row are the names of the two columns."""
+    return len(cells) == 2 and not any(map(_is_number, cells))
+
+
+def _is_number(text: str) -> bool:
+    """Whether a text is a number."""
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def _kind(ground: str) -> str:
+    """The kind of ground that a text describes: its first word."""
+    return ground.split(" ", 1)[0]
+
+
+@dataclasses.dataclass(frozen=True)
+class _Profile:
+    """A profile of the ground: its points' places and heights (m), in tuples, so that it is a key of JAX."""
+
+    places: tuple[float, ...]
+    heights: tuple[float, ...]
+
+    def height(self, x: Float[Array, " ..."]) -> Float[Array, " ..."]:
+        """The height (m) at places x (m), less that of the first point."""
+        places = np.asarray(self.places)
+        segments = zip(places, np.diff(places), np.diff(self.heights), strict=False)
+        rises = (rise * jnp.clip((x - place) / length, 0.0, 1.0) for place, length, rise in segments)
+        return sum(rises, start=jnp.zeros_like(x))
+
+
+@functools.lru_cache(maxsize=64)
+def _profile(text: str) -> _Profile:
+    """The profile that a text describes; raises ArgumentError."""
     try:
         numbers = np.asarray([float(word) for word in text.split()[1:]])
     except ValueError as error:
@@ -151,7 +186,7 @@ def _points(text: str) -> tuple[Float[np.ndarray, " points"], Float[np.ndarray, 
     z = numbers[1::2]
     if not np.isfinite(numbers).all() or not (np.diff(x) > 0.0).all():
         raise ArgumentError("the places of a profile must be finite and increase.")
-    return x, z
+    return _Profile(tuple(x.tolist()), tuple(z.tolist()))
 
 
 def is_uneven(model: Model) -> bool:
@@ -161,29 +196,29 @@ def is_uneven(model: Model) -> bool:
 
 def ground_quantities(ground: str) -> tuple[Quantity, ...]:
     """The parameters of a kind of ground, or of a profile."""
-    return _QUANTITIES[ground.split(" ", 1)[0]]
-
-
-def _along(profile: str, x: Float[Array, " ..."]) -> Float[Array, " ..."]:
-    """The height (m) of a profile at places x (m), less that of its first point."""
-    places, heights = _points(profile)
-    segments = zip(places, np.diff(places), np.diff(heights), strict=False)
-    rises = (rise * jnp.clip((x - place) / length, 0.0, 1.0) for place, length, rise in segments)
-    return sum(rises, start=jnp.zeros_like(x))
+    return _QUANTITIES[_kind(ground)]
 
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Ground:
-    """The ground of a row: a kind, and the values of its parameters by name."""
+    """The ground of a row: a kind, the values of its parameters by name, and the profile of that kind."""
 
     kind: str = dataclasses.field(metadata={"static": True})
     values: Mapping[str, Float[Array, ""]]
+    profile: _Profile | None = dataclasses.field(default=None, metadata={"static": True})
 
     @classmethod
     def of(cls, ground: str, values: Mapping[str, Any]) -> Ground:
-        """The ground of a kind, from the values of all parameters of a row by name."""
-        return cls(ground, {q.name: jnp.asarray(values[q.name]) for q in ground_quantities(ground)})
+        """The ground of a row of a model.
+
+        Args:
+            ground: a kind of ground, or a profile as text.
+            values: the parameters of the row by name; those of other things are ignored.
+        """
+        kind = _kind(ground)
+        own = {quantity.name: jnp.asarray(values[quantity.name]) for quantity in ground_quantities(ground)}
+        return cls(kind, own, _profile(ground) if kind == PROFILE else None)
 
     def __call__(self, x: Float[Array, " ..."]) -> Float[Array, " ..."]:
         """The height (m) at places x (m)."""
@@ -193,8 +228,9 @@ class Ground:
             return jnp.tan(jnp.deg2rad(self.values["ground_slope"])) * jnp.maximum(x, 0.0)
         if self.kind in ("steps", "rough"):
             return self._drawn(x)
+        assert self.profile is not None
         start = self.values["ground_start"]
-        return jnp.where(x > 0.0, _along(self.kind, start + x) - _along(self.kind, start), 0.0)
+        return jnp.where(x > 0.0, self.profile.height(start + x) - self.profile.height(start), 0.0)
 
     def _drawn(self, x: Float[Array, " ..."]) -> Float[Array, " ..."]:
         """Heights that are drawn at multiples of `ground_width`, from 1 on, with smooth rises between."""

@@ -103,10 +103,10 @@ class MapModel(Declared, SteppedModel):
         return self.period(params)
 
     def symmetries(self) -> Mapping[str, Callable[[Params, State], State]]:
-        def image(declared: Symmetry) -> Callable[[Params, State], State]:
+        def bound(declared: Symmetry) -> Callable[[Params, State], State]:
             return lambda params, state: declared.function(self, params, state)
 
-        return {name: image(declared) for name, declared in self._named(Symmetry).items()}
+        return {name: bound(declared) for name, declared in self._named(Symmetry).items()}
 
     def chart(self) -> Chart | None:
         return SectionCoordinates(self)

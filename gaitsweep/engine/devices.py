@@ -12,9 +12,17 @@ import resource
 from typing import Any
 
 import jax
-from jax._src import xla_bridge
 
 from gaitsweep.errors import ArgumentError, UnsupportedSystem
+
+try:
+    from jax._src.xla_bridge import backends_are_initialized
+except ImportError:
+
+    def backends_are_initialized() -> bool:
+        """Whether JAX has computed in this process; assumed for a version of JAX that does not tell it."""
+        return True
+
 
 Device = Any  # a jax.Device, which type checkers do not accept as a type
 
@@ -25,8 +33,9 @@ _computed_before = False  # whether JAX had computed when this process was forke
 
 
 def _note_fork() -> None:
+    """Note in a new fork whether JAX had computed in its parent."""
     global _computed_before
-    _computed_before |= xla_bridge.backends_are_initialized()
+    _computed_before |= backends_are_initialized()
 
 
 os.register_at_fork(after_in_child=_note_fork)
@@ -75,6 +84,9 @@ def see_all_cores() -> None:
 def local_devices(count: int | None = None) -> list[Device]:
     """The devices of a run: all local devices, or the first `count`; on a CPU one for each usable core.
 
+    Args:
+        count: the number of devices, or None for all.
+
     Raises:
         ArgumentError: more devices are requested than there are.
         UnsupportedSystem: as for `refuse_fork`.
@@ -83,7 +95,8 @@ def local_devices(count: int | None = None) -> list[Device]:
     see_all_cores()
     devices = jax.local_devices()
     if count is not None and count > len(devices):
-        raise ArgumentError(f"engine.devices is {count}, but JAX finds only {len(devices)} devices here.")
+        found = "1 device" if len(devices) == 1 else f"{len(devices)} devices"
+        raise ArgumentError(f"engine.devices is {count}, but JAX finds only {found} here.")
     return devices[:count]
 
 

@@ -50,7 +50,7 @@ def decay_per_period(
     """
     count = _flag_count(model)
     rows = len(next(iter({**values, **starts}.values())))
-    modes = np.array(list(itertools.product((False, True), repeat=count))).reshape(-1, count)
+    modes = np.array(list(itertools.product((False, True), repeat=count)), bool).reshape(2**count, count)
     in_modes = (
         {name: np.repeat(column, len(modes)) for name, column in values.items()},
         {name: np.repeat(column, len(modes)) for name, column in starts.items()},

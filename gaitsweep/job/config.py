@@ -42,7 +42,9 @@ class Config:
             self.diagnostics.append(Diagnostic(("config",), text))
             return
         try:
-            self._document = read_document(config_file(path, folder))
+            self._document = read_document(
+                config_file(path, folder), noun="a config", fields=("model", "params")
+            )
         except JobError as error:
             self.diagnostics.extend(map(_at_the_job, error.diagnostics))
             return

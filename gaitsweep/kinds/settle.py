@@ -218,10 +218,13 @@ class Settle(SettlesRows):
     def refined(self, rows: Design) -> Grid | None:
         if self.refine is None:
             return None
+        return Grid(tuple(group.length for group in rows.groups), self._refined_axes(rows), self.coarse)
+
+    def _refined_axes(self, rows: Design) -> dict[int, bool]:
+        """The axes to refine, by their places in a grid, and whether each is closed."""
         starts = {quantity.name for quantity in rows.model.initial_conditions}
         wanted = starts if self.over is None else set(self.over)
-        axes = {axis.place: axis.closed for name, axis in rows.grids.items() if name in wanted}
-        return Grid(tuple(group.length for group in rows.groups), axes, self.coarse)
+        return {axis.place: axis.closed for name, axis in rows.grids.items() if name in wanted}
 
     def _check_refinement(self, rows: Design) -> list[Diagnostic]:
         """Diagnostics about refinement of axes that do not form a grid."""
@@ -244,8 +247,7 @@ class Settle(SettlesRows):
             elif name not in grids:
                 near = near_miss.suggestion(name, grids) if grids else ": no axis of this job is a grid."
                 wrong.append(Diagnostic(field, f"is {name}, which does not vary{near}"))
-        grid = self.refined(rows)
-        if not wrong and grid is not None and not grid.wraps:
+        if not wrong and not self._refined_axes(rows):
             text = "needs a grid: a linspace or logspace of a start under vary"
             others = f", or run.over with some of {', '.join(grids)}" if grids else ""
             wrong.append(Diagnostic(("run", "refine"), f"{text}{others}."))

@@ -120,9 +120,10 @@ def prepare(job: Job) -> RunContext:
     schedule = job.run.schedule()
     drive = None if schedule is None or moved is None else Drive(rows, moved, schedule)
     try:
-        engine, note = choose(job.engine.name, devices[0], rows.model, recorder, numerics, drive)
+        engine, obstacle = choose(job.engine.name, devices[0], rows.model, recorder, numerics, drive)
     except EngineError as error:
         raise RunError(str(error)) from error
+    note = None if obstacle is None else f"engine: xla, because {obstacle}."
     lanes = job.engine.lanes or default_lanes(engine, rows.n_rows, devices[0].platform)
     lanes = min(lanes, max(8, rows.n_rows))  # more would be idle from the start
     steps = row_steps(rows, job.run, numerics)

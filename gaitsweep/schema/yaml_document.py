@@ -11,6 +11,7 @@ import itertools
 import os
 import re
 import stat
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -101,7 +102,7 @@ _YAML_SENTENCES = {
     "expected <block end>": "the indentation fits neither the lines above nor those below",
     "did not find expected key": "the indentation fits neither the lines above nor those below",
     "did not find expected '-'": "the indentation fits neither the lines above nor those below",
-    "another document": "a second document (---) begins; a job is one document",
+    "another document": "a second document (---) begins, but only one is allowed",
     "cannot start any token": "a value cannot begin with this character: put the text in quotes",
     "special characters are not allowed": "control characters are not allowed",
     "control characters are not allowed": "control characters are not allowed",
@@ -151,24 +152,31 @@ class Document:
         return JobError(sorted(diagnostics, key=lambda diagnostic: diagnostic.line or 0))
 
 
-def read_document(path: Path) -> Document:
+def read_document(
+    path: Path, *, noun: str = "a job", fields: Sequence[str] = ("name", "model", "run")
+) -> Document:
     """Read the YAML mapping in a file.
+
+    Args:
+        path: the file.
+        noun: what the file describes, for messages.
+        fields: its first fields, for the message about an empty file.
 
     Raises:
         JobError: the file is missing, a directory, not text, not YAML, empty, or not a mapping; or it has a
             duplicate key or an unsupported tag.
     """
     name = str(path)
-    text = _read_text(path, name)
+    text = _read_text(path, noun)
     reading = _Reading(name)
     node = _compose(text, name)
     if node is None:
-        raise _refused(name, None, "is empty: a job is a mapping (name: ..., model: ..., run: ...).")
+        example = ", ".join(f"{field}: ..." for field in fields)
+        raise _refused(name, None, f"is empty: {noun} is a mapping ({example}).")
     data = reading.value(node, ())
     if not isinstance(data, dict):
-        raise _refused(
-            name, 1, f"holds {diagnostics.quoted(data)}, but a job must be a mapping (key: value)."
-        )
+        text = f"holds {diagnostics.quoted(data)}, but {noun} must be a mapping (key: value)."
+        raise _refused(name, 1, text)
     return Document(name, data, reading.places)
 
 
@@ -183,8 +191,9 @@ def _refused(file: str, line: int | None, text: str, path: diagnostics.Path = ()
     return JobError([Diagnostic(path, text, file=file, line=line)])
 
 
-def _read_text(path: Path, name: str) -> str:
-    """Read the text of a file; raises JobError where it cannot be read or is no text."""
+def _read_text(path: Path, noun: str) -> str:
+    """Read the text of a file that describes `noun`; raises JobError where it is not readable text."""
+    name = str(path)
     try:
         kind = _kind(os.stat(path).st_mode)
         if kind == "a directory":
@@ -192,8 +201,8 @@ def _read_text(path: Path, name: str) -> str:
             content = f" It holds {jobs}." if jobs else ""
             raise _refused(name, None, f"is a directory, not a file.{content}")
         if kind:
-            raise _refused(name, None, f"is {kind}; a job must be a regular file.")
-        raw = _read_regular(path, name)
+            raise _refused(name, None, f"is {kind}; {noun} must be a regular file.")
+        raw = _read_regular(path, noun)
     except FileNotFoundError:
         raise _refused(name, None, f"does not exist{_suggestion(path)}") from None
     except (OSError, ValueError) as error:
@@ -217,22 +226,21 @@ def _suggestion(path: Path) -> str:
     return "." if path.parent.is_dir() else f", nor does its folder {path.parent}."
 
 
-def _read_regular(path: Path, name: str) -> bytes:
+def _read_regular(path: Path, noun: str) -> bytes:
     """Read the bytes of a regular file, at most the allowed number; refuse any other kind of file.
 
     It is opened without blocking, since it may have been replaced by a named pipe that has no writer.
     """
+    name = str(path)
     descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC)
     with os.fdopen(descriptor, "rb") as file:
         if kind := _kind(os.fstat(descriptor).st_mode):
-            raise _refused(name, None, f"is {kind}; a job must be a regular file.")
+            raise _refused(name, None, f"is {kind}; {noun} must be a regular file.")
         raw = file.read(_LARGEST + 1)  # a file of /proc has no size before it is read
     if raw is None:
         raise _refused(name, None, "cannot be read: it is empty so far.")
     if len(raw) > _LARGEST:
-        raise _refused(
-            name, None, f"is larger than {_LARGEST / 2**20:g} MiB, the largest size of a job file."
-        )
+        raise _refused(name, None, f"is larger than {_LARGEST / 2**20:g} MiB, the largest size of {noun}.")
     return raw
 
 

@@ -306,7 +306,7 @@ def test_a_curve_of_corners() -> None:
     )  # fmt: skip
     corner = OrderChange(
         mapping=cornered, parameter="p", second="q", within=((-0.5, 1.5), (-0.6, 1.0)), values={}, fix={},
-        point=cornered.points([[0.31]]), home=(0.09, 0.3), events=[], change="", vanishes=True,
+        point=cornered.points([[0.31]]), home=(0.09, 0.3), events=[], changes=frozenset(), vanishes=True,
     )  # fmt: skip
     curve = pd.DataFrame(corner.curve())
     np.testing.assert_allclose(curve["p"], curve["q"] ** 2, atol=1e-8)

@@ -5,8 +5,10 @@
 
 from __future__ import annotations
 
+import gc
 import importlib.util
 import types
+import weakref
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -18,6 +20,7 @@ import numpy as np
 import pytest
 
 import gaitsweep as gs
+from gaitsweep.dynamics.body.mechanics import LocatedBody
 from gaitsweep.engine.kernel import cuda_lanes
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
@@ -270,10 +273,23 @@ def test_a_size_equals_the_edited_lengths() -> None:
         params, _ = begun(model, **values)
         geometry = model.body.geometry(params.body)
         results.append([geometry.mass, geometry.com, geometry.inertia, geometry.position])
-        stops = model.body.stretches(params.body, q, v)
+        stops = model.body.stretches(geometry, params.body, q, v)
         results[-1].append(np.array([float(stop.stretch) for stop in stops]))
     for one, other in zip(*results, strict=True):
         np.testing.assert_allclose(one, other, rtol=0, atol=1e-12)
+
+
+def test_a_body_that_is_no_longer_used_is_freed() -> None:
+    ball = """<mujoco><worldbody><geom type="plane" size="1 1 1"/><body name="ball" pos="0 0 1">
+      <joint name="z" type="slide" axis="0 0 1"/><geom name="ball" size=".1"/></body></worldbody></mujoco>"""
+    body = LocatedBody(mujoco.MjModel.from_xml_string(ball))
+    values: dict[str, Any] = {quantity.name: quantity.default for quantity in body.parameters}
+    height = body.heights(values, jnp.zeros(body.nq), jnp.zeros(body.nv))
+    np.testing.assert_allclose(height, [-0.9], rtol=1e-15)
+    reference = weakref.ref(body)
+    del body
+    gc.collect()
+    assert reference() is None
 
 
 @pytest.mark.slow

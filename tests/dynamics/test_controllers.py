@@ -149,7 +149,11 @@ def test_a_model_file_is_the_class_that_one_would_write() -> None:
             r"line 9: controller\.legs\.L is not accepted: .*'hpi_l'; did you mean",
         ),
         ("foot: foot_l,", "foot: fot_l,", r"line 9: controller\.legs\.L\.foot is fot_l.*did you mean foot_l"),
-        ("knee: knee_l}", "kne: knee_l}", r"line 9: controller\.legs\.L\.kne is no role.*did you mean knee"),
+        (
+            "knee: knee_l}",
+            "kne: knee_l}",
+            r"line 9: controller\.legs\.L\.kne is not a role.*did you mean knee",
+        ),
         ("kind: phase", "kind: phse", r"line 4: controller\.oscillators.*phse.*phase"),
         ("omega: 6", "omga: 6", r"line 4: controller\.oscillators\.phase\.omga .*did you mean omega"),
         ("omega: 6", "omega: -6", r"line 4: .*omega is -6, but must be above 0"),
@@ -164,7 +168,17 @@ def test_a_model_file_is_the_class_that_one_would_write() -> None:
             r"line 11: falen is not a field of a model file; did you mean fallen",
         ),
         ("  joints:", "  kp: 3\n  joints:", "kp or kd, but all of its joints have <position>"),
-        ("body: biped.xml", "body: bipd.xml", r"bipd\.xml does not exist"),
+        ("body: biped.xml", "body: bipd.xml", r"line 2: body is not accepted: .*bipd\.xml does not exist"),
+        ("body: biped.xml", "body: .", "line 2: body is not accepted: .*is a folder"),
+        ("body: biped.xml", "body: biped.yaml", "line 2: body is not accepted: .*XML"),
+        ("body: biped.xml", "body: biped.xml\nkeyframe: stnd", r"line 3: keyframe .*'stnd'"),
+        (
+            "R: {foot: foot_r, hip: hip_r",
+            "R: {foot: foot_r, hip: hip_l",
+            r"line 10: controller\.legs\.R\.hip is hip_l, which is already the hip of leg L",
+        ),
+        ("R: {foot: foot_r", "R: {foot: foot_l", r"legs\.R\.foot is foot_l, .* already the foot of leg L"),
+        ("knee: knee_l}", "knee: hip_l}", r"legs\.L\.knee is hip_l, .* already the hip of leg L"),
     ],
 )
 def test_errors_of_a_model_file_have_its_line(tmp_path: Path, old: str, new: str, words: str) -> None:
@@ -172,7 +186,18 @@ def test_errors_of_a_model_file_have_its_line(tmp_path: Path, old: str, new: str
     assert old in text
     (tmp_path / "biped.yaml").write_text(text.replace(old, new))
     (tmp_path / "biped.xml").write_text((WALKERS / "biped.xml").read_text())
-    with pytest.raises((JobError, FileNotFoundError, ValueError), match=words):
+    with pytest.raises(JobError, match=words):
+        model_of_file(tmp_path / "biped.yaml")
+
+
+def test_an_empty_model_file_and_a_body_that_is_not_located_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "biped.yaml").write_text("")
+    with pytest.raises(JobError, match=r"is empty: a model file is a mapping \(body: \.\.\., controller"):
+        model_of_file(tmp_path / "biped.yaml")
+    (tmp_path / "biped.yaml").write_text((WALKERS / "biped.yaml").read_text())
+    xml = (WALKERS / "biped.xml").read_text()
+    (tmp_path / "biped.xml").write_text(xml.replace("<worldbody>", '<option density="1"/><worldbody>'))
+    with pytest.raises(JobError, match=r"line 2: body is not accepted: .*fluid"):
         model_of_file(tmp_path / "biped.yaml")
 
 

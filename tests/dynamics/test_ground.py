@@ -84,7 +84,25 @@ def test_slopes_and_profiles_are_what_they_say(tmp_path: Path) -> None:
     assert gs.Job.model_validate(by_file.resolved()).hash() == by_file.hash()
     # a job without the key is the one that it was before models asked for the ground
     assert gs.Job.model_validate(job).resolved()["structure"] == {}
-    for text, reason in (("0,0\n", "1 points"), ("0,0\n0,1\n", "increase"), ("a,b\n0\n", "line 2")):
+
+
+def test_no_point_of_a_file_is_lost_or_taken_for_names(tmp_path: Path) -> None:
+    file = tmp_path / "heights.csv"
+    expected = "profile 0.0 0.1 1.0 0.2"
+    for text in ("0,0.1\n1,0.2\n", "x,z\n0,0.1\n1,0.2\n", "\n\nx,z\n\n0,0.1\n1,0.2\n"):
+        for encoding in ("utf-8", "utf-8-sig"):
+            file.write_text(text, encoding=encoding)
+            assert gs.ground_profile(file) == expected
+    for text, reason in (
+        ("0,0\n", "1 points"),
+        ("0,0\n0,1\n", "increase"),
+        ("a,b\n0\n", "line 2"),
+        ("0,0,0\n1,0\n2,0\n", "line 1 is 0,0,0"),
+        ("0,x\n1,0\n2,0\n", "line 1 is 0,x"),
+        ("x,y,z\n1,0\n2,0\n", "line 1"),
+        ("0;0\n1,0\n2,0\n", "line 1"),
+        ("x,z\n\n0,0\n\n1;2\n", "line 5 is 1;2"),
+    ):
         file.write_text(text)
         with pytest.raises(gs.ArgumentError, match=reason):
             gs.ground_profile(file)

@@ -150,6 +150,33 @@ def test_a_folder_that_others_may_write_to_is_not_used(cache: Path, mode: int) -
         folder.chmod(0o700)
 
 
+def test_the_sticky_bit_excuses_the_cache_but_not_its_folder_of_code(cache: Path) -> None:
+    assert cache_folder("kernels") == cache / "kernels"
+    cache.chmod(0o1777)
+    assert cache_folder("kernels") == cache / "kernels"
+    (cache / "kernels").chmod(0o1777)
+    with pytest.warns(UserWarning, match=f"{cache / 'kernels'} is not used.*chmod go-w"):
+        assert cache_folder("kernels") is None
+
+
+def test_an_empty_setting_of_the_cache_is_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("GAITSWEEP_CACHE", "")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    assert cache_folder("kernels") == tmp_path / "gaitsweep" / "kernels"
+
+
+def test_an_interrupt_ends_a_store_even_if_its_draft_cannot_be_removed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(*_: Any) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(os, "replace", interrupted)
+    monkeypatch.setattr(os, "unlink", _full)
+    with pytest.raises(KeyboardInterrupt):
+        store_cached(tmp_path / "file", b"content")
+
+
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root gives files to others")
 def test_a_folder_of_another_user_is_not_used(cache: Path) -> None:
     cache.mkdir()

@@ -226,8 +226,8 @@ def test_a_gpu_without_its_packages_uses_xla() -> None:
     if importlib.util.find_spec("cuda") is not None:
         pytest.skip("NVIDIA's packages are installed")
     card = types.SimpleNamespace(platform="gpu")
-    engine, note = choose("auto", card, Toy(), SettleRecorder(Toy()), NUMERICS.resolve(Toy()), None)
-    assert (engine, note) == ("xla", "engine: xla, because the package cuda-core is not installed.")
+    engine, reason = choose("auto", card, Toy(), SettleRecorder(Toy()), NUMERICS.resolve(Toy()), None)
+    assert (engine, reason) == ("xla", "the package cuda-core is not installed")
 
 
 def test_models_that_kernels_do_not_support_use_xla() -> None:

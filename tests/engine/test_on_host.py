@@ -62,8 +62,8 @@ def test_arrays_of_rows_reach_their_lanes(block: int, devices: int) -> None:
 
 def test_such_a_model_is_left_to_xla() -> None:
     model, device = Prepared(), jax.local_devices()[0]
-    engine, note = choose("auto", device, model, SettleRecorder(model), Numerics().resolve(model), None)
+    engine, reason = choose("auto", device, model, SettleRecorder(model), Numerics().resolve(model), None)
     assert engine == "xla"
-    assert note == "engine: xla, because toy computes on the host with kick, preload."
+    assert reason == "toy computes on the host with kick, preload"
     with pytest.raises(EngineError, match="on the host"):
         choose("kernel", device, model, SettleRecorder(model), Numerics().resolve(model), None)

@@ -149,3 +149,9 @@ def test_rounds_depend_only_on_known_labels() -> None:
 def test_boxes_that_cannot_be_halved_to_a_cell_are_refused(coarse: int) -> None:
     with pytest.raises(ValueError, match="power of two"):
         Grid((9, 9), {0: True, 1: True}, coarse)
+
+
+@pytest.mark.parametrize(("wraps", "words"), [({}, "wraps is empty"), ({1: True}, "has axis 1")])
+def test_grids_without_a_refined_axis_are_refused(wraps: dict[int, bool], words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        Grid((4,), wraps, 8)

@@ -118,8 +118,9 @@ class BranchAtlas:
         """The records of a branch of an earlier run, from those of its table."""
         for number, record in zip(of_branch.index, of_branch.to_dict("records"), strict=True):
             at, *beside = points_of(record["stored_point"], like)
-            names = ("special", "end", "change")
-            texts = {name: record[name] if isinstance(record[name], str) else "" for name in names}
+            texts = {
+                name: record[name] if isinstance(record[name], str) else "" for name in ("special", "end")
+            }
             yield {
                 **texts,
                 "stored": at,

@@ -17,6 +17,8 @@ from gaitsweep.analysis.continuation.flows import in_terms_of_flow
 from gaitsweep.engine.poincare.maps import Points
 
 Mask = Bool[np.ndarray, " records"]
+# Entries of a record that are not columns, or columns of the atlas alone.
+_NOT_COLUMNS = ("row", "point", "at", "events", "changes")
 # Numbers of a record that only some records have.
 _NOT_A_NUMBER = dict.fromkeys(("coefficient", "reached", "error"), float("nan"))
 
@@ -53,9 +55,10 @@ def atlas_table(atlas: BranchAtlas, search: OrbitSearch, at: float) -> pd.DataFr
                 earlier = record["earlier"]
                 records.append({**head, "found": hits.get((earlier,), -1), "earlier": earlier})
                 continue
-            head |= {**of_branch, "symmetry": "", "change": "", **event_columns(record["events"])}
+            change = ", ".join(record.get("changes", ()))
+            head |= {**of_branch, "symmetry": "", "change": change, **event_columns(record["events"])}
             head |= {"stored_point": text_of(record["at"], branch.asides.get(index))}
-            numbers_of_point = {k: v for k, v in record.items() if k not in ("row", "point", "at", "events")}
+            numbers_of_point = {k: v for k, v in record.items() if k not in _NOT_COLUMNS}
             head |= renamed_apart(numbers_of_point, head)
             if record[atlas.parameter] == at and not record["special"]:
                 head |= _gait(atlas, search, branch, record["at"], listed.setdefault(branch.row, []))

@@ -32,20 +32,23 @@ def event_columns(events: Events) -> dict[str, Any]:
     return {"events": ", ".join(name for _, name in events), **times}
 
 
-def change_of_order(before: Events, after: Events) -> str:
-    """The difference in the order of events of two gaits, in words; empty if there is none.
+def changes_of_order(before: Events, after: Events) -> tuple[str, ...]:
+    """The changes between the orders of events of two gaits, each in words; empty if there is none.
+
+    Args:
+        before, after: the events of the gaits in their order, each with its time (s) and name.
 
     Example:
-        >>> from gaitsweep.analysis.atlas.order_changes import change_of_order
-        >>> change_of_order([(0.1, "foot 1 lands"), (0.2, "foot 2 lifts")], [(0.1, "foot 2 lifts")])
-        'without foot 1 lands'
+        >>> from gaitsweep.analysis.atlas.order_changes import changes_of_order
+        >>> changes_of_order([(0.1, "foot 1 lands"), (0.2, "foot 2 lifts")], [(0.1, "foot 2 lifts")])
+        ('without foot 1 lands',)
     """
     first, second = ([name for _, name in events] for events in (before, after))
     if first == second:
-        return ""
+        return ()
     moved = _past_the_section(first, second)
     if moved is not None:
-        return f"{moved} passes the section"
+        return (f"{moved} passes the section",)
     index = {event: k for k, event in enumerate(_numbered(second))}
     in_both = [event for event in _numbered(first) if event in index]
     changes = [
@@ -55,7 +58,7 @@ def change_of_order(before: Events, after: Events) -> str:
     ]
     changes += [f"without {name}" for name in Counter(first) - Counter(second)]
     changes += [f"with {name}" for name in Counter(second) - Counter(first)]
-    return ", ".join(dict.fromkeys(changes))
+    return tuple(dict.fromkeys(changes))
 
 
 def _past_the_section(before: list[str], after: list[str]) -> str | None:
@@ -122,17 +125,17 @@ def _marked(branch: Branch) -> Branch:
     records = [dict(record) for record in branch.records]
     for end, inner in ((0, 1), (-1, -2)):
         if records[end]["end"] == "lost" and len(records) > 1:
-            records[end]["change"] = _change_beyond(branch, end, inner, records[end]["events"])
+            records[end]["changes"] = _changes_beyond(branch, end, inner, records[end]["events"])
     marks: dict[int, list[Record]] = {}  # by the index of the record behind them
     for index, (before, after) in enumerate(itertools.pairwise(records), start=1):
-        change = change_of_order(before["events"], after["events"])
-        if not change:
+        changes = changes_of_order(before["events"], after["events"])
+        if not changes:
             continue
         corner = next((record for record in (before, after) if record["special"] == "corner"), None)
         if corner is None:
             marks[index] = list(_marks_on_step(branch.problem, before, after))
         else:
-            corner["change"] = change
+            corner["changes"] = changes
     with_marks: list[Record] = []
     asides: dict[int, BranchPoints] = {}
     for index, record in enumerate(records):
@@ -147,19 +150,19 @@ def _marks_on_step(problem: ContinuationProblem, before: Record, after: Record) 
     """A record for each change on the step between two records; `after` notes one that is not located."""
     begin, events_at_begin = before["at"], before["events"]
     for _ in range(MOST_CHANGES):
-        if not change_of_order(events_at_begin, after["events"]):
+        if not changes_of_order(events_at_begin, after["events"]):
             return
         located = _last_before(problem, begin, after["at"], events_at_begin)
         if located is None:
-            after["change"] = change_of_order(events_at_begin, after["events"])
+            after["changes"] = changes_of_order(events_at_begin, after["events"])
             return
         (at, last), (begin, events_at_begin) = located
-        change = change_of_order(last, events_at_begin)
-        yield record_of(problem, at) | {"special": "order_change", "change": change, "events": last}
+        changes = changes_of_order(last, events_at_begin)
+        yield record_of(problem, at) | {"special": "order_change", "changes": changes, "events": last}
 
 
-def _change_beyond(branch: Branch, at_end: int, inner: int, events: Events) -> str:
-    """The change in the order of events just beyond an end at which a branch is lost; empty if there is none.
+def _changes_beyond(branch: Branch, at_end: int, inner: int, events: Events) -> tuple[str, ...]:
+    """The changes of the order of events just beyond an end at which a branch is lost; empty without any.
 
     The points beyond it lie on the line through the records `inner` and `at_end`.
     """
@@ -172,9 +175,9 @@ def _change_beyond(branch: Branch, at_end: int, inner: int, events: Events) -> s
         points = Points(end.points.at + share * ahead_of_end, end.points.modes)
         parameter = end.parameter + share * (end.parameter - before.parameter)
         beyond = mapping.events(points, problem.values_at(parameter))[0]
-        if beyond and (change := change_of_order(events, beyond)):
-            return change
-    return ""
+        if beyond and (changes := changes_of_order(events, beyond)):
+            return changes
+    return ()
 
 
 def _last_before(
@@ -191,7 +194,7 @@ def _last_before(
         length = 0.5 * (low + high)
         near, converged = problem.step(begin, np.array([length]))
         events_near = _events(problem, near)[0] if converged[0] else []
-        if events_near and not change_of_order(events, events_near):
+        if events_near and not changes_of_order(events, events_near):
             low, last = length, (near, events_near)
         else:
             high = length

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float
 
-from gaitsweep.analysis.atlas.order_changes import change_of_order
-from gaitsweep.analysis.continuation.newton import multipliers, newton
+from gaitsweep.analysis.atlas.order_changes import changes_of_order
+from gaitsweep.analysis.continuation.newton import FixedPoints, multipliers, newton
 from gaitsweep.engine.poincare.maps import Events, Map, Points, Values
 
 # Steps of the second parameter over its range.
@@ -30,6 +30,24 @@ ROUNDS = 8
 
 
 @dataclasses.dataclass(frozen=True)
+class _CurvePoint:
+    """A point of a curve of order changes.
+
+    Attributes:
+        parameter, second: the values of the two parameters.
+        observed: the observables of the gait there, by name.
+        unstable: the number of its multipliers outside the unit circle.
+        point: the gait's point (1,).
+    """
+
+    parameter: float
+    second: float
+    observed: dict[str, float]
+    unstable: int
+    point: Points
+
+
+@dataclasses.dataclass(frozen=True)
 class OrderChange:
     """A change of the order of events on a branch.
 
@@ -42,7 +60,7 @@ class OrderChange:
         point: a point of the gait.
         home: the values of both parameters there.
         events: the events on one side of the change.
-        change: what changes there, as `change_of_order` says it.
+        changes: the changes of the order there, as of `changes_of_order`.
         vanishes: whether it is a corner, on one side of which there is no gait.
     """
 
@@ -55,7 +73,7 @@ class OrderChange:
     point: Points
     home: tuple[float, float]
     events: Events
-    change: str
+    changes: frozenset[str]
     vanishes: bool = False
 
     def curve(self) -> list[dict[str, Any]]:
@@ -69,88 +87,121 @@ class OrderChange:
             return []
         behind, begin = self._side(first, -1)
         ahead, end = self._side(first, 1)
-        records = [*behind[::-1], first, *ahead]
-        for number, record in enumerate(records, start=-len(behind)):
-            record |= {"point": number, "special": "", "end": "", "corrections": 0}
-            del record["at"]
-        records[0]["end"], records[-1]["end"] = begin, end
-        return records if len(records) > 1 else []
+        points = [*behind[::-1], first, *ahead]
+        if len(points) == 1:
+            return []
+        ends = [begin, *[""] * (len(points) - 2), end]
+        numbers = range(-len(behind), len(ahead) + 1)
+        return [self._record(*columns) for columns in zip(points, numbers, ends, strict=True)]
 
-    def _side(self, first: dict[str, Any], direction: int) -> tuple[list[dict[str, Any]], str]:
-        """The records in one direction of the second parameter, and why they end."""
+    def _record(self, point: _CurvePoint, number: int, end: str) -> dict[str, Any]:
+        """The columns of a point of the curve."""
+        return {
+            self.parameter: point.parameter,
+            self.second: point.second,
+            **point.observed,
+            "unstable": point.unstable,
+            "point": number,
+            "special": "",
+            "end": end,
+            "corrections": 0,
+        }
+
+    def _side(self, first: _CurvePoint, direction: int) -> tuple[list[_CurvePoint], str]:
+        """The points after `first` in one direction of the second parameter, and why they end."""
         low, high = self.within[1]
         border = high if direction > 0 else low
-        levels = np.arange(1, STEPS) * (high - low) / STEPS * direction + self.home[1]
-        levels = [*levels[(levels > low) & (levels < high)], border] if self.home[1] != border else []
-        records: list[dict[str, Any]] = []
+        if self.home[1] == border:
+            return [], "range"
+        steps = np.arange(1, STEPS) * (high - low) / STEPS * direction + self.home[1]
+        levels = [*steps[(steps > low) & (steps < high)], border]
+        points = [first]
         for level in levels:
-            last, before = ([first, first, *records][k] for k in (-1, -2))
-            run = last[self.second] - before[self.second]
-            slope = (last[self.parameter] - before[self.parameter]) / run if run else 0.0
-            guess = last[self.parameter] + slope * (level - last[self.second])
-            record = self._located(float(level), guess, last["at"])
-            if record is None:
-                left = not self.within[0][0] <= guess <= self.within[0][1]
-                return records, "range" if left else "lost"
-            records.append(record)
-        return records, "range"
+            last = points[-1]
+            before = points[-2] if len(points) > 1 else last
+            run = last.second - before.second
+            slope = (last.parameter - before.parameter) / run if run else 0.0
+            guess = last.parameter + slope * (level - last.second)
+            point = self._located(float(level), guess, last.point)
+            if point is None:
+                is_inside = self.within[0][0] <= guess <= self.within[0][1]
+                return points[1:], "lost" if is_inside else "range"
+            points.append(point)
+        return points[1:], "range"
 
-    def _located(self, level: float, guess: float, near: Points) -> dict[str, Any] | None:
-        """The record of the change at a value of the second parameter; None if it is not found."""
+    def _located(self, level: float, guess: float, near: Points) -> _CurvePoint | None:
+        """The point of the curve at a value of the second parameter; None if it is not found."""
         low, high = self.within[0]
         width = WIDTH
         while width <= WIDEST:
             half = width * (high - low)
             interval = max(low, guess - half), min(high, guess + half)
-            record = self._within(level, interval, near) if interval[0] < interval[1] else None
-            if record is not None:
-                return record
+            point = self._within(level, interval, near) if interval[0] < interval[1] else None
+            if point is not None:
+                return point
             width *= WIDER
         return None
 
-    def _within(self, level: float, interval: tuple[float, float], near: Points) -> dict[str, Any] | None:
+    def _within(self, level: float, interval: tuple[float, float], near: Points) -> _CurvePoint | None:
         """The change in an interval of the first parameter, by intervals of it that get smaller."""
-        record = None
+        point = None
         for _ in range(ROUNDS):
             at = np.linspace(*interval, VALUES)
-            starts = Points.joined([near] * VALUES)
-            values = {name: np.repeat(np.ravel(v), VALUES) for name, v in self.values.items()}
-            values |= {self.parameter: at, self.second: np.full(VALUES, level)}
-            fix = {name: np.repeat(np.ravel(v), VALUES) for name, v in self.fix.items()}
-            fixed = newton(self.mapping, starts, values, fix=fix)
-            same = self._same(fixed.points, values, fixed.converged)
-            changes = np.flatnonzero(np.abs(np.diff(same)) == 1.0)
+            gaits, values = self._gaits(at, level, near)
+            is_on_side, is_beyond = self._sides(gaits.points, values, gaits.converged)
+            leaves = is_on_side[:-1] & is_beyond[1:]
+            enters = is_beyond[:-1] & is_on_side[1:]
+            changes = np.flatnonzero(leaves | enters)
             if not changes.size:
                 break
             before = int(changes[np.argmin(np.abs(changes - 0.5 * (VALUES - 2)))])
             interval = float(at[before]), float(at[before + 1])
-            side = before if same[before] == 1.0 else before + 1
-            constrained = [quantity.name in self.fix for quantity in self.mapping.conserved]
-            gradients = fixed.images.conserved_jacobian[[side]][:, constrained]
-            factors = multipliers(fixed.images.jacobian[[side]], gradients)[0]
-            near = fixed.points[[side]]
-            record = {
-                self.parameter: 0.5 * (interval[0] + interval[1]),
-                self.second: level,
-                **{name: float(column[side]) for name, column in fixed.images.observed.items()},
-                "unstable": int(np.sum(np.abs(factors) > 1.0)),
-                "at": near,
-            }
-        return record
+            side = before if is_on_side[before] else before + 1
+            near = gaits.points[[side]]
+            point = _CurvePoint(
+                parameter=0.5 * (interval[0] + interval[1]),
+                second=level,
+                observed={name: float(column[side]) for name, column in gaits.images.observed.items()},
+                unstable=self._unstable(gaits, side),
+                point=near,
+            )
+        return point
 
-    def _same(
+    def _gaits(
+        self, at: Float[np.ndarray, " values"], level: float, near: Points
+    ) -> tuple[FixedPoints, Values]:
+        """The gaits near a point (1,) at values of the first parameter, with all parameters there.
+
+        Args:
+            at: the values of the first parameter.
+            level: the value of the second one.
+            near: the point.
+        """
+        starts = Points.joined([near] * VALUES)
+        values = {name: np.repeat(np.ravel(v), VALUES) for name, v in self.values.items()}
+        values |= {self.parameter: at, self.second: np.full(VALUES, level)}
+        fix = {name: np.repeat(np.ravel(v), VALUES) for name, v in self.fix.items()}
+        return newton(self.mapping, starts, values, fix=fix), values
+
+    def _unstable(self, gaits: FixedPoints, index: int) -> int:
+        """The number of multipliers of one gait outside the unit circle."""
+        constrained = [quantity.name in self.fix for quantity in self.mapping.conserved]
+        gradients = gaits.images.conserved_jacobian[[index]][:, constrained]
+        factors = multipliers(gaits.images.jacobian[[index]], gradients)[0]
+        return int(np.sum(np.abs(factors) > 1.0))
+
+    def _sides(
         self, points: Points, values: Values, converged: Bool[np.ndarray, " values"]
-    ) -> Float[np.ndarray, " values"]:
-        """1 where a gait is on the one side of this change, 0 where on the other, NaN where there is none.
+    ) -> tuple[Bool[np.ndarray, " values"], Bool[np.ndarray, " values"]]:
+        """Masks of the gaits on the one side of this change, and of those on the other.
 
-        Other changes of the order, which this curve may cross, do not count. At a corner, 1 where there is a
-        gait and 0 where there is none.
+        Other changes of the order, which this curve may cross, do not count. At a corner, there is a gait on
+        the one side, and none on the other.
         """
         if self.vanishes:
-            return converged.astype(float)
-        parts = set(self.change.split(", "))
-        changes = [
-            change_of_order(self.events, events).split(", ") for events in self.mapping.events(points, values)
-        ]
-        same = np.array([float(parts.isdisjoint(change)) for change in changes])
-        return np.where(converged, same, np.nan)
+            return converged, ~converged
+        orders = self.mapping.events(points, values)
+        is_same = np.array(
+            [self.changes.isdisjoint(changes_of_order(self.events, order)) for order in orders]
+        )
+        return converged & is_same, converged & ~is_same

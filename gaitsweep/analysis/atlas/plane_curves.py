@@ -18,7 +18,7 @@ from gaitsweep.analysis.continuation.stable_ranges import MARKS
 from gaitsweep.engine.poincare.maps import Map, Points
 
 # Columns that a record may itself have beside those of its curve or branch.
-_OF_RECORD = ("coefficient", "change")
+_OF_RECORD = ("coefficient",)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -135,11 +135,11 @@ def _order_curves(
             point=points,
             home=(parameter, _home(branch, second)),
             events=record["events"],
-            change=record.get("change", ""),
+            changes=frozenset(record.get("changes", ())),
             vanishes=record["special"] == "corner",
         )
         head = {"row": branch.row, "kind": record["special"], "period": branch.period}
-        head |= {"curve": curves_of_row[branch.row], "change": record.get("change", "")}
+        head |= {"curve": curves_of_row[branch.row], "change": ", ".join(record.get("changes", ()))}
         curve = change.curve()
         curves_of_row[branch.row] += bool(curve)
         yield from ({**head, **renamed_apart(point, head)} for point in curve)

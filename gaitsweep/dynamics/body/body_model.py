@@ -43,9 +43,9 @@ class BodyModel(OfMjcf, DeclaredModel):
 
     Contacts are of spheres, ends of capsules and corners of boxes with planes of the world. The ground pushes
     with N = K depth + D rate while both this and the depth are positive (Kelvin and Voigt). Friction against
-    the slip v is mu N v / sqrt(v2 + (mu N / G)2): Coulomb's for fast slips, a damper G for slow ones. By
-    default K is the stiffness that MuJoCo's contact has at rest under the body's weight, D has its damping
-    ratio, and G is D. Limits of joints are springs and dampers of the same kind.
+    the slip v is mu N v / sqrt(v2 + (mu N / G)2 + s2), s = 0.1 mm/s: Coulomb's for fast slips, a damper G for
+    slow ones. By default K is the stiffness that MuJoCo's contact has at rest under the body's weight, D has
+    its damping ratio, and G is D. Limits of joints are springs and dampers of the same kind.
     """
 
     # formulas of parameters by others, which replace the MJCF's numbers: {"thigh_mass": "2*thigh_size**3"}

@@ -12,7 +12,7 @@ from __future__ import annotations
 import copy
 import dataclasses
 import functools
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import jax
@@ -48,7 +48,7 @@ Values = Mapping[str, Scalar]
 # Stretch (m, rad) below zero at which a stop is left; at zero itself, rounding could meet and leave it
 # without end.
 RELEASE = 1.0e-9
-# Slip (m/s) below which friction is viscous where the load vanishes.
+# The slip s (m/s) in the formula of friction.
 _SLOWEST = 1.0e-4
 
 
@@ -94,7 +94,8 @@ class Contact(Stretch):
     def on_body(self, load: Scalar) -> Float[Array, " 3"]:
         """The force (3,) N on the body at this `load` (N): normal, and friction that is viscous at no slip.
 
-        Friction is mu load v / sqrt(v2 + (mu load / grip)2): grip v for slow slips v, mu load for fast ones.
+        Friction is mu load v / sqrt(v2 + (mu load / grip)2 + s2): grip v for slow slips v, mu load for fast
+        ones. The constant s (0.1 mm/s) keeps it smooth where the load vanishes.
         """
         force = load * self.normal
         if self.friction is None:
@@ -108,7 +109,8 @@ class Contact(Stretch):
 class LocatedBody:
     """A body of an MJCF with located stops.
 
-    `values` of its functions are the numbers of `parameters` by name.
+    `values` of its functions are the numbers of `parameters` by name. `depths_and_forces`, `heights` and
+    `accelerations` are the compiled methods of these names.
 
     Args:
         m: the compiled MJCF.
@@ -118,7 +120,8 @@ class LocatedBody:
     """
 
     def __init__(self, m: Any) -> None:
-        for refusal in refusals(m):
+        refusal = next(refusals(m), None)
+        if refusal is not None:
             raise ValueError(refusal)
         unlimited = copy.copy(m)
         unlimited.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_LIMIT
@@ -141,6 +144,11 @@ class LocatedBody:
             *(f"geom {name} touches or leaves a plane" for name in points),
             *(f"joint {joint} meets or leaves its {end} limit" for joint, end in ends),
         )
+        # JAX then traces each once for a body, however often a program calls it; with `jax.jit` as a
+        # decorator of methods, its memory would keep every body alive
+        self.depths_and_forces = jax.jit(self._depths_and_forces)
+        self.heights = jax.jit(self._heights)
+        self.accelerations = jax.jit(self._accelerations)
 
     @property
     def is_free(self) -> bool:
@@ -234,26 +242,27 @@ class LocatedBody:
         along = jnp.stack([jnp.asarray(c * x - s * z), jnp.asarray(y, float), jnp.asarray(s * x + c * z)])
         return values["gravity"] * along
 
-    # forces: `jax.jit`, so that JAX traces each function once, however often a program calls it
+    def stretches(self, geometry: Geometry, values: Values, q: Array, v: Array) -> list[Stretch]:
+        """The stretch of each stop: of contacts, then of the lower and upper limits of joints.
 
-    def stretches(self, values: Values, q: Array, v: Array) -> list[Stretch]:
-        """The stretch of each stop: of contacts, then of the lower and upper limits of joints."""
-        geometry = self.geometry(values)
+        Args:
+            geometry: the tree's geometry with these values.
+            values: the parameters.
+            q, v: positions (nq,) and velocities (nv,), as MuJoCo's qpos and qvel.
+        """
+        return [*self._contacts(geometry, values, q, v), *self._stretches_of_limits(values, q, v)]
+
+    def _contacts(self, geometry: Geometry, values: Values, q: Array, v: Array) -> Iterator[Contact]:
+        """The contact of each point of a geom that may touch a plane; arguments as of `stretches`."""
         placed = places(self.tree, geometry, q)
         moving = movements(self.tree, placed, v)
-        stops: list[Stretch] = []
         for touch in self._touches:
             name = self.elements.name_of_geom(touch.geom)
             link = self.elements.link_of_body(touch.body)
             size = values[f"{self.elements.name_of_body(touch.body)}_size"]
             radius = size * values[f"{name}_radius"] if touch.radius else 0.0
-            K = values[f"{name}_contact_stiffness"]
-            D = values[f"{name}_contact_damping"]
-            friction = None
-            grip = D
-            if touch.friction is not None:
-                friction = values[f"{name}_friction"]
-                grip = values[f"{name}_grip"]
+            damper = values[f"{name}_contact_damping"]
+            has_friction = touch.friction is not None
             for point in touch.points:
                 centre = placed[link].position(size * point)
                 depth = radius - touch.normal @ (centre - touch.origin)
@@ -261,37 +270,46 @@ class LocatedBody:
                 at = centre - touch.normal * (radius - 0.5 * depth)
                 speed = velocity_at(placed[link], moving[link], at)
                 rise = touch.normal @ speed
-                slip = speed - rise * touch.normal
-                stops.append(Contact(depth, -rise, K, D, link, at, slip, touch.normal, friction, grip))
+                yield Contact(
+                    stretch=depth,
+                    rate=-rise,
+                    K=values[f"{name}_contact_stiffness"],
+                    D=damper,
+                    link=link,
+                    at=at,
+                    slip=speed - rise * touch.normal,
+                    normal=touch.normal,
+                    friction=values[f"{name}_friction"] if has_friction else None,
+                    grip=values[f"{name}_grip"] if has_friction else damper,
+                )
+
+    def _stretches_of_limits(self, values: Values, q: Array, v: Array) -> Iterator[Stretch]:
+        """The stretches of the lower and the upper limit of each joint; arguments as of `stretches`."""
         for j in self._limits:
             name = self.elements.name_of_joint(j)
-            at = self._m.jnt_qposadr[j]
-            dof = self._m.jnt_dofadr[j]
+            position = q[self._m.jnt_qposadr[j]]
+            speed = v[self._m.jnt_dofadr[j]]
             K = values[f"{name}_limit_stiffness"]
             D = values[f"{name}_limit_damping"]
             margin = float(self._m.jnt_margin[j])  # from which on MuJoCo's limit is stretched
-            stops.append(Stretch(values[f"{name}_low"] + margin - q[at], -v[dof], K, D))
-            stops.append(Stretch(q[at] + margin - values[f"{name}_high"], v[dof], K, D))
-        return stops
+            yield Stretch(values[f"{name}_low"] + margin - position, -speed, K, D)
+            yield Stretch(position + margin - values[f"{name}_high"], speed, K, D)
 
-    @functools.partial(jax.jit, static_argnums=0)
-    def depths_and_forces(
+    def _depths_and_forces(
         self, values: Values, q: Array, v: Array
     ) -> tuple[Float[Array, " stops"], Float[Array, " stops"]]:
         """The stretch (m, rad) and the force (N, N m), were it pushing, of each stop, (stops,)."""
-        stops = self.stretches(values, q, v)
+        stops = self.stretches(self.geometry(values), values, q, v)
         if not stops:
             return jnp.zeros((0,)), jnp.zeros((0,))
         return _row([stop.stretch for stop in stops]), _row([stop.force for stop in stops])
 
-    @functools.partial(jax.jit, static_argnums=0)
-    def heights(self, values: Values, q: Array, v: Array) -> Float[Array, " stops"]:
+    def _heights(self, values: Values, q: Array, v: Array) -> Float[Array, " stops"]:
         """The `Stretch.height` (stops,) of each stop."""
-        stops = self.stretches(values, q, v)
+        stops = self.stretches(self.geometry(values), values, q, v)
         return _row([stop.height for stop in stops]) if stops else jnp.zeros((0,))
 
-    @functools.partial(jax.jit, static_argnums=0)
-    def accelerations(
+    def _accelerations(
         self, values: Values, q: Array, v: Array, control: Array, pushing: Bool[Array, " stops"]
     ) -> Float[Array, " nv"]:
         """dv/dt (nv,), rad/s2 and m/s2.
@@ -305,7 +323,8 @@ class LocatedBody:
         tau = self._actuated(values, q, v, control)
         external: list[WorldForce] = []
         dofs = [int(self._m.jnt_dofadr[j]) for j in self._limits for _ in range(2)]
-        stops = self.stretches(values, q, v)
+        geometry = self.geometry(values)
+        stops = self.stretches(geometry, values, q, v)
         for k, stop in enumerate(stops):
             load = jnp.where(pushing[k], stop.force, 0.0)
             if isinstance(stop, Contact):
@@ -313,11 +332,8 @@ class LocatedBody:
             else:
                 joint = k - (len(stops) - len(dofs))
                 tau[dofs[joint]] = tau[dofs[joint]] + (-load if joint % 2 else load)
-        return jnp.asarray(
-            forward_dynamics(
-                self.tree, self.geometry(values), q, v, _row(tau), external, gravity=self.gravity(values)
-            )
-        )
+        gravity = self.gravity(values)
+        return jnp.asarray(forward_dynamics(self.tree, geometry, q, v, _row(tau), external, gravity=gravity))
 
     def _actuated(self, values: Values, q: Array, v: Array, control: Array) -> list[Scalar]:
         """Generalised forces (nv,) of the actuators."""

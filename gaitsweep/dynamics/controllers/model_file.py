@@ -14,13 +14,14 @@ fallen: 0.5
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import functools
 import hashlib
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, ValidationError
 
@@ -42,15 +43,13 @@ from gaitsweep.dynamics.controllers.model_class import (
     model_class,
 )
 from gaitsweep.dynamics.controllers.oscillators import OSCILLATORS, Oscillators
-from gaitsweep.dynamics.mjcf.source import Stamps, compiled_mjcf, stamps_of_mjcf
+from gaitsweep.dynamics.mjcf.source import Stamps, compiled_mjcf, keyframe_number, stamps_of_mjcf
 from gaitsweep.dynamics.mjx.mjcf_model import MjcfModel
 from gaitsweep.near_miss import suggestion
 from gaitsweep.schema.diagnostics import Diagnostic, JobError, SchemaSection, from_pydantic, wrong_kind
 from gaitsweep.schema.numbers import NotNegative, Real, Text, word
 from gaitsweep.schema.strict_model import OneOf, StrictModel
 from gaitsweep.schema.yaml_document import Document, read_document
-
-T = TypeVar("T")
 
 _FOOT = "foot"  # the entry of a leg that names its foot; the others are roles of joints
 _ROLES_OF_A_PATH = ("hip", "knee")
@@ -128,12 +127,10 @@ def model_of_file(path: Path) -> type[BodyModel] | type[MjcfModel]:
         path: the model file, whose folder its MJCF is named from.
 
     Raises:
-        JobError: the file is not read, or names what its MJCF does not have; with its line.
-        FileNotFoundError: there is no such MJCF.
-        ValueError: MuJoCo refuses the MJCF.
+        JobError: the file or its MJCF cannot be read, or it names what its MJCF does not have; with the line.
     """
     path = path.resolve()
-    document = read_document(path)
+    document = read_document(path, noun="a model file", fields=("body", "controller"))
     content = json.dumps(document.data, sort_keys=True, default=str)
     stamps = stamps_of_mjcf(path.parent / str(document.data.get("body")))
     return _class_of(_Source(path, content, stamps, document))
@@ -141,19 +138,17 @@ def model_of_file(path: Path) -> type[BodyModel] | type[MjcfModel]:
 
 @functools.lru_cache(maxsize=64)
 def _class_of(source: _Source) -> type[BodyModel] | type[MjcfModel]:
-    """The class of a model file's model."""
+    """The class of a model file's model; raises JobError with the line of a wrong field."""
     file = _validated(source.document)
     base = BodyModel if file.dynamics == "located" else MjcfModel
     body_file = str(source.path.parent / file.body)
     # a class without legs, by which the MJCF is compiled as the model compiles it
     uncontrolled: Any = type("OfFile", (base,), {"body_file": body_file, **UNCONTROLLED})
-    m = compiled_mjcf(uncontrolled)
-    checks = _Checks(source.document, file.controller, m)
-    checks.check_legs()
-    legs = checks.legs()
-    actuators = checks.actuators(legs)
-    checks.check_gains(actuators)
-    body = ControlledBody(m, base is BodyModel, file, legs, checks.targets(legs), actuators)
+    with _errors_at(source.document, "body"):
+        m = compiled_mjcf(uncontrolled)
+        if base is BodyModel:
+            _ = uncontrolled().body  # refuses what a located body lacks; the model finds it in memory
+    body = _controlled_body(source.document, file, m)
     digest = hashlib.sha256(source.content.encode()).hexdigest()
     return model_class(source.path, base, body_file, body, digest)
 
@@ -176,123 +171,131 @@ def _validated(document: Document) -> ModelFile:
         raise document.located(JobError(from_pydantic(error, _SECTIONS, ""))) from None
 
 
-class _Checks:
-    """Checks of a controller against its MJCF, whose errors have the line of the field.
+def _controlled_body(document: Document, file: ModelFile, m: Any) -> ControlledBody:
+    """The body of a model file and its controller.
 
     Args:
         document: the file, with the lines of fields.
-        controller: its controller.
+        file: its content.
         m: the compiled MJCF.
+
+    Raises:
+        JobError: the file names what the MJCF does not have, or contradicts it or itself; with the line.
     """
+    controller = file.controller
+    with _errors_at(document, "keyframe"):
+        keyframe_number(m, file.keyframe)
+    legs = _legs(document, controller, m)
+    actuators = _actuators(document, legs, m)
+    _refuse_gains(document, controller, actuators, m)
+    targets = _targets(document, controller, legs, m)
+    return ControlledBody(m, file.dynamics == "located", file, legs, targets, actuators)
 
-    def __init__(self, document: Document, controller: Controller, m: Any) -> None:
-        self._document = document
-        self._controller = controller
-        self._m = m
 
-    def check_legs(self) -> None:
-        """Refuse legs without a name, a foot or a joint of the MJCF that the controller needs.
+def _legs(document: Document, controller: Controller, m: Any) -> list[Leg]:
+    """The legs of a controller, each with its foot and joints.
 
-        Raises:
-            JobError: with the field, what it has, and the near miss.
-        """
-        controller = self._controller
-        if not controller.legs:
-            raise self._error("is empty: write a leg, such as L: {foot: foot_l, hip: hip_l}.", "controller")
-        if (controller.joints is None) == (controller.path is None):
-            raise self._error("needs either joints: or path:.", "controller")
-        for leg, parts in controller.legs.items():
-            self._check_leg(leg, parts)
-        for field, names in controller.oscillators.named_legs.items():
-            for name in names:
-                if name not in controller.legs:
-                    text = f"has {name}, which is no leg{suggestion(name, controller.legs)}"
-                    raise self._error(text, "controller", "oscillators", field)
+    Raises:
+        JobError: a leg lacks a name, a foot or a joint that the controller needs, or two legs have the same;
+            with the field, what it has, and the near miss.
+    """
+    if not controller.legs:
+        text = "is empty: write a leg, such as L: {foot: foot_l, hip: hip_l}."
+        raise _error(document, text, "controller")
+    if (controller.joints is None) == (controller.path is None):
+        raise _error(document, "needs either joints: or path:.", "controller")
+    legs = [_leg(document, controller, m, name) for name in controller.legs]
+    _refuse_shared(document, controller)
+    for field, names in controller.oscillators.named_legs.items():
+        for name in names:
+            if name not in controller.legs:
+                text = f"has {name}, which is not a leg{suggestion(name, controller.legs)}"
+                raise _error(document, text, "controller", "oscillators", field)
+    return legs
 
-    def _check_leg(self, leg: str, parts: Mapping[str, str]) -> None:
-        """Refuse the foot and the joints of one leg."""
-        controller = self._controller
-        place = ("controller", "legs", leg)
-        if not leg.isidentifier():
-            raise self._error("must be a name of letters, digits and underscores.", *place)
-        if _FOOT not in parts:
-            raise self._error("has no foot: write foot: GEOM, the geom that touches the ground.", *place)
-        geoms = [self._m.geom(i).name for i in range(self._m.ngeom)]
-        if parts[_FOOT] not in geoms:
-            near = suggestion(parts[_FOOT], geoms)
-            raise self._error(f"is {parts[_FOOT]}, which is no geom of the MJCF{near}", *place, _FOOT)
-        roles = list(_ROLES_OF_A_PATH if controller.joints is None else controller.joints)
-        for role in parts:
-            if role not in (_FOOT, *roles):
-                near = suggestion(role, roles)
-                raise self._error(f"is no role of a joint that the controller has{near}", *place, role)
-        if controller.path is not None and set(parts) != {_FOOT, *_ROLES_OF_A_PATH}:
-            raise self._error("needs foot, hip and knee, from which path: moves the foot.", *place)
 
-    def legs(self) -> list[Leg]:
-        """The legs of the controller, which `check_legs` has accepted."""
-        legs = []
-        for name, parts in self._controller.legs.items():
-            joints = {role: joint for role, joint in parts.items() if role != _FOOT}
-            legs.append(Leg(name, parts[_FOOT], joints))
-        return legs
+def _leg(document: Document, controller: Controller, m: Any, name: str) -> Leg:
+    """The leg of this name; raises JobError where its foot or a role of a joint is wrong."""
+    parts = controller.legs[name]
+    place = ("controller", "legs", name)
+    if not name.isidentifier():
+        raise _error(document, "must be a name of letters, digits and underscores.", *place)
+    if _FOOT not in parts:
+        raise _error(document, "has no foot: write foot: GEOM, the geom that touches the ground.", *place)
+    geoms = [m.geom(i).name for i in range(m.ngeom)]
+    if parts[_FOOT] not in geoms:
+        text = f"is {parts[_FOOT]}, which is not a geom of the MJCF{suggestion(parts[_FOOT], geoms)}"
+        raise _error(document, text, *place, _FOOT)
+    roles = list(_ROLES_OF_A_PATH if controller.joints is None else controller.joints)
+    for role in parts:
+        if role not in (_FOOT, *roles):
+            text = f"is not a role of a joint that the controller has{suggestion(role, roles)}"
+            raise _error(document, text, *place, role)
+    if controller.path is not None and set(parts) != {_FOOT, *_ROLES_OF_A_PATH}:
+        raise _error(document, "needs foot, hip and knee, from which path: moves the foot.", *place)
+    joints = {role: joint for role, joint in parts.items() if role != _FOOT}
+    return Leg(name, parts[_FOOT], joints)
 
-    def targets(self, legs: list[Leg]) -> Targets:
-        """The targets of the joints of legs.
 
-        Raises:
-            JobError: a leg cannot follow a path.
-        """
-        if self._controller.joints is not None:
-            return JointPatterns(self._controller.joints, [leg.joints for leg in legs])
-        assert self._controller.path is not None
-        two_link_legs = []
-        for leg in legs:
-            parts = (leg.joints["hip"], leg.joints["knee"], leg.foot)
-            two_link_legs.append(self._of_leg(leg, functools.partial(two_link_leg, self._m, *parts)))
-        return FootPaths(self._controller.path, two_link_legs)
+def _refuse_shared(document: Document, controller: Controller) -> None:
+    """Refuse a joint or a foot that the legs name twice, since one of them would not be driven."""
+    owners: dict[tuple[bool, str], str] = {}  # by whether it is a foot, and the element's name
+    for leg, parts in controller.legs.items():
+        for role, element in parts.items():
+            key = (role == _FOOT, element)
+            if key in owners:
+                what = "foot" if role == _FOOT else "joint"
+                text = f"is {element}, which is already the {owners[key]}: each {what} belongs to one leg."
+                raise _error(document, text, "controller", "legs", leg, role)
+            owners[key] = f"{role} of leg {leg}"
 
-    def actuators(self, legs: list[Leg]) -> dict[str, int]:
-        """The number of the actuator of each joint of legs.
 
-        Raises:
-            JobError: a joint is not one of the MJCF, or has not one actuator.
-        """
-        numbers: dict[str, int] = {}
-        for leg in legs:
-            for joint in leg.joints.values():
-                numbers[joint] = self._of_leg(leg, functools.partial(actuator_of, self._m, joint))
-        return numbers
+def _actuators(document: Document, legs: list[Leg], m: Any) -> dict[str, int]:
+    """The number of the actuator of each joint of legs.
 
-    def check_gains(self, actuators: Mapping[str, int]) -> None:
-        """Refuse motors without gains, and gains without motors.
+    Raises:
+        JobError: a joint is not one of the MJCF, or has not one actuator.
+    """
+    numbers: dict[str, int] = {}
+    for leg in legs:
+        with _errors_at(document, "controller", "legs", leg.name):
+            numbers |= {joint: actuator_of(m, joint) for joint in leg.joints.values()}
+    return numbers
 
-        Raises:
-            JobError: with what to write.
-        """
-        motors = [joint for joint, k in actuators.items() if not follows_targets(self._m, k)]
-        gains = (self._controller.kp, self._controller.kd)
-        if motors and None in gains:
-            raise self._error(
-                f"needs kp: and kd:, the gains of joints with motors, such as {motors[0]}; or make it a "
-                "<position> actuator in the MJCF.",
-                "controller",
-            )
-        if not motors and gains != (None, None):
-            raise self._error(
-                "has kp or kd, but all of its joints have <position> actuators, whose gains are parameters "
-                "ACTUATOR_kp and ACTUATOR_kv.",
-                "controller",
-            )
 
-    def _of_leg(self, leg: Leg, find: Callable[[], T]) -> T:
-        """The result of `find`, whose ValueError is located at a leg."""
-        try:
-            return find()
-        except ValueError as error:
-            text = f"is not accepted: {str(error).rstrip('.')}."
-            raise self._error(text, "controller", "legs", leg.name) from None
+def _refuse_gains(document: Document, controller: Controller, actuators: Mapping[str, int], m: Any) -> None:
+    """Refuse motors without gains, and gains without motors; raises JobError with what to write."""
+    motors = [joint for joint, k in actuators.items() if not follows_targets(m, k)]
+    gains = (controller.kp, controller.kd)
+    if motors and None in gains:
+        text = f"needs kp: and kd:, the gains of joints with motors, such as {motors[0]}; or make it a "
+        raise _error(document, f"{text}<position> actuator in the MJCF.", "controller")
+    if not motors and gains != (None, None):
+        text = "has kp or kd, but all of its joints have <position> actuators, whose gains are parameters "
+        raise _error(document, f"{text}ACTUATOR_kp and ACTUATOR_kv.", "controller")
 
-    def _error(self, text: str, *path: str | int) -> JobError:
-        """The error at a field, with its line."""
-        return self._document.located(JobError([Diagnostic(path, text)]))
+
+def _targets(document: Document, controller: Controller, legs: list[Leg], m: Any) -> Targets:
+    """The targets of the joints of legs; raises JobError where a leg cannot follow a path."""
+    if controller.joints is not None:
+        return JointPatterns(controller.joints, [leg.joints for leg in legs])
+    assert controller.path is not None
+    two_link_legs = []
+    for leg in legs:
+        with _errors_at(document, "controller", "legs", leg.name):
+            two_link_legs.append(two_link_leg(m, leg.joints["hip"], leg.joints["knee"], leg.foot))
+    return FootPaths(controller.path, two_link_legs)
+
+
+@contextlib.contextmanager
+def _errors_at(document: Document, *path: str | int) -> Iterator[None]:
+    """Raise errors about an MJCF as those of the field at a path, with its line."""
+    try:
+        yield
+    except (ValueError, OSError) as error:
+        raise _error(document, f"is not accepted: {str(error).rstrip('.')}.", *path) from None
+
+
+def _error(document: Document, text: str, *path: str | int) -> JobError:
+    """The error at a field, with its line."""
+    return document.located(JobError([Diagnostic(path, text)]))

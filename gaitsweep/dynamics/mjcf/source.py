@@ -194,6 +194,8 @@ def _stamps(files: Iterable[Path]) -> Stamps:
 
 def _references(path: Path) -> tuple[Path, ...] | None:
     """An MJCF and the files that it refers to; None if it, or one that it includes, cannot be read."""
+    if not path.is_file():  # of a folder, MuJoCo prints that it is too large
+        return None
     import mujoco
 
     try:
@@ -250,7 +252,8 @@ def keyframe_number(m: Any, name: str) -> int | None:
         return 0 if m.nkey else None
     names = [m.key(i).name for i in range(m.nkey)]
     if name not in names:
-        raise ValueError(f"The MJCF has no keyframe '{name}'{suggestion(name, names)}")
+        near = suggestion(name, names) if names else ": it has none."
+        raise ValueError(f"The MJCF has no keyframe '{name}'{near}")
     return names.index(name)
 
 

@@ -38,11 +38,13 @@ def tree_of(source: mujoco.MjModel | str | Path) -> tuple[Tree, Geometry]:
         source: a compiled model, a path, or the XML itself.
 
     Raises:
-        ValueError: the model has a feature that the tree does not support; the message names it.
+        ValueError: MuJoCo refuses the XML, or the model has a feature that the tree does not support; the
+            message names it.
         FileNotFoundError: there is no file at the path.
     """
     m = compiled(source)
-    for complaint in _complaints(m):
+    complaint = next(_complaints(m), None)
+    if complaint is not None:
         raise ValueError(complaint)
     links: list[Link] = []
     rows: list[dict[str, object]] = []
@@ -123,6 +125,7 @@ def _complaints(m: mujoco.MjModel) -> Iterator[str]:
 
 
 def _of_joint(m: mujoco.MjModel, j: int) -> Iterator[str]:
+    """A sentence for each feature of joint `j` that the tree does not support."""
     name = _name(m.jnt(j).name, "joint", j)
     kind = m.jnt_type[j]
     dof = m.jnt_dofadr[j]
@@ -143,32 +146,40 @@ def compiled(source: mujoco.MjModel | str | Path) -> mujoco.MjModel:
     """MuJoCo's compiled model of a path or of the XML itself.
 
     Raises:
+        ValueError: MuJoCo refuses the XML.
         FileNotFoundError: there is no file at the path.
+        IsADirectoryError: there is a folder.
     """
     if isinstance(source, mujoco.MjModel):
         return source
     if isinstance(source, str) and source.lstrip().startswith("<"):
         return mujoco.MjModel.from_xml_string(source)
+    if Path(source).is_dir():
+        raise IsADirectoryError(f"The MJCF {source} is a folder, but must be a file.")
     if not Path(source).is_file():
         raise FileNotFoundError(f"The MJCF {source} does not exist.")
     return mujoco.MjModel.from_xml_path(str(source))
 
 
 def _rotation(quaternion: Float[np.ndarray, " 4"]) -> Float[np.ndarray, "3 3"]:
+    """The rotation matrix of a quaternion (w, x, y, z)."""
     matrix = np.zeros(9)
     mujoco.mju_quat2Mat(matrix, quaternion)
     return _dusted(matrix.reshape(3, 3))
 
 
 def _row(vector: np.ndarray) -> Row:
+    """The three numbers of a vector, without rounding errors of whole numbers."""
     x, y, z = _dusted(vector).tolist()
     return x, y, z
 
 
 def _dusted(values: np.ndarray) -> np.ndarray:
+    """Values of which those within `_DUST` of a whole number are that number."""
     rounded = np.round(values)
     return np.where(np.abs(values - rounded) < _DUST, rounded, values)
 
 
 def _name(name: str, kind: str, number: int) -> str:
+    """The name of an element in messages and links; its kind and number if it has none."""
     return name or f"{kind} {number}"

@@ -34,7 +34,8 @@ class Grid:
         coarse: the cells along a side of the first boxes, a power of two.
 
     Raises:
-        ValueError: `coarse` is not a power of two.
+        ValueError: no axis is refined, a refined axis is not one of the grid, or `coarse` is not a power of
+            two.
     """
 
     lengths: tuple[int, ...]
@@ -42,6 +43,13 @@ class Grid:
     coarse: int
 
     def __post_init__(self) -> None:
+        if not self.wraps:
+            raise ValueError("wraps is empty, but must have at least one refined axis.")
+        for axis in self.wraps:
+            if not 0 <= axis < len(self.lengths):
+                raise ValueError(
+                    f"wraps has axis {axis}, but the grid has the axes 0 to {len(self.lengths) - 1}."
+                )
         if self.coarse < 2 or self.coarse & (self.coarse - 1):
             raise ValueError(f"coarse is {self.coarse}, but must be a power of two, at least 2.")
 

@@ -33,7 +33,7 @@ def choose(
     numerics: ResolvedNumerics,
     drive: RowDrive | None,
 ) -> tuple[EngineName, str | None]:
-    """The name of the engine, and the reason if `auto` cannot use its first choice, the kernel.
+    """The name of the engine, and the reason why `auto` cannot use its first choice, the kernel, or None.
 
     Args:
         requested: the engine that the job asks for.
@@ -53,7 +53,7 @@ def choose(
         return "kernel", None
     if requested == "kernel":
         raise EngineError(f"engine.name is kernel, but {reason}. Allowed here: auto, xla.")
-    return "xla", f"engine: xla, because {reason}."
+    return "xla", reason
 
 
 def _obstacle(
