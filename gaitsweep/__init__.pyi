@@ -49,6 +49,7 @@ from gaitsweep.dynamics.map_model import MapModel as MapModel
 from gaitsweep.dynamics.mjx.mjcf_model import MjcfModel as MjcfModel
 from gaitsweep.dynamics.noise import normal as normal
 from gaitsweep.dynamics.noise import uniform as uniform
+from gaitsweep.dynamics.sliding import sliding as sliding
 from gaitsweep.errors import ArgumentError as ArgumentError
 from gaitsweep.errors import UserError as UserError
 from gaitsweep.extension import Extension as Extension

@@ -26,6 +26,11 @@ def wrapped(phi: Float[Array, " ..."]) -> Float[Array, " ..."]:
     return phi - TWO_PI * jnp.floor(phi / TWO_PI)
 
 
+def numbered(text: str, number: int) -> str:
+    """The text with a number in place of its braces, or at its end."""
+    return (text if "{}" in text else f"{text} {{}}").replace("{}", str(number))
+
+
 @dataclasses.dataclass(frozen=True)
 class Counted:
     """A declaration of `count` numbers (`phi_1`, `phi_2`, ...), or of a single one where it is None.
@@ -79,7 +84,7 @@ class CountedQuantity(Counted):
             dataclasses.replace(
                 quantity,
                 name=f"{plain}_{i}",
-                meaning=f"{quantity.meaning} {i}",
+                meaning=numbered(quantity.meaning, i),
                 symbol=quantity.symbol and f"{quantity.symbol}_{{{i}}}",
             )
             for i in range(1, self.size(model) + 1)

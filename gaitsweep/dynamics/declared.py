@@ -31,6 +31,7 @@ from gaitsweep.dynamics.diffusion import PATH, SEED, Diffusion, begun_path
 from gaitsweep.dynamics.event_declarations import Event, SingleEvent
 from gaitsweep.dynamics.footfalls import Footfalls
 from gaitsweep.dynamics.ground import Ground, asks_for_ground, check_ground, ground_quantities
+from gaitsweep.dynamics.sliding import Sliding
 from gaitsweep.expression import RESERVED
 from gaitsweep.near_miss import suggestion
 from gaitsweep.run_columns import COLUMNS, time_column
@@ -81,7 +82,7 @@ def _like(old: jax.Array, value: Any) -> jax.Array:
     return jnp.broadcast_to(jnp.asarray(value, old.dtype), old.shape)
 
 
-_DECLARED = (Parameter, Variable, Mode, Reading, Event, Symmetry, Footfalls, Diffusion)
+_DECLARED = (Parameter, Variable, Mode, Reading, Event, Symmetry, Footfalls, Diffusion, Sliding)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -113,7 +114,8 @@ class Declared(Model):
             cls.gaits = feet.gaits
         cls.Params = _record(cls, "Params", [*cls._named(Parameter), *cls._other_parameters()])
         more = cls._added_fields()
-        cls.State = _record(cls, "State", [*cls._named(Variable), *cls._named(Mode), *more])
+        modes = [*cls._named(Mode), *cls._named(Sliding)]
+        cls.State = _record(cls, "State", [*cls._named(Variable), *modes, *more])
 
     @classmethod
     def _inherited(cls) -> dict[str, Any]:
@@ -182,6 +184,7 @@ class Declared(Model):
         cls._refuse_names()
         cls._refuse_events_without_section()
         cls._refuse_footfalls()
+        cls._refuse_sliding()
         sizes = cls._default_sizes()
         counts = cls._named_counts()
         for name, count in counts.items():
@@ -228,11 +231,22 @@ class Declared(Model):
             raise TypeError(f"{cls.__name__} has footfalls and gaits of its own without label: {remedy}.")
 
     @classmethod
+    def _refuse_sliding(cls) -> None:
+        """Refuse a surface of sliding that the flow does not know, or beside another."""
+        surfaces = cls._named(Sliding)
+        if len(surfaces) > 1:
+            names = " and ".join(surfaces)
+            raise TypeError(f"{cls.__name__} declares the surfaces of sliding {names}; only one is allowed.")
+        for name, surface in surfaces.items():
+            if getattr(getattr(cls, "flow", None), "sliding", None) is not surface:
+                raise TypeError(f"{cls.__name__} declares {name} as sliding: write @{name}.flow above flow.")
+
+    @classmethod
     def _named_counts(cls) -> dict[str, str]:
         """The fields of the structure that declarations name as their count, by the declaration."""
         counts: dict[str, str] = {}
         for name, declared in cls.declarations.items():
-            if not isinstance(declared, Symmetry | Diffusion) and isinstance(declared.count, str):
+            if not isinstance(declared, Symmetry | Diffusion | Sliding) and isinstance(declared.count, str):
                 counts[name] = declared.count
         return counts
 
@@ -303,7 +317,10 @@ class Declared(Model):
     def declared_events(cls) -> list[Event]:
         """The declared events, each once."""
         # an event whose jump has another name is in the class twice
-        return list(dict.fromkeys(cls._named(Event).values()))
+        events = dict.fromkeys(cls._named(Event).values())
+        for surface in cls._named(Sliding).values():
+            events |= dict.fromkeys(surface.events)
+        return list(events)
 
     def single_events(self) -> list[SingleEvent]:
         """The declared events, one for each component and direction."""
@@ -409,6 +426,8 @@ class Declared(Model):
             fields[name] = declaration.at_start(
                 self, [start.get(q.name, q.default) for q in declaration.starts(self, name)]
             )
+        for name in self._named(Sliding):
+            fields[name] = jnp.asarray(1)  # before the variables decide it
         if (feet := self._feet()) is not None:
             fields[STEPS] = feet.begun(fields[feet.clock])
         if self._diffusion() is not None:

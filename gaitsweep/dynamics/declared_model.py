@@ -22,6 +22,7 @@ from gaitsweep.dynamics.diffusion import StochasticSteps
 from gaitsweep.dynamics.event_declarations import SingleEvent
 from gaitsweep.dynamics.event_surface import CORRECTED, Arming, Surfaces
 from gaitsweep.dynamics.section_coordinates import SectionCoordinates
+from gaitsweep.dynamics.sliding import Sliding
 from gaitsweep.near_miss import suggestion
 
 # The field of a state that says which of its events are armed (`Arming`, an array (events,) in each field).
@@ -116,7 +117,15 @@ class DeclaredModel(Declared, HybridModel):
         if events:
             shape = (len(events),)
             fields[ARMING] = Arming(jnp.zeros(shape, bool), jnp.zeros(shape), jnp.zeros(shape, jnp.int32))
-        return self._begun(params, self.complete(params, self.State(**fields)))
+        return self._begun(params, self._on_its_side(params, self.complete(params, self.State(**fields))))
+
+    def _on_its_side(self, params: Any, state: Any) -> Any:
+        """The state with the mode of sliding that follows from its variables."""
+        for surface in self._named(Sliding).values():
+            meets, _ = surface.events
+            rounding = Surfaces(self, params, state).of(SingleEvent(meets)).rounding
+            state = surface.begun(self, params, state, rounding)
+        return state
 
     def section_variables(self) -> list[tuple[str, Variable]]:
         variables = self._named(Variable)
@@ -187,17 +196,24 @@ class DeclaredModel(Declared, HybridModel):
     def jump(self, params: Any, state: Any, fired: Bool[Array, " events"], /) -> Any:
         after = state
         rates = {}
+        displaced = jnp.asarray(False)
         for place, (event, flags) in zip(self._places(), self._flags(fired), strict=True):
             if not event.jumps:
                 continue
             happens = event.happens(flags) & event.holds(params, state)
             if place is None:
                 after = _where(happens, event.jumped(self, params, after), after)
+                displaced = displaced | happens
                 continue
             # a body whose bounces have accumulated stays as it is, until its row ends
             happens = happens & ~_at(state.arming, place).accumulated
             applied, rates[event] = self._applied(event, params, after)
             after = _where(happens, applied, after)
+            if not any(event.declared in surface.events for surface in self._named(Sliding).values()):
+                displaced = displaced | happens
+        if self._named(Sliding):
+            # a jump of another event may take the state off the surface, or onto it
+            after = _where(displaced, self._on_its_side(params, after), after)
         after = self._rearmed(params, state, after, fired, rates) if self._armed() else after
         return self._stepped(params, state, after)
 

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Real
 
 from gaitsweep.contract import Model
-from gaitsweep.dynamics.declarations import Counted
+from gaitsweep.dynamics.declarations import Counted, numbered
 
 # The signs of an event's function with which it rises through zero in each direction.
 _SIGNS = {"rising": (1.0,), "falling": (-1.0,), "both": (1.0, -1.0)}
@@ -86,7 +86,7 @@ class SingleEvent:
         name = self.declared.name
         if self.place is None:
             return name
-        return (name if "{}" in name else f"{name} {{}}").replace("{}", str(self.place + 1))
+        return numbered(name, self.place + 1)
 
     @property
     def guard_names(self) -> tuple[str, ...]:

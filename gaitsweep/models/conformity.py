@@ -21,6 +21,7 @@ from gaitsweep.dynamics.declarations import Mode, Variable, faults_of_quantity
 from gaitsweep.dynamics.declared import STEPS, Declared
 from gaitsweep.dynamics.declared_model import ARMING, DeclaredModel
 from gaitsweep.dynamics.map_model import MapModel
+from gaitsweep.dynamics.sliding import Sliding
 from gaitsweep.engine.content import cached_by_content, held_result
 from gaitsweep.engine.kernel.program import Program
 from gaitsweep.engine.kernel.trace import Tracer, UnsupportedError
@@ -136,7 +137,9 @@ def _bare_state(model: Declared) -> Any:
     fields: dict[str, Any] = {}
     for field in dataclasses.fields(model.State):
         declared = model.declarations.get(field.name)
-        if isinstance(declared, Mode):
+        if isinstance(declared, Sliding):
+            fields[field.name] = jnp.asarray(1)
+        elif isinstance(declared, Mode):
             fields[field.name] = jnp.broadcast_to(jnp.asarray(declared.start), declared.shape(model))
         else:
             fields[field.name] = jnp.zeros(declared.shape(model) if isinstance(declared, Variable) else 0)

@@ -299,3 +299,17 @@ def test_columns_that_vary_within_a_row_are_no_axes() -> None:
     table = staircase_table()
     with pytest.raises(AnalysisError, match="delta_13_n is not a swept axis"):
         transition_points(table, "delta_13", "f", by=["delta_13_n"])
+
+
+def test_a_last_pass_closes_its_loop_with_the_one_before() -> None:
+    """Of 0.2 to 2, to -1.6 and back to 2: the second loop has the whole range; noise of pi makes no jump."""
+    up, down = np.linspace(0.2, 2.0, 19), np.linspace(2.0, -1.6, 37)
+    f = np.concatenate([up, down[1:], down[::-1][1:]])
+    number = np.repeat([0, 1, 2], [19, 36, 36])
+    value = np.where(number == 1, 1.0, 0.0)
+    table = pd.DataFrame({"row": 0, "pass": number, "stair": np.arange(f.size), "f": f, "speed_n": value})
+    loops = loop_area(table.assign(status="complete", cycles=9), "speed", "f")
+    np.testing.assert_allclose(loops["area"], [1.8 - 0.05, 3.6 - 0.05], atol=0.06)
+    assert loops["low"].tolist() == pytest.approx([0.2, -1.6])
+    still = table.assign(status="complete", cycles=9, speed_n=np.pi + 1e-15 * np.arange(f.size) % 3e-15)
+    assert not len(jumps(still, "speed", "f", least=None))

@@ -331,7 +331,9 @@ def _require_axes(table: pd.DataFrame, names: Sequence[str]) -> None:
 
 
 def loop_area(table: pd.DataFrame, observable: str, parameter: str) -> pd.DataFrame:
-    """The area of each hysteresis loop, between a rising pass and the next falling one.
+    """The area of each hysteresis loop, between a pass and the next one, which goes the other way.
+
+    Passes are taken in pairs from the first one on; a last one that is left over, with the pass before it.
 
     A branch is the observable over the parameter (the circular mean of several records at one value), linear
     between its values; angles differ by the shorter way. The area has the unit parameter x observable. The
@@ -352,9 +354,12 @@ def loop_area(table: pd.DataFrame, observable: str, parameter: str) -> pd.DataFr
     circular, axes = is_circular(table, name), axes_of(table)
     records = []
     for course in courses(table, observable, parameter):
-        for loop in range(int(course.passes.max()) // 2 + 1):
+        last = int(course.passes.max())
+        for loop in range(last // 2 + 1):
+            # a last pass without another after it closes its loop with the one before
+            first = 2 * loop if 2 * loop < last or last == 0 else last - 1
             records.append(
-                {**_row_and_axes(course, axes), "loop": loop, **_area(course, 2 * loop, circular=circular)}
+                {**_row_and_axes(course, axes), "loop": loop, **_area(course, first, circular=circular)}
             )
     return pd.DataFrame(records, columns=["row", *axes, "loop", "area", "signed", "low", "high"])
 

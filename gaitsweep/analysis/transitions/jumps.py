@@ -28,6 +28,9 @@ STEEPER = 4.0  # least ratio of a jump to the row's slower changes; else it is a
 # Without a least size, a jump between holds is as much steeper than the median of so many changes on each
 # side, and has this share of the range of its row or changes the gait.
 BESIDE, LEAST_SHARE = 3, 0.05
+# Changes of a staircase below this share of the observable's largest value, or below `NOISE_FLOOR` in its
+# unit, are what settling to a tolerance and rounding leave.
+NOISE_SHARE, NOISE_FLOOR = 1e-6, 1e-9
 LEAST_JUMP = 0.15  # least change of a ramp's jump, in the observable's unit
 
 
@@ -87,6 +90,7 @@ def stretches(course: Course, least: float | None) -> list[tuple[int, int]]:
     if least is not None:
         return _between_holds(course.value, course.settled, least)
     change = np.abs(np.diff(course.value))
+    noise = max(NOISE_SHARE * float(np.max(np.abs(course.value))), NOISE_FLOOR)
     floor = LEAST_SHARE * float(np.ptp(course.value))
     jumps = []
     for start, stop in _between_holds(course.value, course.settled, 0.0):
@@ -94,7 +98,7 @@ def stretches(course: Course, least: float | None) -> list[tuple[int, int]]:
         beside = np.concatenate([change[max(start - BESIDE, 0) : start], change[stop : stop + BESIDE]])
         other_gait = course.gait[start] != course.gait[stop]
         steep = not beside.size or size > STEEPER * float(np.median(beside))
-        if steep and size > 0.0 and (size >= floor or other_gait):
+        if steep and size > noise and (size >= floor or other_gait):
             jumps.append((start, stop))
     return jumps
 
