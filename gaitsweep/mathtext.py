@@ -1,8 +1,9 @@
-"""Formulas in texts of figures: whether Matplotlib can set them, and texts that it can."""
+"""TeX formulas in texts of figures: whether Matplotlib can draw them, and their escape where it cannot."""
 
 from __future__ import annotations
 
 import functools
+import re
 
 
 @functools.lru_cache(maxsize=1024)
@@ -19,6 +20,6 @@ def can_be_set(text: str) -> bool:
     return True
 
 
-def settable(text: str) -> str:
-    """A text in which dollar signs are dollars where Matplotlib cannot set its formulas."""
-    return text if can_be_set(text) else text.replace("$", "\\$")
+def escape_unparsable(text: str) -> str:
+    """Escape the dollar signs of a text whose formulas Matplotlib cannot draw."""
+    return text if can_be_set(text) else re.sub(r"(?<!\\)\$", r"\\$", text)

@@ -21,6 +21,7 @@ from gaitsweep.analysis.transitions.hysteresis import transition_points as trans
 from gaitsweep.analysis.transitions.hysteresis import (
     transition_points_by_gait as transition_points_by_gait,
 )
+from gaitsweep.analysis.transitions.jumps import LEAST_JUMP as LEAST_JUMP
 from gaitsweep.analysis.transitions.return_map import fixed_points as fixed_points
 from gaitsweep.angles import TURN as TURN
 from gaitsweep.angles import mean_direction as mean_direction

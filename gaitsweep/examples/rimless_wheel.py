@@ -5,7 +5,8 @@ between impacts. So the energies after impacts on slopes g_1, g_2, ... are a Mar
 
     K_n = c^2 (K_{n-1} - cos(g_n + alpha)) + cos(g_n - alpha),
 
-and the wheel falls back as soon as K_n < 1, since it does not reach the vertical. On even ground it settles.
+Where a spoke lands before the vertical (g_n < alpha), the wheel falls back as soon as K_n < 1, since it does
+not reach the vertical; a spoke that lands beyond it (g_n > alpha) rolls on. On even ground the wheel settles.
 
 Source: Byl and Tedrake 2009, Int. J. Robotics Research 28:1040, of rough slopes and mean steps to a fall;
 McGeer 1990, Int. J. Robotics Research 9:62, of the wheel.

@@ -21,7 +21,7 @@ class SpringMassWalker(DeclaredModel):
     """
 
     source = "Geyer, Seyfarth and Blickhan 2006, Proc. R. Soc. B 273:2861"
-    gaits = ("none", "walking", "running")
+    gaits = ("none", "walking", "running")  # none: of a row that ends before its first apex
     section_coordinates = ("x", "z", "reach")
 
     alpha = parameter("deg", "angle of attack of the legs", 69.0, low=0.0, high=90.0, symbol=r"\alpha_0")

@@ -17,7 +17,7 @@ from gaitsweep.fitting.identifiability import PARTS, Constant, Identifiability
 from gaitsweep.fitting.search_job import Search
 from gaitsweep.fitting.targets import FAILED_MISS, MISS
 from gaitsweep.plot import theme
-from gaitsweep.plot.columns import described
+from gaitsweep.plot.column_labels import described
 from gaitsweep.status import SetStatus
 from gaitsweep.table import own_folder, replace_file
 

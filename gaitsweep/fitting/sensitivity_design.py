@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
+from gaitsweep.errors import ArgumentError
 from gaitsweep.fitting.free_parameters import FreeParameter, sets_at
 
 Method = Literal["one_at_a_time", "morris", "sobol"]
@@ -52,10 +53,14 @@ def design_of(
         seed: seed of all random numbers.
         ranges: range of each parameter.
         base: the job's own values.
+
+    Raises:
+        ArgumentError: morris or sobol without n.
     """
     if method == "one_at_a_time":
         return _one_at_a_time(ranges, base)
-    assert n is not None
+    if n is None:
+        raise ArgumentError(f"{method} needs n, its number of trajectories or of base points.")
     sample = _trajectories if method == "morris" else _saltelli
     shares = sample(len(ranges), n, seed)
     return SensitivityDesign(method, sets_at(ranges, shares), shares=shares)

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import builtins
 import dataclasses
 import inspect
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Any, ClassVar, get_origin
+from typing import TYPE_CHECKING, Any, ClassVar, cast, get_origin
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float, Int, Shaped
 
 from gaitsweep.contract import FixedStepDynamics, HybridModel, Model, Quantity
 from gaitsweep.dynamics.declared import Declared
@@ -21,6 +22,9 @@ from gaitsweep.engine.kernel.row_functions import over_rows
 from gaitsweep.expression import ExpressionError, resolve
 from gaitsweep.models.conformity import fault, quantity_faults, traced_fault
 
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
 # Points over the ranges of parameters and starts at which functions are evaluated.
 _SAMPLE_POINTS = 64
 # Repeated jumps at one instant after which a guard that fires each time is taken to fire without end.
@@ -29,6 +33,8 @@ _WIDE_BOUNDS = 100.0  # times the reach about a default: bounds that are further
 MAX_NAMED = 8  # values that a sentence about a point names
 
 Columns = Mapping[str, Float[np.ndarray, " rows"]]
+_AnyArray = np.ndarray | Array
+_Values = Mapping[str, Shaped[_AnyArray, "..."]]
 Where = Callable[[int], str]  # words that say at which of some points something is
 
 
@@ -43,7 +49,7 @@ def faults(kind: type[Model]) -> list[str]:
     """
     if (unread := _unread_structure(kind)) is not None:
         return [unread]
-    missing = [field.name for field in dataclasses.fields(kind) if _has_no_default(field)]  # pyright: ignore
+    missing = [field.name for field in _fields_of(kind) if _has_no_default(field)]
     if missing:
         return [f"which has no default for {', '.join(missing)}, which the test needs."]
     try:
@@ -66,8 +72,7 @@ def _unread_structure(kind: type[Model]) -> str | None:
             continue
         own = vars(base).get("__dataclass_fields__", {})
         for name, hint in inspect.get_annotations(base).items():
-            constant = get_origin(hint) is ClassVar or str(hint).startswith(("ClassVar", "typing.ClassVar"))
-            if name not in own and not constant:
+            if name not in own and not _is_class_variable(base, hint):
                 return (
                     f"whose class {base.__name__} annotates {name} but is not a dataclass, so no job can set "
                     "it: write @dataclasses.dataclass(frozen=True) before the class."
@@ -75,7 +80,23 @@ def _unread_structure(kind: type[Model]) -> str | None:
     return None
 
 
-def _has_no_default(field: dataclasses.Field) -> bool:
+def _is_class_variable(base: type[Model], hint: Any) -> bool:
+    """Whether an annotation of a class is ClassVar, also as a text, and under another name of typing."""
+    if isinstance(hint, str):
+        namespace = {**vars(inspect.getmodule(base) or builtins), **vars(base)}
+        outer, *attributes = hint.partition("[")[0].strip().split(".")
+        hint = namespace.get(outer)
+        for attribute in attributes:
+            hint = getattr(hint, attribute, None)
+    return hint is ClassVar or get_origin(hint) is ClassVar
+
+
+def _fields_of(kind: type[Model]) -> tuple[dataclasses.Field[Any], ...]:
+    """The fields of a class of models, which is a dataclass although `Model` itself is none."""
+    return dataclasses.fields(cast("type[DataclassInstance]", kind))
+
+
+def _has_no_default(field: dataclasses.Field[Any]) -> bool:
     """Whether a field of a dataclass has to be given."""
     return field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
 
@@ -88,21 +109,21 @@ class _AtStarts:
     `still` is the state after a jump, and `closes` whether a cycle ends, where no event has fired.
     """
 
-    state: dict[str, Any]
-    observed: Any
-    signals: Any
-    gait: Any
-    period: Any
-    fallen: Any
-    rates: Any
-    guards: Any
-    stepped: Any
-    still: dict[str, Any]
-    closes: Any
-    beyond: dict[str, Any]
+    state: _Values
+    observed: _Values
+    signals: _Values
+    gait: Int[_AnyArray, "*rows"]
+    period: Float[_AnyArray, "*rows"]
+    fallen: Bool[_AnyArray, "*rows"]
+    rates: _Values | None
+    guards: Float[_AnyArray, "*rows guards"] | None
+    stepped: _Values | None
+    still: _Values
+    closes: Bool[_AnyArray, "*rows"]
+    beyond: _Values
 
     @property
-    def own_state(self) -> dict[str, Any]:
+    def own_state(self) -> _Values:
         """The state less what arms its events, which is NaN where a guard is."""
         return {name: value for name, value in self.state.items() if not name.startswith(ARMING)}
 
@@ -133,21 +154,20 @@ def _at_starts_of(model: Model) -> Callable[[Any, Any], _AtStarts]:
             after = model.step(params, state, jnp.asarray(1e-6))
             stepped = _by_path(after)
             quiet = jnp.zeros(model.events(params, state, after).shape, bool)
-        begun = _AtStarts(
-            state=_by_path(state),
-            observed=observed,
-            signals=model.signal(params, state),
-            gait=jnp.asarray(model.label(params, observed)["gait"], int),
-            period=jnp.asarray(model.period(params), float),
-            fallen=jnp.asarray(model.failed(params, state)),
-            rates=rates,
-            guards=guards,
-            stepped=stepped,
-            still=_by_path(model.jump(params, state, quiet)),
-            closes=jnp.asarray(model.section(params, state, quiet)),
-            beyond=model.beyond_at_start(params, state),
-        )
-        return vars(begun)
+        return {
+            "state": _by_path(state),
+            "observed": observed,
+            "signals": model.signal(params, state),
+            "gait": jnp.asarray(model.label(params, observed)["gait"], int),
+            "period": jnp.asarray(model.period(params), float),
+            "fallen": jnp.asarray(model.failed(params, state)),
+            "rates": rates,
+            "guards": guards,
+            "stepped": stepped,
+            "still": _by_path(model.jump(params, state, quiet)),
+            "closes": jnp.asarray(model.section(params, state, quiet)),
+            "beyond": model.beyond_at_start(params, state),
+        }
 
     of_rows = over_rows(of_one, "start", model)
     return lambda values, starts: _AtStarts(**of_rows(values, starts))
@@ -286,12 +306,15 @@ def _dependent_guards(
             ~jnp.isclose(a, b, rtol=1e-9, atol=1e-12, equal_nan=True)
             for a, b in zip(jax.tree.leaves(at_once), jax.tree.leaves(in_turn), strict=True)
         ]
-        return (i < j) & jnp.any(jnp.concatenate([jnp.ravel(difference) for difference in off]))
+        return jnp.any(jnp.concatenate([jnp.ravel(difference) for difference in off]))
 
-    pairs = jnp.repeat(jnp.arange(count), count), jnp.tile(jnp.arange(count), count)
+    first, second = np.triu_indices(count, 1)
     over_pairs = jax.vmap(of_pair, (None, None, 0, 0))
-    dependent = jax.jit(jax.vmap(lambda p, s: over_pairs(p, s, *pairs)))(params, state)
-    return np.asarray(dependent).reshape(-1, count, count)
+    pairs = jnp.asarray(first), jnp.asarray(second)
+    of_pairs = jax.jit(jax.vmap(lambda p, s: over_pairs(p, s, *pairs)))(params, state)
+    dependent = np.zeros((len(of_pairs), count, count), bool)
+    dependent[:, first, second] = of_pairs
+    return dependent
 
 
 def _endless_guards(model: HybridModel, params: Any, state: Any) -> Bool[np.ndarray, "starts guards"]:
@@ -312,8 +335,9 @@ def _endless_guards(model: HybridModel, params: Any, state: Any) -> Bool[np.ndar
 def sample(model: Model, n: int) -> tuple[Columns, Columns]:
     """Parameters and starts (n,) by name: the defaults, then random points over their ranges.
 
-    A range is that between a quantity's bounds. Where these are far apart or missing, a parameter goes from
-    half to twice its default, and a start by three times its default (by 3 where that is 0) to both sides.
+    Whole numbers, such as seeds, and starts without a default have the same value at all points. A range is
+    that between a quantity's bounds. Where these are far apart or missing, a parameter goes from half to
+    twice its default, and a start by three times its default (by 3 where that is 0) to both sides.
 
     Raises:
         ExpressionError: a default has no value.
@@ -321,7 +345,7 @@ def sample(model: Model, n: int) -> tuple[Columns, Columns]:
     random = np.random.default_rng(0)
     sizes: dict[str, Any] = {
         field.name: float(size)
-        for field in dataclasses.fields(model)  # pyright: ignore[reportArgumentType]
+        for field in _fields_of(type(model))
         if isinstance(size := getattr(model, field.name), int | float)
     }
 
@@ -385,7 +409,7 @@ def _non_finite_faults(name: str, tree: Any, where: Where) -> Iterator[str]:
             yield f"but its function {name} returns {numbers[row]}{for_field}{where(row)}."
 
 
-def _first_row(flags: Bool[np.ndarray, "rows ..."]) -> int | None:
+def _first_row(flags: Bool[_AnyArray, "rows ..."]) -> int | None:
     """The first row of flags (n, ...) of which one is set; None if none is."""
     rows = np.flatnonzero(np.any(np.reshape(flags, (len(flags), -1)), axis=1))
     return int(rows[0]) if rows.size else None

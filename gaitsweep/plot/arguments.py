@@ -2,20 +2,43 @@
 
 from __future__ import annotations
 
+import enum
 import inspect
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from types import UnionType
-from typing import TYPE_CHECKING, Annotated, Any, Union, get_args, get_origin
+from types import SimpleNamespace, UnionType
+from typing import TYPE_CHECKING, Annotated, Any, Union, get_args, get_origin, get_type_hints
 
 import pandas as pd
 from pydantic import BeforeValidator, Field
 
+from gaitsweep.run_columns import COLUMNS
 from gaitsweep.schema.numbers import Positive, Real, Stem, Text, checked, read_text
 
+
+class Role(enum.Enum):
+    """Quantities that an argument names, as a mark of its type; a value is a list in `FigureKind`."""
+
+    COLUMN = "column_fields"
+    ALONG_AXIS = "axis_fields"
+    OBSERVABLE = "observable_fields"
+
+
 # Types of arguments that name a column of the table, a numeric column along an axis, or an observable.
-Column = Annotated[Text, "column_fields"]
-AlongAxis = Annotated[Text, "column_fields", "axis_fields"]
-Observable = Annotated[Text, "observable_fields"]
+Column = Annotated[Text, Role.COLUMN]
+AlongAxis = Annotated[Text, Role.COLUMN, Role.ALONG_AXIS]
+Observable = Annotated[Text, Role.OBSERVABLE]
+
+
+def read_title(value: Any) -> str | None:
+    """A figure's title in a job: None is the default; an empty text and `none` are no title, an empty text.
+
+    Raises:
+        InvalidValue: it is no text.
+    """
+    if value is None:
+        return None
+    return "" if value in ("", "none") else read_text(value)
+
 
 # Arguments that several figures have.
 Horizontal = Annotated[AlongAxis, "column along the horizontal axis"]
@@ -29,7 +52,7 @@ Name = Annotated[
 ]
 Title = Annotated[
     str | None,
-    BeforeValidator(checked(lambda text: "" if text in ("", "none") else text and read_text(text))),
+    BeforeValidator(checked(read_title)),
     'text above the figure; "" or none: no text there',
 ]
 Bandwidth = Annotated[
@@ -38,7 +61,7 @@ Bandwidth = Annotated[
     "of the range of other values",
 ]
 
-# A table, or its name, which is all that a job can write.
+# A table, or its name, which is all that a job can write and so the type where jobs are read.
 if TYPE_CHECKING:
     TableOrName = Text | pd.DataFrame
 else:
@@ -50,19 +73,21 @@ Window = Annotated[
     "beginning and end of the time that is shown, in s; by default all",
 ]
 
-TEXT_COLUMNS = frozenset(
-    {"status", "gait", "outcome", "special", "end", "slowest", "stalled_by", "recovery", "gait_before"}
-)
+TEXT_COLUMNS = frozenset(name for name, (unit, _) in COLUMNS.items() if unit == "")
 
 
 def fields_of(draw: Callable[..., Any]) -> dict[str, Any]:
-    """The described arguments of a function as fields of a job."""
+    """The arguments of a function as fields of a job, if text at the end of their types describes them."""
     fields = {}
-    _, *arguments = inspect.signature(draw).parameters.items()  # without the table, whose type is pandas'
-    for name, argument in arguments:
-        annotation = argument.annotation
-        if isinstance(annotation, str):
-            annotation = eval(annotation, draw.__globals__)
+    # without the types of the table and of the figure, for which pandas and Matplotlib would be imported
+    _, *arguments = inspect.signature(draw).parameters.values()
+    annotations = {argument.name: argument.annotation for argument in arguments}
+    hints = get_type_hints(
+        SimpleNamespace(__annotations__=annotations), draw.__globals__, include_extras=True
+    )
+    for argument in arguments:
+        name = argument.name
+        annotation = hints[name]
         description = getattr(annotation, "__metadata__", (None,))[-1]
         if isinstance(description, str):
             # pydantic's mark of a required field is `...`; mappings are not shared between figures
@@ -74,13 +99,12 @@ def fields_of(draw: Callable[..., Any]) -> dict[str, Any]:
 
 
 def _in_job(annotation: Any) -> Any:
-    """Type of a figure's argument in a job: lists and dicts, and no table."""
+    """Type of a figure's argument in a job, which has lists and dicts."""
     origin, (first, *rest) = get_origin(annotation), get_args(annotation) or (None,)
     if origin is Annotated:
         return Annotated[_in_job(first), *rest]
     if origin in (Union, UnionType):
-        parts = (part for part in (first, *rest) if getattr(part, "__name__", "") != "DataFrame")
-        return Union[tuple(_in_job(part) for part in parts)]  # noqa: UP007 - of a tuple of types
+        return Union[tuple(_in_job(part) for part in (first, *rest))]  # noqa: UP007 - of a tuple of types
     if origin in (Sequence, Mapping):
         plain = list if origin is Sequence else dict
         return plain[*(_in_job(part) for part in (first, *rest))]  # pyright: ignore[reportInvalidTypeArguments]

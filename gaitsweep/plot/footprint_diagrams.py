@@ -17,7 +17,8 @@ from matplotlib.ticker import MultipleLocator
 
 from gaitsweep.plot import theme
 from gaitsweep.plot.arguments import Panels, Title, Window
-from gaitsweep.plot.columns import PlotError, column, row_names, rows_where, written
+from gaitsweep.plot.column_labels import row_names, written
+from gaitsweep.plot.columns import PlotError, column, rows_where
 from gaitsweep.plot.kind import PlannedTable, Refusal, check_window, figure_kind
 from gaitsweep.plot.limbs import limb_colours, limbs_of, model_of, name_limbs
 from gaitsweep.schema.numbers import Flag, Text

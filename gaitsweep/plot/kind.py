@@ -26,7 +26,7 @@ from gaitsweep.contract import Model
 from gaitsweep.design import Design
 from gaitsweep.kinds.run_kind import RunKind
 from gaitsweep.mathtext import can_be_set
-from gaitsweep.plot.arguments import TEXT_COLUMNS, Name, fields_of, parts_of
+from gaitsweep.plot.arguments import TEXT_COLUMNS, Name, Role, fields_of, parts_of
 from gaitsweep.plot.columns import PlotError
 from gaitsweep.plot.figure_style import STYLE_FIELDS, FigureStyle, current, given_axes, read_style, styled
 from gaitsweep.plot.provenance_marks import letter_panels, mark, remarks
@@ -316,8 +316,10 @@ def figure_kind(
             "added_columns": added_columns,
             "coloured": coloured,
         }
-        for role in ("column_fields", "axis_fields", "observable_fields"):
-            members[role] = tuple(field for field, (type_, _) in fields.items() if role in parts_of([type_]))
+        for role in Role:
+            members[role.value] = tuple(
+                field for field, (type_, _) in fields.items() if role in parts_of([type_])
+            )
         if check is not None:
             members["check"] = check
         fields |= {member: (ClassVar[Any], value) for member, value in members.items()}

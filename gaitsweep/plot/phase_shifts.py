@@ -15,7 +15,8 @@ from matplotlib.lines import Line2D
 
 from gaitsweep.plot import theme
 from gaitsweep.plot.arguments import AlongAxis, Column, Horizontal, Title
-from gaitsweep.plot.columns import PlotError, described, require_columns, rows_where, written
+from gaitsweep.plot.column_labels import described, written
+from gaitsweep.plot.columns import PlotError, require_columns, rows_where
 from gaitsweep.plot.kind import figure_kind
 
 _NAMED_LINES = 8  # with more lines their colours are a scale

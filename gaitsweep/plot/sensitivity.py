@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from gaitsweep.plot import theme
-from gaitsweep.plot.columns import axis_label, symbol
+from gaitsweep.plot.column_labels import axis_label, symbol
 
 _BLUE, _ORANGE, _GREEN = "#0072B2", "#E69F00", "#009E73"  # Okabe and Ito's
 # Indices that are drawn, by method: the words of the legend and the colour.

@@ -11,7 +11,8 @@ import pandas as pd
 from gaitsweep import near_miss
 from gaitsweep.contract import Model
 from gaitsweep.extension import gait_styles
-from gaitsweep.plot.columns import OTHER, bare
+from gaitsweep.plot.column_labels import observable_in
+from gaitsweep.plot.columns import OTHER
 from gaitsweep.plot.figure_style import FigureStyle
 from gaitsweep.status import Outcome, Status
 
@@ -50,7 +51,7 @@ class StyleNames:
     def of_table(cls, table: pd.DataFrame, model: Model | None) -> Self:
         """The names of a table and of its model."""
         columns = [*map(str, table.columns), *table.attrs.get("quantities", {})]
-        names = cls.of_model(model, [*columns, *map(bare, columns)])
+        names = cls.of_model(model, [*columns, *(observable_in(table, name) for name in columns)])
         texts: list[str] = []
         for _, values in table.select_dtypes(["category", "object", "string"]).items():
             categorical = isinstance(values.dtype, pd.CategoricalDtype)

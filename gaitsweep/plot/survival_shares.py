@@ -13,7 +13,8 @@ from pydantic import Field
 from gaitsweep.analysis.falls import survival as share_that_walks
 from gaitsweep.plot import theme
 from gaitsweep.plot.arguments import AlongAxis, Title
-from gaitsweep.plot.columns import described, require_columns
+from gaitsweep.plot.column_labels import described
+from gaitsweep.plot.columns import require_columns
 from gaitsweep.plot.kind import figure_kind
 from gaitsweep.schema.numbers import Count
 

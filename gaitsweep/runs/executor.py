@@ -134,7 +134,7 @@ class Executor(abc.ABC):
     @property
     @abc.abstractmethod
     def manifest(self) -> dict[str, Any]:
-        """Fields of the manifest that describe it after a run."""
+        """Fields that a run with this executor adds to the manifest at its end: its number of workers."""
 
     @abc.abstractmethod
     def serve(

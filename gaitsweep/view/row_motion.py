@@ -17,7 +17,8 @@ from gaitsweep.job import Job
 from gaitsweep.job.load import stored_job
 from gaitsweep.kinds.columns import gaits
 from gaitsweep.plot import PlotError
-from gaitsweep.plot.columns import rows_where, written
+from gaitsweep.plot.column_labels import written
+from gaitsweep.plot.columns import rows_where
 from gaitsweep.runs.prepare import prepare
 from gaitsweep.status import Status
 from gaitsweep.table import load

@@ -280,6 +280,27 @@ def test_a_branch_may_slope_against_its_jumps(made: Callable[[int], pd.DataFrame
     np.testing.assert_allclose(tilted[["low", "high"]], jumped[["low", "high"]], atol=0.1 + 1e-9)  # a stair
 
 
+def test_gaits_may_be_numbers() -> None:
+    """The numbers of gaits, also as whole numbers, have the transition points of their names."""
+    table = settle_table(np.linspace(-0.8, 0.8, 33), [-1.0, 1.0])
+    named = transition_points_by_gait(table, "f", "delta_13")
+    number = {"trot": 1, "walk": 2}
+    numbered = table.assign(gait=[number.get(name, 0) for name in table["gait"].astype(str)])
+    result = transition_points_by_gait(numbered, "f", "delta_13")
+    edges = ["direction", "kept", "lost", "rows"]
+    for name in named["gait"]:
+        of_name, of_number = named["gait"] == name, result["gait"] == str(number[name])
+        assert (
+            result.loc[of_number, edges].to_numpy().tolist() == named.loc[of_name, edges].to_numpy().tolist()
+        )
+
+
+def test_columns_that_vary_within_a_row_are_no_axes() -> None:
+    table = staircase_table()
+    with pytest.raises(AnalysisError, match="delta_13_n is not a swept axis"):
+        transition_points(table, "delta_13", "f", by=["delta_13_n"])
+
+
 def test_a_last_pass_closes_its_loop_with_the_one_before() -> None:
     """Of 0.2 to 2, to -1.6 and back to 2: the second loop has the whole range; noise of pi makes no jump."""
     up, down = np.linspace(0.2, 2.0, 19), np.linspace(2.0, -1.6, 37)

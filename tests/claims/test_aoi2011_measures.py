@@ -75,6 +75,20 @@ def test_the_range_in_which_both_branches_exist(stairs: pd.DataFrame) -> None:
     assert none == 0.0
 
 
+def test_stairs_of_different_widths_count_by_their_widths() -> None:
+    """Stairs 1, 1.1, 2 and 3 reach to the middles between them, from 0.95 to 3.5."""
+    stairs = [1.0, 1.1, 2.0, 3.0]
+    table = pd.DataFrame({"f": stairs * 2, "delta_13_n": [0.0] * 4 + [1.0] * 4, "settled": True, "mass": 1.0})
+    options = {"observable": "delta_13", "parameter": "f", "apart": 0.5, "by": "mass"}
+    assert transition_measures.bistable_ranges(table, **options) == pytest.approx([2.55])
+    with pytest.raises(AnalysisError, match="No hold settled at mass = 1"):
+        transition_measures.bistable_ranges(table.assign(settled=False), **options)
+    with pytest.raises(AnalysisError, match="single stair"):
+        transition_measures.bistable_ranges(table.assign(f=1.0), **options)
+    with pytest.raises(AnalysisError, match="settled is not a column"):
+        transition_measures.bistable_ranges(table.drop(columns="settled"), **options)
+
+
 def test_directions_in_which_the_upper_branch_is_lost(stairs: pd.DataFrame) -> None:
     result = transition_measures.directions_of_loss(
         stairs, stairs, observable="delta_13", parameters=["f", "f"]

@@ -77,7 +77,7 @@ def test_the_orders_of_the_paper() -> None:
 
 
 def test_a_gait_that_no_row_has_is_refused() -> None:
-    with pytest.raises(MeasureError, match="gait == 'L-walk'"):
+    with pytest.raises(MeasureError, match="has the gait L-walk"):
         leg_measures.swing_order(trace("trot"), gait="L-walk")
 
 
@@ -132,8 +132,25 @@ def test_loads_of_pairs() -> None:
     )
     with pytest.raises(MeasureError, match="weight is not a column of the table"):
         leg_measures.pair_measure(table, gait="L-walk", pair=1, measure="weight")
-    with pytest.raises(MeasureError, match="measure == 'weight'"):
+    with pytest.raises(MeasureError, match="no measure weight"):
         leg_measures.rule_agreement(table, measure="weight")
+
+
+def test_speeds_of_gaits_without_numbers() -> None:
+    table = pd.DataFrame({"gait": ["trot", "trot", "L-walk"], "speed_end": [1.0, np.nan, np.nan]})
+    assert gait_measures.nearest_speed(table, gait="trot", speed=3.0) == 1.0
+    with pytest.raises(MeasureError, match="gait L-walk has a speed"):
+        gait_measures.nearest_speed(table, gait="L-walk", speed=3.0)
+    with pytest.raises(MeasureError, match="gait tro't"):
+        gait_measures.nearest_speed(table, gait="tro't", speed=3.0)
+    with pytest.raises(MeasureError, match="family walk has") as missing:
+        gait_measures.speed_gap(table, slow=["walk"], fast=["trot"])
+    assert "trot" not in str(missing.value)
+    slower = table.assign(speed_end=[1.0, np.nan, 0.4])
+    assert gait_measures.speed_gap(slower, slow=["walk"], fast=["trot"]) == pytest.approx(0.6)
+    assert gait_measures.largest_deviation(table, column="speed_end", value=0.5) == 0.5
+    with pytest.raises(MeasureError, match="speed_end"):
+        gait_measures.largest_deviation(table, column="speed_end", value=0.5, where="gait == 'L-walk'")
 
 
 def test_values_of_the_model() -> None:

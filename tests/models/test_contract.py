@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import typing as t
 from typing import ClassVar
 
 import jax
@@ -27,7 +28,7 @@ from gaitsweep.contract import (
     SteppedModel,
 )
 from gaitsweep.kinds.columns import STATUSES
-from gaitsweep.models.value_faults import faults
+from gaitsweep.models.value_faults import _unread_structure, faults
 from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
 from gaitsweep.papers.ambe2021.multilegged.reduced import MultileggedReduced
 from gaitsweep.status import Status
@@ -202,3 +203,16 @@ def test_only_jumps_that_commute_are_independent() -> None:
     wrong = faults(_NotIndependent)
     assert wrong
     assert all("in two jumps and in one" in each for each in wrong)
+
+
+def test_class_variables_are_no_structure() -> None:
+    """A class variable under another name of `typing` is not taken for structure that no job can set."""
+
+    class Plain(Multilegged):
+        colour: t.ClassVar[str] = "red"
+
+    class Sized(Multilegged):
+        legs: t.Final[int] = 3
+
+    assert _unread_structure(Plain) is None
+    assert "annotates legs" in (_unread_structure(Sized) or "")

@@ -18,7 +18,8 @@ from matplotlib.figure import Figure
 import gaitsweep as gs
 from gaitsweep import plot
 from gaitsweep.cli import main
-from gaitsweep.plot.columns import PlotError, described
+from gaitsweep.plot.column_labels import described
+from gaitsweep.plot.columns import PlotError
 from gaitsweep.plot.figure_layout import wrapped
 from gaitsweep.plot.figure_style import FORMATS, StyleError
 from gaitsweep.plot.theme import angle_ticks, in_pi

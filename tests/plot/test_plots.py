@@ -16,7 +16,7 @@ from gaitsweep.extension import gait_styles
 from gaitsweep.papers.ambe2021.figures.solution_set import chain_of
 from gaitsweep.papers.ambe2021.theory.chain import Chain
 from gaitsweep.plot import PlotError
-from gaitsweep.plot.columns import axis_label, row_names, written
+from gaitsweep.plot.column_labels import axis_label, row_names, written
 from gaitsweep.plot.limbs import limb_colours
 from gaitsweep.plot.theme import COLOURS, HATCH
 from tests.support.plot_tables import (

@@ -17,8 +17,9 @@ from jaxtyping import Bool, Float, Shaped
 from numpy.typing import ArrayLike
 
 from gaitsweep.analysis.records import AnalysisError, axes_of, panels_of, require, section_column
-from gaitsweep.analysis.transitions.jumps import LEAST, Course, courses, records_of, rising, stretches
+from gaitsweep.analysis.transitions.jumps import LEAST_JUMP, Course, courses, records_of, rising, stretches
 from gaitsweep.angles import TURN, branch_cut, is_circular, mean_direction, unwrap_from, wrapped_difference
+from gaitsweep.near_miss import suggestion
 from gaitsweep.status import Outcome, Status
 
 
@@ -45,7 +46,7 @@ def hysteresis(
     parameter: str | None = None,
     *,
     start: str | None = None,
-    least: float = LEAST,
+    least: float = LEAST_JUMP,
     by: Sequence[str] = (),
 ) -> Hysteresis:
     """Measure the hysteresis of a ramp, of a staircase, or of settled rows.
@@ -56,10 +57,11 @@ def hysteresis(
         parameter: the parameter's column; the one that the run moved by default.
         start: of settled rows, the column of the start value that selects the branch.
         least: smallest change that counts as a jump, in the observable's unit.
-        by: columns of what varies; rows that share them are taken together.
+        by: swept axes; the transition points of each of their combinations are separate. `loops` are always
+            of single rows, so `by` does not change them.
 
     Raises:
-        AnalysisError: a column is not there, or has to be named.
+        AnalysisError: a column is not there, has to be named, or is no swept axis.
 
     Example:
         A speed rises in four stairs and falls again; x jumps from 0 to 1 between 3 and 4, and back between
@@ -91,7 +93,9 @@ def hysteresis(
     return Hysteresis(_joined(points), _joined(loops))
 
 
-def jumps(table: pd.DataFrame, observable: str, parameter: str, least: float | None = LEAST) -> pd.DataFrame:
+def jumps(
+    table: pd.DataFrame, observable: str, parameter: str, least: float | None = LEAST_JUMP
+) -> pd.DataFrame:
     """The jumps of each row and pass of a ramp or a staircase.
 
     Args:
@@ -123,7 +127,9 @@ def jumps(table: pd.DataFrame, observable: str, parameter: str, least: float | N
             before, after = course.value[[start, stop]]
             direction = "rising" if rising(course, number) else "falling"
             size = after - before
-            if circular and abs(abs(size) - TURN / 2) < LEAST:  # both ways are alike: take that of figures
+            if (
+                circular and abs(abs(size) - TURN / 2) < LEAST_JUMP
+            ):  # both ways are alike: take that of figures
                 size = float(unwrap_from(after, cut) - unwrap_from(before, cut))
             if circular:
                 before, after = np.mod(before, TURN), np.mod(after, TURN)
@@ -134,8 +140,17 @@ def jumps(table: pd.DataFrame, observable: str, parameter: str, least: float | N
     return pd.DataFrame(records, columns=columns)
 
 
-def largest_jumps(table: pd.DataFrame, observable: str, parameter: str, least: float = LEAST) -> pd.DataFrame:
-    """The largest of the `jumps` of each row and pass, in the same columns, without `irregular_passes`."""
+def largest_jumps(
+    table: pd.DataFrame, observable: str, parameter: str, least: float = LEAST_JUMP
+) -> pd.DataFrame:
+    """The largest of the `jumps` of each row and pass, in the same columns, without `irregular_passes`.
+
+    Args:
+        table, observable, parameter, least: as for `jumps`.
+
+    Raises:
+        AnalysisError: the table does not have a column.
+    """
     all_jumps = jumps(table, observable, parameter, least)
     irregular = _irregular(all_jumps, table, observable, parameter, least)
     steady = _without_passes(all_jumps, irregular)
@@ -148,13 +163,17 @@ def jump_intervals(
 ) -> pd.DataFrame:
     """The intervals of the parameter in which rows jump, all of each pass, without `irregular_passes`.
 
-    Args, raises: as for `jumps`.
+    Args:
+        table, observable, parameter, least: as for `jumps`.
 
     Returns:
         One record for the jumps of a pass whose intervals overlap: pass, direction, `low` and `high` (medians
         over the rows), rows (that jump there), of (all rows).
+
+    Raises:
+        AnalysisError: the table does not have a column.
     """
-    irregular = irregular_passes(table, observable, parameter, LEAST if least is None else least)
+    irregular = irregular_passes(table, observable, parameter, LEAST_JUMP if least is None else least)
     steady = _without_passes(jumps(table, observable, parameter, least), irregular)
     records = []
     for _, part in steady.sort_values("low").groupby(["pass", "direction"]):
@@ -168,14 +187,18 @@ def jump_intervals(
 
 
 def irregular_passes(
-    table: pd.DataFrame, observable: str, parameter: str, least: float = LEAST
+    table: pd.DataFrame, observable: str, parameter: str, least: float = LEAST_JUMP
 ) -> pd.DataFrame:
     """The passes on no branch (row, pass), which reverse direction at least twice, by `least` or more.
 
     Either their jumps do, or the observable without its jumps, which is smoothed for a ramp: a branch may
     slope against a jump.
 
-    Args, raises: as for `jumps`.
+    Args:
+        table, observable, parameter, least: as for `jumps`.
+
+    Raises:
+        AnalysisError: the table does not have a column.
     """
     return _irregular(jumps(table, observable, parameter, least), table, observable, parameter, least)
 
@@ -211,7 +234,7 @@ def _upper_median(values: ArrayLike) -> float:
 
 
 def transition_points(
-    table: pd.DataFrame, observable: str, parameter: str, least: float = LEAST, by: Sequence[str] = ()
+    table: pd.DataFrame, observable: str, parameter: str, least: float = LEAST_JUMP, by: Sequence[str] = ()
 ) -> pd.DataFrame:
     """The transition point of each pass, over all rows on a branch: their `largest_jumps`.
 
@@ -223,10 +246,13 @@ def transition_points(
         One record for each pass with a jump: by, pass, direction, `low` and `high` (medians over the rows;
         the outer one for an even number), `lowest` and `highest` (over all rows), size (median), rows (that
         jump), of (all rows).
+
+    Raises:
+        AnalysisError: the table does not have a column, or `by` has a name that is no swept axis.
     """
     by = list(by)
+    _require_axes(table, by)
     largest = largest_jumps(table, observable, parameter, least)
-    require(largest, *by)
     keys = [*by, "pass", "direction"]
     points = (
         largest.groupby(keys, sort=True, observed=True)
@@ -260,13 +286,16 @@ def transition_points_by_gait(
         table: a settle table.
         parameter: the column of the parameter.
         start: the column of the start that selects the branch.
-        gait: the column of the gait; `none` is not one.
+        gait: the column of the gait, of names or of numbers; `none` is not a gait.
         by: other swept axes; each of their combinations has its own transition points.
 
     Returns:
         One record a point: by, gait, direction (rising if the gait is lost as the parameter rises), kept and
         lost (the last value at which it is kept, the first at which it is lost), low and high (the same in
         order), rows (that settled in it at `kept`).
+
+    Raises:
+        AnalysisError: the table does not have a column.
     """
     by = list(by)
     require(table, "status", parameter, start, gait, *by)
@@ -274,15 +303,31 @@ def transition_points_by_gait(
     records = []
     for panel, rows in panels_of(table, by):
         part = table.iloc[rows]
-        labels = part[gait].astype(object)
-        names = list(part[gait].cat.categories) if isinstance(part[gait].dtype, pd.CategoricalDtype) else []
-        if not names:
-            names = sorted(str(name) for name in labels.dropna().unique())
-        for name in names:
-            if str(name) != Outcome.NO_GAIT:
-                edges = _edges_of(part, parameter, start, (labels == name).to_numpy())
-                records += [{**panel, "gait": name, **edge} for edge in edges]
+        for label in _gaits_of(part[gait]):
+            reached = (part[gait].astype(object) == label).to_numpy()
+            edges = _edges_of(part, parameter, start, reached)
+            records += [{**panel, "gait": str(label), **edge} for edge in edges]
     return pd.DataFrame(records, columns=columns)
+
+
+def _gaits_of(column: pd.Series) -> list[object]:
+    """The labels of a column of gaits without `none`: in the order of its categories, else sorted."""
+    if isinstance(column.dtype, pd.CategoricalDtype):
+        labels = list(column.cat.categories)
+    elif pd.api.types.is_numeric_dtype(column.dtype):
+        labels = sorted(column.dropna().unique())
+    else:
+        labels = sorted(column.dropna().unique(), key=str)
+    return [label for label in labels if str(label) != Outcome.NO_GAIT]
+
+
+def _require_axes(table: pd.DataFrame, names: Sequence[str]) -> None:
+    """Refuse names that are no columns of a table, and columns that are no swept axes."""
+    require(table, *names)
+    axes = axes_of(table)
+    for name in names:
+        if name not in axes:
+            raise AnalysisError(f"{name} is not a swept axis of this table{suggestion(name, axes)}")
 
 
 def loop_area(table: pd.DataFrame, observable: str, parameter: str) -> pd.DataFrame:
@@ -428,7 +473,8 @@ def _branch(
     records = records_of(course, number)
     at, which = np.unique(course.parameter[records], return_inverse=True)
     value = course.value[records]
-    if not circular or not len(at):
-        return at, np.bincount(which, value) / np.bincount(which) if len(at) else at
-    means = np.array([mean_direction(value[which == i]) for i in range(len(at))])
-    return at, np.unwrap(means)
+    if not len(at):
+        return at, value
+    if circular:
+        return at, np.unwrap([mean_direction(value[which == i]) for i in range(len(at))])
+    return at, np.bincount(which, value) / np.bincount(which)

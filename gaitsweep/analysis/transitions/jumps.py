@@ -31,7 +31,7 @@ BESIDE, LEAST_SHARE = 3, 0.05
 # Changes of a staircase below this share of the observable's largest value, or below `NOISE_FLOOR` in its
 # unit, are what settling to a tolerance and rounding leave.
 NOISE_SHARE, NOISE_FLOOR = 1e-6, 1e-9
-LEAST = 0.15  # least change of a ramp's jump, in the observable's unit
+LEAST_JUMP = 0.15  # least change of a ramp's jump, in the observable's unit
 
 
 class Course(NamedTuple):
@@ -86,7 +86,7 @@ def stretches(course: Course, least: float | None) -> list[tuple[int, int]]:
             large as those beside them, and change the gait or are a twentieth of the range.
     """
     if course.settled is None:
-        return _along_crossings(course.value, LEAST if least is None else least)
+        return _along_crossings(course.value, LEAST_JUMP if least is None else least)
     if least is not None:
         return _between_holds(course.value, course.settled, least)
     change = np.abs(np.diff(course.value))

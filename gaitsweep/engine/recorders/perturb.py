@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import enum
 from typing import NamedTuple, final
 
 import jax
@@ -38,10 +39,13 @@ MEASURED = ("t_push", "cycles_back", "time_back", "excursion", "phase_shift")
 AWAITED = 4.0
 
 
-class Stage:
+class Stage(enum.IntEnum):
     """The stages of a row: it settles, waits for its push, is under a force or step, and settles again."""
 
-    SETTLES, WAITS, ACTS, RETURNS = range(4)
+    SETTLES = 0
+    WAITS = 1
+    ACTS = 2
+    RETURNS = 3
 
 
 @jax.tree_util.register_dataclass
@@ -102,11 +106,11 @@ class _Stages:
 
 @dataclasses.dataclass(frozen=True)
 class _Settling:
-    """The poll of the recorder that settles the row.
+    """The result of a poll of the recorder that settles the row.
 
     Attributes:
-        polled: its record.
-        ended: its status.
+        polled: the record that this recorder returns.
+        ended: the status of the row by this recorder, `running` where it is not polled.
         settled: whether the row has settled.
         arrives: whether it has settled for the first time.
         period: the period of its gait (crossings).
@@ -124,16 +128,14 @@ class _Gait:
     """The gait that the push leaves.
 
     Attributes:
-        observed: as `PushMemory.gait`.
-        times: as of `PushMemory`.
-        period: its period (crossings).
-        duration: its period (s).
+        observed: `PushMemory.gait` after the poll.
+        times: `PushMemory.times` after the poll.
+        period: `PushMemory.period` after the poll.
     """
 
     observed: Float[Array, "period observables"]
     times: Float[Array, " period"]
     period: Integer
-    duration: Number
 
 
 @dataclasses.dataclass(frozen=True)
@@ -146,9 +148,9 @@ class _Push:
         begins: whether it begins to act for some time.
         over: whether it stops acting.
         returns: whether the row begins to settle again.
-        time: as `PushMemory.pushed`.
-        since: as of `PushMemory`.
-        stage: the stage after the poll.
+        time: `PushMemory.pushed` after the poll.
+        since: `PushMemory.since` after the poll.
+        stage: `PushMemory.stage` after the poll.
     """
 
     hits: Flag
@@ -162,19 +164,17 @@ class _Push:
 
 
 @dataclasses.dataclass(frozen=True)
-class _Distance:
-    """The distance of the latest crossing from the gait.
+class _Departure:
+    """The departure of a row from its gait after the push, up to its latest crossing.
 
     Attributes:
-        now: its observables.
-        nearest: the place of the nearest crossing of the gait.
-        far: whether the distance is more than the recorder allows.
-        outside: as of `PushMemory`.
-        time_back: as `PushMemory.back`.
-        excursion: the largest distance after the push.
+        nearest: the place in `PushMemory.gait` of the crossing that is nearest to the latest one.
+        far: whether the latest crossing is further from that than the recorder allows.
+        outside: `PushMemory.outside` after the poll.
+        time_back: `PushMemory.back` after the poll.
+        excursion: the largest distance of a crossing after the push from the gait, as in `within`.
     """
 
-    now: Observed
     nearest: Integer
     far: Flag
     outside: Integer
@@ -259,33 +259,34 @@ class PerturbRecorder(Recorder):
         timed = carry.halt == Halt.TIME
         stages = _Stages.of(memory.stage)
         settling = self._settling(params, carry, record, stages, crossed)
-        gait = self._gait_left(carry, memory, settling)
+        gait = self._gait_left(memory, settling)
         push = self._push(params, carry, memory, stages, settling, crossed=crossed, timed=timed)
-        distance = self._distance(params, carry, record, stages, gait, push, crossed)
-        moved = self._pushed(params, carry, settling, gait, push)
+        latest = jnp.where(crossed, self.observables(params, carry.state), record.last)
+        departure = self._departure(carry, record, stages, gait, push, crossed, latest)
+        # the period (s) of the gait at a poll at which the row has settled; elsewhere it is not used
+        duration = carry.t - _entry_at(memory.settle.window[:, -2], gait.period - 1)
+        moved = self._pushed(params, carry, settling, push, duration)
         next_carry = dataclasses.replace(
             restarted(carry, moved.restarts),
             state=moved.state,
             stop=moved.stop,
             halt=jnp.zeros_like(carry.halt),
         )
-        fresh = self._fresh(
-            params, dataclasses.replace(carry, state=moved.state), settling.polled, distance.now
-        )
+        fresh = self._fresh(params, dataclasses.replace(carry, state=moved.state), settling.polled, latest)
         recorded = dataclasses.replace(
             record,
             status=_status(stages, settling, push, timed).astype(jnp.int32),
             cycles=jnp.where(crossed, record.cycles + 1, record.cycles),
-            last=jnp.where(crossed, distance.now, settling.polled.last),
-            memory=_memory_after(settling, gait, push, distance, fresh),
+            last=jnp.where(crossed, latest, settling.polled.last),
+            memory=_memory_after(settling, gait, push, departure, fresh),
             numbers={
                 **record.numbers,
-                **_numbers_of_return(carry, memory, stages, settling, gait, distance),
+                **_numbers_of_return(carry, memory, stages, settling, gait, departure, duration),
                 "slowest": settling.polled.numbers["slowest"],
                 "period_before": gait.period.astype(jnp.int32),
                 "stage": push.stage.astype(jnp.int32),
                 "t_push": push.time,
-                "excursion": distance.excursion,
+                "excursion": departure.excursion,
             },
         )
         return PollResult(next_carry, recorded, jnp.zeros((0,), record.last.dtype), jnp.asarray(False))
@@ -305,7 +306,7 @@ class PerturbRecorder(Recorder):
         settled = ended == Status.settled
         return _Settling(polled, ended, settled, stages.settling & settled, polled.numbers["period"])
 
-    def _gait_left(self, carry: Carry, memory: PushMemory, settling: _Settling) -> _Gait:
+    def _gait_left(self, memory: PushMemory, settling: _Settling) -> _Gait:
         """The gait that the push leaves: that on which the row has settled now, or had settled before."""
         length = self.settle.max_period
         window = settling.polled.memory.window[:length]
@@ -315,8 +316,7 @@ class PerturbRecorder(Recorder):
         times = jnp.where(on_gait, window[:, -2], jnp.nan)
         times = jnp.where(settling.arrives, times, memory.times)
         period = jnp.where(settling.arrives, settling.period, memory.period)
-        times_before = memory.settle.window[:, -2]
-        return _Gait(observed, times, period, carry.t - _value_at(times_before, period - 1))
+        return _Gait(observed, times, period)
 
     def _push(
         self,
@@ -352,20 +352,29 @@ class PerturbRecorder(Recorder):
             stage=jnp.where(begins, Stage.ACTS, jnp.where(returns, Stage.RETURNS, stage)),
         )
 
-    def _distance(
+    def _departure(
         self,
-        params: Params,
         carry: Carry,
         record: LaneRecord,
         stages: _Stages,
         gait: _Gait,
         push: _Push,
         crossed: Flag,
-    ) -> _Distance:
-        """The distance from the gait, which counts at crossings after the push."""
+        latest: Observed,
+    ) -> _Departure:
+        """The departure from the gait, to which crossings after the push count.
+
+        Args:
+            carry: the trajectory.
+            record: the record before this poll.
+            stages: the stage before this poll.
+            gait: the gait that the push leaves.
+            push: the push at this poll.
+            crossed: whether the row is at a crossing of the section.
+            latest: the observables at the latest crossing.
+        """
         memory: PushMemory = record.memory
-        now = jnp.where(crossed, self.observables(params, carry.state), record.last)
-        distances = self._distances(now, gait.observed)
+        distances = self._distances(latest, gait.observed)
         nearest = jnp.argmin(distances)
         distance = jnp.min(distances)
         counts = crossed & (stages.acting | stages.returning)
@@ -375,10 +384,20 @@ class PerturbRecorder(Recorder):
         time_back = jnp.where(comes_back, carry.t - push.time, memory.back)
         largest = record.numbers["excursion"]
         excursion = jnp.where(counts, jnp.fmax(largest, distance), largest)
-        return _Distance(now, nearest, far, outside, time_back, excursion)
+        return _Departure(nearest, far, outside, time_back, excursion)
 
-    def _pushed(self, params: Params, carry: Carry, settling: _Settling, gait: _Gait, push: _Push) -> _Moved:
-        """The state with the push switched on or off, and the time at which it halts next."""
+    def _pushed(
+        self, params: Params, carry: Carry, settling: _Settling, push: _Push, duration: Number
+    ) -> _Moved:
+        """The state with the push switched on or off, and the time at which it halts next.
+
+        Args:
+            params: the parameters of the row.
+            carry: the trajectory.
+            settling: the poll of the recorder that settles the row.
+            push: the push at this poll.
+            duration: the period (s) of the gait of a row that has settled at this poll.
+        """
         model = self.model
         crossed_before = carry.state.push_crossed & (carry.halt != Halt.CROSSING)
         state = dataclasses.replace(carry.state, push_crossed=crossed_before)
@@ -387,7 +406,7 @@ class PerturbRecorder(Recorder):
         state = model.released(model.pushed(params, state, push.hits), push.over)
         restarts = push.hits | push.over
         limit = self.settle.stop(params)
-        wait = (params.phase if model.event is None else AWAITED) * gait.duration
+        wait = (params.phase if model.event is None else AWAITED) * duration
         stop = jnp.where(settling.arrives, carry.t + wait, carry.stop)
         stop = jnp.where(push.begins, carry.t + (params.duration if model.forced else limit), stop)
         return _Moved(state, restarts, jnp.where(push.returns, carry.t + limit, stop))
@@ -443,18 +462,29 @@ def _numbers_of_return(
     stages: _Stages,
     settling: _Settling,
     gait: _Gait,
-    distance: _Distance,
+    departure: _Departure,
+    duration: Number,
 ) -> dict[str, Array]:
-    """The numbers of a row that has settled again, by name."""
+    """The numbers of a row that has settled again, by name.
+
+    Args:
+        carry: the trajectory.
+        memory: the memory before this poll.
+        stages: the stage before this poll.
+        settling: the poll of the recorder that settles the row.
+        gait: the gait that the push leaves.
+        departure: the departure of the row from that gait.
+        duration: the period (s) of the gait of a row that has settled at this poll.
+    """
     settled_again = stages.returning & settling.settled
-    recovered = settled_again & ~distance.far
-    ahead = (_value_at(gait.times, distance.nearest) - carry.t) / gait.duration
+    recovered = settled_again & ~departure.far
+    ahead = (_entry_at(gait.times, departure.nearest) - carry.t) / duration
     # NaN where the gait has more crossings than there were since the push
     phase_shift = jnp.where(memory.crossings >= gait.period, ahead - jnp.round(ahead), jnp.nan)
-    cycles_back = jnp.where(distance.outside > 0, distance.outside + 1, 0).astype(phase_shift.dtype)
+    cycles_back = jnp.where(departure.outside > 0, departure.outside + 1, 0).astype(phase_shift.dtype)
     return {
         "cycles_back": jnp.where(recovered, cycles_back, jnp.nan),
-        "time_back": jnp.where(recovered, distance.time_back, jnp.nan),
+        "time_back": jnp.where(recovered, departure.time_back, jnp.nan),
         "phase_shift": jnp.where(recovered, phase_shift, jnp.nan),
         "period": jnp.where(settled_again, settling.period, 0).astype(jnp.int32),
         "recovered": recovered.astype(jnp.int32),
@@ -462,7 +492,7 @@ def _numbers_of_return(
 
 
 def _memory_after(
-    settling: _Settling, gait: _Gait, push: _Push, distance: _Distance, fresh: Memory
+    settling: _Settling, gait: _Gait, push: _Push, departure: _Departure, fresh: Memory
 ) -> PushMemory:
     """The memory of a row after a poll; `fresh` is that of a row that begins to settle again."""
     return PushMemory(
@@ -474,12 +504,12 @@ def _memory_after(
         period=gait.period.astype(jnp.int32),
         pushed=push.time,
         since=push.since.astype(jnp.int32),
-        outside=distance.outside.astype(jnp.int32),
-        back=distance.time_back,
+        outside=departure.outside.astype(jnp.int32),
+        back=departure.time_back,
     )
 
 
-def _value_at(values: Float[Array, " n"], place: Integer) -> Number:
-    """The value at a place, which changes along a trajectory."""
+def _entry_at(values: Float[Array, " n"], place: Integer) -> Number:
+    """The entry at a traced index; 0 where it is NaN."""
     at_place = jnp.arange(values.size) == place
     return jnp.sum(jnp.where(at_place, jnp.where(jnp.isnan(values), 0.0, values), 0.0))

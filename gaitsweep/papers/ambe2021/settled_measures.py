@@ -189,7 +189,9 @@ def free_range(table: pd.DataFrame, *, gait: str, phase: str) -> list[float]:
 
 def _settled(table: pd.DataFrame, gait: str) -> pd.DataFrame:
     """The settled relative phases of the rows of one gait, columns psi_1_end, ..."""
-    rows = records(table, f"gait == '{gait}' and status == 'settled'")
+    rows = masked(table, (table["gait"] == gait) & (table["status"] == "settled"))
+    if rows.empty:
+        raise MeasureError(f"No settled row of the table has the gait {gait}.")
     return pd.DataFrame(rows[psi_columns(table, "_end")])
 
 

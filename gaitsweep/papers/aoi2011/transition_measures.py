@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from typing import Literal, get_args
 
 import numpy as np
 import pandas as pd
 
 from gaitsweep.analyses import (
+    LEAST_JUMP,
     AnalysisError,
     fixed_points,
+    require,
     stable_ranges,
     transition_points,
     transition_points_by_gait,
@@ -23,7 +25,7 @@ Direction = Literal["rising", "falling"]
 
 @measure
 def transition_at(
-    table: pd.DataFrame, *, observable: str, parameter: str, direction: Direction, least: float = 0.15
+    table: pd.DataFrame, *, observable: str, parameter: str, direction: Direction, least: float = LEAST_JUMP
 ) -> float:
     """Middle of the interval in which a ramp or staircase jumps as the parameter moves one way.
 
@@ -58,7 +60,7 @@ def hysteresis_widths(
     groups = [("", points)]
     if by is not None:
         values = sorted(table[by].dropna().unique())
-        groups = [(f" at {by} = {value:g}", masked(points, points[by] == value)) for value in values]
+        groups = [(f" at {by} = {value}", masked(points, points[by] == value)) for value in values]
     widths = []
     for place, points_of_group in groups:
         otherwise = f"The observable does not jump in each direction{place}."
@@ -78,19 +80,42 @@ def bistable_ranges(
     Args:
         table: a staircase's table.
         observable: an angle; two of its values are different if they are more than `apart` (rad) apart.
-        parameter: the parameter that moves; each of its values stands for one stair.
+        parameter: the parameter that moves. Each stair stands for the range up to the middles between it and
+            its neighbours; the range of the first and the last stair is symmetric about it.
         apart: rad.
         by: the column of the groups.
+
+    Raises:
+        AnalysisError: the table does not have a column or has a single stair, or no hold of a group settled.
     """
-    settled = table.loc[table["settled"].astype(bool)]
-    stairs = settled[parameter].round(9)
-    step = float(np.diff(np.unique(stairs.to_numpy())).min())
-    lengths = dict.fromkeys(sorted(table[by].unique()), 0.0)
-    for (group, _), holds in settled.groupby([settled[by], stairs]):
-        angles = holds[f"{observable}_n"].to_numpy(float)
-        if np.ptp(wrapped_difference(angles - angles[0])) > apart:
-            lengths[group] += step
-    return list(lengths.values())
+    require(table, "settled", parameter, f"{observable}_n", by)
+    width_of_stair = _widths_of_stairs(table, parameter)
+    lengths = []
+    for group, holds in table.groupby(by, sort=True, observed=True):
+        settled = masked(holds, holds["settled"].astype(bool))
+        if settled.empty:
+            raise AnalysisError(f"No hold settled at {by} = {group}.")
+        length = 0.0
+        for stair, holds_at_stair in settled.groupby(settled[parameter].round(9)):
+            angles = holds_at_stair[f"{observable}_n"].to_numpy(float)
+            if np.ptp(wrapped_difference(angles - angles[0])) > apart:
+                length += width_of_stair[stair]
+        lengths.append(length)
+    return lengths
+
+
+def _widths_of_stairs(table: pd.DataFrame, parameter: str) -> dict[Hashable, float]:
+    """The width of the range that each stair stands for, by the parameter's value (rounded).
+
+    Raises:
+        AnalysisError: the table has a single stair.
+    """
+    stairs = np.unique(table[parameter].dropna().round(9).to_numpy(float))
+    if len(stairs) < 2:
+        raise AnalysisError(f"{parameter} has a single stair, whose width is unknown.")
+    steps = np.diff(stairs)
+    widths = 0.5 * (np.append(steps[0], steps) + np.append(steps, steps[-1]))
+    return dict(zip(stairs.tolist(), widths.tolist(), strict=True))
 
 
 @measure

@@ -9,7 +9,8 @@ import numpy as np
 import pandas as pd
 
 from gaitsweep.analyses import require
-from gaitsweep.claims import Condition, MeasureError, measure, numbers, one_row, records, value
+from gaitsweep.claims import Condition, MeasureError, masked, measure, numbers, one_row, records
+from gaitsweep.claims import value as median_of
 from gaitsweep.papers.fukuoka2015.analysis.body_oscillation import body_oscillation
 from gaitsweep.papers.fukuoka2015.analysis.gait_tables import cases_of, gaits_in
 from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import CHART, family
@@ -33,7 +34,13 @@ def gait_share(
 
 @measure
 def gaits_shown(table: pd.DataFrame, *, speeds: int = 1) -> float:
-    """Number of the nine gaits that occur at so many values of the swept parameters or more (1)."""
+    """Number of the nine gaits that occur in at least a given number of cases (1).
+
+    Args:
+        table: as for `gaits_in`.
+        speeds: the least number of combinations of the swept parameters, without repetitions, at which a gait
+            occurs; in a sweep of speed alone, of speeds.
+    """
     shown = gaits_in(table)
     cases = shown.loc[shown["gait"].isin(CHART)].drop_duplicates(["gait", *cases_of(table)])
     return float((cases["gait"].astype(str).value_counts() >= speeds).sum())
@@ -48,9 +55,15 @@ def nearest_speed(table: pd.DataFrame, *, gait: str, speed: float, where: Condit
         gait: one of the nine.
         speed: the given speed, m/s.
         where: a condition that selects rows.
+
+    Raises:
+        MeasureError: no row with the gait has a speed.
     """
     require(table, "gait", "speed_end")
     speeds = numbers(records_of_gait(records(table, where), gait), "speed_end")
+    speeds = speeds[np.isfinite(speeds)]
+    if not speeds.size:
+        raise MeasureError(f"No row with the gait {gait} has a speed.")
     return float(speeds[np.abs(speeds - speed).argmin()])
 
 
@@ -66,15 +79,19 @@ def speed_gap(
         where: a condition that selects rows.
 
     Raises:
-        MeasureError: no row has a gait of either side.
+        MeasureError: one side has no row with a speed.
     """
     part = records(table, where)
     require(part, "gait", "speed_end")
     families = part["gait"].astype(str).map(family)
-    slow_speeds, fast_speeds = (part.loc[families.isin(names), "speed_end"] for names in (slow, fast))
-    if slow_speeds.empty or fast_speeds.empty:
-        raise MeasureError(f"The table lacks {' and '.join([*slow, *fast])}.")
-    return float(fast_speeds.min() - slow_speeds.max())
+
+    def speeds_of(names: Sequence[str]) -> pd.Series:
+        speeds = part.loc[families.isin(names), "speed_end"].dropna()
+        if speeds.empty:
+            raise MeasureError(f"No row with a gait of the family {' or '.join(names)} has a speed.")
+        return speeds
+
+    return float(speeds_of(fast).min() - speeds_of(slow).max())
 
 
 @measure
@@ -99,7 +116,7 @@ def difference_of_medians(table: pd.DataFrame, *, column: str, where: Condition,
         column: its column.
         where, less: the two conditions.
     """
-    return value(table, column=column, where=where) - value(table, column=column, where=less)
+    return median_of(table, column=column, where=where) - median_of(table, column=column, where=less)
 
 
 @measure
@@ -120,9 +137,15 @@ def largest_deviation(
         column: its column.
         value: in the column's unit.
         where: a condition that selects records.
+
+    Raises:
+        MeasureError: no record has a number in the column.
     """
     require(table, column)
-    return float(np.nanmax(np.abs(records(table, where)[column].to_numpy(float) - value)))
+    deviations = np.abs(numbers(records(table, where), column) - value)
+    if np.all(np.isnan(deviations)):
+        raise MeasureError(f"No record has a number in the column {column}.")
+    return float(np.nanmax(deviations))
 
 
 def rows_of_gait(table: pd.DataFrame, gait: str) -> list[pd.DataFrame]:
@@ -131,5 +154,12 @@ def rows_of_gait(table: pd.DataFrame, gait: str) -> list[pd.DataFrame]:
 
 
 def records_of_gait(table: pd.DataFrame, gait: str) -> pd.DataFrame:
-    """The records with a gait, one at least."""
-    return records(table, f"gait == '{gait}'")
+    """The records with a gait.
+
+    Raises:
+        MeasureError: no record has it.
+    """
+    with_gait = masked(table, table["gait"] == gait)
+    if with_gait.empty:
+        raise MeasureError(f"No record of the table has the gait {gait}.")
+    return with_gait

@@ -9,7 +9,8 @@ import numpy as np
 import pandas as pd
 
 from gaitsweep.analyses import TURN, mean_direction
-from gaitsweep.claims import Condition, MeasureError, measure, numbers, records, stances, value
+from gaitsweep.claims import Condition, MeasureError, masked, measure, numbers, records, stances, value
+from gaitsweep.near_miss import suggestion
 from gaitsweep.papers.fukuoka2015.analysis.gait_tables import gaits_in
 from gaitsweep.papers.fukuoka2015.analysis.loading_rule import load_prediction, loading_rule
 from gaitsweep.papers.fukuoka2015.analysis.pair_loads import pairs_in
@@ -167,7 +168,11 @@ def foretold(table: pd.DataFrame, *, measure: str) -> float:
 
 def _right(judged: pd.DataFrame, measure: str) -> float:
     """The share of right signs of one measure in a result of `loading_rule`; refuses one that it lacks."""
-    return value(judged, column="right", where=f"measure == '{measure}'")
+    of_measure = masked(judged, judged["measure"] == measure)
+    if of_measure.empty:
+        known = judged["measure"].astype(str).unique()
+        raise MeasureError(f"The loading rule has no measure {measure}{suggestion(measure, known)}")
+    return value(of_measure, column="right")
 
 
 @measure
@@ -180,8 +185,8 @@ def pair_measure(table: pd.DataFrame, *, gait: str, pair: Literal[1, 2], measure
         pair: 1 (RF and LH) or 2 (LF and RH).
         measure: a column of `pairs_in`.
     """
-    where = f"gait == '{gait}' and pair_number == {pair}"
-    return value(pairs_in(table), column=measure, where=where, take="mean")
+    of_gait = records_of_gait(pairs_in(table), gait)
+    return value(of_gait, column=measure, where=f"pair_number == {pair}", take="mean")
 
 
 @measure

@@ -150,11 +150,16 @@ def body_cycles_along(
         table: a ramp's table.
         families: names of families.
         where: a condition that selects records.
+
+    Raises:
+        MeasureError: the ramp has no bout of a family.
     """
     bouts = oscillation_along(records(table, where))
     cycles = []
     for name in families:
-        bouts_of_family = records(bouts, f"family == '{name}'")
+        bouts_of_family = masked(bouts, bouts["family"] == name)
+        if bouts_of_family.empty:
+            raise MeasureError(f"The ramp has no bout of the family {name}.")
         longest = numbers(bouts_of_family, "windows").argmax()
         cycles.append(float(numbers(bouts_of_family, "body_cycles")[longest]))
     return cycles

@@ -17,17 +17,15 @@ from gaitsweep.analysis.records import in_order
 from gaitsweep.plot import theme
 from gaitsweep.plot.arguments import Horizontal, Hue, Panels, Title, Vertical
 from gaitsweep.plot.basins.cells import cell_grid, check_cells, colour_cells, hatch_cells
+from gaitsweep.plot.column_labels import axis_label, described, written
 from gaitsweep.plot.columns import (
     PlotError,
-    axis_label,
-    described,
     is_angle,
     is_logarithmic,
     log_axes,
     outcome,
     require_columns,
     rows_where,
-    written,
 )
 from gaitsweep.plot.figure_style import current
 from gaitsweep.plot.kind import figure_kind

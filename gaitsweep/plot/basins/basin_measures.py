@@ -22,7 +22,8 @@ from gaitsweep.analysis.basins.measures import Basins, basins
 from gaitsweep.analysis.records import axes_of
 from gaitsweep.plot import theme
 from gaitsweep.plot.arguments import TEXT_COLUMNS, Column, Title
-from gaitsweep.plot.columns import axis_label, column, is_angle, rows_where, unit_of, written
+from gaitsweep.plot.column_labels import axis_label, unit_of, written
+from gaitsweep.plot.columns import column, is_angle, rows_where
 from gaitsweep.plot.figure_style import current
 from gaitsweep.plot.kind import PlannedTable, Refusal, figure_kind
 

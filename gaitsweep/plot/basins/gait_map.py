@@ -15,9 +15,9 @@ from matplotlib.patches import Patch
 from gaitsweep.plot import theme
 from gaitsweep.plot.arguments import GaitColumn, Horizontal, Title, Vertical
 from gaitsweep.plot.basins.cells import CellGrid, cell_grid, colour_cells, hatch_cells, hatch_look
+from gaitsweep.plot.column_labels import described
 from gaitsweep.plot.columns import (
     OTHER,
-    described,
     is_angle,
     is_logarithmic,
     log_axes,

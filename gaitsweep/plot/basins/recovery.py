@@ -13,7 +13,8 @@ from gaitsweep.engine.pushed_model import PREFIX
 from gaitsweep.plot.arguments import Horizontal, Panels, Title, Vertical
 from gaitsweep.plot.basins.basin import basin
 from gaitsweep.plot.basins.cells import check_cells
-from gaitsweep.plot.columns import require_columns, rows_where, unit_of
+from gaitsweep.plot.column_labels import unit_of
+from gaitsweep.plot.columns import require_columns, rows_where
 from gaitsweep.plot.kind import figure_kind
 from gaitsweep.schema.numbers import Flag
 from gaitsweep.status import Outcome

@@ -13,7 +13,8 @@ from gaitsweep.analysis.basins.measures import basins
 from gaitsweep.plot.arguments import TEXT_COLUMNS, AlongAxis, Column, Horizontal, Panels, Title
 from gaitsweep.plot.basins.basin import basin
 from gaitsweep.plot.basins.cells import check_cells
-from gaitsweep.plot.columns import require_columns, unit_of
+from gaitsweep.plot.column_labels import unit_of
+from gaitsweep.plot.columns import require_columns
 from gaitsweep.plot.kind import PlannedTable, Refusal, figure_kind
 from gaitsweep.status import Status
 

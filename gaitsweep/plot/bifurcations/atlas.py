@@ -15,15 +15,8 @@ from gaitsweep.near_miss import allowing
 from gaitsweep.plot import theme
 from gaitsweep.plot.arguments import Observable, Title
 from gaitsweep.plot.bifurcations.branch_lines import WORDS, draw_branch, key, pieces, stretches
-from gaitsweep.plot.columns import (
-    PlotError,
-    column,
-    described,
-    moved_parameter,
-    origin_of,
-    require_columns,
-    rows_where,
-)
+from gaitsweep.plot.column_labels import described
+from gaitsweep.plot.columns import PlotError, column, moved_parameter, origin_of, require_columns, rows_where
 from gaitsweep.plot.kind import figure_kind
 from gaitsweep.plot.style_names import period_names
 

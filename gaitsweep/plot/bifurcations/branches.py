@@ -17,7 +17,8 @@ from gaitsweep.angles import unwrap_from
 from gaitsweep.plot import theme
 from gaitsweep.plot.arguments import TEXT_COLUMNS, AlongAxis, Bandwidth, Observed, Title
 from gaitsweep.plot.bifurcations.branch_lines import STABLE, UNSTABLE
-from gaitsweep.plot.columns import column, described, is_angle, log_axes, origin_of, require_columns
+from gaitsweep.plot.column_labels import described
+from gaitsweep.plot.columns import column, is_angle, log_axes, origin_of, require_columns
 from gaitsweep.plot.kind import PlannedTable, Refusal, figure_kind
 
 _COLOUR = {True: STABLE, False: UNSTABLE}

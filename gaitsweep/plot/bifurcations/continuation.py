@@ -6,8 +6,9 @@ from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Annotated, Any
 
-import matplotlib as mpl
+import numpy as np
 import pandas as pd
+from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
@@ -17,8 +18,10 @@ from pydantic import Field
 from gaitsweep.near_miss import allowing
 from gaitsweep.plot import theme
 from gaitsweep.plot.arguments import Column, Observable, Title
-from gaitsweep.plot.bifurcations.branch_lines import draw_branch, key, style_of_range
-from gaitsweep.plot.columns import PlotError, column, described, moved_parameter, origin_of, require_columns
+from gaitsweep.plot.bifurcations import branch_lines
+from gaitsweep.plot.bifurcations.branch_lines import draw_branch, style_of_range
+from gaitsweep.plot.column_labels import described, symbol
+from gaitsweep.plot.columns import PlotError, column, moved_parameter, origin_of, require_columns
 from gaitsweep.plot.kind import figure_kind
 from gaitsweep.schema.numbers import Real, Text
 
@@ -30,7 +33,7 @@ def continuation(
     y: Annotated[
         Observable | None, "observable of the model; by default the first coordinate of the map that is one"
     ] = None,
-    x: str | None = None,
+    x: str | None = None,  # no field of a job, whose run moves one parameter
     hue: Annotated[
         Column | None, "column of another parameter that differs between branches, or of the gait"
     ] = None,
@@ -59,7 +62,7 @@ def continuation(
     x = x or moved_parameter(table) or "parameter"
     require_columns(table, x, "row", "point", "stable", "special", hue)
     # the two directions in which a map follows a branch begin at one point
-    of_branch = [key for key in ("row", "direction") if key in table]
+    of_branch = [name_of_part for name_of_part in ("row", "direction") if name_of_part in table]
     table = table.dropna(subset=[name]).sort_values([*of_branch, "point"], kind="stable")
     with theme.canvas(theme.COLUMN + 1.6, 3.4, title) as figure:
         axes = figure.subplots()
@@ -68,54 +71,46 @@ def continuation(
         if not len(table):
             theme.message(axes, "No row has a fixed point on a branch.")
             return figure
-        colours = _colours(table, hue)
+        colours, hue_key = _colours_of_rows(figure, axes, table, hue)
         origin = origin_of(table, name, table[name].to_numpy(float))
         for number, (low, high) in enumerate(intervals.values()):
             axes.axvspan(low, high, zorder=0, **style_of_range(number))
         for _, branch in table.groupby(of_branch, sort=True):
             draw_branch(axes, branch, x, name, colours.get(branch["row"].iloc[0]), origin=origin)
         theme.value_axis(axes, angle=origin is not None)
-        gaits: list[Line2D] = []
-        if hue is not None and _numbers(table, hue):
-            shades = ScalarMappable(_span(table, hue), "viridis")
-            figure.colorbar(shades, ax=axes, label=described(table, hue), shrink=0.85)
-        elif hue is not None:
-            gaits = _gait_key(table, hue)
-        theme.legend(figure, [*gaits, *key(table, intervals, coloured=hue is not None)], ncols=2)
+        of_branches = branch_lines.key(table, intervals, coloured=hue is not None)
+        theme.legend(figure, [*hue_key, *of_branches], ncols=2)
     return figure
 
 
-def _gait_key(table: pd.DataFrame, hue: str) -> list[Line2D]:
-    """The legend of the gaits of branches."""
-    colours = theme.colours(theme.ordered(dict.fromkeys(_names(table, hue).values())))
-    return [Line2D([], [], color=colour, lw=1.4, label=theme.named(gait)) for gait, colour in colours.items()]
+def _colours_of_rows(
+    figure: Figure, axes: Axes, table: pd.DataFrame, hue: str | None
+) -> tuple[dict[Any, Any], list[Line2D]]:
+    """A colour for each row by the column `hue`, and the handles of the legend that name these colours.
 
-
-def _numbers(table: pd.DataFrame, hue: str) -> bool:
-    """Whether colours show numbers."""
-    return bool(pd.api.types.is_numeric_dtype(table[hue]))
-
-
-def _names(table: pd.DataFrame, hue: str) -> dict[Any, str]:
-    """The most frequent value of `hue` among the records of each row."""
-    return {row: str(branch[hue].astype(str).mode().iloc[0]) for row, branch in table.groupby("row")}
-
-
-def _span(table: pd.DataFrame, hue: str) -> Normalize:
-    """The range of the numbers that colours show."""
-    values = table[hue].to_numpy(float)
-    low, high = float(values.min()), float(values.max())
-    return Normalize(low, high if high > low else low + 1.0)
-
-
-def _colours(table: pd.DataFrame, hue: str | None) -> dict[Any, Any]:
-    """A colour for each row, if colours show another parameter or the gait."""
+    Numbers have a colour bar, which is drawn here; a row without a number is grey.
+    """
     if hue is None:
-        return {}
-    if not _numbers(table, hue):
-        names = _names(table, hue)
-        colours = theme.colours(list(dict.fromkeys(names.values())))
-        return {row: colours[name] for row, name in names.items()}
-    shades = mpl.colormaps["viridis"]
-    span = _span(table, hue)
-    return {row: shades(span(float(branch[hue].iloc[0]))) for row, branch in table.groupby("row")}
+        return {}, []
+    rows = table.groupby("row")[hue]
+    if not pd.api.types.is_numeric_dtype(table[hue]):
+        name_of_row = {row: str(names.astype(str).mode().iloc[0]) for row, names in rows}
+        colours = theme.colours(theme.ordered(dict.fromkeys(name_of_row.values())))
+        handles = [
+            Line2D([], [], color=colour, lw=1.4, label=theme.named(name)) for name, colour in colours.items()
+        ]
+        return {row: colours[name] for row, name in name_of_row.items()}, handles
+    numbers = rows.first()  # the first of a row that is not NaN
+    values = numbers.to_numpy(float)
+    has_number = ~np.isnan(values)
+    grey = theme.COLOURS["none"]
+    colours_of_rows: dict[Any, Any] = dict.fromkeys(numbers.index, grey)
+    if has_number.any():
+        low, high = float(np.nanmin(values)), float(np.nanmax(values))
+        shades = ScalarMappable(Normalize(low, high if high > low else low + 1.0), "viridis")
+        figure.colorbar(shades, ax=axes, label=described(table, hue), shrink=0.85)
+        of_numbers = map(tuple, shades.to_rgba(values[has_number]))
+        colours_of_rows |= dict(zip(numbers.index[has_number], of_numbers, strict=True))
+    if has_number.all():
+        return colours_of_rows, []
+    return colours_of_rows, [Line2D([], [], color=grey, lw=1.4, label=f"no {symbol(table, hue)}")]

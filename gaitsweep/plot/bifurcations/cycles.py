@@ -14,7 +14,8 @@ from pydantic import Field
 
 from gaitsweep.plot import theme
 from gaitsweep.plot.arguments import Horizontal, Hue, Observable, Title
-from gaitsweep.plot.columns import column, described, is_angle, log_axes, symbol
+from gaitsweep.plot.column_labels import described, symbol
+from gaitsweep.plot.columns import column, is_angle, log_axes
 from gaitsweep.plot.kind import figure_kind
 from gaitsweep.status import Status
 

@@ -17,7 +17,8 @@ from matplotlib.patches import Patch
 from gaitsweep.plot import theme
 from gaitsweep.plot.arguments import GaitColumn, Title
 from gaitsweep.plot.bifurcations.branch_lines import Piece, stretches
-from gaitsweep.plot.columns import PlotError, described, require_columns, rows_where
+from gaitsweep.plot.column_labels import described
+from gaitsweep.plot.columns import PlotError, require_columns, rows_where
 from gaitsweep.plot.kind import figure_kind
 
 _TOGETHER = "#BFE6DA"  # a light tint of the colour of two gaits in a gait map

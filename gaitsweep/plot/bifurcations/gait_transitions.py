@@ -18,18 +18,8 @@ from gaitsweep.analysis.transitions.hysteresis import transition_points_by_gait
 from gaitsweep.angles import unwrap_from
 from gaitsweep.plot import theme
 from gaitsweep.plot.arguments import AlongAxis, Column, GaitColumn, Observed, Title
-from gaitsweep.plot.columns import (
-    column,
-    described,
-    is_angle,
-    log_axes,
-    origin_of,
-    outcome,
-    require_columns,
-    rows_where,
-    symbol,
-    unit_of,
-)
+from gaitsweep.plot.column_labels import described, symbol, unit_of
+from gaitsweep.plot.columns import column, is_angle, log_axes, origin_of, outcome, require_columns, rows_where
 from gaitsweep.plot.kind import figure_kind
 from gaitsweep.status import Outcome
 

@@ -16,7 +16,7 @@ from matplotlib.patches import Patch
 from matplotlib.transforms import ScaledTranslation
 
 from gaitsweep.analysis.records import sound
-from gaitsweep.analysis.transitions.hysteresis import LEAST
+from gaitsweep.analysis.transitions.hysteresis import LEAST_JUMP
 from gaitsweep.angles import unwrap_from
 from gaitsweep.plot import theme
 from gaitsweep.plot.arguments import Observable, Observed, Panels, TableOrName, Title
@@ -30,17 +30,8 @@ from gaitsweep.plot.bifurcations.hysteresis_panels import (
     while_moving,
 )
 from gaitsweep.plot.bifurcations.passes import DOWN, LINES, MARKER, UP, draw_passes, draw_strip
-from gaitsweep.plot.columns import (
-    PlotError,
-    column,
-    described,
-    moved_parameter,
-    origin_of,
-    require_columns,
-    rows_where,
-    symbol,
-    written,
-)
+from gaitsweep.plot.column_labels import described, symbol, written
+from gaitsweep.plot.columns import PlotError, column, moved_parameter, origin_of, require_columns, rows_where
 from gaitsweep.plot.figure_style import current
 from gaitsweep.plot.kind import PlannedTable, Refusal, figure_kind
 from gaitsweep.schema.numbers import Positive, Real, Text
@@ -121,7 +112,7 @@ def hysteresis(
     if title == "" and len(shown) == 1:
         shown = [shown[0]._replace(heading="")]
     columns = Columns(table, name, parameter, _origin(table, name, shown))
-    parted = [irregular_parted(panel.table, name, parameter, least or LEAST) for panel in shown]
+    parted = [irregular_parted(panel.table, name, parameter, least or LEAST_JUMP) for panel in shown]
     strips = any(len(irregular) for _, irregular in parted)
     down, across = theme.shape(len(shown), theme.PAGE, 2.0, _PANELS_A_ROW)
     width = theme.PAGE if len(shown) > 1 else theme.COLUMN + 1.2

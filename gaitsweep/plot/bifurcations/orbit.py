@@ -16,7 +16,8 @@ from matplotlib.lines import Line2D
 from gaitsweep import near_miss
 from gaitsweep.plot import theme
 from gaitsweep.plot.arguments import TEXT_COLUMNS, AlongAxis, Observed, Title
-from gaitsweep.plot.columns import column, described, is_angle, log_axes, require_columns, rows_where
+from gaitsweep.plot.column_labels import described
+from gaitsweep.plot.columns import column, is_angle, log_axes, require_columns, rows_where
 from gaitsweep.plot.kind import PlannedTable, Refusal, figure_kind
 from gaitsweep.status import RECURRENT, Status
 

@@ -15,7 +15,8 @@ from matplotlib.lines import Line2D
 from gaitsweep.plot import theme
 from gaitsweep.plot.arguments import Title
 from gaitsweep.plot.bifurcations.branch_lines import pieces, stretches
-from gaitsweep.plot.columns import PlotError, described, moved_parameter, require_columns, rows_where
+from gaitsweep.plot.column_labels import described
+from gaitsweep.plot.columns import PlotError, moved_parameter, require_columns, rows_where
 from gaitsweep.plot.kind import figure_kind
 
 _LINES = ("-", (0, (5, 1.5)), (0, (1, 1)), (0, (5, 1.5, 1, 1.5)))

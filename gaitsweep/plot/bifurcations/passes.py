@@ -13,12 +13,13 @@ from matplotlib.patches import FancyArrowPatch, Patch
 from matplotlib.transforms import ScaledTranslation
 
 from gaitsweep.analysis.records import sound
-from gaitsweep.analysis.transitions.hysteresis import LEAST, jump_intervals, largest_jumps
+from gaitsweep.analysis.transitions.hysteresis import LEAST_JUMP, jump_intervals, largest_jumps
 from gaitsweep.analysis.transitions.jumps import STEEPER, where_it_moves
 from gaitsweep.angles import unwrap_from
 from gaitsweep.plot import theme
 from gaitsweep.plot.bifurcations.hysteresis_panels import Columns, Panel
-from gaitsweep.plot.columns import rows_where, symbol, unit_of
+from gaitsweep.plot.column_labels import symbol, unit_of
+from gaitsweep.plot.columns import rows_where
 
 UP, DOWN = "#E69F00", "#0072B2"  # distinct for colour-blind readers, and in lightness
 LINES: dict[str, Any] = {UP: "-", DOWN: (0, (4, 2))}
@@ -72,7 +73,7 @@ def draw_passes(
     rows = table["row"].unique()
     alpha = 1.0 if len(rows) <= _FAINT else max(0.15, _FAINT / len(rows))
     axes.margins(y=0.1)  # room for the arrows
-    size = least or LEAST
+    size = least or LEAST_JUMP
     jumping = largest_jumps(panel.table, name, parameter, size)["row"]
     with_arrows = jumping.mode().min() if len(jumping) else rows[0]  # the first row that jumps on each pass
     for row, records in table.groupby("row", sort=True):

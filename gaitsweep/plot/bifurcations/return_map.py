@@ -15,17 +15,8 @@ from gaitsweep.analysis.transitions.return_map import drift, fixed_points, ghost
 from gaitsweep.angles import unwrap_from
 from gaitsweep.plot import theme
 from gaitsweep.plot.arguments import Bandwidth, Observed, Panels, Title
-from gaitsweep.plot.columns import (
-    PlotError,
-    column,
-    described,
-    origin_of,
-    require_columns,
-    rows_where,
-    symbol,
-    unit_of,
-    written,
-)
+from gaitsweep.plot.column_labels import described, symbol, unit_of, written
+from gaitsweep.plot.columns import PlotError, column, origin_of, require_columns, rows_where
 from gaitsweep.plot.kind import figure_kind
 from gaitsweep.schema.numbers import word
 

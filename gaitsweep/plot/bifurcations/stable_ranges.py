@@ -19,7 +19,8 @@ from gaitsweep.analysis.continuation.stable_ranges import stable_ranges as range
 from gaitsweep.plot import theme
 from gaitsweep.plot.arguments import AlongAxis, GaitColumn, Title
 from gaitsweep.plot.bifurcations.branch_lines import MARKERS, WORDS
-from gaitsweep.plot.columns import PlotError, described, log_axes, moved_parameter, require_columns
+from gaitsweep.plot.column_labels import described
+from gaitsweep.plot.columns import PlotError, log_axes, moved_parameter, require_columns
 from gaitsweep.plot.kind import figure_kind
 
 _STRIPES = {"hatch": "\\\\\\", "facecolor": "none", "lw": 0.0}  # of the second gait over the first

@@ -19,7 +19,14 @@ _NO_NUMBER = -32768
 
 
 def packed(numbers: Real[np.ndarray, ...]) -> str:
-    """Integers (n,) of two bytes as text: the low bytes, then the high ones, which compress better."""
+    """Integers (n,) of two bytes as text: the low bytes, then the high ones, which compress better.
+
+    Args:
+        numbers: whole numbers that fit into two bytes; callers encode missing ones as `_NO_NUMBER`.
+    """
+    assert np.all((numbers >= _NO_NUMBER) & (numbers <= _LARGEST)), (
+        "a number is NaN or has more than two bytes"
+    )
     planes = numbers.astype("<i2").reshape(-1).view(np.uint8).reshape(-1, 2).T
     return base64.b64encode(planes.tobytes()).decode()
 
@@ -50,10 +57,12 @@ def motion_fields(motion: Motion) -> dict[str, Any]:
     contact alternately begins and ends.
     """
     stretch, t = motion.stretch, motion.t
+    # a single sample has no interval; the page divides by it, so it is any above 0
+    interval = float(t[-1] - t[0]) / (len(t) - 1) if len(t) > 1 else 1.0
     fields: dict[str, Any] = {
         "name": stretch.name,
         "begin": round(float(t[0]), 6),
-        "sample": _digits((t[-1] - t[0]) / (len(t) - 1)),
+        "sample": _digits(interval),
         "samples": len(t),
         "stride": motion.stride,
         "loops": stretch.loops,
@@ -68,7 +77,7 @@ def motion_fields(motion: Motion) -> dict[str, Any]:
         steps = np.clip(steps, -_LARGEST, _LARGEST)  # less than 32 heights from one picture to the next
         fields |= {
             "unit": _digits(unit),
-            "ground": round(float(pictures.camera[0]), 4),
+            "ground": _digits(float(pictures.camera[0])),
             "pictures": len(in_units),
             "points": packed(steps.T.ravel()),
         }

@@ -11,7 +11,8 @@ from typing import Any
 import pandas as pd
 
 from gaitsweep.plot import theme
-from gaitsweep.plot.columns import is_angle, symbol, unit_of
+from gaitsweep.plot.column_labels import symbol, unit_of
+from gaitsweep.plot.columns import is_angle
 
 DIGITS = 7  # significant digits of the numbers that the page shows
 _ALL_DIGITS = 17  # significant digits that tell all numbers apart

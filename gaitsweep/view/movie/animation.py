@@ -15,7 +15,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from gaitsweep.mathtext import settable
+from gaitsweep.mathtext import escape_unparsable
 from gaitsweep.plot import theme
 from gaitsweep.plot.footprint_diagrams import contact_intervals
 from gaitsweep.plot.limbs import limb_colours
@@ -182,7 +182,9 @@ def _movie_axes(figure: Figure, clip: Clip) -> tuple[Axes, Axes, Axes]:
     view = figure.add_axes((0.0, foot + chart + gap, 1.0, 1.0 - head - gap - chart - foot))
     falls = figure.add_axes((_CHART_LEFT, foot, _CHART_RIGHT - _CHART_LEFT, chart))
     bar = figure.add_axes((_CHART_LEFT, 0.13 / tall, _CHART_RIGHT - _CHART_LEFT, 0.06 / tall))
-    figure.text(_MARGIN, 1.0 - 0.5 * head, settable(clip.title), va="center", fontsize=10, weight="bold")
+    figure.text(
+        _MARGIN, 1.0 - 0.5 * head, escape_unparsable(clip.title), va="center", fontsize=10, weight="bold"
+    )
     for x, text, side in (
         (_MARGIN, "feet on the ground", "left"),
         (_CHART_RIGHT, clip.skeleton.note, "right"),
@@ -230,7 +232,14 @@ def still(clip: Clip, size: tuple[int, int], scene: DrawBody = side_view) -> Fig
         tall = figure.get_figheight()
         head, foot, gap = 0.3 / tall, 0.38 / tall, 0.2 / tall
         chart = _chart_height(clip, tall)
-        figure.text(_MARGIN, 1.0 - 0.5 * head, settable(clip.title), va="center", fontsize=10, weight="bold")
+        figure.text(
+            _MARGIN,
+            1.0 - 0.5 * head,
+            escape_unparsable(clip.title),
+            va="center",
+            fontsize=10,
+            weight="bold",
+        )
         figure.text(_CHART_RIGHT, 1.0 - 0.5 * head, _FORWARD, ha="right", va="center", fontsize=8, color=_INK)
         pose_width = 1.0 / columns
         pose_height = (1.0 - head - (foot + chart + gap)) / lines

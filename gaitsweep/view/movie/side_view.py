@@ -14,7 +14,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon, Rectangle
 from scipy.spatial import ConvexHull, QhullError
 
-from gaitsweep.mathtext import settable
+from gaitsweep.mathtext import escape_unparsable
 from gaitsweep.plot.limbs import limb_colours
 from gaitsweep.skeleton import Skeleton
 
@@ -264,7 +264,7 @@ class SideView:
             place = float(projected(roots)[:, 0].mean())
             y, alignment = (high, "bottom") if limb.far else (low, "top")
             style = {"color": colour, "ha": "center", "va": alignment, "weight": "bold", "fontsize": 8}
-            self._axes.text(place, y, settable(limb.name), **style)
+            self._axes.text(place, y, escape_unparsable(limb.name), **style)
 
 
 def _hull(points: Float[np.ndarray, "points 2"]) -> Float[np.ndarray, "corners 2"]:

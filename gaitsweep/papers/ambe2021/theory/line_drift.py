@@ -13,13 +13,14 @@ def drift(chain: Chain) -> jax.Array:
     """Change of E in a cycle, rad, if neighbours of both ends are in stance when these touch down.
 
     E is phi_{N+1} - phi_1; in a cycle it changes by the phase reset of the last leg less that of the first:
-    (1 - beta) pi g (m_end/(kappa_end a_end) - m_1/(kappa_1 a_1)), or (m_end - m_1) b if only masses differ.
-    If it is positive (a heavier tail, with a softer spring or smaller amplitude), the chain drifts along its
-    line of solutions to the retrograde wave, else to the direct wave. It is zero for equal m/(kappa a).
+    (1 - beta) pi g (m_end/(kappa_end a_end) - m_1/(kappa_1 a_1)), or (m_end - m_1) b if only masses differ,
+    with b = (1 - beta) pi g/(kappa a) in rad/kg (`shift`). If it is positive (a heavier tail, with a softer
+    spring or smaller amplitude), the chain drifts along its line of solutions to the retrograde wave, else to
+    the direct wave. It is zero for equal m/(kappa a).
 
-    It holds everywhere on the line and for every profile of the inner legs: only the ends' resets count. So
-    no profile holds the source of a wave at a leg; equal ends leave it where it is, unequal ones take it
-    along the whole chain.
+    It holds everywhere on the line and for every profile of the inner legs: only the ends' resets count. The
+    source of a wave is the leg from which touchdowns spread to both ends. No profile of the inner legs keeps
+    it at one leg: with equal ends it stays at any leg, with unequal ones it moves along the whole chain.
 
     Source: eqs. (30) to (32), with different springs and amplitudes of the ends.
     """
@@ -60,7 +61,7 @@ def line_length(N: int, chain: Chain = TABLE_1) -> jax.Array:
 def worst_case_cycles(N: int, chain: Chain) -> jax.Array:
     """Cycles of the drift along the whole line for unequal ends; infinite for equal ends.
 
-    The transient to the line, about 50 cycles for Table 1, is not included.
+    The transient from a start to the line is not included.
     """
     rate = jnp.abs(drift(chain))
     return jnp.where(rate > 0.0, line_length(N, chain) / jnp.where(rate > 0.0, rate, 1.0), jnp.inf)
