@@ -22,7 +22,7 @@ _GREEK = frozenset(
     | {"xi", "pi", "rho", "sigma", "tau", "phi", "chi", "psi", "omega"}
 )
 _ONE_FORMULA = re.compile(r"[^$]*(\$[^$]+\$)[^$]*")
-_REMARK = re.compile(r"(?!\d)(.*?\w{3})[:;](?![^(]*\))")  # not of "1: yes; 0: no", nor in brackets
+_REMARK = re.compile(r"(?!\d)(.*?\w{2})[:;](?![^(]*\))")  # not of "1: yes; 0: no", nor in brackets
 _UNIT_AT_END = re.compile(r"\s*\([^()]*\)\Z")
 _SUFFIX = re.compile(r"_(end(_\d+)?|n)\Z")  # of recorded columns; _end_2 is at a further crossing of an orbit
 _WORDS = {"t": "time", "t_end": "time at the end", "crossing": "cycle", "cycles": "cycles"}

@@ -99,8 +99,11 @@ def _draw_jumps(axes: Axes, edges: pd.DataFrame, table: pd.DataFrame, parameter:
         colour, *ends = _JUMPS[edge["direction"]]
         axes.axvspan(edge["low"], edge["high"], zorder=0, color=colour, alpha=0.1, lw=0)
         axes.axvspan(edge["low"], edge["high"], *ends, color=colour, lw=0)
-        patch = Patch(label=_jump_words(edge, table, parameter), color=colour, lw=0)
-        handles.setdefault(edge["direction"], []).append(patch)
+        words = _jump_words(edge, table, parameter)
+        of_direction = handles.setdefault(edge["direction"], [])
+        # passes over the same range jump at the same place
+        if words not in (patch.get_label() for patch in of_direction):
+            of_direction.append(Patch(label=words, color=colour, lw=0))
     legend: list[Patch] = []
     for of_direction in handles.values():
         unnamed = of_direction[_MOST_NAMED - 1 :]
