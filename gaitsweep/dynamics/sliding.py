@@ -50,7 +50,7 @@ class Sliding:
             effect=self._met,
         )
         leaves = Event(
-            lambda model, p, s: jnp.abs(self._sides(model, p, s)[2]) - self.static(p),
+            lambda model, p, s: jnp.abs(self._sides(model, p, s)[2]) - self._held_up_to(p),
             f"{self.meaning}: leaves",
             section=False,
             during=lambda s: getattr(s, self.name) == 0,
@@ -84,7 +84,7 @@ class Sliding:
         """The state with the mode that follows from where it lies; `rounding` is the error of the height."""
         height = self.height(params, state)
         above, below, balance = self._sides(model, params, state)
-        slides = (above < below) & (jnp.abs(balance) <= self.static(params))
+        slides = (above < below) & (jnp.abs(balance) <= self._held_up_to(params))
         leaves = jnp.where(above > 0.0, 1, -1)
         side = jnp.where(height > 0.0, 1, -1)
         at_surface = jnp.where(slides, 0, leaves)
@@ -99,10 +99,14 @@ class Sliding:
 
         return jax.jvp(later, (jnp.zeros(()),), (jnp.ones(()),))[1]
 
+    def _held_up_to(self, params: Any) -> Float[Array, ""]:
+        """The static friction as a multiple of the kinetic one, which is at least 1."""
+        return jnp.maximum(jnp.asarray(self.static(params), float), 1.0)
+
     def _met(self, model: DeclaredModel, params: Any, state: Any) -> Any:
         """The state that slides, goes through the surface, or has only touched it."""
         above, below, balance = self._sides(model, params, state)
-        slides = (above < below) & (jnp.abs(balance) <= self.static(params))
+        slides = (above < below) & (jnp.abs(balance) <= self._held_up_to(params))
         mode = getattr(state, self.name)
         leaves_behind = jnp.where(mode > 0, below < 0.0, above > 0.0)
         return state.replace(**{self.name: jnp.where(slides, 0, jnp.where(leaves_behind, -mode, mode))})
@@ -131,7 +135,11 @@ def sliding(meaning: str, height: Height, *, static: Callable[[Any], Any] | None
         height: a function (params, state) of the variables, above 0 on the one side of the surface: of a
             block on a belt, its speed relative to the belt.
         static: a function of the parameters, the static friction as a multiple of the kinetic one; by
-            default they are equal.
+            default, and where it is below 1, they are equal. It holds for forces that are proportional to the
+            mode.
+
+    A state that slides keeps the height to rounding where the height is linear in the variables, and else to
+    the tolerance of the steps.
 
     Example:
         A block on a spring, on ground with friction, starts 2.5 m from the spring's rest. Each half swing
