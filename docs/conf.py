@@ -57,10 +57,11 @@ nitpick_ignore_regex = [
         r"(collections|jax|jaxlib|jaxtyping|matplotlib|np|numpy|pandas|pathlib|pd|pydantic|types|typing|xarray)\..*",
     ),
     (r"py:class", r"Path|Client|BaseModel|ndarray|Float"),
+    (r"py:class", r"'[\w ]+'"),  # names of an array's axes
     # Names of unions in signatures, which the text beside them explains.
     (
         r"py:class",
-        r"AnyModel|ArrayLike|Rows|Scalar|SectionPoints|(gaitsweep\..*)?(Progress|ModelT|T|FigureKind)",
+        r"AnyModel|ArrayLike|Rows|Scalar|SectionPoints|(gaitsweep\..*)?(Progress|ModelT|T|FigureKind|Angles|Kind|_Profile)",
     ),
 ]
 napoleon_numpy_docstring = False
