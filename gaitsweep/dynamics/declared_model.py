@@ -196,6 +196,7 @@ class DeclaredModel(Declared, HybridModel):
     def jump(self, params: Any, state: Any, fired: Bool[Array, " events"], /) -> Any:
         after = state
         rates = {}
+        of_sliding = {event for surface in self._named(Sliding).values() for event in surface.events}
         displaced = jnp.asarray(False)
         for place, (event, flags) in zip(self._places(), self._flags(fired), strict=True):
             if not event.jumps:
@@ -209,9 +210,9 @@ class DeclaredModel(Declared, HybridModel):
             happens = happens & ~_at(state.arming, place).accumulated
             applied, rates[event] = self._applied(event, params, after)
             after = _where(happens, applied, after)
-            if not any(event.declared in surface.events for surface in self._named(Sliding).values()):
+            if event.declared not in of_sliding:
                 displaced = displaced | happens
-        if self._named(Sliding):
+        if of_sliding:
             # a jump of another event may take the state off the surface, or onto it
             after = _where(displaced, self._on_its_side(params, after), after)
         after = self._rearmed(params, state, after, fired, rates) if self._armed() else after

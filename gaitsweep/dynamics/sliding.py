@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from gaitsweep.dynamics.event_declarations import Event
 
@@ -50,7 +50,7 @@ class Sliding:
             effect=self._met,
         )
         leaves = Event(
-            lambda model, p, s: jnp.abs(self._sides(model, p, s)[2]) - self._held_up_to(p),
+            lambda model, p, s: jnp.abs(_balance(*self._sides(model, p, s))) - self._held_up_to(p),
             f"{self.meaning}: leaves",
             section=False,
             during=lambda s: getattr(s, self.name) == 0,
@@ -74,17 +74,20 @@ class Sliding:
         flow.sliding = self  # type: ignore[attr-defined]
         return flow
 
-    def _sides(self, model: DeclaredModel, params: Any, state: Any) -> tuple[Any, Any, Any]:
-        """The rates of the height by the flows above and below, and their `_balance`."""
-        above = self._rate(params, state, model.flow(params, state.replace(**{self.name: 1})))
-        below = self._rate(params, state, model.flow(params, state.replace(**{self.name: -1})))
-        return above, below, _balance(above, below)
+    def _sides(self, model: DeclaredModel, params: Any, state: Any) -> tuple[Float[Array, ""], ...]:
+        """The rates of the height by the flows above and below."""
+        flows = (model.flow(params, state.replace(**{self.name: side})) for side in (1, -1))
+        return tuple(self._rate(params, state, rates) for rates in flows)
+
+    def _holds(self, params: Any, above: Float[Array, ""], below: Float[Array, ""]) -> Bool[Array, ""]:
+        """Whether a state on the surface stays there, with these rates of the height."""
+        return (above < below) & (jnp.abs(_balance(above, below)) <= self._held_up_to(params))
 
     def begun(self, model: DeclaredModel, params: Any, state: Any, rounding: Float[Array, ""]) -> Any:
         """The state with the mode that follows from where it lies; `rounding` is the error of the height."""
         height = self.height(params, state)
-        above, below, balance = self._sides(model, params, state)
-        slides = (above < below) & (jnp.abs(balance) <= self._held_up_to(params))
+        above, below = self._sides(model, params, state)
+        slides = self._holds(params, above, below)
         leaves = jnp.where(above > 0.0, 1, -1)
         side = jnp.where(height > 0.0, 1, -1)
         at_surface = jnp.where(slides, 0, leaves)
@@ -105,15 +108,15 @@ class Sliding:
 
     def _met(self, model: DeclaredModel, params: Any, state: Any) -> Any:
         """The state that slides, goes through the surface, or has only touched it."""
-        above, below, balance = self._sides(model, params, state)
-        slides = (above < below) & (jnp.abs(balance) <= self._held_up_to(params))
+        above, below = self._sides(model, params, state)
+        slides = self._holds(params, above, below)
         mode = getattr(state, self.name)
         leaves_behind = jnp.where(mode > 0, below < 0.0, above > 0.0)
         return state.replace(**{self.name: jnp.where(slides, 0, jnp.where(leaves_behind, -mode, mode))})
 
     def _left(self, model: DeclaredModel, params: Any, state: Any) -> Any:
         """The state on the side to which the flow takes it."""
-        side = jnp.where(self._sides(model, params, state)[2] > 0.0, 1, -1)
+        side = jnp.where(_balance(*self._sides(model, params, state)) > 0.0, 1, -1)
         return state.replace(**{self.name: side})
 
 

@@ -16,8 +16,8 @@ from jaxtyping import Array, Bool, Float, Inexact
 from gaitsweep.contract import HybridModel, Params, State
 from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.kernel.row_functions import over_rows
+from gaitsweep.engine.leaves import counts_of_state
 from gaitsweep.engine.solver import METHODS
-from gaitsweep.engine.stored_programs import stored
 
 # Largest number of flags whose combinations are evaluated; each flag doubles the number of combinations.
 MAX_FLAGS = 8
@@ -48,7 +48,8 @@ def decay_per_period(
         model: the model.
         values, starts: the parameters and the initial conditions of the rows, (n,) each.
     """
-    count = _flag_count(model)
+    _, flags = counts_of_state(model)
+    count = min(flags, MAX_FLAGS)
     rows = len(next(iter({**values, **starts}.values())))
     modes = np.array(list(itertools.product((False, True), repeat=count)), bool).reshape(2**count, count)
     in_modes = (
@@ -96,19 +97,6 @@ def _flags_of(state: State) -> list[tuple[int, int]]:
         if jnp.issubdtype(jnp.result_type(leaf), jnp.bool_):
             flags += [(i, k) for k in range(int(np.prod(jnp.shape(leaf))))]
     return flags[:MAX_FLAGS]
-
-
-@cached_by_content(maxsize=64)
-def _flag_count(model: HybridModel) -> int:
-    """The number of flags of a model's states whose combinations are evaluated."""
-
-    def count() -> int:
-        number = jax.ShapeDtypeStruct((), float)
-        params = jax.eval_shape(model.params, {q.name: number for q in model.parameters})
-        state = jax.eval_shape(model.init, params, {q.name: number for q in model.initial_conditions})
-        return len(_flags_of(state))
-
-    return stored("flag_count", model, (), count)
 
 
 def _with_flags(state: State, values: Bool[Array, " flags"]) -> State:

@@ -15,7 +15,32 @@ import numpy as np
 from jax.extend.core import Literal
 from jaxtyping import Array, Float
 
-from gaitsweep.contract import Chart, Params, Quantity, State
+from gaitsweep.contract import Chart, HybridModel, Model, Params, Quantity, State
+from gaitsweep.engine.content import cached_by_content
+from gaitsweep.engine.stored_programs import stored
+
+
+def shapes_of(model: Model) -> tuple[Params, State]:
+    """The shapes of a model's parameters and of its state, traced without values."""
+    number = jax.ShapeDtypeStruct((), jnp.float64)
+    params = jax.eval_shape(model.params, {q.name: number for q in model.parameters})
+    return params, jax.eval_shape(model.init, params, {q.name: number for q in model.initial_conditions})
+
+
+@cached_by_content(maxsize=64)
+def counts_of_state(model: HybridModel) -> tuple[int, int]:
+    """How many numbers the flow of a model moves, and how many flags its state has."""
+
+    def counts() -> tuple[int, int]:
+        params, state = shapes_of(model)
+        moving = [getattr(state, name) for name in jax.eval_shape(model.flow, params, state)]
+        leaves = jax.tree.leaves(state)
+        flags = [leaf for leaf in leaves if jnp.issubdtype(leaf.dtype, jnp.bool_)]
+        return sum(leaf.size for leaf in moving), sum(leaf.size for leaf in flags)
+
+    # stored, since every job that leaves the method open asks for them
+    variables, flags = stored("counts_of_state", model, (), counts)
+    return variables, flags
 
 
 def is_float(array: Any) -> bool:

@@ -15,6 +15,7 @@ import jax.numpy as jnp
 from gaitsweep.contract import HybridModel, Model, Params
 from gaitsweep.engine.carry import Number
 from gaitsweep.engine.content import cached_by_content
+from gaitsweep.engine.leaves import shapes_of
 from gaitsweep.engine.solver import METHODS, fixed_step_scheme
 from gaitsweep.engine.solver.taylor import lacking_recurrence
 from gaitsweep.engine.switches import may_switch, moving_operations
@@ -85,12 +86,8 @@ def taylor_is_faster(model: Model) -> bool:
     """
     if not isinstance(model, HybridModel) or model.host_parameters or lacking_recurrence(model):
         return False
-    number = jax.ShapeDtypeStruct((), jnp.float64)
-    values = {q.name: number for q in model.parameters}
-    starts = {q.name: number for q in model.initial_conditions}
     # the programs of the flow and the guards are traced with shapes, without values
-    params = jax.eval_shape(model.params, values)
-    state = jax.eval_shape(model.init, params, starts)
+    params, state = shapes_of(model)
     if _CIRCULAR.isdisjoint(moving_operations(model, params, state)):
         return False
     return not may_switch(model, params, state)

@@ -18,7 +18,7 @@ from jaxtyping import Array, Float
 from gaitsweep.contract import Chart, Model, Params, State
 from gaitsweep.engine.advance import Advance
 from gaitsweep.engine.carry import Carry, Number
-from gaitsweep.engine.leaves import AllVariables, float_leaves, with_float_leaves
+from gaitsweep.engine.leaves import AllVariables, float_leaves, shapes_of, with_float_leaves
 
 Directions = list[Float[Array, " coordinates"]]  # orthonormal directions on the section
 
@@ -71,10 +71,7 @@ def chart_of(model: Model, state: State) -> Chart:
 
 def coordinate_count(model: Model) -> int:
     """The number of coordinates of a model's section."""
-    number = jax.ShapeDtypeStruct((), jnp.float64)
-    values = {q.name: number for q in model.parameters}
-    starts = {q.name: number for q in model.initial_conditions}
-    state = jax.eval_shape(lambda v, s: model.init(model.params(v), s), values, starts)
+    _, state = shapes_of(model)
     return len(chart_of(model, state).coordinates)
 
 

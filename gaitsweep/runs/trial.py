@@ -22,6 +22,7 @@ from gaitsweep.dynamics.declarations import mode, observable
 from gaitsweep.dynamics.declared_model import DeclaredModel
 from gaitsweep.dynamics.event_declarations import SingleEvent
 from gaitsweep.engine.flow_spectrum import STIFF, flow_eigenvalues
+from gaitsweep.engine.leaves import shapes_of
 from gaitsweep.errors import UserError
 from gaitsweep.job import Job
 from gaitsweep.kinds import Settle, Trace
@@ -275,7 +276,7 @@ def _with_rates(kind: type[Model]) -> type[Model]:
     """A class whose signals include the rate of each energy, and the power that its terms exchange."""
 
     def signals(self: HybridModel) -> tuple[Quantity, ...]:
-        params, state = _shapes(self)
+        params, state = shapes_of(self)
         names = jax.eval_shape(self.energies, params, state)
         more = (Quantity(name + end, "1", "rate of an energy") for name in names for end in (_RATE, _POWER))
         base: Any = super(watched, self)
@@ -294,10 +295,3 @@ def _with_rates(kind: type[Model]) -> type[Model]:
     members = {"signals": property(signals), "signal": signal, "name": kind.name}
     watched: type[Any] = type(kind.__name__, (kind,), members)
     return watched
-
-
-def _shapes(model: Model) -> tuple[Params, State]:
-    """The shapes of a model's parameters and of its state."""
-    number = jax.ShapeDtypeStruct((), float)
-    params = jax.eval_shape(model.params, {q.name: number for q in model.parameters})
-    return params, jax.eval_shape(model.init, params, {q.name: number for q in model.initial_conditions})

@@ -31,7 +31,6 @@ from gaitsweep.engine.poincare.maps import Map, MapEvaluation, Points
 from gaitsweep.engine.poincare.stationary_map import StationaryMap
 
 Vector = Float[np.ndarray, " unknowns"]  # coordinates, drifts, parameters, and theta or beta
-NullVector = Inexact[np.ndarray, " fold_unknowns"]
 Matrix = Float[np.ndarray, "equations unknowns"]
 FoldMatrix = Float[np.ndarray, "fold_unknowns columns"]  # derivatives of F
 Multipliers = Complex[np.ndarray, " multipliers"]

@@ -20,9 +20,8 @@ import jax.numpy as jnp
 
 from gaitsweep.contract import HybridModel, Params, Rates, State
 from gaitsweep.engine.carry import Flag, Number
-from gaitsweep.engine.content import cached_by_content
+from gaitsweep.engine.leaves import counts_of_state
 from gaitsweep.engine.solver.method import Estimate
-from gaitsweep.engine.stored_programs import stored
 
 Vector = list[Number]  # the numbers of a state, or their rates
 Matrix = list[Vector]  # the rows of a matrix
@@ -71,18 +70,14 @@ def rodas5p(model: HybridModel) -> Estimate:
         rates, times_jacobian = jax.linearize(rates_at, start)
         columns = [times_jacobian(unit) for unit in _unit_vectors(start)]
         factors = _factorised(_stage_matrix(columns, h * GAMMA))
-        increments: list[Vector] = []
         at = start
-        for stage in range(len(INCREMENTS) + 1):
-            if 1 <= stage <= len(STATES):
-                at = _plus(start, STATES[stage - 1], increments)
-            elif stage:
+        increments = [_solved(factors, _scaled(rates, h))]
+        for stage, weights in enumerate(INCREMENTS):
+            if stage < len(STATES):
+                at = _plus(start, STATES[stage], increments)
+            else:
                 at = _plus(at, (1.0,), increments[-1:])
-            if stage:
-                rates = rates_at(at)
-            right = [GAMMA * (h * rate) for rate in rates]
-            if stage:
-                right = _plus(right, [GAMMA * c for c in INCREMENTS[stage - 1]], increments)
+            right = _plus(_scaled(rates_at(at), h), [GAMMA * weight for weight in weights], increments)
             increments.append(_solved(factors, right))
         end = _plus(at, (1.0,), increments[-1:])
         return layout.state(state, end), layout.fields(increments[-1])
@@ -90,21 +85,10 @@ def rodas5p(model: HybridModel) -> Estimate:
     return step
 
 
-@cached_by_content(maxsize=64)
-@cached_by_content(maxsize=64)
 def too_many_variables(model: HybridModel) -> int | None:
     """The number of continuous variables of a model if it is above `MAX_VARIABLES`, else None."""
-    # stored, since every job that leaves the method open asks for it
-    size: int = stored("continuous_variables", model, (), lambda: _count_variables(model))
+    size, _ = counts_of_state(model)
     return size if size > MAX_VARIABLES else None
-
-
-def _count_variables(model: HybridModel) -> int:
-    """The number of continuous variables of a model, by tracing it."""
-    number = jax.ShapeDtypeStruct((), jnp.float64)
-    params = jax.eval_shape(model.params, {q.name: number for q in model.parameters})
-    state = jax.eval_shape(model.init, params, {q.name: number for q in model.initial_conditions})
-    return _layout(model, params, state).size
 
 
 @dataclasses.dataclass(frozen=True)
@@ -112,11 +96,6 @@ class _Layout:
     """The order of a state's continuous variables as single numbers: the shapes of its fields, by name."""
 
     shapes: dict[str, tuple[int, ...]]
-
-    @property
-    def size(self) -> int:
-        """How many numbers they are."""
-        return sum(math.prod(shape) for shape in self.shapes.values())
 
     def flat(self, fields: Rates) -> Vector:
         """The fields as numbers."""
@@ -150,6 +129,11 @@ def _layout(model: HybridModel, params: Params, state: State) -> _Layout:
 def _unit_vectors(like: Vector) -> list[Vector]:
     """The unit vectors of the space of a vector."""
     return [[jnp.asarray(float(i == j), like[0].dtype) for i in range(len(like))] for j in range(len(like))]
+
+
+def _scaled(rates: Vector, h: Number) -> Vector:
+    """The rates times the step and the diagonal coefficient."""
+    return [GAMMA * (h * rate) for rate in rates]
 
 
 def _plus(start: Vector, weights: tuple[float, ...] | list[float], vectors: list[Vector]) -> Vector:
