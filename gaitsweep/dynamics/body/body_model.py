@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from gaitsweep.contract import Chart, Quantity, Rates, Recommended
+from gaitsweep.dynamics.body.standing import Rest, Standing, rest
 from gaitsweep.dynamics.declarations import mode, variable
 from gaitsweep.dynamics.declared import Values
 from gaitsweep.dynamics.declared_model import DeclaredModel
@@ -52,6 +53,9 @@ class BodyModel(OfMjcf, DeclaredModel):
 
     _: dataclasses.KW_ONLY
     ground: str = ground_field()
+
+    # whether rows begin at rest on the ground, near the keyframe or the starts given (`rest`)
+    stands: ClassVar[bool] = False
 
     # formulas of parameters by others, which replace the MJCF's numbers: {"thigh_mass": "2*thigh_size**3"}
     formulas: ClassVar[Mapping[str, str | float]] = {}
@@ -123,6 +127,21 @@ class BodyModel(OfMjcf, DeclaredModel):
         loads = [jnp.where(state.pushing[k], forces[k], 0.0) for k in self.body.stops_of(geom)]
         return jnp.sum(jnp.stack(loads))
 
+    def rest(self, params: Any, state: Any) -> Rest:
+        """The rest on the ground that is near a state, under the controls of its declared variables.
+
+        Velocities are taken as 0. Directions that change nothing, such as the place along even ground, keep
+        their positions.
+        """
+
+        def acceleration(q: Float[Array, " nq"]) -> Float[Array, " nv"]:
+            v = jnp.zeros(self.nv)
+            pushing = self.body.heights(params.body, q, v, params.ground) > 0.0
+            control = self.checked_control(params, state.replace(q=q, v=v, pushing=pushing))
+            return self.body.accelerations(params.body, q, v, control, None, params.ground)
+
+        return rest(self.body, acceleration, lambda q: self.body.inverse_inertia(params.body, q), state.q)
+
     # what the contract asks for
 
     def positions(self, state: Any) -> Float[Array, " nq"]:
@@ -158,6 +177,10 @@ class BodyModel(OfMjcf, DeclaredModel):
 
     def init(self, params: Any, start: Values, /) -> Any:
         state = super().init(params, start)
+        if self.stands:
+            found = self.rest(params, state)
+            # a row whose body does not stand has no start
+            state = state.replace(q=jnp.where(found.standing == Standing.stands, found.q, jnp.nan))
         # a part that begins in the ground is pushed from the start
         heights = self.body.heights(params.body, state.q, state.v, params.ground)
         return state.replace(pushing=heights > 0.0)

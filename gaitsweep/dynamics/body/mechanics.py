@@ -328,7 +328,7 @@ class LocatedBody:
         q: Array,
         v: Array,
         control: Array,
-        pushing: Bool[Array, " stops"],
+        pushing: Bool[Array, " stops"] | None,
         ground: Ground = EVEN,
     ) -> Float[Array, " nv"]:
         """dv/dt (nv,), rad/s2 and m/s2.
@@ -337,7 +337,7 @@ class LocatedBody:
             values: the parameters.
             q, v: positions (nq,) and velocities (nv,), as MuJoCo's qpos and qvel.
             control: controls (nu,) of the actuators.
-            pushing: whether each stop pushes.
+            pushing: whether each stop pushes; None: where its height is positive.
             ground: the ground on level planes.
         """
         tau = self._actuated(values, q, v, control)
@@ -346,7 +346,8 @@ class LocatedBody:
         geometry = self.geometry(values)
         stops = self.stretches(geometry, values, q, v, ground)
         for k, stop in enumerate(stops):
-            load = jnp.where(pushing[k], stop.force, 0.0)
+            pushes = stop.height > 0.0 if pushing is None else pushing[k]
+            load = jnp.where(pushes, stop.force, 0.0)
             if isinstance(stop, Contact):
                 external.append(WorldForce(stop.link, stop.at, stop.on_body(load)))
             else:
@@ -354,6 +355,17 @@ class LocatedBody:
                 tau[dofs[joint]] = tau[dofs[joint]] + (-load if joint % 2 else load)
         gravity = self.gravity(values)
         return jnp.asarray(forward_dynamics(self.tree, geometry, q, v, _row(tau), external, gravity=gravity))
+
+    def inverse_inertia(self, values: Values, q: Array) -> Float[Array, "nv nv"]:
+        """The inverse of the joint-space inertia (nv, nv) at positions (nq,)."""
+        geometry = self.geometry(values)
+
+        def accelerations(tau: Array) -> Array:
+            return forward_dynamics(self.tree, geometry, q, jnp.zeros(self.nv), tau, gravity=jnp.zeros(3))
+
+        # linear in the forces, but for those of springs
+        by_force = jax.vmap(accelerations)(np.concatenate([np.zeros((1, self.nv)), np.eye(self.nv)]))
+        return (by_force[1:] - by_force[0]).T
 
     def _actuated(self, values: Values, q: Array, v: Array, control: Array) -> list[Scalar]:
         """Generalised forces (nv,) of the actuators."""
