@@ -440,3 +440,69 @@ def test_a_free_box_comes_to_rest_on_its_corners() -> None:
     assert end["force"] == pytest.approx(2.0 * 9.81, rel=1e-4)
     assert end["q_0"] > 0.1  # it flew and slid
     assert trace["q_0"].diff().iloc[-1] == pytest.approx(0.0, abs=1e-6)
+
+
+BOX = """<mujoco><worldbody><geom type="plane" size="9 9 .1"/>
+  <body name="table" pos="0 0 .2"><freejoint name="root"/>
+    <geom name="box" type="box" size=".1 .15 .05" mass="2"/></body></worldbody></mujoco>"""
+
+
+@pytest.mark.slow
+def test_a_box_stands_on_its_corners_for_each_mass() -> None:
+    """A sweep of masses, from tilted starts above the ground; a box sinks by m g / (4 K) into its corners."""
+    members = {
+        "body_file": BOX,
+        "begins_standing": True,
+        "control": lambda self, p, s: jnp.zeros(0),
+        "height": gs.observable("m", "height", scale=0.1)(lambda self, p, s: s.q[2]),
+        "force": None,
+    }
+    model = type("Table", (Swinging,), members)()
+    masses = np.array([1.0, 2.0, 5.0])
+    stiffness = begun(model)[0].body["box_contact_stiffness"]
+    run = gs.Trajectories(duration=5.0, every=5.0)
+    result = gs.sweep(model, table_mass=masses, root_pitch_0=0.3, run=run, verify=0)
+    heights = result.table.pivot(index="row", columns="t", values="height")
+    np.testing.assert_allclose(heights[0.0], 0.05 - masses * 9.81 / (4.0 * stiffness), rtol=0, atol=1e-14)
+    np.testing.assert_allclose(heights[5.0], heights[0.0], rtol=0, atol=1e-12)  # it stays
+    # on a slope it would creep against the dampers of its corners
+    with pytest.raises(gs.ArgumentError, match="does not stand still"):
+        gs.simulate(model, slope=0.05, duration=1.0, every=1.0)
+
+
+@pytest.mark.slow
+def test_a_biped_stands_on_the_targets_of_its_servos() -> None:
+    """No acceleration is left, the feet carry the weight, and the body stays; a body on one leg falls over."""
+    servos = BIPED.replace(
+        '<velocity name="hip_r" joint="hip_r" kv="4"/>', '<position name="hip_r" joint="hip_r"/>'
+    )
+    servos = servos.replace(
+        '<motor name="knee_r" joint="knee_r" gear="5"/>', '<position name="knee_r" joint="knee_r"/>'
+    )
+    targets = jnp.array([0.25, 0.1, -0.25, 0.1])
+    members = {"control": lambda self, p, s: targets, "begins_standing": True}
+    force = gs.signal("N", "force of the ground")(
+        lambda self, p, s: self.load(p, s, "foot_l") + self.load(p, s, "foot_r")
+    )
+    model = type("Stander", (Swinging,), {"body_file": servos, **members, "force": force})()
+    trace = gs.simulate(model, z_0=0.01, duration=5.0, every=2.5)
+    weight = 9.81 * mujoco.MjModel.from_xml_string(servos).body_mass.sum()
+    np.testing.assert_allclose(trace["force"], weight, rtol=1e-9)
+    q = trace[[f"q_{i}" for i in range(7)]].to_numpy()
+    np.testing.assert_allclose(q, np.tile(q[0], (3, 1)), rtol=0, atol=1e-9)
+    assert abs(q[0, 2]) < 0.5
+    params, state = begun(model, z_0=0.01)
+    rate = model.flow(params, state)
+    assert np.abs(rate["v"]).max() < 1e-9
+    one_leg = type(
+        "OneLeg",
+        (Swinging,),
+        {
+            "body_file": servos,
+            **members,
+            "force": force,
+            "control": lambda self, p, s: jnp.array([0.0, 0.0, 0.0, 1.2]),
+        },
+    )()
+    with pytest.raises(gs.ArgumentError, match="falls over"):
+        gs.simulate(one_leg, duration=1.0, every=1.0)

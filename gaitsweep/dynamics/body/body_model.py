@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from gaitsweep.contract import Chart, Quantity, Rates, Recommended
-from gaitsweep.dynamics.body.standing import Rest, Standing, rest
+from gaitsweep.dynamics.body.standing import WHY_NOT, Rest, Standing, rest
 from gaitsweep.dynamics.declarations import mode, variable
 from gaitsweep.dynamics.declared import Values
 from gaitsweep.dynamics.declared_model import DeclaredModel
@@ -54,8 +54,8 @@ class BodyModel(OfMjcf, DeclaredModel):
     _: dataclasses.KW_ONLY
     ground: str = ground_field()
 
-    # whether rows begin at rest on the ground, near the keyframe or the starts given (`rest`)
-    stands: ClassVar[bool] = False
+    # whether rows begin at rest on the ground, near the keyframe or the starts given (`standing_still`)
+    begins_standing: ClassVar[bool] = False
 
     # formulas of parameters by others, which replace the MJCF's numbers: {"thigh_mass": "2*thigh_size**3"}
     formulas: ClassVar[Mapping[str, str | float]] = {}
@@ -127,7 +127,7 @@ class BodyModel(OfMjcf, DeclaredModel):
         loads = [jnp.where(state.pushing[k], forces[k], 0.0) for k in self.body.stops_of(geom)]
         return jnp.sum(jnp.stack(loads))
 
-    def rest(self, params: Any, state: Any) -> Rest:
+    def standing_still(self, params: Any, state: Any) -> Rest:
         """The rest on the ground that is near a state, under the controls of its declared variables.
 
         Velocities are taken as 0. Directions that change nothing, such as the place along even ground, keep
@@ -177,13 +177,16 @@ class BodyModel(OfMjcf, DeclaredModel):
 
     def init(self, params: Any, start: Values, /) -> Any:
         state = super().init(params, start)
-        if self.stands:
-            found = self.rest(params, state)
+        if self.begins_standing:
+            found = self.standing_still(params, state)
             # a row whose body does not stand has no start
             state = state.replace(q=jnp.where(found.standing == Standing.stands, found.q, jnp.nan))
         # a part that begins in the ground is pushed from the start
         heights = self.body.heights(params.body, state.q, state.v, params.ground)
         return state.replace(pushing=heights > 0.0)
+
+    def without_start(self, params: Any, state: Any, /) -> dict[str, Bool[Array, ""]]:
+        return {WHY_NOT: jnp.isnan(state.q[0])} if self.begins_standing else {}
 
     def flow(self, params: Any, state: Any, /) -> Rates:
         from gaitsweep.dynamics.tree import rates

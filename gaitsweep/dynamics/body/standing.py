@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import enum
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -45,11 +45,10 @@ class Standing(enum.IntEnum):
     toppled = 3
 
 
-SENTENCES = {
-    Standing.no_rest: "no rest on the ground was found near the start",
-    Standing.unstable: "the rest near the start is unstable: the body falls over from it",
-    Standing.toppled: "the body falls over: at rest it is turned by more than 1 rad from its start",
-}
+WHY_NOT = (
+    "the body does not stand still on the ground near its start: it has no rest there, or an unstable one, "
+    "or it falls over"
+)
 
 
 class Rest(NamedTuple):

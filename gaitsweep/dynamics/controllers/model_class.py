@@ -223,6 +223,7 @@ def model_class(
         "body_file": body_file,
         "keyframe": body.file.keyframe,
         "data_digest": property(lambda model: data_digest_of_base.fget(model) + digest),
+        **({"begins_standing": body.file.start == "standing"} if body.is_located else {}),
         **body.members(),
     }
     class_: Any = type(_class_name(path), (base,), members)
