@@ -237,8 +237,9 @@ def _start_faults(model: Model, at_starts: _AtStarts, where: Where) -> Iterator[
         begins &= ~np.asarray(without)
     if not begins.all():  # the numbers of the other rows are NaN
         rows = np.flatnonzero(begins)
-        at_starts = _AtStarts(**jax.tree.map(lambda leaf: leaf[rows], vars(at_starts)))
-        yield from _start_faults(model, at_starts, lambda row: where(int(rows[row])))
+        if rows.size:
+            others = _AtStarts(**jax.tree.map(lambda leaf: leaf[rows], vars(at_starts)))
+            yield from _start_faults(model, others, lambda row: where(int(rows[row])))
         return
     without_value = {quantity.name for quantity in model.observables if quantity.may_be_nan}
     numbers = {

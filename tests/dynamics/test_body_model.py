@@ -21,6 +21,7 @@ import pytest
 
 import gaitsweep as gs
 from gaitsweep.dynamics.body.mechanics import LocatedBody
+from gaitsweep.dynamics.body.standing import Standing
 from gaitsweep.engine.kernel import cuda_lanes
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
@@ -460,9 +461,9 @@ def test_a_box_stands_on_its_corners_for_each_mass() -> None:
     model = type("Table", (Swinging,), members)()
     masses = np.array([1.0, 2.0, 5.0])
     stiffness = begun(model)[0].body["box_contact_stiffness"]
-    run = gs.Trajectories(duration=5.0, every=5.0)
+    run = gs.Trace(duration=5.0, every=5.0)
     result = gs.sweep(model, table_mass=masses, root_pitch_0=0.3, run=run, verify=0)
-    heights = result.table.pivot(index="row", columns="t", values="height")
+    heights = result.table.pivot(index="row", columns="t", values="q_2")
     np.testing.assert_allclose(heights[0.0], 0.05 - masses * 9.81 / (4.0 * stiffness), rtol=0, atol=1e-14)
     np.testing.assert_allclose(heights[5.0], heights[0.0], rtol=0, atol=1e-12)  # it stays
     # on a slope it would creep against the dampers of its corners
@@ -472,37 +473,31 @@ def test_a_box_stands_on_its_corners_for_each_mass() -> None:
 
 @pytest.mark.slow
 def test_a_biped_stands_on_the_targets_of_its_servos() -> None:
-    """No acceleration is left, the feet carry the weight, and the body stays; a body on one leg falls over."""
-    servos = BIPED.replace(
-        '<velocity name="hip_r" joint="hip_r" kv="4"/>', '<position name="hip_r" joint="hip_r"/>'
-    )
-    servos = servos.replace(
-        '<motor name="knee_r" joint="knee_r" gear="5"/>', '<position name="knee_r" joint="knee_r"/>'
-    )
-    targets = jnp.array([0.25, 0.1, -0.25, 0.1])
-    members = {"control": lambda self, p, s: targets, "begins_standing": True}
+    """No acceleration is left, the feet carry the weight, the body stays; with a leg lifted it falls over."""
+    servos = BIPED.replace("<velocity", "<position").replace('kv="4"', "").replace("<motor", "<position")
+    servos = servos.replace('gear="5"', "")
     force = gs.signal("N", "force of the ground")(
         lambda self, p, s: self.load(p, s, "foot_l") + self.load(p, s, "foot_r")
     )
-    model = type("Stander", (Swinging,), {"body_file": servos, **members, "force": force})()
-    trace = gs.simulate(model, z_0=0.01, duration=5.0, every=2.5)
+    members = {
+        "knee": gs.parameter("rad", "target of a knee", 0.1),
+        "control": lambda self, p, s: jnp.stack([0.25, 0.1, -0.25, p.knee]),
+        "force": force,
+    }
+    model = of(servos, **members)
+    params, state = begun(model, z_0=0.01)
+    options = {"xla_backend_optimization_level": "0"}
+    find = jax.jit(model.standing_still).lower(params, state).compile(options)
+    stands = find(params, state)
+    assert Standing(int(stands.standing)) is Standing.stands
+    assert stands.residual < 1e-9
+    assert abs(stands.q[2]) < 0.5
+    names = ("x", "z", "pitch", "hip_l", "knee_l", "hip_r", "knee_r")
+    start = {f"{name}_0": float(number) for name, number in zip(names, stands.q, strict=True)}
+    trace = gs.simulate(model, start=start, duration=5.0, every=2.5)
+    q = trace[[f"q_{i}" for i in range(7)]].to_numpy()
+    np.testing.assert_allclose(q, np.tile(stands.q, (3, 1)), rtol=0, atol=1e-9)
     weight = 9.81 * mujoco.MjModel.from_xml_string(servos).body_mass.sum()
     np.testing.assert_allclose(trace["force"], weight, rtol=1e-9)
-    q = trace[[f"q_{i}" for i in range(7)]].to_numpy()
-    np.testing.assert_allclose(q, np.tile(q[0], (3, 1)), rtol=0, atol=1e-9)
-    assert abs(q[0, 2]) < 0.5
-    params, state = begun(model, z_0=0.01)
-    rate = model.flow(params, state)
-    assert np.abs(rate["v"]).max() < 1e-9
-    one_leg = type(
-        "OneLeg",
-        (Swinging,),
-        {
-            "body_file": servos,
-            **members,
-            "force": force,
-            "control": lambda self, p, s: jnp.array([0.0, 0.0, 0.0, 1.2]),
-        },
-    )()
-    with pytest.raises(gs.ArgumentError, match="falls over"):
-        gs.simulate(one_leg, duration=1.0, every=1.0)
+    lifted, state = begun(model, knee=1.2)
+    assert Standing(int(find(lifted, state).standing)) is not Standing.stands

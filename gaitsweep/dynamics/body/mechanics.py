@@ -365,7 +365,7 @@ class LocatedBody:
 
         # linear in the forces, but for those of springs
         by_force = jax.vmap(accelerations)(np.concatenate([np.zeros((1, self.nv)), np.eye(self.nv)]))
-        return (by_force[1:] - by_force[0]).T
+        return (by_force[1:] - by_force[:1]).T
 
     def _actuated(self, values: Values, q: Array, v: Array, control: Array) -> list[Scalar]:
         """Generalised forces (nv,) of the actuators."""
