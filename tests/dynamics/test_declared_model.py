@@ -14,6 +14,7 @@ import pytest
 
 import gaitsweep as gs
 from gaitsweep import DeclaredModel, event, mode, observable, parameter, signal, variable
+from gaitsweep.column_meanings import COLUMNS
 from gaitsweep.contract import Quantity
 from gaitsweep.dynamics.declared import OF_TRACES
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
@@ -22,7 +23,6 @@ from gaitsweep.examples.hopper import Hopper
 from gaitsweep.kinds import RUN_KINDS
 from gaitsweep.models.conformity import fault
 from gaitsweep.models.value_faults import faults
-from gaitsweep.run_columns import COLUMNS
 from gaitsweep.skeleton import LimbLook
 from gaitsweep.status import Status
 from smooth_oscillators import VanDerPol

@@ -32,9 +32,9 @@ from gaitsweep.table import (
     load_parts,
     parts,
 )
-from gaitsweep.table.files import replace_file
+from gaitsweep.table.atomic_files import replace_file
 from gaitsweep.table.manifest import Layout
-from gaitsweep.table.parts import part_bytes, readable
+from gaitsweep.table.parquet_parts import part_bytes, readable
 from tests.support.toy_directories import GAITS, JOB, block_frame, files_of, fill, open_toy
 
 

@@ -23,7 +23,7 @@ from gaitsweep.engine.leaves import float_leaves
 from gaitsweep.engine.numerics import ResolvedNumerics, step_of
 from gaitsweep.engine.poincare.stagewise import Stages, begin, stagewise
 from gaitsweep.engine.recorders.recorder import ATTEMPTS_PER_STEP
-from gaitsweep.engine.solver import derivative_refusal
+from gaitsweep.engine.solver.methods import derivative_refusal
 from gaitsweep.errors import ArgumentError
 from gaitsweep.status import ResultCode
 

@@ -25,7 +25,7 @@ from gaitsweep.engine.poincare.map_derivatives import BATCH_SIZES
 from gaitsweep.engine.poincare.maps import Coordinates, Events, Points, Values
 from gaitsweep.engine.poincare.model_map import ModelMap
 from gaitsweep.engine.poincare.poincare_return import Returned, crossing_of
-from gaitsweep.engine.solver import fixed_step_scheme
+from gaitsweep.engine.solver.methods import fixed_step_scheme
 
 # Events of one guard between two crossings that have a time.
 MAX_TIMED_EVENTS = 3
