@@ -486,7 +486,7 @@ def test_a_biped_stands_on_the_targets_of_its_servos() -> None:
     }
     model = of(servos, **members)
     params, state = begun(model, z_0=0.01)
-    options = {"xla_backend_optimization_level": "0"}
+    options: dict[str, Any] = {"xla_backend_optimization_level": "0"}
     find = jax.jit(model.standing_still).lower(params, state).compile(options)
     stands = find(params, state)
     assert Standing(int(stands.standing)) is Standing.stands

@@ -288,7 +288,7 @@ class Ball(gs.BodyModel):
     def height(self, p: Any, s: Any) -> Any:
         return s.q[1]
 
-    def period(self, p: Any) -> float:
+    def period(self, p: Any) -> Any:
         return 1.0
 
 
@@ -341,11 +341,12 @@ def bounced(kind: str, start: list[float], duration: float) -> tuple[Any, int]:
         return [*y[3:], force[0], force[1] - 9.81, torque / (0.4 * RADIUS**2)]
 
     def pushes(_: float, y: Any) -> float:
-        depth, rate, *_ = contact(y)
+        depth, rate = contact(y)[:2]
         return min(depth, depth + DAMPING / STIFFNESS * rate)
 
     pushes.terminal = True  # type: ignore[attr-defined]
-    t, y, events = 0.0, np.array(start), 0
+    t: Any = 0.0
+    y, events = np.array(start), 0
     while t < duration:
         pushes.direction = -1.0 if events % 2 else 1.0  # type: ignore[attr-defined]
         flow = touching if events % 2 else flying

@@ -356,16 +356,17 @@ class LocatedBody:
         gravity = self.gravity(values)
         return jnp.asarray(forward_dynamics(self.tree, geometry, q, v, _row(tau), external, gravity=gravity))
 
-    def inverse_inertia(self, values: Values, q: Array) -> Float[Array, "nv nv"]:
+    def inverse_inertia(self, values: Values, q: Array) -> Float[jax.Array, "nv nv"]:
         """The inverse of the joint-space inertia (nv, nv) at positions (nq,)."""
         geometry = self.geometry(values)
 
         def accelerations(tau: Array) -> Array:
-            return forward_dynamics(self.tree, geometry, q, jnp.zeros(self.nv), tau, gravity=jnp.zeros(3))
+            v = jnp.zeros(self.nv)
+            return forward_dynamics(self.tree, geometry, q, v, tau, gravity=jnp.zeros(3))
 
         # linear in the forces, but for those of springs
         by_force = jax.vmap(accelerations)(np.concatenate([np.zeros((1, self.nv)), np.eye(self.nv)]))
-        return (by_force[1:] - by_force[:1]).T
+        return jnp.asarray(by_force[1:] - by_force[:1]).T
 
     def _actuated(self, values: Values, q: Array, v: Array, control: Array) -> list[Scalar]:
         """Generalised forces (nv,) of the actuators."""

@@ -64,7 +64,7 @@ class _Progress(NamedTuple):
 
     `q`, `a` and `stiffness` are the positions, their accelerations, and minus the derivative (nv, nv) of the
     accelerations by the positions, 1/s2; `ahead` are the next positions, `step` (s2) the step to them, `cut`
-    whether it was cut to `_FARTHEST`; `count` counts the steps.
+    whether it was cut to `_FARTHEST`; `steps` is their number.
     """
 
     q: Float[Array, " nq"]
@@ -73,7 +73,7 @@ class _Progress(NamedTuple):
     ahead: Float[Array, " nq"]
     step: Float[Array, ""]
     cut: Bool[Array, ""]
-    count: Int[Array, ""]
+    steps: Int[Array, ""]
 
 
 def rest(
@@ -95,10 +95,10 @@ def rest(
     displacements = _DIFFERENCE * np.concatenate([np.zeros((1, n)), np.eye(n), -np.eye(n)])
 
     def moved(q: Float[Array, " nq"], change: Float[Array, " nv"]) -> Float[Array, " nq"]:
-        return integrate(body.tree, q, change, 1.0)
+        return jnp.asarray(integrate(body.tree, q, change, 1.0))
 
     def goes_on(at: _Progress) -> Bool[Array, ""]:
-        return (at.count < _STEPS) & (_largest(at.a) > _EXACT)
+        return (at.steps < _STEPS) & (_largest(at.a) > _EXACT)
 
     def next_of(at: _Progress) -> _Progress:
         q = at.ahead
@@ -109,7 +109,7 @@ def rest(
         change = jnp.linalg.solve(jnp.eye(n) / step + stiffness, a)
         far = _largest(change) / _FARTHEST
         return _Progress(
-            q, a, stiffness, moved(q, change / jnp.maximum(far, 1.0)), step, far > 1.0, at.count + 1
+            q, a, stiffness, moved(q, change / jnp.maximum(far, 1.0)), step, far > 1.0, at.steps + 1
         )
 
     unknown = jnp.full(n, jnp.inf)
