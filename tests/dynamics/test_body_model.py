@@ -473,15 +473,16 @@ def test_a_box_stands_on_its_corners_for_each_mass() -> None:
 
 @pytest.mark.slow
 def test_a_biped_stands_on_the_targets_of_its_servos() -> None:
-    """No acceleration is left, the feet carry the weight, the body stays; with a leg lifted it falls over."""
+    """No acceleration is left, the feet carry the weight, the body stays; without a stride it falls over."""
     servos = BIPED.replace("<velocity", "<position").replace('kv="4"', "").replace("<motor", "<position")
     servos = servos.replace('gear="5"', "")
     force = gs.signal("N", "force of the ground")(
         lambda self, p, s: self.load(p, s, "foot_l") + self.load(p, s, "foot_r")
     )
     members = {
-        "knee": gs.parameter("rad", "target of a knee", 0.1),
-        "control": lambda self, p, s: jnp.stack([0.25, 0.1, -0.25, p.knee]),
+        "hip": gs.parameter("rad", "target of the left hip, and minus that of the right one", 0.25),
+        "knee": gs.parameter("rad", "target of the knees", 0.1),
+        "control": lambda self, p, s: jnp.stack([p.hip, p.knee, -p.hip, p.knee]),
         "force": force,
     }
     model = of(servos, **members)
@@ -499,5 +500,6 @@ def test_a_biped_stands_on_the_targets_of_its_servos() -> None:
     np.testing.assert_allclose(q, np.tile(stands.q, (3, 1)), rtol=0, atol=1e-9)
     weight = 9.81 * mujoco.MjModel.from_xml_string(servos).body_mass.sum()
     np.testing.assert_allclose(trace["force"], weight, rtol=1e-9)
-    lifted, state = begun(model, knee=1.2)
-    assert Standing(int(find(lifted, state).standing)) is not Standing.stands
+    # an upright rod, and one that leans
+    found = [Standing(int(find(*begun(model, hip=0.0, knee=knee)).standing)) for knee in (0.0, 0.1)]
+    assert found == [Standing.unstable, Standing.toppled]

@@ -171,6 +171,12 @@ def test_a_model_file_is_the_class_that_one_would_write() -> None:
         ("body: biped.xml", "body: bipd.xml", r"line 2: body is not accepted: .*bipd\.xml does not exist"),
         ("body: biped.xml", "body: .", "line 2: body is not accepted: .*is a folder"),
         ("body: biped.xml", "body: biped.yaml", "line 2: body is not accepted: .*XML"),
+        (
+            "body: biped.xml",
+            "body: biped.xml\ndynamics: stepped\nstart: standing",
+            "line 4: start is standing, which needs",
+        ),
+        ("body: biped.xml", "body: biped.xml\nstart: standign", "line 3: start"),
         ("body: biped.xml", "body: biped.xml\nkeyframe: stnd", r"line 3: keyframe .*'stnd'"),
         (
             "R: {foot: foot_r, hip: hip_r",
