@@ -196,6 +196,16 @@ def test_errors_of_a_model_file_have_its_line(tmp_path: Path, old: str, new: str
         model_of_file(tmp_path / "biped.yaml")
 
 
+def test_a_model_file_says_that_rows_begin_standing(tmp_path: Path) -> None:
+    (tmp_path / "biped.xml").write_bytes((WALKERS / "biped.xml").read_bytes())
+    text = (WALKERS / "biped.yaml").read_text()
+    kinds: list[Any] = []
+    for start in ("keyframe", "standing"):
+        (tmp_path / f"{start}.yaml").write_text(f"{text}\nstart: {start}\n")
+        kinds.append(model_of_file(tmp_path / f"{start}.yaml"))
+    assert [kind.begins_standing for kind in kinds] == [False, True]
+
+
 def test_an_empty_model_file_and_a_body_that_is_not_located_are_refused(tmp_path: Path) -> None:
     (tmp_path / "biped.yaml").write_text("")
     with pytest.raises(JobError, match=r"is empty: a model file is a mapping \(body: \.\.\., controller"):
