@@ -130,8 +130,15 @@ class BodyModel(OfMjcf, DeclaredModel):
     def standing_still(self, params: Any, state: Any) -> Rest:
         """The rest on the ground that is near a state, under the controls of its declared variables.
 
-        Velocities are taken as 0. Directions that change nothing, such as the place along even ground, keep
-        their positions.
+        Directions that change nothing, such as the place along even ground, keep their positions.
+
+        Args:
+            params: the parameters.
+            state: the state; its velocities are taken as 0.
+
+        Returns:
+            The positions `q` (nq,), the largest acceleration `residual` (m/s2, rad/s2) there, and `standing`,
+            a number of `Standing`.
         """
 
         def acceleration(q: Float[Array, " nq"]) -> Float[Array, " nv"]:
