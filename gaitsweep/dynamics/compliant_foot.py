@@ -1,10 +1,12 @@
-"""Contact of a round foot with compliant level ground: a spring, a damper, regularised Coulomb friction."""
+"""Contact of a round foot with compliant ground: a spring, a damper, regularised Coulomb friction."""
 
 from __future__ import annotations
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Float
 
+from gaitsweep.dynamics.ground import Ground
 from gaitsweep.dynamics.tree.dynamics import YieldingForce
 from gaitsweep.dynamics.tree.spatial import Array, Scalar
 
@@ -64,3 +66,45 @@ def ground_force(
     zero = jnp.zeros_like(load)
     force = jnp.stack([-slope * velocity[0], zero, load])
     return YieldingForce(link, at, force, jnp.stack([dt * slope, zero, zero]))
+
+
+def ground_normal(ground: Ground, x: Scalar) -> Float[Array, " 3"]:
+    """The unit vector (3,) across the ground at the place x (m), upwards."""
+    x = jnp.asarray(x)
+    _, slope = jax.jvp(ground, (x,), (jnp.ones_like(x),))
+    across = jnp.stack([-slope, jnp.zeros_like(slope), jnp.ones_like(slope)])
+    return across / jnp.sqrt(1.0 + slope * slope)
+
+
+def uneven_ground_force(
+    link: int,
+    at: Float[Array, " 3"],
+    velocity: Float[Array, " 3"],
+    dt: Scalar,
+    ground: Ground,
+    normal: Float[Array, " 3"],
+    *,
+    K: Scalar,
+    D: Scalar,
+    mu: Scalar,
+    v_slip: Scalar,
+) -> YieldingForce:
+    """The force of uneven ground on a foot, across and along the ground, as `ground_force` of level ground.
+
+    Args:
+        link: the foot's link.
+        at: the foot's point that is nearest to the ground, in the world, (3,) m.
+        velocity: its velocity there, (3,) m/s.
+        dt: the step, s.
+        ground: the ground.
+        normal: the unit vector across the ground, (3,).
+        K, D, mu, v_slip: as for `normal_force` and `friction_slope`.
+    """
+    along = jnp.stack([normal[2], jnp.zeros_like(normal[0]), -normal[0]])
+    depth = (ground(at[0]) - at[2]) * normal[2]
+    load = normal_force(depth, -jnp.sum(velocity * normal), K, D)
+    slip = jnp.sum(velocity * along)
+    slope = friction_slope(load, slip, mu, v_slip)
+    return YieldingForce(
+        link, at, load * normal - slope * slip * along, dt * slope * along[:, None] * along[None, :]
+    )

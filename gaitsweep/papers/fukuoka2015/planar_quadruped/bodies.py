@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from gaitsweep.dynamics import ground_force
+from gaitsweep.dynamics.compliant_foot import ground_force, ground_normal, uneven_ground_force
 from gaitsweep.dynamics.tree import (
     Geometry,
     YieldingForce,
@@ -98,7 +98,7 @@ class PlanarTreeBody(PlanarBody):
         feet = _ground_forces(m, geometry, s, dt)
         a = forward_dynamics(tree, geometry, s.q, s.v, tau, feet, gravity=m.gravity())
         v = s.v + dt * a
-        load = jnp.stack([foot.force[2] for foot in feet])
+        load = jnp.stack([_load(m, foot) for foot in feet])
         return AfterStep(jnp.asarray(integrate(tree, s.q, v, dt)), v, s.warm, load)
 
 
@@ -114,9 +114,23 @@ def _ground_forces(m: PlanarMechanics, geometry: Geometry, s: State, dt: jax.Arr
     feet = []
     for leg in LEGS:
         i = tree.index(f"lower_{leg}")
-        at = placed[i].position(middle) + down
-        feet.append(ground_force(i, at, velocity_at(placed[i], moving[i], at), dt, **ground))
+        centre = placed[i].position(middle)
+        if m.ground is None:
+            at = centre + down
+            feet.append(ground_force(i, at, velocity_at(placed[i], moving[i], at), dt, **ground))
+            continue
+        normal = ground_normal(m.ground, centre[0])
+        at = centre - m.foot_radius * normal
+        velocity = velocity_at(placed[i], moving[i], at)
+        feet.append(uneven_ground_force(i, at, velocity, dt, m.ground, normal, **ground))
     return feet
+
+
+def _load(m: PlanarMechanics, foot: YieldingForce) -> jax.Array:
+    """The load (N) on a foot: the part of its force across the ground."""
+    if m.ground is None:
+        return foot.force[2]
+    return jnp.sum(foot.force * ground_normal(m.ground, foot.at[0]))
 
 
 class PlanarMjxBody(PlanarBody):
