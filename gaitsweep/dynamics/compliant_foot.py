@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import jax
 import jax.numpy as jnp
 from jaxtyping import Float
 
@@ -68,14 +67,6 @@ def ground_force(
     return YieldingForce(link, at, force, jnp.stack([dt * slope, zero, zero]))
 
 
-def ground_normal(ground: Ground, x: Scalar) -> Float[Array, " 3"]:
-    """The unit vector (3,) across the ground at the place x (m), upwards."""
-    x = jnp.asarray(x)
-    _, slope = jax.jvp(ground, (x,), (jnp.ones_like(x),))
-    across = jnp.stack([-slope, jnp.zeros_like(slope), jnp.ones_like(slope)])
-    return across / jnp.sqrt(1.0 + slope * slope)
-
-
 def uneven_ground_force(
     link: int,
     at: Float[Array, " 3"],
@@ -88,8 +79,10 @@ def uneven_ground_force(
     D: Scalar,
     mu: Scalar,
     v_slip: Scalar,
-) -> YieldingForce:
-    """The force of uneven ground on a foot, across and along the ground, as `ground_force` of level ground.
+) -> tuple[YieldingForce, Scalar]:
+    """The force of uneven ground on a foot, as `ground_force` of level ground, and its load (N).
+
+    The load is the part of the force across the ground; friction is along the ground.
 
     Args:
         link: the foot's link.
@@ -105,6 +98,5 @@ def uneven_ground_force(
     load = normal_force(depth, -jnp.sum(velocity * normal), K, D)
     slip = jnp.sum(velocity * along)
     slope = friction_slope(load, slip, mu, v_slip)
-    return YieldingForce(
-        link, at, load * normal - slope * slip * along, dt * slope * along[:, None] * along[None, :]
-    )
+    force = load * normal - slope * slip * along
+    return YieldingForce(link, at, force, dt * slope * along[:, None] * along[None, :]), load

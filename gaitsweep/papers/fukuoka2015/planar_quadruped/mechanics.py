@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from gaitsweep.dynamics.ground import Ground
+from gaitsweep.dynamics import Ground
 from gaitsweep.dynamics.tree import Array, Geometry, Scalar, Tree
 from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import LEGS
 

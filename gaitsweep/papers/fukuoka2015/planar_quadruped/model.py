@@ -22,7 +22,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Real
 
 from gaitsweep.contract import Quantity, SteppedModel
-from gaitsweep.dynamics.ground import Ground, check_ground, ground_field, ground_quantities
+from gaitsweep.dynamics import Ground, check_ground, ground_field, ground_quantities
 from gaitsweep.near_miss import suggestion
 from gaitsweep.papers.fukuoka2015.planar_quadruped import cycle
 from gaitsweep.papers.fukuoka2015.planar_quadruped.bodies import PlanarBody, PlanarMjxBody, PlanarTreeBody
