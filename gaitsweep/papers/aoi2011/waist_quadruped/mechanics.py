@@ -66,7 +66,7 @@ def carried(force: jax.Array, mu: jax.Array | float) -> jax.Array:
 
 
 def ground_axes(ground: Ground, x: jax.Array) -> jax.Array:
-    """The ground's axes at places x (4,) m in the world, (4, 3, 3): along it in the plane of x, y, across it."""
+    """The ground's axes at places x (4,) m, (4, 3, 3): along it in the plane of x and z, y, and across it."""
     across = ground.normal(x)
     zero, one = jnp.zeros_like(x), jnp.ones_like(x)
     along = jnp.stack([across[:, 2], zero, -across[:, 0]], axis=1)

@@ -104,7 +104,7 @@ class PlanarTreeBody(PlanarBody):
 def _ground_forces(
     m: PlanarMechanics, geometry: Geometry, s: State, dt: jax.Array
 ) -> list[tuple[YieldingForce, jax.Array]]:
-    """The force of the ground on each foot in a step of `dt` (s), and the load (N), its part across the ground."""
+    """The force of the ground on each foot in a step of `dt` (s), and its part across the ground (N)."""
     tree, _ = body()
     placed = places(tree, geometry, s.q)
     moving = movements(tree, placed, s.v)

@@ -54,6 +54,7 @@ from gaitsweep.papers.fukuoka2015.planar_quadruped.state import (
 BODIES = ("tree", "mjx")
 # Limits of a fall: height as a share of the standing height, and pitch (rad).
 FALL_HEIGHT, FALL_TILT = 0.45, 1.0
+FALL_CLEARANCES = (0.2, FALL_HEIGHT, 0.2)  # of hind hips, centre and fore hips above uneven ground
 # Limits of a steady gait: resultant length of the shifts, coefficient of variation of the period.
 MIN_LENGTH, MAX_VARIATION = 0.95, 0.05
 DEFINED_STEP = 1.0e-3  # s
@@ -230,11 +231,17 @@ class PlanarQuadruped(PlanarDrawing, SteppedModel):
         }
 
     def failed(self, params: Params, state: State) -> Bool[Array, ""]:
-        """Whether the torso is too low or tilted."""
-        standing = params.mechanics.l_0 + params.motors.l_st
-        ground = params.mechanics.ground
-        height = state.q[Z] if ground is None else state.q[Z] - ground(state.q[X])
-        return (height < FALL_HEIGHT * standing) | (jnp.abs(state.q[PITCH]) > FALL_TILT)
+        """Whether the torso is too low or tilted, or on uneven ground a hip is almost on it."""
+        m = params.mechanics
+        standing = m.l_0 + params.motors.l_st
+        x, height, pitch = state.q[X], state.q[Z], state.q[PITCH]
+        tilted = jnp.abs(pitch) > FALL_TILT
+        if m.ground is None:
+            return (height < FALL_HEIGHT * standing) | tilted
+        # a torso that lies on a slope need not tilt, and its legs would tremble on
+        ahead = jnp.stack([-m.hip_x, 0.0 * m.hip_x, m.hip_x])
+        clearance = height - ahead * jnp.sin(pitch) - m.ground(x + ahead * jnp.cos(pitch))
+        return jnp.any(clearance < jnp.array(FALL_CLEARANCES) * standing) | tilted
 
     def period(self, params: Params) -> Float[Array, ""]:
         """The approximate period: ten times the rise time of a half-centre, 0.85 to 0.2 s."""
