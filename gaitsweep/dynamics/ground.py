@@ -220,6 +220,13 @@ class Ground:
         own = {quantity.name: jnp.asarray(values[quantity.name]) for quantity in ground_quantities(ground)}
         return cls(kind, own, _profile(ground) if kind == PROFILE else None)
 
+    def normal(self, x: Float[Array, " ..."]) -> Float[Array, "... 3"]:
+        """The unit vectors across the ground at places x (m), upwards."""
+        x = jnp.asarray(x)
+        _, slope = jax.jvp(self, (x,), (jnp.ones_like(x),))
+        across = jnp.stack([-slope, jnp.zeros_like(slope), jnp.ones_like(slope)], axis=-1)
+        return across / jnp.sqrt(1.0 + slope * slope)[..., None]
+
     def __call__(self, x: Float[Array, " ..."]) -> Float[Array, " ..."]:
         """The height (m) at places x (m)."""
         if self.kind == "even":
@@ -231,13 +238,6 @@ class Ground:
         assert self.profile is not None
         start = self.values["ground_start"]
         return jnp.where(x > 0.0, self.profile.height(start + x) - self.profile.height(start), 0.0)
-
-    def normal(self, x: Float[Array, " ..."]) -> Float[Array, "... 3"]:
-        """The unit vectors across the ground at places x (m), upwards."""
-        x = jnp.asarray(x)
-        _, slope = jax.jvp(self, (x,), (jnp.ones_like(x),))
-        across = jnp.stack([-slope, jnp.zeros_like(slope), jnp.ones_like(slope)], axis=-1)
-        return across / jnp.sqrt(1.0 + slope * slope)[..., None]
 
     def _drawn(self, x: Float[Array, " ..."]) -> Float[Array, " ..."]:
         """Heights that are drawn at multiples of `ground_width`, from 1 on, with smooth rises between."""
