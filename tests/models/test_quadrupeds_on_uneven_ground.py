@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 import types
 from pathlib import Path
@@ -126,15 +127,18 @@ def observed(
     return dict(zip((q.name for q in model.observables), table.T, strict=True))
 
 
+@functools.cache
+def drawn_height(seed: float, number: int) -> float:
+    """The normal number at a multiple of the width, in NumPy."""
+    u, v = (float(fraction(seed, float(number), 0.0, half)) for half in (0, 1))
+    return math.sqrt(-2.0 * math.log(u)) * math.cos(2.0 * math.pi * v) if number > 0 else 0.0
+
+
 def rough(x: float, seed: float, roughness: float, width: float) -> float:
     """The height of `rough` ground in NumPy."""
     index, share = math.floor(x / width), x / width - math.floor(x / width)
-
-    def at(number: int) -> float:
-        u, v = (float(fraction(seed, float(number), 0.0, half)) for half in (0, 1))
-        return roughness * math.sqrt(-2.0 * math.log(u)) * math.cos(2.0 * math.pi * v) if number > 0 else 0.0
-
-    return at(index) + (at(index + 1) - at(index)) * share**2 * (3.0 - 2.0 * share)
+    behind, ahead = drawn_height(seed, index), drawn_height(seed, index + 1)
+    return roughness * (behind + (ahead - behind) * share**2 * (3.0 - 2.0 * share))
 
 
 @pytest.mark.slow
