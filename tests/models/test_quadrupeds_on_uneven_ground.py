@@ -263,6 +263,8 @@ def test_ground_in_jobs(model: str) -> None:
         gs.Job.model_validate({**job, "vary": {"ground_seed": [1.0]}})
     drawn = gs.Job.model_validate({**job, "ground": "rough", "vary": {"ground_seed": [1.0, 2.0]}})
     assert drawn.hash() != even.hash()
+    with pytest.raises(JobError, match=r"ground_seed.* is 0\.5 .*a whole number"):
+        gs.Job.model_validate({**job, "ground": "rough", "vary": {"ground_seed": {"linspace": [0, 2, 5]}}})
     with pytest.raises(JobError, match=r"stps.*did you mean steps"):
         gs.Job.model_validate({**job, "ground": "stps"})
 
