@@ -27,7 +27,7 @@ from gaitsweep.engine.pushed_model import (
     state_quantities,
 )
 from gaitsweep.engine.recorders.perturb import MEASURED, PerturbRecorder, Stage
-from gaitsweep.engine.solver import METHODS
+from gaitsweep.engine.solver.methods import METHODS
 from gaitsweep.errors import ArgumentError
 from gaitsweep.kinds.columns import (
     GAIT,

@@ -116,9 +116,8 @@ def test_the_rest_loses_its_stability_where_rinzel_and_miller_found_it() -> None
     hopf = branch[branch["special"] == "hopf"]
     np.testing.assert_allclose(hopf["I"], [9.78, 154.5], atol=0.05)
     brackets = [(5.0, 6.0), (21.0, 23.0)]
-    exact = [
-        largest_growth(brentq(lambda V: largest_growth(V)[1], *ends, xtol=1e-12))[0] for ends in brackets
-    ]
+    places: list[Any] = [brentq(lambda V: largest_growth(V)[1], *ends, xtol=1e-12) for ends in brackets]
+    exact = [largest_growth(V)[0] for V in places]
     np.testing.assert_allclose(hopf["I"], exact, rtol=1e-8)
     assert (np.sign(hopf["coefficient"]) == [1.0, -1.0]).all()
 
