@@ -193,7 +193,7 @@ class _DifferingEnds:
 
 def _tolerance(recorder: Recorder) -> Float[np.ndarray, ...]:
     """The tolerance on a change, a share of an observable's size: that of settling, if rows settle."""
-    settle = getattr(recorder, "settle", recorder)
+    settle = getattr(recorder, "settle", getattr(recorder, "base", recorder))
     return np.asarray(settle.tolerance if isinstance(settle, SettleRecorder) else TOLERANCE)
 
 
