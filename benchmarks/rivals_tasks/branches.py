@@ -35,25 +35,29 @@ class Pitchfork(DeclaredModel):
 def lines(options: Options) -> Iterator[Line]:
     """The lines of JaxCont and of gaitsweep."""
     for rows in options.rows_or(64):
-        b = np.linspace(-0.4, 0.4, rows)
-        if installed("jaxcont") is None:
-            yield missing("jaxcont")
-        else:
-            yield jaxcont_line(b, options.repeats)
-        followed(b)  # compiles
-        (u, p, row, folds), cpu, clock = timed(lambda: followed(b), options.repeats)  # noqa: B023
-        error = float(np.max(np.abs(p * u - u**3 + b[row])))
-        note = f"{1e3 * cpu / len(u):.2g} ms a point; {len(u)} points, {folds} special points located"
-        yield Line(f"gaitsweep, {rows} branches", cpu, clock, error, note)
+        yield from lines_of(rows, options)
 
 
-def followed(b: Array) -> tuple[Array, Array, Array, int]:
-    """u, p and the row of each point of all branches, and the number of special points, by gaitsweep."""
+def lines_of(rows: int, options: Options) -> Iterator[Line]:
+    """The lines of one number of rows."""
+    b = np.linspace(-0.4, 0.4, rows)
+    if installed("jaxcont") is None:
+        yield missing("jaxcont")
+    else:
+        yield jaxcont_line(b, options.repeats)
+    followed(b)  # compiles
+    (u, p, row), cpu, clock = timed(lambda: followed(b), options.repeats)
+    error = float(np.max(np.abs(p * u - u**3 + b[row])))
+    note = f"{1e3 * cpu / len(u):.2g} ms a point; {len(u)} points"
+    yield Line(f"gaitsweep, {rows} branches", cpu, clock, error, note)
+
+
+def followed(b: Array) -> tuple[Array, Array, Array]:
+    """u, p and the row of each point of all branches, by gaitsweep."""
     points = gs.stationary(Pitchfork(), params={"b": b})
     found = points.fixed_points(np.full((len(b), 1), 0.05)).points
     table = points.continue_(found, "p", (BEGIN, END), towards=1)
-    special = int(np.sum(table["special"].isin(["fold", "flip", "hopf", "pitchfork"])))
-    return table["u"].to_numpy(float), table["p"].to_numpy(float), table["row"].to_numpy(int), special
+    return table["u"].to_numpy(float), table["p"].to_numpy(float), table["row"].to_numpy(int)
 
 
 def jaxcont_line(b: Array, repeats: int) -> Line:

@@ -1,4 +1,4 @@
-"""pyBasin's pendulum: starts drawn at random, to t = 1 000, rtol 1e-8, atol 1e-6; those that rest, those that turn.
+"""pyBasin's pendulum: random starts to t = 1 000, rtol 1e-8, atol 1e-6; those that rest, those that turn.
 
 The case study of pyBasin and bSTAB: theta'' = 0.5 - 0.1 theta' - sin theta, starts in its box. A row turns if
 its rate at the end is not near zero; shares of all rows are in the notes. The error is that of the rate at
@@ -14,24 +14,27 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from gaitsweep import DeclaredModel, variable
+from gaitsweep import DeclaredModel, parameter, variable
 
 from .measured import Array, Line, Options, installed, missing, swept, timed, version_of
 
 ALPHA, TORQUE, STIFFNESS = 0.1, 0.5, 1.0
 DURATION, RTOL, ATOL = 1000.0, 1e-8, 1e-6
-COMPARED = 12
+COMPARED = 8
 TURNS = 0.1  # 1/s; a pendulum that turns has a rate of about 5, one that rests of less than 1e-6
 
 
 class Pendulum(DeclaredModel):
     """A damped pendulum under a constant torque."""
 
+    alpha = parameter("1/s", "damping", ALPHA)
+    torque = parameter("1/s2", "constant torque", TORQUE)
+    stiffness = parameter("1/s2", "gravity over length", STIFFNESS)
     theta = variable("rad", "angle from hanging", 0.5, observed=True)
     theta_rate = variable("rad/s", "its rate", 0.0, observed=True)
 
     def flow(self, p, s):
-        rate = -ALPHA * s.theta_rate + TORQUE - STIFFNESS * jnp.sin(s.theta)
+        rate = -p.alpha * s.theta_rate + p.torque - p.stiffness * jnp.sin(s.theta)
         return {"theta": s.theta_rate, "theta_rate": rate}
 
     def period(self, p):
@@ -41,36 +44,41 @@ class Pendulum(DeclaredModel):
 def lines(options: Options) -> Iterator[Line]:
     """The lines of diffrax, heyoka, SciPy and gaitsweep."""
     for rows in options.rows_or(2500):
-        begin = starts(rows)
-        few = np.linspace(0, rows - 1, COMPARED).astype(int)
-        right = scipy_ends(begin[few], "DOP853", 1e-12, 1e-14)
+        yield from lines_of(rows, options)
 
-        def line(name: str, run: Callable[[Array], Array], repeats: int, note: str = "") -> Line:
-            run(begin[:64])  # compiles  # noqa: B023
-            ends, cpu, clock = timed(lambda: run(begin), repeats)  # noqa: B023
-            error = float(np.median(np.abs(ends[few] - right)))  # noqa: B023
-            share = f"{100.0 * np.mean(np.abs(ends) > TURNS):.2f} % turn"
-            return Line(f"{name}, {rows} rows", cpu, clock, error, "; ".join(filter(None, (share, note))))  # noqa: B023
 
-        if installed("heyoka") is None:
-            yield missing("heyoka")
-        else:
-            note = "no cards; Taylor steps of order 11"
-            yield line(f"{version_of('heyoka')}, tol {RTOL:g}", heyoka_ends, options.repeats, note)
-        if installed("diffrax") is None:
-            yield missing("diffrax")
-        else:
-            run = diffrax_ends()
-            run(begin)  # compiles
-            note = "steps of a batch end with its slowest row; an event ends a row, without a reset"
-            yield line(f"{version_of('diffrax')}, Tsit5", run, 1, note)
-        ends, cpu, clock = timed(lambda: scipy_ends(begin[few], "RK45", RTOL, ATOL))
-        factor = rows / COMPARED
-        error = float(np.median(np.abs(ends - right)))
-        name = f"{version_of('scipy')}, RK45, {COMPARED} rows times {factor:.0f}"
-        yield Line(name, factor * cpu, factor * clock, error, "one row at a time")
-        for method in ("tsit5", "taylor"):
-            yield line(f"gaitsweep {method}", lambda at, m=method: our_ends(at, m), options.repeats)
+def lines_of(rows: int, options: Options) -> Iterator[Line]:
+    """The lines of one number of rows."""
+    begin = starts(rows)
+    few = np.linspace(0, rows - 1, COMPARED).astype(int)
+    right = scipy_ends(begin[few], "DOP853", 1e-12, 1e-14)
+
+    def line(name: str, run: Callable[[Array], Array], repeats: int, note: str = "") -> Line:
+        run(begin[:64])  # compiles
+        ends, cpu, clock = timed(lambda: run(begin), repeats)
+        error = float(np.median(np.abs(ends[few] - right)))
+        share = f"{100.0 * np.mean(np.abs(ends) > TURNS):.2f} % turn"
+        return Line(f"{name}, {rows} rows", cpu, clock, error, "; ".join(filter(None, (share, note))))
+
+    if installed("heyoka") is None:
+        yield missing("heyoka")
+    else:
+        note = "no cards; Taylor steps of order 11"
+        yield line(f"{version_of('heyoka')}, tol {RTOL:g}", heyoka_ends, options.repeats, note)
+    if installed("diffrax") is None:
+        yield missing("diffrax")
+    else:
+        run = diffrax_ends()
+        run(begin)  # compiles
+        note = "steps of a batch end with its slowest row; an event ends a row, without a reset"
+        yield line(f"{version_of('diffrax')}, Tsit5", run, 1, note)
+    ends, cpu, clock = timed(lambda: scipy_ends(begin[few], "RK45", RTOL, ATOL))
+    factor = rows / COMPARED
+    error = float(np.median(np.abs(ends - right)))
+    name = f"{version_of('scipy')}, RK45, {COMPARED} rows times {factor:.0f}"
+    yield Line(name, factor * cpu, factor * clock, error, "one row at a time")
+    for method in ("tsit5", "taylor"):
+        yield line(f"gaitsweep {method}", lambda at, m=method: our_ends(at, m), options.repeats)
 
 
 def starts(rows: int) -> Array:
