@@ -42,7 +42,7 @@ for call in (sweep, simulate):
 
 
 def environment_of(cache: Path) -> dict[str, str]:
-    """The environment of a command with this cache, the user's model beside it, and bytecode kept as usual."""
+    """The environment of a command with this cache, the user's model beside it, and bytecode."""
     paths = os.pathsep.join([str(cache.parent), os.environ.get("PYTHONPATH", "")])
     environment = {**os.environ, "GAITSWEEP_CACHE": str(cache), "PYTHONPATH": paths}
     environment.pop("PYTHONDONTWRITEBYTECODE", None)  # with it Python compiles all imports in each process
