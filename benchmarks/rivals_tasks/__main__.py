@@ -33,7 +33,7 @@ def main() -> None:
     options = Options(arguments.rows, arguments.platform, arguments.repeats)
     for task in arguments.tasks or TASKS:
         module = import_module(f"{__package__}.{task}")
-        print_lines(module.__doc__.partition("\n")[0], module.lines(options))
+        print_lines(str(module.__doc__).partition("\n")[0], module.lines(options))
 
 
 if __name__ == "__main__":

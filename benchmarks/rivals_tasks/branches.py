@@ -7,8 +7,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+import jax
 import jax.numpy as jnp
 import numpy as np
+from numpy.typing import NDArray
 
 import gaitsweep as gs
 from gaitsweep import DeclaredModel, parameter, variable
@@ -52,7 +54,7 @@ def lines_of(rows: int, options: Options) -> Iterator[Line]:
     yield Line(f"gaitsweep, {rows} branches", cpu, clock, error, note)
 
 
-def followed(b: Array) -> tuple[Array, Array, Array]:
+def followed(b: Array) -> tuple[Array, Array, NDArray[np.int_]]:
     """u, p and the row of each point of all branches, by gaitsweep."""
     points = gs.stationary(Pitchfork(), params={"b": b})
     found = points.fixed_points(np.full((len(b), 1), 0.05)).points
@@ -62,9 +64,7 @@ def followed(b: Array) -> tuple[Array, Array, Array]:
 
 def jaxcont_line(b: Array, repeats: int) -> Line:
     """The line of JaxCont: `continuation` under vmap, with the settings of its example."""
-    import jax
-    import jaxcont
-
+    jaxcont = installed("jaxcont")
     settings = jaxcont.ContinuationPar(
         ds=0.05, ds_min=1e-5, ds_max=0.2, max_steps=120, newton_tol=1e-6, newton_max_iter=20
     )

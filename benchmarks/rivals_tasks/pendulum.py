@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -38,7 +39,7 @@ class Pendulum(DeclaredModel):
         return {"theta": s.theta_rate, "theta_rate": rate}
 
     def period(self, p):
-        return 2.0 * jnp.pi
+        return 2.0 * jnp.pi / jnp.sqrt(p.stiffness)
 
 
 def lines(options: Options) -> Iterator[Line]:
@@ -108,8 +109,7 @@ def scipy_ends(begin: Array, method: str, rtol: float, atol: float) -> Array:
 
 def heyoka_ends(begin: Array) -> Array:
     """Rates at the end by heyoka's batch mode."""
-    import heyoka as hy
-
+    hy = installed("heyoka")
     theta, rate = hy.make_vars("theta", "rate")
     system = [(theta, rate), (rate, -ALPHA * rate + TORQUE - STIFFNESS * hy.sin(theta))]
     lanes = hy.recommended_simd_size()
@@ -126,9 +126,7 @@ def heyoka_ends(begin: Array) -> Array:
 
 def diffrax_ends() -> Callable[[Array], Array]:
     """A function from starts to rates at the end by diffrax, vmapped, as pyBasin's JaxSolver uses it."""
-    import diffrax
-    import jax
-
+    diffrax = installed("diffrax")
     term = diffrax.ODETerm(
         lambda t, s, args: jnp.stack([s[1], -ALPHA * s[1] + TORQUE - STIFFNESS * jnp.sin(s[0])])
     )

@@ -50,7 +50,7 @@ def lines_of(pairs: int, options: Options) -> Iterator[Line]:
     side = round(pairs**0.5)
     x, mu = np.linspace(1.0, 2.0, side), np.linspace(1.0, 3.0, side)
     few = np.random.default_rng(0).integers(0, side, (COMPARED, 2))
-    right = np.array([reference(x[i], mu[j]) for i, j in few])
+    right = np.array([reference(float(x[i]), float(mu[j])) for i, j in few])
 
     def error(ends: Array) -> float:
         return float(np.max(np.abs(ends[few[:, 0], few[:, 1]] - right)))
@@ -85,8 +85,7 @@ def reference(x: float, mu: float) -> float:
 
 def cubie_line(x: Array, mu: Array, error: Any, repeats: int) -> Line:
     """The line of CuBIE, which also returns the state at the start."""
-    import cubie
-
+    cubie = installed("cubie")
     system = cubie.create_ODE_system(
         ["dx = v", "dv = mu * (1 - x*x) * v - x"], states={"x": 1.0, "v": 0.0}, parameters={"mu": 1.5}
     )

@@ -88,11 +88,10 @@ def reference(rate: float) -> Array:
 
 def jaxonomy_wheel() -> Any:
     """A function from rates at the start to rates at the end (rows, 1) by Jaxonomy."""
-    import jaxonomy
-    from jaxonomy.models.rimless_wheel import RimlessWheel as JaxonomyWheel
-
+    jaxonomy = installed("jaxonomy")
+    models = installed("jaxonomy", "jaxonomy.models.rimless_wheel")
     logging.getLogger("jaxonomy").setLevel(logging.WARNING)
-    wheel = JaxonomyWheel(name="wheel")
+    wheel = models.RimlessWheel(name="wheel")
     context = wheel.create_context()
     options = jaxonomy.SimulatorOptions(rtol=RTOL, atol=ATOL, max_major_steps=200)
 
@@ -107,9 +106,8 @@ def jaxonomy_wheel() -> Any:
 
 def compass_gait() -> Line:
     """The largest difference of Jaxonomy's accelerations from the published ones, at one state."""
-    from jaxonomy.models.compass_gait import CompassGait
-
-    gait, walker = CompassGait(name="gait"), CompassWalker()
+    models = installed("jaxonomy", "jaxonomy.models.compass_gait")
+    gait, walker = models.CompassGait(name="gait"), CompassWalker()
     names = ("stance", "swing", "stance_rate", "swing_rate")
     state = dict(zip(names, (0.2, -0.1, 1.0, 0.3), strict=True))
     context = gait.create_context().with_continuous_state(jnp.array(list(state.values())))
@@ -137,7 +135,7 @@ def heel_strike(stance: float, swing: float, stance_rate: float, swing_rate: flo
     Legs have 1 m and 5 kg in their middle, the hip has 10 kg, as the walkers of both libraries.
     """
 
-    def momenta(below: float, above: float, rates: Array, foot: Array) -> tuple[float, float, float]:
+    def momenta(below: float, above: float, rates: Array, foot: Array) -> tuple[Any, ...]:
         """Momenta of the walker about `foot`, and of the legs below and above the hip about it."""
         legs = np.array([[np.sin(angle), np.cos(angle)] for angle in (below, above)])
         turned = rates[:, None] * legs[:, ::-1] * (1.0, -1.0)
