@@ -40,7 +40,7 @@ def lines(options: Options) -> Iterator[Line]:
         clock = time.perf_counter() - began
         name = f"{version_of('joblib')}, {version_of('scipy')}, {side} x {side}, rtol 1e-8, {CORES} processes"
         note = (
-            f"{code_lines(row_by_hand, by_hand)} lines of code with the equations; yes or no, without a table; "
+            f"{code_lines(row_by_hand, by_hand)} lines of code with the equations; yes or no, no table; "
             f"{100.0 * np.mean(walks):.1f} % walk"
         )
         yield Line(name, cpu, clock, float(np.mean(walks != right)), note)
