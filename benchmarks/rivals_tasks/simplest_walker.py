@@ -8,6 +8,7 @@ SciPy's DOP853 with terminal events (rtol 1e-13).
 
 from __future__ import annotations
 
+import math
 import resource
 import subprocess
 import sys
@@ -116,22 +117,24 @@ def heyoka_walk(tolerance: float):
     swing = fall + (theta_rate**2 - hy.cos(theta - SLOPE)) * hy.sin(phi)
     system = [(theta, theta_rate), (theta_rate, fall), (phi, phi_rate), (phi_rate, swing)]
     lanes = hy.recommended_simd_size()
-    taken, last = np.zeros(lanes, int), np.zeros((lanes, 3))
+    taken, last = [0] * lanes, np.zeros((lanes, 3))
+    walking = set(range(lanes))
 
     def exchange(integrator, sign, lane):
         state = integrator.state
         angle = state[0, lane]
         if angle > 0.0:  # the start is on the surface of the event
             return True
-        kept = np.cos(2.0 * angle)
+        kept = math.cos(2.0 * angle)
         rate = kept * state[1, lane]
         state[0, lane], state[1, lane] = -angle, rate
         state[2, lane], state[3, lane] = -2.0 * angle, (1.0 - kept) * rate
         taken[lane] += 1
         if taken[lane] == STEPS:
             last[lane] = integrator.time[lane], -angle, rate
+            walking.discard(lane)
         # an event that ends one lane ends the batch: lanes that are ahead walk on
-        return bool(taken.min() < STEPS)
+        return bool(walking)
 
     strike = hy.t_event_batch(phi - 2.0 * theta, direction=hy.event_direction.positive, callback=exchange)
     integrator = hy.taylor_adaptive_batch(system, np.zeros((4, lanes)), tol=tolerance, t_events=[strike])
@@ -144,7 +147,8 @@ def heyoka_walk(tolerance: float):
             integrator.reset_cooldowns()
             rate = np.full(lanes, RATE)
             integrator.state[:] = here, rate, 2.0 * here, (1.0 - np.cos(2.0 * here)) * rate
-            taken[:] = 0
+            taken[:] = [0] * lanes
+            walking.update(range(lanes))
             integrator.propagate_until(np.full(lanes, 1e3))
             rows = ends[first : first + lanes]
             rows[:] = last[: len(rows)]
