@@ -136,6 +136,7 @@ def _read_axis(name: str, value: Any, path: Path, vary: Vary) -> tuple[Axis, dic
             text = f"has {count} points; a list may have at most {MAX_LISTED}: use linspace or a sample."
             vary.refuse((*path, "values"), text)
             return None
+        fields["values"] = list(fields["values"])
         if bool in set(map(type, fields["values"])):
             fields["values"] = [_read_switch(item, vary.quantities.get(name)) for item in fields["values"]]
     written = _many_numbers(fields)
