@@ -155,7 +155,7 @@ class ListAxis:
     @cached_property
     def _formula_at(self) -> dict[int, str]:
         """Formulas by their places in the list."""
-        if isinstance(self.numbers, np.ndarray):
+        if isinstance(self.numbers, np.ndarray) or str not in set(map(type, self.numbers)):
             return {}
         return {place: number for place, number in enumerate(self.numbers) if isinstance(number, str)}
 
@@ -164,6 +164,8 @@ class ListAxis:
         """Numbers (length,), with NaN for formulas."""
         if isinstance(self.numbers, np.ndarray):
             return self.numbers.astype(np.float64)
+        if not self._formula_at:
+            return np.array(self.numbers)
         return np.array([np.nan if isinstance(number, str) else number for number in self.numbers])
 
 
