@@ -28,7 +28,7 @@ from gaitsweep.engine.poincare.model_map import ModelMap
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.engine.poincare.stationary_map import StationaryMap
 from gaitsweep.engine.pushed_model import flow_places
-from gaitsweep.engine.solver import derivative_refusal
+from gaitsweep.engine.solver.methods import derivative_refusal
 from gaitsweep.errors import ArgumentError
 from gaitsweep.job import Job
 from gaitsweep.kinds import ReturnMap

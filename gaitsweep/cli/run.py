@@ -111,7 +111,7 @@ def run(
         print(show.estimate(estimate(job)))
         return
     from gaitsweep.runs.execute import run_job
-    from gaitsweep.runs.row_range import run_rows
+    from gaitsweep.runs.job_array import run_rows
 
     messages: list[str] = []
 

@@ -24,7 +24,7 @@ from gaitsweep.contract import HybridModel, Params, Quantity, Rates, Recommended
 from gaitsweep.engine.carry import Flag, Number, select
 from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.leaves import element_names
-from gaitsweep.engine.solver import METHODS
+from gaitsweep.engine.solver.methods import METHODS
 
 if TYPE_CHECKING:
     from gaitsweep.skeleton import Skeleton

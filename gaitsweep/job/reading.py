@@ -17,7 +17,8 @@ from gaitsweep.expression import ExpressionError, evaluate, names_in
 from gaitsweep.job.checks import check_figures, check_names, check_ranges, path_of_value
 from gaitsweep.job.config import Config
 from gaitsweep.job.model_spec import ModelSpec, read_model_spec, read_settings
-from gaitsweep.job.step_lengths import check_numerics, check_steps, suited_to_stiffness
+from gaitsweep.job.step_lengths import check_numerics, check_steps
+from gaitsweep.job.stiffness import suited_to_stiffness
 from gaitsweep.kinds import parameter_written
 from gaitsweep.kinds.fixed_points import FollowsFixedPoints
 from gaitsweep.kinds.run_kind import RunKind, table_columns

@@ -10,10 +10,10 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Bool, Float, Int, Real, Shaped
 
+from gaitsweep.column_meanings import COLUMNS
 from gaitsweep.contract import HybridModel, Model, Quantity, names_gait
 from gaitsweep.engine.event_stall import unpacked
 from gaitsweep.row_outcome import RowOutcome
-from gaitsweep.run_columns import COLUMNS
 from gaitsweep.status import RECURRENT, Status
 from gaitsweep.table.frames import categorical, outcomes
 

@@ -15,7 +15,7 @@ from gaitsweep.design import Design
 from gaitsweep.design.design import MAX_CHECKED, inside, requirement
 from gaitsweep.engine.pushed_model import CYCLES, DURATION, PREFIX, PushedModel, flow_places
 from gaitsweep.engine.recorders.perturb import MEASURED, PerturbRecorder, Stage
-from gaitsweep.engine.solver import METHODS
+from gaitsweep.engine.solver.methods import METHODS
 from gaitsweep.kinds.columns import (
     GAIT,
     OUTCOME,

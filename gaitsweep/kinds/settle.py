@@ -14,8 +14,14 @@ from gaitsweep import near_miss
 from gaitsweep.contract import Model
 from gaitsweep.design import Design
 from gaitsweep.engine.recorders.bounds import TOLERANCE, tolerances
-from gaitsweep.engine.recorders.settle import CONFIRMED_FOR, FIRST_TEST, MAX_PERIOD, SettleRecorder
-from gaitsweep.engine.solver import derivative_refusal
+from gaitsweep.engine.recorders.settle import (
+    CONFIRMED_FOR,
+    FIRST_TEST,
+    MAX_CYCLES,
+    MAX_PERIOD,
+    SettleRecorder,
+)
+from gaitsweep.engine.solver.methods import derivative_refusal
 from gaitsweep.engine.sweep.boundary_cells import Grid
 from gaitsweep.engine.tangents import coordinate_count
 from gaitsweep.kinds.columns import (
@@ -83,7 +89,7 @@ class SettlesRows(RunKind):
     one_a_row: ClassVar[bool] = True
 
     kind: Any = Field(init=False)  # first among the fields
-    max_cycles: Count = Field(default=150, description="cycles after which a row is given up")
+    max_cycles: Count = Field(default=MAX_CYCLES, description="cycles after which a row is given up")
     tolerance: PositiveOrEach = tolerance_field("row")
     max_time: Positive | None = Field(
         default=None, description="simulated time after which a row is given up, in s"

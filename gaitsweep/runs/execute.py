@@ -30,8 +30,8 @@ from gaitsweep.runs.self_check_result import SelfCheckError
 from gaitsweep.runs.sentences import advice, self_check_sentence
 from gaitsweep.runs.summary import describe, sum_up, summed_up, tallied_column
 from gaitsweep.table import MemoryTable, ResultDirectory, Table, TableError, load
-from gaitsweep.table.files import temporary_folder
-from gaitsweep.table.parts import part_bytes
+from gaitsweep.table.atomic_files import temporary_folder
+from gaitsweep.table.parquet_parts import part_bytes
 
 if TYPE_CHECKING:
     from gaitsweep.runs.cluster.dispatch import Cluster

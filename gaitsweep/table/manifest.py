@@ -14,7 +14,7 @@ from typing import Annotated, Any, Final, NamedTuple
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 import gaitsweep
-from gaitsweep.table.files import TableError, is_partial, read_file, reason
+from gaitsweep.table.atomic_files import TableError, is_partial, read_file, reason
 from gaitsweep.table.locks import LOCK_NAME
 
 MANIFEST = "manifest.json"

@@ -12,10 +12,10 @@ import pyarrow as pa
 
 from gaitsweep import near_miss
 from gaitsweep.schema.former_names import renamed
-from gaitsweep.table.files import TableError
+from gaitsweep.table.atomic_files import TableError
 from gaitsweep.table.frames import PartRecords, joined_parts
 from gaitsweep.table.manifest import Layout, json_value, new_manifest, sealed
-from gaitsweep.table.parts import Footer, checked_records, missing_blocks
+from gaitsweep.table.parquet_parts import Footer, checked_records, missing_blocks
 from gaitsweep.table.reading import Rows, Selection, add_counts
 
 

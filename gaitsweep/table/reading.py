@@ -16,12 +16,12 @@ import yaml
 from numpy.typing import ArrayLike
 
 from gaitsweep.schema.former_names import renamed
+from gaitsweep.table.atomic_files import TableError, read_file, reason
 from gaitsweep.table.digests import digest_of
 from gaitsweep.table.examination import Examination
-from gaitsweep.table.files import TableError, read_file, reason
 from gaitsweep.table.frames import PartRecords, decoded_columns, joined_parts
 from gaitsweep.table.manifest import FIGURES, JOB, Layout, is_job, read_manifest
-from gaitsweep.table.parts import Footer
+from gaitsweep.table.parquet_parts import Footer
 
 Rows = slice | range | ArrayLike
 

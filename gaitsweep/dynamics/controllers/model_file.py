@@ -26,6 +26,12 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, ValidationError
 
 from gaitsweep.dynamics.body.body_model import BodyModel
+from gaitsweep.dynamics.controllers.controlled_body import (
+    UNCONTROLLED,
+    ControlledBody,
+    Leg,
+    model_class,
+)
 from gaitsweep.dynamics.controllers.joint_torques import follows_targets
 from gaitsweep.dynamics.controllers.leg_targets import (
     FootPath,
@@ -35,12 +41,6 @@ from gaitsweep.dynamics.controllers.leg_targets import (
     Waveform,
     actuator_of,
     two_link_leg,
-)
-from gaitsweep.dynamics.controllers.model_class import (
-    UNCONTROLLED,
-    ControlledBody,
-    Leg,
-    model_class,
 )
 from gaitsweep.dynamics.controllers.oscillators import OSCILLATORS, Oscillators
 from gaitsweep.dynamics.mjcf.source import Stamps, compiled_mjcf, keyframe_number, stamps_of_mjcf

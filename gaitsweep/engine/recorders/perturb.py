@@ -15,7 +15,7 @@ from gaitsweep.contract import Params, State
 from gaitsweep.engine.carry import Carry, Flag, Halt, Integer, Number, Observed, restarted, select
 from gaitsweep.engine.pushed_model import PushedModel
 from gaitsweep.engine.recorders.bounds import change, comparable
-from gaitsweep.engine.recorders.orbits import from_first_crossing
+from gaitsweep.engine.recorders.orbit_period import from_first_crossing
 from gaitsweep.engine.recorders.recorder import (
     Beginning,
     LaneRecord,
