@@ -41,9 +41,9 @@ _SIXTH = 1.0 / 12.0
 # Strides after a touchdown within which a foot that steps lands again.
 LATE = 1.5
 
-# Share of a model's period for which a foot of a `SteppedModel` has to stay down, or up, to count as landed, or
-# lifted. A simulator's contacts open and close for a step or two at touchdown and before liftoff; swings and
-# stances last longer.
+# Share of a model's period for which a foot of a `SteppedModel` has to stay down, or up, to count as landed,
+# or lifted. A simulator's contacts open and close for a step or two at touchdown and before liftoff; swings
+# and stances last longer.
 SHORTEST_CONTACT = 0.05
 
 Legs = Mapping[str, Any]
@@ -368,8 +368,8 @@ def footfalls(clock: str, *, legs: Sequence[str]) -> Callable[[Callable[..., Any
     out. They are NaN for a foot that has not made two touchdowns, or that has stood or been held up for 1.5
     of its strides; such a row has no gait.
 
-    A foot of a model that a simulator steps (`MjcfModel`) has landed, or lifted, only if it then stays down, or
-    up, for 1/20 of the model's `period`; it landed when that began. The signals show every contact.
+    A foot of a model that a simulator steps (`MjcfModel`) has landed, or lifted, only if it then stays down,
+    or up, for 1/20 of the model's `period`; it landed when that began. The signals show every contact.
 
     Args:
         clock: the variable of the model, in s, whose rate is 1; a jump may set it back.

@@ -60,7 +60,9 @@ def test_a_load_holds_a_leg_in_stance() -> None:
     phase = jnp.asarray(PHASE)
     for _ in range(2000):
         state = SimpleNamespace(phase=phase)
-        phase = phase + 1e-3 * oscillators.rates(LEGS, params(sigma=1.0, coupling=0.0), state, loaded)["phase"]
+        phase = (
+            phase + 1e-3 * oscillators.rates(LEGS, params(sigma=1.0, coupling=0.0), state, loaded)["phase"]
+        )
     np.testing.assert_allclose(np.mod(phase, 2.0 * np.pi), np.arccos(-9.0 / 20.0), rtol=0, atol=1e-6)
     assert oscillators.pattern(params(), SimpleNamespace(phase=phase))[1].max() == 0.0  # no foot is lifted
 
@@ -283,6 +285,31 @@ def test_a_stepped_model_file_moves_as_mujoco_c(tmp_path: Path) -> None:
         loads = data.sensordata.copy()
     assert loads.max() > 30.0
     np.testing.assert_allclose(trace[[f"q_{i}" for i in range(m.nq)]].iloc[-1], data.qpos, rtol=0, atol=1e-8)
+
+
+@pytest.mark.slow
+def test_the_quadruped_trots_paces_and_bounds_at_half_the_time_step_too() -> None:
+    """The second stairs of the example's job: gaits, lags and physical duty factors."""
+    kind = model_of_file(WALKERS / "quadruped.yaml")
+    tables = [
+        gs.sweep(
+            kind(),
+            zip={"delta_RF": [np.pi, np.pi, 0.0], "delta_LH": [np.pi, 0.0, np.pi]},
+            params={"sigma": 0.075, "delta_RH": "delta_RF + delta_LH"},
+            run=gs.Settle(max_cycles=30, tolerance=0.03),
+            numerics={"dt": dt},
+            verify=0,
+        ).table
+        for dt in (0.002, 0.001)
+    ]
+    for table in tables:
+        assert table["gait"].tolist() == ["trot", "pace", "bound"]
+        assert (table["status"] == "settled").all()
+        duty = table[[f"duty_{i}_end" for i in (1, 2, 3, 4)]].to_numpy()
+        assert duty.min() > 0.45
+        assert duty.max() < 0.7
+    strides = [table["stride_1_end"].to_numpy() for table in tables]
+    np.testing.assert_allclose(*strides, rtol=0.02)  # a step of 2 ms is 0.5 % of a stride
 
 
 def test_angles_of_a_start_are_the_quaternion_of_mujoco() -> None:
