@@ -97,7 +97,8 @@ class Cheetah(gs.BodyModel):
     phi = gs.variable("rad", "phase of the oscillator", 0.0, circular=True, observed=False)
 
     def control(self, p: Any, s: Any) -> Any:
-        return p.drive * jnp.sin(s.phi - LAGS)
+        # sin(phi - lag) of all motors from one sine and one cosine
+        return p.drive * (jnp.sin(s.phi) * np.cos(LAGS) - jnp.cos(s.phi) * np.sin(LAGS))
 
     def rates(self, p: Any, s: Any) -> Any:
         return {"phi": p.omega}
