@@ -1,8 +1,8 @@
 """Constant folding and algebraic simplification of scalar operations.
 
 A product with zero is zero, a number plus zero is that number, and a number minus itself is zero, for all
-numbers (NaN and infinity included): this removes the zeros of spatial algebra. A division by a number that is constant along a
-trajectory becomes a product with its reciprocal, which is computed once.
+numbers (NaN and infinity included): this removes the zeros of spatial algebra. A division by a number that is
+constant along a trajectory becomes a product with its reciprocal, which is computed once.
 """
 
 from __future__ import annotations
