@@ -58,6 +58,12 @@ DIFFERENCES: Final = {
         "rest on unstable gaits", "rest on an unstable gait, which any small displacement leaves"
     ),
 }
+# Rows whose observables change much with the step that is part of their model: marked, but no difference.
+BY_STEP: Final = "by_step"
+BY_STEP_WORDS: Final = Difference(
+    "depend on the model's step",
+    "changed by more than a tenth of an observable's size with the model's step",
+)
 
 
 class DamagedManifest(TableError):
