@@ -361,7 +361,7 @@ def _sets_of(
         yield "", entry
         return
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # a search that was stopped has sets too
+        warnings.simplefilter("ignore", UserWarning)  # a search that was stopped has sets too
         table = load(directory)
     if not {"score", "generation"} <= set(table):
         raise TableError(f"{entry} is not the result of a search: its table has no score.")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 
 from gaitsweep.plot.columns import PlotError
-from gaitsweep.table.manifest import DIFFERENCES
+from gaitsweep.table.manifest import DIFFERENCES, self_check_warned
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -43,8 +43,7 @@ def remarks(table: pd.DataFrame) -> list[str]:
         notes.append("incomplete" if rows is None else f"incomplete: {rows} of {manifest.get('rows')} rows")
     if "thinned" in table.attrs:
         notes.append(str(table.attrs["thinned"]))
-    check = manifest.get("self_check")
-    if isinstance(check, Mapping) and check.get("verdict") == "warned":
+    if self_check_warned(check := manifest.get("self_check")):
         notes.append(f"self-check: {_differences(check)}")
     return notes
 
