@@ -45,6 +45,11 @@ def require(table: pd.DataFrame, *names: str) -> None:
             raise AnalysisError(_not_there(table, name))
 
 
+def names_in(names: str | Iterable[str]) -> list[str]:
+    """The names in an argument that takes one name or several: a text is one name, not its letters."""
+    return [names] if isinstance(names, str) else list(names)
+
+
 def axes_of(table: pd.DataFrame) -> list[str]:
     """The columns of the swept axes: those between `row` and the first column of the table's kind."""
     names = [str(name) for name in table.columns]
@@ -53,7 +58,9 @@ def axes_of(table: pd.DataFrame) -> list[str]:
 
 
 def with_constants(
-    tables: pd.DataFrame | Sequence[pd.DataFrame], names: Sequence[str], axes: Sequence[str] | None = None
+    tables: pd.DataFrame | Sequence[pd.DataFrame],
+    names: str | Sequence[str],
+    axes: str | Sequence[str] | None = None,
 ) -> pd.DataFrame:
     """One table of one or several, with columns for constants of their jobs.
 
@@ -67,6 +74,8 @@ def with_constants(
             no table.
     """
     tables = [tables] if isinstance(tables, pd.DataFrame) else list(tables)
+    names = names_in(names)
+    axes = None if axes is None else names_in(axes)
     if not tables:
         raise AnalysisError("There is no table: give at least one.")
     completed = [table.assign(**_constants(table, names)) for table in tables]

@@ -14,6 +14,7 @@ import pandas as pd
 from pydantic import Field, PrivateAttr, TypeAdapter, ValidationError
 
 from gaitsweep import near_miss
+from gaitsweep.analysis.records import names_in
 from gaitsweep.claims.measures import MEASURES
 from gaitsweep.errors import ArgumentError
 from gaitsweep.extension import ExtensionError, folders, import_all
@@ -161,13 +162,13 @@ class Paper(StrictModel):
         places = (beside_claims, *(folder / written for folder in job_folders()))
         return next((file for file in places if file.is_file()), beside_claims)
 
-    def only(self, names: Iterable[str]) -> Paper:
+    def only(self, names: str | Iterable[str]) -> Paper:
         """The paper with some of its claims.
 
         Raises:
             ArgumentError: there is no claim of one of the names.
         """
-        wanted = set(names)
+        wanted = set(names_in(names))
         known = [claim.id for claim in self.claims]
         if unknown := sorted(wanted - set(known)):
             near = near_miss.suggestion(unknown[0], known)

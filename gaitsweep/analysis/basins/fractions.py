@@ -15,6 +15,7 @@ from gaitsweep.analysis.records import (
     AnalysisError,
     axes_of,
     in_order,
+    names_in,
     outcome_labels,
     panels_of,
     require,
@@ -30,7 +31,7 @@ _COLUMNS = ["outcome", "rows", "of", "fraction", "low", "high", "interval"]
 
 def fractions(
     table: pd.DataFrame | Sequence[pd.DataFrame],
-    axes: Sequence[str] | None = None,
+    axes: str | Sequence[str] | None = None,
     *,
     label: str = "gait",
     by: str | Sequence[str] = (),
@@ -71,7 +72,7 @@ def fractions(
 
 
 def panels_and_axes(
-    table: pd.DataFrame | Sequence[pd.DataFrame], by: str | Sequence[str], axes: Sequence[str] | None
+    table: pd.DataFrame | Sequence[pd.DataFrame], by: str | Sequence[str], axes: str | Sequence[str] | None
 ) -> tuple[pd.DataFrame, list[str], list[str]]:
     """One table of one or several, and its columns of the panels and of the starts.
 
@@ -86,9 +87,9 @@ def panels_and_axes(
     Raises:
         AnalysisError: the table does not have a column.
     """
-    by = [by] if isinstance(by, str) else list(by)
+    by = names_in(by)
     table = with_constants(table, by, axes)
-    axes = [name for name in axes_of(table) if name not in by] if axes is None else list(axes)
+    axes = [name for name in axes_of(table) if name not in by] if axes is None else names_in(axes)
     require(table, "status", *axes, *by)
     return table, by, axes
 

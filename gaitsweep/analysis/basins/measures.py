@@ -20,7 +20,7 @@ from gaitsweep.analysis.basins.fractal_boundaries import (
 from gaitsweep.analysis.basins.fractions import LEVEL, Interval, fractions, panels_and_axes
 from gaitsweep.analysis.basins.grid import BasinGrid, find_grid
 from gaitsweep.analysis.basins.state_space import Space
-from gaitsweep.analysis.records import AnalysisError, in_order, outcome_labels, panels_of, require
+from gaitsweep.analysis.records import AnalysisError, in_order, names_in, outcome_labels, panels_of, require
 
 # What the column `recovery` says of a gait that is lost.
 FATAL = ("elsewhere", "fell", "failed")
@@ -50,7 +50,7 @@ class Basins:
 
 def basins(
     table: pd.DataFrame | Sequence[pd.DataFrame],
-    axes: Sequence[str] | None = None,
+    axes: str | Sequence[str] | None = None,
     *,
     label: str = "gait",
     by: str | Sequence[str] = (),
@@ -203,7 +203,7 @@ def minimal_fatal_shock(
 
 def least_fatal_push(
     table: pd.DataFrame,
-    pushes: Sequence[str],
+    pushes: str | Sequence[str],
     by: str | Sequence[str] = (),
     *,
     scales: Mapping[str, float] | None = None,
@@ -228,11 +228,12 @@ def least_fatal_push(
 
     Source: Halekotte and Feudel 2020, Sci. Rep. 10:11783, of the minimal fatal shock.
     """
-    table, by, _ = panels_and_axes(table, by, list(pushes))
+    pushes = names_in(pushes)
+    table, by, _ = panels_and_axes(table, by, pushes)
     require(table, "recovery", *pushes)
     _check_units(table, pushes, scales)
     lengths = np.array([(scales or {}).get(name, 1.0) for name in pushes])
-    size = np.linalg.norm(table[list(pushes)].to_numpy(float) / lengths, axis=1)
+    size = np.linalg.norm(table[pushes].to_numpy(float) / lengths, axis=1)
     recovery = table["recovery"].astype(str).to_numpy()
     size = np.where(np.isin(recovery, FATAL), size, np.inf)
     records = []

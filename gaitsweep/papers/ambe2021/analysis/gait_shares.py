@@ -24,7 +24,7 @@ from gaitsweep.papers.ambe2021.theory.gaits import WAVES
 
 
 def gait_shares(
-    table: pd.DataFrame, parameters: Sequence[str] | None = None, *, level: float = LEVEL
+    table: pd.DataFrame, parameters: str | Sequence[str] | None = None, *, level: float = LEVEL
 ) -> pd.DataFrame:
     """The fractions of the three gaits for each set of parameters, with intervals, and whether they exist.
 
@@ -42,7 +42,9 @@ def gait_shares(
     Raises:
         AnalysisError: the table does not have a column, or the job's parameters cannot be read.
     """
-    names = set_columns(table) if parameters is None else list(parameters)
+    if parameters is None:
+        parameters = set_columns(table)
+    names = [parameters] if isinstance(parameters, str) else list(parameters)
     counted = fractions(table, by=names, level=level, interval="wilson")
     wide = counted.pivot(index=names, columns="outcome", values=["fraction", "low", "high"])
     sets = pd.DataFrame(wide.index.to_frame(index=False))

@@ -146,7 +146,7 @@ def _means_of_row(trace: pd.DataFrame, windows: pd.DataFrame, parameter: str | N
 MIN_WINDOWS = 3  # of a bout whose speeds count as those of a transition
 
 
-def speed_transitions(table: pd.DataFrame, by: Sequence[str] = (), cycles: int = 3) -> pd.DataFrame:
+def speed_transitions(table: pd.DataFrame, by: str | Sequence[str] = (), cycles: int = 3) -> pd.DataFrame:
     """The speed at which a faster family begins as the speed rises, and a slower one as it falls.
 
     The transition up from `slower` to `faster` is where a row first comes to `faster` or a family above it;
@@ -168,6 +168,7 @@ def speed_transitions(table: pd.DataFrame, by: Sequence[str] = (), cycles: int =
     Raises:
         AnalysisError: the table does not have a column, or has no passes up and down.
     """
+    by = [by] if isinstance(by, str) else list(by)
     require(table, "row", *by)
     if "pass" not in table.columns:
         raise AnalysisError(
