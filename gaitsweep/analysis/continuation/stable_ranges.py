@@ -39,8 +39,8 @@ def stable_ranges(table: pd.DataFrame, parameter: str, least: float = NARROWEST_
     width = np.ptp(table[parameter].to_numpy(float)) if len(table) else 0.0
     records = []
     keys = ["row", "branch"] if "branch" in table else ["row"]
-    for (row, *_), branch in table.groupby(keys, sort=True, dropna=False):
-        records += [{"row": row, **piece} for piece in _pieces(branch, parameter)]
+    for _, branch in table.groupby(keys, sort=True, dropna=False):
+        records += [{"row": branch["row"].iloc[0], **piece} for piece in _pieces(branch, parameter)]
     gaits = ["gait"] if "gait" in table else []
     names = ["row", *gaits, "low", "high", "low_by", "high_by"]
     pieces = pd.DataFrame(records, columns=pd.Index(names))
@@ -90,9 +90,8 @@ def _pieces(branch: pd.DataFrame, parameter: str) -> list[dict[str, object]]:
         piece_points = np.arange(first, last + 1)
         low, high = piece_points[np.argmin(at[piece_points])], piece_points[np.argmax(at[piece_points])]
         piece: dict[str, object] = {"low": at[low], "high": at[high]}
-        piece |= {
-            f"{side}_by": _bound(special, end, k, piece_points) for side, k in (("low", low), ("high", high))
-        }
+        piece["low_by"] = _bound(special, end, low, piece_points)
+        piece["high_by"] = _bound(special, end, high, piece_points)
         if "gait" in branch:
             gaits = branch["gait"].iloc[points].dropna().astype(str).mode()
             piece["gait"] = gaits.iloc[0] if len(gaits) else None
@@ -106,7 +105,7 @@ def _bound(
     k: int,
     piece: Int[np.ndarray, " piece"],
 ) -> str:
-    """Name what ends a range at point k of a piece: a special point, the end of a branch, its start, a kink."""
+    """Name what ends a range at point k of a piece: a special point, an end of the branch, or a kink."""
     if special[k] in MARKS:
         return str(special[k])
     if end[k]:
