@@ -493,9 +493,12 @@ def test_contradictions_are_refused_in_one_sentence() -> None:
         return type("Mine", (DeclaredModel,), members)
 
     happens = event("it happens")(lambda self, p, s: s.x)
+    lands = event("it lands", section=True)(lambda self, p, s: s.x)
+    lands.rest(lambda self, p, s: s)
     for members, words in (
         ({"jump": variable("m", "height")}, "Mine declares jump, a name that every model has: rename it"),
         ({"x": variable("m", "x"), "e": happens}, "has events but no section: write section=True"),
+        ({"x": variable("m", "x"), "e": lands}, "a rest after the event 'it lands', which has no jump"),
         (
             {"height": variable("m", "x"), "section_coordinates": ("heigth",)},
             "heigth, no variable; did you mean height",

@@ -30,7 +30,7 @@ from gaitsweep.table import (
     examination,
     load,
     load_parts,
-    parts,
+    parquet_parts,
 )
 from gaitsweep.table.atomic_files import replace_file
 from gaitsweep.table.manifest import Layout
@@ -171,7 +171,7 @@ def test_memory_contains_the_wanted_columns_and_one_part(
     a_part = 100 * block  # bytes of all columns of a part, with room for copies
 
     def read(*part: Any) -> pa.Table:
-        table = parts.read_records(*part)
+        table = parquet_parts.read_records(*part)
         waits = 0  # Arrow's threads let go of earlier parts some time after they were read
         while pa.total_allocated_bytes() - before >= a_part and waits < 200:
             time.sleep(0.01)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import graphlib
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -72,6 +72,23 @@ def parameters_of(table: pd.DataFrame, sets: pd.DataFrame) -> dict[str, Any]:
     if (N := _springs_with_profile(table)) is not None:
         settings["N"] = N
     return _evaluated(settings, defaults)
+
+
+def constants_of(table: pd.DataFrame, names: Sequence[str]) -> dict[str, float]:
+    """Some of the chain's parameters without dampers, which have one value in all rows, by name.
+
+    Args:
+        table: a table of the chain.
+        names: the names of the parameters.
+
+    Raises:
+        AnalysisError: one differs between rows, or as for `chain_of`.
+    """
+    for name in names:
+        if name in table and table[name].nunique() > 1:
+            raise AnalysisError(f"{name} differs between the rows of the table: take rows with one value.")
+    values = parameters_of(table, table.head(1))
+    return {name: float(np.ravel(values[name])[0]) for name in names}
 
 
 def _evaluated(settings: Mapping[str, Any], names: Iterable[str]) -> dict[str, Any]:
