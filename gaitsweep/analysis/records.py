@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from typing import cast
 
 import numpy as np
 import pandas as pd
@@ -107,13 +108,17 @@ def _constants(table: pd.DataFrame, names: Sequence[str]) -> dict[str, object]:
 def panels_of(
     table: pd.DataFrame, by: Sequence[str]
 ) -> Iterator[tuple[dict[str, object], Int[np.ndarray, " rows"]]]:
-    """Each combination of the values of `by`, in order, and the indices of its rows; one without `by`."""
+    """Each combination of the values of `by`, in order, and the places of its rows; one without `by`.
+
+    A missing value is one of the values, so that no row is left out.
+    """
     if not by:
         yield {}, np.arange(len(table))
         return
-    for key, rows in table.groupby(list(by), sort=True, observed=True).indices.items():
-        values = key if isinstance(key, tuple) else (key,)
-        yield dict(zip(by, values, strict=True)), np.sort(rows)
+    # not `indices`, which leaves out missing categories
+    values = table[list(by)].reset_index(drop=True)
+    for key, part in values.groupby(list(by), sort=True, observed=True, dropna=False):
+        yield dict(zip(by, cast(tuple[object, ...], key), strict=True)), part.index.to_numpy()
 
 
 def sound(table: pd.DataFrame, *columns: str) -> Bool[np.ndarray, " records"]:

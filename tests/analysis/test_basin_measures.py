@@ -354,3 +354,24 @@ def test_constants_that_tables_do_not_have_are_refused() -> None:
         basins([_of_a_job(0.2, {"K": 1.0}), tables[1]], by="K")
     with pytest.raises(AnalysisError, match="no table"):
         basins([], by="K")
+    with pytest.raises(AnalysisError, match="no rows"):
+        basins(tables[1].iloc[:0], axes="x_0")
+
+
+@pytest.mark.parametrize("name", ["number", "category", "text"])
+def test_rows_without_a_value_are_a_panel_of_their_own(name: str) -> None:
+    """Of six rows two have no value: a panel of two, as the shares are counted by hand."""
+    values = {
+        "number": [1.0, 1.0, np.nan, 2.0, 2.0, np.nan],
+        "category": pd.Categorical(["a", "a", None, "b", "b", None]),
+        "text": ["a", "a", None, "b", "b", None],
+    }
+    gait = ["walk", "trot", "walk", "walk", "walk", "walk"]
+    table = pd.DataFrame({"row": range(6), "x_0": 0.0, "v": values[name], "status": "settled", "gait": gait})
+    shares = fractions(table, axes="x_0", by="v")
+    counts = shares.groupby("v", dropna=False, observed=True)["of"].first()
+    assert counts.tolist() == [2, 2, 2]
+    assert shares.loc[shares["v"].isna(), ["outcome", "fraction"]].to_numpy().tolist() == [
+        ["trot", 0.0],
+        ["walk", 1.0],
+    ]

@@ -78,7 +78,8 @@ def basins(
         scales: unit of each axis in the shock's distance; needed where axes have different units.
 
     Raises:
-        AnalysisError: the table does not have a column, no axis is left, or an argument is not allowed.
+        AnalysisError: the table does not have a column or any row, no axis is left, or an argument is not
+            allowed.
 
     Example:
         Two basins with a straight boundary at x = 0 have equal shares, and the boundary's dimension is 1:
@@ -93,6 +94,8 @@ def basins(
         [1.0]
     """
     table, by, axes = panels_and_axes(table, by, axes)
+    if table.empty:
+        raise AnalysisError("The table has no rows.")
     if not axes:
         raise AnalysisError("No axis is left for the basins: name the columns of the starts as `axes`.")
     if label == "attractor" and label not in table.columns:
@@ -146,7 +149,7 @@ def _shock_of_outcomes(measured: pd.DataFrame, by: Sequence[str]) -> pd.DataFram
     """The median and the mean shock of the starts of each panel and outcome."""
     finite = measured.iloc[np.flatnonzero(np.isfinite(measured["shock"].to_numpy(float)))]
     named = finite.assign(outcome=finite["outcome"].astype(object))
-    groups = named.groupby([*by, "outcome"], observed=True)["shock"]
+    groups = named.groupby([*by, "outcome"], observed=True, dropna=False)["shock"]
     return groups.agg(shock_median="median", shock_mean="mean").reset_index()
 
 

@@ -52,11 +52,13 @@ def quantifiers(
             maximal amplifications (n,); None: they are NaN.
 
     Raises:
-        AnalysisError: the table lacks a column, or an argument is not allowed.
+        AnalysisError: the table lacks a column or has no rows, or an argument is not allowed.
     """
     if within is not None and not within > 0.0:
         raise AnalysisError(f"within is {within:g} s, but must be above 0.")
     require(table, parameter, "status", "t_end")
+    if table.empty:
+        raise AnalysisError("The table has no rows.")
     if label == "attractor" and label not in table:
         column = follow_attractors(table, parameter, **grouping).column
         table = _with_column(table, label, column.astype(object).to_numpy())

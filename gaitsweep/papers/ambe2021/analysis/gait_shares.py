@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Bool, Float
 
-from gaitsweep.analyses import LEVEL, fractions, proportion_interval
+from gaitsweep.analyses import LEVEL, AnalysisError, fractions, proportion_interval
 from gaitsweep.papers.ambe2021.multilegged.chain_of_table import (
     chains_of,
     parameters_of,
@@ -42,6 +42,9 @@ def gait_shares(
     Raises:
         AnalysisError: the table does not have a column, or the job's parameters cannot be read.
     """
+    springs_of(table)  # refuses a table of another model
+    if table.empty:
+        raise AnalysisError("The table has no rows.")
     if parameters is None:
         parameters = set_columns(table)
     names = [parameters] if isinstance(parameters, str) else list(parameters)

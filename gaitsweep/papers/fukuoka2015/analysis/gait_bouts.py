@@ -68,7 +68,11 @@ def gait_bouts(along: pd.DataFrame, by: str = "family", least: int = 2) -> pd.Da
     Returns:
         One record a bout: row, `by`, begin and end (s, middles of the first and last window), windows, and
         the values of the other numbers of `along` in these two windows (speed_begin, speed_end, ...).
+
+    Raises:
+        AnalysisError: `along` does not have a column.
     """
+    require(along, "row", "t", by)
     numeric = [
         name
         for name in along.columns
