@@ -209,10 +209,10 @@ def test_columns_that_have_no_median_are_refused(
 def test_a_command_of_an_extension_replaces_none_of_gaitsweep(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    app = typer.Typer()
+    app.command("summary")(lambda: None)
     module = types.ModuleType("analyses_of_another_package")
-    module.app = typer.Typer()
-    module.app.command()(lambda: None)
-    module.app.registered_commands[0].name = "summary"
+    vars(module)["app"] = app
     monkeypatch.setitem(sys.modules, module.__name__, module)
     installed = {**extension.extensions(), "mine": extension.Extension(analyses=(module.__name__,))}
     monkeypatch.setattr(analyse, "extensions", lambda: installed)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -60,7 +62,7 @@ def _models() -> set[str]:
 def test_the_period_is_a_time_at_both_ends_of_each_range(name: str) -> None:
     """A parameter by which the period divides, or to which it is proportional, has open ends."""
     model = models.find(name, [EXAMPLES])()
-    defaults = {quantity.name: quantity.default for quantity in model.parameters}
+    defaults: dict[str, Any] = {quantity.name: quantity.default for quantity in model.parameters}
     for quantity in model.parameters:
         ends = (
             [] if quantity.open_ends else [end for end in (quantity.low, quantity.high) if np.isfinite(end)]
