@@ -46,6 +46,14 @@ def require(table: pd.DataFrame, *names: str) -> None:
             raise AnalysisError(_not_there(table, name))
 
 
+def require_numbers(table: pd.DataFrame, *names: str) -> None:
+    """Raise AnalysisError for the first column that the table lacks, or whose values are not numbers."""
+    require(table, *names)
+    for name in names:
+        if not pd.api.types.is_numeric_dtype(table[name]):
+            raise AnalysisError(f"The values of {name} are not numbers: name another column.")
+
+
 def names_in(names: str | Iterable[str]) -> list[str]:
     """The names in an argument that takes one name or several: a text is one name, not its letters."""
     return [names] if isinstance(names, str) else list(names)

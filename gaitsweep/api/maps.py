@@ -156,8 +156,8 @@ class FixedPointsOfModel(abc.ABC):
             its start, and `direction` that of the branch at its start. `gs.plot.continuation` draws it.
 
         Raises:
-            ArgumentError: the map has no derivative, the parameter is not the model's, or its value is
-                outside the range.
+            ArgumentError: the map has no derivative, the parameter is not the model's, its value is outside
+                the range, or the range is not two numbers.
 
         Example:
             The hopper's 1:1 gait, with a launch of pi g / omega, ends in a fold. There its leg adds all of
@@ -174,6 +174,8 @@ class FixedPointsOfModel(abc.ABC):
         self._require_fixed_points()
         points = self._points(x)[0]
         begin = self._begin(points, parameter)
+        if isinstance(within, str) or len(within) != 2 or not min(within) < max(within):
+            raise ArgumentError(f"within is {within!r}, but must be two different numbers.")
         low, high = min(within), max(within)
         if not (low <= begin.min() and begin.max() <= high):
             raise ArgumentError(
@@ -229,7 +231,14 @@ class FixedPointsOfModel(abc.ABC):
         return table
 
     def _points(self, x: Any) -> tuple[Points, bool]:
-        """Return points, and whether they were one array of coordinates (size,)."""
+        """Return points, and whether they were one array of coordinates (size,); refuse no points."""
+        points, single = self._any_points(x)
+        if not len(points):
+            raise ArgumentError("x has no points: give at least one.")
+        return points, single
+
+    def _any_points(self, x: Any) -> tuple[Points, bool]:
+        """As `_points`, of any number of points."""
         if isinstance(x, FixedPoints):
             return x.points, False
         if isinstance(x, Points):

@@ -70,6 +70,8 @@ class Simulator:
             if name not in table.columns:
                 near = near_miss.suggestion(name, list(table.columns))
                 raise ArgumentError(f"{name} is not a column of the job's table{near}")
+            if not pd.api.types.is_numeric_dtype(table[name]):
+                raise ArgumentError(f"The values of {name} are not numbers: name another column.")
         status = table["status"].astype(str).to_numpy()
         observed = table[self.columns].to_numpy(np.float64, copy=True)
         # a failed or undecided row has columns too, of the state in which it ended

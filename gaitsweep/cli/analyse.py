@@ -134,12 +134,12 @@ def summary(
 
     A group is, for example, a gait; the median and the range of each column are printed.
     """
-    from gaitsweep.analysis.records import require
+    from gaitsweep.analysis.records import require, require_numbers
 
     table = result_table(directory)
     of = list(dict.fromkeys(of or ()))
-    require(table, *by, *of)
-    _require_numbers(table, of)
+    require(table, *by)
+    require_numbers(table, *of)
     columns_of = {name: [name, f"{name}_least", f"{name}_largest"] for name in of}
     _refuse_repeated([*by, "rows", *(column for columns in columns_of.values() for column in columns)])
     groups = table.groupby(by, observed=True, dropna=False)
@@ -147,19 +147,6 @@ def summary(
     for name, columns in columns_of.items():
         counts[columns] = groups[name].agg(["median", "min", "max"])
     print_table(counts.reset_index(), 6)
-
-
-def _require_numbers(table: pd.DataFrame, columns: Sequence[str]) -> None:
-    """Raise AnalysisError for the first column whose values are not numbers."""
-    from pandas.api.types import is_numeric_dtype
-
-    from gaitsweep.analysis.records import AnalysisError
-
-    for name in columns:
-        if not is_numeric_dtype(table[name]):
-            raise AnalysisError(
-                f"--of {name}: its values are not numbers; --by {name} counts the rows of each."
-            )
 
 
 def _refuse_repeated(columns: Sequence[str]) -> None:

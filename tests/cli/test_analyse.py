@@ -191,7 +191,7 @@ def test_groups_have_their_medians(show: Show) -> None:
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ("--by k --of gait", "--of gait: its values are not numbers"),
+        ("--by k --of gait", "The values of gait are not numbers"),
         ("--by k --of k", "two columns k"),
         ("--by gait --of cycles --of cycles_least", "two columns cycles_least"),
         ("--by gait --of cycle", "did you mean cycles"),

@@ -310,6 +310,12 @@ def test_the_unstable_have_no_phase_response() -> None:
         hops.phase_response(unstable, ["launch"], [0.5])
     with pytest.raises(gs.ArgumentError, match="did you mean launch"):
         hops.phase_response(unstable, "lanch")
+    for call in (hops.fixed_points, hops.multipliers, hops):
+        with pytest.raises(gs.ArgumentError, match="x has no points"):
+            call(np.zeros((0, 2)))
+    for within in ((3.7,), (3.7, 3.7), "ab"):
+        with pytest.raises(gs.ArgumentError, match="must be two different numbers"):
+            hops.continue_([0.4, 8.3], "omega", within)  # pyright: ignore[reportArgumentType]
 
 
 @pytest.mark.slow

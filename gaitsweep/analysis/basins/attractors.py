@@ -21,7 +21,7 @@ from gaitsweep.analysis.basins.line_corners import box_dimension, cut_at_corners
 from gaitsweep.analysis.basins.sampled_sets import sampled_sets
 from gaitsweep.analysis.basins.single_linkage import cells, components, linking_distance, spanning_tree
 from gaitsweep.analysis.basins.state_space import Space, StateArray, extent, state_columns
-from gaitsweep.analysis.records import AnalysisError, names_in, require
+from gaitsweep.analysis.records import AnalysisError, names_in, require, require_numbers
 from gaitsweep.status import RECURRENT, Status
 
 CYCLES_OF_A_GRAIN = 10.0  # cycles in which a row settled to the tolerance of `run` may still move by a grain
@@ -98,7 +98,8 @@ def attractors(
         raise AnalysisError(
             "This table has no observables at the ends of rows (psi_1_end): name the columns."
         )
-    require(table, "status", *columns)
+    require(table, "status")
+    require_numbers(table, *columns)
     grain = _grain_of(table) if grain is None else grain
     if not grain > 0.0 or not (link is None or link > 0.0):
         raise AnalysisError(f"grain is {grain:g} and link {link}, but both must be above 0.")

@@ -19,6 +19,7 @@ from gaitsweep.analysis.records import (
     outcome_labels,
     panels_of,
     require,
+    require_numbers,
     with_constants,
 )
 
@@ -90,7 +91,8 @@ def panels_and_axes(
     by = names_in(by)
     table = with_constants(table, by, axes)
     axes = [name for name in axes_of(table) if name not in by] if axes is None else names_in(axes)
-    require(table, "status", *axes, *by)
+    require(table, "status", *by)
+    require_numbers(table, *axes)
     return table, by, axes
 
 
@@ -106,7 +108,8 @@ def proportion_interval(
         kind: wilson or clopper_pearson.
 
     Raises:
-        AnalysisError: there is no interval of that kind, or `hits` is not between 0 and `of`.
+        AnalysisError: there is no interval of that kind, `hits` is not between 0 and `of`, or `level` not
+            between 0 and 1.
 
     Example:
         >>> import gaitsweep as gs
@@ -116,6 +119,8 @@ def proportion_interval(
     """
     if kind not in _METHODS:
         raise AnalysisError(f"kind is {kind}, but must be one of {', '.join(_METHODS)}.")
+    if not 0.0 < level < 1.0:
+        raise AnalysisError(f"level is {level:g}, but must be between 0 and 1.")
     if not (of > 0 and 0 <= hits <= of):
         raise AnalysisError(f"hits and of are {hits} and {of}, but hits must be between 0 and of, above 0.")
     interval = scipy.stats.binomtest(hits, of).proportion_ci(level, _METHODS[kind])

@@ -233,7 +233,7 @@ def least_fatal_push(
     """
     pushes = names_in(pushes)
     table, by, _ = panels_and_axes(table, by, pushes)
-    require(table, "recovery", *pushes)
+    require(table, "recovery")
     _check_units(table, pushes, scales)
     lengths = np.array([(scales or {}).get(name, 1.0) for name in pushes])
     size = np.linalg.norm(table[pushes].to_numpy(float) / lengths, axis=1)

@@ -7,7 +7,7 @@ import pandas as pd
 from jaxtyping import Int, Shaped
 
 from gaitsweep.analysis.continuation.branch_points import CROSSINGS
-from gaitsweep.analysis.records import AnalysisError, require
+from gaitsweep.analysis.records import AnalysisError, require, require_numbers
 
 # Special points of a continuation at which the stability of a branch may change.
 MARKS = ("fold", "corner", "flip", "neimark_sacker", *CROSSINGS, "hopf")
@@ -34,7 +34,8 @@ def stable_ranges(table: pd.DataFrame, parameter: str, least: float = NARROWEST_
     Raises:
         AnalysisError: the table does not have a column.
     """
-    require(table, "row", "point", parameter, "stable", "special", "end")
+    require(table, "row", "point", "stable", "special", "end")
+    require_numbers(table, parameter)
     table = table.dropna(subset=["stable"]).sort_values(["row", "point"], kind="stable")
     width = np.ptp(table[parameter].to_numpy(float)) if len(table) else 0.0
     records = []

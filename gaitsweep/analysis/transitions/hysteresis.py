@@ -16,7 +16,15 @@ import pandas as pd
 from jaxtyping import Bool, Float, Shaped
 from numpy.typing import ArrayLike
 
-from gaitsweep.analysis.records import AnalysisError, axes_of, names_in, panels_of, require, section_column
+from gaitsweep.analysis.records import (
+    AnalysisError,
+    axes_of,
+    names_in,
+    panels_of,
+    require,
+    require_numbers,
+    section_column,
+)
 from gaitsweep.analysis.transitions.jumps import LEAST_JUMP, Course, courses, records_of, rising, stretches
 from gaitsweep.angles import TURN, branch_cut, is_circular, mean_direction, unwrap_from, wrapped_difference
 from gaitsweep.near_miss import suggestion
@@ -302,7 +310,8 @@ def transition_points_by_gait(
         AnalysisError: the table does not have a column.
     """
     by = names_in(by)
-    require(table, "status", parameter, start, gait, *by)
+    require(table, "status", start, gait, *by)
+    require_numbers(table, parameter)
     columns = [*by, "gait", "direction", "kept", "lost", "low", "high", "rows"]
     records = []
     for panel, rows in panels_of(table, by):
