@@ -249,6 +249,11 @@ class RangeAxis:
         fraction = self.fraction(index)
         if not self.logarithmic:
             between = low + (high - low) * fraction
+            if isinstance(self.fraction, LinearSpacing) and self.fraction.at == "ends":
+                # a seed of 12.999999999999998 would be another one
+                step = np.asarray(high - low) / max(self.length - 1, 1)
+                is_whole = (step == np.round(step)) & (low == np.round(low))
+                between = np.where(is_whole, low + step * index, between)
         elif np.any(np.less_equal(low, 0.0)) or np.any(np.less_equal(high, 0.0)):
             raise ExpressionError("the ends of a logspace must be above 0.")
         else:

@@ -58,6 +58,17 @@ DIFFERENCES: Final = {
         "rest on unstable gaits", "rest on an unstable gait, which any small displacement leaves"
     ),
 }
+# Rows whose observables change much with the step that is part of their model: marked, but no difference.
+BY_STEP: Final = "by_step"
+BY_STEP_WORDS: Final = Difference(
+    "depend on the model's step",
+    "changed by more than a tenth of an observable's size with the model's step",
+)
+
+
+def self_check_warned(check: object) -> bool:
+    """Return whether the self-check in a manifest warned; false for none."""
+    return isinstance(check, Mapping) and check.get("verdict") == "warned"
 
 
 class DamagedManifest(TableError):
