@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import pandas as pd
 from pydantic import BaseModel
 
 from gaitsweep.analysis.records import names_in
@@ -78,6 +79,7 @@ def perturb(
     model: AnyModel,
     push: str | Sequence[str] = (),
     *,
+    after: Result | pd.DataFrame | str | Path | None = None,
     run: Perturb | Mapping[str, Any] | None = None,
     **keywords: Any,
 ) -> Result:
@@ -87,6 +89,8 @@ def perturb(
         model: an instance, a class, a registered name, or "package.module:attribute".
         push: variables of the flow that are pushed, one or several, by amounts `push_NAME` and at a
             `push_phase`.
+        after: a result of a run of kind `Settle` with `states`, its table or some records of that, or its
+            directory: the settled rows are pushed, with their parameters, and the push's axes multiply them.
         run: other fields of the run kind `Perturb`: `force`, `step`, `at`, `within`, `max_cycles`, ...; or
             the run kind itself, which has `push` among its fields.
         keywords: as for `sweep`: amounts, phases, parameters and start values by name, `out`, `numerics`, ...
@@ -131,17 +135,23 @@ def perturb(
         >>> gs.perturb(Wheel(), ["rate"], push_rate=pushes).table["recovery"].tolist()
         ['fell', 'recovered', 'recovered']
     """
-    return sweep(model, run=_pushes(names_in(push), run), **keywords)
+    fields = _push_fields(names_in(push), run)
+    if after is None:
+        return sweep(model, run=Perturb(**fields), **keywords)
+    if isinstance(after, Result):
+        after = after.table
+    elif not isinstance(after, pd.DataFrame):
+        after = str(after)
+    return sweep(model, run={"kind": "perturb", **fields, "after": after}, **keywords)
 
 
-def _pushes(push: list[str], run: Perturb | Mapping[str, Any] | None) -> Perturb:
-    """The run kind that pushes variables, from its other fields or as it is."""
+def _push_fields(push: list[str], run: Perturb | Mapping[str, Any] | None) -> dict[str, Any]:
+    """The fields of the run kind that pushes variables, but its kind."""
     if run is not None and not isinstance(run, Perturb | Mapping):
         raise ArgumentError(f"run is a {type(run).__name__}, but must be a Perturb or its fields.")
-    of_run = run.push if isinstance(run, Perturb) else (run or {}).get("push")
-    if push and of_run:
-        raise ArgumentError("push is given twice, once in run: remove one of the two.")
+    fields = dict(run.model_dump(exclude_defaults=True) if isinstance(run, Perturb) else run or {})
     if isinstance(run, Perturb):
-        return run.model_copy(update={"push": push}) if push else run
-    fields: dict[str, Any] = {**(run or {}), "push": push or of_run or []}
-    return Perturb(**fields)
+        fields.pop("kind", None)
+    if push and fields.get("push"):
+        raise ArgumentError("push is given twice, once in run: remove one of the two.")
+    return fields if not push else {**fields, "push": push}

@@ -220,6 +220,13 @@ class Ground:
         own = {quantity.name: jnp.asarray(values[quantity.name]) for quantity in ground_quantities(ground)}
         return cls(kind, own, _profile(ground) if kind == PROFILE else None)
 
+    def normal(self, x: Float[Array, " ..."]) -> Float[Array, "... 3"]:
+        """The unit vectors across the ground at places x (m), upwards."""
+        x = jnp.asarray(x)
+        _, slope = jax.jvp(self, (x,), (jnp.ones_like(x),))
+        across = jnp.stack([-slope, jnp.zeros_like(slope), jnp.ones_like(slope)], axis=-1)
+        return across / jnp.sqrt(1.0 + slope * slope)[..., None]
+
     def __call__(self, x: Float[Array, " ..."]) -> Float[Array, " ..."]:
         """The height (m) at places x (m)."""
         if self.kind == "even":

@@ -17,7 +17,7 @@ from gaitsweep.dynamics.ground import KINDS, asks_for_ground, check_ground, grou
 from gaitsweep.engine.devices import refuse_missing_platform
 from gaitsweep.errors import ArgumentError
 from gaitsweep.expression import RESERVED
-from gaitsweep.kinds import RUN_KINDS
+from gaitsweep.kinds import kind_written
 from gaitsweep.models.conformity import fault
 from gaitsweep.schema.diagnostics import Diagnostic, Path, quoted
 from gaitsweep.schema.numbers import (
@@ -188,15 +188,15 @@ def _read_structure(
 def _with_run(spec: ModelSpec, run: Any) -> tuple[ModelSpec, list[Diagnostic]]:
     """Return the model with the parameters that a run adds, and the diagnostics."""
     written = run.model_dump() if isinstance(run, BaseModel) else run
-    name = written.get("kind") if isinstance(written, Mapping) else None
-    kind = RUN_KINDS.get(name) if isinstance(name, str) else None
+    kind = kind_written(written)
     if kind is None:
         return spec, []
     model, diagnostics = kind.model_of(spec.model, written)
     if model is spec.model:
         return spec, diagnostics
     parameters = {quantity.name: quantity for quantity in model.parameters}
-    return dataclasses.replace(spec, model=model, parameters=parameters), diagnostics
+    starts = {quantity.name: quantity for quantity in model.initial_conditions}
+    return dataclasses.replace(spec, model=model, parameters=parameters, starts=starts), diagnostics
 
 
 def _items(mapping: Any) -> list[tuple[str, Any]]:

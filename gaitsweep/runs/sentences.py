@@ -8,7 +8,7 @@ from typing import Any
 from gaitsweep.kinds.columns import UNKNOWN_GAIT
 from gaitsweep.runs.provenance import NOT_INSTALLED
 from gaitsweep.status import SetStatus, Status
-from gaitsweep.table.manifest import DIFFERENCES, STORED_DIFFERS, UNSTABLE
+from gaitsweep.table.manifest import BY_STEP, BY_STEP_WORDS, DIFFERENCES, STORED_DIFFERS, UNSTABLE
 
 # Fields of the manifest.
 MISLABELLED = "mislabelled"  # rows whose label is not the index of a gait
@@ -35,10 +35,14 @@ def self_check_sentence(check: dict[str, Any]) -> str:
     rerun = f"Self-check: {sample} rerun {'at' if 'step' in finer else 'with'} {finer}"
     if check["verdict"] == "passed":
         among = f", {sensitive} of them on a boundary or sensitive" if sensitive else ""
+        if check.get(BY_STEP):
+            among += f", but {check[BY_STEP]} {BY_STEP_WORDS.sentence}"
         return f"{rerun} kept their gait{among}; {change}."
     wrong = [f"{check[name]} {words.sentence}" for name, words in DIFFERENCES.items() if check.get(name)]
     if sensitive:
         wrong.append(f"{sensitive} lie on a boundary or are sensitive")
+    if check.get(BY_STEP):
+        wrong.append(f"{check[BY_STEP]} {BY_STEP_WORDS.sentence}")
     return f"{rerun}: {', '.join(wrong)}; {change}."
 
 
