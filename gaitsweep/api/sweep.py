@@ -135,23 +135,25 @@ def perturb(
         >>> gs.perturb(Wheel(), ["rate"], push_rate=pushes).table["recovery"].tolist()
         ['fell', 'recovered', 'recovered']
     """
-    fields = _push_fields(names_in(push), run)
+    pushes = _pushes(names_in(push), run)
     if after is None:
-        return sweep(model, run=Perturb(**fields), **keywords)
+        return sweep(model, run=pushes, **keywords)
     if isinstance(after, Result):
         after = after.table
     elif not isinstance(after, pd.DataFrame):
         after = str(after)
-    return sweep(model, run={"kind": "perturb", **fields, "after": after}, **keywords)
+    fields = pushes.model_dump(exclude_unset=True)
+    return sweep(model, run={**fields, "kind": "perturb", "after": after}, **keywords)
 
 
-def _push_fields(push: list[str], run: Perturb | Mapping[str, Any] | None) -> dict[str, Any]:
-    """The fields of the run kind that pushes variables, but its kind."""
+def _pushes(push: list[str], run: Perturb | Mapping[str, Any] | None) -> Perturb:
+    """The run kind that pushes variables, from its other fields or as it is."""
     if run is not None and not isinstance(run, Perturb | Mapping):
         raise ArgumentError(f"run is a {type(run).__name__}, but must be a Perturb or its fields.")
-    fields = dict(run.model_dump(exclude_defaults=True) if isinstance(run, Perturb) else run or {})
-    if isinstance(run, Perturb):
-        fields.pop("kind", None)
-    if push and fields.get("push"):
+    of_run = run.push if isinstance(run, Perturb) else (run or {}).get("push")
+    if push and of_run:
         raise ArgumentError("push is given twice, once in run: remove one of the two.")
-    return fields if not push else {**fields, "push": push}
+    if isinstance(run, Perturb):
+        return run.model_copy(update={"push": push}) if push else run
+    fields: dict[str, Any] = {**(run or {}), "push": push or of_run or []}
+    return Perturb(**fields)
