@@ -13,6 +13,7 @@ from gaitsweep.table.manifest import BY_STEP, BY_STEP_WORDS, DIFFERENCES, STORED
 # Fields of the manifest.
 MISLABELLED = "mislabelled"  # rows whose label is not the index of a gait
 STARTS_BEYOND = "starts_beyond"  # rows that begin beyond an event's surface
+WITHOUT_START = "without_start"  # rows whose start the model could not make
 WITHOUT_PERIOD = "without_period"  # rows whose nominal period is not a positive time
 # Settled rows that repeat after one crossing.
 _AT = {"1": "at a fixed point"}
@@ -177,6 +178,8 @@ def remarks(manifest: Mapping[str, Any]) -> list[str]:
             f"Warning: the model's function period gave {name} in {_rows(about)}, but must give "
             "seconds above 0: limits of time and of steps follow from it."
         )
+    for reason, about in (manifest.get(WITHOUT_START) or {}).items():
+        sentences.append(f"Warning: {_rows(about)} could not begin: {reason}.")
     for name, about in (manifest.get(STARTS_BEYOND) or {}).items():
         sentences.append(
             f"{_rows(about)} began where the function of the event {name!r} is zero or above. The event "

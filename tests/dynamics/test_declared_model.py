@@ -14,6 +14,7 @@ import pytest
 
 import gaitsweep as gs
 from gaitsweep import DeclaredModel, event, mode, observable, parameter, signal, variable
+from gaitsweep.column_meanings import COLUMNS
 from gaitsweep.contract import Quantity
 from gaitsweep.dynamics.declared import OF_TRACES
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
@@ -22,7 +23,6 @@ from gaitsweep.examples.hopper import Hopper
 from gaitsweep.kinds import RUN_KINDS
 from gaitsweep.models.conformity import fault
 from gaitsweep.models.value_faults import faults
-from gaitsweep.run_columns import COLUMNS
 from gaitsweep.skeleton import LimbLook
 from gaitsweep.status import Status
 from smooth_oscillators import VanDerPol
@@ -493,9 +493,12 @@ def test_contradictions_are_refused_in_one_sentence() -> None:
         return type("Mine", (DeclaredModel,), members)
 
     happens = event("it happens")(lambda self, p, s: s.x)
+    lands = event("it lands", section=True)(lambda self, p, s: s.x)
+    lands.rest(lambda self, p, s: s)
     for members, words in (
         ({"jump": variable("m", "height")}, "Mine declares jump, a name that every model has: rename it"),
         ({"x": variable("m", "x"), "e": happens}, "has events but no section: write section=True"),
+        ({"x": variable("m", "x"), "e": lands}, "a rest after the event 'it lands', which has no jump"),
         (
             {"height": variable("m", "x"), "section_coordinates": ("heigth",)},
             "heigth, no variable; did you mean height",

@@ -14,10 +14,10 @@ import numpy as np
 from jaxtyping import Bool, Int, Real
 
 from gaitsweep.engine.recorders.recorder import RunningRows
-from gaitsweep.engine.sweep.block import Block
-from gaitsweep.engine.sweep.chunk_sizer import ChunkSizer
+from gaitsweep.engine.sweep.blocks_of_rows import Block
 from gaitsweep.engine.sweep.engines import groups_on, polls_per_chunk
 from gaitsweep.engine.sweep.lane import ChunkOutput, Lanes
+from gaitsweep.engine.sweep.polls_per_chunk import ChunkSizer
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress, SweepSpec
 from gaitsweep.row_outcome import ENGINE_NUMBERS, RowOutcome
 from gaitsweep.status import Status
@@ -51,10 +51,12 @@ class _Collected(NamedTuple):
     ended: Bool[np.ndarray, " lanes"]
 
     @classmethod
-    def of(cls, group: Group, output: ChunkOutput) -> _Collected:
+    def of(cls, group: Group, output: ChunkOutput, most_samples: int | None) -> _Collected:
         """The output with the masks of the group's lanes, of which idle ones are in neither."""
         busy = group.block_of != IDLE
         is_running = output.numbers["status"] == Status.running
+        if most_samples is not None:
+            is_running = is_running & (output.samples < most_samples)
         return cls(group, output, busy & is_running, busy & ~is_running)
 
 
@@ -275,7 +277,7 @@ class LaneScheduler:
 
     def _collect(self, group: Group, output: ChunkOutput) -> None:
         """Collect the output of a group's chunk."""
-        collected = _Collected.of(group, output)
+        collected = _Collected.of(group, output, self.spec.most_samples)
         self._pass_to_blocks(collected)
         self._count(collected)
         self._size_chunk(collected)
