@@ -386,6 +386,96 @@ def test_known_bodies_load_or_are_refused_by_the_name_of_an_element(file: str, r
         _ = located.parameters
 
 
+def _file(file: str) -> str:
+    """The path of a file of a package; the test is skipped where the package is not installed."""
+    package = importlib.util.find_spec(file.partition("/")[0])
+    if package is None or not package.submodule_search_locations:
+        pytest.skip(f"{file.partition('/')[0]} is not installed")
+    return str(Path(package.submodule_search_locations[0]).parent / file)
+
+
+# The largest differences seen, as shares of the largest acceleration; see docs/own_model.md.
+ACCELERATIONS = {
+    f"{GYMNASIUM}/walker2d.xml": 1e-14,
+    f"{GYMNASIUM}/half_cheetah.xml": 2e-15,
+    f"{GYMNASIUM}/ant.xml": 3e-16,
+    f"{GYMNASIUM}/inverted_double_pendulum.xml": 5e-15,
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("file", ACCELERATIONS)
+def test_known_bodies_accelerate_as_in_c(file: str) -> None:
+    """At random states without contacts; ten times the difference seen, since libraries round otherwise."""
+    m = mujoco.MjModel.from_xml_path(_file(file))
+    body = LocatedBody(m)
+    values = {quantity.name: jnp.asarray(float(quantity.default)) for quantity in body.parameters}
+    data, random = mujoco.MjData(m), np.random.default_rng(0)
+    compared = 0
+    for _ in range(20):
+        mujoco.mj_resetData(m, data)
+        for joint in range(m.njnt):
+            at = m.jnt_qposadr[joint]
+            if m.jnt_type[joint] == mujoco.mjtJoint.mjJNT_FREE:
+                data.qpos[at + 2] += 3.0
+                data.qpos[at + 3 : at + 7] += 0.3 * random.normal(size=4)
+                data.qpos[at + 3 : at + 7] /= np.linalg.norm(data.qpos[at + 3 : at + 7])
+            elif m.jnt_limited[joint]:
+                data.qpos[at] = random.uniform(*(m.jnt_range[joint] @ [[0.8, 0.2], [0.2, 0.8]]))
+            else:
+                slides_up = m.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE and m.jnt_axis[joint, 2] == 1.0
+                data.qpos[at] += 3.0 if slides_up else 0.3 * random.normal()
+        data.qvel[:] = random.normal(size=m.nv)
+        data.ctrl[:] = random.uniform(-0.5, 0.5, m.nu)
+        mujoco.mj_forward(m, data)
+        if data.nefc:
+            continue
+        compared += 1
+        pushing = jnp.zeros(len(body.stop_names), bool)
+        ours = body.accelerations(values, data.qpos.copy(), data.qvel.copy(), data.ctrl.copy(), pushing)
+        size = np.abs(data.qacc).max()
+        np.testing.assert_allclose(ours, data.qacc, rtol=0, atol=10.0 * ACCELERATIONS[file] * size)
+    assert compared > 10
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "kp", "kd", "targets", "height"),
+    [
+        ("hopper", 400.0, 20.0, None, 1.2075),
+        ("walker2d", 400.0, 20.0, None, 1.2095),
+        ("half_cheetah", 100.0, 5.0, None, -0.1122),
+        ("ant", 150.0, 5.0, (0, 1, 0, -1, 0, -1, 0, 1), 0.5728),
+    ],
+)
+def test_known_bodies_stand_with_springs_at_their_joints(
+    name: str, kp: float, kd: float, targets: tuple[float, ...] | None, height: float
+) -> None:
+    """By MuJoCo's own steps, for 4 s: the root is where it was 2 s before, and nothing moves."""
+    file = _file(f"{GYMNASIUM}/{name}.xml")
+    m = mujoco.MjModel.from_xml_path(file)
+    joints = m.actuator_trnid[:, 0]
+    at, dof = m.jnt_qposadr[joints], m.jnt_dofadr[joints]
+    wanted = m.qpos0[at] if targets is None else np.array(targets, float)
+    root = 2 if m.jnt_type[0] == mujoco.mjtJoint.mjJNT_FREE else 1
+    gear = m.actuator_gear[:, 0]
+    members = {
+        "body_file": file,
+        "kp": gs.parameter("N m/rad", "spring of each joint", kp),
+        "control": lambda self, p, s: (p.kp * (wanted - s.body.q[at]) - kd * s.body.v[dof]) / gear,
+        "period": lambda self, p: jnp.ones(()),
+        "height": gs.observable("m", "height of the root", scale=1.0)(lambda self, p, s: s.body.q[root]),
+        "root": gs.signal("m", "height of the root")(lambda self, p, s: s.body.q[root]),
+        "fastest": gs.signal("1", "largest velocity")(lambda self, p, s: jnp.max(jnp.abs(s.body.v))),
+    }
+    trace = gs.simulate(
+        type("Standing", (gs.MjcfModel,), members)(dynamics="mujoco"), duration=4.0, every=0.5
+    )
+    assert trace["root"].iloc[-1] == pytest.approx(height, abs=1e-3)
+    assert trace["root"].iloc[4:].to_numpy() == pytest.approx(height, abs=2e-3)
+    assert trace["fastest"].iloc[-1] < 5e-3
+
+
 @pytest.mark.slow
 @pytest.mark.skipif(compiler() is None, reason="no C++ compiler")
 def test_the_code_for_a_card_moves_the_body_as_that_for_the_processor(
