@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import pandas as pd
 from pydantic import BaseModel
 
 from gaitsweep.api.keywords import AnyModel, job_of
@@ -76,6 +77,7 @@ def perturb(
     model: AnyModel,
     push: Sequence[str] = (),
     *,
+    after: Result | pd.DataFrame | str | Path | None = None,
     run: Mapping[str, Any] | None = None,
     **keywords: Any,
 ) -> Result:
@@ -84,6 +86,8 @@ def perturb(
     Args:
         model: an instance, a class, a registered name, or "package.module:attribute".
         push: variables of the flow that are pushed, by amounts `push_NAME` and at a `push_phase`.
+        after: a result of a run of kind `Settle` with `states`, its table or some records of that, or its
+            directory: the settled rows are pushed, with their parameters, and the push's axes multiply them.
         run: other fields of the run kind `Perturb`: `force`, `step`, `at`, `within`, `max_cycles`, ...
         keywords: as for `sweep`: amounts, phases, parameters and start values by name, `out`, `numerics`, ...
 
@@ -126,4 +130,11 @@ def perturb(
         >>> gs.perturb(Wheel(), ["rate"], push_rate=pushes).table["recovery"].tolist()
         ['fell', 'recovered', 'recovered']
     """
-    return sweep(model, run=Perturb(push=list(push), **(run or {})), **keywords)
+    fields = {"push": list(push), **(run or {})}
+    if after is None:
+        return sweep(model, run=Perturb(**fields), **keywords)
+    if isinstance(after, Result):
+        after = after.table
+    elif not isinstance(after, pd.DataFrame):
+        after = str(after)
+    return sweep(model, run={"kind": "perturb", **fields, "after": after}, **keywords)

@@ -233,6 +233,11 @@ class Footfalls:
         return GAITS[len(self.legs)]
 
     @property
+    def stride_names(self) -> tuple[str, ...]:
+        """The names of the observables that are strides."""
+        return tuple(f"stride_{i}" for i, _ in enumerate(self.legs, 1))
+
+    @property
     def limbs(self) -> tuple[LimbLook, ...]:
         """The limbs for figures; those of the left are the far ones."""
         order = list(LEGS[len(self.legs)])

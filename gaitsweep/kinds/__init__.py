@@ -27,7 +27,7 @@ from gaitsweep.kinds.staircase import Staircase
 from gaitsweep.kinds.trace import Trace
 from gaitsweep.schema.strict_model import Registry
 
-__all__ = ["RUN_KINDS", "RunKind", "parameter_written", "register", "unregister"]
+__all__ = ["RUN_KINDS", "RunKind", "kind_written", "parameter_written", "register", "unregister"]
 
 RUN_KINDS: Registry[RunKind] = Registry(
     "run", [Settle, FixedTime, Trace, Ramp, ReturnMap, Staircase, Continuation, Folds, Atlas, Perturb]
@@ -39,6 +39,11 @@ import_all("run_kinds")
 
 def parameter_written(run: Any) -> object:
     """The parameter that a run moves, as written in a job that is not checked yet, or None."""
-    name = run.get("kind") if isinstance(run, Mapping) else None
-    kind = RUN_KINDS.get(name) if isinstance(name, str) else None
+    kind = kind_written(run)
     return run.get("parameter") if kind is not None and kind.moves() else None
+
+
+def kind_written(run: Any) -> type[RunKind] | None:
+    """The kind of a run as written in a job that is not checked yet, or None."""
+    name = run.get("kind") if isinstance(run, Mapping) else None
+    return RUN_KINDS.get(name) if isinstance(name, str) else None

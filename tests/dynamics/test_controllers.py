@@ -185,6 +185,12 @@ def test_a_model_file_is_the_class_that_one_would_write() -> None:
         ("body: biped.xml", "body: bipd.xml", r"line 2: body is not accepted: .*bipd\.xml does not exist"),
         ("body: biped.xml", "body: .", "line 2: body is not accepted: .*is a folder"),
         ("body: biped.xml", "body: biped.yaml", "line 2: body is not accepted: .*XML"),
+        (
+            "body: biped.xml",
+            "body: biped.xml\ndynamics: stepped\nstart: standing",
+            "line 4: start is standing, which needs",
+        ),
+        ("body: biped.xml", "body: biped.xml\nstart: standign", "line 3: start"),
         ("body: biped.xml", "body: biped.xml\nkeyframe: stnd", r"line 3: keyframe .*'stnd'"),
         (
             "R: {foot: foot_r, hip: hip_r",
@@ -202,6 +208,16 @@ def test_errors_of_a_model_file_have_its_line(tmp_path: Path, old: str, new: str
     (tmp_path / "biped.xml").write_text((WALKERS / "biped.xml").read_text())
     with pytest.raises(JobError, match=words):
         model_of_file(tmp_path / "biped.yaml")
+
+
+def test_a_model_file_says_that_rows_begin_standing(tmp_path: Path) -> None:
+    (tmp_path / "biped.xml").write_bytes((WALKERS / "biped.xml").read_bytes())
+    text = (WALKERS / "biped.yaml").read_text()
+    kinds: list[Any] = []
+    for start in ("keyframe", "standing"):
+        (tmp_path / f"{start}.yaml").write_text(f"{text}\nstart: {start}\n")
+        kinds.append(model_of_file(tmp_path / f"{start}.yaml"))
+    assert [kind.begins_standing for kind in kinds] == [False, True]
 
 
 def test_an_empty_model_file_and_a_body_that_is_not_located_are_refused(tmp_path: Path) -> None:
