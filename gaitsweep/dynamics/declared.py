@@ -429,7 +429,7 @@ class Declared(Model):
         for name in self._named(Sliding):
             fields[name] = jnp.asarray(1)  # before the variables decide it
         if (feet := self._feet()) is not None:
-            fields[STEPS] = feet.begun(fields[feet.clock])
+            fields[STEPS] = feet.begun(self, fields[feet.clock])
         if self._diffusion() is not None:
             fields[PATH] = begun_path()
         return fields

@@ -225,6 +225,9 @@ class PushedModel(HybridModel):
         # a state where a row settled is just after a crossing, and its modes say so
         return {} if self.resumes else self.model.beyond_at_start(params.plain, _plain(state))
 
+    def without_start(self, params: PushedParams, state: State, /) -> dict[str, Bool[Array, ""]]:
+        return self.model.without_start(params.plain, _plain(state))
+
     def fast_modes(
         self, params: PushedParams, /
     ) -> tuple[Float[Array, " motions"], Float[Array, " motions"]] | None:

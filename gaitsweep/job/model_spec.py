@@ -12,7 +12,7 @@ from typing import Any, Literal
 from pydantic import BaseModel
 
 from gaitsweep import models, near_miss
-from gaitsweep.contract import Model, Quantity
+from gaitsweep.contract import Model, Quantity, SteppedModel
 from gaitsweep.dynamics.ground import KINDS, asks_for_ground, check_ground, ground_profile
 from gaitsweep.engine.devices import refuse_missing_platform
 from gaitsweep.errors import ArgumentError
@@ -129,7 +129,13 @@ def read_model_spec(
         if "ground" in fields:
             written.append((("ground",), "ground", ground))
         else:
-            text = f"is {quoted(ground)}, but {name} does not ask for the height of the ground: remove it."
+            lacks = "does not ask for the height of the ground: remove it."
+            if issubclass(model_class, SteppedModel):
+                lacks = (
+                    "moves in steps, which meet the ground of their own: remove it, or take located contacts "
+                    "(dynamics: located in a model file, BodyModel in Python)."
+                )
+            text = f"is {quoted(ground)}, but {name} {lacks}"
             diagnostics.append(Diagnostic(("ground",), text))
     shape = _read_structure(str(name), model_class, fields, written, folders, diagnostics)
     if diagnostics:

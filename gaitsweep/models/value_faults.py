@@ -121,6 +121,7 @@ class _AtStarts:
     still: _Values
     closes: Bool[_AnyArray, "*rows"]
     beyond: _Values
+    without: _Values
 
     @property
     def own_state(self) -> _Values:
@@ -167,9 +168,10 @@ def _at_starts_of(model: Model) -> Callable[[Any, Any], _AtStarts]:
             "still": _by_path(model.jump(params, state, quiet)),
             "closes": jnp.asarray(model.section(params, state, quiet)),
             "beyond": model.beyond_at_start(params, state),
+            "without": model.without_start(params, state),
         }
 
-    of_rows = over_rows(of_one, "start", model)
+    of_rows = over_rows(of_one, "values at start", model)
     return lambda values, starts: _AtStarts(**of_rows(values, starts))
 
 
@@ -228,6 +230,17 @@ def faults_of_rows(model: Model, values: Columns, starts: Columns, where: Where)
 
 def _start_faults(model: Model, at_starts: _AtStarts, where: Where) -> Iterator[str]:
     """Faults of starts: numbers that are not finite, and changes although no event has fired."""
+    begins = np.ones(len(at_starts.closes), bool)
+    for reason, without in at_starts.without.items():
+        if (row := _first_row(without)) is not None:
+            yield f"which cannot begin{where(row)}: {reason}."
+        begins &= ~np.asarray(without)
+    if not begins.all():  # the numbers of the other rows are NaN
+        rows = np.flatnonzero(begins)
+        if rows.size:
+            others = _AtStarts(**jax.tree.map(lambda leaf: leaf[rows], vars(at_starts)))
+            yield from _start_faults(model, others, lambda row: where(int(rows[row])))
+        return
     without_value = {quantity.name for quantity in model.observables if quantity.may_be_nan}
     numbers = {
         "init": at_starts.own_state,

@@ -54,6 +54,8 @@ MOST_CROSSINGS = 100
 MOVED = 1e-9
 # The tolerance of kinds that have none, as a share of an observable's size (rad for angles).
 TOLERANCE = 1e-3
+# The change by the step of a model that defines it, from which a row is marked; as `TOLERANCE`.
+STEP_TOLERANCE = 0.1
 # Errors of a start that explain a difference: their effect is extrapolated from that of MOVED.
 LOCAL_ERROR = 1e-6  # by the steps of the integration
 ROUNDING_ERROR = 1e-12
@@ -138,10 +140,9 @@ def compare_stored(
         records = stored(rerun.rows)
         differs = comparison.other_ends(rerun, records)
     else:
-        recorder = comparison.beginning
         few = rerun.rows[:LEAST_ROWS]
-        if recorder != rerun.recorder:
-            rerun = RerunRows(few, recorder, comparison.repeated(recorder, [(few, 1.0, 0.0)])[0])
+        if context.spec.recorder != rerun.recorder:
+            rerun = RerunRows(few, context.spec.recorder, comparison.beginnings([(few, 1.0, 0.0)])[0])
         records = stored(rerun.rows)
         differs = _other_records(context.model, rerun, records)
         records = records.loc[np.isin(records["row"].to_numpy(), few)]
@@ -209,10 +210,18 @@ class _Comparison:
         if self.on_progress is not None:
             self.on_progress(SweepProgress(0, 0, share, 0, 0.0, "the following of displaced states"))
 
-    def repeated(self, recorder: Recorder, lanes: list[tuple[Rows, float, float]]) -> list[RowOutcome]:
+    def repeated(
+        self,
+        recorder: Recorder,
+        lanes: list[tuple[Rows, float, float]],
+        most_samples: int | None = None,
+    ) -> list[RowOutcome]:
         """Return the results of rerun rows for each item of `lanes`.
 
-        An item has rows (n,), the share of their step, and by how much their starts are moved.
+        Args:
+            recorder: their recorder.
+            lanes: items of rows (n,), the share of their step, and by how much their starts are moved.
+            most_samples: the samples after which rows are not followed any more; they are complete.
         """
         spec, design = self.context.spec, self.context.design
         rows = np.concatenate([lane[0] for lane in lanes])
@@ -231,12 +240,33 @@ class _Comparison:
         # programs of XLA are compiled for the width of the run that is checked
         width = spec.lanes if spec.engine == "xla" else min(spec.lanes, max(8, rows.size))
         sample = dataclasses.replace(
-            spec, recorder=recorder, n_rows=rows.size, block=rows.size, lanes=width, values=values
+            spec,
+            recorder=recorder,
+            n_rows=rows.size,
+            block=rows.size,
+            lanes=width,
+            values=values,
+            most_samples=most_samples,
+            # the run's program is compiled already; another one would take longer to optimise than to run
+            quick=recorder != spec.recorder,
         )
         outcomes: list[RowOutcome] = []
         sweep(sample, [0], lambda _, result: outcomes.append(result), self.on_progress)
+        outcome = outcomes[0] if most_samples is None else _with_first(outcomes[0], most_samples)
         cuts = np.cumsum([lane[0].size for lane in lanes])[:-1]
-        return [outcomes[0].take(part) for part in np.split(np.arange(rows.size), cuts)]
+        return [outcome.take(part) for part in np.split(np.arange(rows.size), cuts)]
+
+    def beginnings(self, lanes: list[tuple[Rows, float, float]]) -> list[RowOutcome]:
+        """As `repeated` by the run's own program, with the first samples alone of rows that have many."""
+        recorder = self.context.spec.recorder
+        most = None
+        if isinstance(recorder, CrossingRecorder) and (recorder.crossings or math.inf) > MOST_CROSSINGS:
+            most = max(1, CROSSINGS - recorder.after_cycles) + 1
+        elif isinstance(recorder, TraceRecorder):
+            most = MOST_CROSSINGS
+        elif isinstance(recorder, StepRecorder):
+            most = 2  # stairs
+        return self.repeated(recorder, lanes, most)
 
     def compare_ends(self, rows: Rows, check: SelfCheck) -> tuple[RerunRows, RowMask]:
         """Compare the ends of rows (n,); return the rerun, and a mask of those that settled in both runs."""
@@ -263,6 +293,8 @@ class _Comparison:
             off = comparable[:, None] & (change > bound)
             other_count |= np.any(off & counts, axis=1)
         differs = other_status | other_gait | other_count | off.any(axis=1)
+        if fixed_steps and at_times:
+            check.by_step += int(np.sum(comparable & np.any(change > STEP_TOLERANCE * size, axis=1)))
         if differs.any():
             differing = _DifferingEnds(
                 once.take(np.flatnonzero(differs)),
@@ -310,11 +342,13 @@ class _Comparison:
 
     def compare_crossings(self, rows: Rows, check: SelfCheck) -> RerunRows:
         """Compare the first crossings of rows (n,) and their times; return the rerun."""
-        model, recorder = self.context.model, self.beginning
-        if not isinstance(recorder, CrossingRecorder):
-            recorder = CrossingRecorder(model, crossings=CROSSINGS)
+        model, recorder = self.context.model, self.context.spec.recorder
         lanes = [(rows, 1.0, 0.0), (rows, finer_share(self.context), 0.0), (rows, 1.0, MOVED)]
-        outcomes = self.repeated(recorder, lanes)
+        if isinstance(recorder, CrossingRecorder):
+            outcomes = self.beginnings(lanes)
+        else:
+            recorder = CrossingRecorder(model, crossings=CROSSINGS)
+            outcomes = self.repeated(recorder, lanes)
         samples = [_crossings(outcome, rows.size, recorder.after_cycles) for outcome in outcomes]
         if not np.any(np.isfinite(samples[0][:, 1:])) and math.isfinite(end := self.comparable_time):
             # no section was crossed: the state is compared after as many nominal periods
@@ -334,7 +368,8 @@ class _Comparison:
         size = sizes(model.observables, observed[0])
         check.record_changes(model.observables, most, size)
         if fixed_step_scheme(self.context.spec.numerics.method, model) is not None:
-            # the step is part of such a model: changes with it are reported, but are no fault of the run
+            # the step is part of such a model: changes with it are marked, but are no fault of the run
+            check.by_step += int(np.sum(~differs & np.any(most > STEP_TOLERANCE * size, axis=1)))
             return RerunRows(rows, recorder, once)
         counts = counted(model, observed[0], observed[1])
         off = most > np.where(counts, 0.0, TOLERANCES * TOLERANCE * size)
@@ -399,23 +434,6 @@ class _Comparison:
         return _observed(model, self.context.spec.drive)(model.on_host(values), starts)
 
     @property
-    def beginning(self) -> Recorder:
-        """Recorder of the first records of a row, of the same numbers as the run's recorder."""
-        recorder = self.context.spec.recorder
-        if isinstance(recorder, CrossingRecorder) and (recorder.crossings or math.inf) > MOST_CROSSINGS:
-            crossings = max(1, CROSSINGS - recorder.after_cycles)
-            return dataclasses.replace(recorder, crossings=crossings, duration=None, gaits=False)
-        if isinstance(recorder, TraceRecorder):
-            samples = min(recorder.samples, MOST_CROSSINGS)
-            return dataclasses.replace(recorder, duration=(samples - 1) * recorder.every)
-        if isinstance(recorder, StepRecorder):
-            stairs = recorder.stairs
-            first, second = stairs.values[:2]
-            first_two = (first, first + math.copysign(min(stairs.step, abs(second - first)), second - first))
-            return dataclasses.replace(recorder, stairs=dataclasses.replace(stairs, values=first_two))
-        return recorder
-
-    @property
     def comparable_time(self) -> float:
         """Time (s) after which rows without a section are compared: `CROSSINGS` periods, or the run's end.
 
@@ -450,7 +468,7 @@ def _other_records(model: Model, rerun: RerunRows, stored: pd.DataFrame) -> RowM
     samples = result.samples.reshape(-1, recorder.width)
     records = pd.DataFrame(samples, columns=list(recorder.names)).assign(place=result.place)
     if isinstance(recorder, StepRecorder):
-        # two stairs, of which the last one ends before the end of the path
+        # rounding may have grown on stairs that did not settle
         records = records[records["settled"] == 1.0]
     records["nth"] = records.groupby("place").cumcount()
     number = {int(row): place for place, row in enumerate(rerun.rows)}
@@ -470,6 +488,20 @@ def _other_records(model: Model, rerun: RerunRows, stored: pd.DataFrame) -> RowM
     differs = np.zeros(rerun.rows.size, bool)
     differs[both["place"].to_numpy(int)[off.any(axis=1)]] = True
     return differs
+
+
+def _with_first(outcome: RowOutcome, most: int) -> RowOutcome:
+    """The rows of an outcome with their first `most` samples; rows with so many are complete."""
+    begins = np.cumsum(outcome.kept) - outcome.kept
+    nth = np.arange(len(outcome.samples)) - np.repeat(begins, outcome.kept)
+    status = np.where(outcome.kept >= most, outcome.status.dtype.type(Status.complete), outcome.status)
+    return dataclasses.replace(
+        outcome,
+        numbers={**outcome.numbers, "status": status},
+        kept=np.minimum(outcome.kept, most),
+        samples=outcome.samples[nth < most],
+        sample_labels={name: values[nth < most] for name, values in outcome.sample_labels.items()},
+    )
 
 
 def _others(recorder: Recorder, once: RowOutcome, again: RowOutcome) -> Bool[np.ndarray, " rows"]:

@@ -16,6 +16,8 @@ import pandas as pd
 from jaxtyping import Bool, Float, Int
 
 from gaitsweep.contract import Model, State
+from gaitsweep.dynamics.declared import Declared
+from gaitsweep.dynamics.footfalls import Footfalls
 from gaitsweep.engine.poincare.maps import MapEvaluation, Points, sizes
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.engine.recorders.staircase import StepRecorder
@@ -107,7 +109,8 @@ def unstable_rests(
     values = {name: column[suspects["place"]] for name, column in parameters.items() if name not in following}
     if moving is not None:
         values[moving] = suspects[moving].to_numpy(float)
-    mapping = BatchedReturnMap(model, tuple(following.items()), numerics, context.spec.engine)
+    engine = "quick" if context.spec.engine == "kernel" else context.spec.engine
+    mapping = BatchedReturnMap(model, tuple(following.items()), numerics, engine)
     at_section = not isinstance(recorder.base, StepRecorder)
     points = _points(mapping, values, states_of(samples[same], shape), at_section=at_section)
     displaced = _DisplacedStates(mapping, points, values, suspects, smooth=not in_fixed_steps)
@@ -139,13 +142,24 @@ def symmetric(
     for i, quantity in enumerate(model.observables):
         if quantity.circular:
             alike |= np.abs(observed[:, i] - part * np.round(observed[:, i] / part)) < ALIKE
+    shared = _shared_by_legs(model)
     for i, k in itertools.combinations(range(len(model.observables)), 2):
+        if {model.observables[i].name, model.observables[k].name} <= shared:
+            continue
         if model.observables[i].unit == model.observables[k].unit:
             values = observed[:, i]
             equal = np.abs(values - observed[:, k]) <= ALIKE * np.abs(values)
             # whole numbers are counts, which may be equal on any gait
             alike |= equal & (values != np.round(values))
     return alike
+
+
+def _shared_by_legs(model: Model) -> set[str]:
+    """The observables that all legs have alike on every periodic gait: the strides of declared footfalls."""
+    original = model.original
+    declarations = original.declarations.values() if isinstance(original, Declared) else ()
+    footfalls = [declared for declared in declarations if isinstance(declared, Footfalls)]
+    return {name for declared in footfalls for name in declared.stride_names}
 
 
 def _near(

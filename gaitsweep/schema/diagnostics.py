@@ -149,7 +149,11 @@ def refuse(wrong: Sequence[Diagnostic]) -> None:
 
 
 def unknown_field(
-    path: Path, section: str, allowed: Iterable[str], former: Mapping[str, str] | None = None
+    path: Path,
+    section: str,
+    allowed: Iterable[str],
+    former: Mapping[str, str] | None = None,
+    place: str = "",
 ) -> Diagnostic:
     """Return the diagnostic of a field that its section does not have.
 
@@ -158,11 +162,16 @@ def unknown_field(
         section: the name of its section in messages; empty for the job itself.
         allowed: the fields that the section has.
         former: new names by older ones.
+        place: the part of the job that has such a field, if another one does.
     """
     field = str(path[-1])
     of_section = f" of {section}" if section else ""
     if former and field in former:
         return Diagnostic(path, f"is not a field{of_section} any more: it is called {former[field]} now.")
+    if place:
+        return Diagnostic(
+            path, f"is not a field{of_section}: it belongs {place}. {near_miss.allowing(allowed)}"
+        )
     return Diagnostic(path, f"is not a field{of_section}{near_miss.suggestion(field, allowed)}")
 
 
@@ -241,7 +250,9 @@ def _from_details(
     if error == "gaitsweep":
         return Diagnostic(path, context["text"])
     if error == "extra_forbidden":
-        return unknown_field(path, section.words, section.fields, former_names.RUN_FIELDS.get(key))
+        former = former_names.RUN_FIELDS.get(key)
+        place = _place_of(str(path[-1]), section, sections)
+        return unknown_field(path, section.words, section.fields, former, place)
     if error == "missing":
         return Diagnostic(path, f"is missing: {section.fields[str(path[-1])].description}.")
     if error in ("union_tag_invalid", "union_tag_not_found"):
@@ -260,6 +271,25 @@ def _from_details(
         fields = f" {near_miss.allowing(inner.fields)}" if inner else ""
         return Diagnostic(path, f"is {quoted(value)}, but must be a mapping (key: value).{fields}")
     return Diagnostic(path, f"is {quoted(value)}, which is not allowed here.")
+
+
+def _place_of(field: str, section: SchemaSection, sections: Mapping[str, SchemaSection]) -> str:
+    """Words for the part of a job that has a field which `section` lacks; empty if there is none."""
+    homes = {
+        key: other
+        for key, other in sections.items()
+        if field not in ("kind", "name") and other is not section and field in other.fields
+    }
+    if "" in homes:
+        return "at the top of the job"
+    for other in homes.values():
+        if not other.union:
+            return f"under {other.words.rpartition(' ')[2]}"
+    kinds = [key.rpartition(".")[2] for key in homes]
+    named = f"{', '.join(kinds[:4])}{', ...' if len(kinds) > 4 else ''}"
+    if any(other.union == "figures" for other in homes.values()):
+        return f"in an entry of figures ({named})"
+    return f"under run ({named})" if kinds else ""
 
 
 def _about_kind(path: Path, value: object, sections: dict[str, SchemaSection]) -> Diagnostic:

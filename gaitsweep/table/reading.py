@@ -20,7 +20,7 @@ from gaitsweep.table.atomic_files import TableError, read_file, reason
 from gaitsweep.table.digests import digest_of
 from gaitsweep.table.examination import Examination
 from gaitsweep.table.frames import PartRecords, decoded_columns, joined_parts
-from gaitsweep.table.manifest import FIGURES, JOB, Layout, is_job, read_manifest
+from gaitsweep.table.manifest import FIGURES, JOB, Layout, is_job, read_manifest, with_shared_lists
 from gaitsweep.table.parquet_parts import Footer
 
 Rows = slice | range | ArrayLike
@@ -310,8 +310,8 @@ def load_with_snapshot(
     _warn(snapshot)
     frame = joined_parts(path, parts, columns)
     frame.attrs.update(
-        job=snapshot.job,
-        manifest=snapshot.manifest,
+        job=with_shared_lists(snapshot.job),
+        manifest=with_shared_lists(snapshot.manifest),
         quantities=snapshot.manifest.get("quantities", {}),
         path=str(path),
         complete=snapshot.complete,

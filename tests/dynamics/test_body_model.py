@@ -21,6 +21,7 @@ import pytest
 
 import gaitsweep as gs
 from gaitsweep.dynamics.body.mechanics import LocatedBody
+from gaitsweep.dynamics.body.standing import Standing
 from gaitsweep.engine.kernel import cuda_lanes
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
@@ -440,3 +441,72 @@ def test_a_free_box_comes_to_rest_on_its_corners() -> None:
     assert end["force"] == pytest.approx(2.0 * 9.81, rel=1e-4)
     assert end["q_0"] > 0.1  # it flew and slid
     assert trace["q_0"].diff().iloc[-1] == pytest.approx(0.0, abs=1e-6)
+
+
+BOX = """<mujoco><worldbody><geom type="plane" size="9 9 .1"/>
+  <body name="table" pos="0 0 .2"><freejoint name="root"/>
+    <geom name="box" type="box" size=".1 .15 .05" mass="2"/></body></worldbody></mujoco>"""
+
+
+@pytest.mark.slow
+def test_a_box_stands_on_its_corners_for_each_mass() -> None:
+    """A sweep of masses, from tilted starts above the ground; a box sinks by m g / (4 K) into its corners."""
+    members = {
+        "body_file": BOX,
+        "begins_standing": True,
+        "control": lambda self, p, s: jnp.zeros(0),
+        "height": gs.observable("m", "height", scale=0.1)(lambda self, p, s: s.q[2]),
+        "force": None,
+    }
+    model = type("Table", (Swinging,), members)()
+    masses = np.array([1.0, 2.0, 5.0])
+    stiffness = begun(model)[0].body["box_contact_stiffness"]
+    run = gs.Trace(duration=5.0, every=5.0)
+    with pytest.warns(
+        UserWarning, match=r"3 rows \(the first is row 1\) could not begin.*does not stand still"
+    ):
+        result = gs.sweep(model, table_mass=masses, slope=[0.0, 0.05], root_pitch_0=0.3, run=run, verify=0)
+    # on a slope it would creep against the dampers of its corners
+    creeps = result.table["slope"] > 0.0
+    assert set(result.table["status"][creeps]) == {"not_a_number"}
+    heights = result.table[~creeps].pivot(index="table_mass", columns="t", values="q_2")
+    np.testing.assert_allclose(heights[0.0], 0.05 - masses * 9.81 / (4.0 * stiffness), rtol=0, atol=1e-14)
+    np.testing.assert_allclose(heights[5.0], heights[0.0], rtol=0, atol=1e-12)  # it stays
+    # it tips over its edge, and lies
+    with pytest.raises(gs.ArgumentError, match="does not stand still"):
+        gs.simulate(model, root_pitch_0=1.08, duration=1.0, every=1.0)
+
+
+@pytest.mark.slow
+def test_a_biped_stands_on_the_targets_of_its_servos() -> None:
+    """No acceleration is left, the feet carry the weight, the body stays; without a stride it falls over."""
+    servos = BIPED.replace("<velocity", "<position").replace('kv="4"', "").replace("<motor", "<position")
+    servos = servos.replace('gear="5"', "")
+    force = gs.signal("N", "force of the ground")(
+        lambda self, p, s: self.load(p, s, "foot_l") + self.load(p, s, "foot_r")
+    )
+    members = {
+        "hip": gs.parameter("rad", "target of the left hip, and minus that of the right one", 0.25),
+        "knee": gs.parameter("rad", "target of the knees", 0.1),
+        "control": lambda self, p, s: jnp.stack([p.hip, p.knee, -p.hip, p.knee]),
+        "force": force,
+    }
+    model = of(servos, **members)
+    params, state = begun(model, z_0=0.01)
+    options: dict[str, Any] = {"xla_backend_optimization_level": "0"}
+    find = jax.jit(model.standing_still).lower(params, state).compile(options)
+    stands = find(params, state)
+    assert Standing(int(stands.standing)) is Standing.stands
+    assert stands.residual < 1e-9
+    assert abs(stands.q[2]) < 0.5
+    names = ("x", "z", "pitch", "hip_l", "knee_l", "hip_r", "knee_r")
+    start = {f"{name}_0": float(number) for name, number in zip(names, stands.q, strict=True)}
+    trace = gs.simulate(model, start=start, duration=5.0, every=2.5)
+    q = trace[[f"q_{i}" for i in range(7)]].to_numpy()
+    np.testing.assert_allclose(q, np.tile(stands.q, (3, 1)), rtol=0, atol=1e-9)
+    weight = 9.81 * mujoco.MjModel.from_xml_string(servos).body_mass.sum()
+    np.testing.assert_allclose(trace["force"], weight, rtol=1e-9)
+    # an upright rod, and one that leans
+    upright, leaning = (Standing(int(find(*begun(model, hip=0.0, knee=k)).standing)) for k in (0.0, 0.1))
+    assert upright is Standing.unstable
+    assert leaning is not Standing.stands

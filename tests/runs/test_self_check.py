@@ -21,6 +21,7 @@ from gaitsweep.cli import main
 from gaitsweep.contract import Model
 from gaitsweep.job import Job
 from gaitsweep.kinds.run_kind import RunKind
+from gaitsweep.plot.provenance_marks import remarks
 from gaitsweep.runs import concurrent_self_check, execute
 from gaitsweep.runs.execute import run_job
 from gaitsweep.runs.observable_changes import counted
@@ -452,3 +453,33 @@ def test_rows_that_stay_on_an_unstable_gait_are_marked(
     with wrong:
         result = gs.sweep(model, run=run, verify=4, **axes)
     assert result.manifest["self_check"]["unstable"] == unstable
+
+
+class Dropped(gs.MjcfModel):
+    """A ball whose bounces are softer with longer steps: MuJoCo's `solref` is at least twice the step."""
+
+    body_file = """<mujoco><option timestep="0.005"/><worldbody><geom type="plane" size="1 1 .1"/>
+      <body pos="0 0 .1"><joint name="z" type="slide" axis="0 0 1"/>
+        <geom type="sphere" size=".1" mass="1" solref=".001 .1"/></body></worldbody></mujoco>"""
+    turns = gs.parameter("1", "nominal cycles a second", 1.0)
+
+    def control(self, p: Any, s: Any) -> Any:
+        return jnp.zeros(0)
+
+    def period(self, p: Any) -> Any:
+        return 1.0 / p.turns
+
+    @gs.observable("m", "height", scale=0.1)
+    def height(self, p: Any, s: Any) -> Any:
+        return s.body.q[0]
+
+
+def test_rows_of_a_stepped_body_that_change_much_with_its_step_are_marked() -> None:
+    """The first row does not land within the time; the change of a flight is g t dt / 2, 3 mm."""
+    table = gs.sweep(
+        Dropped(dynamics="mujoco"), z_0=[2.0, 0.4], run={"kind": "fixed_time", "duration": 0.5}
+    ).table
+    check = table.attrs["manifest"]["self_check"]
+    assert (check["verdict"], check["by_step"]) == ("passed", 1)
+    assert "1 changed by more than a tenth" in self_check_sentence(check)
+    assert remarks(table) == ["self-check: 1 of 2 rows depend on the model's step"]

@@ -91,6 +91,11 @@ class ModelFile(StrictModel):
         "contacts (MjcfModel)",
     )
     keyframe: str = Field(default="", description="keyframe of the start; by default the first one")
+    start: Literal["keyframe", "standing"] = Field(
+        default="keyframe",
+        description="keyframe: rows begin there; standing: they begin at rest on the ground near it, under "
+        "constant targets",
+    )
     controller: Controller = Field(description="the controller")
     fallen: Real | None = Field(
         default=None, description="height of the trunk below which it has fallen, m; left out: it never falls"
@@ -183,6 +188,8 @@ def _controlled_body(document: Document, file: ModelFile, m: Any) -> ControlledB
         JobError: the file names what the MJCF does not have, or contradicts it or itself; with the line.
     """
     controller = file.controller
+    if file.start == "standing" and file.dynamics != "located":
+        raise _error(document, "is standing, which needs dynamics: located.", "start")
     with _errors_at(document, "keyframe"):
         keyframe_number(m, file.keyframe)
     legs = _legs(document, controller, m)

@@ -139,7 +139,7 @@ class _Rhythm(Oscillators):
         """The rates of the phases (n,) by the oscillators' own frequency and the loads."""
         if self.sigma is None:
             return params.omega
-        return params.omega - params.sigma * senses.loads() * ahead
+        return params.omega + params.sigma * senses.loads() * ahead  # slower where a stance ends
 
     def period(self, params: Any) -> Float[Array, ""]:
         return _TURN / params.omega
@@ -151,11 +151,11 @@ def _nearest(angle: Float[Array, ""]) -> Float[Array, ""]:
 
 
 class PhaseOscillators(_Rhythm):
-    """Phase oscillators: phi' = omega - sigma N cos(phi) + coupling sum sin(phi_j - phi - delta_j + delta).
+    """Phase oscillators: phi' = omega + sigma N cos(phi) + coupling sum sin(phi_j - phi - delta_j + delta).
 
-    A leg is ahead at 0, in stance until pi, and swings until 2 pi.
-    Sources: Owaki et al. 2013, J. R. Soc. Interface 10:20120669 (loads); Aoi and Tsuchiya 2005, Auton. Robots
-    19:219 (resets).
+    A leg is ahead at 0, in stance until pi, and swings until 2 pi. Loads N pull its phase towards pi/2.
+    Sources: Owaki et al. 2013, J. R. Soc. Interface 10:20120669 (loads; its phases are phi + pi); Aoi and
+    Tsuchiya 2005, Auton. Robots 19:219 (resets).
     """
 
     kind: Literal["phase"] = Field(description="phase: phase oscillators")
@@ -193,7 +193,7 @@ class PhaseOscillators(_Rhythm):
 class HopfOscillators(_Rhythm):
     """Hopf oscillators: z' = (gain (1 - |z|^2) + i w) z + coupling sum (exp(i (delta - delta_j)) z_j - z).
 
-    w = omega - sigma N x. The leg's place is x, its lift max(-y, 0).
+    w = omega + sigma N x. The leg's place is x, its lift max(-y, 0).
     Source: Righetti and Ijspeert 2008, ICRA, p. 819.
     """
 

@@ -6,14 +6,14 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import mujoco
 import numpy as np
 from jaxtyping import Float
 
-from gaitsweep.skeleton import Limb, Skeleton
+from gaitsweep.skeleton import Limb, LimbLook, Skeleton
 
 _GROUPS = 3  # geoms of groups 0 to 2 are those that MuJoCo's viewer shows; others are for collisions
 # Every second point first: an outline that faces the viewer is filled once whole and once by its first half.
@@ -23,13 +23,19 @@ _AROUND = np.array([at for at in itertools.product((-1.0, 0.0, 1.0), repeat=3) i
 _CORNERS = _AROUND[np.abs(_AROUND).sum(axis=1) == 3]
 
 
-def skeleton(model: Any, signals: Mapping[str, Float[np.ndarray, " times"]], feet: int) -> Skeleton:
+def skeleton(
+    model: Any,
+    signals: Mapping[str, Float[np.ndarray, " times"]],
+    feet: int,
+    looks: Sequence[LimbLook] = (),
+) -> Skeleton:
     """The geoms of a body, and its limbs if it has a site for each foot.
 
     Args:
         model: the compiled MJCF.
         signals: q_0, q_1, ..., MuJoCo's qpos, (n,) each.
         feet: number of signals contact_1, contact_2, ...
+        looks: names and places of the limbs; by default they have numbers.
     """
     data = mujoco.MjData(model)
     qpos = np.stack([signals[f"q_{i}"] for i in range(model.nq)], axis=1)
@@ -49,9 +55,12 @@ def skeleton(model: Any, signals: Mapping[str, Float[np.ndarray, " times"]], fee
     mujoco.mj_resetData(model, data)
     mujoco.mj_kinematics(model, data)
     aside = [round(float(data.site_xpos[site][1]), 9) for site in sites[: len(limbs)]]
+    numbered = [LimbLook(f"leg {i + 1}", i // 2, _is_far(aside, i)) for i in range(len(limbs))]
+    named = looks if len(looks) == len(limbs) else numbered
     return Skeleton(
         limbs=tuple(
-            Limb(f"leg {i + 1}", limb, pair=i // 2, far=_is_far(aside, i)) for i, limb in enumerate(limbs)
+            Limb(look.name, limb, pair=look.pair, far=look.far)
+            for look, limb in zip(named, limbs, strict=True)
         ),
         bodies=tuple(bodies.values()),
         heading=0.0,

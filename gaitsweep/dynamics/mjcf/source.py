@@ -129,7 +129,7 @@ class OfMjcf(Model):
         from gaitsweep.dynamics.tree.from_mjcf import compiled
 
         feet = sum(name.startswith("contact_") for name in signals)
-        return skeleton(compiled(self.mjcf(values)), signals, feet)
+        return skeleton(compiled(self.mjcf(values)), signals, feet, self.limbs)
 
 
 # MuJoCo is imported when a body is made, since that takes time

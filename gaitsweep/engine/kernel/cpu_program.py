@@ -57,7 +57,9 @@ _LOADED: dict[str, Callable[..., None]] = {}
 _LOCK = threading.Lock()
 
 
-def compiled(chunk: Chunk, *, contraction: bool = True) -> tuple[Callable[[Any, Any, int], None], int]:
+def compiled(
+    chunk: Chunk, *, contraction: bool = True, quick: bool = False
+) -> tuple[Callable[[Any, Any, int], None], int]:
     """The function `run(S, samples, polls)` that advances all tiles by a chunk, and the slots of a lane.
 
     `S` (tiles, slots * lanes) float64, aligned to vectors; `samples` (tiles * lanes, BUFFER, width)
@@ -66,22 +68,24 @@ def compiled(chunk: Chunk, *, contraction: bool = True) -> tuple[Callable[[Any, 
     Args:
         chunk: the program.
         contraction: whether a product and a sum may become one instruction, which rounds once.
+        quick: as of `llvm_code.machine_code`.
     """
     tile = Tile(chunk, TILE, contraction=contraction)
-    return running(tile.layout, tile.source, tile.module), tile.slots
+    return running(tile.layout, tile.source, tile.module, quick=quick), tile.slots
 
 
 def running(
-    layout: tuple[int, ...], source: str, module: Callable[[], ir.Module]
+    layout: tuple[int, ...], source: str, module: Callable[[], ir.Module], *, quick: bool = False
 ) -> Callable[[Any, Any, int], None]:
     """The function `run` of `compiled`.
 
     Args:
         layout, source: those of a `Tile`.
         module: writes the tile's module, if the kernel is not in the cache.
+        quick: as of `llvm_code.machine_code`.
     """
     kinds = ctypes.c_void_p, ctypes.c_int64, ctypes.c_void_p, ctypes.c_int64
-    function = loaded_once(f"{layout}\n{source}", module, *kinds)
+    function = loaded_once(f"{layout}\n{source}", module, *kinds, quick=quick)
 
     def run(S: np.ndarray, samples: np.ndarray, polls: int) -> None:
         assert S.flags.c_contiguous
@@ -91,19 +95,23 @@ def running(
     return run
 
 
-def loaded_once(source: str, module: Callable[[], ir.Module], *kinds: Any) -> Callable[..., None]:
+def loaded_once(
+    source: str, module: Callable[[], ir.Module], *kinds: Any, quick: bool = False
+) -> Callable[..., None]:
     """The function `run` of a module with arguments of these `ctypes`, loaded once in a process.
 
     Args:
         source: all that determines the module.
         module: writes the module, if it is not in the cache.
         kinds: the types of the arguments.
+        quick: as of `llvm_code.machine_code`.
     """
+    source = f"quick\n{source}" if quick else source
     with _LOCK:
         if source not in _LOADED:
             own = [Path(__file__).with_name(f"{name}.py").read_text() for name in _DETERMINING]
             key = [source, *own, *llvm_code.processor(), version("llvmlite")]
-            code = compiled_once("o", key, lambda: llvm_code.machine_code(module()))
+            code = compiled_once("o", key, lambda: llvm_code.machine_code(module(), quick=quick))
             _LOADED[source] = llvm_code.loaded(code, "run", *kinds)
         return _LOADED[source]
 

@@ -156,12 +156,14 @@ def _aligned(shape: tuple[int, ...]) -> Float[np.ndarray, " ..."]:
 
 # cached, since each core and each sweep of a self-check would print the source again
 @lru_cache(maxsize=16)
-def _compiled(kernel: Kernel, *, contraction: bool) -> tuple[Callable[[Any, Any, int], None], int]:
+def _compiled(
+    kernel: Kernel, *, contraction: bool, quick: bool
+) -> tuple[Callable[[Any, Any, int], None], int]:
     """The kernel on a CPU, and the slots of its lanes."""
     tile = functools.cache(lambda: cpu_program.Tile(kernel.chunk, TILE, contraction=contraction))
     # the processor decides which instructions a tile is written for
     layout, source = kernel.stored("tile", lambda: (tile().layout, tile().source), *processor())
-    return cpu_program.running(tuple(layout), source, lambda: tile().module()), layout[1]
+    return cpu_program.running(tuple(layout), source, lambda: tile().module(), quick=quick), layout[1]
 
 
 @final
@@ -170,7 +172,7 @@ class CpuLanes(KernelLanes):
 
     def __init__(self, spec: SweepSpec) -> None:
         super().__init__(spec)
-        self._run, slots = _compiled(self.kernel, contraction=spec.numerics.contraction)
+        self._run, slots = _compiled(self.kernel, contraction=spec.numerics.contraction, quick=spec.quick)
         tiles = -(-self.size // TILE)
         self._slots = _aligned((tiles, slots, TILE))
         leaves = self.kernel.leaves

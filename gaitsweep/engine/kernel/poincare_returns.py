@@ -11,7 +11,7 @@ import dataclasses
 import math
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from functools import partial
+from functools import cached_property, partial
 from typing import Any
 
 import jax
@@ -99,28 +99,33 @@ class KernelReturns:
     Args:
         crossing: the functions of a return.
         params, state: arrays, or shapes, like the arguments of the function.
+        quick: as of `llvm_code.machine_code`.
 
     Raises:
         UnsupportedError: the model uses operations that a scalar kernel does not have.
     """
 
-    def __init__(self, crossing: PoincareReturn, params: Params, state: State) -> None:
+    def __init__(
+        self, crossing: PoincareReturn, params: Params, state: State, *, quick: bool = False
+    ) -> None:
         self.crossing = crossing
-        opened = jax.eval_shape(self._opened, params, state)
-        self._shape = opened[1]
-        constants, carry = jax.eval_shape(self._without_tangent, *opened)
-        self._plain = _Kernel(crossing, constants, carry)
-        constants, carry = jax.eval_shape(self._with_zero_tangent, *opened)
-        self._differentiated = _Kernel(crossing, constants, carry)
-        # slots that are read when a return has ended: all values, and the tangents of the state's float
-        # leaves and of the time, which come first in a carry
+        self._quick = quick
+        self._like = jax.eval_shape(self._opened, params, state)
+        self._shape = self._like[1]
+        self._plain = _Kernel(crossing, *jax.eval_shape(self._without_tangent, *self._like), quick=quick)
+        # slots that are read when a return has ended
         self._values = _slots(jax.tree.leaves(self._plain.lane_state.trajectory))
-        self._rates = _slots(self._differentiated.lane_state.rate[: len(float_leaves(state)) + 1])
         self._function = jax.custom_jvp(self._value)
         self._function.defjvp(self._slope)
 
     def __call__(self, params: Params, state: State) -> Returned:
         return self._function(params, state)
+
+    @cached_property
+    def _differentiated(self) -> _Kernel:
+        """The kernel with derivatives, compiled once a derivative is asked for."""
+        shapes = jax.eval_shape(self._with_zero_tangent, *self._like)
+        return _Kernel(self.crossing, *shapes, quick=self._quick)
 
     def _opened(self, params: Params, state: State) -> tuple[Params, ReturnState]:
         return params, self.crossing.begin(params, state)
@@ -148,7 +153,9 @@ class KernelReturns:
         params, state = primals
         along, rate = map(_float_tangents, tangents)
         lane = _with_tangent(self.crossing.begin, (params, state), (along, rate))
-        ends = self._ends_of(self._differentiated, vector(((params, along), lane)), self._rates)
+        # the tangents of the state's float leaves and of the time come first in a carry
+        rates = _slots(self._differentiated.lane_state.rate[: len(float_leaves(state)) + 1])
+        ends = self._ends_of(self._differentiated, vector(((params, along), lane)), rates)
         *numbers, t = _split(ends, [*float_leaves(state), jnp.zeros(())])
         return self._function(params, state), (t, tangent_of(state, numbers), np.zeros((), jax.dtypes.float0))
 
@@ -166,11 +173,14 @@ class _Kernel:
     Args:
         crossing: the functions of a return.
         constants, carry: shapes and dtypes of what `_Lane.open` takes.
+        quick: as of `llvm_code.machine_code`.
     """
 
-    def __init__(self, crossing: PoincareReturn, constants: Any, carry: Any) -> None:
+    def __init__(self, crossing: PoincareReturn, constants: Any, carry: Any, *, quick: bool) -> None:
         self._chunk = chunk_of(_Lane(crossing), constants, carry)  # type: ignore[arg-type]
-        self._run, self._slots = cpu_program.compiled(self._chunk, contraction=crossing.numerics.contraction)
+        self._run, self._slots = cpu_program.compiled(
+            self._chunk, contraction=crossing.numerics.contraction, quick=quick
+        )
         self.lane_state: _LaneState = self._chunk.carry
 
     def __call__(

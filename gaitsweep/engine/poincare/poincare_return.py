@@ -142,13 +142,14 @@ def crossing(model: Model, numerics: ResolvedNumerics, engine: str = "auto") -> 
         model: the model.
         numerics: the method and its tolerances. With fixed steps no event is located: the state is a
             discontinuous function of its start, and derivatives are refused.
-        engine: kernel, xla, or auto: kernel where the model and the machine allow it.
+        engine: kernel, xla, or auto: kernel where the model and the machine allow it; quick is a kernel for
+            few returns, which is compiled in less time and runs longer.
 
     Raises:
         ArgumentError: the engine is unknown.
         UnsupportedError: a kernel is required, but the model uses operations that no kernel has.
     """
-    if engine not in ("auto", "kernel", "xla"):
+    if engine not in ("auto", "kernel", "quick", "xla"):
         raise ArgumentError(f"engine is {engine}. Allowed: auto, kernel, xla.")
     functions = PoincareReturn(model, numerics)
 
@@ -165,19 +166,20 @@ def crossing(model: Model, numerics: ResolvedNumerics, engine: str = "auto") -> 
         return _without_derivative(by_xla, f"{return_map} has no derivative: {functions.refusal}")
     if engine == "xla" or (engine == "auto" and jax.default_backend() != "cpu"):
         return by_xla
-    return _by_kernel(functions, None if engine == "kernel" else by_xla)
+    return _by_kernel(functions, None if engine == "kernel" else by_xla, quick=engine == "quick")
 
 
 # `crossing` of a model whose content is known, kept.
 crossing_of = cached_by_content(maxsize=16)(crossing)
 
 
-def _by_kernel(crossing: PoincareReturn, substitute: Crossing | None) -> Crossing:
+def _by_kernel(crossing: PoincareReturn, substitute: Crossing | None, *, quick: bool) -> Crossing:
     """The return by a kernel, which is compiled for each structure of parameters and states.
 
     Args:
         crossing: the functions of the return.
         substitute: the function to use where there is no kernel; None: that is an error.
+        quick: compile in less time to code that runs longer.
     """
     returns: dict[Hashable, Crossing] = {}
 
@@ -191,7 +193,7 @@ def _by_kernel(crossing: PoincareReturn, substitute: Crossing | None) -> Crossin
         key = jax.tree.structure(shapes), tuple(jax.tree.leaves(shapes))
         if key not in returns:
             try:
-                returns[key] = KernelReturns(crossing, *shapes)
+                returns[key] = KernelReturns(crossing, *shapes, quick=quick)
             except UnsupportedError:
                 if substitute is None:
                     raise

@@ -51,10 +51,12 @@ class _Collected(NamedTuple):
     ended: Bool[np.ndarray, " lanes"]
 
     @classmethod
-    def of(cls, group: Group, output: ChunkOutput) -> _Collected:
+    def of(cls, group: Group, output: ChunkOutput, most_samples: int | None) -> _Collected:
         """The output with the masks of the group's lanes, of which idle ones are in neither."""
         busy = group.block_of != IDLE
         is_running = output.numbers["status"] == Status.running
+        if most_samples is not None:
+            is_running = is_running & (output.samples < most_samples)
         return cls(group, output, busy & is_running, busy & ~is_running)
 
 
@@ -275,7 +277,7 @@ class LaneScheduler:
 
     def _collect(self, group: Group, output: ChunkOutput) -> None:
         """Collect the output of a group's chunk."""
-        collected = _Collected.of(group, output)
+        collected = _Collected.of(group, output, self.spec.most_samples)
         self._pass_to_blocks(collected)
         self._count(collected)
         self._size_chunk(collected)

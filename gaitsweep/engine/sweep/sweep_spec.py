@@ -32,6 +32,8 @@ class SweepSpec:
             row's step lengths.
         drive: the parameters at a time from a row's values, for ramps and staircases.
         engine: the engine that runs the rows.
+        most_samples: a row also ends, without a status, once it has so many samples or more.
+        quick: compile a kernel of a CPU quickly, to code of the same results that runs up to twice as long.
         varied: names of parameters that may differ between rows even where those of this sweep do not: sweeps
             that vary the same ones share a kernel of a GPU, whatever their rows are.
     """
@@ -46,6 +48,8 @@ class SweepSpec:
     values: Callable[[int, int], tuple[Values, Values]]
     drive: RowDrive | None = None
     engine: EngineName = "xla"
+    most_samples: int | None = None
+    quick: bool = False
     varied: frozenset[str] = frozenset()
 
 
