@@ -9,7 +9,7 @@ import pandas as pd
 from jaxtyping import Bool
 
 from gaitsweep.analysis.basins.fractions import LEVEL, proportion_interval
-from gaitsweep.analysis.records import AnalysisError, panels_of, require, with_constants
+from gaitsweep.analysis.records import AnalysisError, names_in, panels_of, require, with_constants
 from gaitsweep.status import Status
 
 _COLUMNS = ["rows", "falls", "tried", "steps", "low", "high"]
@@ -121,7 +121,7 @@ def _walks(
     table: pd.DataFrame | Sequence[pd.DataFrame], by: str | Sequence[str], level: float
 ) -> tuple[pd.DataFrame, list[str], Bool[np.ndarray, " rows"]]:
     """The table of all tables, the names of `by`, and which rows fell; refuses rows with another end."""
-    by = [by] if isinstance(by, str) else list(by)
+    by = names_in(by)
     if not 0.0 < level < 1.0:
         raise AnalysisError(f"level is {level:g}, but must be between 0 and 1.")
     table = with_constants(table, by)

@@ -73,7 +73,7 @@ def gait_of_footfalls(touchdowns: Sequence[float], duty: Sequence[float], legs: 
         legs: the legs: L and R; LF, RF, LH and RH; or L1, R1, L2, R2, L3 and R3, in any order.
 
     Raises:
-        ValueError: other legs.
+        ValueError: other legs, or another number of touchdowns or duty factors.
 
     Example:
         >>> import gaitsweep as gs
@@ -81,6 +81,7 @@ def gait_of_footfalls(touchdowns: Sequence[float], duty: Sequence[float], legs: 
         'lateral sequence walk'
     """
     refuse_legs(legs)
+    _refuse_lengths(touchdowns, duty, legs)
     index = gait_index(dict(zip(legs, touchdowns, strict=True)), float(np.mean(duty)))
     return GAITS[len(legs)][int(index)]
 
@@ -93,11 +94,15 @@ def support_patterns(
     Args:
         touchdowns, duty, legs: as of `gait_of_footfalls`; legs may have any names.
 
+    Raises:
+        ValueError: there is no leg, or another number of touchdowns or duty factors.
+
     Example:
         >>> import gaitsweep as gs
         >>> gs.analyses.support_patterns([0.0, 0.5, 0.5, 0.0], [0.5] * 4, ["LF", "RF", "LH", "RH"])
         {'LF RH': 0.5, 'RF LH': 0.5}
     """
+    _refuse_lengths(touchdowns, duty, legs)
     begin = np.asarray(touchdowns, float)
     length = np.asarray(duty, float)
     edges = np.unique(np.r_[0.0, np.mod(np.r_[begin, begin + length] - begin.min(), 1.0), 1.0])
@@ -107,6 +112,13 @@ def support_patterns(
         feet = " ".join(leg for leg, is_down in zip(legs, down, strict=True) if is_down)
         shares[feet] = shares.get(feet, 0.0) + float(high - low)
     return shares
+
+
+def _refuse_lengths(touchdowns: Sequence[float], duty: Sequence[float], legs: Sequence[str]) -> None:
+    """Refuse touchdowns and duty factors that are not one for each leg, and no leg."""
+    if not len(touchdowns) == len(duty) == len(legs) > 0:
+        counts = f"{len(touchdowns)} touchdowns, {len(duty)} duty factors and {len(legs)} legs"
+        raise ValueError(f"There are {counts}: give one touchdown and one duty factor for each leg.")
 
 
 def refuse_legs(legs: Sequence[str]) -> None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 
 from gaitsweep.plot.columns import PlotError
-from gaitsweep.table.manifest import BY_STEP, BY_STEP_WORDS, DIFFERENCES
+from gaitsweep.table.manifest import BY_STEP, BY_STEP_WORDS, DIFFERENCES, self_check_warned
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -44,7 +44,7 @@ def remarks(table: pd.DataFrame) -> list[str]:
     if "thinned" in table.attrs:
         notes.append(str(table.attrs["thinned"]))
     check = manifest.get("self_check")
-    if isinstance(check, Mapping) and (check.get("verdict") == "warned" or check.get(BY_STEP)):
+    if self_check_warned(check) or (isinstance(check, Mapping) and check.get(BY_STEP)):
         notes.append(f"self-check: {_differences(check)}")
     return notes
 

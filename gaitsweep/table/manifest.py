@@ -66,6 +66,11 @@ BY_STEP_WORDS: Final = Difference(
 )
 
 
+def self_check_warned(check: object) -> bool:
+    """Return whether the self-check in a manifest warned; false for none."""
+    return isinstance(check, Mapping) and check.get("verdict") == "warned"
+
+
 class DamagedManifest(TableError):
     """A manifest that was changed after gaitsweep wrote it, or is missing beside a table.
 

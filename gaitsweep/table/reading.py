@@ -250,7 +250,7 @@ def _parsed(text: str) -> Any:
 
 def load(
     path: str | Path,
-    columns: Sequence[str] | None = None,
+    columns: str | Sequence[str] | None = None,
     rows: Rows | None = None,
 ) -> pd.DataFrame:
     """Read the table of a result directory, complete or not, in the order of its rows.
@@ -291,7 +291,7 @@ def load(
 
 
 def load_with_snapshot(
-    path: str | Path, columns: Sequence[str] | None = None, rows: Rows | None = None
+    path: str | Path, columns: str | Sequence[str] | None = None, rows: Rows | None = None
 ) -> tuple[Snapshot, pd.DataFrame]:
     """Read the table of a result directory, with the snapshot of the directory.
 
@@ -299,6 +299,7 @@ def load_with_snapshot(
         path, columns, rows: as for `load`, whose errors it raises.
     """
     path = Path(path)
+    columns = [columns] if isinstance(columns, str) else columns
     n_rows = read_manifest(path)["rows"]
     selection = Selection.of(columns, rows, n_rows)
     parts = PartRecords(n_rows if selection.rows is None else len(selection.rows))

@@ -63,7 +63,7 @@ def test_a_posterior_by_rejection_is_calibrated() -> None:
 
 
 def test_one_set_and_tensors_have_their_own_shapes() -> None:
-    hops = gs.simulator({**HOPS, "start": {"launch_0": 2.5}}, ["omega"], ["launch_end", "t_end"])
+    hops = gs.simulator({**HOPS, "start": {"launch_0": 2.5}}, "omega", ["launch_end", "t_end"])
 
     class Tensor(np.ndarray):
         """A tensor of torch, as far as a simulator sees it."""
@@ -98,7 +98,7 @@ def test_a_job_that_is_no_simulator_is_refused(
 
 def test_an_unknown_column_is_refused() -> None:
     with pytest.raises(gs.ArgumentError, match="did you mean launch_end"):
-        gs.simulator(HOPS, ["omega"], ["launch_nd"])([12.0])
+        gs.simulator(HOPS, "omega", "launch_nd")([12.0])
 
 
 @pytest.mark.slow

@@ -29,6 +29,8 @@ from gaitsweep.shipped import EXAMPLES
 
 WALKERS = EXAMPLES / "walkers"
 LEGS = ("LF", "RF", "LH", "RH")
+PHASES = "{kind: phase, omega: 6, coupling: 4, phases: {L: 0, R: pi}, sigma: 0.03}"
+MATSUOKA = "{kind: matsuoka, rise: 0.05, adaptation: 0.5, hip: 3}"
 DELTA = np.array([0.0, 3.0, 2.9, 0.3])
 PHASE = np.array([0.4, 3.9, 2.0, 5.5])
 LOADS = np.array([12.0, 0.0, 30.0, 5.0])
@@ -199,11 +201,19 @@ def test_a_model_file_is_the_class_that_one_would_write() -> None:
         ),
         ("R: {foot: foot_r", "R: {foot: foot_l", r"legs\.R\.foot is foot_l, .* already the foot of leg L"),
         ("knee: knee_l}", "knee: hip_l}", r"legs\.L\.knee is hip_l, .* already the hip of leg L"),
+        (
+            "L: {foot: foot_l, hip: hip_l, knee: knee_l}",
+            "L: {foot: foot_l}",
+            r"line 9: controller\.legs\.L has no joint, .* hip, knee: JOINT",
+        ),
+        (f"{PHASES}\n", f"{MATSUOKA}\n", r"line 9: controller\.legs\.L has no hip, .* write hip: JOINT"),
     ],
 )
 def test_errors_of_a_model_file_have_its_line(tmp_path: Path, old: str, new: str, words: str) -> None:
     text = (WALKERS / "biped.yaml").read_text()
     assert old in text
+    if new.startswith(MATSUOKA):
+        text = text.replace("foot_l, hip: hip_l", "foot_l")
     (tmp_path / "biped.yaml").write_text(text.replace(old, new))
     (tmp_path / "biped.xml").write_text((WALKERS / "biped.xml").read_text())
     with pytest.raises(JobError, match=words):
@@ -218,6 +228,33 @@ def test_a_model_file_says_that_rows_begin_standing(tmp_path: Path) -> None:
         (tmp_path / f"{start}.yaml").write_text(f"{text}\nstart: {start}\n")
         kinds.append(model_of_file(tmp_path / f"{start}.yaml"))
     assert [kind.begins_standing for kind in kinds] == [False, True]
+
+
+def test_the_order_of_legs_counts_and_that_of_their_joints_does_not(tmp_path: Path) -> None:
+    """The first leg closes the cycle. Feedback reads the hips: by it, the angle 0.2 rad of hip_r adds
+    3 x 0.2 / 0.05 = 12 1/s to the rate of its extensor and takes them from its flexor's."""
+    text = (WALKERS / "biped.yaml").read_text().replace(PHASES, MATSUOKA)
+    left, right = (line for line in text.splitlines(keepends=True) if "foot: foot_" in line)
+    (tmp_path / "biped.xml").write_text((WALKERS / "biped.xml").read_text())
+    path = tmp_path / "biped.yaml"
+
+    def model_of(legs: str) -> Any:
+        path.write_text(text.replace(left + right, legs))
+        return model_of_file(path)()
+
+    def rates(model: Any, hip_r: float) -> np.ndarray:
+        p = model.params({q.name: jnp.asarray(q.default, float) for q in model.parameters})
+        starts = {q.name: jnp.asarray(0.0) for q in model.initial_conditions}
+        return np.asarray(model.rates(p, model.init(p, {**starts, "hip_r_0": jnp.asarray(hip_r)}))["u"])
+
+    knee_first = right.replace("hip: hip_r, knee: knee_r", "knee: knee_r, hip: hip_r")
+    model = model_of(left + knee_first)
+    felt = rates(model, 0.2) - rates(model, 0.0)
+    np.testing.assert_allclose(np.abs(felt), [0.0, 12.0, 0.0, 12.0], atol=1e-9)
+    swapped = model_of(right + left)
+    assert type(swapped) is not type(model)
+    assert swapped.data_digest != model.data_digest
+    np.testing.assert_allclose(rates(swapped, 0.2) - rates(swapped, 0.0), felt[[1, 0, 3, 2]], atol=1e-9)
 
 
 def test_an_empty_model_file_and_a_body_that_is_not_located_are_refused(tmp_path: Path) -> None:

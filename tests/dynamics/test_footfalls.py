@@ -207,6 +207,9 @@ def test_a_foot_that_stands_has_no_steps_and_its_row_settles(drag: float, steps:
 def test_footfalls_that_have_no_names_are_refused() -> None:
     with pytest.raises(ValueError, match="allowed are, in any order, L, R; LF, RF, LH, RH; L1"):
         footfalls("time", legs=("FL", "FR", "HL", "HR"))
+    for legs, duty in ((("L", "R"), [0.6]), ((), [])):
+        with pytest.raises(ValueError, match="give one touchdown and one duty factor for each leg"):
+            support_patterns([0.0] * len(legs), duty, legs)
     with pytest.raises(TypeError, match="footfalls of the clock tme, no variable; did you mean time"):
         type("Mine", (Stepper,), {"feet": footfalls("tme", legs=LEGS[4])(lambda self, p, s: s.down)})
     with pytest.raises(TypeError, match="gaits of its own without label: leave gaits out"):

@@ -283,13 +283,41 @@ def test_what_cannot_be_pushed_is_refused(fields: dict[str, Any], says: str) -> 
         job(**fields)
 
 
+def test_pushes_are_named_once_and_one_name_is_no_list_of_letters() -> None:
+    def pushes(push: Any, run: Any = None) -> Any:
+        return (
+            gs.perturb(Hopper(), push, run=run, push_launch=0.01, verify=0)
+            .table["recovery"]
+            .astype(str)
+            .tolist()
+        )
+
+    recovery = pushes(["launch"], {"within": 0.02})
+    assert pushes("launch", gs.Perturb(within=0.02)) == recovery
+    assert pushes((), gs.Perturb(push=["launch"], within=0.02)) == recovery
+    assert pushes((), {"push": ["launch"], "within": 0.02}) == recovery
+    for run in ({"push": ["launch"]}, gs.Perturb(push=["launch"])):
+        with pytest.raises(gs.ArgumentError, match="push is given twice, once in run"):
+            pushes("launch", run)
+    with pytest.raises(gs.ArgumentError, match="run is a Settle, but must be a Perturb"):
+        pushes("launch", gs.Settle())
+    with pytest.raises(gs.ArgumentError, match=r"forse is not a field .* did you mean force"):
+        pushes("launch", {"forse": True})
+
+
 def test_the_unstable_have_no_phase_response() -> None:
     hops = gs.return_map(Hopper(), omega=3.7)
     unstable = hops.fixed_points([5.9, 8.3])
     with pytest.raises(gs.ArgumentError, match="outside the unit circle"):
         hops.phase_response(unstable, ["launch"], [0.5])
     with pytest.raises(gs.ArgumentError, match="did you mean launch"):
-        hops.phase_response(unstable, ["lanch"])
+        hops.phase_response(unstable, "lanch")
+    for call in (hops.fixed_points, hops.multipliers, hops):
+        with pytest.raises(gs.ArgumentError, match="x has no points"):
+            call(np.zeros((0, 2)))
+    for within in ((3.7,), (3.7, 3.7), "ab"):
+        with pytest.raises(gs.ArgumentError, match="must be two different numbers"):
+            hops.continue_([0.4, 8.3], "omega", within)  # pyright: ignore[reportArgumentType]
 
 
 @pytest.mark.slow

@@ -17,7 +17,7 @@ from jaxtyping import Array, Bool, Float
 
 from gaitsweep.dynamics.controllers.joint_torques import control_of_legs
 from gaitsweep.dynamics.controllers.leg_targets import Targets
-from gaitsweep.dynamics.controllers.oscillators import LegSenses
+from gaitsweep.dynamics.controllers.oscillators import HIP, LegSenses
 from gaitsweep.dynamics.declarations import observable, parameter, signal, variable
 from gaitsweep.dynamics.event_declarations import event
 from gaitsweep.dynamics.footfalls import LEGS, footfalls
@@ -188,10 +188,10 @@ class ControlledBody:
         return jnp.stack([model.load(params, state, leg.foot) for leg in self.legs])
 
     def _hips(self, model: Any, state: Any) -> Float[Array, " legs"]:
-        """The angles (n,) of the legs' first joints, rad, leg forward positive."""
+        """The angles (n,) of the legs' hips, rad, leg forward positive."""
         angles = []
         for leg in self.legs:
-            hip = next(iter(leg.joints.values()))
+            hip = leg.joints[HIP]
             # a turn about y moves the leg backwards
             turns_backwards = float(self.m.joint(hip).axis[1]) > 0.0
             position = model.position(state, hip)

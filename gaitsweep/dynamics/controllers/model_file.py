@@ -42,7 +42,7 @@ from gaitsweep.dynamics.controllers.leg_targets import (
     actuator_of,
     two_link_leg,
 )
-from gaitsweep.dynamics.controllers.oscillators import OSCILLATORS, Oscillators
+from gaitsweep.dynamics.controllers.oscillators import HIP, OSCILLATORS, Oscillators
 from gaitsweep.dynamics.mjcf.source import Stamps, compiled_mjcf, keyframe_number, stamps_of_mjcf
 from gaitsweep.dynamics.mjx.mjcf_model import MjcfModel
 from gaitsweep.near_miss import suggestion
@@ -52,7 +52,8 @@ from gaitsweep.schema.strict_model import OneOf, StrictModel
 from gaitsweep.schema.yaml_document import Document, read_document
 
 _FOOT = "foot"  # the entry of a leg that names its foot; the others are roles of joints
-_ROLES_OF_A_PATH = ("hip", "knee")
+_KNEE = "knee"
+_ROLES_OF_A_PATH = (HIP, _KNEE)
 
 
 class Controller(StrictModel):
@@ -136,7 +137,7 @@ def model_of_file(path: Path) -> type[BodyModel] | type[MjcfModel]:
     """
     path = path.resolve()
     document = read_document(path, noun="a model file", fields=("body", "controller"))
-    content = json.dumps(document.data, sort_keys=True, default=str)
+    content = json.dumps(document.data, default=str)  # legs and joints count in their order
     stamps = stamps_of_mjcf(path.parent / str(document.data.get("body")))
     return _class_of(_Source(path, content, stamps, document))
 
@@ -241,6 +242,14 @@ def _leg(document: Document, controller: Controller, m: Any, name: str) -> Leg:
     if controller.path is not None and set(parts) != {_FOOT, *_ROLES_OF_A_PATH}:
         raise _error(document, "needs foot, hip and knee, from which path: moves the foot.", *place)
     joints = {role: joint for role, joint in parts.items() if role != _FOOT}
+    if not joints:
+        text = f"has no joint, so that nothing moves it: write one of {', '.join(roles)}: JOINT."
+        raise _error(document, text, *place)
+    for role in controller.oscillators.roles_of_feedback:
+        if role not in joints:
+            raise _error(
+                document, f"has no {role}, whose angle the oscillators feel: write {role}: JOINT.", *place
+            )
     return Leg(name, parts[_FOOT], joints)
 
 
@@ -290,7 +299,7 @@ def _targets(document: Document, controller: Controller, legs: list[Leg], m: Any
     two_link_legs = []
     for leg in legs:
         with _errors_at(document, "controller", "legs", leg.name):
-            two_link_legs.append(two_link_leg(m, leg.joints["hip"], leg.joints["knee"], leg.foot))
+            two_link_legs.append(two_link_leg(m, leg.joints[HIP], leg.joints[_KNEE], leg.foot))
     return FootPaths(controller.path, two_link_legs)
 
 

@@ -21,6 +21,7 @@ from gaitsweep.dynamics.declarations import parameter, variable
 from gaitsweep.schema.numbers import NotNegative, Positive, Real, Text
 from gaitsweep.schema.strict_model import Registry, StrictModel
 
+HIP = "hip"  # role of the joint whose angle is fed back, and which a path of the foot moves
 _TURN = 2.0 * math.pi
 
 
@@ -51,6 +52,11 @@ class Oscillators(StrictModel, abc.ABC):
     @abc.abstractmethod
     def named_legs(self) -> dict[str, list[str]]:
         """The legs that fields name, by the field."""
+
+    @property
+    @abc.abstractmethod
+    def roles_of_feedback(self) -> tuple[str, ...]:
+        """The roles of joints that the feedback reads, which each leg must have: hip, or none."""
 
     @abc.abstractmethod
     def declarations(self, legs: Sequence[str]) -> dict[str, Any]:
@@ -118,6 +124,10 @@ class _Rhythm(Oscillators):
     @property
     def named_legs(self) -> dict[str, list[str]]:
         return {"phases": list(self.phases)}
+
+    @property
+    def roles_of_feedback(self) -> tuple[str, ...]:
+        return ()
 
     def _parameters(self, legs: Sequence[str]) -> dict[str, Any]:
         """The parameters of oscillators with a phase, by name."""
@@ -281,6 +291,10 @@ class MatsuokaOscillators(Oscillators):
     @property
     def named_legs(self) -> dict[str, list[str]]:
         return {"inhibited": [leg for pair in self.inhibited for leg in pair]}
+
+    @property
+    def roles_of_feedback(self) -> tuple[str, ...]:
+        return () if self.hip is None else (HIP,)
 
     def declarations(self, legs: Sequence[str]) -> dict[str, Any]:
         n = len(legs)

@@ -136,9 +136,16 @@ def _job(table: pd.DataFrame, section: str) -> dict[str, Any]:
 
 
 def springs_of(table: pd.DataFrame) -> int:
-    """N of a table of the chain: of a trace from phase_1, ..., of others from psi_1_end or psi_1_n, ..."""
+    """N of a table of the chain: of a trace from phase_1, ..., of others from psi_1_end or psi_1_n, ...
+
+    Raises:
+        AnalysisError: the table has neither.
+    """
     legs = sum(bool(re.fullmatch(r"phase_\d+", str(name))) for name in table)
-    return legs - 1 if legs else len(psi_columns(table, "_(end|n)"))
+    springs = legs - 1 if legs else len(psi_columns(table, "_(end|n)"))
+    if springs < 1:
+        raise AnalysisError("The table is not of the multi-legged chain: it has no phase_1 and no psi_1_end.")
+    return springs
 
 
 def psi_columns(table: pd.DataFrame, suffix: str) -> list[str]:
