@@ -166,7 +166,8 @@ def states_at_end(model: HybridModel) -> list[Column]:
         block = records.block
         values = np.full(block.row.size, np.nan)
         kept = block.kept > 0
-        values[kept] = block.samples[:, place]
+        if kept.any():  # rows that a refined run infers have no samples
+            values[kept] = block.samples[:, place]
         return np.where(block.status == Status.settled, values, np.nan)
 
     return [

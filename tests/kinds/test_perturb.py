@@ -427,6 +427,24 @@ def test_settled_rows_of_a_table_are_pushed_as_rows_that_settle_anew(tmp_path: P
 
 
 @pytest.mark.slow
+def test_rows_that_a_refined_run_infers_have_no_state() -> None:
+    starts: dict[str, Any] = {"launch_0": {"linspace": [1, 9, 24]}, "phase_0": {"linspace": [0, 6, 24]}}
+    whole = gs.sweep(Hopper(), run=Settle(states=True), verify=0, **starts).table
+    refined = gs.sweep(
+        Hopper(), run=Settle(states=True, refine="boundary", coarse=4), verify=0, **starts
+    ).table
+    simulated = np.isfinite(refined["t_end"].to_numpy())
+    assert 0 < simulated.sum() < len(refined)
+    settled = (whole["status"] == "settled").to_numpy()
+    np.testing.assert_array_equal(np.isfinite(refined["state_launch"]), simulated & settled)
+    both = simulated & settled
+    np.testing.assert_array_equal(refined["state_launch"][both], whole["state_launch"][both])
+    # at the section the state of the hopper is what is observed there; of a longer orbit a crossing is chosen
+    fixed = settled & (whole["attractor_period"] == 1)
+    np.testing.assert_array_equal(whole["state_launch"][fixed], whole["launch_end"][fixed])
+
+
+@pytest.mark.slow
 def test_modes_of_a_settled_row_are_kept() -> None:
     """A chain without a push is on its gait at each crossing, if the stance of each leg is that of before."""
     start: dict[str, Any] = {"psi_1": 1.0, "psi_2": 2.0, "psi_3": 3.0}
