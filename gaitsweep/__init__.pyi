@@ -74,6 +74,7 @@ from gaitsweep.skeleton import Skeleton as Skeleton
 from gaitsweep.status import Status as Status
 from gaitsweep.table import TableError as TableError
 from gaitsweep.table import load as load
+from gaitsweep.table import same_categories as same_categories
 from gaitsweep.view.row_movie import write_movie as write_movie
 from gaitsweep.view.row_movie import write_still as write_still
 

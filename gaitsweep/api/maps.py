@@ -33,7 +33,8 @@ from gaitsweep.engine.solver.methods import derivative_refusal
 from gaitsweep.errors import ArgumentError
 from gaitsweep.job import Job
 from gaitsweep.kinds import ReturnMap
-from gaitsweep.kinds.columns import quantities_of
+from gaitsweep.kinds.columns import AT_REST, gaits, quantities_of
+from gaitsweep.kinds.fixed_points import gait_numbers
 
 # Points of the section: their coordinates, start values by name, or what these methods return.
 SectionPoints = Points | FixedPoints | Mapping[str, Any]
@@ -153,7 +154,7 @@ class FixedPointsOfModel(abc.ABC):
 
         Returns:
             One record a point of a branch, as of `analysis.continuation.continuation`; `row` is the place of
-            its start, and `direction` that of the branch at its start. `gs.plot.continuation` draws it.
+            its start, `direction` that of the branch at its start, and `gait` its gait. `gs.plot.continuation` draws it.
 
         Raises:
             ArgumentError: the map has no derivative, the parameter is not the model's, its value is outside
@@ -205,7 +206,8 @@ class FixedPointsOfModel(abc.ABC):
                 with_points=isinstance(self._once, StationaryMap),
             )
             tables.append(branches.assign(direction=direction))
-        return self._described(pd.concat(tables, ignore_index=True), parameter)
+        table = pd.concat(tables, ignore_index=True)
+        return self._described(table.assign(gait=self._gaits(table)), parameter)
 
     def _begin(self, points: Points, parameter: str) -> Float[np.ndarray, " begin"]:
         """The values of a parameter or a conserved quantity at points: one each, or one for all."""
@@ -216,6 +218,25 @@ class FixedPointsOfModel(abc.ABC):
             self.mapping.complete({parameter: 0.0}, 1)  # refuses names that the model does not have
         values = self._parameters[parameter]
         return values if parameter in self._values else values[:1]
+
+    def _gaits(self, table: pd.DataFrame) -> pd.Categorical:
+        """The gait at each record of a table of branches, as in the table of a job."""
+        if isinstance(self._once, StationaryMap):
+            return pd.Categorical([AT_REST] * len(table))
+        has_point = table["stable"].notna().to_numpy()
+        codes = np.full(len(table), -1)
+        if has_point.any():
+            points = table.loc[has_point]
+            row = points["row"].to_numpy(np.int64)
+            values = {name: column[row] for name, column in self._values.items()}
+            values |= {name: points[name].to_numpy(float) for name in self._parameters if name in points}
+            # observables have other names where another column has theirs
+            names = {
+                q.name: f"{q.name}_n" if f"{q.name}_n" in points else q.name for q in self.model.observables
+            }
+            observed = {name: points[column].to_numpy(float) for name, column in names.items()}
+            codes[has_point] = gait_numbers(self._once, values, observed, len(points))
+        return gaits(self.model, codes)
 
     def _described(self, table: pd.DataFrame, parameter: str) -> pd.DataFrame:
         """A table of branches with its coordinates, and with what figures read of a job's table."""

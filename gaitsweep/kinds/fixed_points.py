@@ -286,7 +286,7 @@ class FollowsFixedPoints(RunKind):
             observed = {
                 name: table.loc[has_point, column].to_numpy(float) for name, column in present.items()
             }
-            codes[has_point] = _gait_numbers(mapped.mapping, at, observed, int(has_point.sum()))
+            codes[has_point] = gait_numbers(mapped.mapping, at, observed, int(has_point.sum()))
         status = np.where(sound, Status.complete.name, Status.no_fixed_point.name)
         plain = {name: names[name] for name, column in present.items() if column == name}
         table = table.rename(columns={**renamed, **plain})
@@ -354,7 +354,7 @@ def _listed(values: Float[np.ndarray, " values"]) -> str:
     return ", ".join(texts)
 
 
-def _gait_numbers(
+def gait_numbers(
     mapping: ModelMap, values: Values, observed: Mapping[str, Any], n: int
 ) -> Int[np.ndarray, " points"]:
     """The code of the gait of each of n fixed points, (n,), from parameters and observables (n,)."""

@@ -221,11 +221,32 @@ def faults_of_rows(model: Model, values: Columns, starts: Columns, where: Where)
     has_guards = True if at_starts.guards is None else ~np.any(np.isnan(at_starts.guards), axis=1)
     for name, beyond in at_starts.beyond.items():
         if (row := _first_row(beyond & has_guards)) is not None:
+            value = surface_value(model, name, {**values, **starts}, row)
+            is_value = "" if value is None else f", where its function is {value:.3g}"
             sentences.append(
-                f"which begins on or beyond the surface of its event {name!r}{where(row)}: "
-                "the event occurs only after its function has been below zero."
+                f"which begins on or beyond the surface of its event {name!r}{where(row)}{is_value}: "
+                "the event occurs only after its function has been below 0."
             )
     return sentences
+
+
+def surface_value(model: Model, name: str, values: Columns, row: int) -> float | None:
+    """The function of the event `name` at the start of a row; None for events that are not declared.
+
+    Args:
+        model: a model without `host_parameters`.
+        name: the name of the event.
+        values: parameters and starts of the rows.
+        row: the place of the row.
+    """
+    model = model.original
+    events = model.single_events() if isinstance(model, Declared) and not model.host_parameters else []
+    for event in events:
+        if event.name == name:
+            known = {key: jnp.asarray(column[row]) for key, column in values.items()}
+            params = model.params(known)
+            return float(event.height(model, params, model.init(params, known)))
+    return None
 
 
 def _start_faults(model: Model, at_starts: _AtStarts, where: Where) -> Iterator[str]:

@@ -61,6 +61,8 @@ def tool_entry(made_by: str | None = None, commit: str | None = None) -> str:
     }
     if cited == facts["version"]:
         fields["year"] = str(facts["date-released"])[:4]
+    if doi := facts.get("doi"):
+        fields["doi"] = doi
     if url := facts.get("url") or facts.get("repository-code"):
         fields["url"] = url
     fields["note"] = f"{facts['license']}, commit {commit}" if commit else facts["license"]

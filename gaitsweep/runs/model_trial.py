@@ -28,9 +28,9 @@ from gaitsweep.job import Job
 from gaitsweep.kinds import Settle, Trace
 from gaitsweep.kinds.columns import UNKNOWN_GAIT
 from gaitsweep.models.conformity import idle_starts, sets_starts
-from gaitsweep.models.value_faults import sample, written
+from gaitsweep.models.value_faults import sample, surface_value, written
 from gaitsweep.runs.execute import table_in_memory
-from gaitsweep.runs.sentences import MISLABELLED, remarks
+from gaitsweep.runs.sentences import MISLABELLED, STARTS_BEYOND, remarks
 from gaitsweep.status import Status
 
 ROWS = 32
@@ -91,7 +91,11 @@ def trial(kind: type[Model], on_message: Callable[[str], None] = lambda _: None)
         faults.append(f"of which all {manifest['rows']} rows that were tried ended as not_a_number.")
     counts = ", ".join(f"{number} {status}" for status, number in manifest["counts"].items())
     tried = f"Tried {manifest['rows']} rows of {CYCLES} cycles over the ranges of parameters and starts:"
-    begun = remarks({**manifest, MISLABELLED: {}})
+    begun = remarks({**manifest, MISLABELLED: {}, STARTS_BEYOND: {}})
+    begun += [
+        _beyond(model, name, about["rows"], about["row"], values)
+        for name, about in manifest.get(STARTS_BEYOND, {}).items()
+    ]
     crosses = table["cycles"].to_numpy(float).any()
     warned = [*(_constant(model, table) if crosses else ()), *_unmet(model, table, values)]
     if isinstance(model, HybridModel) and model.locates_events and not model.host_parameters:
@@ -100,6 +104,18 @@ def trial(kind: type[Model], on_message: Callable[[str], None] = lambda _: None)
         begun.append(f"These starts have no effect: {', '.join(idle)}; {sets_starts(model)} sets them.")
     sentences = [f"{tried} {counts}.", *begun, *energies]
     return Trial(faults, [*sentences, *(f"Warning: {warning}" for warning in warned)])
+
+
+def _beyond(model: Model, name: str, rows: int, first: int, values: Values) -> str:
+    """Return a sentence about starts at which the function of an event is not below zero."""
+    value = surface_value(model, name, values, first)
+    is_value = "" if value is None else f" (the function is {value:.3g})"
+    return (
+        f"At {rows} start{'s' * (rows != 1)} that {'were' if rows != 1 else 'was'} tried, the first one"
+        f"{written(values, first)}{is_value}, the event {name!r} does not happen: its function is not below "
+        "0, its limit. It happens once the function has been below 0 and rises through it. If it should "
+        "happen, keep such starts out by bounds (low=, high=), or begin in another mode (during=)."
+    )
 
 
 def _constant(model: Model, table: pd.DataFrame) -> list[str]:

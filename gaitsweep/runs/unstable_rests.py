@@ -18,6 +18,7 @@ from jaxtyping import Bool, Float, Int
 from gaitsweep.contract import Model, State
 from gaitsweep.dynamics.declared import Declared
 from gaitsweep.dynamics.footfalls import Footfalls
+from gaitsweep.engine.leaves import AllVariables
 from gaitsweep.engine.poincare.maps import MapEvaluation, Points, sizes
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.engine.recorders.staircase import StepRecorder
@@ -222,14 +223,26 @@ def _points(
     at_section: bool,
 ) -> Points:
     """The points of states (n,) at a crossing of the section, or of the next crossings of states between."""
+    # coordinates of a chart of all variables describe any state, so that the map itself leads to the section
+    by_map = not at_section and isinstance(mapping.chart, AllVariables)
 
     def point(values_of_state: Mapping[str, jax.Array], state: State) -> tuple[jax.Array, State]:
         params = mapping.params(values_of_state)
-        crossed = state if at_section else mapping.state(params, state)[1]
+        crossed = state if at_section or by_map else mapping.state(params, state)[1]
         return mapping.chart.to_coordinates(params, crossed), crossed
 
     complete = mapping.complete(values, len(jax.tree.leaves(states)[0]))
-    return Points(*jax.tree.map(np.asarray, jax.jit(jax.vmap(point))(complete, states)))
+    points = Points(*jax.tree.map(np.asarray, jax.jit(jax.vmap(point))(complete, states)))
+    return _images(mapping, points, values, COPIES * len(points)).points if by_map else points
+
+
+def _images(
+    mapping: BatchedReturnMap, points: Points, values: Mapping[str, Float[np.ndarray, " points"]], width: int
+) -> MapEvaluation:
+    """The images of points, in a batch of `width`: the map is compiled for each width of a batch."""
+    order = np.minimum(np.arange(width), len(points) - 1)
+    images = mapping.images(points[order], {name: column[order] for name, column in values.items()})
+    return images[: len(points)]
 
 
 class _DisplacedStates:
@@ -284,7 +297,7 @@ class _DisplacedStates:
                 break
             copies = np.tile(followed, COPIES)
             values = {name: column[copies] for name, column in self._values.items()}
-            images = self._mapping.images(batch, values)
+            images = _images(self._mapping, batch, values, COPIES * n)
             batch = images.points
             at = batch.at.reshape(COPIES, followed.size, -1)
             if number <= self._period:

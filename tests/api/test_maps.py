@@ -55,6 +55,8 @@ def test_a_branch() -> None:
     assert np.min(branch["kick"]) == pytest.approx(0.2)
     assert np.max(branch["kick"]) == pytest.approx(0.5)
     np.testing.assert_allclose(branch["launch_1"], branch["kick"] / (1 - R), atol=1e-6)
+    assert branch["gait"].cat.categories.tolist() == list(mapping.model.gaits)
+    assert branch.groupby("direction", observed=True)["gait"].nunique().tolist() == [1, 1]
     assert set(mapping.continue_(result, "kick", (0.2, 0.5), towards=1)["direction"]) == {1}
     axes = gs.plot.continuation(branch).axes[0]
     assert axes.get_xlabel() == "speed that a bounce adds (m/s)"

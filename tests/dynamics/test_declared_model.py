@@ -22,7 +22,7 @@ from gaitsweep.examples.compass_walker import CompassWalker
 from gaitsweep.examples.hopper import Hopper
 from gaitsweep.kinds import RUN_KINDS
 from gaitsweep.models.conformity import fault
-from gaitsweep.models.value_faults import faults
+from gaitsweep.models.value_faults import faults, surface_value
 from gaitsweep.skeleton import LimbLook
 from gaitsweep.status import Status
 from smooth_oscillators import VanDerPol
@@ -468,6 +468,9 @@ def test_starts_beyond_a_surface_are_those_that_the_jump_leaves_there() -> None:
         return {name: bool(each) for name, each in model.beyond_at_start(params, state).items()}
 
     assert beyond(Ground(), z_0=-0.1, v_0=0.0) == {"lands": True}
+    g = {q.name: np.array([q.default]) for q in Ground().parameters}
+    below = surface_value(Ground(), "lands", {**g, "z_0": np.array([-0.1]), "v_0": np.array([0.0])}, 0)
+    assert below == pytest.approx(0.1), "the function is -z"
     assert beyond(Ground(), z_0=0.1, v_0=-1.0) == {"lands": False}
     assert beyond(VanDerPol(), x_0=2.0, v_0=1.0) == {}  # a section without a jump
     started = {"stance_0": -0.2187, "stance_rate_0": 1.0918, "swing_rate_0": 0.3772}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Annotated, Any
 
@@ -36,6 +37,7 @@ from gaitsweep.status import Outcome, Status
 _PANELS_A_ROW = 4
 _MOST_PANELS = 40
 _LETTERS = 15  # of a label, an inch
+_NAMES_A_LINE = 3  # of a legend without shares
 _HATCHED = (Outcome.NOT_SETTLED, Outcome.FAILED)
 _Looks = tuple[dict[str, str], ...]  # colour, marker and hatch of each outcome, the same in all panels
 
@@ -83,7 +85,9 @@ def basin(
             texts = _shares(shown.loc[part.index], key) if shares else []
             headings.append(_heading(written(table, panels, value), texts, side))
     lines = max((text.count("\n") for text in headings), default=0)
-    height = rows * (side + 0.35 + 0.14 * lines) + (0.35 if numeric else 0.75)
+    # without shares the legend has no caption, and more names beside each other
+    legend = 0.75 if shares else 0.3 + 0.15 * math.ceil(len(key) / _NAMES_A_LINE)
+    height = rows * (side + 0.35 + 0.14 * lines) + (0.35 if numeric else legend)
     with theme.canvas(width, height, title) as figure:
         if not len(table):
             theme.message(figure.add_subplot(), "no rows yet")
@@ -232,7 +236,7 @@ def _legend(
         Patch(label=text, **theme.hatched(colour[name], hatch[name]))
         for name, text in zip(names, texts, strict=True)
     ]
-    columns = min(len(handles), 2 if shown is not None else 3)
+    columns = min(len(handles), 2 if shown is not None else _NAMES_A_LINE)
     inferred = _inferred_share(table)
     remark = f"({theme.percent(inferred)} % of cells inferred from their neighbours)" if inferred else ""
     title = f"{caption} {remark}".strip()
