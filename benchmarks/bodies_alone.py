@@ -8,7 +8,7 @@ import importlib.util
 import multiprocessing
 import os
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -56,7 +56,7 @@ def mujoco_c(model: Any, begin: np.ndarray, seconds: float, control: np.ndarray 
 
 
 def changed_bodies(
-    file: Path, rows: list[Mapping[str, float]], control: np.ndarray, timestep: float
+    file: Path, rows: Sequence[Mapping[str, float]], control: np.ndarray, timestep: float
 ) -> tuple[str, Rate]:
     """MuJoCo C over rows of masses and lengths, each compiled from the MJCF, in one process for each core.
 
@@ -112,7 +112,7 @@ def _changed_body(file: Path, control: np.ndarray, timestep: float, row: Mapping
     start = np.zeros(mujoco.mj_stateSize(model, full))  # type: ignore[attr-defined]
     mujoco.mj_getState(model, data, start, full)  # type: ignore[attr-defined]
     states, _ = rollout.rollout(model, data, start, control)
-    return states[0, -1]
+    return np.asarray(states)[0, -1]
 
 
 def mjx_alone(model: Any, begin: np.ndarray, seconds: float, dtype: str = "float64") -> Rate:

@@ -44,7 +44,7 @@ def remarks(table: pd.DataFrame) -> list[str]:
     if "thinned" in table.attrs:
         notes.append(str(table.attrs["thinned"]))
     check = manifest.get("self_check")
-    if self_check_warned(check) or (isinstance(check, Mapping) and check.get(BY_STEP)):
+    if isinstance(check, Mapping) and (self_check_warned(check) or check.get(BY_STEP)):
         notes.append(f"self-check: {_differences(check)}")
     return notes
 

@@ -193,10 +193,10 @@ def test_measures_of_legs_take_the_parameters_of_the_table() -> None:
         swings = phases > 2.0 * beta * np.pi
         return float(((swings & ~contacts).sum(axis=0) / swings.sum(axis=0)).min())
 
-    assert expected == pytest.approx(share(default.beta), abs=1e-12)
+    assert expected == pytest.approx(share(float(default.beta)), abs=1e-12)
     legs.attrs["job"] = {"params": {"beta": 0.7, "omega": 2.0 * OMEGA}}
     assert equation_measures.air_in_swing(legs) == pytest.approx(share(0.7), abs=1e-12)
-    assert share(0.7) != pytest.approx(share(default.beta), abs=0.01)
+    assert share(0.7) != pytest.approx(share(float(default.beta)), abs=0.01)
     plain = trace(Branch("direct", 3), 0.3, 0, springs=3)
     twice = np.array(wave_measures.leads(legs, row=0)) / np.array(wave_measures.leads(plain, row=0))
     np.testing.assert_allclose(twice, 2.0, rtol=1e-12)

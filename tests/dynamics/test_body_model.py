@@ -25,6 +25,7 @@ from gaitsweep.dynamics.body.standing import Standing
 from gaitsweep.engine.kernel import cuda_lanes
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
+from gaitsweep.expression import evaluate
 from tests.support.host_card import HostCard, compiler
 from tests.support.sweeping import run_rows
 
@@ -409,7 +410,9 @@ def test_known_bodies_accelerate_as_in_c(file: str) -> None:
     """At random states without contacts; ten times the difference seen, since libraries round otherwise."""
     m = mujoco.MjModel.from_xml_path(_file(file))
     body = LocatedBody(m)
-    values = {quantity.name: jnp.asarray(float(quantity.default)) for quantity in body.parameters}
+    values = {
+        quantity.name: jnp.asarray(evaluate(quantity.default or 0.0, {})) for quantity in body.parameters
+    }
     data, random = mujoco.MjData(m), np.random.default_rng(0)
     compared = 0
     for _ in range(20):

@@ -398,8 +398,8 @@ def test_a_walk_up_a_slope_is_that_on_even_ground_with_turned_gravity() -> None:
     def params_of(model: PlanarQuadruped, **given: float) -> Any:
         values: dict[str, float] = {}
         for quantity in model.parameters:
-            default = evaluate(quantity.default or 0.0, values)
-            values[quantity.name] = given.get(quantity.name, default)
+            written = given.get(quantity.name, quantity.default)
+            values[quantity.name] = evaluate(0.0 if written is None else written, values)
         return model.params({name: jnp.asarray(float(value)) for name, value in values.items()})
 
     def after(model: PlanarQuadruped, params: Any, state: Any) -> Any:

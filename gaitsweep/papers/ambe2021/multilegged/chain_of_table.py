@@ -85,7 +85,7 @@ def constants_of(table: pd.DataFrame, names: Sequence[str]) -> dict[str, float]:
         AnalysisError: one differs between rows, or as for `chain_of`.
     """
     for name in names:
-        if name in table and table[name].nunique() > 1:
+        if name in table and len(np.unique(table[name].to_numpy(float))) > 1:
             raise AnalysisError(f"{name} differs between the rows of the table: take rows with one value.")
     values = parameters_of(table, table.head(1))
     return {name: float(np.ravel(values[name])[0]) for name in names}
