@@ -188,7 +188,9 @@ def test_guards_fire_upwards_and_are_armed_below_zero(angle: float) -> None:
 
 
 class Jumper(Hopper):
-    """The shipped hopper, whose nominal period does not vanish with its push."""
+    """The shipped hopper without a lower limit of its push, with which its nominal period does not vanish."""
+
+    push = parameter("m/s", "speed that the leg adds at most", 0.0, low=0.0)
 
     def period(self, p):
         return 0.5

@@ -143,7 +143,7 @@ def springs_of(table: pd.DataFrame) -> int:
     """
     legs = sum(bool(re.fullmatch(r"phase_\d+", str(name))) for name in table)
     springs = legs - 1 if legs else len(psi_columns(table, "_(end|n)"))
-    if springs < 1:
+    if not legs and not springs:
         raise AnalysisError("The table is not of the multi-legged chain: it has no phase_1 and no psi_1_end.")
     return springs
 
