@@ -72,7 +72,8 @@ def _unread_structure(kind: type[Model]) -> str | None:
             continue
         own = vars(base).get("__dataclass_fields__", {})
         for name, hint in inspect.get_annotations(base).items():
-            if name not in own and not _is_class_variable(base, hint):
+            keyword_only_mark = "KW_ONLY" in str(hint)  # `_: dataclasses.KW_ONLY`, which is no field
+            if name not in own and not keyword_only_mark and not _is_class_variable(base, hint):
                 return (
                     f"whose class {base.__name__} annotates {name} but is not a dataclass, so no job can set "
                     "it: write @dataclasses.dataclass(frozen=True) before the class."
