@@ -153,7 +153,8 @@ class FixedPointsOfModel(abc.ABC):
 
         Returns:
             One record a point of a branch, as of `analysis.continuation.continuation`; `row` is the place of
-            its start, `direction` that of the branch at its start, and `gait` its gait. `gs.plot.continuation` draws it.
+            its start, `direction` that of the branch at its start, and `gait` its gait.
+            `gs.plot.continuation` draws it.
 
         Raises:
             ArgumentError: the map has no derivative, the parameter is not the model's, or its value is
