@@ -1,15 +1,26 @@
-"""Speed of MuJoCo C and MJX with a body alone, without control and without oscillators."""
+"""Speed of MuJoCo C and MJX with a body alone, without oscillators: motors follow given controls, or rest."""
 
 from __future__ import annotations
 
+import concurrent.futures
+import functools
+import importlib.util
+import multiprocessing
 import os
 import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import jax
 import numpy as np
 
 from benchmarks.sweep_rate import Rate
+
+
+def cores() -> int:
+    """The cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def mujoco_c(model: Any, begin: np.ndarray, seconds: float, control: np.ndarray | None = None) -> Rate:
@@ -24,7 +35,7 @@ def mujoco_c(model: Any, begin: np.ndarray, seconds: float, control: np.ndarray 
     import mujoco
     from mujoco import rollout
 
-    threads, steps = os.cpu_count() or 1, 500
+    threads, steps = cores(), 500
     full = mujoco.mjtState.mjSTATE_FULLPHYSICS  # type: ignore[attr-defined]
     data = mujoco.MjData(model)  # type: ignore[attr-defined]
     states = np.zeros((16 * threads, mujoco.mj_stateSize(model, full)))  # type: ignore[attr-defined]
@@ -42,6 +53,66 @@ def mujoco_c(model: Any, begin: np.ndarray, seconds: float, control: np.ndarray 
             best = min(best, time.perf_counter() - began)
     rate = len(states) * steps / best
     return Rate(rate, rate * model.opt.timestep, 0.0)
+
+
+def changed_bodies(
+    file: Path, rows: Sequence[Mapping[str, float]], control: np.ndarray, timestep: float
+) -> tuple[str, Rate]:
+    """MuJoCo C over rows of masses and lengths, each compiled from the MJCF, in one process for each core.
+
+    The processes are joblib's where it is installed, and else those of concurrent.futures.
+
+    Args:
+        file: the MJCF; rows start at its first keyframe.
+        rows: for each row, masses (kg) of bodies and lengths (m) of capsules by the names of their elements.
+        control: controls (steps, nu).
+        timestep: s.
+
+    Returns:
+        What computed the rows, and the rate.
+    """
+    work = functools.partial(_changed_body, file, control, timestep)
+    has_joblib = importlib.util.find_spec("joblib") is not None
+    if has_joblib:
+        import joblib  # pyright: ignore[reportMissingImports] (not installed with gaitsweep)
+
+        with joblib.Parallel(n_jobs=cores()) as parallel:
+            parallel(joblib.delayed(work)(row) for row in rows[: 2 * cores()])  # imports
+            began = time.perf_counter()
+            parallel(joblib.delayed(work)(row) for row in rows)
+            seconds = time.perf_counter() - began
+    else:
+        spawn = multiprocessing.get_context("spawn")
+        with concurrent.futures.ProcessPoolExecutor(cores(), mp_context=spawn) as pool:
+            list(pool.map(work, rows[: 2 * cores()]))
+            began = time.perf_counter()
+            list(pool.map(work, rows, chunksize=4))
+            seconds = time.perf_counter() - began
+    rate = len(rows) * len(control) / seconds
+    return "joblib" if has_joblib else "a process pool", Rate(rate, rate * timestep, 0.0)
+
+
+def _changed_body(file: Path, control: np.ndarray, timestep: float, row: Mapping[str, float]) -> np.ndarray:
+    """The last state of a row of `changed_bodies`."""
+    import mujoco
+    from mujoco import rollout
+
+    spec = mujoco.MjSpec.from_file(str(file))  # type: ignore[attr-defined]
+    spec.option.timestep = timestep
+    for name, value in row.items():
+        element, _, what = name.rpartition("_")
+        if what == "mass":
+            spec.geom(element).mass = value
+        else:
+            spec.geom(element).fromto = [0.0, 0.0, 0.0, 0.0, 0.0, -value]
+    model = spec.compile()
+    data = mujoco.MjData(model)  # type: ignore[attr-defined]
+    mujoco.mj_resetDataKeyframe(model, data, 0)  # type: ignore[attr-defined]
+    full = mujoco.mjtState.mjSTATE_FULLPHYSICS  # type: ignore[attr-defined]
+    start = np.zeros(mujoco.mj_stateSize(model, full))  # type: ignore[attr-defined]
+    mujoco.mj_getState(model, data, start, full)  # type: ignore[attr-defined]
+    states, _ = rollout.rollout(model, data, start, control)
+    return np.asarray(states)[0, -1]
 
 
 def mjx_alone(model: Any, begin: np.ndarray, seconds: float, dtype: str = "float64") -> Rate:

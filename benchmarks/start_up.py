@@ -42,9 +42,12 @@ for call in (sweep, simulate):
 
 
 def environment_of(cache: Path) -> dict[str, str]:
-    """The environment of a command with this cache, and the user's model beside it."""
+    """The environment of a command with this cache, the user's model beside it, and bytecode."""
     paths = os.pathsep.join([str(cache.parent), os.environ.get("PYTHONPATH", "")])
-    return {**os.environ, "GAITSWEEP_CACHE": str(cache), "PYTHONPATH": paths}
+    environment = {**os.environ, "GAITSWEEP_CACHE": str(cache), "PYTHONPATH": paths}
+    environment.pop("PYTHONDONTWRITEBYTECODE", None)  # with it Python compiles all imports in each process
+    environment.setdefault("PYTHONPYCACHEPREFIX", str(cache.parent / "bytecode"))
+    return environment
 
 
 def run(command: list[str], cache: Path) -> tuple[float, float]:

@@ -198,9 +198,9 @@ class Model(Jumps):
     1. A model gives `name`, `source`, `gaits` and the abstract members.
     2. It may give the optional members, which are all others. Their defaults describe a model without the
        feature: `precisions`, `label_fields`, `given_with`, `host_parameters` with `on_host`, `data_digest`,
-       `caveats`, `caveats_notice`, `free_after`, `beyond_at_start`, `symmetries` and `chart` for runs;
-       `limbs`, `skeleton`, `free_link`, `analytic_distance` and `mjcf` for figures; `bibtex` for
-       `gaitsweep cite`.
+       `caveats`, `caveats_notice`, `free_after`, `beyond_at_start`, `without_start`, `symmetries` and
+       `chart` for runs; `limbs`, `skeleton`, `free_link`, `analytic_distance` and `mjcf` for figures;
+       `bibtex` for `gaitsweep cite`.
     3. The engine alone calls the functions, with arguments by position, so a model may name them as it likes.
 
     Raises:
@@ -332,6 +332,13 @@ class Model(Jumps):
         """Masks, by an event's name, of starts on or beyond the surface of an event that changes the state.
 
         Such an event does not happen at the start; a run prints how many rows have such a start.
+        """
+        return {}
+
+    def without_start(self, params: Params, state: State, /) -> dict[str, Bool[Array, ""]]:
+        """Masks, by the reason, of starts that `init` could not make and whose variables are NaN.
+
+        A run prints how many rows have none.
         """
         return {}
 

@@ -342,7 +342,9 @@ def _parse(text: str, *, condition: bool = False) -> ast.expr:
         raise ExpressionError(f"{_quoted(text)} is longer than {_LONGEST} characters.")
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
+            warnings.simplefilter(
+                "ignore", SyntaxWarning
+            )  # about calls of numbers and the like, refused below
             body = ast.parse(text.strip(), mode="eval").body
     except (SyntaxError, ValueError, MemoryError, RecursionError):
         needed = needed if condition else f"{needed} or arithmetic"

@@ -9,9 +9,11 @@ import pandas as pd
 from jaxtyping import Bool
 
 from gaitsweep.analysis.basins.fractions import LEVEL, proportion_interval
-from gaitsweep.analysis.records import AnalysisError, panels_of, require, with_constants
+from gaitsweep.analysis.records import AnalysisError, names_in, panels_of, require, with_constants
 from gaitsweep.status import Status
 
+# Largest share of rows whose run may end before they have made the steps or fallen.
+MOST_OPEN = 0.05
 _COLUMNS = ["rows", "falls", "tried", "steps", "low", "high"]
 
 
@@ -82,6 +84,10 @@ def survival(
 ) -> pd.DataFrame:
     """The share of rows that walk for some steps, with its confidence interval.
 
+    A row may neither fall nor make so many steps within its run, as one that steps on the spot before a rise.
+    Up to a twentieth of the rows of a combination may end so: they do not count as walking, and `high` is
+    that of the share if all of them did.
+
     Args:
         table: a table of kind `fixed_time`, one row for each seed, or several such tables.
         by: columns, or constants of the table's job, of which each combination of values is counted
@@ -90,12 +96,12 @@ def survival(
         level: confidence level of the interval.
 
     Returns:
-        One record for each combination: by, steps, rows, walked (rows that made so many steps), share, low
-        and high.
+        One record for each combination: by, steps, rows, walked (rows that made so many steps), open (rows
+        that ended before without a fall), share, low and high.
 
     Raises:
         AnalysisError: the table does not have a column, an argument is not allowed, rows failed in another
-            way than by a fall, or rows ended before so many steps without a fall.
+            way than by a fall, or too many ended before so many steps without a fall.
 
     Source: Clopper and Pearson 1934, Biometrika 26:404, of the interval.
     """
@@ -103,25 +109,28 @@ def survival(
         raise AnalysisError(f"steps is {steps}, but must be 1 or more.")
     table, by, fell = _walks(table, by, level)
     cycles = table["cycles"].to_numpy(int)
-    if len(short := np.flatnonzero(~fell & (cycles < steps))):
-        raise AnalysisError(
-            f"{len(short)} rows ended before {steps} steps without a fall, the first after "
-            f"{cycles[short[0]]}: run them for a longer time, or ask for fewer steps."
-        )
+    is_open = ~fell & (cycles < steps)
     records = []
     for panel, rows in panels_of(table, by):
         walked = int((cycles[rows] >= steps).sum())
-        low, high = proportion_interval(walked, len(rows), level, "clopper_pearson")
-        shares = {"share": walked / len(rows), "low": low, "high": high}
-        records.append({**panel, "steps": steps, "rows": len(rows), "walked": walked, **shares})
-    return pd.DataFrame(records, columns=[*by, "steps", "rows", "walked", "share", "low", "high"])
+        ended_early = rows[is_open[rows]]
+        if len(ended_early) > MOST_OPEN * len(rows):
+            raise AnalysisError(
+                f"{len(ended_early)} of {len(rows)} rows ended before {steps} steps without a fall, the "
+                f"first after {cycles[ended_early[0]]}: run them for a longer time, or ask for fewer steps."
+            )
+        low, _ = proportion_interval(walked, len(rows), level, "clopper_pearson")
+        _, high = proportion_interval(walked + len(ended_early), len(rows), level, "clopper_pearson")
+        counts = {"steps": steps, "rows": len(rows), "walked": walked, "open": len(ended_early)}
+        records.append({**panel, **counts, "share": walked / len(rows), "low": low, "high": high})
+    return pd.DataFrame(records, columns=[*by, "steps", "rows", "walked", "open", "share", "low", "high"])
 
 
 def _walks(
     table: pd.DataFrame | Sequence[pd.DataFrame], by: str | Sequence[str], level: float
 ) -> tuple[pd.DataFrame, list[str], Bool[np.ndarray, " rows"]]:
     """The table of all tables, the names of `by`, and which rows fell; refuses rows with another end."""
-    by = [by] if isinstance(by, str) else list(by)
+    by = names_in(by)
     if not 0.0 < level < 1.0:
         raise AnalysisError(f"level is {level:g}, but must be between 0 and 1.")
     table = with_constants(table, by)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from typing import cast
 
 import numpy as np
 import pandas as pd
@@ -45,6 +46,19 @@ def require(table: pd.DataFrame, *names: str) -> None:
             raise AnalysisError(_not_there(table, name))
 
 
+def require_numbers(table: pd.DataFrame, *names: str) -> None:
+    """Raise AnalysisError for the first column that the table lacks, or whose values are not numbers."""
+    require(table, *names)
+    for name in names:
+        if not pd.api.types.is_numeric_dtype(table[name]):
+            raise AnalysisError(f"The values of {name} are not numbers: name another column.")
+
+
+def names_in(names: str | Iterable[str]) -> list[str]:
+    """The names in an argument that takes one name or several: a text is one name, not its letters."""
+    return [names] if isinstance(names, str) else list(names)
+
+
 def axes_of(table: pd.DataFrame) -> list[str]:
     """The columns of the swept axes: those between `row` and the first column of the table's kind."""
     names = [str(name) for name in table.columns]
@@ -53,7 +67,9 @@ def axes_of(table: pd.DataFrame) -> list[str]:
 
 
 def with_constants(
-    tables: pd.DataFrame | Sequence[pd.DataFrame], names: Sequence[str], axes: Sequence[str] | None = None
+    tables: pd.DataFrame | Sequence[pd.DataFrame],
+    names: str | Sequence[str],
+    axes: str | Sequence[str] | None = None,
 ) -> pd.DataFrame:
     """One table of one or several, with columns for constants of their jobs.
 
@@ -67,6 +83,8 @@ def with_constants(
             no table.
     """
     tables = [tables] if isinstance(tables, pd.DataFrame) else list(tables)
+    names = names_in(names)
+    axes = None if axes is None else names_in(axes)
     if not tables:
         raise AnalysisError("There is no table: give at least one.")
     completed = [table.assign(**_constants(table, names)) for table in tables]
@@ -98,13 +116,17 @@ def _constants(table: pd.DataFrame, names: Sequence[str]) -> dict[str, object]:
 def panels_of(
     table: pd.DataFrame, by: Sequence[str]
 ) -> Iterator[tuple[dict[str, object], Int[np.ndarray, " rows"]]]:
-    """Each combination of the values of `by`, in order, and the indices of its rows; one without `by`."""
+    """Each combination of the values of `by`, in order, and the places of its rows; one without `by`.
+
+    A missing value is one of the values, so that no row is left out.
+    """
     if not by:
         yield {}, np.arange(len(table))
         return
-    for key, rows in table.groupby(list(by), sort=True, observed=True).indices.items():
-        values = key if isinstance(key, tuple) else (key,)
-        yield dict(zip(by, values, strict=True)), np.sort(rows)
+    # not `indices`, which leaves out missing categories
+    values = table[list(by)].reset_index(drop=True)
+    for key, part in values.groupby(list(by), sort=True, observed=True, dropna=False):
+        yield dict(zip(by, cast(tuple[object, ...], key), strict=True)), part.index.to_numpy()
 
 
 def sound(table: pd.DataFrame, *columns: str) -> Bool[np.ndarray, " records"]:

@@ -99,6 +99,10 @@ def _merged(values: Mapping[str, Any], **sections: Mapping[str, Any] | None) -> 
     """The keywords with those of `params` and `start`; refuses a name that is given twice."""
     settings = dict(values)
     for section, more in sections.items():
+        if not isinstance(more, Mapping | None):
+            raise ArgumentError(
+                f"{section} is a {type(more).__name__}, but must be a mapping of names to values."
+            )
         for name, value in (more or {}).items():
             if name in settings:
                 raise ArgumentError(f"{name} is given twice, once in {section}.")

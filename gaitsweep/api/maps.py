@@ -21,6 +21,7 @@ from gaitsweep.analysis.continuation.floquet_multipliers import multipliers
 from gaitsweep.analysis.continuation.newton import FixedPoints, newton
 from gaitsweep.analysis.phase_response import phase_response
 from gaitsweep.analysis.rare_falls import SCALES, Draws, RareFalls, TooFewFallsError, rare_falls
+from gaitsweep.analysis.records import names_in
 from gaitsweep.api.keywords import AnyModel, job_of
 from gaitsweep.contract import HybridModel
 from gaitsweep.engine.poincare.maps import Map, Points
@@ -28,7 +29,7 @@ from gaitsweep.engine.poincare.model_map import ModelMap
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.engine.poincare.stationary_map import StationaryMap
 from gaitsweep.engine.pushed_model import flow_places
-from gaitsweep.engine.solver import derivative_refusal
+from gaitsweep.engine.solver.methods import derivative_refusal
 from gaitsweep.errors import ArgumentError
 from gaitsweep.job import Job
 from gaitsweep.kinds import ReturnMap
@@ -97,7 +98,7 @@ class FixedPointsOfModel(abc.ABC):
         self,
         x: SectionPoints | ArrayLike,
         *,
-        fix: Sequence[str] | None = None,
+        fix: str | Sequence[str] | None = None,
         tolerance: float = 1e-9,
         most: int = 20,
     ) -> FixedPoints:
@@ -129,7 +130,7 @@ class FixedPointsOfModel(abc.ABC):
         """
         self._require_fixed_points()
         points = self._points(x)[0]
-        conserved = self.conserved if fix is None else fix
+        conserved = self.conserved if fix is None else names_in(fix)
         return newton(self.mapping, points, self._values, fix=conserved, tolerance=tolerance, most=most)
 
     def continue_(
@@ -139,7 +140,7 @@ class FixedPointsOfModel(abc.ABC):
         within: Sequence[float],
         *,
         towards: int | None = None,
-        fix: Sequence[str] | None = None,
+        fix: str | Sequence[str] | None = None,
     ) -> pd.DataFrame:
         """Follow the branches of fixed points through points along a parameter, around folds.
 
@@ -157,8 +158,8 @@ class FixedPointsOfModel(abc.ABC):
             `gs.plot.continuation` draws it.
 
         Raises:
-            ArgumentError: the map has no derivative, the parameter is not the model's, or its value is
-                outside the range.
+            ArgumentError: the map has no derivative, the parameter is not the model's, its value is outside
+                the range, or the range is not two numbers.
 
         Example:
             The hopper's 1:1 gait, with a launch of pi g / omega, ends in a fold. There its leg adds all of
@@ -175,13 +176,15 @@ class FixedPointsOfModel(abc.ABC):
         self._require_fixed_points()
         points = self._points(x)[0]
         begin = self._begin(points, parameter)
+        if isinstance(within, str) or len(within) != 2 or not min(within) < max(within):
+            raise ArgumentError(f"within is {within!r}, but must be two different numbers.")
         low, high = min(within), max(within)
         if not (low <= begin.min() and begin.max() <= high):
             raise ArgumentError(
                 f"{parameter} is {begin[0]:g} at the map's points, but the range is from {low:g} to {high:g}."
             )
         mapping: Map = self.mapping
-        fixed = self.conserved if fix is None else fix
+        fixed = self.conserved if fix is None else names_in(fix)
         constrained: Sequence[str] | dict[str, float | None] = fixed
         if parameter in self.conserved:
             mapping = LevelMap(mapping, parameter)
@@ -250,7 +253,14 @@ class FixedPointsOfModel(abc.ABC):
         return table
 
     def _points(self, x: Any) -> tuple[Points, bool]:
-        """Return points, and whether they were one array of coordinates (size,)."""
+        """Return points, and whether they were one array of coordinates (size,); refuse no points."""
+        points, single = self._any_points(x)
+        if not len(points):
+            raise ArgumentError("x has no points: give at least one.")
+        return points, single
+
+    def _any_points(self, x: Any) -> tuple[Points, bool]:
+        """As `_points`, of any number of points."""
         if isinstance(x, FixedPoints):
             return x.points, False
         if isinstance(x, Points):
@@ -404,7 +414,7 @@ class PoincareMap(FixedPointsOfModel):
         return self.mapping.events(self._points(x)[0], self._values)
 
     def phase_response(
-        self, x: SectionPoints | ArrayLike, push: Sequence[str], phases: int | ArrayLike = 64
+        self, x: SectionPoints | ArrayLike, push: str | Sequence[str], phases: int | ArrayLike = 64
     ) -> pd.DataFrame:
         """Return the phase that a stable gait gains for good by small pushes, exactly, by the adjoint.
 
@@ -449,6 +459,7 @@ class PoincareMap(FixedPointsOfModel):
         self._require_fixed_points()
         assert isinstance(self.model, HybridModel)  # others have no derivative
         places = flow_places(self.model)
+        push = names_in(push)
         for name in push:
             if name not in places:
                 near = near_miss.suggestion(name, places)

@@ -17,7 +17,7 @@ from gaitsweep.analysis.records import AnalysisError, require
 from gaitsweep.engine.poincare.maps import Points, Values
 from gaitsweep.engine.poincare.model_map import ModelMap
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
-from gaitsweep.engine.solver import derivative_refusal
+from gaitsweep.engine.solver.methods import derivative_refusal
 from gaitsweep.job import Job
 from gaitsweep.job.load import stored_job
 

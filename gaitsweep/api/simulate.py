@@ -15,6 +15,7 @@ from gaitsweep.engine.content import held_contents
 from gaitsweep.errors import ArgumentError
 from gaitsweep.job import Job
 from gaitsweep.kinds import Trace
+from gaitsweep.runs.sentences import WITHOUT_START
 from gaitsweep.status import Status
 
 SAMPLES_PER_CYCLE = 100
@@ -48,7 +49,7 @@ def simulate(
         trajectory ended), `job`, `manifest` and `quantities`.
 
     Raises:
-        ArgumentError: a name that the model does not have, or an array.
+        ArgumentError: a name that the model does not have, or an array; or the model cannot make a start.
         JobError: all other errors.
 
     Example:
@@ -82,6 +83,8 @@ def simulate(
     status = Status[str(recorded["status"].iloc[-1])]
     if status.name in Status.FAILED:
         _, _, fall = recorded.attrs["quantities"]["status"]["meaning"].partition("; fell: ")
+        for reason in recorded.attrs["manifest"].get(WITHOUT_START) or {}:
+            raise ArgumentError(f"The trajectory cannot begin: {reason}.")
         why = f" It tests {fall}." if fall and status is Status.fell else ""
         warnings.warn(f"The trajectory ended as {status.name}: {status.sentence}{why}", stacklevel=2)
     signals = recorded.drop(columns=["row", "gait", "status", "stalled_by"])

@@ -12,6 +12,7 @@ from jaxtyping import Float, Shaped
 from numpy.typing import ArrayLike
 
 from gaitsweep import near_miss
+from gaitsweep.analysis.records import names_in
 from gaitsweep.api.run import run_in_memory
 from gaitsweep.errors import ArgumentError
 from gaitsweep.job import Job, load_job
@@ -69,6 +70,8 @@ class Simulator:
             if name not in table.columns:
                 near = near_miss.suggestion(name, list(table.columns))
                 raise ArgumentError(f"{name} is not a column of the job's table{near}")
+            if not pd.api.types.is_numeric_dtype(table[name]):
+                raise ArgumentError(f"The values of {name} are not numbers: name another column.")
         status = table["status"].astype(str).to_numpy()
         observed = table[self.columns].to_numpy(np.float64, copy=True)
         # a failed or undecided row has columns too, of the state in which it ended
@@ -77,7 +80,7 @@ class Simulator:
 
 
 def simulator(
-    job: Job | str | Path | Mapping[str, Any], parameters: Sequence[str], columns: Sequence[str]
+    job: Job | str | Path | Mapping[str, Any], parameters: str | Sequence[str], columns: str | Sequence[str]
 ) -> Simulator:
     """Make a job a function from values of some parameters to observables, for inference.
 
@@ -118,8 +121,9 @@ def simulator(
     if not job.run.one_a_row:
         raise ArgumentError(f"a run of kind {job.run.kind_name} has several records for a row: use another.")
     known = [q.name for q in (*job.design.model.parameters, *job.design.model.initial_conditions)]
+    parameters = names_in(parameters)
     for name in parameters:
         if name not in known:
             near = near_miss.suggestion(name, known)
             raise ArgumentError(f"{name} is not a parameter or start value of {job.design.model.name}{near}")
-    return Simulator(job, parameters, columns)
+    return Simulator(job, parameters, names_in(columns))

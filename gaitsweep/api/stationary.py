@@ -11,8 +11,10 @@ import pandas as pd
 from jaxtyping import Complex
 from numpy.typing import ArrayLike
 
+from gaitsweep import near_miss
 from gaitsweep.analysis.atlas.periodic_orbits import rows_of
 from gaitsweep.analysis.continuation.flows import hopf_cycle
+from gaitsweep.analysis.records import names_in
 from gaitsweep.api.keywords import AnyModel
 from gaitsweep.api.maps import FixedPointsOfModel, SectionPoints, job_of_map
 from gaitsweep.engine.poincare.stationary_map import StationaryMap, linearised_flow
@@ -55,22 +57,44 @@ class StationaryPoints(FixedPointsOfModel):
         Args:
             hopf: the record of a Hopf point, as `continue_` returns it.
             parameter: the parameter along which it was found.
-            amplitude: the largest displacement of a coordinate.
-            points: the number of points around the cycle.
+            amplitude: the largest displacement of a coordinate, above 0.
+            points: the number of points around the cycle, 1 or more.
 
         Returns:
             One record a point: time (s), the coordinates, the value of the parameter at which the cycle has
             this amplitude, and its period (s).
 
         Raises:
-            ArgumentError: the record is of no Hopf point.
+            ArgumentError: the record is of no Hopf point, or of one along another parameter; or a number is
+                outside its range.
         """
-        if hopf.get("special") != "hopf":
-            raise ArgumentError("The record is of no Hopf point: take one whose special is hopf.")
+        self._refuse_cycle(hopf, parameter, amplitude, points)
         at, _ = self._points(np.array([[hopf[name] for name in self.coordinates]], float))
         row = np.array([hopf["row"]], int)
         values = {**rows_of(self._values, row), parameter: hopf[parameter]}
         return hopf_cycle(self._flow, at, values, parameter, amplitude, points)
+
+    def _refuse_cycle(
+        self, hopf: Mapping[Any, Any] | pd.Series, parameter: str, amplitude: float, points: int
+    ) -> None:
+        """Refuse arguments of `cycle`, raising ArgumentError."""
+        if hopf.get("special") != "hopf":
+            raise ArgumentError("The record is of no Hopf point: take one whose special is hopf.")
+        missing = [name for name in ("row", *self.coordinates) if name not in hopf]
+        if missing:
+            raise ArgumentError(f"The record has no {missing[0]}: take a whole record of `continue_`.")
+        parameters = [quantity.name for quantity in self.model.parameters]
+        if parameter not in parameters:
+            near = near_miss.suggestion(parameter, parameters)
+            raise ArgumentError(f"{parameter} is not a parameter of {self.model.name}{near}")
+        if parameter not in hopf:
+            raise ArgumentError(
+                f"The record has no {parameter}: give the parameter along which it was found."
+            )
+        if not (np.isfinite(amplitude) and amplitude > 0.0):
+            raise ArgumentError(f"amplitude is {amplitude:g}, but must be a number above 0.")
+        if points < 1:
+            raise ArgumentError(f"points is {points}, but must be 1 or more.")
 
     @property
     def _flow(self) -> StationaryMap:
@@ -91,7 +115,7 @@ class StationaryPoints(FixedPointsOfModel):
 def stationary(
     model: AnyModel,
     *,
-    without: Sequence[str] = (),
+    without: str | Sequence[str] = (),
     params: Mapping[str, Any] | None = None,
     start: Mapping[str, Any] | None = None,
     **values: Any,
@@ -124,4 +148,4 @@ def stationary(
         24.736842
     """
     job, without_start = job_of_map(model, params, start, values)
-    return StationaryPoints(job, without, without_start)
+    return StationaryPoints(job, names_in(without), without_start)

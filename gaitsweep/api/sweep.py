@@ -6,13 +6,16 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import pandas as pd
 from pydantic import BaseModel
 
+from gaitsweep.analysis.records import names_in
 from gaitsweep.api.keywords import AnyModel, job_of
 from gaitsweep.api.result import Result
 from gaitsweep.api.run import run as run_job
 from gaitsweep.api.run import run_in_memory
 from gaitsweep.engine.content import held_contents
+from gaitsweep.errors import ArgumentError
 from gaitsweep.kinds import Perturb, Settle
 
 if TYPE_CHECKING:
@@ -74,21 +77,27 @@ def sweep(
 @held_contents()
 def perturb(
     model: AnyModel,
-    push: Sequence[str] = (),
+    push: str | Sequence[str] = (),
     *,
-    run: Mapping[str, Any] | None = None,
+    after: Result | pd.DataFrame | str | Path | None = None,
+    run: Perturb | Mapping[str, Any] | None = None,
     **keywords: Any,
 ) -> Result:
     """Settle a model over a grid, push each row once, and settle it again.
 
     Args:
         model: an instance, a class, a registered name, or "package.module:attribute".
-        push: variables of the flow that are pushed, by amounts `push_NAME` and at a `push_phase`.
-        run: other fields of the run kind `Perturb`: `force`, `step`, `at`, `within`, `max_cycles`, ...
+        push: variables of the flow that are pushed, one or several, by amounts `push_NAME` and at a
+            `push_phase`.
+        after: a result of a run of kind `Settle` with `states`, its table or some records of that, or its
+            directory: the settled rows are pushed, with their parameters, and the push's axes multiply them.
+        run: other fields of the run kind `Perturb`: `force`, `step`, `at`, `within`, `max_cycles`, ...; or
+            the run kind itself, which has `push` among its fields.
         keywords: as for `sweep`: amounts, phases, parameters and start values by name, `out`, `numerics`, ...
 
     Raises:
-        ArgumentError: a name that the model does not have; `out` for a class of this session.
+        ArgumentError: a name that the model does not have; `out` for a class of this session; `push` is given
+            twice, here and in `run`.
         JobError, TableError, RunError: as for `sweep`.
 
     Example:
@@ -126,4 +135,25 @@ def perturb(
         >>> gs.perturb(Wheel(), ["rate"], push_rate=pushes).table["recovery"].tolist()
         ['fell', 'recovered', 'recovered']
     """
-    return sweep(model, run=Perturb(push=list(push), **(run or {})), **keywords)
+    pushes = _pushes(names_in(push), run)
+    if after is None:
+        return sweep(model, run=pushes, **keywords)
+    if isinstance(after, Result):
+        after = after.table
+    elif not isinstance(after, pd.DataFrame):
+        after = str(after)
+    fields = pushes.model_dump(exclude_unset=True)
+    return sweep(model, run={**fields, "kind": "perturb", "after": after}, **keywords)
+
+
+def _pushes(push: list[str], run: Perturb | Mapping[str, Any] | None) -> Perturb:
+    """The run kind that pushes variables, from its other fields or as it is."""
+    if run is not None and not isinstance(run, Perturb | Mapping):
+        raise ArgumentError(f"run is a {type(run).__name__}, but must be a Perturb or its fields.")
+    of_run = run.push if isinstance(run, Perturb) else (run or {}).get("push")
+    if push and of_run:
+        raise ArgumentError("push is given twice, once in run: remove one of the two.")
+    if isinstance(run, Perturb):
+        return run.model_copy(update={"push": push}) if push else run
+    fields: dict[str, Any] = {**(run or {}), "push": push or of_run or []}
+    return Perturb(**fields)

@@ -5,17 +5,19 @@ from __future__ import annotations
 import inspect
 import math
 import typing
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
+import numpy as np
 import pandas as pd
 from pydantic import Field, PrivateAttr, TypeAdapter, ValidationError
 
 from gaitsweep import near_miss
+from gaitsweep.analysis.records import names_in
 from gaitsweep.claims.measures import MEASURES
 from gaitsweep.errors import ArgumentError
-from gaitsweep.extension import folders, import_all
+from gaitsweep.extension import ExtensionError, folders, import_all
 from gaitsweep.schema.diagnostics import (
     Diagnostic,
     JobError,
@@ -29,8 +31,8 @@ from gaitsweep.schema.strict_model import StrictModel
 from gaitsweep.schema.yaml_document import read_document
 from gaitsweep.shipped import job_folders
 
-_Numbers = list[float]
-_Words = list[str]
+_Numbers = Annotated[list[float], Field(min_length=1)]
+_Words = Annotated[list[str], Field(min_length=1)]
 
 
 class PaperJob(StrictModel):
@@ -54,7 +56,7 @@ class PaperJob(StrictModel):
 class Bounds(StrictModel):
     """The values that a claim allows."""
 
-    tolerance: float | None = Field(default=None, ge=0, description="absolute tolerance")
+    tolerance: float | None = Field(default=None, ge=0, allow_inf_nan=False, description="absolute tolerance")
     between: tuple[float, float] | None = Field(default=None, description="allowed interval")
     above: float | None = Field(default=None, description="lower bound of the value")
     below: float | None = Field(default=None, description="upper bound of the value")
@@ -141,6 +143,13 @@ class Paper(StrictModel):
 
     _file: Path = PrivateAttr()
 
+    @classmethod
+    def of_file(cls, data: Mapping[str, Any], file: Path) -> Paper:
+        """The paper in the content of a file; raises pydantic's ValidationError for a wrong field."""
+        paper = cls.model_validate(data)
+        paper._file = file
+        return paper
+
     @property
     def name(self) -> str:
         """The name of the table of claims."""
@@ -153,16 +162,17 @@ class Paper(StrictModel):
         places = (beside_claims, *(folder / written for folder in job_folders()))
         return next((file for file in places if file.is_file()), beside_claims)
 
-    def only(self, names: Iterable[str]) -> Paper:
+    def only(self, names: str | Iterable[str]) -> Paper:
         """The paper with some of its claims.
 
         Raises:
             ArgumentError: there is no claim of one of the names.
         """
-        wanted = set(names)
+        wanted = set(names_in(names))
         known = [claim.id for claim in self.claims]
-        for name in sorted(wanted - set(known)):
-            raise ArgumentError(f"{name} is not a claim of {self.name}{near_miss.suggestion(name, known)}")
+        if unknown := sorted(wanted - set(known)):
+            near = near_miss.suggestion(unknown[0], known)
+            raise ArgumentError(f"{unknown[0]} is not a claim of {self.name}{near}")
         return self.model_copy(update={"claims": [claim for claim in self.claims if claim.id in wanted]})
 
 
@@ -172,8 +182,19 @@ def known_papers() -> list[str]:
 
 
 def _tables() -> dict[str, Path]:
-    """The tables of claims of all extensions, by the name of their paper."""
-    return {file.stem: file for folder in folders("claims") for file in folder.glob("*.yaml")}
+    """The tables of claims of all extensions, by the name of their paper.
+
+    Raises:
+        ExtensionError: two extensions have tables of the same name.
+    """
+    tables: dict[str, Path] = {}
+    for file in (file for folder in folders("claims") for file in folder.glob("*.yaml")):
+        if tables.setdefault(file.stem, file) != file:
+            raise ExtensionError(
+                f"There are two tables of claims named {file.stem}, {tables[file.stem]} and {file}: "
+                "uninstall one of their packages."
+            )
+    return tables
 
 
 def read_paper(name: str | Path) -> Paper:
@@ -197,10 +218,9 @@ def read_paper(name: str | Path) -> Paper:
     document = read_document(file, noun="a table of claims", fields=("paper", "jobs", "claims"))
     import_all("measures")
     try:
-        paper = Paper.model_validate(document.data)
+        paper = Paper.of_file(document.data, file)
     except ValidationError as error:
         raise document.located(JobError(from_pydantic(error, _SECTIONS, ""))) from None
-    paper._file = file
     if wrong := list(_diagnostics(paper)):
         raise document.located(JobError(wrong))
     return paper
@@ -233,6 +253,8 @@ def _diagnostics(paper: Paper) -> Iterator[Diagnostic]:
             yield Diagnostic((*path, "command"), "is missing: a claim without jobs must name its command.")
         if (text := _wrong_rule(claim)) is not None:
             yield Diagnostic(path, text)
+        elif (quick := claim.as_quick()) is not None and (text := _wrong_rule(quick)) is not None:
+            yield Diagnostic((*path, "quick"), text)
     for name in paper.jobs:
         if not paper.job_file(name).is_file():
             yield Diagnostic(
@@ -264,6 +286,16 @@ def _wrong_rule(claim: Claim) -> str | None:
     """The reason why a claim has no rule for its verdict, or None."""
     first = claim.paper[0] if isinstance(claim.paper, list) else claim.paper
     numeric = isinstance(first, float)
+    if numeric and not np.isfinite(claim.paper).all():
+        return "has a paper that is not finite, to which no value can be compared."
+    if numeric and claim.equals is not None:
+        return "has equals, which is for texts, but its paper is a number: remove it."
+    if claim.interval is not None:
+        low, high = claim.interval
+        if not low <= high:
+            return f"allows values from {low:g} to {high:g}, which no number can be: exchange the two."
+        if claim.tolerance is not None:
+            return "has a tolerance beside between, above or below: remove one of the two rules."
     if claim.tolerance is not None and not numeric:
         return "has a tolerance, but its paper is not a number: use between, above or below instead."
     if numeric and claim.tolerance is None and claim.interval is None:

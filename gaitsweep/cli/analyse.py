@@ -6,6 +6,7 @@ Each imports its analysis when it runs, so that `--help` does not load JAX and p
 from __future__ import annotations
 
 import importlib
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -14,7 +15,7 @@ from typer.core import TyperGroup
 from typer.main import get_group
 
 from gaitsweep.cli.options import Directory
-from gaitsweep.extension import extensions
+from gaitsweep.extension import ExtensionError, extensions
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -28,7 +29,7 @@ class _Analyses(TyperGroup):
     @property
     def commands(self) -> dict[str, Any]:  # pyright: ignore[reportIncompatibleVariableOverride]
         if self._of_extensions is None:
-            self._of_extensions = _commands_of_extensions()
+            self._of_extensions = _commands_of_extensions(self._own)
         return self._own | self._of_extensions
 
     @commands.setter
@@ -133,15 +134,30 @@ def summary(
 
     A group is, for example, a gait; the median and the range of each column are printed.
     """
-    from gaitsweep.analysis.records import require
+    from gaitsweep.analysis.records import require, require_numbers
 
     table = result_table(directory)
-    require(table, *by, *(of or ()))
+    of = list(dict.fromkeys(of or ()))
+    require(table, *by)
+    require_numbers(table, *of)
+    columns_of = {name: [name, f"{name}_least", f"{name}_largest"] for name in of}
+    _refuse_repeated([*by, "rows", *(column for columns in columns_of.values() for column in columns)])
     groups = table.groupby(by, observed=True, dropna=False)
     counts = groups.size().to_frame("rows")
-    for name in of or ():
-        counts[[name, f"{name}_least", f"{name}_largest"]] = groups[name].agg(["median", "min", "max"])
+    for name, columns in columns_of.items():
+        counts[columns] = groups[name].agg(["median", "min", "max"])
     print_table(counts.reset_index(), 6)
+
+
+def _refuse_repeated(columns: Sequence[str]) -> None:
+    """Raise AnalysisError where two columns of a result would have the same name."""
+    from gaitsweep.analysis.records import AnalysisError
+
+    for name in columns:
+        if columns.count(name) > 1:
+            raise AnalysisError(
+                f"The result would have two columns {name}: name a column once, by --by or --of."
+            )
 
 
 @app.command()
@@ -282,14 +298,27 @@ def _from_job(table: pd.DataFrame, option: str, kind: str, field: str, names: li
     raise typer.BadParameter(text, param_hint=option)
 
 
-def _commands_of_extensions() -> dict[str, Any]:
+def _commands_of_extensions(own: Collection[str]) -> dict[str, Any]:
     """The commands of extensions, by name.
 
+    Args:
+        own: the names of gaitsweep's commands.
+
     Raises:
-        ExtensionError: an extension cannot be used.
+        ExtensionError: an extension cannot be used, or has a command of a name that is taken.
     """
-    group = typer.Typer(rich_markup_mode=None)
-    for extension in extensions().values():
-        for name in extension.analyses:
-            group.registered_commands.extend(importlib.import_module(name).app.registered_commands)
-    return dict(get_group(group).commands)
+    commands: dict[str, Any] = {}
+    owners = dict.fromkeys(own, "gaitsweep")
+    for owner, extension in extensions().items():
+        group = typer.Typer(rich_markup_mode=None)
+        for module in extension.analyses:
+            group.registered_commands.extend(importlib.import_module(module).app.registered_commands)
+        for name, command in get_group(group).commands.items():
+            if name in owners:
+                raise ExtensionError(
+                    f"{owners[name]} and the extension {owner} both have a command "
+                    f"`gaitsweep analyse {name}`: rename it, or uninstall {owner}."
+                )
+            owners[name] = owner
+            commands[name] = command
+    return commands

@@ -87,7 +87,7 @@ def _of_the_machine(error: Exception) -> str | None:
     if isinstance(error, BrokenPipeError):
         return ""  # the reader of our output has closed it (| head), which is no error
     if isinstance(error, OSError):
-        from gaitsweep.table.files import reason  # which loads pandas
+        from gaitsweep.table.atomic_files import reason  # which loads pandas
 
         if error.filename is not None:
             return f"{error.filename} cannot be used: {reason(error)}."

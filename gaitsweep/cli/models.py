@@ -146,7 +146,7 @@ def check_model(
         )
     print_message("Evaluating the model's functions over the ranges of its parameters and starts.")
     _refuse_faults(name, faults(kind))
-    from gaitsweep.runs.trial import trial  # of a model without faults
+    from gaitsweep.runs.model_trial import trial  # of a model without faults
 
     tried = trial(kind, print_message)
     model = kind()

@@ -16,6 +16,7 @@ import typer
 from gaitsweep.cli import stored_output
 from gaitsweep.cli.options import DryRun, Open, Out, Settings, Trust, print_links, print_message
 from gaitsweep.errors import EXIT_STRICT, exit_code_of_stop
+from gaitsweep.extension import model_paths
 from gaitsweep.shipped import config_file
 from gaitsweep.shipped import job_file as shipped_or_own
 
@@ -87,31 +88,28 @@ def run(
     open_it: Open = False,
 ) -> None:
     """Run a job, or continue it, and write its table and figures."""
+    _refuse_options(rows=rows, cluster=cluster, collect=collect, block_limit=block_limit)
     command = [str(argument) for argument in (job_file, out, settings, engine, strict)]
-    stored = None if dry_run else stored_output.load_output(command)
-    if stored is not None:
-        print(stored.errors, end="", file=sys.stderr)
-        print_outcome(stored.printed, open_them=open_it)
+    # rows and workers are checked by the run itself
+    if not dry_run and rows is None and cluster is None and _print_stored(command, open_them=open_it):
         return
     from gaitsweep.cli import show
     from gaitsweep.job import load_job
+    from gaitsweep.own_modules import data_files
     from gaitsweep.table import Snapshot
 
-    if cluster is None and (collect or block_limit is not None):
-        raise typer.BadParameter("--collect and --block-limit are options of --cluster.")
-    if cluster is not None and rows is not None:
-        raise typer.BadParameter("--rows and --cluster cannot be combined: remove one of the two.")
     overrides = list(settings or ())
     if engine is not None:
         overrides.append(f"engine.name={engine}")
-    job = load_job(job_file, overrides)
+    with data_files() as files_of_job:
+        job = load_job(job_file, overrides)
     if dry_run:
         from gaitsweep.runs.estimate import estimate  # after a bad job has been refused
 
         print(show.estimate(estimate(job)))
         return
     from gaitsweep.runs.execute import run_job
-    from gaitsweep.runs.row_range import run_rows
+    from gaitsweep.runs.job_array import run_rows
 
     messages: list[str] = []
 
@@ -133,21 +131,42 @@ def run(
     print_outcome(outcome, open_them=open_it)
     # a share of the rows is not complete, and other processes complete its table
     if snapshot.complete and _is_repeatable(job, messages):
-        sources = [job_file]
+        sources = {job_file.absolute(), *files_of_job}
         if job.config is not None:
-            sources.append(config_file(job.config, job_file.parent))
+            sources.add(config_file(job.config, job_file.parent).absolute())
         errors = "".join(f"{sentence}\n" for sentence in messages)
-        stored_output.store_output(command, sources, path, outcome, errors)
+        stored_output.store_output(command, sorted(sources), path, outcome, errors)
+
+
+def _refuse_options(
+    *, rows: str | None, cluster: str | None, collect: bool, block_limit: float | None
+) -> None:
+    """Refuse options that contradict each other, whether or not the job is complete."""
+    if cluster is None and (collect or block_limit is not None):
+        raise typer.BadParameter("--collect and --block-limit are options of --cluster.")
+    if cluster is not None and rows is not None:
+        raise typer.BadParameter("--rows and --cluster cannot be combined: remove one of the two.")
+
+
+def _print_stored(command: Sequence[str], *, open_them: bool) -> bool:
+    """Print the stored output of a command, if there is any that still holds; return whether there is."""
+    stored = stored_output.load_output(command)
+    if stored is None:
+        return False
+    print(stored.errors, end="", file=sys.stderr)
+    print_outcome(stored.printed, open_them=open_them)
+    return True
 
 
 def _is_repeatable(job: Job, messages: Sequence[str]) -> bool:
-    """Return whether the same command prints the same while the job and its directory do not change.
+    """Return whether the same command prints the same while the files of the job and its results stay.
 
-    It would not where a message was about a repair, or where the job depends on other files: those of a
-    user's model, or another table that a figure shows.
+    It would not where a message was about a repair, or where the job depends on more than the files that
+    were read with it: the modules or the MJCF of a user's model, or another table that a figure shows.
     """
-    shipped = type(job.design.model.original).__module__.startswith("gaitsweep.")
-    with_table = any(getattr(figure, "with_table", None) is not None for figure in job.figures)
+    module = model_paths().get(job.model, job.model).rpartition(":")[0]  # empty for a model file
+    shipped = module.startswith("gaitsweep.")
+    with_table = any(figure.model_dump().get("with_table") is not None for figure in job.figures)
     lasting = all(sentence.startswith(("Warning: ", "engine: ")) for sentence in messages)
     return shipped and not with_table and lasting
 

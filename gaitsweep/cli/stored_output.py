@@ -1,7 +1,8 @@
 """Stored output of complete jobs, which the same command prints again without loading JAX.
 
-It is stored in the user's cache with the digests of all files on which it depends: the job and its config,
-the program, and every file of the result directory. If one of them has changed, the command runs normally.
+It is stored in the user's cache with the digests of all files on which it depends: the job and the files
+that it names, the program, and every file of the result directory. If one of them has changed, the command
+runs normally.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ _MAX_STORED = 200  # commands whose output is stored
 # Variables that choose the device, so that the same file may be another job.
 _DEVICE_VARIABLES = ("JAX_PLATFORMS", "CUDA_VISIBLE_DEVICES", "XLA_FLAGS", "JAX_ENABLE_X64")
 _LOCK = ".lock"
+_OF_PROGRAM = (".py", ".xml", ".yaml")  # code, bodies and parameter sets
 
 
 class StoredOutput(NamedTuple):
@@ -61,7 +63,7 @@ def store_output(
 
     Args:
         command: the arguments of the command.
-        sources: the job and its config.
+        sources: the files from which the job was read, such as its config and the profile of its ground.
         folder: the result directory.
         printed, errors: the text on standard output and on standard error.
     """
@@ -94,7 +96,8 @@ def _program() -> str:
     """An identifier of this program, its Python and its packages."""
     root = Path(__file__).parents[1]
     stamps = []
-    for file in sorted(root.rglob("*.py")):
+    files = [file for file in root.rglob("*") if file.suffix in _OF_PROGRAM]
+    for file in sorted(files):
         status = file.stat()
         stamps.append(f"{file.relative_to(root)} {status.st_size} {status.st_mtime_ns}")
     return hashlib.sha256("\n".join([sys.version, sys.prefix, *stamps]).encode()).hexdigest()

@@ -155,7 +155,7 @@ class ListAxis:
     @cached_property
     def _formula_at(self) -> dict[int, str]:
         """Formulas by their places in the list."""
-        if isinstance(self.numbers, np.ndarray):
+        if isinstance(self.numbers, np.ndarray) or str not in set(map(type, self.numbers)):
             return {}
         return {place: number for place, number in enumerate(self.numbers) if isinstance(number, str)}
 
@@ -164,6 +164,8 @@ class ListAxis:
         """Numbers (length,), with NaN for formulas."""
         if isinstance(self.numbers, np.ndarray):
             return self.numbers.astype(np.float64)
+        if not self._formula_at:
+            return np.array(self.numbers)
         return np.array([np.nan if isinstance(number, str) else number for number in self.numbers])
 
 
@@ -247,6 +249,11 @@ class RangeAxis:
         fraction = self.fraction(index)
         if not self.logarithmic:
             between = low + (high - low) * fraction
+            if isinstance(self.fraction, LinearSpacing) and self.fraction.at == "ends":
+                # a seed of 12.999999999999998 would be another one
+                step = np.asarray(high - low) / max(self.length - 1, 1)
+                is_whole = (step == np.round(step)) & (low == np.round(low))
+                between = np.where(is_whole, low + step * index, between)
         elif np.any(np.less_equal(low, 0.0)) or np.any(np.less_equal(high, 0.0)):
             raise ExpressionError("the ends of a logspace must be above 0.")
         else:

@@ -136,7 +136,9 @@ def _read_axis(name: str, value: Any, path: Path, vary: Vary) -> tuple[Axis, dic
             text = f"has {count} points; a list may have at most {MAX_LISTED}: use linspace or a sample."
             vary.refuse((*path, "values"), text)
             return None
-        fields["values"] = [_read_switch(item, vary.quantities.get(name)) for item in fields["values"]]
+        fields["values"] = list(fields["values"])
+        if bool in set(map(type, fields["values"])):
+            fields["values"] = [_read_switch(item, vary.quantities.get(name)) for item in fields["values"]]
     written = _many_numbers(fields)
     if written is None:
         written = read_model(AXIS_KINDS[kind], fields, path, vary.diagnostics, f"an axis ({kind})")

@@ -2,6 +2,11 @@ from gaitsweep.dynamics import matsuoka as matsuoka
 from gaitsweep.dynamics import mjx as mjx
 from gaitsweep.dynamics import tree as tree
 from gaitsweep.dynamics.compliant_foot import ground_force as ground_force
+from gaitsweep.dynamics.compliant_foot import uneven_ground_force as uneven_ground_force
 from gaitsweep.dynamics.declarations import TWO_PI as TWO_PI
 from gaitsweep.dynamics.declarations import wrapped as wrapped
+from gaitsweep.dynamics.ground import Ground as Ground
+from gaitsweep.dynamics.ground import check_ground as check_ground
+from gaitsweep.dynamics.ground import ground_field as ground_field
+from gaitsweep.dynamics.ground import ground_quantities as ground_quantities
 from gaitsweep.dynamics.single_precision import worked_in as worked_in

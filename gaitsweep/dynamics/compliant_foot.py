@@ -1,10 +1,11 @@
-"""Contact of a round foot with compliant level ground: a spring, a damper, regularised Coulomb friction."""
+"""Contact of a round foot with compliant ground: a spring, a damper, regularised Coulomb friction."""
 
 from __future__ import annotations
 
 import jax.numpy as jnp
 from jaxtyping import Float
 
+from gaitsweep.dynamics.ground import Ground
 from gaitsweep.dynamics.tree.dynamics import YieldingForce
 from gaitsweep.dynamics.tree.spatial import Array, Scalar
 
@@ -64,3 +65,38 @@ def ground_force(
     zero = jnp.zeros_like(load)
     force = jnp.stack([-slope * velocity[0], zero, load])
     return YieldingForce(link, at, force, jnp.stack([dt * slope, zero, zero]))
+
+
+def uneven_ground_force(
+    link: int,
+    at: Float[Array, " 3"],
+    velocity: Float[Array, " 3"],
+    dt: Scalar,
+    ground: Ground,
+    normal: Float[Array, " 3"],
+    *,
+    K: Scalar,
+    D: Scalar,
+    mu: Scalar,
+    v_slip: Scalar,
+) -> tuple[YieldingForce, Scalar]:
+    """The force of uneven ground on a foot, as `ground_force` of level ground, and its load (N).
+
+    The load is the part of the force across the ground; friction is along the ground.
+
+    Args:
+        link: the foot's link.
+        at: the foot's point that is nearest to the ground, in the world, (3,) m.
+        velocity: its velocity there, (3,) m/s.
+        dt: the step, s.
+        ground: the ground.
+        normal: the unit vector across the ground, (3,).
+        K, D, mu, v_slip: as for `normal_force` and `friction_slope`.
+    """
+    along = jnp.stack([normal[2], jnp.zeros_like(normal[0]), -normal[0]])
+    depth = (ground(at[0]) - at[2]) * normal[2]
+    load = normal_force(depth, -jnp.sum(velocity * normal), K, D)
+    slip = jnp.sum(velocity * along)
+    slope = friction_slope(load, slip, mu, v_slip)
+    force = load * normal - slope * slip * along
+    return YieldingForce(link, at, force, dt * slope * along[:, None] * along[None, :]), load

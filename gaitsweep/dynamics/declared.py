@@ -17,6 +17,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Real
 
+from gaitsweep.column_meanings import COLUMNS, time_column
 from gaitsweep.contract import Model, Quantity
 from gaitsweep.dynamics.declarations import (
     Mode,
@@ -34,7 +35,6 @@ from gaitsweep.dynamics.noise import PATH, SEED, Diffusion, begun_path
 from gaitsweep.dynamics.sliding import Sliding
 from gaitsweep.expression import RESERVED
 from gaitsweep.near_miss import suggestion
-from gaitsweep.run_columns import COLUMNS, time_column
 from gaitsweep.skeleton import LimbLook
 
 Values = Mapping[str, jax.Array]
@@ -429,7 +429,7 @@ class Declared(Model):
         for name in self._named(Sliding):
             fields[name] = jnp.asarray(1)  # before the variables decide it
         if (feet := self._feet()) is not None:
-            fields[STEPS] = feet.begun(fields[feet.clock])
+            fields[STEPS] = feet.begun(self, fields[feet.clock])
         if self._diffusion() is not None:
             fields[PATH] = begun_path()
         return fields

@@ -94,6 +94,12 @@ class DeclaredModel(Declared, HybridModel):
             if name not in cls._named(Variable):
                 near = suggestion(name, cls._named(Variable))
                 raise TypeError(f"{cls.__name__}.section_coordinates has {name}, no variable{near}")
+        for event in cls.declared_events():
+            if event.resting is not None and event.effect is None:
+                raise TypeError(
+                    f"{cls.__name__} declares a rest after the event {event.name!r}, which has no jump: "
+                    "write the jump, or set the mode of rest in the jump of another event."
+                )
 
     @property
     def locates_events(self) -> bool:
@@ -141,13 +147,13 @@ class DeclaredModel(Declared, HybridModel):
         With `crossed`, a state on the surface of a section is just behind its crossing.
         """
         surfaces = Surfaces(self, params, state)
-        unit = self.period(params)
+        period = self.period(params)
         modes = []
         for event in self._armed():
             surface = surfaces.of(event)
             rate = surfaces.rate(event)
             turned = False if crossed and event.is_section else self._turned(event, params, state)
-            band = surface.band(jnp.zeros(()), unit, rate) if crossed else surface.rounding
+            band = surface.band(jnp.zeros(()), period, rate) if crossed else surface.rounding
             modes.append(surface.begun(band, rate, turned))
         return state.replace(arming=_stacked(modes)) if modes else state
 
@@ -155,8 +161,8 @@ class DeclaredModel(Declared, HybridModel):
         """Whether the jump of an event turns a state on its surface back."""
         if not event.jumps:
             return False
-        back = Surfaces(self, params, event.jumped(self, params, state)).rate(event) <= 0.0
-        return back & event.holds(params, state)
+        after = Surfaces(self, params, event.jumped(self, params, state))
+        return (after.rate(event) <= 0.0) & event.holds(params, state)
 
     def complete(self, params: Any, state: Any, /) -> Any:
         """The state with those variables set that follow from the others, at t = 0 and on the section.
@@ -225,9 +231,9 @@ class DeclaredModel(Declared, HybridModel):
         a jump that sets a variable would lose that time, and clocks that strike together would come apart.
         """
         surfaces = Surfaces(self, params, state)
-        unit = self.period(params)
-        late = jax.lax.stop_gradient(surfaces.of(event).late(surfaces.rate(event), unit))
-        late = jnp.where(late <= CORRECTED * unit, late, 0.0)
+        period = self.period(params)
+        late = jax.lax.stop_gradient(surfaces.of(event).late(surfaces.rate(event), period))
+        late = jnp.where(late <= CORRECTED * period, late, 0.0)
         after = event.jumped(self, params, self._moved(params, state, -late))
         return self._moved(params, after, late), Surfaces(self, params, after).rate(event)
 
@@ -248,25 +254,26 @@ class DeclaredModel(Declared, HybridModel):
 
         `rates` are those of the events' heights just after their own jumps.
         """
-        unit = self.period(params)
+        period = self.period(params)
         surfaces_before = Surfaces(self, params, before)
         surfaces_after = Surfaces(self, params, after)
         flags = dict(self._flags(fired))
-        late = self._lateness(surfaces_before, flags, unit)
+        late = self._lateness(surfaces_before, flags, period)
         modes = []
         for place, event in enumerate(self._armed()):
             surface = surfaces_after.of(event)
             rate = surfaces_after.rate(event)
             mode = _at(before.arming, place)
-            band = surface.band(late, unit, surfaces_before.rate(event), rate)
+            band = surface.band(late, period, surfaces_before.rate(event), rate)
             crossed, returned = flags[event]
             holds = event.holds(params, before)
             rate = jnp.where(crossed & holds, rates.get(event, rate), rate)
-            new = surface.jumped(mode, crossed, returned, band, rate, holds & event.jumps)
+            arming = surface.jumped(mode, crossed, returned, band, rate, holds & event.jumps)
             if event.declared.during is not None:
                 begins = event.within(after) & ~event.within(before)
-                new = _where(begins, surface.begun(band, rate, self._turned(event, params, after)), new)
-            modes.append(new)
+                begun = surface.begun(band, rate, self._turned(event, params, after))
+                arming = _where(begins, begun, arming)
+            modes.append(arming)
         after = after.replace(arming=_stacked(modes))
         return self._rested(params, before, after, surfaces_after, flags)
 
@@ -274,12 +281,12 @@ class DeclaredModel(Declared, HybridModel):
         self,
         surfaces: Surfaces,
         flags: Mapping[SingleEvent, Bool[Array, " guards"]],
-        unit: Float[Array, ""],
+        period: Float[Array, ""],
     ) -> Float[Array, ""]:
         """The largest time (s) since a crossing that has fired, from the state before its jump."""
         times = []
         for event in self._armed():
-            late = surfaces.of(event).late(surfaces.rate(event), unit)
+            late = surfaces.of(event).late(surfaces.rate(event), period)
             times.append(jnp.where(flags[event][0], late, 0.0))
         return jnp.max(jnp.stack(times))
 
@@ -298,18 +305,17 @@ class DeclaredModel(Declared, HybridModel):
         resting = [event for event in self.single_events() if event.declared.resting is not None]
         if not resting:
             return after
-        unit = self.period(params)
+        period = self.period(params)
         arming = after.arming
-        # a state that an event with a jump would meet again within no time
-        soon = [
+        meets_again = [  # of each event with a jump: whether the state would meet it within no time
             event.within(after)
             & event.holds(params, after)
             & arming.armed[k]
-            & surfaces.returns_soon(event, unit)
+            & surfaces.returns_soon(event, period)
             for k, event in enumerate(self._armed())
             if event.jumps
         ]
-        comes_to_rest = jnp.any(jnp.stack(soon)) | jnp.any(arming.accumulated)
+        comes_to_rest = jnp.any(jnp.stack(meets_again)) | jnp.any(arming.accumulated)
         for event in resting:
             rests = event.happens(flags[event]) & event.holds(params, before) & comes_to_rest
             after = _where(rests, self._begun(params, event.rested(self, params, after)), after)
@@ -353,7 +359,7 @@ class DeclaredModel(Declared, HybridModel):
 
         return {name: image(declared) for name, declared in self._named(Symmetry).items()}
 
-    def chart(self) -> Chart | None:
+    def chart(self) -> Chart:
         return SectionCoordinates(self)
 
 

@@ -17,7 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from gaitsweep.contract import Model, Quantity
+from gaitsweep.contract import Model, Quantity, SteppedModel
 from gaitsweep.skeleton import LimbLook
 
 # The legs that have names of gaits: left and right, fore and hind, or from the first pair to the last.
@@ -40,6 +40,11 @@ _SIXTH = 1.0 / 12.0
 
 # Strides after a touchdown within which a foot that steps lands again.
 LATE = 1.5
+
+# Share of a model's period for which a foot of a `SteppedModel` has to stay down, or up, to count as landed,
+# or lifted. A simulator's contacts open and close for a step or two at touchdown and before liftoff; swings
+# and stances last longer.
+SHORTEST_CONTACT = 0.05
 
 Legs = Mapping[str, Any]
 
@@ -68,7 +73,7 @@ def gait_of_footfalls(touchdowns: Sequence[float], duty: Sequence[float], legs: 
         legs: the legs: L and R; LF, RF, LH and RH; or L1, R1, L2, R2, L3 and R3, in any order.
 
     Raises:
-        ValueError: other legs.
+        ValueError: other legs, or another number of touchdowns or duty factors.
 
     Example:
         >>> import gaitsweep as gs
@@ -76,6 +81,7 @@ def gait_of_footfalls(touchdowns: Sequence[float], duty: Sequence[float], legs: 
         'lateral sequence walk'
     """
     refuse_legs(legs)
+    _refuse_lengths(touchdowns, duty, legs)
     index = gait_index(dict(zip(legs, touchdowns, strict=True)), float(np.mean(duty)))
     return GAITS[len(legs)][int(index)]
 
@@ -88,11 +94,15 @@ def support_patterns(
     Args:
         touchdowns, duty, legs: as of `gait_of_footfalls`; legs may have any names.
 
+    Raises:
+        ValueError: there is no leg, or another number of touchdowns or duty factors.
+
     Example:
         >>> import gaitsweep as gs
         >>> gs.analyses.support_patterns([0.0, 0.5, 0.5, 0.0], [0.5] * 4, ["LF", "RF", "LH", "RH"])
         {'LF RH': 0.5, 'RF LH': 0.5}
     """
+    _refuse_lengths(touchdowns, duty, legs)
     begin = np.asarray(touchdowns, float)
     length = np.asarray(duty, float)
     edges = np.unique(np.r_[0.0, np.mod(np.r_[begin, begin + length] - begin.min(), 1.0), 1.0])
@@ -102,6 +112,13 @@ def support_patterns(
         feet = " ".join(leg for leg, is_down in zip(legs, down, strict=True) if is_down)
         shares[feet] = shares.get(feet, 0.0) + float(high - low)
     return shares
+
+
+def _refuse_lengths(touchdowns: Sequence[float], duty: Sequence[float], legs: Sequence[str]) -> None:
+    """Refuse touchdowns and duty factors that are not one for each leg, and no leg."""
+    if not len(touchdowns) == len(duty) == len(legs) > 0:
+        counts = f"{len(touchdowns)} touchdowns, {len(duty)} duty factors and {len(legs)} legs"
+        raise ValueError(f"There are {counts}: give one touchdown and one duty factor for each leg.")
 
 
 def refuse_legs(legs: Sequence[str]) -> None:
@@ -200,6 +217,19 @@ class Steps:
     support: jax.Array
 
 
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class DebouncedSteps(Steps):
+    """The last steps of feet whose short contacts and lifts do not count.
+
+    `is_down` (n,): whether each foot counts as down; `since` (n,): the times (s) since which its contact, or
+    its lack, lasts.
+    """
+
+    is_down: jax.Array
+    since: jax.Array
+
+
 @dataclasses.dataclass(frozen=True)
 class Footfalls:
     """Declared footfalls; see `footfalls`."""
@@ -254,12 +284,16 @@ class Footfalls:
         legs = enumerate(self.legs, 1)
         return tuple(Quantity(f"contact_{i}", "1", f"whether {leg} is down") for i, leg in legs)
 
-    def begun(self, now: Float[Array, ""]) -> Steps:
+    def begun(self, model: Model, now: Float[Array, ""]) -> Steps:
         """The steps of feet that have made none."""
         n = len(self.legs)
+        now = jnp.asarray(now, float)
         none = jnp.zeros(n)
         shares = jnp.zeros(n + 1)
-        return Steps(jnp.zeros(n, jnp.int32), none, none, none, jnp.asarray(now, float), shares, shares)
+        steps = (jnp.zeros(n, jnp.int32), none, none, none, now, shares, shares)
+        if isinstance(model, SteppedModel):
+            return DebouncedSteps(*steps, jnp.zeros(n, bool), jnp.broadcast_to(now, (n,)))
+        return Steps(*steps)
 
     def down(self, model: Model, params: Any, state: Any) -> Bool[Array, " feet"]:
         """Whether each foot is down.
@@ -289,22 +323,32 @@ class Footfalls:
         now = getattr(after, self.clock)
         landed = steps.landed + reset
         changed = steps.changed + reset
+        at = jnp.broadcast_to(now, landed.shape)
+        latest = now
+        if isinstance(steps, DebouncedSteps):
+            at = jnp.where(down == was, steps.since + reset, now)
+            lasts = now - at >= SHORTEST_CONTACT * model.period(params)
+            was = steps.is_down
+            down = jnp.where(lasts, down, was)
+            steps = dataclasses.replace(steps, is_down=down, since=at)
+            latest = jnp.max(jnp.where(down == was, changed, at))
         lands = down & ~was
         lifts = was & ~down
         landed_before = steps.landings >= 1
         feet = jnp.arange(len(self.legs) + 1) == jnp.sum(was)
         moved = jnp.any(lands | lifts)
-        spent = steps.spent + jnp.where(feet & moved, now - changed, 0.0)
-        stride = jnp.where(landed_before[0], now - landed[0], 0.0)
+        spent = steps.spent + jnp.where(feet & moved, latest - changed, 0.0)
+        stride = jnp.where(landed_before[0], at[0] - landed[0], 0.0)
         share = jnp.where(stride > 0.0, spent / jnp.where(stride > 0.0, stride, 1.0), 0.0)
-        return Steps(
-            steps.landings + lands.astype(jnp.int32),
-            jnp.where(lands, now, landed),
-            jnp.where(lands & landed_before, now - landed, steps.strides),
-            jnp.where(lifts & landed_before, now - landed, steps.stances),
-            jnp.where(moved, now, changed),
-            jnp.where(lands[0], 0.0, spent),
-            jnp.where(lands[0], share, steps.support),
+        return dataclasses.replace(
+            steps,
+            landings=steps.landings + lands.astype(jnp.int32),
+            landed=jnp.where(lands, at, landed),
+            strides=jnp.where(lands & landed_before, at - landed, steps.strides),
+            stances=jnp.where(lifts & landed_before, at - landed, steps.stances),
+            changed=jnp.where(moved, latest, changed),
+            spent=jnp.where(lands[0], 0.0, spent),
+            support=jnp.where(lands[0], share, steps.support),
         )
 
     def observed(self, model: Model, params: Any, state: Any, steps: Steps) -> dict[str, Float[Array, ""]]:
@@ -340,6 +384,9 @@ def footfalls(clock: str, *, legs: Sequence[str]) -> Callable[[Callable[..., Any
     with so many feet down), of the last steps, and the names of their gaits: `gaits` and `label` may be left
     out. They are NaN for a foot that has not made two touchdowns, or that has stood or been held up for 1.5
     of its strides; such a row has no gait.
+
+    A foot of a model that a simulator steps (`MjcfModel`) has landed, or lifted, only if it then stays down,
+    or up, for 1/20 of the model's `period`; it landed when that began. The signals show every contact.
 
     Args:
         clock: the variable of the model, in s, whose rate is 1; a jump may set it back.

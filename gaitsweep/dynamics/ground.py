@@ -29,6 +29,9 @@ PROFILE = "profile"
 # The share of a step's length over which the ground rises to the next step: guards have to be continuous.
 RISER = 0.05
 MOST_POINTS = 200  # each segment of a profile is written out in a kernel
+# Half the length (m) over which a bend is rounded for bodies, which meet tangent planes: these have to be
+# continuous.
+ROUNDING = 0.01
 
 _RANDOM = (
     Quantity("ground_seed", "1", "seed of the ground: the same seed is the same ground", 0.0, whole=True),
@@ -163,12 +166,36 @@ class _Profile:
     places: tuple[float, ...]
     heights: tuple[float, ...]
 
-    def height(self, x: Float[Array, " ..."]) -> Float[Array, " ..."]:
+    def height(self, x: Float[Array, " ..."], rounding: float = 0.0) -> Float[Array, " ..."]:
         """The height (m) at places x (m), less that of the first point."""
         places = np.asarray(self.places)
-        segments = zip(places, np.diff(places), np.diff(self.heights), strict=False)
-        rises = (rise * jnp.clip((x - place) / length, 0.0, 1.0) for place, length, rise in segments)
-        return sum(rises, start=jnp.zeros_like(x))
+        lengths = np.diff(places)
+        rises = np.diff(self.heights)
+        if not rounding:
+            shares = (
+                jnp.clip((x - place) / length, 0.0, 1.0)
+                for place, length in zip(places, lengths, strict=False)
+            )
+        else:
+            # no further than the middle of a segment, so that each keeps its slope there
+            shorter = np.minimum(np.append(lengths, np.inf), np.insert(lengths, 0, np.inf))
+            ramps = [
+                _rounded(x - place, half)
+                for place, half in zip(places, np.minimum(rounding, 0.5 * shorter).tolist(), strict=True)
+            ]
+            shares = (
+                (begin - end) / length for begin, end, length in zip(ramps, ramps[1:], lengths, strict=False)
+            )
+        parts = (rise * share for rise, share in zip(rises, shares, strict=True))
+        return sum(parts, start=jnp.zeros_like(x))
+
+
+def _rounded(x: Float[Array, " ..."], half: float) -> Float[Array, " ..."]:
+    """max(x, 0), with a parabola in place of its bend from -half to half."""
+    if not half:
+        return jnp.maximum(x, 0.0)
+    inside = jnp.clip(x + half, 0.0, 2.0 * half)
+    return inside * inside / (4.0 * half) + jnp.maximum(x - half, 0.0)
 
 
 @functools.lru_cache(maxsize=64)
@@ -202,11 +229,15 @@ def ground_quantities(ground: str) -> tuple[Quantity, ...]:
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Ground:
-    """The ground of a row: a kind, the values of its parameters by name, and the profile of that kind."""
+    """The ground of a row: a kind, the values of its parameters by name, and the profile of that kind.
+
+    Bends of `slope` and of a profile are rounded by parabolas, as long on either side as `rounding` (m).
+    """
 
     kind: str = dataclasses.field(metadata={"static": True})
     values: Mapping[str, Float[Array, ""]]
     profile: _Profile | None = dataclasses.field(default=None, metadata={"static": True})
+    rounding: float = dataclasses.field(default=0.0, metadata={"static": True})
 
     @classmethod
     def of(cls, ground: str, values: Mapping[str, Any]) -> Ground:
@@ -220,17 +251,30 @@ class Ground:
         own = {quantity.name: jnp.asarray(values[quantity.name]) for quantity in ground_quantities(ground)}
         return cls(kind, own, _profile(ground) if kind == PROFILE else None)
 
+    def normal(self, x: Float[Array, " ..."]) -> Float[Array, "... 3"]:
+        """The unit vectors across the ground at places x (m), upwards."""
+        x = jnp.asarray(x)
+        _, slope = jax.jvp(self, (x,), (jnp.ones_like(x),))
+        across = jnp.stack([-slope, jnp.zeros_like(slope), jnp.ones_like(slope)], axis=-1)
+        return across / jnp.sqrt(1.0 + slope * slope)[..., None]
+
     def __call__(self, x: Float[Array, " ..."]) -> Float[Array, " ..."]:
         """The height (m) at places x (m)."""
         if self.kind == "even":
             return jnp.zeros_like(x)
         if self.kind == "slope":
-            return jnp.tan(jnp.deg2rad(self.values["ground_slope"])) * jnp.maximum(x, 0.0)
+            return jnp.tan(jnp.deg2rad(self.values["ground_slope"])) * _rounded(x, self.rounding)
         if self.kind in ("steps", "rough"):
             return self._drawn(x)
         assert self.profile is not None
         start = self.values["ground_start"]
-        return jnp.where(x > 0.0, self.profile.height(start + x) - self.profile.height(start), 0.0)
+        ahead = start + (_rounded(x, self.rounding) if self.rounding else x)
+        height = self.profile.height(ahead, self.rounding) - self.profile.height(start, self.rounding)
+        return jnp.where(x > 0.0 - self.rounding, height, 0.0)
+
+    def height_and_slope(self, x: Float[Array, " ..."]) -> tuple[Float[Array, " ..."], Float[Array, " ..."]]:
+        """The height (m) at places x (m), and its derivative (1) by the place."""
+        return jax.jvp(self, (x,), (jnp.ones_like(x),))
 
     def _drawn(self, x: Float[Array, " ..."]) -> Float[Array, " ..."]:
         """Heights that are drawn at multiples of `ground_width`, from 1 on, with smooth rises between."""

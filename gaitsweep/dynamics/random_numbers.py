@@ -104,9 +104,16 @@ def _constant(primals: Any, _: Any, *, half: int) -> Any:
     return number, ad.Zero(jax.typeof(number).to_tangent_aval())
 
 
+def _batched(operands: Any, places: Any, *, half: int) -> tuple[Array, int]:
+    """The numbers of a batch; an operand without a batch, such as a row's seed, is repeated."""
+    (size,) = {x.shape[place] for x, place in zip(operands, places, strict=True) if place is not None}
+    fronts = (batching.bdim_at_front(x, place, size) for x, place in zip(operands, places, strict=True))
+    return _PHILOX.bind(*fronts, half=half), 0
+
+
 _PHILOX = Primitive("philox")
 _PHILOX.def_impl(_by_jax)
 _PHILOX.def_abstract_eval(lambda seed, *_, half: seed)
 mlir.register_lowering(_PHILOX, mlir.lower_fun(_by_jax, multiple_results=False))
-batching.defbroadcasting(_PHILOX)
+batching.primitive_batchers[_PHILOX] = _batched
 ad.primitive_jvps[_PHILOX] = _constant

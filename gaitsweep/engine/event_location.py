@@ -17,7 +17,7 @@ import jax.numpy as jnp
 
 from gaitsweep.contract import Rates, State
 from gaitsweep.engine.carry import Carry, Flag, GuardFlags, Guards, Integer, Number, likely
-from gaitsweep.engine.solver import euler_update
+from gaitsweep.engine.solver.methods import euler_update
 
 # A guard's value before a step is limited to this multiple of its value after it: a model may disarm a guard
 # by a large negative number, with which the secant would locate nothing.

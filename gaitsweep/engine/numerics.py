@@ -16,8 +16,9 @@ from gaitsweep.contract import HybridModel, Model, Params
 from gaitsweep.engine.carry import Number
 from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.leaves import shapes_of
-from gaitsweep.engine.solver import METHODS, fixed_step_scheme
+from gaitsweep.engine.solver.methods import METHODS, fixed_step_scheme
 from gaitsweep.engine.solver.taylor import lacking_recurrence
+from gaitsweep.engine.stored_programs import stored
 from gaitsweep.engine.switches import may_switch, moving_operations
 
 _Factor = TypeVar("_Factor", float, jax.Array)
@@ -86,6 +87,11 @@ def taylor_is_faster(model: Model) -> bool:
     """
     if not isinstance(model, HybridModel) or model.host_parameters or lacking_recurrence(model):
         return False
+    return stored("taylor_is_faster", model, (), lambda: _moves_smoothly_in_circles(model))
+
+
+def _moves_smoothly_in_circles(model: HybridModel) -> bool:
+    """Whether a flow does not switch and has a moving sine or cosine."""
     # the programs of the flow and the guards are traced with shapes, without values
     params, state = shapes_of(model)
     if _CIRCULAR.isdisjoint(moving_operations(model, params, state)):

@@ -24,7 +24,8 @@ from gaitsweep.contract import HybridModel, Params, Quantity, Rates, Recommended
 from gaitsweep.engine.carry import Flag, Number, select
 from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.leaves import element_names
-from gaitsweep.engine.solver import METHODS
+from gaitsweep.engine.recorders.states import state_names
+from gaitsweep.engine.solver.methods import METHODS
 
 if TYPE_CHECKING:
     from gaitsweep.skeleton import Skeleton
@@ -34,6 +35,8 @@ PREFIX = "push_"
 PHASE = "push_phase"
 DURATION = "push_duration"
 CYCLES = "push_cycles"
+# The names of the numbers of a state begin with this.
+STATE = "state_"
 # The modes that are added to a state: a force or step acts now; the next event of the push's kind is awaited;
 # that event has come; the section has been crossed since the latest poll of the recorder.
 MODES = ("push_acts", "push_awaited", "push_due", "push_crossed")
@@ -80,6 +83,7 @@ class PushedModel(HybridModel):
         forced: whether a push adds to the rates of the variables for some time; else to their values at once.
         stepped: the parameter that has another value for some cycles, or None.
         event: the event after whose jump the push comes; None: at a phase.
+        resumes: whether rows start from whole states of the model, modes included, as settled rows ended.
     """
 
     model: HybridModel
@@ -87,6 +91,7 @@ class PushedModel(HybridModel):
     forced: bool = False
     stepped: str | None = None
     event: str | None = None
+    resumes: bool = False
 
     # descriptions of the model are those of the model itself
     name = _of_model("name")
@@ -101,7 +106,6 @@ class PushedModel(HybridModel):
     analytic_distance = _of_model("analytic_distance")
     original = _of_model("original")
     precisions = _of_model("precisions")
-    initial_conditions = _of_model("initial_conditions")
     observables = _of_model("observables")
     signals = _of_model("signals")
     label_fields = _of_model("label_fields")
@@ -140,6 +144,10 @@ class PushedModel(HybridModel):
     @property
     def parameters(self) -> tuple[Quantity, ...]:
         return (*self.model.parameters, *self.added)
+
+    @property
+    def initial_conditions(self) -> tuple[Quantity, ...]:
+        return state_quantities(self.model) if self.resumes else self.model.initial_conditions
 
     @property
     def recommended(self) -> Recommended:
@@ -183,7 +191,15 @@ class PushedModel(HybridModel):
 
     def init(self, params: PushedParams, start: Mapping[str, Float[Array, ""]], /) -> State:
         off = jnp.zeros((), bool)
-        return _with_modes(self.model.init(params.plain, start), (off,) * len(MODES))
+        if not self.resumes:
+            return _with_modes(self.model.init(params.plain, start), (off,) * len(MODES))
+        leaves, structure = jax.tree.flatten(_shapes(self.model)[0])
+        numbers = iter([start[quantity.name] for quantity in self.initial_conditions])
+        arrays = []
+        for leaf in leaves:
+            array = jnp.asarray([next(numbers) for _ in range(leaf.size)]).reshape(leaf.shape)
+            arrays.append(array != 0.0 if leaf.dtype == bool else array.astype(leaf.dtype))
+        return _with_modes(jax.tree.unflatten(structure, arrays), (off,) * len(MODES))
 
     def observe(self, params: PushedParams, state: State, /) -> dict[str, Real[Array, ""]]:
         return self.model.observe(params.plain, _plain(state))
@@ -206,7 +222,11 @@ class PushedModel(HybridModel):
         return self.model.free_after(params.plain)
 
     def beyond_at_start(self, params: PushedParams, state: State, /) -> dict[str, Bool[Array, ""]]:
-        return self.model.beyond_at_start(params.plain, _plain(state))
+        # a state where a row settled is just after a crossing, and its modes say so
+        return {} if self.resumes else self.model.beyond_at_start(params.plain, _plain(state))
+
+    def without_start(self, params: PushedParams, state: State, /) -> dict[str, Bool[Array, ""]]:
+        return self.model.without_start(params.plain, _plain(state))
 
     def fast_modes(
         self, params: PushedParams, /
@@ -312,6 +332,22 @@ class PushedModel(HybridModel):
 @cached_by_content(maxsize=64)
 def flow_places(model: HybridModel) -> dict[str, Place]:
     """The variables that the flow of a model moves, by name: `angle`, or `phi_1`, `phi_2` of an array."""
+    return places_of(*_shapes(model))
+
+
+@cached_by_content(maxsize=64)
+def state_quantities(model: HybridModel) -> tuple[Quantity, ...]:
+    """The numbers of a state of a model, modes included, as start values or columns: `state_angle`."""
+    known = {q.name: q.unit for q in (*model.signals, *model.observables)}
+    names = state_names(_shapes(model)[0])
+    return tuple(
+        Quantity(f"{STATE}{name}", known.get(name, ""), f"{name} in the state of the model") for name in names
+    )
+
+
+@cached_by_content(maxsize=64)
+def _shapes(model: HybridModel) -> tuple[State, Rates]:
+    """The shapes of a state of a model and of its rates."""
 
     def start_of(values: Any, start: Any) -> tuple[State, Rates]:
         params = model.params(values)
@@ -326,8 +362,7 @@ def flow_places(model: HybridModel) -> dict[str, Place]:
     for name, column in model.on_host(row).items():
         values[name] = jax.ShapeDtypeStruct(np.shape(column)[1:], jnp.float64)
     start = {q.name: jax.ShapeDtypeStruct((), jnp.float64) for q in model.initial_conditions}
-    state, rates = jax.eval_shape(start_of, values, start)
-    return places_of(state, rates)
+    return jax.eval_shape(start_of, values, start)
 
 
 def places_of(state: State, rates: Rates) -> dict[str, Place]:

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from gaitsweep.contract import Rates, State
 from gaitsweep.engine.carry import Carry, Flag, Number
 from gaitsweep.engine.numerics import ORDER, ResolvedNumerics, tolerance_scale
-from gaitsweep.engine.solver import Method
+from gaitsweep.engine.solver.methods import Method
 
 # The safety factor of a step, and the smallest factor by which a step that missed the tolerance is
 # shortened.

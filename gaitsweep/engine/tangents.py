@@ -1,8 +1,9 @@
 """Tangents of a trajectory: derivatives of its state along some directions, through steps, events and jumps.
 
 They are the derivatives of the same attempts that the trajectory makes, event times included, so that a jump
-maps them by its saltation matrix. At a crossing of the section they are read in the coordinates of the
-model's chart: there they are the products of the return map's derivatives.
+maps them by its saltation matrix, which is never formed: the derivative of the event's time is
+`implicit_event_time` in event_location.py. At a crossing of the section they are read in the coordinates of
+the model's chart: there they are the products of the return map's derivatives.
 """
 
 from __future__ import annotations

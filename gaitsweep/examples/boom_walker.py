@@ -35,7 +35,7 @@ class BoomWalker(BodyModel):
     def rates(self, p, s):
         loads = jnp.stack([self.load(p, s, "foot_l"), self.load(p, s, "foot_r")])
         pull = p.coupling * jnp.sin(s.phase[::-1] - s.phase - jnp.pi)
-        return {"phase": p.omega - p.sigma * loads * jnp.cos(s.phase) + pull, "clock": 1.0}
+        return {"phase": p.omega + p.sigma * loads * jnp.cos(s.phase) + pull, "clock": 1.0}
 
     @event("the left leg ends its swing", section=True)
     def turn(self, p, s):

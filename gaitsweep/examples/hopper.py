@@ -15,7 +15,7 @@ class Hopper(DeclaredModel):
     gaits = ("1:1", "2:1", "3:1", "none")  # turns of the oscillator a hop
     section_coordinates = ("phase", "launch")
 
-    push = parameter("m/s", "speed that the leg adds at most", 2.6, low=0.0)
+    push = parameter("m/s", "speed that the leg adds at most", 2.6, low=0.0, open_ends=True)
     restitution = parameter("1", "share of its speed that a landing keeps", 0.7, low=0.0, high=0.99)
     omega = parameter("rad/s", "frequency of the oscillator", 12.0, low=0.0, open_ends=True)
     g = parameter("m/s2", "gravitational acceleration", 9.81, low=0.0, open_ends=True)
@@ -47,4 +47,4 @@ class Hopper(DeclaredModel):
         return {"gait": jnp.where(even, per_hop - 1, 3).astype(int)}
 
     def period(self, p):
-        return 2.0 * p.push / (1.0 - p.restitution) / p.g  # no hop is longer
+        return 2.0 * p.push / (1.0 - p.restitution) / p.g  # of the longest hop that repeats

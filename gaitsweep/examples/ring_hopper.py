@@ -34,7 +34,7 @@ class RingHopper(DeclaredModel):
 
     K = parameter("1/s", "coupling of neighbours", 1.0, low=0.0)
     omega = parameter("rad/s", "frequency of the oscillators", 12.0, low=0.0, open_ends=True)
-    push = parameter("m/s", "speed that the leg adds at most", 2.6, low=0.0)
+    push = parameter("m/s", "speed that the leg adds at most", 2.6, low=0.0, open_ends=True)
     restitution = parameter("1", "share of its speed that a landing keeps", 0.7, low=0.0, high=0.99)
     g = parameter("m/s2", "gravitational acceleration", 9.81, low=0.0, open_ends=True)
 
@@ -71,4 +71,4 @@ class RingHopper(DeclaredModel):
         return {"gait": jnp.where(is_named, q + MOST_TURNS, len(self.gaits) - 1)}
 
     def period(self, p):
-        return 2.0 * p.push / (1.0 - p.restitution) / p.g  # no hop is longer
+        return 2.0 * p.push / (1.0 - p.restitution) / p.g  # of the longest hop that repeats

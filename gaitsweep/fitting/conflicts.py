@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Bool
 
+from gaitsweep.analysis.records import names_in
 from gaitsweep.errors import ArgumentError
 from gaitsweep.fitting.targets import FAILED_MISS, MISS
 from gaitsweep.near_miss import suggestion
@@ -32,7 +33,7 @@ class Conflicts:
 
 
 def conflicts(
-    tables: Sequence[pd.DataFrame], within: float = 1.0, targets: Sequence[str] | None = None
+    tables: Sequence[pd.DataFrame], within: float = 1.0, targets: str | Sequence[str] | None = None
 ) -> Conflicts:
     """Count the sets of searches for the same targets that meet one, two or more of them.
 
@@ -44,7 +45,7 @@ def conflicts(
     Raises:
         ArgumentError: the tables are not those of searches, or have different targets.
     """
-    names = _target_names(tables, targets)
+    names = _target_names(tables, names_in(targets or ()))
     columns = [f"{MISS}{name}" for name in names]
     misses = np.concatenate([np.abs(table[columns]) for table in tables])
     met = misses <= within
@@ -72,7 +73,7 @@ def _most_met(met: Bool[np.ndarray, "sets targets"]) -> tuple[Bool[np.ndarray, "
     return combinations[most_frequent], int(sets[most_frequent])
 
 
-def _target_names(tables: Sequence[pd.DataFrame], chosen: Sequence[str] | None) -> list[str]:
+def _target_names(tables: Sequence[pd.DataFrame], chosen: Sequence[str]) -> list[str]:
     """Return the chosen targets of searches, by default all; refuse tables with different targets."""
     target_names = [
         [str(column).removeprefix(MISS) for column in table.columns if str(column).startswith(MISS)]

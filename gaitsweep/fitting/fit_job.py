@@ -13,7 +13,7 @@ import numpy as np
 from gaitsweep import near_miss
 from gaitsweep.contract import Quantity
 from gaitsweep.design.design import inside, requirement
-from gaitsweep.engine.solver import derivative_refusal
+from gaitsweep.engine.solver.methods import derivative_refusal
 from gaitsweep.fitting.free_parameters import FreeParameter
 from gaitsweep.fitting.measure import Measure
 from gaitsweep.fitting.population import Population, job_with_run

@@ -34,6 +34,7 @@ _WIDTH = 0.2
 _MAX_DOUBLINGS = 3
 # Points of a Sobol sequence that are drawn at a time: a power of two, after which it is even.
 _DRAWN_AT_ONCE = 256
+RULE_OF_RESTARTS = 2  # raised when `Restarts` chooses other points, so that no older search is continued
 _MAX_PARTITIONS = 100  # of the reference directions of a front
 
 
@@ -88,7 +89,7 @@ def optimiser(
         return sobol
     if method == "cma":
         start = max(start, 0 if known_points is None else len(known_points))
-        return Restarts(sobol, start, together, seed, width or _WIDTH)
+        return Restarts(sobol, start, together, seed, _WIDTH if width is None else width)
     return Front(sobol, targets, seed)
 
 
@@ -173,10 +174,14 @@ class _AskedPoint(NamedTuple):
 class Restarts:
     """Evolution strategies (CMA-ES) that begin anew where they end, small and large ones in turn (BIPOP).
 
-    Several run side by side to fill each `ask`. The first has as many points as an `ask`, within limits. They
-    begin at the best points of a Sobol sequence, in order of their scores.
+    A large strategy has twice the points a generation of the large one before, and a small one between the
+    least number and half of the latest large one's, with a smaller width. A strategy begins as a large one
+    unless the large ones have had more points than the small ones, counted as they are asked. Several run
+    side by side to fill each `ask`. The first has as many points as an `ask`, within limits. They begin at
+    the best points of a Sobol sequence, in order of their scores.
 
-    Source: Hansen 2009, Benchmarking a BI-population CMA-ES on the BBOB-2009 function testbed.
+    Source: Hansen 2009, Benchmarking a BI-population CMA-ES on the BBOB-2009 function testbed, whose
+    strategies run one after the other and begin at random points.
     """
 
     def __init__(self, sobol: Sobol, start: int, together: int, seed: int, width: float) -> None:
@@ -197,7 +202,8 @@ class Restarts:
         self._queue: deque[_AskedPoint] = deque()
         self._asked: deque[list[_AskedPoint]] = deque()
         self._doublings = 0
-        self._points_of_small = 0
+        self._large: set[int] = set()  # numbers of the large strategies
+        self._points_of_small = 0  # asked of small strategies so far
         self._points_of_large = 0
 
     def ask(self, n: int) -> PointArray:
@@ -234,20 +240,19 @@ class Restarts:
 
     def _begin_strategy(self) -> None:
         """Begin a strategy: a large one if the small ones have had as many points, else a small one."""
-        large_size = self._first_size * 2**self._doublings
         if self._points_of_large <= self._points_of_small:
-            size = large_size
+            size = self._first_size * 2 ** min(self._doublings, _MAX_DOUBLINGS)
             width = self._width
-            self._doublings = min(self._doublings + 1, _MAX_DOUBLINGS)
-            self._points_of_large += size
+            self._doublings += 1
+            self._large.add(self._begun)
         else:
+            latest = self._first_size * 2 ** min(self._doublings - 1, _MAX_DOUBLINGS)
             share = self._rng.random() ** 2
-            size = int(self._smallest * (0.5 * large_size / self._smallest) ** share)
+            size = int(self._smallest * max(0.5 * latest / self._smallest, 1.0) ** share)
             width = self._width * 10.0 ** (-2.0 * self._rng.random())
-            self._points_of_small += size
         middle = self._rng.random(self._dimension) if not self._start_points else self._best_start_point()
         seed = int(self._rng.integers(2**63))
-        self._strategies[self._begun] = _Strategy(middle, width, max(size, _MIN_POINTS), seed)
+        self._strategies[self._begun] = _Strategy(middle, width, size, seed)
         self._queue_generation(self._begun)
         self._begun += 1
 
@@ -259,6 +264,10 @@ class Restarts:
     def _queue_generation(self, number: int) -> None:
         """Queue the points of a strategy's next generation."""
         points = self._strategies[number].ask()
+        if number in self._large:
+            self._points_of_large += len(points)
+        else:
+            self._points_of_small += len(points)
         self._queue.extend(_AskedPoint(point, number, place) for place, point in enumerate(points))
 
 

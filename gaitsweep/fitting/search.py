@@ -215,7 +215,7 @@ class _Search:
         missing = set(self.directory.missing_blocks())
         if len(missing) < len(self.directory.layout.blocks):
             with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # about missing rows
+                warnings.simplefilter("ignore", UserWarning)  # about missing rows
                 self.stored = load(self.directory.path)
         chosen: deque[tuple[int, Sets]] = deque()
         # a cluster takes one batch at a time

@@ -21,7 +21,7 @@ from gaitsweep.errors import ArgumentError
 from gaitsweep.fitting.fit_fields import by_name, read_file, read_free, read_measure, read_settings
 from gaitsweep.fitting.fit_job import FitJob, read_fit_job
 from gaitsweep.fitting.free_parameters import FreeParameter
-from gaitsweep.fitting.optimisers import METHODS, Method, missing_package
+from gaitsweep.fitting.optimisers import METHODS, RULE_OF_RESTARTS, Method, missing_package
 from gaitsweep.fitting.robustness import ROBUST, Robust, check_robust, own_constants, robust_target
 from gaitsweep.fitting.targets import MISS, Target, TargetValue
 from gaitsweep.runs.prepare import RunContext
@@ -195,6 +195,8 @@ class SearchJob(Search):
             "search": {**self.written["search"], "population": population, "side_by_side": side_by_side},
             "versions": dict(versions),
         }
+        if self.options.method == "cma":  # other methods choose their points as in older versions
+            deciding["restarts"] = RULE_OF_RESTARTS
         return hashlib.sha256(json.dumps(deciding, sort_keys=True).encode()).hexdigest()
 
 
@@ -361,7 +363,7 @@ def _sets_of(
         yield "", entry
         return
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # a search that was stopped has sets too
+        warnings.simplefilter("ignore", UserWarning)  # a search that was stopped has sets too
         table = load(directory)
     if not {"score", "generation"} <= set(table):
         raise TableError(f"{entry} is not the result of a search: its table has no score.")

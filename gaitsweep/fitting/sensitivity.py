@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 
 from gaitsweep.angles import wrapped_difference
 from gaitsweep.contract import Model
-from gaitsweep.engine.sweep.block import rows_of_a_block
+from gaitsweep.engine.sweep.blocks_of_rows import rows_of_a_block
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.fitting.fit_directory import ClusterRows, describe, open_directory
 from gaitsweep.fitting.free_parameters import Sets
@@ -32,7 +32,7 @@ from gaitsweep.runs.executor import write_blocks
 from gaitsweep.runs.progress import Progress
 from gaitsweep.status import SetStatus
 from gaitsweep.table import ResultDirectory, load, replace_file
-from gaitsweep.table.files import writing
+from gaitsweep.table.atomic_files import writing
 from gaitsweep.table.manifest import FIGURES, Layout
 
 if TYPE_CHECKING:

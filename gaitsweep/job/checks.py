@@ -131,7 +131,7 @@ def _between_its_ends(design: Design, name: str, quantity: Quantity) -> bool:
     """Return whether both ends of a name's axis are allowed, so that its points need no check."""
     for group in design.groups:
         axis = group.axes.get(name)
-        if isinstance(axis, RangeAxis) and not axis.formulas:
+        if isinstance(axis, RangeAxis) and not axis.formulas and not quantity.whole:
             ends = np.array([axis.low, axis.high], np.float64)
             return bool(inside(ends, quantity).all()) and not (axis.logarithmic and ends.min() <= 0.0)
     return False

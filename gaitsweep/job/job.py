@@ -27,7 +27,7 @@ from gaitsweep.design.design import Design
 from gaitsweep.design.vary import vary_schema
 from gaitsweep.dynamics.ground import KINDS
 from gaitsweep.engine.numerics import ResolvedNumerics
-from gaitsweep.engine.sweep.block import rows_of_a_block
+from gaitsweep.engine.sweep.blocks_of_rows import rows_of_a_block
 from gaitsweep.job.numerics import EngineChoice, NumericsSpec
 from gaitsweep.job.reading import read_job
 from gaitsweep.kinds import RUN_KINDS, RunKind

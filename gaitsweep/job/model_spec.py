@@ -12,12 +12,12 @@ from typing import Any, Literal
 from pydantic import BaseModel
 
 from gaitsweep import models, near_miss
-from gaitsweep.contract import Model, Quantity
+from gaitsweep.contract import Model, Quantity, SteppedModel
 from gaitsweep.dynamics.ground import KINDS, asks_for_ground, check_ground, ground_profile
 from gaitsweep.engine.devices import refuse_missing_platform
 from gaitsweep.errors import ArgumentError
 from gaitsweep.expression import RESERVED
-from gaitsweep.kinds import RUN_KINDS
+from gaitsweep.kinds import kind_written
 from gaitsweep.models.conformity import fault
 from gaitsweep.schema.diagnostics import Diagnostic, Path, quoted
 from gaitsweep.schema.numbers import (
@@ -129,7 +129,13 @@ def read_model_spec(
         if "ground" in fields:
             written.append((("ground",), "ground", ground))
         else:
-            text = f"is {quoted(ground)}, but {name} does not ask for the height of the ground: remove it."
+            lacks = "does not ask for the height of the ground: remove it."
+            if issubclass(model_class, SteppedModel):
+                lacks = (
+                    "moves in steps, which meet the ground of their own: remove it, or take located contacts "
+                    "(dynamics: located in a model file, BodyModel in Python)."
+                )
+            text = f"is {quoted(ground)}, but {name} {lacks}"
             diagnostics.append(Diagnostic(("ground",), text))
     shape = _read_structure(str(name), model_class, fields, written, folders, diagnostics)
     if diagnostics:
@@ -188,15 +194,15 @@ def _read_structure(
 def _with_run(spec: ModelSpec, run: Any) -> tuple[ModelSpec, list[Diagnostic]]:
     """Return the model with the parameters that a run adds, and the diagnostics."""
     written = run.model_dump() if isinstance(run, BaseModel) else run
-    name = written.get("kind") if isinstance(written, Mapping) else None
-    kind = RUN_KINDS.get(name) if isinstance(name, str) else None
+    kind = kind_written(written)
     if kind is None:
         return spec, []
     model, diagnostics = kind.model_of(spec.model, written)
     if model is spec.model:
         return spec, diagnostics
     parameters = {quantity.name: quantity for quantity in model.parameters}
-    return dataclasses.replace(spec, model=model, parameters=parameters), diagnostics
+    starts = {quantity.name: quantity for quantity in model.initial_conditions}
+    return dataclasses.replace(spec, model=model, parameters=parameters, starts=starts), diagnostics
 
 
 def _items(mapping: Any) -> list[tuple[str, Any]]:

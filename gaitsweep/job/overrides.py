@@ -11,7 +11,7 @@ from gaitsweep.schema.yaml_document import Document, read_document, read_value
 _LONGEST_SHOWN = 60  # characters of an override in a message
 
 
-def read_with_overrides(path: Path, overrides: Sequence[str]) -> Document:
+def read_with_overrides(path: Path, overrides: str | Sequence[str]) -> Document:
     """Read a YAML file and apply overrides.
 
     Args:
@@ -23,7 +23,7 @@ def read_with_overrides(path: Path, overrides: Sequence[str]) -> Document:
         JobError: the file is not YAML, or an override is not valid.
     """
     document = read_document(path)
-    for override in overrides:
+    for override in [overrides] if isinstance(overrides, str) else overrides:
         _override(document, override)
     return document
 

@@ -17,8 +17,9 @@ from gaitsweep.expression import ExpressionError, evaluate, names_in
 from gaitsweep.job.checks import check_figures, check_names, check_ranges, path_of_value
 from gaitsweep.job.config import Config
 from gaitsweep.job.model_spec import ModelSpec, read_model_spec, read_settings
-from gaitsweep.job.step_lengths import check_numerics, check_steps, suited_to_stiffness
-from gaitsweep.kinds import parameter_written
+from gaitsweep.job.step_lengths import check_numerics, check_steps
+from gaitsweep.job.stiffness import suited_to_stiffness
+from gaitsweep.kinds import kind_written, parameter_written
 from gaitsweep.kinds.fixed_points import FollowsFixedPoints
 from gaitsweep.kinds.run_kind import RunKind, table_columns
 from gaitsweep.plot.kind import FigureKind
@@ -125,6 +126,10 @@ def _read_rows(config: Config, folder: Path) -> _Rows:
             raw["model"], raw.get("structure"), raw.get("params"), [folder], raw.get("run"), raw.get("ground")
         )
         diagnostics += wrong
+    kind = kind_written(raw.get("run"))
+    if spec is not None and kind is not None:
+        raw, wrong = kind.filled(raw, spec.model)
+        config.refuse(wrong)  # without the values of the table others would be missing
     fields = {key: value for key, value in raw.items() if key not in _READ_HERE}
     settings: dict[str, float | str] = {}
     if spec is not None:

@@ -17,7 +17,7 @@ from gaitsweep.contract import HybridModel, Model
 from gaitsweep.design.design import Design
 from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.devices import see_all_cores
-from gaitsweep.engine.flow_spectrum import STIFF, decay_per_period, slowest_limit
+from gaitsweep.engine.flow_spectrum import slowest_limit
 from gaitsweep.engine.kernel.row_functions import over_rows
 from gaitsweep.engine.leaves import dependences
 from gaitsweep.engine.numerics import (
@@ -27,7 +27,7 @@ from gaitsweep.engine.numerics import (
     recommended_step,
     unknown_step,
 )
-from gaitsweep.engine.solver import METHODS, fixed_step_scheme, refusal
+from gaitsweep.engine.solver.methods import METHODS, fixed_step_scheme, refusal
 from gaitsweep.engine.stored_programs import stored
 from gaitsweep.expression import functions_of, resolve
 from gaitsweep.job.numerics import NumericsSpec
@@ -45,8 +45,6 @@ MAX_SETS = 1_000_000
 MAX_RECOMMENDED = 65_536
 # Number of sets if each needs a simulator's compiler, or eigenvalues.
 MAX_COSTLY_SETS = 64
-# Number of rows whose flow is examined for stiffness.
-MAX_STIFFNESS_ROWS = 16
 _CHUNK = 65_536  # rows that are evaluated at a time
 _DIGEST_ROWS = 1024  # of which the steps are in a digest
 # The largest tolerance on event times, as a share of the nominal period: well below the longest step.
@@ -85,32 +83,6 @@ def check_numerics(model: Model, numerics: NumericsSpec, resolved: ResolvedNumer
             text = f"is set, but {resolved.method} has no step control by tolerances: remove it."
             diagnostics.append(Diagnostic(("numerics", name), text))
     return diagnostics
-
-
-def suited_to_stiffness(design: Design, run: RunKind, numerics: ResolvedNumerics) -> ResolvedNumerics:
-    """The numerics of a job that leaves the method open: those given, or rodas5p where some row is stiff.
-
-    A flow is stiff if some motion decays more than `STIFF` times in a nominal period, at the start of one of
-    `MAX_STIFFNESS_ROWS` evenly spaced rows. A method that the model recommends is kept.
-
-    Args:
-        design, run: the job's rows and their run kind.
-        numerics: the resolved numerics, of the method auto.
-    """
-    model = design.model
-    if not isinstance(model, HybridModel) or model.recommended.method != "auto" or model.host_parameters:
-        return numerics
-    if refusal("rodas5p", model, numerics.precision) is not None:
-        return numerics
-    count = min(design.n_rows, MAX_STIFFNESS_ROWS)
-    values, starts = design.values_in(np.linspace(0, design.n_rows - 1, count).astype(np.int64))
-    places = list(run.places())
-    for place in places[:: max(1, (len(places) - 1) // 2)]:  # both ends and the middle of a path
-        placed = {**values, **{name: np.full(count, at) for name, at in place.items()}}
-        placed = resolve(design.following(*place), placed, functions_of(np))
-        if decay_per_period(model, placed, starts) > STIFF:
-            return dataclasses.replace(numerics, method="rodas5p")
-    return numerics
 
 
 @dataclasses.dataclass(frozen=True)

@@ -1,6 +1,8 @@
 """Run kinds: the tasks that a job can give to each of its rows. A kind is one class in one file.
 
-`register` adds a kind from another package before its jobs are read; it is usable as a decorator:
+`run_kind` is their interface, and decides the order of a table's columns, which `columns` declares.
+`fixed_points` is shared by the kinds that follow fixed points, `drawn_starts` and `atlas_block` serve the
+atlas. `register` adds a kind from another package before its jobs are read; it is usable as a decorator:
 
     @gaitsweep.kinds.register
     class Count(RunKind): ...
@@ -25,7 +27,7 @@ from gaitsweep.kinds.staircase import Staircase
 from gaitsweep.kinds.trace import Trace
 from gaitsweep.schema.strict_model import Registry
 
-__all__ = ["RUN_KINDS", "RunKind", "parameter_written", "register", "unregister"]
+__all__ = ["RUN_KINDS", "RunKind", "kind_written", "parameter_written", "register", "unregister"]
 
 RUN_KINDS: Registry[RunKind] = Registry(
     "run", [Settle, FixedTime, Trace, Ramp, ReturnMap, Staircase, Continuation, Folds, Atlas, Perturb]
@@ -37,6 +39,11 @@ import_all("run_kinds")
 
 def parameter_written(run: Any) -> object:
     """The parameter that a run moves, as written in a job that is not checked yet, or None."""
-    name = run.get("kind") if isinstance(run, Mapping) else None
-    kind = RUN_KINDS.get(name) if isinstance(name, str) else None
+    kind = kind_written(run)
     return run.get("parameter") if kind is not None and kind.moves() else None
+
+
+def kind_written(run: Any) -> type[RunKind] | None:
+    """The kind of a run as written in a job that is not checked yet, or None."""
+    name = run.get("kind") if isinstance(run, Mapping) else None
+    return RUN_KINDS.get(name) if isinstance(name, str) else None

@@ -15,6 +15,7 @@ from gaitsweep import near_miss
 from gaitsweep.analysis.atlas.atlas_tables import atlas_tables
 from gaitsweep.analysis.atlas.periodic_orbits import OrbitSearch, SearchOptions
 from gaitsweep.analysis.atlas.stored_points import points_of
+from gaitsweep.column_meanings import time_column
 from gaitsweep.contract import HybridModel, Model, Quantity
 from gaitsweep.design import Design
 from gaitsweep.engine.poincare.maps import Points, Values
@@ -32,7 +33,6 @@ from gaitsweep.kinds.fixed_points import (
     unknowns,
 )
 from gaitsweep.kinds.run_kind import BlockProgress, Cost
-from gaitsweep.run_columns import time_column
 from gaitsweep.schema.diagnostics import Diagnostic
 from gaitsweep.schema.numbers import Count, CountOrZero, Real, Text
 from gaitsweep.table import TableError, load

@@ -10,10 +10,11 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Bool, Float, Int, Real, Shaped
 
+from gaitsweep.column_meanings import COLUMNS
 from gaitsweep.contract import HybridModel, Model, Quantity, names_gait
 from gaitsweep.engine.event_stall import unpacked
+from gaitsweep.engine.pushed_model import state_quantities
 from gaitsweep.row_outcome import RowOutcome
-from gaitsweep.run_columns import COLUMNS
 from gaitsweep.status import RECURRENT, Status
 from gaitsweep.table.frames import categorical, outcomes
 
@@ -155,6 +156,23 @@ def observed_on_orbits(model: Model, block: RowOutcome) -> list[Column]:
         Column(f"{q.name}_end_{c + 2}", lambda records, at=c * k + i: records["orbit"][:, at], q, False)
         for c in range(longest - 1)
         for i, q in enumerate(model.observables)
+    ]
+
+
+def states_at_end(model: HybridModel) -> list[Column]:
+    """The numbers of the state where each row settled, such as `state_angle`; NaN where it did not settle."""
+
+    def read(records: Records, place: int) -> ColumnValues:
+        block = records.block
+        values = np.full(block.row.size, np.nan)
+        kept = block.kept > 0
+        if kept.any():  # rows that a refined run infers have no samples
+            values[kept] = block.samples[:, place]
+        return np.where(block.status == Status.settled, values, np.nan)
+
+    return [
+        Column(q.name, lambda records, i=i: read(records, i), q, False)
+        for i, q in enumerate(state_quantities(model))
     ]
 
 

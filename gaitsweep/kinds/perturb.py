@@ -2,20 +2,33 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any, ClassVar, Literal, cast
 
 import numpy as np
+import pandas as pd
 from pydantic import Field
 
 from gaitsweep import near_miss
 from gaitsweep.contract import HybridModel, Model
 from gaitsweep.design import Design
 from gaitsweep.design.design import MAX_CHECKED, inside, requirement
-from gaitsweep.engine.pushed_model import CYCLES, DURATION, PREFIX, PushedModel, flow_places
+from gaitsweep.design.vary import written_names
+from gaitsweep.engine.pushed_model import (
+    CYCLES,
+    DURATION,
+    PREFIX,
+    STATE,
+    PushedModel,
+    flow_places,
+    state_quantities,
+)
 from gaitsweep.engine.recorders.perturb import MEASURED, PerturbRecorder, Stage
-from gaitsweep.engine.solver import METHODS
+from gaitsweep.engine.solver.methods import METHODS
+from gaitsweep.errors import ArgumentError
 from gaitsweep.kinds.columns import (
     GAIT,
     OUTCOME,
@@ -34,10 +47,15 @@ from gaitsweep.kinds.settle import SettlesRows, tolerance_field
 from gaitsweep.schema.diagnostics import Diagnostic
 from gaitsweep.schema.numbers import Flag, Positive, PositiveOrEach, Text
 from gaitsweep.status import Status
+from gaitsweep.table import TableError, load
 from gaitsweep.table.frames import categorical
+from gaitsweep.table.manifest import read_manifest
 
 # What the column `recovery` says, in the order in which figures list it.
 RECOVERIES = ("recovered", "elsewhere", "fell", "failed", "not settled", "not pushed")
+
+IN_MEMORY = "a table in memory"
+MOST_ROWS = 10_000  # of an earlier table, whose numbers the job and the manifest hold
 
 
 class Perturb(SettlesRows):
@@ -71,7 +89,13 @@ class Perturb(SettlesRows):
         "observables as a fraction of their size",
     )
     tolerance: PositiveOrEach = tolerance_field("row", 1e-6)
+    after: Text | None = Field(
+        default=None,
+        description="result directory of a run of kind settle with `states`, whose settled rows are pushed, "
+        "with their parameters, instead of rows that settle from start values",
+    )
 
+    unhashed: ClassVar[tuple[str, ...]] = ("after",)  # the rows of the table become part of the job
     figures: ClassVar[tuple[str, ...]] = ("basin",)
 
     @classmethod
@@ -102,15 +126,59 @@ class Perturb(SettlesRows):
         )
         event = known(("run", "at"), written.get("at"), "an event", list(dict.fromkeys(model.guard_names)))
         chosen = dict.fromkeys(name for name in pushed if name is not None)
-        extended = PushedModel(model, tuple(chosen), written.get("force") is True, stepped, event)
+        resumes = isinstance(written.get("after"), str | pd.DataFrame)
+        extended = PushedModel(model, tuple(chosen), written.get("force") is True, stepped, event, resumes)
         of_model = {q.name for q in (*model.parameters, *model.initial_conditions)}
-        added = [q.name for q in extended.added]
+        added = [q.name for q in (*extended.added, *(extended.initial_conditions if resumes else ()))]
         for name in added:
             if name in of_model or added.count(name) > 1:
-                text = f"is perturb, which adds a parameter {name}, but {model.name} has another one of this "
+                text = f"is perturb, which adds a quantity {name}, but {model.name} has another one of this "
                 wrong.append(Diagnostic(("run", "kind"), f"{text}name: rename that."))
         clash = any(diagnostic.path == ("run", "kind") for diagnostic in wrong)
         return (model if clash else extended), wrong
+
+    @classmethod
+    def filled(cls, fields: Mapping[str, Any], model: Model) -> tuple[dict[str, Any], list[Diagnostic]]:
+        """The fields with the settled rows of the table `after` as the first group of `vary`.
+
+        A job that has them already, as that of a result directory, is returned as it is.
+        """
+        vary = {} if fields.get("vary") is None else fields["vary"]
+        written = [name for names in written_names(vary) for name in names]
+        start = fields.get("start")
+        written += map(str, start) if isinstance(start, Mapping) else ()
+        if not (isinstance(model, PushedModel) and model.resumes and isinstance(vary, Mapping)):
+            return dict(fields), []
+        if any(q.name in written for q in model.initial_conditions):
+            return dict(fields), []
+        after = fields["run"]["after"]
+        path = after.attrs.get("path", IN_MEMORY) if isinstance(after, pd.DataFrame) else after
+        try:
+            table = after if isinstance(after, pd.DataFrame) else _loaded(Path(after))
+            constants, rows = _settled_rows(table, str(fields.get("model")), model.model)
+        except (ArgumentError, TableError) as error:
+            return dict(fields), [Diagnostic(("run", "after"), f"is {path}: {error}")]
+        params = fields["params"] if isinstance(fields.get("params"), Mapping) else {}
+        wrong = [
+            Diagnostic(("params", str(name)), f"is {value}, but {path} has its values: remove it here.")
+            for name, value in params.items()
+            if name in rows or constants.get(name, value) != value
+        ]
+        wrong += [
+            Diagnostic(("vary",), f"varies {name}, but {path} has its values: remove it here.")
+            for name in written
+            if name in rows or name in constants
+        ]
+        if wrong:
+            return dict(fields), wrong
+        zipped = vary.get("zip", [])
+        others = {key: axis for key, axis in vary.items() if key != "zip"}
+        filled = {
+            "run": {**fields["run"], "after": path},
+            "params": {**constants, **params},
+            "vary": {"zip": [rows, *(zipped if isinstance(zipped, list) else [zipped])], **others},
+        }
+        return {**fields, **filled}, []
 
     def recorder(self, model: Model) -> PerturbRecorder:
         # where the model was refused, a recorder of it only names its columns
@@ -183,6 +251,55 @@ class Perturb(SettlesRows):
     def cost(self, rows: Design, cycle: float, period: float) -> Cost:
         likely, most = self.likely_cycles(period)
         return Cost(2.0 * likely * cycle, 2.0 * most * cycle)
+
+
+def _loaded(path: Path) -> pd.DataFrame:
+    """The table of a result directory, which has to be complete."""
+    if not read_manifest(path).get("complete"):
+        raise TableError("it is not complete: run its job first.")
+    return load(path)
+
+
+def _settled_rows(
+    table: pd.DataFrame, name: str, model: HybridModel
+) -> tuple[dict[str, float | str], dict[str, list[float]]]:
+    """The constants and the varied parameters with the states of the settled rows of an earlier table.
+
+    Args:
+        table: the table, with its `.attrs`.
+        name: the name of the model in the job.
+        model: the model.
+
+    Raises:
+        ArgumentError: the table has no states, or is that of another model.
+    """
+    job = table.attrs.get("job", {})
+    if job.get("run", {}).get("kind") != "settle" or not job["run"].get("states"):
+        raise ArgumentError("it has no states of its rows: run its job as {kind: settle, states: true}.")
+    if job["model"] != name:
+        raise ArgumentError(f"its model is {job['model']}, but that of this job is {name}.")
+    for field in dataclasses.fields(model):  # pyright: ignore[reportArgumentType]
+        before, now = job["structure"].get(field.name, field.default), getattr(model, field.name)
+        if field.init and before != now:
+            raise ArgumentError(f"its structure.{field.name} is {before}, but that of this job is {now}.")
+    parameters = {q.name: q.default for q in model.parameters}
+    varied = [axis for axes in written_names(job["vary"]) for axis in axes]
+    known = {*parameters, *(q.name for q in model.initial_conditions)}
+    if other := [axis for axis in (*job["params"], *varied) if axis not in known]:
+        raise ArgumentError(f"it has a parameter {other[0]}, which {model.name} lacks: run its job again.")
+    if lacking := [q for q in parameters if q not in job["params"] and q not in varied]:
+        raise ArgumentError(f"it lacks the parameter {lacking[0]} of {model.name}: run its job again.")
+    states = [quantity.name for quantity in state_quantities(model)]
+    columns = [*(axis for axis in varied if axis in parameters), *states]
+    if lacking := [column for column in columns if column not in table]:
+        raise ArgumentError(f"it lacks the column {lacking[0]} of {model.name}: run its job again.")
+    if other := [column for column in table if str(column).startswith(STATE) and column not in columns]:
+        raise ArgumentError(f"it has a column {other[0]}, which {model.name} lacks: run its job again.")
+    settled = table.loc[table["status"].astype(str) == Status.settled.name, columns]
+    if not 0 < len(settled) <= MOST_ROWS:
+        text = f"it has {len(settled)} settled rows, but must have from 1 to {MOST_ROWS}"
+        raise ArgumentError(f"{text}, since they become part of the job.")
+    return job["params"], {str(column): settled[column].astype(float).tolist() for column in columns}
 
 
 def _recovery(records: Records) -> ColumnValues:

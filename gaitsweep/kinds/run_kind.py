@@ -81,10 +81,11 @@ class RunKind(StrictModel, abc.ABC):
        parameter has the fields `parameter` and `path`; one that moves several has `parameters` and their
        ranges `within`.
     2. It may give the optional members: the class variables, `check`, `columns_of_block`; `model_of` where
-       its rows have parameters beside those of the model; `schedule` where a parameter moves while a row
-       runs; `refined` where only some rows are simulated; `block_table` with `compile_time` where the sweep
-       engine does not make its records, `starting_points` where these begin at fixed points, and `findings`
-       where a table has more to say than the statuses of its rows.
+       its rows have parameters beside those of the model, `filled` where an earlier table gives values of
+       its rows; `schedule` where a parameter moves while a row runs; `refined` where only some rows are
+       simulated; `block_table` with `compile_time` where the sweep engine does not make its records,
+       `starting_points` where these begin at fixed points, and `findings` where a table has more to say than
+       the statuses of its rows.
     3. The runner alone calls its functions.
 
     In Python it is created without `kind`, as in `Settle(max_cycles=150)`; NumPy arrays and numbers are
@@ -103,6 +104,7 @@ class RunKind(StrictModel, abc.ABC):
     # the fields without effect while the field of the key is not set: they are left out of the hash, so that
     # results that are older than these fields keep theirs
     idle_without: ClassVar[Mapping[str, tuple[str, ...]]] = {}
+    unhashed: ClassVar[tuple[str, ...]] = ()  # fields that say where values in the job are from
 
     def __init__(self, **fields: Any) -> None:
         kind = self.kind_name
@@ -131,6 +133,16 @@ class RunKind(StrictModel, abc.ABC):
             written: the fields of the run as written, which are not checked yet.
         """
         return model, []
+
+    @classmethod
+    def filled(cls, fields: Mapping[str, Any], model: Model) -> tuple[dict[str, Any], list[Diagnostic]]:
+        """The fields of a job with those that an earlier table gives, and diagnostics; by default as written.
+
+        Args:
+            fields: those of the job as written, which are not checked yet.
+            model: the model of its rows, from `model_of`.
+        """
+        return dict(fields), []
 
     @property
     def kind_name(self) -> str:
@@ -260,7 +272,7 @@ class RunKind(StrictModel, abc.ABC):
     def hashed(self, fields: Mapping[str, Any]) -> dict[str, Any]:
         """The fields that decide the numbers of the table."""
         idle = {name for key, names in self.idle_without.items() if not getattr(self, key) for name in names}
-        return {name: value for name, value in fields.items() if name not in idle}
+        return {name: value for name, value in fields.items() if name not in {*idle, *self.unhashed}}
 
     def all_columns(self, model: Model) -> list[Column]:
         """The columns, and those of the recorder's numbers that have a quantity."""

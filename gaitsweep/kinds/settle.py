@@ -11,11 +11,20 @@ import pandas as pd
 from pydantic import Field, PlainValidator, WithJsonSchema
 
 from gaitsweep import near_miss
-from gaitsweep.contract import Model
+from gaitsweep.contract import HybridModel, Model
 from gaitsweep.design import Design
+from gaitsweep.engine.pushed_model import state_quantities
 from gaitsweep.engine.recorders.bounds import TOLERANCE, tolerances
-from gaitsweep.engine.recorders.settle import CONFIRMED_FOR, FIRST_TEST, MAX_PERIOD, SettleRecorder
-from gaitsweep.engine.solver import derivative_refusal
+from gaitsweep.engine.recorders.recorder import Recorder
+from gaitsweep.engine.recorders.settle import (
+    CONFIRMED_FOR,
+    FIRST_TEST,
+    MAX_CYCLES,
+    MAX_PERIOD,
+    SettleRecorder,
+)
+from gaitsweep.engine.recorders.states import StateRecorder
+from gaitsweep.engine.solver.methods import derivative_refusal
 from gaitsweep.engine.sweep.boundary_cells import Grid
 from gaitsweep.engine.tangents import coordinate_count
 from gaitsweep.kinds.columns import (
@@ -28,6 +37,7 @@ from gaitsweep.kinds.columns import (
     label_fields,
     observed_at_end,
     observed_on_orbits,
+    states_at_end,
 )
 from gaitsweep.kinds.run_kind import Cost, RunKind
 from gaitsweep.row_outcome import RowOutcome
@@ -35,6 +45,7 @@ from gaitsweep.schema.diagnostics import Diagnostic
 from gaitsweep.schema.numbers import (
     Count,
     CountOrZero,
+    Flag,
     InvalidValue,
     Positive,
     PositiveOrEach,
@@ -83,7 +94,7 @@ class SettlesRows(RunKind):
     one_a_row: ClassVar[bool] = True
 
     kind: Any = Field(init=False)  # first among the fields
-    max_cycles: Count = Field(default=150, description="cycles after which a row is given up")
+    max_cycles: Count = Field(default=MAX_CYCLES, description="cycles after which a row is given up")
     tolerance: PositiveOrEach = tolerance_field("row")
     max_time: Positive | None = Field(
         default=None, description="simulated time after which a row is given up, in s"
@@ -144,6 +155,7 @@ class Settle(SettlesRows):
         "refine": ("refine", "over", "coarse"),
         "max_period": ("max_period",),
         "exponents": ("exponents",),
+        "states": ("states",),
     }
 
     kind: Literal["settle"] = Field(
@@ -156,6 +168,11 @@ class Settle(SettlesRows):
         description="Lyapunov exponents to compute, the largest first: columns lyapunov_1, ... (1/s) with "
         "standard errors; rows that do not settle may then end as chaotic or quasi_periodic, where "
         "`max_cycles` is 64 or more",
+    )
+    states: Flag = Field(
+        default=False,
+        description="whether the table has the state where each row settled, modes included, from which a "
+        "run of kind perturb continues: columns state_...",
     )
     refine: Annotated[Literal["boundary"], word("boundary")] | None = Field(
         default=None,
@@ -175,8 +192,11 @@ class Settle(SettlesRows):
         )
     )
 
-    def recorder(self, model: Model) -> SettleRecorder:
-        return dataclasses.replace(self.settling(model), exponents=self.exponents)
+    def recorder(self, model: Model) -> Recorder:
+        settling = dataclasses.replace(self.settling(model), exponents=self.exponents)
+        if not (self.states and isinstance(model, HybridModel)):
+            return settling
+        return StateRecorder(model, settling, len(state_quantities(model)))
 
     def columns(self, model: Model) -> list[Column]:
         return [
@@ -190,6 +210,7 @@ class Settle(SettlesRows):
             OUTCOME,
             Column("attractor_period", lambda records: records["period"]),
             *label_fields(model),
+            *(states_at_end(model) if self.states and isinstance(model, HybridModel) else ()),
         ]
 
     def check(self, rows: Design, method: str) -> list[Diagnostic]:
@@ -197,7 +218,15 @@ class Settle(SettlesRows):
             *self.check_settling(rows.model),
             *self._check_refinement(rows),
             *self._check_exponents(rows.model, method),
+            *self._check_states(rows.model),
         ]
+
+    def _check_states(self, model: Model) -> list[Diagnostic]:
+        """Diagnostics about states of a model that moves in steps, which no other run continues."""
+        if not self.states or isinstance(model, HybridModel):
+            return []
+        text = f"is true, for a run of kind perturb, which {model.name} cannot have: it moves in steps."
+        return [Diagnostic(("run", "states"), text)]
 
     def _check_exponents(self, model: Model, method: str) -> list[Diagnostic]:
         """Diagnostics about exponents of a map without a derivative, or more of them than it has."""

@@ -72,7 +72,8 @@ def _unread_structure(kind: type[Model]) -> str | None:
             continue
         own = vars(base).get("__dataclass_fields__", {})
         for name, hint in inspect.get_annotations(base).items():
-            if name not in own and not _is_class_variable(base, hint):
+            keyword_only_mark = "KW_ONLY" in str(hint)  # `_: dataclasses.KW_ONLY`, which is no field
+            if name not in own and not keyword_only_mark and not _is_class_variable(base, hint):
                 return (
                     f"whose class {base.__name__} annotates {name} but is not a dataclass, so no job can set "
                     "it: write @dataclasses.dataclass(frozen=True) before the class."
@@ -121,6 +122,7 @@ class _AtStarts:
     still: _Values
     closes: Bool[_AnyArray, "*rows"]
     beyond: _Values
+    without: _Values
 
     @property
     def own_state(self) -> _Values:
@@ -167,9 +169,10 @@ def _at_starts_of(model: Model) -> Callable[[Any, Any], _AtStarts]:
             "still": _by_path(model.jump(params, state, quiet)),
             "closes": jnp.asarray(model.section(params, state, quiet)),
             "beyond": model.beyond_at_start(params, state),
+            "without": model.without_start(params, state),
         }
 
-    of_rows = over_rows(of_one, "start", model)
+    of_rows = over_rows(of_one, "values at start", model)
     return lambda values, starts: _AtStarts(**of_rows(values, starts))
 
 
@@ -249,6 +252,17 @@ def surface_value(model: Model, name: str, values: Columns, row: int) -> float |
 
 def _start_faults(model: Model, at_starts: _AtStarts, where: Where) -> Iterator[str]:
     """Faults of starts: numbers that are not finite, and changes although no event has fired."""
+    begins = np.ones(len(at_starts.closes), bool)
+    for reason, without in at_starts.without.items():
+        if (row := _first_row(without)) is not None:
+            yield f"which cannot begin{where(row)}: {reason}."
+        begins &= ~np.asarray(without)
+    if not begins.all():  # the numbers of the other rows are NaN
+        rows = np.flatnonzero(begins)
+        if rows.size:
+            others = _AtStarts(**jax.tree.map(lambda leaf: leaf[rows], vars(at_starts)))
+            yield from _start_faults(model, others, lambda row: where(int(rows[row])))
+        return
     without_value = {quantity.name for quantity in model.observables if quantity.may_be_nan}
     numbers = {
         "init": at_starts.own_state,

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Union, get_args, get_origin, g
 import pandas as pd
 from pydantic import BeforeValidator, Field
 
-from gaitsweep.run_columns import COLUMNS
+from gaitsweep.column_meanings import COLUMNS
 from gaitsweep.schema.numbers import Positive, Real, Stem, Text, checked, read_text
 
 

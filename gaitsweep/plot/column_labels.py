@@ -12,10 +12,10 @@ import numpy as np
 import pandas as pd
 
 from gaitsweep.analysis.records import axes_of
+from gaitsweep.column_meanings import COLUMNS
 from gaitsweep.mathtext import can_be_set, escape_unparsable
 from gaitsweep.plot.columns import is_angle
 from gaitsweep.plot.figure_style import current
-from gaitsweep.run_columns import COLUMNS
 
 _GREEK = frozenset(
     {"alpha", "beta", "gamma", "delta", "epsilon", "zeta", "eta", "theta", "kappa", "lambda", "mu", "nu"}

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 
 from gaitsweep.plot.columns import PlotError
-from gaitsweep.table.manifest import DIFFERENCES
+from gaitsweep.table.manifest import BY_STEP, BY_STEP_WORDS, DIFFERENCES, self_check_warned
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -44,7 +44,7 @@ def remarks(table: pd.DataFrame) -> list[str]:
     if "thinned" in table.attrs:
         notes.append(str(table.attrs["thinned"]))
     check = manifest.get("self_check")
-    if isinstance(check, Mapping) and check.get("verdict") == "warned":
+    if isinstance(check, Mapping) and (self_check_warned(check) or check.get(BY_STEP)):
         notes.append(f"self-check: {_differences(check)}")
     return notes
 
@@ -52,9 +52,8 @@ def remarks(table: pd.DataFrame) -> list[str]:
 def _differences(check: Mapping[str, Any]) -> str:
     """Differences that a self-check found, such as `2 of 32 rows change gait`."""
     of_rows = f"of {check.get('rows', 0)} rows"
-    texts = [
-        f"{check[name]} {of_rows} {words.mark}" for name, words in DIFFERENCES.items() if check.get(name)
-    ]
+    marks = {**DIFFERENCES, BY_STEP: BY_STEP_WORDS}
+    texts = [f"{check[name]} {of_rows} {words.mark}" for name, words in marks.items() if check.get(name)]
     return ", ".join(texts) or "warned"
 
 

@@ -38,7 +38,8 @@ def survival(
 
     Raises:
         PlotError: the table lacks a column.
-        AnalysisError: rows ended before so many steps without a fall, or in another way than by a fall.
+        AnalysisError: more than a twentieth of the rows at one value ended before so many steps without a
+            fall, or rows ended in another way.
     """
     require_columns(table, x)
     with theme.canvas(theme.COLUMN, 2.6, title) as figure:

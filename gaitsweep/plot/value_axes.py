@@ -8,6 +8,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import FixedLocator, FuncFormatter, Locator, MultipleLocator
 
+from gaitsweep.plot.columns import PlotError
+
 _STEPS = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.25, 0.5, 1.0)  # of ticks, in pi
 # The least span of values along an axis, below which rounding would look like a change.
 _LEAST_ANGLE = 0.01  # rad
@@ -18,9 +20,11 @@ _FRACTIONS_FROM = 0.25  # pi: least distance of ticks that are labelled with fra
 
 
 class _TurnLocator(FixedLocator):
-    """Ticks over a turn, at every half turn where an axis is short."""
+    """Ticks over a turn in an even number of steps, at every half turn where an axis is short."""
 
     def __init__(self, steps: int) -> None:
+        if steps < 2 or steps % 2:
+            raise PlotError(f"steps is {steps}, but must be even, so that a tick is at half a turn.")
         super().__init__(np.linspace(0.0, 2 * np.pi, steps + 1).tolist())
 
     def __call__(self) -> Any:
@@ -55,9 +59,12 @@ def angle_axis(axes: Axes, which: Literal["x", "y", "z"], steps: int = 4) -> Non
     Args:
         axes: the panel.
         which: x, y or z.
-        steps: intervals between ticks in a turn.
+        steps: intervals between ticks in a turn, an even number.
+
+    Raises:
+        PlotError: the number of steps is not even.
     """
-    if which in "xy" and not _half_a_turn(axes, which):
+    if which != "z" and not _half_a_turn(axes, which):
         angle_ticks(axes, which)
         return
     getattr(axes, f"set_{which}lim")(0.0, 2 * np.pi)
@@ -80,7 +87,7 @@ def value_axis(axes: Axes, *, angle: bool) -> None:
         axes.set_ylim(0.5 * (low + high - least), 0.5 * (low + high + least))
 
 
-def _half_a_turn(axes: Axes, which: Literal["x", "y", "z"]) -> bool:
+def _half_a_turn(axes: Axes, which: Literal["x", "y"]) -> bool:
     """Whether the data of an axis and those that share it extend over half a turn, or there are no data."""
     shared = getattr(axes, f"get_shared_{which}_axes")().get_siblings(axes)
     spans = np.array([getattr(other.dataLim, f"interval{which}") for other in shared])
@@ -88,7 +95,7 @@ def _half_a_turn(axes: Axes, which: Literal["x", "y", "z"]) -> bool:
     return not len(spans) or float(np.ptp(spans)) >= np.pi
 
 
-def angle_ticks(axes: Axes, which: Literal["x", "y", "z"]) -> None:
+def angle_ticks(axes: Axes, which: Literal["x", "y"]) -> None:
     """Put ticks at round multiples of pi on axis x or y, which shows a part of the circle."""
     axis = getattr(axes, f"{which}axis")
     locator = _PiLocator()
@@ -102,11 +109,11 @@ def angle_ticks(axes: Axes, which: Literal["x", "y", "z"]) -> None:
 
 def in_pi(angle: float, *, fractions: bool = True) -> str:
     """Format an angle (rad) as a multiple of pi: 3π/4, or 0.77π if it is not a simple fraction."""
-    turns = round(angle / np.pi, 4)
-    if turns == round(turns):
-        return {0: "0", 1: "π", -1: "−π"}.get(round(turns), f"{round(turns)}π").replace("-", "−")
-    if fractions and 4 * turns == round(4 * turns):
-        bottom = 2 if 2 * turns == round(2 * turns) else 4
-        top = round(turns * bottom)
+    half_turns = round(angle / np.pi, 4)
+    if half_turns == round(half_turns):
+        return {0: "0", 1: "π", -1: "−π"}.get(round(half_turns), f"{round(half_turns)}π").replace("-", "−")
+    if fractions and 4 * half_turns == round(4 * half_turns):
+        bottom = 2 if 2 * half_turns == round(2 * half_turns) else 4
+        top = round(half_turns * bottom)
         return f"{'−' if top < 0 else ''}{'' if abs(top) == 1 else abs(top)}π/{bottom}"
-    return f"{turns:.4g}π".replace("-", "−")
+    return f"{half_turns:.4g}π".replace("-", "−")

@@ -1,1 +1,9 @@
-"""Execution of jobs: preparation, runs, self-checks and results."""
+"""Execution of jobs: preparation, runs, self-checks and results.
+
+`prepare` chooses engine and devices, `estimate` predicts time and memory, `execute` runs a job, `executor`
+its blocks, here or on a `cluster`, and `job_array` one range of its rows beside other processes. `refinement`
+runs the edges of basins only. `self_check`, of `sampled_rows`, compares steps by `observable_changes` and
+looks for `unstable_rests`; `concurrent_self_check` runs it beside the rows. `summary`, `provenance` and
+`sentences` describe a result, `citation` cites it, `figures` draws it, `dataset` has it as an xarray.
+`model_trial` is the short run of `gaitsweep check-model`.
+"""

@@ -20,7 +20,7 @@ from gaitsweep.job import Job
 from gaitsweep.kinds.run_kind import table_columns
 from gaitsweep.runs.prepare import RunContext, nominal_period, prepare
 from gaitsweep.status import Status
-from gaitsweep.table.parts import part_bytes
+from gaitsweep.table.parquet_parts import part_bytes
 
 # Located events add some attempts to the steps of a cycle; the chain's 33 events a cycle add 2 %.
 EVENTS_SHARE = 1.05

@@ -30,8 +30,9 @@ from gaitsweep.runs.self_check_result import SelfCheckError
 from gaitsweep.runs.sentences import advice, self_check_sentence
 from gaitsweep.runs.summary import describe, sum_up, summed_up, tallied_column
 from gaitsweep.table import MemoryTable, ResultDirectory, Table, TableError, load
-from gaitsweep.table.files import temporary_folder
-from gaitsweep.table.parts import part_bytes
+from gaitsweep.table.atomic_files import temporary_folder
+from gaitsweep.table.manifest import self_check_warned
+from gaitsweep.table.parquet_parts import part_bytes
 
 if TYPE_CHECKING:
     from gaitsweep.runs.cluster.dispatch import Cluster
@@ -138,7 +139,7 @@ def _judge(
     context: RunContext, checked: dict[str, Any], on_message: Callable[[str], None], *, strict: bool
 ) -> None:
     """Report a self-check that warned; raises SelfCheckError with `strict`."""
-    if checked.get("verdict") != "warned":
+    if not self_check_warned(checked):
         return
     text = f"{self_check_sentence(checked)} {advice(checked, context.spec.numerics.dt)}"
     if strict:

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Int
 
 from gaitsweep.design import Design
-from gaitsweep.engine.solver import fixed_step_scheme
+from gaitsweep.engine.solver.methods import fixed_step_scheme
 from gaitsweep.runs.prepare import RunContext, nominal_period
 
 # The sample's steps, as a share of the run's own: irrational, so that no step ends where one of these does.

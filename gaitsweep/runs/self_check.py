@@ -30,7 +30,7 @@ from gaitsweep.engine.recorders.recorder import Recorder
 from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.engine.recorders.staircase import StepRecorder
 from gaitsweep.engine.recorders.trace import TraceRecorder
-from gaitsweep.engine.solver import fixed_step_scheme
+from gaitsweep.engine.solver.methods import fixed_step_scheme
 from gaitsweep.engine.sweep.sweep import sweep
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.kinds.columns import gaits
@@ -54,6 +54,8 @@ MOST_CROSSINGS = 100
 MOVED = 1e-9
 # The tolerance of kinds that have none, as a share of an observable's size (rad for angles).
 TOLERANCE = 1e-3
+# The change by the step of a model that defines it, from which a row is marked; as `TOLERANCE`.
+STEP_TOLERANCE = 0.1
 # Errors of a start that explain a difference: their effect is extrapolated from that of MOVED.
 LOCAL_ERROR = 1e-6  # by the steps of the integration
 ROUNDING_ERROR = 1e-12
@@ -192,7 +194,7 @@ class _DifferingEnds:
 
 def _tolerance(recorder: Recorder) -> Float[np.ndarray, ...]:
     """The tolerance on a change, a share of an observable's size: that of settling, if rows settle."""
-    settle = getattr(recorder, "settle", recorder)
+    settle = getattr(recorder, "settle", getattr(recorder, "base", recorder))
     return np.asarray(settle.tolerance if isinstance(settle, SettleRecorder) else TOLERANCE)
 
 
@@ -291,6 +293,8 @@ class _Comparison:
             off = comparable[:, None] & (change > bound)
             other_count |= np.any(off & counts, axis=1)
         differs = other_status | other_gait | other_count | off.any(axis=1)
+        if fixed_steps and at_times:
+            check.by_step += int(np.sum(comparable & np.any(change > STEP_TOLERANCE * size, axis=1)))
         if differs.any():
             differing = _DifferingEnds(
                 once.take(np.flatnonzero(differs)),
@@ -364,7 +368,8 @@ class _Comparison:
         size = sizes(model.observables, observed[0])
         check.record_changes(model.observables, most, size)
         if fixed_step_scheme(self.context.spec.numerics.method, model) is not None:
-            # the step is part of such a model: changes with it are reported, but are no fault of the run
+            # the step is part of such a model: changes with it are marked, but are no fault of the run
+            check.by_step += int(np.sum(~differs & np.any(most > STEP_TOLERANCE * size, axis=1)))
             return RerunRows(rows, recorder, once)
         counts = counted(model, observed[0], observed[1])
         off = most > np.where(counts, 0.0, TOLERANCES * TOLERANCE * size)

@@ -8,11 +8,12 @@ from typing import Any
 from gaitsweep.kinds.columns import UNKNOWN_GAIT
 from gaitsweep.runs.provenance import NOT_INSTALLED
 from gaitsweep.status import SetStatus, Status
-from gaitsweep.table.manifest import DIFFERENCES, STORED_DIFFERS, UNSTABLE
+from gaitsweep.table.manifest import BY_STEP, BY_STEP_WORDS, DIFFERENCES, STORED_DIFFERS, UNSTABLE
 
 # Fields of the manifest.
 MISLABELLED = "mislabelled"  # rows whose label is not the index of a gait
 STARTS_BEYOND = "starts_beyond"  # rows that begin beyond an event's surface
+WITHOUT_START = "without_start"  # rows whose start the model could not make
 WITHOUT_PERIOD = "without_period"  # rows whose nominal period is not a positive time
 # Settled rows that repeat after one crossing.
 _AT = {"1": "at a fixed point"}
@@ -35,10 +36,14 @@ def self_check_sentence(check: dict[str, Any]) -> str:
     rerun = f"Self-check: {sample} rerun {'at' if 'step' in finer else 'with'} {finer}"
     if check["verdict"] == "passed":
         among = f", {sensitive} of them on a boundary or sensitive" if sensitive else ""
+        if check.get(BY_STEP):
+            among += f", but {check[BY_STEP]} {BY_STEP_WORDS.sentence}"
         return f"{rerun} kept their gait{among}; {change}."
     wrong = [f"{check[name]} {words.sentence}" for name, words in DIFFERENCES.items() if check.get(name)]
     if sensitive:
         wrong.append(f"{sensitive} lie on a boundary or are sensitive")
+    if check.get(BY_STEP):
+        wrong.append(f"{check[BY_STEP]} {BY_STEP_WORDS.sentence}")
     return f"{rerun}: {', '.join(wrong)}; {change}."
 
 
@@ -173,6 +178,8 @@ def remarks(manifest: Mapping[str, Any]) -> list[str]:
             f"Warning: the model's function period gave {name} in {_rows(about)}, but must give "
             "seconds above 0: limits of time and of steps follow from it."
         )
+    for reason, about in (manifest.get(WITHOUT_START) or {}).items():
+        sentences.append(f"Warning: {_rows(about)} could not begin: {reason}.")
     for name, about in (manifest.get(STARTS_BEYOND) or {}).items():
         sentences.append(
             f"{_rows(about)} began where the function of the event {name!r} is zero or above. The event "

@@ -20,7 +20,7 @@ from gaitsweep.kinds.columns import AT_REST
 from gaitsweep.kinds.run_kind import table_columns
 from gaitsweep.own_modules import folder_of_class
 from gaitsweep.runs.prepare import RunContext
-from gaitsweep.runs.sentences import MISLABELLED, STARTS_BEYOND, WITHOUT_PERIOD
+from gaitsweep.runs.sentences import MISLABELLED, STARTS_BEYOND, WITHOUT_PERIOD, WITHOUT_START
 from gaitsweep.status import Status
 from gaitsweep.table import Table
 
@@ -89,20 +89,24 @@ def sum_up(context: RunContext, table: Table, timings: dict[str, float]) -> None
 
 
 def _of_starts(context: RunContext) -> dict[str, Any]:
-    """Count rows with a start beyond an event's surface, or with a nominal period that is no positive time.
+    """Count rows without a start, with one beyond an event's surface, or without a positive nominal period.
 
     Returns:
-        For each event, and for each such value of the period: the number of rows `rows`, and the first one
-        `row`; with more than `_MOST_STARTS` rows, `of` evenly spaced ones are examined.
+        For each reason, each event, and each such value of the period: the number of rows `rows`, and the
+        first one `row`; with more than `_MOST_STARTS` rows, `of` evenly spaced ones are examined.
     """
     n = context.spec.n_rows
     model = context.model
     most = _MOST_STARTS_OF_HOST if model.host_parameters else _MOST_STARTS
     rows = np.arange(n) if n <= most else np.linspace(0, n - 1, most).astype(np.int64)
     parameters, starts = context.design.values_in(rows)
-    period, beyond = _period_and_beyond(model)(model.on_host(parameters), starts)
+    period, beyond, without = _period_and_faults_of_start(model)(model.on_host(parameters), starts)
     times = {"NaN": np.isnan(period), "0": period == 0.0, "a number below 0": period < 0.0}
-    masks = {STARTS_BEYOND: beyond, WITHOUT_PERIOD: {**times, "infinity": period == np.inf}}
+    masks = {
+        STARTS_BEYOND: beyond,
+        WITHOUT_START: without,
+        WITHOUT_PERIOD: {**times, "infinity": period == np.inf},
+    }
     counts: dict[str, dict[str, dict[str, int]]] = {}
     examined = {"of": int(rows.size)} if rows.size < n else {}
     for field, mask_by_name in masks.items():
@@ -114,16 +118,22 @@ def _of_starts(context: RunContext) -> dict[str, Any]:
 
 
 @cached_by_content(maxsize=16)
-def _period_and_beyond(model: Model) -> Callable[..., tuple[jax.Array, dict[str, jax.Array]]]:
-    """The function `(values, starts) -> (period, beyond)` of rows, by the names of events."""
-    has_surfaces = type(model.original).beyond_at_start is not Model.beyond_at_start
+def _period_and_faults_of_start(model: Model) -> Callable[..., tuple[Any, ...]]:
+    """The function `(values, starts) -> (period, beyond, without)` of rows, by events and by reasons."""
+    kind = type(model.original)
+    has_faults = (
+        kind.beyond_at_start is not Model.beyond_at_start or kind.without_start is not Model.without_start
+    )
 
-    def one(values: Any, start: Any) -> tuple[jax.Array, dict[str, jax.Array]]:
+    def one(values: Any, start: Any) -> tuple[jax.Array, dict[str, jax.Array], dict[str, jax.Array]]:
         params = model.params(values)
-        beyond = model.beyond_at_start(params, model.init(params, start)) if has_surfaces else {}
-        return model.period(params), beyond
+        if not has_faults:
+            return model.period(params), {}, {}
+        state = model.init(params, start)
+        beyond = model.beyond_at_start(params, state)
+        return model.period(params), beyond, model.without_start(params, state)
 
-    return over_rows(one, "begun", model)
+    return over_rows(one, "faults of start", model)
 
 
 def summed_up(context: RunContext, table: Table) -> bool:

@@ -23,7 +23,7 @@ from gaitsweep.engine.poincare.maps import MapEvaluation, Points, sizes
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.engine.recorders.staircase import StepRecorder
 from gaitsweep.engine.recorders.states import StateRecorder, state_size, states_of
-from gaitsweep.engine.solver import fixed_step_scheme
+from gaitsweep.engine.solver.methods import fixed_step_scheme
 from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.runs.observable_changes import changes
 from gaitsweep.runs.prepare import RunContext

@@ -6,14 +6,13 @@ part that exists is complete; during a run, ended rows of other blocks are in `t
 so on.
 
 `directory` writes one, `shared_writer` parts of one beside other processes, `memory` a table without files;
-`reading` reads them. `manifest`, `parts`, `digests`, `locks` and `files` have the formats of their files,
-`examination` verifies these, `frames` joins parts.
+`reading` reads them. `manifest`, `parquet_parts`, `digests` and `locks` have the formats of their files,
+`atomic_files` writes any file whole or not at all, `examination` verifies these, `frames` joins parts.
 """
 
 from __future__ import annotations
 
-from gaitsweep.table.directory import ResultDirectory
-from gaitsweep.table.files import (
+from gaitsweep.table.atomic_files import (
     TableError,
     WriteError,
     own_folder,
@@ -22,9 +21,10 @@ from gaitsweep.table.files import (
     replace_file,
     writing,
 )
+from gaitsweep.table.directory import ResultDirectory
 from gaitsweep.table.frames import same_categories
 from gaitsweep.table.memory import MemoryTable
-from gaitsweep.table.parts import EncodedPart
+from gaitsweep.table.parquet_parts import EncodedPart
 from gaitsweep.table.reading import Snapshot, load, load_parts, load_with_snapshot
 
 Table = ResultDirectory | MemoryTable  # of a run that writes it

@@ -15,7 +15,7 @@ import re
 from collections.abc import Mapping
 from pathlib import Path
 
-from gaitsweep.table.files import TableError, read_file, reason, replace_file, sync_file, sync_folder
+from gaitsweep.table.atomic_files import TableError, read_file, reason, replace_file, sync_file, sync_folder
 
 DIGESTS = "SHA256SUMS"
 _LINE = re.compile(r"([0-9a-f]{64})  (\S.*)")

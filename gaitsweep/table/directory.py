@@ -19,16 +19,7 @@ import pyarrow.parquet as pq
 import yaml
 
 from gaitsweep.row_outcome import RowOutcome
-from gaitsweep.table.digests import (
-    DIGESTS,
-    digest_of,
-    of_writers,
-    read_digests,
-    write_digests,
-    write_file,
-)
-from gaitsweep.table.examination import FOREIGN, Examination, Fault, examined_parts
-from gaitsweep.table.files import (
+from gaitsweep.table.atomic_files import (
     OPEN_ROWS,
     PARTS,
     TableError,
@@ -40,6 +31,15 @@ from gaitsweep.table.files import (
     replace_file,
     writing,
 )
+from gaitsweep.table.digests import (
+    DIGESTS,
+    digest_of,
+    of_writers,
+    read_digests,
+    write_digests,
+    write_file,
+)
+from gaitsweep.table.examination import FOREIGN, Examination, Fault, examined_parts
 from gaitsweep.table.locks import BLOCK_LOCKS, Lock
 from gaitsweep.table.manifest import (
     FIGURES,
@@ -55,7 +55,7 @@ from gaitsweep.table.manifest import (
     new_manifest,
     sealed,
 )
-from gaitsweep.table.parts import (
+from gaitsweep.table.parquet_parts import (
     DamagedPart,
     EncodedPart,
     Footer,

@@ -17,9 +17,9 @@ from numpy.typing import ArrayLike
 
 from gaitsweep import near_miss
 from gaitsweep.status import Outcome, Status
-from gaitsweep.table.files import TableError
+from gaitsweep.table.atomic_files import TableError
 from gaitsweep.table.manifest import TABLE
-from gaitsweep.table.parts import Footer
+from gaitsweep.table.parquet_parts import Footer
 
 # Columns of tables with one record a row from which `outcome` follows, where their parts are older than it.
 _SOURCES = ("cycles", "gait", "status")

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from gaitsweep.errors import UnsupportedSystem
-from gaitsweep.table.files import TableError
+from gaitsweep.table.atomic_files import TableError
 
 LOCK_NAME = ".lock"
 BLOCK_LOCKS = ".blocks"

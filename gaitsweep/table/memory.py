@@ -12,10 +12,10 @@ import pyarrow as pa
 
 from gaitsweep import near_miss
 from gaitsweep.schema.former_names import renamed
-from gaitsweep.table.files import TableError
+from gaitsweep.table.atomic_files import TableError
 from gaitsweep.table.frames import PartRecords, joined_parts
-from gaitsweep.table.manifest import Layout, json_value, new_manifest, sealed
-from gaitsweep.table.parts import Footer, checked_records, missing_blocks
+from gaitsweep.table.manifest import Layout, json_value, new_manifest, sealed, with_shared_lists
+from gaitsweep.table.parquet_parts import Footer, checked_records, missing_blocks
 from gaitsweep.table.reading import Rows, Selection, add_counts
 
 
@@ -80,7 +80,7 @@ class MemoryTable:
     def load(self, rows: Rows | None = None) -> pd.DataFrame:
         """Return the complete table, or the records of some rows, with the `.attrs` of `table.load`."""
         frame = self._frame(None, rows)
-        manifest = sealed(json_value(self.manifest))
+        manifest = with_shared_lists(sealed(json_value(self.manifest)))
         frame.attrs.update(
             job=renamed(manifest["job"]),
             manifest=manifest,

@@ -16,12 +16,12 @@ import yaml
 from numpy.typing import ArrayLike
 
 from gaitsweep.schema.former_names import renamed
+from gaitsweep.table.atomic_files import TableError, read_file, reason
 from gaitsweep.table.digests import digest_of
 from gaitsweep.table.examination import Examination
-from gaitsweep.table.files import TableError, read_file, reason
 from gaitsweep.table.frames import PartRecords, decoded_columns, joined_parts
-from gaitsweep.table.manifest import FIGURES, JOB, Layout, is_job, read_manifest
-from gaitsweep.table.parts import Footer
+from gaitsweep.table.manifest import FIGURES, JOB, Layout, is_job, read_manifest, with_shared_lists
+from gaitsweep.table.parquet_parts import Footer
 
 Rows = slice | range | ArrayLike
 
@@ -250,7 +250,7 @@ def _parsed(text: str) -> Any:
 
 def load(
     path: str | Path,
-    columns: Sequence[str] | None = None,
+    columns: str | Sequence[str] | None = None,
     rows: Rows | None = None,
 ) -> pd.DataFrame:
     """Read the table of a result directory, complete or not, in the order of its rows.
@@ -291,7 +291,7 @@ def load(
 
 
 def load_with_snapshot(
-    path: str | Path, columns: Sequence[str] | None = None, rows: Rows | None = None
+    path: str | Path, columns: str | Sequence[str] | None = None, rows: Rows | None = None
 ) -> tuple[Snapshot, pd.DataFrame]:
     """Read the table of a result directory, with the snapshot of the directory.
 
@@ -299,6 +299,7 @@ def load_with_snapshot(
         path, columns, rows: as for `load`, whose errors it raises.
     """
     path = Path(path)
+    columns = [columns] if isinstance(columns, str) else columns
     n_rows = read_manifest(path)["rows"]
     selection = Selection.of(columns, rows, n_rows)
     parts = PartRecords(n_rows if selection.rows is None else len(selection.rows))
@@ -310,8 +311,8 @@ def load_with_snapshot(
     _warn(snapshot)
     frame = joined_parts(path, parts, columns)
     frame.attrs.update(
-        job=snapshot.job,
-        manifest=snapshot.manifest,
+        job=with_shared_lists(snapshot.job),
+        manifest=with_shared_lists(snapshot.manifest),
         quantities=snapshot.manifest.get("quantities", {}),
         path=str(path),
         complete=snapshot.complete,

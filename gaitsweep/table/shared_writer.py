@@ -11,11 +11,11 @@ from typing import Any
 
 import pandas as pd
 
+from gaitsweep.table.atomic_files import PARTS, writing
 from gaitsweep.table.digests import write_file
 from gaitsweep.table.examination import examined_parts
-from gaitsweep.table.files import PARTS, writing
 from gaitsweep.table.manifest import TABLE, Layout
-from gaitsweep.table.parts import checked_part, missing_blocks
+from gaitsweep.table.parquet_parts import checked_part, missing_blocks
 
 # No two processes have the same, also not two of different machines.
 WRITER = f"{socket.gethostname()}-{os.getpid()}-{secrets.token_hex(4)}"

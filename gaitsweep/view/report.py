@@ -29,6 +29,7 @@ from gaitsweep.runs.sentences import (
 )
 from gaitsweep.status import SetStatus
 from gaitsweep.table import Snapshot, load, replace_file, writing
+from gaitsweep.table.manifest import self_check_warned
 
 # Colours of a page by name, light and dark.
 SCHEMES = """
@@ -158,8 +159,7 @@ def _warnings(snapshot: Snapshot) -> str:
         sentences.append("The table is not complete. Run the same command to continue it.")
     if snapshot.job_edited:
         sentences.append("job.yaml was changed after the run; the job below is the one that was run.")
-    check = snapshot.manifest.get("self_check")
-    if isinstance(check, dict) and check.get("verdict") == "warned":
+    if self_check_warned(snapshot.manifest.get("self_check")):
         sentences.append("The self-check warned: see below.")
     return "".join(f'<p class="warning">{html.escape(sentence)}</p>' for sentence in sentences)
 
@@ -189,7 +189,7 @@ def _counts(snapshot: Snapshot) -> str:
 def _columns(snapshot: Snapshot, *names: str) -> pd.DataFrame:
     """Columns of the table, which may be incomplete; the page says so elsewhere."""
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
+        warnings.simplefilter("ignore", UserWarning)  # those of `load`
         return load(snapshot.path, columns=names)
 
 
@@ -216,8 +216,8 @@ def _gaits(snapshot: Snapshot) -> str:
     table = _columns(snapshot, "row", "status", "gait")
     gait = table["gait"].astype(object).where(table["gait"].notna(), _WITHOUT_GAIT)
     status = table["status"].astype(str).to_numpy(str)
-    records = len(table) != table["row"].nunique()
-    statuses = list(snapshot.counts) if len(snapshot.counts) > 1 and not records else []
+    has_records = len(table) != table["row"].nunique()
+    statuses = list(snapshot.counts) if len(snapshot.counts) > 1 and not has_records else []
     names = in_order(table, "gait", pd.Series(gait, dtype=object))
     colours = theme.colours(names)
 
@@ -235,7 +235,7 @@ def _gaits(snapshot: Snapshot) -> str:
     lines.append(f'<tr class="sum"><td>all</td>{cells(np.ones(len(table), bool))}</tr>')
     heads = "".join(f'<th class="number">{html.escape(name)}</th>' for name in ("all", "", *statuses))
     table_of_gaits = f'<div class="wide"><table><tr><th>gait</th>{heads}</tr>{"".join(lines)}</table></div>'
-    return f"<h2>Gaits of the {'records' if records else 'rows'}</h2>{table_of_gaits}"
+    return f"<h2>Gaits of the {'records' if has_records else 'rows'}</h2>{table_of_gaits}"
 
 
 def _self_check(snapshot: Snapshot) -> str:
@@ -245,17 +245,17 @@ def _self_check(snapshot: Snapshot) -> str:
         return ""
     text = self_check_sentence(check)
     style = ""
-    if check.get("verdict") == "warned":
+    if self_check_warned(check):
         dt = snapshot.job.get("numerics", {}).get("dt")
         text = f"{text} {advice(check, dt if isinstance(dt, float) else None)}"
         style = ' class="warning"'
     quantities = snapshot.manifest.get("quantities", {})
     lines = []
     for name, change in check.get("largest", {}).items():
-        unit = str(quantities.get(name, {}).get("unit", "")).replace("1", "", 1).strip()
+        unit = str(quantities.get(name, {}).get("unit", ""))
         lines.append(
             f'<tr><td>{html.escape(name)}</td><td class="number">{change:.1e}</td>'
-            f"<td>{html.escape(unit)}</td></tr>"
+            f"<td>{html.escape('' if unit == '1' else unit)}</td></tr>"
         )
     head = "<tr><th>largest change of</th><th></th><th></th></tr>"
     largest = f'<div class="wide"><table>{head}{"".join(lines)}</table></div>' if lines else ""

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from gaitsweep import analyses
 from gaitsweep.analysis.basins.fractal_boundaries import (
     Exponent,
     uncertainty_exponent,
@@ -18,6 +19,7 @@ from gaitsweep.analysis.basins.fractal_boundaries import (
 from gaitsweep.analysis.basins.fractions import fractions, one_a_cell, proportion_interval
 from gaitsweep.analysis.basins.grid import BasinGrid, find_grid
 from gaitsweep.analysis.basins.measures import basins
+from gaitsweep.analysis.basins.quantifiers import quantifiers
 from gaitsweep.analysis.basins.wada import wada
 from gaitsweep.analysis.records import AnalysisError
 from tests.support.basin_tables import (
@@ -354,3 +356,41 @@ def test_constants_that_tables_do_not_have_are_refused() -> None:
         basins([_of_a_job(0.2, {"K": 1.0}), tables[1]], by="K")
     with pytest.raises(AnalysisError, match="no table"):
         basins([], by="K")
+    with pytest.raises(AnalysisError, match="no rows"):
+        basins(tables[1].iloc[:0], axes="x_0")
+
+
+@pytest.mark.parametrize("name", ["number", "category", "text"])
+def test_rows_without_a_value_are_a_panel_of_their_own(name: str) -> None:
+    """Of six rows two have no value: a panel of two, as the shares are counted by hand."""
+    values = {
+        "number": [1.0, 1.0, np.nan, 2.0, 2.0, np.nan],
+        "category": pd.Categorical(["a", "a", None, "b", "b", None]),
+        "text": ["a", "a", None, "b", "b", None],
+    }
+    gait = ["walk", "trot", "walk", "walk", "walk", "walk"]
+    table = pd.DataFrame({"row": range(6), "x_0": 0.0, "v": values[name], "status": "settled", "gait": gait})
+    shares = fractions(table, axes="x_0", by="v")
+    counts = shares.groupby("v", dropna=False, observed=True)["of"].first()
+    assert counts.tolist() == [2, 2, 2]
+    assert shares.loc[shares["v"].isna(), ["outcome", "fraction"]].to_numpy().tolist() == [
+        ["trot", 0.0],
+        ["walk", 1.0],
+    ]
+
+
+def test_texts_in_place_of_numbers_are_refused() -> None:
+    texts = {"row": range(4), "gait": "walk", "status": "settled", "x_0": [0.0, 1.0, 0.0, 1.0], "t_end": 1.0}
+    table = pd.DataFrame(texts).assign(x_end=0.0, point=0, stable=True, special="", end="")
+    for call in (
+        lambda: analyses.attractors(table, "gait"),
+        lambda: analyses.fractions(table, axes="gait"),
+        lambda: analyses.transition_points_by_gait(table, "gait", "x_0"),
+        lambda: analyses.stable_ranges(table, "gait"),
+        lambda: analyses.hysteresis(table, parameter="gait", start="x_0"),
+        lambda: quantifiers(table, "gait"),
+    ):
+        with pytest.raises(AnalysisError, match="The values of gait are not numbers"):
+            call()
+    with pytest.raises(AnalysisError, match="level is 2, but must be between 0 and 1"):
+        proportion_interval(1, 3, 2.0)

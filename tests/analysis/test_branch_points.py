@@ -14,7 +14,8 @@ from gaitsweep.analysis.continuation.branch_follower import ArclengthSteps
 from gaitsweep.analysis.continuation.continuation import continuation
 from gaitsweep.analysis.continuation.fold_curves import fold_curves
 from gaitsweep.analysis.continuation.plain_map import PlainMap
-from gaitsweep.analysis.continuation.stable_ranges import stable_ranges
+from gaitsweep.analysis.continuation.stable_ranges import range_of_gait, stable_ranges
+from gaitsweep.analysis.records import AnalysisError
 from gaitsweep.plot.bifurcations.continuation import continuation as draw
 
 LOWER, UPPER = "supercritical_pitchfork", "subcritical_pitchfork"
@@ -159,6 +160,25 @@ def test_branches_that_cross_are_followed() -> None:
     np.testing.assert_allclose(ranges["high"], [0.0, 0.95, 0.95, 0.0, 0.95], atol=1e-9)
     assert ranges["high_by"].tolist() == [LOWER, "range", "range", "transcritical", "range"]
     assert len(draw(table, x="r", y="x_0").axes[0].get_lines()) > 0
+
+
+@pytest.mark.parametrize(
+    ("kink", "bounds"), [(1, ["", ""]), (2, ["kink", ""]), (3, ["", ""]), (5, ["", ""]), (6, ["", "kink"])]
+)
+def test_a_kink_bounds_a_stable_range_at_its_own_end(kink: int, bounds: list[str]) -> None:
+    """Points 2 to 5 are stable, and a kink marks the step that leads to its record; rising and falling."""
+    stable = [False, False, True, True, True, True, False]
+    special = ["kink" if k == kink else "" for k in range(7)]
+    table = pd.DataFrame(
+        {"row": 3, "point": range(7), "p": np.arange(7.0), "stable": stable, "special": special}
+    )
+    table = table.assign(end=[""] * 6 + ["range"], branch=np.nan, gait=[None] * 7)
+    for sign in (1.0, -1.0):
+        (piece,) = stable_ranges(table.assign(p=sign * table["p"]), "p").to_dict("records")
+        assert (piece["row"], piece["gait"]) == (3, None)
+        assert [piece["low_by"], piece["high_by"]][:: int(sign)] == bounds
+    with pytest.raises(AnalysisError, match="Stable here: none"):
+        range_of_gait(table, "p", "walk")
 
 
 def coupled(v: Any, at: Any) -> Any:

@@ -119,11 +119,17 @@ def test_survival_counts_the_rows_that_walk_so_far() -> None:
     assert found["low"] == pytest.approx(stats.beta.ppf(0.025, 3, 2))
     assert found["high"] == pytest.approx(stats.beta.ppf(0.975, 4, 1))
     with pytest.raises(
-        AnalysisError, match="1 rows ended before 115 steps without a fall, the first after 110"
+        AnalysisError, match="1 of 4 rows ended before 115 steps without a fall, the first after 110"
     ):
         survival(table, steps=115)
     with pytest.raises(AnalysisError, match="steps is 0"):
         survival(table, steps=0)
+    # one of forty rows steps on the spot: it may or may not walk on, and the interval covers both
+    ends = {"cycles": [120] * 30 + [12] * 10, "status": ["complete"] * 30 + ["fell"] * 9 + ["complete"]}
+    found = survival(pd.DataFrame(ends), steps=50).to_dict("records")[0]
+    assert (found["walked"], found["open"], found["share"]) == (30, 1, 0.75)
+    assert found["low"] == pytest.approx(stats.beta.ppf(0.025, 30, 11))
+    assert found["high"] == pytest.approx(stats.beta.ppf(0.975, 32, 9))
 
 
 def test_rows_without_a_fall_give_a_lower_bound() -> None:

@@ -127,3 +127,11 @@ def test_a_map_of_scattered_sets_shows_points_or_bins(number: int) -> None:
     assert shown == {
         tuple(np.round(place, 9)): float(name == "direct") for place, name in zip(sets, gait, strict=True)
     }
+
+
+def test_a_table_of_another_model_is_refused() -> None:
+    table = pd.DataFrame({"row": [0], "k": 1.0, "status": "settled", "gait": "walk", "x_end": 0.0})
+    with pytest.raises(AnalysisError, match="not of the multi-legged chain"):
+        gait_shares(table)
+    with pytest.raises(AnalysisError, match="no rows"):
+        gait_shares(table.assign(psi_1_end=0.0).iloc[:0])

@@ -171,6 +171,17 @@ def test_hopf_point_of_the_normal_form(n: float) -> None:
     cycle = rest.cycle(hopf, "m", 0.1)
     np.testing.assert_allclose(np.hypot(cycle["x"], cycle["y"]), 0.1)
     np.testing.assert_allclose(cycle["m"], -n * 0.1**2, atol=1e-9)
+    wrong: tuple[tuple[Any, str], ...] = (
+        ((hopf, "mm", 0.1), "mm is not a parameter of .*; did you mean m"),
+        ((hopf, "g", 0.1), "The record has no g: give the parameter along which"),
+        (({"special": "hopf"}, "m", 0.1), "The record has no row"),
+        ((hopf, "m", 0.0), "amplitude is 0, but must be a number above 0"),
+        ((hopf, "m", np.nan), "amplitude is nan"),
+        ((hopf, "m", 0.1, 0), "points is 0"),
+    )
+    for arguments, words in wrong:
+        with pytest.raises(gs.ArgumentError, match=words):
+            rest.cycle(*arguments)
 
 
 @pytest.mark.slow

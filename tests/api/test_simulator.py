@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 from scipy import stats
 
 import gaitsweep as gs
+from tests.support import ROOT
 
 HOPS = {"name": "hops", "model": "gaitsweep.examples.hopper:Hopper", "run": {"kind": "settle"}}
 
@@ -61,7 +63,7 @@ def test_a_posterior_by_rejection_is_calibrated() -> None:
 
 
 def test_one_set_and_tensors_have_their_own_shapes() -> None:
-    hops = gs.simulator({**HOPS, "start": {"launch_0": 2.5}}, ["omega"], ["launch_end", "t_end"])
+    hops = gs.simulator({**HOPS, "start": {"launch_0": 2.5}}, "omega", ["launch_end", "t_end"])
 
     class Tensor(np.ndarray):
         """A tensor of torch, as far as a simulator sees it."""
@@ -96,4 +98,28 @@ def test_a_job_that_is_no_simulator_is_refused(
 
 def test_an_unknown_column_is_refused() -> None:
     with pytest.raises(gs.ArgumentError, match="did you mean launch_end"):
-        gs.simulator(HOPS, ["omega"], ["launch_nd"])([12.0])
+        gs.simulator(HOPS, "omega", "launch_nd")([12.0])
+
+
+@pytest.mark.slow
+def test_the_posterior_of_unstated_constants_is_calibrated(capsys: pytest.CaptureFixture[str]) -> None:
+    """The example of docs/search.md with fewer draws: ranks of true values are uniform (Talts et al. 2018).
+
+    They are not if the errors of reading are taken half as large: then true values lie too often outside.
+    """
+    page = (ROOT / "docs" / "search.md").read_text()
+    example = re.search(r"```python\n(import numpy as np, pandas.*?)```", page, re.DOTALL)
+    assert example is not None
+    names: dict[str, Any] = {}
+    exec(example[1].replace("DRAWS = 512", "DRAWS = 128"), names)
+    assert "as good as" in capsys.readouterr().out
+    for constant in names["PRIOR"]:
+        assert stats.kstest(names["ranks"](constant, experiments=1600), "uniform").pvalue > 1e-3
+    overconfident = names["ranks"]("x_c", error=0.5 * names["ERROR"], experiments=1600)
+    assert stats.kstest(overconfident, "uniform").pvalue < 1e-6
+    # the phases tell x_c, which the walk and the trot of the paper need near 2.7 mm, and hardly K_TL
+    values, posterior = names["sets"], names["posterior"]
+    means = posterior @ values
+    spreads = np.sqrt(posterior @ (values - means) ** 2) / values.std(axis=0)
+    assert means[2] == pytest.approx(2.7e-3, abs=0.2e-3)
+    assert spreads[2] < 0.4 < 0.6 < spreads[1]

@@ -119,6 +119,7 @@ def test_axes_of_every_form() -> None:
         ({"N": 2}, "N shapes the model: give it to Toy, not here."),
         ({"mass": np.ones((2, 2))}, "mass has 2 dimensions, but an axis is a list of numbers."),
         ({"mass": 1.0, "params": {"mass": 2.0}}, "mass is given twice, once in params."),
+        ({"params": ["mass"]}, "params is a list, but must be a mapping of names to values."),
     ],
 )
 def test_refusals(keywords: dict[str, Any], sentence: str) -> None:

@@ -11,6 +11,7 @@ from gaitsweep.claims.paper import read_paper
 from gaitsweep.claims.verdicts import ClaimVerdict, verdict
 from gaitsweep.errors import UserError
 from gaitsweep.papers.ambe2021 import (
+    equation_measures,
     settled_measures,
     theory_measures,
     wave_measures,
@@ -178,3 +179,36 @@ def test_every_claim_has_a_tolerance_that_excludes_wrong_values() -> None:
     for claim in paper.claims:
         wrong = "backwards" if isinstance(claim.paper, str) and not claim.unit else float("nan")
         assert verdict(claim, wrong) is not ClaimVerdict.reproduced, claim.id
+
+
+def test_measures_of_legs_take_the_parameters_of_the_table() -> None:
+    """A table of another job than the claim's is measured with its own duty factor and frequency."""
+    legs = trace(Branch("direct", 3), 0.3, 0, springs=3)
+    default = Chain()
+    expected = equation_measures.air_in_swing(legs)
+    phases = legs[[f"phase_{i}" for i in range(1, 5)]].to_numpy()
+    contacts = legs[[f"contact_{i}" for i in range(1, 5)]].to_numpy() > 0.5
+
+    def share(beta: float) -> float:
+        swings = phases > 2.0 * beta * np.pi
+        return float(((swings & ~contacts).sum(axis=0) / swings.sum(axis=0)).min())
+
+    assert expected == pytest.approx(share(float(default.beta)), abs=1e-12)
+    legs.attrs["job"] = {"params": {"beta": 0.7, "omega": 2.0 * OMEGA}}
+    assert equation_measures.air_in_swing(legs) == pytest.approx(share(0.7), abs=1e-12)
+    assert share(0.7) != pytest.approx(share(float(default.beta)), abs=0.01)
+    plain = trace(Branch("direct", 3), 0.3, 0, springs=3)
+    twice = np.array(wave_measures.leads(legs, row=0)) / np.array(wave_measures.leads(plain, row=0))
+    np.testing.assert_allclose(twice, 2.0, rtol=1e-12)
+
+
+def test_a_leg_that_does_not_swing_has_no_share_of_air() -> None:
+    """Where the row stands in the table makes no difference."""
+    swinging = trace(Branch("direct", 3), 0.3, 0, springs=3)
+    standing = trace(Branch("direct", 3), 0.3, 1, springs=3).assign(phase_2=0.1)
+    for rows in ([swinging, standing], [standing, swinging]):
+        with pytest.raises(UserError, match="A leg of row 1 does not swing"):
+            equation_measures.air_in_swing(pd.concat(rows, ignore_index=True))
+    faster = swinging.assign(row=1, omega=0.5)
+    with pytest.raises(UserError, match="omega differs between the rows"):
+        wave_measures.touchdown_phases_apart(pd.concat([swinging.assign(omega=0.4), faster]))

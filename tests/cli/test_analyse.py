@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import sys
+import types
 from collections.abc import Callable
 
 import numpy as np
 import pandas as pd
 import pytest
+import typer
+from typer.main import get_group
 
 import gaitsweep.table
-from gaitsweep.cli import main
+from gaitsweep import extension
+from gaitsweep.cli import analyse, main
 from tests.support.basin_tables import grid_table
 from tests.support.gait_traces import ends, traces
 from tests.support.hysteresis_tables import staircase_table
@@ -181,3 +186,35 @@ def test_groups_have_their_medians(show: Show) -> None:
         ["trot", "2", "3.5", "3", "4"],
         ["walk", "1", "5.0", "5", "5"],
     ]
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ("--by k --of gait", "The values of gait are not numbers"),
+        ("--by k --of k", "two columns k"),
+        ("--by gait --of cycles --of cycles_least", "two columns cycles_least"),
+        ("--by gait --of cycle", "did you mean cycles"),
+    ],
+)
+def test_columns_that_have_no_median_are_refused(
+    options: str, words: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    table = pd.DataFrame({"gait": pd.Categorical(["trot", "walk"]), "k": [1.0, 2.0], "cycles": [3, 5]})
+    monkeypatch.setattr(gaitsweep.table, "load", lambda _: table.assign(cycles_least=0.0))
+    assert main(["analyse", "summary", "results/any", *options.split()]) == 2
+    assert words in capsys.readouterr().err
+
+
+def test_a_command_of_an_extension_replaces_none_of_gaitsweep(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    app = typer.Typer()
+    app.command("summary")(lambda: None)
+    module = types.ModuleType("analyses_of_another_package")
+    vars(module)["app"] = app
+    monkeypatch.setitem(sys.modules, module.__name__, module)
+    installed = {**extension.extensions(), "mine": extension.Extension(analyses=(module.__name__,))}
+    monkeypatch.setattr(analyse, "extensions", lambda: installed)
+    with pytest.raises(extension.ExtensionError, match=r"the extension mine both have .* analyse summary"):
+        _ = get_group(analyse.app).commands

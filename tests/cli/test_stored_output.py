@@ -4,10 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
 import pytest
 
 from gaitsweep.cli import main, stored_output
+from gaitsweep.cli import run as cli_run
+from gaitsweep.job import Job
 
 JOB = """
 name: few
@@ -99,3 +103,42 @@ def test_another_device_is_another_command(few: Path, monkeypatch: pytest.Monkey
     monkeypatch.setenv("XLA_FLAGS", "--xla_cpu_enable_fast_math=false")
     assert main(["run", "few.yaml"]) == 0
     assert loaded == [False]
+
+
+@pytest.mark.slow
+def test_an_edited_profile_of_the_ground_is_another_job(few: Path, capsys: Capture) -> None:
+    """The outcome on the old ground is not printed; the table of another job is refused as without it."""
+    Path("profile.csv").write_text("x,z\n0,0\n1,0.001\n")
+    Path("profile.yaml").write_text(
+        "name: profile\nmodel: gaitsweep.examples.compass_walker:CompassWalker\nground: {file: profile.csv}\n"
+        "run: {kind: fixed_time, duration: 0.1}\nverify: 0\n"
+    )
+    assert main(["run", "profile.yaml"]) == 0
+    Path("profile.csv").write_text("x,z\n0,0\n1,0.002\n")
+    capsys.readouterr()
+    assert main(["run", "profile.yaml"]) == 2
+    assert "of another job" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("model", "repeatable"),
+    [("multilegged_reduced", True), ("gaitsweep.examples.hopper:Hopper", True), ("body.yaml", False)],
+)
+def test_output_of_a_model_file_is_not_stored(model: str, repeatable: bool) -> None:
+    """A model file refers to an MJCF with files of its own, whose changes stored output would not see."""
+    job = SimpleNamespace(model=model, figures=[])
+    assert cli_run._is_repeatable(cast(Job, job), ["engine: kernel"]) is repeatable
+
+
+def test_options_are_refused_for_a_complete_job_too(few: Path, capsys: Capture) -> None:
+    refused = {
+        "--collect": "--collect",
+        "--block-limit 5": "--block-limit",
+        "--rows 0:3 --cluster local:2": "cannot be combined",
+        "--rows three": "three",
+        "--cluster nowhere": "nowhere",
+    }
+    for options, named in refused.items():
+        capsys.readouterr()
+        assert main(["run", "few.yaml", *options.split()]) == 2
+        assert named in capsys.readouterr().err

@@ -85,6 +85,13 @@ def test_spread_axes_are_numpys(low: float, high: float, count: int) -> None:
     assert (ratios[0], ratios[-1]) == (low, high)
 
 
+@pytest.mark.parametrize("count", [24, 1000, 10_000])
+def test_whole_steps_are_whole(count: int) -> None:
+    """A seed of 12.999999999999998 would draw the numbers of seed 12."""
+    seeds = columns_of(toy(vary={"mass": {"linspace": [1, count, count]}}))["mass"]
+    np.testing.assert_array_equal(seeds, np.arange(count) + 1.0)
+
+
 @pytest.mark.slow
 @given(st.sampled_from(["random", "sobol"]), st.integers(0, 1000), st.integers(1, 300))
 def test_drawn_points_fill_their_box(method: str, seed: int, count: int) -> None:

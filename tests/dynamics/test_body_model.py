@@ -21,9 +21,11 @@ import pytest
 
 import gaitsweep as gs
 from gaitsweep.dynamics.body.mechanics import LocatedBody
+from gaitsweep.dynamics.body.standing import Standing
 from gaitsweep.engine.kernel import cuda_lanes
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
+from gaitsweep.expression import evaluate
 from tests.support.host_card import HostCard, compiler
 from tests.support.sweeping import run_rows
 
@@ -385,6 +387,98 @@ def test_known_bodies_load_or_are_refused_by_the_name_of_an_element(file: str, r
         _ = located.parameters
 
 
+def _file(file: str) -> str:
+    """The path of a file of a package; the test is skipped where the package is not installed."""
+    package = importlib.util.find_spec(file.partition("/")[0])
+    if package is None or not package.submodule_search_locations:
+        pytest.skip(f"{file.partition('/')[0]} is not installed")
+    return str(Path(package.submodule_search_locations[0]).parent / file)
+
+
+# The largest differences seen, as shares of the largest acceleration; see docs/own_model.md.
+ACCELERATIONS = {
+    f"{GYMNASIUM}/walker2d.xml": 1e-14,
+    f"{GYMNASIUM}/half_cheetah.xml": 2e-15,
+    f"{GYMNASIUM}/ant.xml": 3e-16,
+    f"{GYMNASIUM}/inverted_double_pendulum.xml": 5e-15,
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("file", ACCELERATIONS)
+def test_known_bodies_accelerate_as_in_c(file: str) -> None:
+    """At random states without contacts; ten times the difference seen, since libraries round otherwise."""
+    m = mujoco.MjModel.from_xml_path(_file(file))
+    body = LocatedBody(m)
+    values = {
+        quantity.name: jnp.asarray(evaluate(quantity.default or 0.0, {})) for quantity in body.parameters
+    }
+    data, random = mujoco.MjData(m), np.random.default_rng(0)
+    compared = 0
+    for _ in range(20):
+        mujoco.mj_resetData(m, data)
+        for joint in range(m.njnt):
+            at = m.jnt_qposadr[joint]
+            if m.jnt_type[joint] == mujoco.mjtJoint.mjJNT_FREE:
+                data.qpos[at + 2] += 3.0
+                data.qpos[at + 3 : at + 7] += 0.3 * random.normal(size=4)
+                data.qpos[at + 3 : at + 7] /= np.linalg.norm(data.qpos[at + 3 : at + 7])
+            elif m.jnt_limited[joint]:
+                data.qpos[at] = random.uniform(*(m.jnt_range[joint] @ [[0.8, 0.2], [0.2, 0.8]]))
+            else:
+                slides_up = m.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE and m.jnt_axis[joint, 2] == 1.0
+                data.qpos[at] += 3.0 if slides_up else 0.3 * random.normal()
+        data.qvel[:] = random.normal(size=m.nv)
+        data.ctrl[:] = random.uniform(-0.5, 0.5, m.nu)
+        mujoco.mj_forward(m, data)
+        if data.nefc:
+            continue
+        compared += 1
+        pushing = jnp.zeros(len(body.stop_names), bool)
+        ours = body.accelerations(values, data.qpos.copy(), data.qvel.copy(), data.ctrl.copy(), pushing)
+        size = np.abs(data.qacc).max()
+        np.testing.assert_allclose(ours, data.qacc, rtol=0, atol=10.0 * ACCELERATIONS[file] * size)
+    assert compared > 10
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "kp", "kd", "targets", "height"),
+    [
+        ("hopper", 400.0, 20.0, None, 1.2075),
+        ("walker2d", 400.0, 20.0, None, 1.2095),
+        ("half_cheetah", 100.0, 5.0, None, -0.1122),
+        ("ant", 150.0, 5.0, (0, 1, 0, -1, 0, -1, 0, 1), 0.5728),
+    ],
+)
+def test_known_bodies_stand_with_springs_at_their_joints(
+    name: str, kp: float, kd: float, targets: tuple[float, ...] | None, height: float
+) -> None:
+    """By MuJoCo's own steps, for 4 s: the root is where it was 2 s before, and nothing moves."""
+    file = _file(f"{GYMNASIUM}/{name}.xml")
+    m = mujoco.MjModel.from_xml_path(file)
+    joints = m.actuator_trnid[:, 0]
+    at, dof = m.jnt_qposadr[joints], m.jnt_dofadr[joints]
+    wanted = m.qpos0[at] if targets is None else np.array(targets, float)
+    root = 2 if m.jnt_type[0] == mujoco.mjtJoint.mjJNT_FREE else 1
+    gear = m.actuator_gear[:, 0]
+    members = {
+        "body_file": file,
+        "kp": gs.parameter("N m/rad", "spring of each joint", kp),
+        "control": lambda self, p, s: (p.kp * (wanted - s.body.q[at]) - kd * s.body.v[dof]) / gear,
+        "period": lambda self, p: jnp.ones(()),
+        "height": gs.observable("m", "height of the root", scale=1.0)(lambda self, p, s: s.body.q[root]),
+        "root": gs.signal("m", "height of the root")(lambda self, p, s: s.body.q[root]),
+        "fastest": gs.signal("1", "largest velocity")(lambda self, p, s: jnp.max(jnp.abs(s.body.v))),
+    }
+    trace = gs.simulate(
+        type("Standing", (gs.MjcfModel,), members)(dynamics="mujoco"), duration=4.0, every=0.5
+    )
+    assert trace["root"].iloc[-1] == pytest.approx(height, abs=1e-3)
+    assert trace["root"].iloc[4:].to_numpy() == pytest.approx(height, abs=2e-3)
+    assert trace["fastest"].iloc[-1] < 5e-3
+
+
 @pytest.mark.slow
 @pytest.mark.skipif(compiler() is None, reason="no C++ compiler")
 def test_the_code_for_a_card_moves_the_body_as_that_for_the_processor(
@@ -440,3 +534,72 @@ def test_a_free_box_comes_to_rest_on_its_corners() -> None:
     assert end["force"] == pytest.approx(2.0 * 9.81, rel=1e-4)
     assert end["q_0"] > 0.1  # it flew and slid
     assert trace["q_0"].diff().iloc[-1] == pytest.approx(0.0, abs=1e-6)
+
+
+BOX = """<mujoco><worldbody><geom type="plane" size="9 9 .1"/>
+  <body name="table" pos="0 0 .2"><freejoint name="root"/>
+    <geom name="box" type="box" size=".1 .15 .05" mass="2"/></body></worldbody></mujoco>"""
+
+
+@pytest.mark.slow
+def test_a_box_stands_on_its_corners_for_each_mass() -> None:
+    """A sweep of masses, from tilted starts above the ground; a box sinks by m g / (4 K) into its corners."""
+    members = {
+        "body_file": BOX,
+        "begins_standing": True,
+        "control": lambda self, p, s: jnp.zeros(0),
+        "height": gs.observable("m", "height", scale=0.1)(lambda self, p, s: s.q[2]),
+        "force": None,
+    }
+    model = type("Table", (Swinging,), members)()
+    masses = np.array([1.0, 2.0, 5.0])
+    stiffness = begun(model)[0].body["box_contact_stiffness"]
+    run = gs.Trace(duration=5.0, every=5.0)
+    with pytest.warns(
+        UserWarning, match=r"3 rows \(the first is row 1\) could not begin.*does not stand still"
+    ):
+        result = gs.sweep(model, table_mass=masses, slope=[0.0, 0.05], root_pitch_0=0.3, run=run, verify=0)
+    # on a slope it would creep against the dampers of its corners
+    creeps = result.table["slope"] > 0.0
+    assert set(result.table["status"][creeps]) == {"not_a_number"}
+    heights = result.table[~creeps].pivot(index="table_mass", columns="t", values="q_2")
+    np.testing.assert_allclose(heights[0.0], 0.05 - masses * 9.81 / (4.0 * stiffness), rtol=0, atol=1e-14)
+    np.testing.assert_allclose(heights[5.0], heights[0.0], rtol=0, atol=1e-12)  # it stays
+    # it tips over its edge, and lies
+    with pytest.raises(gs.ArgumentError, match="does not stand still"):
+        gs.simulate(model, root_pitch_0=1.08, duration=1.0, every=1.0)
+
+
+@pytest.mark.slow
+def test_a_biped_stands_on_the_targets_of_its_servos() -> None:
+    """No acceleration is left, the feet carry the weight, the body stays; without a stride it falls over."""
+    servos = BIPED.replace("<velocity", "<position").replace('kv="4"', "").replace("<motor", "<position")
+    servos = servos.replace('gear="5"', "")
+    force = gs.signal("N", "force of the ground")(
+        lambda self, p, s: self.load(p, s, "foot_l") + self.load(p, s, "foot_r")
+    )
+    members = {
+        "hip": gs.parameter("rad", "target of the left hip, and minus that of the right one", 0.25),
+        "knee": gs.parameter("rad", "target of the knees", 0.1),
+        "control": lambda self, p, s: jnp.stack([p.hip, p.knee, -p.hip, p.knee]),
+        "force": force,
+    }
+    model = of(servos, **members)
+    params, state = begun(model, z_0=0.01)
+    options: dict[str, Any] = {"xla_backend_optimization_level": "0"}
+    find = jax.jit(model.standing_still).lower(params, state).compile(options)
+    stands = find(params, state)
+    assert Standing(int(stands.standing)) is Standing.stands
+    assert stands.residual < 1e-9
+    assert abs(stands.q[2]) < 0.5
+    names = ("x", "z", "pitch", "hip_l", "knee_l", "hip_r", "knee_r")
+    start = {f"{name}_0": float(number) for name, number in zip(names, stands.q, strict=True)}
+    trace = gs.simulate(model, start=start, duration=5.0, every=2.5)
+    q = trace[[f"q_{i}" for i in range(7)]].to_numpy()
+    np.testing.assert_allclose(q, np.tile(stands.q, (3, 1)), rtol=0, atol=1e-9)
+    weight = 9.81 * mujoco.MjModel.from_xml_string(servos).body_mass.sum()
+    np.testing.assert_allclose(trace["force"], weight, rtol=1e-9)
+    # an upright rod, and one that leans
+    upright, leaning = (Standing(int(find(*begun(model, hip=0.0, knee=k)).standing)) for k in (0.0, 0.1))
+    assert upright is Standing.unstable
+    assert leaning is not Standing.stands

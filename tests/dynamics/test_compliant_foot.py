@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
+import math
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from gaitsweep.dynamics.compliant_foot import friction_slope, ground_force, normal_force
+from gaitsweep.dynamics.compliant_foot import (
+    friction_slope,
+    ground_force,
+    normal_force,
+    uneven_ground_force,
+)
+from gaitsweep.dynamics.ground import Ground
 from gaitsweep.dynamics.tree.dynamics import forward_dynamics
 from gaitsweep.dynamics.tree.from_mjcf import tree_of
 from gaitsweep.dynamics.tree.kinematics import integrate, movements, places, velocity_at
@@ -33,6 +41,23 @@ def test_friction_is_coulomb_above_the_slip_speed() -> None:
     slip = jnp.array([-2.0, -0.01, 0.004, 0.0, 0.3])
     force = friction_slope(jnp.full(5, 40.0), slip, 0.5, 0.01) * slip
     np.testing.assert_allclose(force, [-20.0, -20.0, 8.0, 0.0, 20.0], rtol=1e-12)
+
+
+def test_the_force_of_a_slope_is_that_of_level_ground_in_turned_axes() -> None:
+    """The load is the part across the ground, friction takes energy, and both are zero above the ground."""
+    slope = Ground.of("slope", {"ground_slope": 25.0})
+    c, s = math.cos(math.radians(25.0)), math.sin(math.radians(25.0))
+    turn = np.array([[c, 0.0, -s], [0.0, 1.0, 0.0], [s, 0.0, c]])
+    foot = turn @ np.array([2.0, 0.0, 0.0])  # a point of the slope
+    for depth, velocity in ((1e-3, [0.3, 0.0, -0.1]), (1e-3, [-0.004, 0.0, 0.02]), (-1e-3, [1.0, 0.0, 0.0])):
+        level = ground_force(1, jnp.array([2.0, 0.0, -depth]), jnp.array(velocity), 1e-3, **GROUND)
+        at, moving = jnp.asarray(foot - depth * turn[:, 2]), jnp.asarray(turn @ velocity)
+        force, load = uneven_ground_force(1, at, moving, 1e-3, slope, slope.normal(at[0]), **GROUND)
+        np.testing.assert_allclose(force.force, turn @ level.force, atol=1e-9)
+        np.testing.assert_allclose(force.yields, turn @ np.diag(level.yields) @ turn.T, atol=1e-12)
+        assert float(load) == pytest.approx(float(level.force[2]), abs=1e-9)
+        assert float(turn[:, 2] @ force.force) == pytest.approx(float(load), abs=1e-9)
+        assert float((force.force - load * turn[:, 2]) @ moving) <= 0.0
 
 
 def slid(speed: float, push: float, duration: float, dt: float = 1e-3) -> tuple[np.ndarray, np.ndarray]:

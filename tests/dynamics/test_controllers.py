@@ -29,6 +29,8 @@ from gaitsweep.shipped import EXAMPLES
 
 WALKERS = EXAMPLES / "walkers"
 LEGS = ("LF", "RF", "LH", "RH")
+PHASES = "{kind: phase, omega: 6, coupling: 4, phases: {L: 0, R: pi}, sigma: 0.03}"
+MATSUOKA = "{kind: matsuoka, rise: 0.05, adaptation: 0.5, hip: 3}"
 DELTA = np.array([0.0, 3.0, 2.9, 0.3])
 PHASE = np.array([0.4, 3.9, 2.0, 5.5])
 LOADS = np.array([12.0, 0.0, 30.0, 5.0])
@@ -44,13 +46,27 @@ def phase_rates() -> np.ndarray:
     """Rates of the phases (n,), by the sum over all pairs of legs."""
     apart = PHASE - DELTA
     pull = np.array([sum(np.sin(other - own) for other in apart) for own in apart])
-    return 9.0 - 0.02 * LOADS * np.cos(PHASE) + 1.5 * pull
+    return 9.0 + 0.02 * LOADS * np.cos(PHASE) + 1.5 * pull
 
 
 def test_phases_are_pulled_by_each_other_and_by_loads() -> None:
     oscillators = PhaseOscillators.model_validate({"kind": "phase", "omega": 9.0, "sigma": 0.02})
     rates = oscillators.rates(LEGS, params(), SimpleNamespace(phase=jnp.asarray(PHASE)), SENSES)
     np.testing.assert_allclose(rates["phase"], phase_rates(), rtol=0, atol=1e-13)
+
+
+def test_a_load_holds_a_leg_in_stance() -> None:
+    """Under a strong load a phase stops in stance, at arccos(-omega / (sigma N)), from wherever it begins."""
+    oscillators = PhaseOscillators.model_validate({"kind": "phase", "omega": 9.0, "sigma": 1.0})
+    loaded = LegSenses(lambda: jnp.full(4, 20.0), lambda: jnp.zeros(4))
+    phase = jnp.asarray(PHASE)
+    for _ in range(2000):
+        state = SimpleNamespace(phase=phase)
+        phase = (
+            phase + 1e-3 * oscillators.rates(LEGS, params(sigma=1.0, coupling=0.0), state, loaded)["phase"]
+        )
+    np.testing.assert_allclose(np.mod(phase, 2.0 * np.pi), np.arccos(-9.0 / 20.0), rtol=0, atol=1e-6)
+    assert oscillators.pattern(params(), SimpleNamespace(phase=phase))[1].max() == 0.0  # no foot is lifted
 
 
 def test_hopf_oscillators_on_their_circle_are_the_phase_oscillators() -> None:
@@ -171,6 +187,12 @@ def test_a_model_file_is_the_class_that_one_would_write() -> None:
         ("body: biped.xml", "body: bipd.xml", r"line 2: body is not accepted: .*bipd\.xml does not exist"),
         ("body: biped.xml", "body: .", "line 2: body is not accepted: .*is a folder"),
         ("body: biped.xml", "body: biped.yaml", "line 2: body is not accepted: .*XML"),
+        (
+            "body: biped.xml",
+            "body: biped.xml\ndynamics: stepped\nstart: standing",
+            "line 4: start is standing, which needs",
+        ),
+        ("body: biped.xml", "body: biped.xml\nstart: standign", "line 3: start"),
         ("body: biped.xml", "body: biped.xml\nkeyframe: stnd", r"line 3: keyframe .*'stnd'"),
         (
             "R: {foot: foot_r, hip: hip_r",
@@ -179,15 +201,60 @@ def test_a_model_file_is_the_class_that_one_would_write() -> None:
         ),
         ("R: {foot: foot_r", "R: {foot: foot_l", r"legs\.R\.foot is foot_l, .* already the foot of leg L"),
         ("knee: knee_l}", "knee: hip_l}", r"legs\.L\.knee is hip_l, .* already the hip of leg L"),
+        (
+            "L: {foot: foot_l, hip: hip_l, knee: knee_l}",
+            "L: {foot: foot_l}",
+            r"line 9: controller\.legs\.L has no joint, .* hip, knee: JOINT",
+        ),
+        (f"{PHASES}\n", f"{MATSUOKA}\n", r"line 9: controller\.legs\.L has no hip, .* write hip: JOINT"),
     ],
 )
 def test_errors_of_a_model_file_have_its_line(tmp_path: Path, old: str, new: str, words: str) -> None:
     text = (WALKERS / "biped.yaml").read_text()
     assert old in text
+    if new.startswith(MATSUOKA):
+        text = text.replace("foot_l, hip: hip_l", "foot_l")
     (tmp_path / "biped.yaml").write_text(text.replace(old, new))
     (tmp_path / "biped.xml").write_text((WALKERS / "biped.xml").read_text())
     with pytest.raises(JobError, match=words):
         model_of_file(tmp_path / "biped.yaml")
+
+
+def test_a_model_file_says_that_rows_begin_standing(tmp_path: Path) -> None:
+    (tmp_path / "biped.xml").write_bytes((WALKERS / "biped.xml").read_bytes())
+    text = (WALKERS / "biped.yaml").read_text()
+    kinds: list[Any] = []
+    for start in ("keyframe", "standing"):
+        (tmp_path / f"{start}.yaml").write_text(f"{text}\nstart: {start}\n")
+        kinds.append(model_of_file(tmp_path / f"{start}.yaml"))
+    assert [kind.begins_standing for kind in kinds] == [False, True]
+
+
+def test_the_order_of_legs_counts_and_that_of_their_joints_does_not(tmp_path: Path) -> None:
+    """The first leg closes the cycle. Feedback reads the hips: by it, the angle 0.2 rad of hip_r adds
+    3 x 0.2 / 0.05 = 12 1/s to the rate of its extensor and takes them from its flexor's."""
+    text = (WALKERS / "biped.yaml").read_text().replace(PHASES, MATSUOKA)
+    left, right = (line for line in text.splitlines(keepends=True) if "foot: foot_" in line)
+    (tmp_path / "biped.xml").write_text((WALKERS / "biped.xml").read_text())
+    path = tmp_path / "biped.yaml"
+
+    def model_of(legs: str) -> Any:
+        path.write_text(text.replace(left + right, legs))
+        return model_of_file(path)()
+
+    def rates(model: Any, hip_r: float) -> np.ndarray:
+        p = model.params({q.name: jnp.asarray(q.default, float) for q in model.parameters})
+        starts = {q.name: jnp.asarray(0.0) for q in model.initial_conditions}
+        return np.asarray(model.rates(p, model.init(p, {**starts, "hip_r_0": jnp.asarray(hip_r)}))["u"])
+
+    knee_first = right.replace("hip: hip_r, knee: knee_r", "knee: knee_r, hip: hip_r")
+    model = model_of(left + knee_first)
+    felt = rates(model, 0.2) - rates(model, 0.0)
+    np.testing.assert_allclose(np.abs(felt), [0.0, 12.0, 0.0, 12.0], atol=1e-9)
+    swapped = model_of(right + left)
+    assert type(swapped) is not type(model)
+    assert swapped.data_digest != model.data_digest
+    np.testing.assert_allclose(rates(swapped, 0.2) - rates(swapped, 0.0), felt[[1, 0, 3, 2]], atol=1e-9)
 
 
 def test_an_empty_model_file_and_a_body_that_is_not_located_are_refused(tmp_path: Path) -> None:
@@ -266,11 +333,36 @@ def test_a_stepped_model_file_moves_as_mujoco_c(tmp_path: Path) -> None:
         hips, knees = 0.25 * np.cos(phase), 0.15 + lift
         data.ctrl[:] = [hips[0], knees[0], hips[1], knees[1]]
         pull = 4.0 * np.sin(phase[::-1] - phase - np.pi * np.array([1.0, -1.0]))
-        phase = phase + dt * (6.0 - 0.03 * loads * np.cos(phase) + pull)
+        phase = phase + dt * (6.0 + 0.03 * loads * np.cos(phase) + pull)
         mujoco.mj_step(m, data)
         loads = data.sensordata.copy()
     assert loads.max() > 30.0
     np.testing.assert_allclose(trace[[f"q_{i}" for i in range(m.nq)]].iloc[-1], data.qpos, rtol=0, atol=1e-8)
+
+
+@pytest.mark.slow
+def test_the_quadruped_trots_paces_and_bounds_at_half_the_time_step_too() -> None:
+    """The second stairs of the example's job: gaits, lags and physical duty factors."""
+    kind = model_of_file(WALKERS / "quadruped.yaml")
+    tables = [
+        gs.sweep(
+            kind(),
+            zip={"delta_RF": [np.pi, np.pi, 0.0], "delta_LH": [np.pi, 0.0, np.pi]},
+            params={"sigma": 0.075, "delta_RH": "delta_RF + delta_LH"},
+            run=gs.Settle(max_cycles=30, tolerance=0.03),
+            numerics={"dt": dt},
+            verify=0,
+        ).table
+        for dt in (0.002, 0.001)
+    ]
+    for table in tables:
+        assert table["gait"].tolist() == ["trot", "pace", "bound"]
+        assert set(table["status"].astype(str)) == {"settled"}
+        duty = table[[f"duty_{i}_end" for i in (1, 2, 3, 4)]].to_numpy()
+        assert duty.min() > 0.45
+        assert duty.max() < 0.7
+    strides = [table["stride_1_end"].to_numpy() for table in tables]
+    np.testing.assert_allclose(*strides, rtol=0.02)  # a step of 2 ms is 0.5 % of a stride
 
 
 def test_angles_of_a_start_are_the_quaternion_of_mujoco() -> None:

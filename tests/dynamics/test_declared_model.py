@@ -14,6 +14,7 @@ import pytest
 
 import gaitsweep as gs
 from gaitsweep import DeclaredModel, event, mode, observable, parameter, signal, variable
+from gaitsweep.column_meanings import COLUMNS
 from gaitsweep.contract import Quantity
 from gaitsweep.dynamics.declared import OF_TRACES
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
@@ -22,7 +23,6 @@ from gaitsweep.examples.hopper import Hopper
 from gaitsweep.kinds import RUN_KINDS
 from gaitsweep.models.conformity import fault
 from gaitsweep.models.value_faults import faults, surface_value
-from gaitsweep.run_columns import COLUMNS
 from gaitsweep.skeleton import LimbLook
 from gaitsweep.status import Status
 from smooth_oscillators import VanDerPol
@@ -188,7 +188,9 @@ def test_guards_fire_upwards_and_are_armed_below_zero(angle: float) -> None:
 
 
 class Jumper(Hopper):
-    """The shipped hopper, whose nominal period does not vanish with its push."""
+    """The shipped hopper without a lower limit of its push, with which its nominal period does not vanish."""
+
+    push = parameter("m/s", "speed that the leg adds at most", 0.0, low=0.0)
 
     def period(self, p):
         return 0.5
@@ -496,9 +498,12 @@ def test_contradictions_are_refused_in_one_sentence() -> None:
         return type("Mine", (DeclaredModel,), members)
 
     happens = event("it happens")(lambda self, p, s: s.x)
+    lands = event("it lands", section=True)(lambda self, p, s: s.x)
+    lands.rest(lambda self, p, s: s)
     for members, words in (
         ({"jump": variable("m", "height")}, "Mine declares jump, a name that every model has: rename it"),
         ({"x": variable("m", "x"), "e": happens}, "has events but no section: write section=True"),
+        ({"x": variable("m", "x"), "e": lands}, "a rest after the event 'it lands', which has no jump"),
         (
             {"height": variable("m", "x"), "section_coordinates": ("heigth",)},
             "heigth, no variable; did you mean height",

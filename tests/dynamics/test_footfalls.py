@@ -3,14 +3,26 @@
 from __future__ import annotations
 
 import dataclasses
+from types import SimpleNamespace
+from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import gaitsweep as gs
 from gaitsweep import DeclaredModel, event, footfalls, mode, parameter, variable
-from gaitsweep.dynamics.footfalls import GAITS, LEGS, gait_of_footfalls, support_patterns
+from gaitsweep.dynamics.footfalls import (
+    GAITS,
+    LEGS,
+    SHORTEST_CONTACT,
+    DebouncedSteps,
+    Footfalls,
+    Steps,
+    gait_of_footfalls,
+    support_patterns,
+)
 from gaitsweep.models.conformity import fault
 
 # Touchdowns as shares of a stride, in the order of `LEGS`, and the duty factor, of gaits as their sources
@@ -195,6 +207,9 @@ def test_a_foot_that_stands_has_no_steps_and_its_row_settles(drag: float, steps:
 def test_footfalls_that_have_no_names_are_refused() -> None:
     with pytest.raises(ValueError, match="allowed are, in any order, L, R; LF, RF, LH, RH; L1"):
         footfalls("time", legs=("FL", "FR", "HL", "HR"))
+    for legs, duty in ((("L", "R"), [0.6]), ((), [])):
+        with pytest.raises(ValueError, match="give one touchdown and one duty factor for each leg"):
+            support_patterns([0.0] * len(legs), duty, legs)
     with pytest.raises(TypeError, match="footfalls of the clock tme, no variable; did you mean time"):
         type("Mine", (Stepper,), {"feet": footfalls("tme", legs=LEGS[4])(lambda self, p, s: s.down)})
     with pytest.raises(TypeError, match="gaits of its own without label: leave gaits out"):
@@ -204,3 +219,45 @@ def test_footfalls_that_have_no_names_are_refused() -> None:
         feet = footfalls("time", legs=LEGS[4])(lambda self, p, s: s.down.astype(float))
 
     assert "must return (4,) of bool, one for each of LF, RF, LH, RH" in (fault(Numbers()) or "")
+
+
+def test_contacts_of_a_step_or_two_do_not_count() -> None:
+    """A trot of stride 0.4 s and duty 0.6, whose contacts chatter at touchdown and before liftoff.
+
+    A foot has landed after its bounce, which ends 2 steps late. Without the rule it has no stride.
+    """
+    dt, period, duty, touchdown = 0.002, 0.4, 0.6, np.array([0.0, 0.5, 0.5, 0.0])
+    phase = np.mod(np.arange(1100)[:, None] * dt / period - touchdown + 1e-9, 1.0)
+    down = phase < duty
+    step = np.floor(phase * period / dt + 1e-6)
+    of_stance = round(duty * period / dt)
+    down[step == 1] = False  # it bounces
+    down[(step >= of_stance - 4) & (step < of_stance - 2)] = False
+    feet = Footfalls(lambda model, params, state: state.down, "time", LEGS[4])
+    model: Any = SimpleNamespace(period=lambda params: jnp.asarray(period))
+    none, shares = jnp.zeros(4), jnp.zeros(5)
+    plain = Steps(jnp.zeros(4, jnp.int32), none, none, none, jnp.zeros(()), shares, shares)
+    fields = [getattr(plain, field.name) for field in dataclasses.fields(plain)]
+    debounced = DebouncedSteps(*fields, is_down=jnp.zeros(4, bool), since=none)
+    states = SimpleNamespace(down=jnp.asarray(down), time=dt * jnp.arange(len(down)))
+
+    def at(i: Any) -> Any:
+        return SimpleNamespace(down=states.down[i], time=states.time[i])
+
+    def end(steps: Steps) -> dict[str, float]:
+        def after(i: Any, before: Any) -> Any:
+            return feet.after(model, None, before, at(i - 1), at(i), jnp.zeros(()))
+
+        last = jax.lax.fori_loop(1, len(down), after, steps)
+        return {k: float(v) for k, v in feet.observed(model, None, at(-1), last).items()}
+
+    assert SHORTEST_CONTACT * period > 4 * dt
+    numbers = end(debounced)
+    for leg in range(4):
+        assert numbers[f"stride_{leg + 1}"] == pytest.approx(period, abs=1e-9)
+        assert numbers[f"duty_{leg + 1}"] == pytest.approx(duty - 2.0 * dt / period, abs=1e-9)
+    lags = [numbers[f"lag_{i}"] for i in (2, 3, 4)]
+    np.testing.assert_allclose(np.cos(lags), [-1.0, -1.0, 1.0], atol=1e-9)
+    assert numbers["support_4"] == pytest.approx(0.2 - 4.0 * dt / period, abs=1e-9)
+    assert GAITS[4][int(feet.gait(numbers))] == "trot"
+    assert not abs(end(plain)["stride_1"] - period) < 0.1 * period  # none

@@ -262,3 +262,146 @@ def test_a_runner_keeps_its_energy_on_any_ground_and_falls_where_it_is_rough() -
     }
     assert set(made[0.0]) == {30}
     assert np.median(made[0.001]) > np.median(made[0.03]) + 3
+
+
+BALL = """<mujoco><worldbody><geom type="plane" size="9 9 .1" pos="0 0 .02"/>
+  <body pos="0 0 .02"><joint name="x" type="slide" axis="1 0 0"/><joint name="z" type="slide" axis="0 0 1"/>
+    <joint name="turn" axis="0 1 0"/><geom name="ball" size=".05" mass="1"/></body></worldbody></mujoco>"""
+RADIUS, STIFFNESS, DAMPING, FRICTION, GRIP = 0.05, 2e4, 20.0, 0.4, 30.0
+SOFT: dict[str, Any] = {
+    "ball_contact_stiffness": STIFFNESS, "ball_contact_damping": DAMPING, "ball_friction": FRICTION,
+    "ball_grip": GRIP,
+}  # fmt: skip
+PROFILE = "0,0\n0.3,0\n0.8,0.05\n1.2,-0.01\n"
+EXACT = {"method": "tsit5", "rtol": 1e-11, "atol": 1e-12}
+
+
+class Ball(gs.BodyModel):
+    """A ball in a vertical plane."""
+
+    body_file = BALL
+
+    def control(self, p: Any, s: Any) -> Any:
+        return np.zeros(0)
+
+    @gs.observable("m", "height", scale=0.1)
+    def height(self, p: Any, s: Any) -> Any:
+        return s.q[1]
+
+    def period(self, p: Any) -> Any:
+        return 1.0
+
+
+def relief(kind: str) -> Any:
+    """The height and the slope of a ground at a place, as a body meets it, in NumPy."""
+    heights = drawn(kind, 3.0, 0.01, WIDTH * np.arange(60.0))
+    # place, and change of the slope, of each bend, which is rounded over 1 cm on both sides
+    bends = {"slope": [(0.0, np.tan(np.radians(3.0)))], "file": [(0.3, 0.1), (0.8, -0.25), (1.2, 0.15)]}
+
+    def of_bends(x: float) -> tuple[float, float]:
+        inside = [(change, np.clip(x - at + 0.01, 0.0, 0.02), x - at) for at, change in bends[kind]]
+        height = sum(c * (u * u / 0.04 + max(beyond - 0.01, 0.0)) for c, u, beyond in inside)
+        return height, sum(c * u / 0.02 for c, u, _ in inside)
+
+    def of_draws(x: float) -> tuple[float, float]:
+        index, share = int(np.floor(x / WIDTH)), x / WIDTH - np.floor(x / WIDTH)
+        by_place = 1.0 / WIDTH
+        if kind == "steps":
+            by_place *= float(share > 1.0 - RISER) / RISER
+            share = np.clip((share - 1.0 + RISER) / RISER, 0.0, 1.0)
+        low, high = (heights[max(k, 0)] for k in (index, index + 1))
+        rise = high - low
+        return low + rise * share**2 * (3.0 - 2.0 * share), 6.0 * rise * share * (1.0 - share) * by_place
+
+    return of_bends if kind in bends else of_draws
+
+
+def bounced(kind: str, start: list[float], duration: float) -> tuple[Any, int]:
+    """The end (x, z, turn, rates) of a ball's motion by SciPy, and how often it met or left the ground."""
+    ground = relief(kind)
+
+    def contact(y: Any) -> Any:
+        """Depth and its rate, normal, place of the contact from the centre, and the ball's velocity there."""
+        height, slope = ground(y[0])
+        normal = np.array([-slope, 1.0]) / np.hypot(slope, 1.0)
+        depth = RADIUS - normal[1] * (y[1] - height)
+        place = -normal * (RADIUS - 0.5 * depth)
+        speed = np.array([y[3] + y[5] * place[1], y[4] - y[5] * place[0]])
+        return depth, -normal @ speed, normal, place, speed
+
+    def flying(_: float, y: Any) -> list[float]:
+        return [*y[3:], 0.0, -9.81, 0.0]
+
+    def touching(_: float, y: Any) -> list[float]:
+        depth, rate, normal, place, speed = contact(y)
+        load, slip = STIFFNESS * depth + DAMPING * rate, speed + rate * normal
+        limit = FRICTION * load
+        force = load * normal - limit * slip / np.sqrt(slip @ slip + (limit / GRIP) ** 2 + 1e-8)
+        torque = place[1] * force[0] - place[0] * force[1]
+        return [*y[3:], force[0], force[1] - 9.81, torque / (0.4 * RADIUS**2)]
+
+    def pushes(_: float, y: Any) -> float:
+        depth, rate = contact(y)[:2]
+        return min(depth, depth + DAMPING / STIFFNESS * rate)
+
+    pushes.terminal = True  # type: ignore[attr-defined]
+    t: Any = 0.0
+    y, events = np.array(start), 0
+    while t < duration:
+        pushes.direction = -1.0 if events % 2 else 1.0  # type: ignore[attr-defined]
+        flow = touching if events % 2 else flying
+        piece = scipy.integrate.solve_ivp(
+            flow, (t, duration), y, "DOP853", events=pushes, rtol=1e-11, atol=1e-12, max_step=2e-3
+        )
+        t, y = piece.t[-1], piece.y[:, -1]
+        events += t < duration
+    return y, events
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["slope", "steps", "rough", "file"])
+def test_a_ball_bounces_on_the_ground_as_in_scipy(kind: str, tmp_path: Path) -> None:
+    """Twenty events, with slip and spin; a normal that ignored the slope would be off by centimetres."""
+    ground = kind
+    if kind == "file":
+        (tmp_path / "heights.csv").write_text(PROFILE)
+        ground = gs.ground_profile(tmp_path / "heights.csv")
+    values = {"slope": {"ground_slope": 3.0}, "file": {}}.get(
+        kind, {"ground_seed": 3.0, "ground_roughness": 0.01, "ground_width": WIDTH}
+    )
+    start = {"x_0": -0.2, "z_0": 0.15, "x_rate_0": 0.9, "turn_rate_0": 5.0}
+    options: dict[str, Any] = {**values, **start, **SOFT, "numerics": EXACT}
+    trace = gs.simulate(Ball(ground=ground), duration=1.5, every=1.5, **options)
+    expected, events = bounced(kind, [-0.2, 0.15, 0.0, 0.9, 0.0, 5.0], 1.5)
+    assert events > 15
+    assert expected[0] > 0.6
+    end = trace[["q_0", "q_1", "q_2"]].to_numpy()[-1]
+    np.testing.assert_allclose(end * [1.0, 1.0, RADIUS], expected[:3] * [1.0, 1.0, RADIUS], rtol=0, atol=1e-8)
+
+
+@pytest.mark.slow
+def test_a_slope_of_the_ground_is_gravity_that_is_turned() -> None:
+    """The same motion in axes of the world and of the slope; it begins beyond the rounded bend at x = 0."""
+    angle = np.radians(5.0)
+    turned = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    start, speed = turned @ [0.3, 0.12], turned @ [0.4, -0.2]
+    options: dict[str, Any] = {**SOFT, "duration": 0.6, "every": 0.02, "numerics": EXACT}
+    world: dict[str, Any] = {"x_0": start[0], "z_0": start[1], "x_rate_0": speed[0], "z_rate_0": speed[1]}
+    on_slope = gs.simulate(Ball(ground="slope"), ground_slope=5.0, **world, **options)
+    slope: dict[str, Any] = {"x_0": 0.3, "z_0": 0.12, "x_rate_0": 0.4, "z_rate_0": -0.2}
+    in_turned_gravity = gs.simulate(Ball(), slope=-angle, **slope, **options)
+    assert np.ptp(in_turned_gravity["q_1"]) > 0.03
+    own = in_turned_gravity[["q_0", "q_1"]].to_numpy() @ turned.T
+    np.testing.assert_allclose(on_slope[["q_0", "q_1"]], own, rtol=0.0, atol=1e-10)
+    np.testing.assert_allclose(on_slope["q_2"], in_turned_gravity["q_2"], rtol=0.0, atol=1e-9)
+
+
+def test_uneven_ground_needs_a_level_plane_and_located_contacts() -> None:
+    inclined = BALL.replace('pos="0 0 .02"/>', 'pos="0 0 .02" euler="0 20 0"/>', 1)
+    assert type("Inclined", (Ball,), {"body_file": inclined})().parameters
+    with pytest.raises(ValueError, match="ground is rough, which lies on level planes"):
+        _ = type("Inclined", (Ball,), {"body_file": inclined})(ground="rough").parameters
+    job = {"name": "g", "run": {"kind": "fixed_time", "duration": 1}, "ground": "rough"}
+    stepped = "gaitsweep.examples.mujoco_hopper:MujocoHopper"
+    with pytest.raises(JobError, match=r"moves in steps.*dynamics: located"):
+        gs.Job.model_validate({**job, "model": stepped})

@@ -63,6 +63,13 @@ def test_numbers_are_equal_to_the_bit_in_numpy_xla_and_llvm() -> None:
     assert expected[0].max() < 1.0
 
 
+def test_a_seed_is_shared_by_a_batch_of_counters() -> None:
+    """Within a row, one seed is drawn from at several places at once."""
+    counters = np.arange(5.0)
+    drawn = jax.jit(lambda seed: jax.vmap(lambda counter: gs.uniform(seed, counter))(counters))(3.0)
+    np.testing.assert_array_equal(drawn, [gs.uniform(3.0, counter) for counter in counters])
+
+
 @pytest.mark.slow
 def test_numbers_have_no_derivative_and_fit_single_precision() -> None:
     assert jax.jacfwd(lambda x: x * gs.normal(1.0, x))(2.0) == gs.normal(1.0, 2.0)

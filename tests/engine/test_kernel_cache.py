@@ -43,10 +43,10 @@ def compilations(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     instants: list[float] = []
     compile_ = llvm_code.machine_code
 
-    def slow(module: Any) -> bytes:
+    def slow(module: Any, *, quick: bool = False) -> bytes:
         instants.append(time.perf_counter())
         time.sleep(0.3)
-        return compile_(module)
+        return compile_(module, quick=quick)
 
     monkeypatch.setattr(llvm_code, "machine_code", slow)
     monkeypatch.setattr(cpu_program, "_LOADED", {})
@@ -65,7 +65,7 @@ def test_a_failed_compilation_leaves_no_file(
     cache: Path, chunk: Chunk, monkeypatch: pytest.MonkeyPatch, compilations: list[float]
 ) -> None:
     with monkeypatch.context() as failing:
-        failing.setattr(llvm_code, "machine_code", lambda _: bytes(1 // 0))
+        failing.setattr(llvm_code, "machine_code", lambda _, *, quick: bytes(1 // 0))
         for _ in range(2):
             with pytest.raises(ZeroDivisionError):
                 cpu_program.compiled(chunk)

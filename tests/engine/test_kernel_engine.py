@@ -192,7 +192,7 @@ def test_a_second_process_loads_the_compiled_kernel(tmp_path: Path) -> None:
         "import numpy as np\n"
         "from gaitsweep.engine.kernel import llvm_code\n"
         "compiled, compile_ = [], llvm_code.machine_code\n"
-        "llvm_code.machine_code = lambda module: compiled.append(1) or compile_(module)\n"
+        "llvm_code.machine_code = lambda module, **o: compiled.append(1) or compile_(module, **o)\n"
         "from tests.support.sweeping import run_rows\n"
         "from toy_model import Toy\n"
         "from gaitsweep.engine.recorders.settle import SettleRecorder\n"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import math
 import sys
 from pathlib import Path
@@ -15,6 +16,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 from benchmarks.rivals import c_simd, cuda_by_hand, numba_by_hand
 from benchmarks.rivals.by_hand import Found, Runner, Starts
 from benchmarks.rivals.starts import Parameters, errors, reference_crossings
+from benchmarks.rivals_tasks import pendulum, simplest_walker, walkers
+from benchmarks.rivals_tasks.measured import Options
 
 STARTS, CROSSINGS = 12, 3
 # Attempts of a cycle with steps of 4 ms, short ones after events and location included.
@@ -31,6 +34,32 @@ def by_c() -> Found:
     if c_simd.compiler() is None:
         pytest.skip("no C compiler")
     return found(c_simd.run)
+
+
+@pytest.mark.parametrize("task", ["simplest_walker", "pendulum", "branches", "walkers", "basin"])
+def test_a_rival_that_is_not_installed_is_skipped(monkeypatch: pytest.MonkeyPatch, task: str) -> None:
+    module = importlib.import_module(f"benchmarks.rivals_tasks.{task}")
+    monkeypatch.setattr(module, "installed", lambda *names: None)
+    for name in ("reference", "scipy_ends"):
+        monkeypatch.setattr(module, name, lambda at, *options: np.zeros_like(at), raising=False)
+    first = next(module.lines(Options([9], "cpu", 1)))
+    assert "not installed: pip install" in first.note
+    assert np.isnan(first.cpu_s)
+
+
+@pytest.mark.slow
+def test_tasks_of_rivals_against_scipy() -> None:
+    """What the tasks run here, at their tolerances; errors of events add up over the walker's 20 steps."""
+    angles = simplest_walker.starts(3)
+    ends = simplest_walker.walk("taylor", 1e-13, angles)
+    assert simplest_walker.error_of(ends, simplest_walker.reference(angles)) < 1e-13
+    rates = np.array([2.0, 3.0, 4.0])
+    right = np.array([walkers.reference(rate) for rate in rates])
+    np.testing.assert_allclose(walkers.our_wheel(rates, "taylor"), right, rtol=0, atol=1e-9)
+    begin = np.array([[0.5, 0.0], [2.7, 0.0]])  # one rests and one turns
+    turned = pendulum.our_ends(begin, "taylor")
+    np.testing.assert_allclose(turned, pendulum.scipy_ends(begin, "DOP853", 1e-12, 1e-14), rtol=0, atol=1e-3)
+    assert (np.abs(turned) > pendulum.TURNS).tolist() == [False, True]
 
 
 def found(run: Runner) -> Found:

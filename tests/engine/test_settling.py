@@ -17,7 +17,7 @@ from gaitsweep.analysis.basins.attractor_matching import follow_attractors
 from gaitsweep.analysis.basins.attractors import attractors
 from gaitsweep.contract import Quantity
 from gaitsweep.engine.numerics import Numerics
-from gaitsweep.engine.recorders.orbits import first_crossing
+from gaitsweep.engine.recorders.orbit_period import first_crossing
 from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.job import JobError
 from gaitsweep.plot import draw

@@ -19,8 +19,8 @@ from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.poincare.poincare_return import crossing_of
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.settle import SettleRecorder
-from gaitsweep.engine.solver import METHODS, refusal
 from gaitsweep.engine.solver.exponential import PROPAGATOR, PROPAGATOR6
+from gaitsweep.engine.solver.methods import METHODS, refusal
 from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
 from gaitsweep.status import Status
 from tests.support.sweeping import run_rows, scalars

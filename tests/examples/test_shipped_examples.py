@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
 import pytest
+import yaml
 
 import gaitsweep as gs
 from gaitsweep import models
+from gaitsweep.expression import resolve
 from gaitsweep.models.value_faults import faults
 from gaitsweep.shipped import EXAMPLES
 
@@ -44,3 +50,25 @@ def test_both_engines_end_where_the_other_does(name: str) -> None:
         one, other = (table[f"{quantity.name}_n"].to_numpy() for table in ends)
         size = max(1.0, float(abs(one).max()))
         assert one == pytest.approx(other, rel=0, abs=1e-8 * size), quantity.name
+
+
+def _models() -> set[str]:
+    """The registered models, and those of the shipped examples."""
+    jobs = [yaml.safe_load(file.read_text(encoding="utf-8")) for file in EXAMPLES.glob("*.yaml")]
+    return {*models.names(), *(job["model"] for job in jobs)}
+
+
+@pytest.mark.parametrize("name", sorted(_models()))
+def test_the_period_is_a_time_at_both_ends_of_each_range(name: str) -> None:
+    """A parameter by which the period divides, or to which it is proportional, has open ends."""
+    model = models.find(name, [EXAMPLES])()
+    defaults: dict[str, Any] = {quantity.name: quantity.default for quantity in model.parameters}
+    for quantity in model.parameters:
+        ends = (
+            [] if quantity.open_ends else [end for end in (quantity.low, quantity.high) if np.isfinite(end)]
+        )
+        for end in ends:
+            values = resolve({**defaults, quantity.name: end}, {})
+            params = model.params({key: jnp.asarray(value, float) for key, value in values.items()})
+            period = float(model.period(params))
+            assert 0.0 < period < np.inf, (quantity.name, end)

@@ -19,6 +19,7 @@ from pandas.testing import assert_frame_equal
 
 import gaitsweep as gs
 import toy_model
+from gaitsweep.fitting import optimisers
 from gaitsweep.fitting.estimate import estimate_search
 from gaitsweep.fitting.free_parameters import sets_at
 from gaitsweep.fitting.optimisers import METHODS, Method, optimiser
@@ -603,6 +604,39 @@ def test_optimisers_stay_in_their_ranges_and_repeat(method: Method) -> None:
     assert ((first >= 0.0) & (first <= 1.0)).all()
     assert np.array_equal(first, points(1))
     assert not np.array_equal(first, points(2))
+
+
+def test_small_and_large_strategies_have_equal_budgets(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Hansen 2009: a strategy begins as a large one unless the large ones have had more points so far.
+
+    The points are counted here where CMA-ES gives them, and a large strategy is known by its width.
+    """
+    begun: list[tuple[bool, int, int, int]] = []  # whether large, size, points before of large and small
+    asked = {True: 0, False: 0}
+
+    class Counted(optimisers._Strategy):
+        def __init__(self, middle: Any, width: float, size: int, seed: int) -> None:
+            super().__init__(middle, width, size, seed)
+            self.is_large = width == 0.2
+            begun.append((self.is_large, size, asked[True], asked[False]))
+
+        def ask(self) -> Any:
+            points = super().ask()
+            asked[self.is_large] += len(points)
+            return points
+
+    monkeypatch.setattr(optimisers, "_Strategy", Counted)
+    search = optimiser("cma", dimension=3, targets=1, start=32, together=16, seed=0)
+    for _ in range(400):
+        points = search.ask(16)
+        search.tell(np.sum((points - 0.3) ** 2, axis=1) + 0.1 * np.sin(40 * points).sum(1), np.zeros((16, 1)))
+    assert len(begun) > 8
+    large_sizes = [size for is_large, size, *_ in begun if is_large]
+    assert large_sizes == [16 * 2 ** min(k, 3) for k in range(len(large_sizes))]
+    for number, (is_large, size, of_large, of_small) in enumerate(begun):
+        assert is_large == (of_large <= of_small)
+        latest = [other for was_large, other, *_ in begun[:number] if was_large]
+        assert is_large or 7 <= size <= max(latest[-1] / 2, 7)
 
 
 def test_finalists_that_depend_on_the_step_are_reported(

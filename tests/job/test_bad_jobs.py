@@ -212,8 +212,8 @@ LINES: list[tuple[int, str, list[str]]] = [
         6,
         "run: {kind: settle, max_cycels: 3}",
         [
-            "line 6: run.max_cycels is not a field of run (settle); did you mean max_cycles? "
-            "Allowed: kind, max_cycles, tolerance, max_time, max_period, exponents, refine, over, coarse."
+            "line 6: run.max_cycels is not a field of run (settle); did you mean max_cycles? Allowed: kind, "
+            "max_cycles, tolerance, max_time, max_period, exponents, states, refine, over, coarse."
         ],
     ),
     (6, "run: {kind: settle, max_cycles: 0}", ["line 6", "run.max_cycles is 0", "whole number from 1"]),

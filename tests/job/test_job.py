@@ -14,7 +14,7 @@ import yaml
 
 from gaitsweep import models
 from gaitsweep.design import Design
-from gaitsweep.engine.sweep.block import rows_of_a_block
+from gaitsweep.engine.sweep.blocks_of_rows import rows_of_a_block
 from gaitsweep.job import Job, JobError, load_job, schema
 from gaitsweep.kinds.ramp import Ramp
 from gaitsweep.kinds.settle import Settle

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import types
 from functools import partial
 from pathlib import Path
@@ -20,6 +21,7 @@ from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.examples.compass_walker import CompassWalker
 from gaitsweep.examples.hopper import Hopper
 from gaitsweep.job import Job, JobError
+from gaitsweep.kinds import Settle
 from tests.support.host_card import HostCard, compiler
 from tests.support.sweeping import run_rows, same
 
@@ -281,13 +283,41 @@ def test_what_cannot_be_pushed_is_refused(fields: dict[str, Any], says: str) -> 
         job(**fields)
 
 
+def test_pushes_are_named_once_and_one_name_is_no_list_of_letters() -> None:
+    def pushes(push: Any, run: Any = None) -> Any:
+        return (
+            gs.perturb(Hopper(), push, run=run, push_launch=0.01, verify=0)
+            .table["recovery"]
+            .astype(str)
+            .tolist()
+        )
+
+    recovery = pushes(["launch"], {"within": 0.02})
+    assert pushes("launch", gs.Perturb(within=0.02)) == recovery
+    assert pushes((), gs.Perturb(push=["launch"], within=0.02)) == recovery
+    assert pushes((), {"push": ["launch"], "within": 0.02}) == recovery
+    for run in ({"push": ["launch"]}, gs.Perturb(push=["launch"])):
+        with pytest.raises(gs.ArgumentError, match="push is given twice, once in run"):
+            pushes("launch", run)
+    with pytest.raises(gs.ArgumentError, match="run is a Settle, but must be a Perturb"):
+        pushes("launch", gs.Settle())
+    with pytest.raises(gs.ArgumentError, match=r"forse is not a field .* did you mean force"):
+        pushes("launch", {"forse": True})
+
+
 def test_the_unstable_have_no_phase_response() -> None:
     hops = gs.return_map(Hopper(), omega=3.7)
     unstable = hops.fixed_points([5.9, 8.3])
     with pytest.raises(gs.ArgumentError, match="outside the unit circle"):
         hops.phase_response(unstable, ["launch"], [0.5])
     with pytest.raises(gs.ArgumentError, match="did you mean launch"):
-        hops.phase_response(unstable, ["lanch"])
+        hops.phase_response(unstable, "lanch")
+    for call in (hops.fixed_points, hops.multipliers, hops):
+        with pytest.raises(gs.ArgumentError, match="x has no points"):
+            call(np.zeros((0, 2)))
+    for within in ((3.7,), (3.7, 3.7), "ab"):
+        with pytest.raises(gs.ArgumentError, match="must be two different numbers"):
+            hops.continue_([0.4, 8.3], "omega", within)  # pyright: ignore[reportArgumentType]
 
 
 @pytest.mark.slow
@@ -356,3 +386,132 @@ def test_the_least_fatal_push_is_found_around_the_cycle_and_marked() -> None:
     table.attrs["quantities"]["push_y"] = {**unit, "unit": "m/s"}
     with pytest.raises(gs.analyses.AnalysisError, match="one unit"):
         gs.analyses.least_fatal_push(table, ["push_x", "push_y"], "push_phase")
+
+
+@pytest.mark.slow
+def test_settled_rows_of_a_table_are_pushed_as_rows_that_settle_anew(tmp_path: Path) -> None:
+    """The hopper's gaits 1:1 and 2:1 at one frequency; its multipliers near 1 bound the phase shifts."""
+    omega = {"omega": [11.9, 12.0]}
+    starts = {"launch_0": [2.5, 5.0], "phase_0": 2.0}
+    settled = gs.sweep(
+        Hopper(),
+        run=Settle(states=True, tolerance=1e-9),
+        verify=0,
+        out=tmp_path / "settled",
+        **omega,
+        **starts,
+    )
+    pushes: dict[str, Any] = {"push_launch": [0.0, 0.2, -0.2], "push_phase": [0.1, 0.4]}
+    run = {"tolerance": 1e-7}
+    anew = pushed(Hopper(), ["launch"], run, **omega, **starts, **pushes)
+    again = pushed(Hopper(), ["launch"], run, after=settled, **pushes)
+    assert again["gait_before"].tolist() == (["1:1"] * 6 + ["2:1"] * 6) * 2
+    for name in ("omega", "gait_before", "gait", "recovery", "cycles_back"):
+        assert again[name].tolist() == anew[name].tolist()
+    # launches are pi g / omega and twice that
+    np.testing.assert_allclose(again["launch_end"], anew["launch_end"], rtol=1e-6)
+    np.testing.assert_allclose(
+        again["state_launch"][[0, 6]], np.array([1.0, 2.0]) * np.pi * 9.81 / 11.9, rtol=1e-7
+    )
+    np.testing.assert_allclose(again["excursion"], anew["excursion"], atol=2e-5)
+    np.testing.assert_allclose(again["phase_shift"], anew["phase_shift"], atol=2e-5)
+    assert (again["t_push"] < 0.2 * anew["t_push"]).all()  # after the crossings of the first test
+    # from its directory alone, and from some records of a table in memory
+    by_path = pushed(Hopper(), ["launch"], run, after=tmp_path / "settled", **pushes)
+    np.testing.assert_array_equal(by_path["phase_shift"], again["phase_shift"])
+    table = settled.table
+    in_memory = pushed(Hopper(), ["launch"], run, after=table[table["gait"] == "2:1"], **pushes)
+    np.testing.assert_array_equal(
+        in_memory["phase_shift"], again["phase_shift"][again["gait_before"] == "2:1"]
+    )
+
+
+@pytest.mark.slow
+def test_rows_that_a_refined_run_infers_have_no_state() -> None:
+    starts: dict[str, Any] = {"launch_0": {"linspace": [1, 9, 24]}, "phase_0": {"linspace": [0, 6, 24]}}
+    whole = gs.sweep(Hopper(), run=Settle(states=True), verify=0, **starts).table
+    refined = gs.sweep(
+        Hopper(), run=Settle(states=True, refine="boundary", coarse=4), verify=0, **starts
+    ).table
+    simulated = np.isfinite(refined["t_end"].to_numpy())
+    assert 0 < simulated.sum() < len(refined)
+    settled = (whole["status"] == "settled").to_numpy()
+    np.testing.assert_array_equal(np.isfinite(refined["state_launch"]), simulated & settled)
+    both = simulated & settled
+    np.testing.assert_array_equal(refined["state_launch"][both], whole["state_launch"][both])
+    # at the section the state of the hopper is what is observed there; of a longer orbit a crossing is chosen
+    fixed = settled & (whole["attractor_period"] == 1)
+    np.testing.assert_array_equal(whole["state_launch"][fixed], whole["launch_end"][fixed])
+
+
+@pytest.mark.slow
+def test_modes_of_a_settled_row_are_kept() -> None:
+    """A chain without a push is on its gait at each crossing, if the stance of each leg is that of before."""
+    start: dict[str, Any] = {"psi_1": 1.0, "psi_2": 2.0, "psi_3": 3.0}
+    run: dict[str, Any] = {"tolerance": 1e-10, "max_cycles": 600}
+    settled = gs.sweep("multilegged", beta=0.6, run=Settle(states=True, **run), verify=0, **start)
+    pushes: dict[str, Any] = {"push_v_1": [0.0, 0.05], "push_phase": 0.3}
+    again = pushed("multilegged", ["v_1"], run, after=settled, **pushes)
+    anew = pushed("multilegged", ["v_1"], run, beta=0.6, **start, **pushes)
+    assert again["recovery"].tolist() == ["recovered"] * 2
+    assert again["excursion"][0] < 1e-8
+    assert (again["t_push"] < 0.2 * anew["t_push"]).all()
+    for name in ("excursion", "phase_shift", "time_back"):
+        np.testing.assert_allclose(again[name], anew[name], atol=1e-7)
+
+
+def earlier(folder: Path, **fields: Any) -> Path:
+    """A result directory with one row of the hopper, which has settled."""
+    run = {"run": Settle(states=True), **fields}
+    gs.sweep(Hopper(), verify=0, out=folder, launch_0=[2.5], phase_0=2.0, **run)
+    return folder
+
+
+def test_a_job_holds_the_rows_of_its_earlier_table(tmp_path: Path) -> None:
+    """Its hash depends on their numbers, not on their folder, which may be gone later."""
+
+    def job_after(name: str) -> Job:
+        run = {"kind": "perturb", "push": ["launch"], "after": str(tmp_path / name)}
+        return Job(name="x", model="gaitsweep.examples.hopper:Hopper", vary={"push_launch": [0.1]}, run=run)
+
+    earlier(tmp_path / "a", omega=[12.0])
+    (tmp_path / "a").rename(tmp_path / "b")
+    earlier(tmp_path / "a", omega=[12.0])
+    earlier(tmp_path / "c", omega=[11.0])
+    first, second, other = (job_after(name) for name in "abc")
+    assert first.hash() == second.hash() != other.hash()
+    shutil.rmtree(tmp_path / "a")
+    again = Job.model_validate(first.resolved())
+    assert again.hash() == first.hash()
+    np.testing.assert_array_equal(again.design.row(0)["state_launch"], first.design.row(0)["state_launch"])
+
+
+@pytest.mark.parametrize(
+    ("fields", "says"),
+    [
+        (
+            {"model": "gaitsweep.examples.compass_walker:CompassWalker"},
+            r"its model is .*Hopper, but that of this",
+        ),
+        ({"params": {"omega": 11.0}}, r"params\.omega is 11\.0, but .*settled has its values"),
+        ({"params": {"restitution": 0.5}}, r"params\.restitution is 0\.5, but .*settled has its values"),
+        ({"vary": {"omega": [11.0]}}, r"vary varies omega, but .*settled has its values"),
+        ({"start": {"launch_0": 2.0}}, r"launch_0 is not a start value"),
+        ({"run": {"after": "nowhere"}}, r"run\.after is .*nowhere"),
+        ({"damage": True}, r"run\.after is .*settled: .*damaged"),
+        ({"states": False}, r"it has no states of its rows: run its job as"),
+    ],
+)
+def test_tables_whose_rows_cannot_be_pushed_are_refused(
+    tmp_path: Path, fields: dict[str, Any], says: str
+) -> None:
+    folder = earlier(tmp_path / "settled", run=Settle(states=fields.get("states", True)))
+    if fields.get("damage"):
+        part = next(iter(sorted((folder / "table").iterdir())))
+        part.write_bytes(part.read_bytes()[:-9])
+    run = {"kind": "perturb", "push": [fields.get("push", "launch")], "after": str(folder)}
+    if "run" in fields:
+        run["after"] = str(tmp_path / fields["run"]["after"])
+    job_fields = {name: fields[name] for name in ("model", "params", "vary", "start") if name in fields}
+    with pytest.raises(JobError, match=says):
+        Job(name="x", **{"model": "gaitsweep.examples.hopper:Hopper", **job_fields}, run=run)

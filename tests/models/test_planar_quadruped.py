@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,7 @@ from reference.planar_quadruped_mujoco import PlanarQuadruped as InMujoco
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.trace import TraceRecorder
+from gaitsweep.expression import evaluate
 from gaitsweep.job import Job, JobError
 from gaitsweep.papers.fukuoka2015.analysis.gaits_of_onsets import gait_of
 from gaitsweep.papers.fukuoka2015.analysis.swing_onsets import onsets_in, onsets_of_crossings
@@ -384,3 +386,49 @@ def test_bodies_in_jobs(tmp_path: Path) -> None:
         PlanarQuadruped("tre")
     assert PlanarQuadruped("tree").host_parameters == ()
     assert "com_x" in PlanarQuadruped("mjx").host_parameters
+
+
+@pytest.mark.slow
+def test_a_walk_up_a_slope_is_that_on_even_ground_with_turned_gravity() -> None:
+    """200 steps of 1 ms, touchdowns of four feet among them: to rounding."""
+    angle = np.deg2rad(5.0)
+    cosine, sine = float(np.cos(angle)), float(np.sin(angle))
+    even, uneven = PlanarQuadruped(), PlanarQuadruped(ground="slope")
+
+    def params_of(model: PlanarQuadruped, **given: float) -> Any:
+        values: dict[str, float] = {}
+        for quantity in model.parameters:
+            written = given.get(quantity.name, quantity.default)
+            values[quantity.name] = evaluate(0.0 if written is None else written, values)
+        return model.params({name: jnp.asarray(float(value)) for name, value in values.items()})
+
+    def after(model: PlanarQuadruped, params: Any, state: Any) -> Any:
+        dt = jnp.asarray(1e-3)
+        step = lambda s, _: (model.step(params, s, dt), None)  # noqa: E731
+        return jax.jit(lambda s: jax.lax.scan(step, s, None, length=200)[0])(state)
+
+    def turned_gravity(self: Any) -> jax.Array:
+        return jnp.stack([-sine * self.g, 0.0 * self.g, -cosine * self.g])
+
+    on_even, on_slope = params_of(even), params_of(uneven, ground_slope=5.0)
+    start = even.init(
+        on_even, {"seed": jnp.asarray(0.0), "scatter": jnp.asarray(0.1), "pair": jnp.asarray(0.0)}
+    )
+    turn = np.array([[cosine, -sine], [sine, cosine]])
+    foot_of_slope = np.array([5.0, 5.0 * sine / cosine])
+    q = start.q.at[:2].set(foot_of_slope + turn @ np.asarray(start.q[:2])).at[2].add(-angle)
+    climbed = after(uneven, on_slope, dataclasses.replace(start, q=q))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(type(on_even.mechanics), "gravity", turned_gravity)
+        walked = after(even, on_even, start)
+    assert (np.asarray(walked.load) > 1.0).all()
+    np.testing.assert_allclose(turn.T @ (np.asarray(climbed.q[:2]) - foot_of_slope), walked.q[:2], atol=1e-12)
+    np.testing.assert_allclose(climbed.q[2] + angle, walked.q[2], atol=1e-12)
+    np.testing.assert_allclose(climbed.q[3:], walked.q[3:], atol=1e-12)
+    np.testing.assert_allclose(climbed.load, walked.load, atol=1e-8)
+
+
+def test_mjx_refuses_uneven_ground() -> None:
+    with pytest.raises(ValueError, match="ground is rough, but the plane that MuJoCo compiles is even"):
+        PlanarQuadruped(body="mjx", ground="rough")
+    assert PlanarQuadruped(body="mjx").parameters == PlanarQuadruped(ground="even").parameters

@@ -97,3 +97,12 @@ def test_a_branch_without_a_number_is_grey() -> None:
     assert none == plot.theme.COLOURS["none"].lower()
     empty = plot.continuation(branches(mass=[np.nan] * 3), y="y", x="p", hue="mass")
     assert set(colours_of_lines(empty.axes[0]).values()) == {none}
+
+
+def test_a_branch_without_a_name_is_grey() -> None:
+    grey = plot.theme.COLOURS["none"].lower()
+    figure = plot.continuation(branches(gait=["amble", None, "canter"]), y="y", x="p", hue="gait")
+    lines = colours_of_lines(figure.axes[0])
+    assert lines[1.0] == grey
+    assert grey not in (lines[0.0], lines[2.0])
+    assert "no gait" in [text.get_text() for text in figure.legends[0].get_texts()]

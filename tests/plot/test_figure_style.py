@@ -22,7 +22,7 @@ from gaitsweep.plot.column_labels import described
 from gaitsweep.plot.columns import PlotError
 from gaitsweep.plot.figure_layout import wrapped
 from gaitsweep.plot.figure_style import FORMATS, StyleError
-from gaitsweep.plot.theme import angle_ticks, in_pi
+from gaitsweep.plot.theme import angle_axis, angle_ticks, in_pi
 from gaitsweep.runs.figures import draw_figures
 from gaitsweep.table import Snapshot
 from tests.support import ROOT
@@ -354,6 +354,9 @@ def test_angles_as_multiples_of_pi() -> None:
         "−π/4",
         "3π/4",
     ]
+    for steps in (1, 3):
+        with pytest.raises(PlotError, match=f"steps is {steps}, but must be even"):
+            angle_axis(Figure().subplots(), "x", steps=steps)
     assert [in_pi(angle, fractions=False) for angle in (0.75 * pi, -0.05 * pi)] == ["0.75π", "−0.05π"]
     figure = Figure()
     axes = figure.subplots()

@@ -11,7 +11,7 @@ at a time, as plain as can be. Limbs: 1 right fore, 2 left fore, 3 right hind, 4
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import cast
 
@@ -47,9 +47,17 @@ class Quadruped:
     """The page's equations with its parameters' `values`, and the state: y (43,) is q, v, phi, anchors."""
 
     def __init__(
-        self, xml: str, values: Mapping[str, float], delta_13: float, swing: str, damping: str, slip: str
+        self,
+        xml: str,
+        values: Mapping[str, float],
+        delta_13: float,
+        swing: str,
+        damping: str,
+        slip: str,
+        ground: Callable[[float], float] | None = None,
     ) -> None:
         p = self.p = dict(values)
+        self.ground = ground
         self.swing, self.damping, self.slip = swing, damping, slip
         self.bend = [1.0 if p[f"{pair}_knees"] > 0.0 else -1.0 for pair in ("fore", "fore", "hind", "hind")]
         self.x_c, self.H = ([p[f"{name}_fore"]] * 2 + [p[f"{name}_hind"]] * 2 for name in ("x_c", "H"))
@@ -79,6 +87,8 @@ class Quadruped:
         self.slope(cast(float, brentq(self.slope, -1.0, 1.0, xtol=1e-15)))
         weight = (p["front_mass"] + p["rear_mass"] + 8.0 * p["link_mass"]) * p["g"]
         self.y[2] -= self.data.site_xpos[self.sites[0]][2] + weight / (4.0 * p["K_N"])
+        if ground is not None:  # the fore AEP is at x = 0
+            self.y[0] = -(p["front_hip_x"] + p["x_c_fore"] + 0.5 * p["D"])
         self.placed(self.y)
         self.y[ANCHOR] = np.ravel([self.data.site_xpos[site][:2] for site in self.sites])
         self.jacobian = np.zeros((3, 15))
@@ -122,6 +132,15 @@ class Quadruped:
             return x, h * (half - math.sin(half)) / TWO_PI - H
         return x, 0.5 * h * (1.0 - math.cos(turn)) - H
 
+    def beneath(self, x: float) -> tuple[float, np.ndarray]:
+        """Height (m) of the ground at a place, and its axes (3, 3): along it, y, and across it."""
+        if self.ground is None:
+            return 0.0, np.eye(3)
+        span = 1e-6
+        angle = math.atan2(self.ground(x + span) - self.ground(x - span), 2.0 * span)
+        c, s = math.cos(angle), math.sin(angle)
+        return self.ground(x), np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
+
     def turning(self, i: int, t: float, phi: float, rate: float) -> tuple[float, float]:
         """Rates of the desired hip and knee angles of limb i, by differences (rad/s)."""
         span = 1e-6
@@ -160,9 +179,9 @@ class Quadruped:
             if self.contact[i]:
                 J = self.jacobian
                 mujoco.mj_jacSite(m, d, J, None, self.sites[i])
-                sunk = d.site_xpos[self.sites[i]].copy()
-                sunk[:2] -= y[35 + 2 * i : 37 + 2 * i]
-                speed = J @ v
+                height, axes = self.beneath(y[35 + 2 * i])
+                sunk = axes @ (d.site_xpos[self.sites[i]] - [*y[35 + 2 * i : 37 + 2 * i], height])
+                speed = axes @ J @ v
                 force = -p["K_TL"] * sunk - p["D_TL"] * speed
                 damper = p["D_N"] * (p["D_rising"] if speed[2] > 0.0 else 1.0)
                 force[2] = -p["K_N"] * sunk[2] - damper * speed[2]
@@ -174,7 +193,8 @@ class Quadruped:
                         excess = force[:2] * (1.0 - most / along)
                         creep[i] = -excess / (p["K_TL"] * p["T_slip"])
                         force[:2] -= excess
-                push += force @ J
+                        creep[i, 0] *= axes[0, 0]
+                push += force @ axes @ J
         mujoco.mj_fwdAcceleration(m, d)
         dy = np.empty(43)
         dy[:3] = v[:3]
@@ -214,7 +234,11 @@ class Quadruped:
         self.placed(y)
         corners = [TWO_PI, self.p["gate"] * self.AEP, self.AEP, TWO_PI]
         turned = [y[31 + i] - corners[self.segment[i]] for i in range(4)]
-        heights = [self.data.site_xpos[site][2] for site in self.sites]
+        heights = []
+        for site in self.sites:
+            x, _, z = self.data.site_xpos[site]
+            height, axes = self.beneath(x)
+            heights.append((z - height) * axes[2, 2])
         feet = [up - RELEASE if on else -up for up, on in zip(heights, self.contact, strict=True)]
         grown = t - self.p["T_grow"] if self.growing else -1.0
         free = t - self.p["T_hold"] if self.held else -1.0
@@ -300,6 +324,7 @@ def landings(
     swing: str = "cycloid",
     damping: str = "joint_rate",
     slip: str = "none",
+    ground: Callable[[float], float] | None = None,
 ) -> list[Landing]:
     """Limb 3's first landings, `crossings` of them.
 
@@ -309,11 +334,12 @@ def landings(
         delta_13: the start, rad; `nudge` is added to the front body's height (m).
         rtol: of the steps, relative to 1 (m, rad, m/s, rad/s).
         swing, damping, slip: words of the model's structure.
+        ground: the height (m) of uneven ground at a place x (m).
 
     Raises:
         Fallen: the body fell first. LateEvent: no event where one was due, or events without end.
     """
-    walker = Quadruped(xml, values, delta_13, swing, damping, slip)
+    walker = Quadruped(xml, values, delta_13, swing, damping, slip, ground)
     walker.y[2] += nudge
     results: list[Landing] = []
     limit = 3.0 * (crossings + 1) * TWO_PI / walker.omega

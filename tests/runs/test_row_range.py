@@ -11,8 +11,8 @@ import pytest
 from test_run import JOB, command
 
 import gaitsweep as gs
+from gaitsweep.runs.job_array import blocks_of, run_rows
 from gaitsweep.runs.prepare import RunError
-from gaitsweep.runs.row_range import blocks_of, run_rows
 from gaitsweep.table import Snapshot, TableError, examination
 from gaitsweep.table.locks import BlockLocks, Lock
 from gaitsweep.table.manifest import Layout
@@ -85,7 +85,7 @@ def test_rows_that_another_process_runs_are_refused_by_its_name(job: gs.Job, tmp
 def test_a_whole_run_and_a_share_exclude_each_other(
     job: gs.Job, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("gaitsweep.runs.row_range.PATIENCE", 0.0)
+    monkeypatch.setattr("gaitsweep.runs.job_array.PATIENCE", 0.0)
     out = tmp_path / "shares"
     run_rows(job, "0:32", out)
     share, second = Lock(out, shared=True), Lock(out, shared=True)
@@ -183,7 +183,7 @@ def test_the_digests_of_a_table_are_read_once_for_all_its_parts(
 def test_a_share_ends_well_while_another_process_completes_the_table(
     job: gs.Job, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("gaitsweep.runs.row_range.PATIENCE", 0.0)
+    monkeypatch.setattr("gaitsweep.runs.job_array.PATIENCE", 0.0)
     out = tmp_path / "shares"
     run_rows(job, "0:96", out)
     others = Lock(out, shared=True)  # another process has not left yet

@@ -21,6 +21,7 @@ from gaitsweep.cli import main
 from gaitsweep.contract import Model
 from gaitsweep.job import Job
 from gaitsweep.kinds.run_kind import RunKind
+from gaitsweep.plot.provenance_marks import remarks
 from gaitsweep.runs import concurrent_self_check, execute
 from gaitsweep.runs.execute import run_job
 from gaitsweep.runs.observable_changes import counted
@@ -452,3 +453,35 @@ def test_rows_that_stay_on_an_unstable_gait_are_marked(
     with wrong:
         result = gs.sweep(model, run=run, verify=4, **axes)
     assert result.manifest["self_check"]["unstable"] == unstable
+
+
+class Dropped(gs.MjcfModel):
+    """A ball whose bounces take a few steps, and change with finer ones."""
+
+    body_file = """<mujoco><option timestep="0.002"/><worldbody><geom type="plane" size="1 1 .1"/>
+      <body pos="0 0 .1"><joint name="z" type="slide" axis="0 0 1"/>
+        <geom type="sphere" size=".1" mass="1" solref="-400000 -5"/></body></worldbody></mujoco>"""
+    turns = gs.parameter("1", "nominal cycles a second", 1.0)
+
+    def control(self, p: Any, s: Any) -> Any:
+        return jnp.zeros(0)
+
+    def period(self, p: Any) -> Any:
+        return 1.0 / p.turns
+
+    @gs.observable("m", "height", scale=0.1)
+    def height(self, p: Any, s: Any) -> Any:
+        return s.body.q[0]
+
+
+@pytest.mark.slow
+def test_rows_of_a_stepped_body_that_change_much_with_its_step_are_marked() -> None:
+    """The first row does not land in time, and its flight changes by 8 mm, less than a tenth of 0.1 m."""
+    run = {"kind": "fixed_time", "duration": 0.5}
+    table = gs.sweep(Dropped(dynamics="mujoco"), z_0=[3.0, 0.1, 0.2, 0.3], run=run).table
+    check = table.attrs["manifest"]["self_check"]
+    marked = check["by_step"]
+    assert check["verdict"] == "passed"
+    assert 1 <= marked <= 3
+    assert f"{marked} changed by more than a tenth" in self_check_sentence(check)
+    assert remarks(table) == [f"self-check: {marked} of 4 rows depend on the model's step"]

@@ -19,7 +19,7 @@ from gaitsweep.examples.slip_runner import STANCE, SlipRunner
 from gaitsweep.job.checks import _some_rows, remarks_on_rows
 from gaitsweep.models.conformity import idle_starts
 from gaitsweep.models.value_faults import faults
-from gaitsweep.runs.trial import _with_rates, trial
+from gaitsweep.runs.model_trial import _with_rates, trial
 from tests.support.sweeping import scalars
 
 
@@ -336,7 +336,7 @@ def test_a_model_of_which_no_row_runs_is_not_good(monkeypatch: pytest.MonkeyPatc
     def refuse(*_: object) -> None:
         raise gs.UserError("vary is refused.")
 
-    monkeypatch.setattr("gaitsweep.runs.trial.table_in_memory", refuse)
+    monkeypatch.setattr("gaitsweep.runs.model_trial.table_in_memory", refuse)
     assert trial(Unlabelled).faults == ["of which no row can be run: vary is refused."]
 
 

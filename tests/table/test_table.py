@@ -30,11 +30,11 @@ from gaitsweep.table import (
     examination,
     load,
     load_parts,
-    parts,
+    parquet_parts,
 )
-from gaitsweep.table.files import replace_file
+from gaitsweep.table.atomic_files import replace_file
 from gaitsweep.table.manifest import Layout
-from gaitsweep.table.parts import part_bytes, readable
+from gaitsweep.table.parquet_parts import part_bytes, readable
 from tests.support.toy_directories import GAITS, JOB, block_frame, files_of, fill, open_toy
 
 
@@ -83,6 +83,19 @@ def test_columns_of_a_run_kind_carry_theirs_unless_the_model_has_a_quantity_of_t
     fields = pq.read_schema(pa.BufferReader(data))
     assert fields.field("t_end").metadata == {b"unit": b"s", b"meaning": b"time at the end of the row"}
     assert fields.field("t").metadata == {b"unit": b"K", b"meaning": b"temperature"}
+
+
+def test_operations_on_a_table_share_the_long_lists_of_its_manifest(tmp_path: Path) -> None:
+    """The `.attrs` are copied in each operation, item by item: seconds for an axis of a million values."""
+    with open_toy(tmp_path / "toy") as directory:
+        fill(directory)
+        directory.update_manifest(long=[0.5] * 100, short=[{"a": 1}])
+    table = load(tmp_path / "toy")
+    manifest, copied = table.attrs["manifest"], table[["row"]].attrs["manifest"]
+    assert copied == manifest
+    assert copied["long"] is manifest["long"]
+    assert copied["short"][0] is not manifest["short"][0]
+    assert yaml.safe_load(yaml.safe_dump(copied)) == json.loads(json.dumps(copied)) == manifest
 
 
 def test_a_partial_table_is_loaded_with_a_warning(tmp_path: Path) -> None:
@@ -171,7 +184,7 @@ def test_memory_contains_the_wanted_columns_and_one_part(
     a_part = 100 * block  # bytes of all columns of a part, with room for copies
 
     def read(*part: Any) -> pa.Table:
-        table = parts.read_records(*part)
+        table = parquet_parts.read_records(*part)
         waits = 0  # Arrow's threads let go of earlier parts some time after they were read
         while pa.total_allocated_bytes() - before >= a_part and waits < 200:
             time.sleep(0.01)

@@ -35,7 +35,7 @@ from gaitsweep.analysis.atlas.periodic_orbits import (
 )
 from gaitsweep.analysis.atlas.plane_curves import SecondParameter, plane_curves
 from gaitsweep.analysis.atlas.stored_points import points_of
-from gaitsweep.analysis.continuation.arclength import BranchPoints, ContinuationProblem
+from gaitsweep.analysis.continuation.arclength_step import BranchPoints, ContinuationProblem
 from gaitsweep.analysis.continuation.branch_follower import ArclengthSteps, BranchFollower
 from gaitsweep.analysis.continuation.branch_points import CROSSINGS, FLAT, beside
 from gaitsweep.analysis.continuation.flows import in_terms_of_flow

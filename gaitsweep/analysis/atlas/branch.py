@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from gaitsweep.analysis.continuation.arclength import BranchPoints, ContinuationProblem
+from gaitsweep.analysis.continuation.arclength_step import BranchPoints, ContinuationProblem
 from gaitsweep.analysis.continuation.branch_table import BranchTable
 from gaitsweep.engine.poincare.maps import Points
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from gaitsweep.analysis.atlas.periodic_orbits import SAME
-from gaitsweep.analysis.continuation.arclength import BranchPoints, ContinuationProblem
+from gaitsweep.analysis.continuation.arclength_step import BranchPoints, ContinuationProblem
 from gaitsweep.analysis.continuation.bifurcation_curves import CurvePoint, followed, step
 from gaitsweep.analysis.continuation.branch_follower import ArclengthSteps
 from gaitsweep.analysis.continuation.critical_points import CriticalEquations, CriticalPoint

@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 
 from gaitsweep.analysis.atlas.branch import Branch, Record, record_of
-from gaitsweep.analysis.continuation.arclength import BranchPoints, ContinuationProblem
+from gaitsweep.analysis.continuation.arclength_step import BranchPoints, ContinuationProblem
 from gaitsweep.analysis.continuation.bifurcation_tests import ahead
+from gaitsweep.column_meanings import time_column
 from gaitsweep.engine.poincare.maps import Events, Points, sizes
-from gaitsweep.run_columns import time_column
 
 # Halvings of a step on which the order of events changes.
 BISECTIONS = 40

@@ -9,7 +9,12 @@ from collections.abc import Iterator, Sequence
 import jax
 import numpy as np
 
-from gaitsweep.analysis.continuation.arclength import BranchPoints, ContinuationProblem, PerBranch, Unknowns
+from gaitsweep.analysis.continuation.arclength_step import (
+    BranchPoints,
+    ContinuationProblem,
+    PerBranch,
+    Unknowns,
+)
 from gaitsweep.analysis.continuation.newton import Drifts
 from gaitsweep.engine.poincare.maps import Points
 

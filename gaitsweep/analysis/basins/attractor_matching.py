@@ -16,7 +16,7 @@ from jaxtyping import Float
 from gaitsweep.analysis.basins.attractors import attractors
 from gaitsweep.analysis.basins.fractions import fractions
 from gaitsweep.analysis.basins.state_space import Space, state_columns
-from gaitsweep.analysis.records import require
+from gaitsweep.analysis.records import require_numbers
 
 _MOST_STATES = 2000  # states of an attractor that its distances use
 _FAR = 1e9  # cost of a forbidden match
@@ -64,7 +64,7 @@ def follow_attractors(
     Source: the distance is Dubuisson and Jain's modified Hausdorff distance (1994, Proc. ICPR, p. 566);
     matching along a parameter as in Datseris, Rossi and Wagemakers 2023, Chaos 33:073151.
     """
-    require(table, parameter)
+    require_numbers(table, parameter)
     values = np.unique(table[parameter].dropna().to_numpy(float))
     parts = [_at(table, parameter, value) for value in values]
     groupings = [attractors(part, **grouping) for part in parts]

@@ -21,7 +21,7 @@ from gaitsweep.analysis.basins.line_corners import box_dimension, cut_at_corners
 from gaitsweep.analysis.basins.sampled_sets import sampled_sets
 from gaitsweep.analysis.basins.single_linkage import cells, components, linking_distance, spanning_tree
 from gaitsweep.analysis.basins.state_space import Space, StateArray, extent, state_columns
-from gaitsweep.analysis.records import AnalysisError, require
+from gaitsweep.analysis.records import AnalysisError, names_in, require, require_numbers
 from gaitsweep.status import RECURRENT, Status
 
 CYCLES_OF_A_GRAIN = 10.0  # cycles in which a row settled to the tolerance of `run` may still move by a grain
@@ -60,7 +60,7 @@ class Attractors:
 
 def attractors(
     table: pd.DataFrame,
-    columns: Sequence[str] | None = None,
+    columns: str | Sequence[str] | None = None,
     *,
     grain: float | None = None,
     link: float | None = None,
@@ -93,12 +93,13 @@ def attractors(
         >>> grouped.summary["rows"].tolist()
         [3, 2, 1]
     """
-    columns = list(columns) if columns is not None else state_columns(table)
+    columns = names_in(columns) if columns is not None else state_columns(table)
     if not columns:
         raise AnalysisError(
             "This table has no observables at the ends of rows (psi_1_end): name the columns."
         )
-    require(table, "status", *columns)
+    require(table, "status")
+    require_numbers(table, *columns)
     grain = _grain_of(table) if grain is None else grain
     if not grain > 0.0 or not (link is None or link > 0.0):
         raise AnalysisError(f"grain is {grain:g} and link {link}, but both must be above 0.")

@@ -15,9 +15,11 @@ from gaitsweep.analysis.records import (
     AnalysisError,
     axes_of,
     in_order,
+    names_in,
     outcome_labels,
     panels_of,
     require,
+    require_numbers,
     with_constants,
 )
 
@@ -30,7 +32,7 @@ _COLUMNS = ["outcome", "rows", "of", "fraction", "low", "high", "interval"]
 
 def fractions(
     table: pd.DataFrame | Sequence[pd.DataFrame],
-    axes: Sequence[str] | None = None,
+    axes: str | Sequence[str] | None = None,
     *,
     label: str = "gait",
     by: str | Sequence[str] = (),
@@ -71,7 +73,7 @@ def fractions(
 
 
 def panels_and_axes(
-    table: pd.DataFrame | Sequence[pd.DataFrame], by: str | Sequence[str], axes: Sequence[str] | None
+    table: pd.DataFrame | Sequence[pd.DataFrame], by: str | Sequence[str], axes: str | Sequence[str] | None
 ) -> tuple[pd.DataFrame, list[str], list[str]]:
     """One table of one or several, and its columns of the panels and of the starts.
 
@@ -86,10 +88,11 @@ def panels_and_axes(
     Raises:
         AnalysisError: the table does not have a column.
     """
-    by = [by] if isinstance(by, str) else list(by)
+    by = names_in(by)
     table = with_constants(table, by, axes)
-    axes = [name for name in axes_of(table) if name not in by] if axes is None else list(axes)
-    require(table, "status", *axes, *by)
+    axes = [name for name in axes_of(table) if name not in by] if axes is None else names_in(axes)
+    require(table, "status", *by)
+    require_numbers(table, *axes)
     return table, by, axes
 
 
@@ -105,7 +108,8 @@ def proportion_interval(
         kind: wilson or clopper_pearson.
 
     Raises:
-        AnalysisError: there is no interval of that kind, or `hits` is not between 0 and `of`.
+        AnalysisError: there is no interval of that kind, `hits` is not between 0 and `of`, or `level` not
+            between 0 and 1.
 
     Example:
         >>> import gaitsweep as gs
@@ -115,6 +119,8 @@ def proportion_interval(
     """
     if kind not in _METHODS:
         raise AnalysisError(f"kind is {kind}, but must be one of {', '.join(_METHODS)}.")
+    if not 0.0 < level < 1.0:
+        raise AnalysisError(f"level is {level:g}, but must be between 0 and 1.")
     if not (of > 0 and 0 <= hits <= of):
         raise AnalysisError(f"hits and of are {hits} and {of}, but hits must be between 0 and of, above 0.")
     interval = scipy.stats.binomtest(hits, of).proportion_ci(level, _METHODS[kind])

@@ -20,7 +20,7 @@ from gaitsweep.analysis.basins.fractal_boundaries import (
 from gaitsweep.analysis.basins.fractions import LEVEL, Interval, fractions, panels_and_axes
 from gaitsweep.analysis.basins.grid import BasinGrid, find_grid
 from gaitsweep.analysis.basins.state_space import Space
-from gaitsweep.analysis.records import AnalysisError, in_order, outcome_labels, panels_of, require
+from gaitsweep.analysis.records import AnalysisError, in_order, names_in, outcome_labels, panels_of, require
 
 # What the column `recovery` says of a gait that is lost.
 FATAL = ("elsewhere", "fell", "failed")
@@ -50,7 +50,7 @@ class Basins:
 
 def basins(
     table: pd.DataFrame | Sequence[pd.DataFrame],
-    axes: Sequence[str] | None = None,
+    axes: str | Sequence[str] | None = None,
     *,
     label: str = "gait",
     by: str | Sequence[str] = (),
@@ -78,7 +78,8 @@ def basins(
         scales: unit of each axis in the shock's distance; needed where axes have different units.
 
     Raises:
-        AnalysisError: the table does not have a column, no axis is left, or an argument is not allowed.
+        AnalysisError: the table does not have a column or any row, no axis is left, or an argument is not
+            allowed.
 
     Example:
         Two basins with a straight boundary at x = 0 have equal shares, and the boundary's dimension is 1:
@@ -93,6 +94,8 @@ def basins(
         [1.0]
     """
     table, by, axes = panels_and_axes(table, by, axes)
+    if table.empty:
+        raise AnalysisError("The table has no rows.")
     if not axes:
         raise AnalysisError("No axis is left for the basins: name the columns of the starts as `axes`.")
     if label == "attractor" and label not in table.columns:
@@ -146,7 +149,7 @@ def _shock_of_outcomes(measured: pd.DataFrame, by: Sequence[str]) -> pd.DataFram
     """The median and the mean shock of the starts of each panel and outcome."""
     finite = measured.iloc[np.flatnonzero(np.isfinite(measured["shock"].to_numpy(float)))]
     named = finite.assign(outcome=finite["outcome"].astype(object))
-    groups = named.groupby([*by, "outcome"], observed=True)["shock"]
+    groups = named.groupby([*by, "outcome"], observed=True, dropna=False)["shock"]
     return groups.agg(shock_median="median", shock_mean="mean").reset_index()
 
 
@@ -203,7 +206,7 @@ def minimal_fatal_shock(
 
 def least_fatal_push(
     table: pd.DataFrame,
-    pushes: Sequence[str],
+    pushes: str | Sequence[str],
     by: str | Sequence[str] = (),
     *,
     scales: Mapping[str, float] | None = None,
@@ -228,11 +231,12 @@ def least_fatal_push(
 
     Source: Halekotte and Feudel 2020, Sci. Rep. 10:11783, of the minimal fatal shock.
     """
-    table, by, _ = panels_and_axes(table, by, list(pushes))
-    require(table, "recovery", *pushes)
+    pushes = names_in(pushes)
+    table, by, _ = panels_and_axes(table, by, pushes)
+    require(table, "recovery")
     _check_units(table, pushes, scales)
     lengths = np.array([(scales or {}).get(name, 1.0) for name in pushes])
-    size = np.linalg.norm(table[list(pushes)].to_numpy(float) / lengths, axis=1)
+    size = np.linalg.norm(table[pushes].to_numpy(float) / lengths, axis=1)
     recovery = table["recovery"].astype(str).to_numpy()
     size = np.where(np.isin(recovery, FATAL), size, np.inf)
     records = []

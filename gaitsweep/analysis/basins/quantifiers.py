@@ -16,7 +16,7 @@ from gaitsweep.analysis.basins.fractions import LEVEL, fractions, panels_and_axe
 from gaitsweep.analysis.basins.grid import find_grid
 from gaitsweep.analysis.basins.state_space import Space
 from gaitsweep.analysis.basins.wada import RADIUS, boundaries_nearby
-from gaitsweep.analysis.records import AnalysisError, require
+from gaitsweep.analysis.records import AnalysisError, require, require_numbers
 from gaitsweep.status import Status
 
 TAIL = 0.95  # share of the starts of a basin whose convergence is faster than the tail
@@ -52,11 +52,14 @@ def quantifiers(
             maximal amplifications (n,); None: they are NaN.
 
     Raises:
-        AnalysisError: the table lacks a column, or an argument is not allowed.
+        AnalysisError: the table lacks a column or has no rows, or an argument is not allowed.
     """
     if within is not None and not within > 0.0:
         raise AnalysisError(f"within is {within:g} s, but must be above 0.")
-    require(table, parameter, "status", "t_end")
+    require(table, "status", "t_end")
+    require_numbers(table, parameter)
+    if table.empty:
+        raise AnalysisError("The table has no rows.")
     if label == "attractor" and label not in table:
         column = follow_attractors(table, parameter, **grouping).column
         table = _with_column(table, label, column.astype(object).to_numpy())

@@ -47,7 +47,7 @@ class Wada:
 
 def wada(
     table: pd.DataFrame | Sequence[pd.DataFrame],
-    axes: Sequence[str] | None = None,
+    axes: str | Sequence[str] | None = None,
     *,
     label: str = "gait",
     by: str | Sequence[str] = (),

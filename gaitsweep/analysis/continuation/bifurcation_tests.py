@@ -16,7 +16,7 @@ from typing import TypeVar
 import numpy as np
 from jaxtyping import Bool, Complex, Float
 
-from gaitsweep.analysis.continuation.arclength import BranchPoints, ContinuationProblem, PerBranch
+from gaitsweep.analysis.continuation.arclength_step import BranchPoints, ContinuationProblem, PerBranch
 from gaitsweep.analysis.continuation.branch_points import FLAT, IMPERFECT, Crossing, branch_point, cornered
 from gaitsweep.analysis.continuation.critical_points import REAL
 from gaitsweep.analysis.continuation.exact_points import located_exactly

@@ -12,7 +12,12 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Int
 
-from gaitsweep.analysis.continuation.arclength import BranchPoints, ContinuationProblem, Converged, PerBranch
+from gaitsweep.analysis.continuation.arclength_step import (
+    BranchPoints,
+    ContinuationProblem,
+    Converged,
+    PerBranch,
+)
 from gaitsweep.analysis.continuation.bifurcation_tests import (
     TESTS,
     TOGETHER,

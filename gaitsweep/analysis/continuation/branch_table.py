@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Complex, Float, Int
 
-from gaitsweep.analysis.continuation.arclength import BranchPoints, ContinuationProblem
+from gaitsweep.analysis.continuation.arclength_step import BranchPoints, ContinuationProblem
 from gaitsweep.analysis.continuation.bifurcation_tests import multipliers_of
 from gaitsweep.analysis.continuation.flows import in_terms_of_flow
 from gaitsweep.analysis.continuation.newton import ConservedConstraints

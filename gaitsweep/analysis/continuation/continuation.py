@@ -27,7 +27,7 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Array, Float, Int
 
-from gaitsweep.analysis.continuation.arclength import ContinuationProblem
+from gaitsweep.analysis.continuation.arclength_step import ContinuationProblem
 from gaitsweep.analysis.continuation.branch_follower import ArclengthSteps, BranchFollower
 from gaitsweep.analysis.continuation.branch_table import BranchTable
 from gaitsweep.analysis.continuation.newton import ConservedConstraints, NewtonOutcome, newton

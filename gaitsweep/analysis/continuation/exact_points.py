@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from gaitsweep.analysis.continuation.arclength import BranchPoints, ContinuationProblem
+from gaitsweep.analysis.continuation.arclength_step import BranchPoints, ContinuationProblem
 from gaitsweep.analysis.continuation.branch_points import CROSSINGS
 from gaitsweep.analysis.continuation.critical_points import (
     CriticalEquations,

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Float
 
-from gaitsweep.analysis.continuation.arclength import BranchPoints, ContinuationProblem
+from gaitsweep.analysis.continuation.arclength_step import BranchPoints, ContinuationProblem
 from gaitsweep.analysis.continuation.bifurcation_curves import CurvePoint, followed
 from gaitsweep.analysis.continuation.bifurcation_tests import branch_test, fold_test, located_on_branch
 from gaitsweep.analysis.continuation.branch_follower import ArclengthSteps

@@ -14,7 +14,7 @@ import dataclasses
 import numpy as np
 from jaxtyping import Complex, Float
 
-from gaitsweep.analysis.continuation.arclength import BranchPoints, ContinuationProblem
+from gaitsweep.analysis.continuation.arclength_step import BranchPoints, ContinuationProblem
 from gaitsweep.engine.poincare.maps import Points, Values, sizes
 from gaitsweep.engine.poincare.stationary_map import StationaryMap, flow_derivatives, linearised_flow
 

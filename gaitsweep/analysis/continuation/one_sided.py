@@ -14,7 +14,7 @@ import dataclasses
 import numpy as np
 from jaxtyping import Float
 
-from gaitsweep.analysis.continuation.arclength import BranchPoints, ContinuationProblem
+from gaitsweep.analysis.continuation.arclength_step import BranchPoints, ContinuationProblem
 from gaitsweep.analysis.continuation.newton import along, sizes
 from gaitsweep.engine.poincare.maps import Points
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pandas as pd
-from jaxtyping import Shaped
+from jaxtyping import Int, Shaped
 
 from gaitsweep.analysis.continuation.branch_points import CROSSINGS
-from gaitsweep.analysis.records import AnalysisError, require
+from gaitsweep.analysis.records import AnalysisError, require, require_numbers
 
 # Special points of a continuation at which the stability of a branch may change.
 MARKS = ("fold", "corner", "flip", "neimark_sacker", *CROSSINGS, "hopf")
@@ -26,20 +26,24 @@ def stable_ranges(table: pd.DataFrame, parameter: str, least: float = NARROWEST_
         least: the least width of a piece, as a share of the width of all branches.
 
     Returns:
-        One record a piece: row, gait (the most frequent one, where the table has it), low and high (of the
+        One record a piece: row, gait (the most frequent one, where the table has it; None if none of its
+        points has one), low and high (of the
         parameter), low_by and high_by (the special point there; kink at a corner or jump of the map; start
         where the branch begins; range, most, closed or lost where it ends; or empty).
 
     Raises:
         AnalysisError: the table does not have a column.
     """
-    require(table, "row", "point", parameter, "stable", "special", "end")
+    require(table, "row", "point", "stable", "special", "end")
+    require_numbers(table, parameter)
     table = table.dropna(subset=["stable"]).sort_values(["row", "point"], kind="stable")
     width = np.ptp(table[parameter].to_numpy(float)) if len(table) else 0.0
     records = []
-    for _, branch in table.groupby(["row", *(["branch"] if "branch" in table else [])], sort=True):
+    keys = ["row", "branch"] if "branch" in table else ["row"]
+    for _, branch in table.groupby(keys, sort=True, dropna=False):
         records += [{"row": branch["row"].iloc[0], **piece} for piece in _pieces(branch, parameter)]
-    names = ["row", *(["gait"] if "gait" in table else []), "low", "high", "low_by", "high_by"]
+    gaits = ["gait"] if "gait" in table else []
+    names = ["row", *gaits, "low", "high", "low_by", "high_by"]
     pieces = pd.DataFrame(records, columns=pd.Index(names))
     wide = pieces["high"].to_numpy(float) - pieces["low"].to_numpy(float) > least * width
     return pieces.iloc[np.flatnonzero(wide)].reset_index(drop=True)
@@ -63,7 +67,7 @@ def range_of_gait(table: pd.DataFrame, parameter: str, gait: str) -> pd.DataFram
     ranges = stable_ranges(table, parameter)
     ranges_of_gait = ranges.iloc[np.flatnonzero(ranges["gait"] == gait)]
     if not len(ranges_of_gait):
-        stable = ", ".join(sorted(set(ranges["gait"]))) or "none"
+        stable = ", ".join(sorted(set(ranges["gait"].dropna()))) or "none"
         raise AnalysisError(f"no branch is stable in the gait {gait}. Stable here: {stable}.")
     widths = ranges_of_gait.assign(width=ranges_of_gait["high"] - ranges_of_gait["low"])
     widest = widths.sort_values(["row", "width"], kind="stable").drop_duplicates("row", keep="last")
@@ -87,20 +91,29 @@ def _pieces(branch: pd.DataFrame, parameter: str) -> list[dict[str, object]]:
         piece_points = np.arange(first, last + 1)
         low, high = piece_points[np.argmin(at[piece_points])], piece_points[np.argmax(at[piece_points])]
         piece: dict[str, object] = {"low": at[low], "high": at[high]}
-        piece |= {"low_by": _bound(special, end, low), "high_by": _bound(special, end, high)}
+        piece["low_by"] = _bound(special, end, low, piece_points)
+        piece["high_by"] = _bound(special, end, high, piece_points)
         if "gait" in branch:
-            piece["gait"] = branch["gait"].iloc[points].astype(str).mode().iloc[0]
+            gaits = branch["gait"].iloc[points].dropna().astype(str).mode()
+            piece["gait"] = gaits.iloc[0] if len(gaits) else None
         pieces.append(piece)
     return pieces
 
 
-def _bound(special: Shaped[np.ndarray, " points"], end: Shaped[np.ndarray, " points"], k: int) -> str:
-    """Name what ends a range at a point: a special point, the end of a branch, or its start."""
+def _bound(
+    special: Shaped[np.ndarray, " points"],
+    end: Shaped[np.ndarray, " points"],
+    k: int,
+    piece: Int[np.ndarray, " piece"],
+) -> str:
+    """Name what ends a range at point k of a piece: a special point, an end of the branch, or a kink."""
     if special[k] in MARKS:
         return str(special[k])
     if end[k]:
         return str(end[k])
     if k == 0:
         return "start"
-    neighbours = special[k : k + 2]
-    return "kink" if "kink" in neighbours else ""
+    # a kink marks the step that leads to its record, so it ends a piece at its first record or after its last
+    enters = k == piece[0] and special[k] == "kink"
+    leaves = k == piece[-1] and k + 1 < len(special) and special[k + 1] == "kink"
+    return "kink" if enters or leaves else ""

@@ -16,7 +16,15 @@ import pandas as pd
 from jaxtyping import Bool, Float, Shaped
 from numpy.typing import ArrayLike
 
-from gaitsweep.analysis.records import AnalysisError, axes_of, panels_of, require, section_column
+from gaitsweep.analysis.records import (
+    AnalysisError,
+    axes_of,
+    names_in,
+    panels_of,
+    require,
+    require_numbers,
+    section_column,
+)
 from gaitsweep.analysis.transitions.jumps import LEAST_JUMP, Course, courses, records_of, rising, stretches
 from gaitsweep.angles import TURN, branch_cut, is_circular, mean_direction, unwrap_from, wrapped_difference
 from gaitsweep.near_miss import suggestion
@@ -47,7 +55,7 @@ def hysteresis(
     *,
     start: str | None = None,
     least: float = LEAST_JUMP,
-    by: Sequence[str] = (),
+    by: str | Sequence[str] = (),
 ) -> Hysteresis:
     """Measure the hysteresis of a ramp, of a staircase, or of settled rows.
 
@@ -234,7 +242,11 @@ def _upper_median(values: ArrayLike) -> float:
 
 
 def transition_points(
-    table: pd.DataFrame, observable: str, parameter: str, least: float = LEAST_JUMP, by: Sequence[str] = ()
+    table: pd.DataFrame,
+    observable: str,
+    parameter: str,
+    least: float = LEAST_JUMP,
+    by: str | Sequence[str] = (),
 ) -> pd.DataFrame:
     """The transition point of each pass, over all rows on a branch: their `largest_jumps`.
 
@@ -250,7 +262,7 @@ def transition_points(
     Raises:
         AnalysisError: the table does not have a column, or `by` has a name that is no swept axis.
     """
-    by = list(by)
+    by = names_in(by)
     _require_axes(table, by)
     largest = largest_jumps(table, observable, parameter, least)
     keys = [*by, "pass", "direction"]
@@ -273,7 +285,7 @@ def transition_points(
 
 
 def transition_points_by_gait(
-    table: pd.DataFrame, parameter: str, start: str, gait: str = "gait", by: Sequence[str] = ()
+    table: pd.DataFrame, parameter: str, start: str, gait: str = "gait", by: str | Sequence[str] = ()
 ) -> pd.DataFrame:
     """The transition points of each gait, from settled rows at many values of a parameter on each branch.
 
@@ -297,8 +309,9 @@ def transition_points_by_gait(
     Raises:
         AnalysisError: the table does not have a column.
     """
-    by = list(by)
-    require(table, "status", parameter, start, gait, *by)
+    by = names_in(by)
+    require(table, "status", start, gait, *by)
+    require_numbers(table, parameter)
     columns = [*by, "gait", "direction", "kept", "lost", "low", "high", "rows"]
     records = []
     for panel, rows in panels_of(table, by):

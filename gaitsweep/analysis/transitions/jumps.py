@@ -16,7 +16,7 @@ import pandas as pd
 import scipy
 from jaxtyping import Bool, Float, Int, Shaped
 
-from gaitsweep.analysis.records import require, section_column, sound
+from gaitsweep.analysis.records import require, require_numbers, section_column, sound
 from gaitsweep.angles import is_circular
 
 SMOOTH = 5  # crossings of a ramp over which the observable is averaged
@@ -54,7 +54,8 @@ def courses(table: pd.DataFrame, observable: str, parameter: str) -> Iterator[Co
     name = section_column(table, observable)
     stairs = "stair" in table.columns
     order = "stair" if stairs else "crossing"
-    require(table, "row", "pass", order, parameter)
+    require(table, "row", "pass", order)
+    require_numbers(table, parameter)
     table = table.sort_values(["row", order], kind="stable")
     circular = is_circular(table, name)
     table = table.loc[sound(table, name, parameter)]

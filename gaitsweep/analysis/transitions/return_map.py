@@ -16,7 +16,15 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Int
 
-from gaitsweep.analysis.records import AnalysisError, axes_of, panels_of, require, section_column, sound
+from gaitsweep.analysis.records import (
+    AnalysisError,
+    axes_of,
+    names_in,
+    panels_of,
+    require,
+    section_column,
+    sound,
+)
 from gaitsweep.analysis.transitions.drift import Drift, drifts_of
 from gaitsweep.analysis.transitions.drift_zeros import NEAR, ghosts_of, zeros_of
 from gaitsweep.angles import TURN, branch_cut, is_circular, unwrap_from, wrapped_difference
@@ -46,7 +54,7 @@ def pairs(table: pd.DataFrame, observable: str, by: By = None) -> pd.DataFrame:
     Raises:
         AnalysisError: the table does not have a column.
     """
-    name, columns = section_column(table, observable), dict.fromkeys([*axes_of(table), *_listed(by)])
+    name, columns = section_column(table, observable), dict.fromkeys([*axes_of(table), *names_in(by or ())])
     require(table, "row", "crossing", *columns)
     table = table.sort_values(["row", "crossing"], kind="stable")
     table = table.loc[sound(table, name)]
@@ -88,7 +96,7 @@ def drift(
             part.insert(number, name, [value] * len(part))
         parts.append(part[np.isfinite(curve.smooth.value)])
     if not parts:
-        return pd.DataFrame(columns=[*_listed(by), *names, "piece"])
+        return pd.DataFrame(columns=[*names_in(by or ()), *names, "piece"])
     return pd.concat(parts, ignore_index=True)
 
 
@@ -110,7 +118,7 @@ def fixed_points(
         -1 and 1. Whether the slope is below 1 follows from the signs on both sides, which are more robust to
         noise.
     """
-    columns = [*_listed(by), "value", "value_error", "slope", "slope_error", "stable", "count"]
+    columns = [*names_in(by or ()), "value", "value_error", "slope", "slope_error", "stable", "count"]
     records = []
     for panel, _, curve in _drifts(table, observable, by, bandwidth):
         for value, smooth, falls, within in zeros_of(curve):
@@ -146,7 +154,7 @@ def ghosts(
         for value, least, error in ghosts_of(curve, near):
             on_turn = np.mod(value, TURN) if curve.circular else value
             records.append({**panel, "value": on_turn, "drift": least, "drift_error": error})
-    return pd.DataFrame(records, columns=[*_listed(by), "value", "drift", "drift_error"])
+    return pd.DataFrame(records, columns=[*names_in(by or ()), "value", "drift", "drift_error"])
 
 
 def branches(
@@ -170,18 +178,11 @@ def branches(
     return points.assign(branch=_joined(points, parameter, tried, reach, circular))
 
 
-def _listed(by: By) -> list[str]:
-    """The names in `by` as a list."""
-    if by is None:
-        return []
-    return [by] if isinstance(by, str) else list(by)
-
-
 def _drifts(
     table: pd.DataFrame, observable: str, by: By, bandwidth: float | None
 ) -> Iterator[tuple[dict[str, Any], int, Drift]]:
     """The drift of each combination of `by` and piece: the values of `by`, the piece's number, the curve."""
-    name, names = section_column(table, observable), _listed(by)
+    name, names = section_column(table, observable), names_in(by or ())
     circular = is_circular(table, name)
     all_pairs = pairs(table, observable, by)
     if not len(all_pairs):

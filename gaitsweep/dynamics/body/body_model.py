@@ -16,9 +16,11 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from gaitsweep.contract import Chart, Quantity, Rates, Recommended
+from gaitsweep.dynamics.body.standing import WHY_NOT, Rest, Standing, rest
 from gaitsweep.dynamics.declarations import mode, variable
 from gaitsweep.dynamics.declared import Values
 from gaitsweep.dynamics.declared_model import DeclaredModel
+from gaitsweep.dynamics.ground import ROUNDING, ground_field, is_uneven
 from gaitsweep.dynamics.mjcf.source import OfMjcf, Stamps, compiled_content, content_key
 from gaitsweep.near_miss import suggestion
 
@@ -41,12 +43,19 @@ class BodyModel(OfMjcf, DeclaredModel):
     `GEOM_friction`, `gravity`, ... (`gaitsweep models NAME` lists them), which functions read as
     `params.body["BODY_mass"]`. `state.q` and `state.v` are MuJoCo's qpos and qvel.
 
-    Contacts are of spheres, ends of capsules and corners of boxes with planes of the world. The ground pushes
+    Contacts are of spheres, ends of capsules and corners of boxes with planes of the world, which `ground`
+    makes uneven: each point then meets the ground's tangent plane below it. The ground pushes
     with N = K depth + D rate while both this and the depth are positive (Kelvin and Voigt). Friction against
     the slip v is mu N v / sqrt(v2 + (mu N / G)2 + s2), s = 0.1 mm/s: Coulomb's for fast slips, a damper G for
     slow ones. By default K is the stiffness that MuJoCo's contact has at rest under the body's weight, D has
     its damping ratio, and G is D. Limits of joints are springs and dampers of the same kind.
     """
+
+    _: dataclasses.KW_ONLY
+    ground: str = ground_field()
+
+    # whether rows begin at rest on the ground, near the keyframe or the starts given (`standing_still`)
+    begins_standing: ClassVar[bool] = False
 
     # formulas of parameters by others, which replace the MJCF's numbers: {"thigh_mass": "2*thigh_size**3"}
     formulas: ClassVar[Mapping[str, str | float]] = {}
@@ -67,7 +76,7 @@ class BodyModel(OfMjcf, DeclaredModel):
 
     @classmethod
     def _other_parameters(cls) -> list[str]:
-        return [BODY]
+        return [BODY, *super()._other_parameters()]
 
     @property
     def body(self) -> LocatedBody:
@@ -109,14 +118,36 @@ class BodyModel(OfMjcf, DeclaredModel):
 
     def depth(self, params: Any, state: Any, geom: str) -> Float[Array, ""]:
         """The depth (m) of a geom's lowest point below the ground; negative above it."""
-        depths, _ = self.body.depths_and_forces(params.body, state.q, state.v)
+        depths, _ = self.body.depths_and_forces(params.body, state.q, state.v, params.ground)
         return jnp.max(jnp.stack([depths[k] for k in self.body.stops_of(geom)]))
 
     def load(self, params: Any, state: Any, geom: str) -> Float[Array, ""]:
         """The force (N) of the ground on a geom, along the ground's normal."""
-        _, forces = self.body.depths_and_forces(params.body, state.q, state.v)
+        _, forces = self.body.depths_and_forces(params.body, state.q, state.v, params.ground)
         loads = [jnp.where(state.pushing[k], forces[k], 0.0) for k in self.body.stops_of(geom)]
         return jnp.sum(jnp.stack(loads))
+
+    def standing_still(self, params: Any, state: Any) -> Rest:
+        """The rest on the ground that is near a state, under the controls of its declared variables.
+
+        Directions that change nothing, such as the place along even ground, keep their positions.
+
+        Args:
+            params: the parameters.
+            state: the state; its velocities are taken as 0.
+
+        Returns:
+            The positions `q` (nq,), the largest acceleration `residual` (m/s2, rad/s2) there, and `standing`,
+            a number of `Standing`.
+        """
+
+        def acceleration(q: Float[Array, " nq"]) -> Float[Array, " nv"]:
+            v = jnp.zeros(self.nv)
+            pushing = self.body.heights(params.body, q, v, params.ground) > 0.0
+            control = self.checked_control(params, state.replace(q=q, v=v, pushing=pushing))
+            return self.body.accelerations(params.body, q, v, control, None, params.ground)
+
+        return rest(self.body, acceleration, lambda q: self.body.inverse_inertia(params.body, q), state.q)
 
     # what the contract asks for
 
@@ -125,6 +156,11 @@ class BodyModel(OfMjcf, DeclaredModel):
 
     @property
     def parameters(self) -> tuple[Quantity, ...]:
+        if is_uneven(self) and not self.body.has_level_plane:
+            raise ValueError(
+                f"ground is {self.ground.split()[0]}, which lies on level planes of the world, but no geom "
+                "may touch one."
+            )
         names = [quantity.name for quantity in self.body.parameters]
         for name in self.formulas:
             if name not in names:
@@ -137,7 +173,10 @@ class BodyModel(OfMjcf, DeclaredModel):
 
     def params(self, values: Values, /) -> Any:
         of_body = {quantity.name: jnp.asarray(values[quantity.name]) for quantity in self.body.parameters}
-        return self.Params(**self._gathered(values), body=of_body)
+        fields = self._gathered(values)
+        # contacts meet the ground's tangent planes
+        fields["ground"] = dataclasses.replace(fields["ground"], rounding=ROUNDING)
+        return self.Params(**fields, body=of_body)
 
     def _started(self, start: Values) -> dict[str, Any]:
         q, v = self.started_at(start)
@@ -145,8 +184,16 @@ class BodyModel(OfMjcf, DeclaredModel):
 
     def init(self, params: Any, start: Values, /) -> Any:
         state = super().init(params, start)
+        if self.begins_standing:
+            found = self.standing_still(params, state)
+            # a row whose body does not stand has no start
+            state = state.replace(q=jnp.where(found.standing == Standing.stands, found.q, jnp.nan))
         # a part that begins in the ground is pushed from the start
-        return state.replace(pushing=self.body.heights(params.body, state.q, state.v) > 0.0)
+        heights = self.body.heights(params.body, state.q, state.v, params.ground)
+        return state.replace(pushing=heights > 0.0)
+
+    def without_start(self, params: Any, state: Any, /) -> dict[str, Bool[Array, ""]]:
+        return {WHY_NOT: jnp.isnan(state.q[0])} if self.begins_standing else {}
 
     def flow(self, params: Any, state: Any, /) -> Rates:
         from gaitsweep.dynamics.tree import rates
@@ -155,13 +202,15 @@ class BodyModel(OfMjcf, DeclaredModel):
         return {
             **self.rates(params, state),
             "q": jnp.asarray(rates(self.body.tree, state.q, state.v)),
-            "v": self.body.accelerations(params.body, state.q, state.v, control, state.pushing),
+            "v": self.body.accelerations(
+                params.body, state.q, state.v, control, state.pushing, params.ground
+            ),
         }
 
     def guards(self, params: Any, state: Any, /) -> Float[Array, " guards"]:
         from gaitsweep.dynamics.body.mechanics import RELEASE
 
-        height = self.body.heights(params.body, state.q, state.v)
+        height = self.body.heights(params.body, state.q, state.v, params.ground)
         of_stops = jnp.where(state.pushing, -height - RELEASE, height)
         return jnp.concatenate([super().guards(params, state), of_stops])
 

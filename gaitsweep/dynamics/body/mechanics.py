@@ -28,7 +28,8 @@ from gaitsweep.dynamics.body.body_parameters import (
     is_position_servo,
     is_velocity_servo,
 )
-from gaitsweep.dynamics.body.coverage import limits, refusals, touches
+from gaitsweep.dynamics.body.coverage import Touch, limits, refusals, touches
+from gaitsweep.dynamics.ground import Ground
 from gaitsweep.dynamics.mjcf.source import identifier
 from gaitsweep.dynamics.tree import (
     Array,
@@ -45,6 +46,7 @@ from gaitsweep.dynamics.tree import (
 from gaitsweep.near_miss import suggestion
 
 Values = Mapping[str, Scalar]
+EVEN = Ground("even", {})
 # Stretch (m, rad) below zero at which a stop is left; at zero itself, rounding could meet and leave it
 # without end.
 RELEASE = 1.0e-9
@@ -72,7 +74,9 @@ class Stretch:
     @property
     def height(self) -> Scalar:
         """A continuous function (m, rad) that is positive while the stop pushes."""
-        return jnp.minimum(self.stretch, self.stretch + self.D / self.K * self.rate)
+        # the minimum of both, with half the operations of `jnp.minimum` and its derivative
+        moved = self.stretch + self.D / self.K * self.rate
+        return jnp.where(self.rate <= 0.0, moved, self.stretch)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -80,14 +84,14 @@ class Contact(Stretch):
     """The stretch of a point of a geom below a plane.
 
     `link` carries the point; `at` (3,) m is the contact in the world, `slip` (3,) m/s its velocity along the
-    plane, `normal` (3,) the plane's; `friction` is None without friction, and `grip` (N s/m) the damper along
-    the plane below the limit of friction.
+    plane, `normal` (3,) the plane's (`_plane_below`); `friction` is None without friction, and `grip` (N s/m)
+    the damper along the plane below the limit of friction.
     """
 
     link: int
     at: Float[Array, " 3"]
     slip: Float[Array, " 3"]
-    normal: Float[np.ndarray, " 3"]
+    normal: Float[Array, " 3"] | Float[np.ndarray, " 3"]
     friction: Scalar | None
     grip: Scalar
 
@@ -109,8 +113,8 @@ class Contact(Stretch):
 class LocatedBody:
     """A body of an MJCF with located stops.
 
-    `values` of its functions are the numbers of `parameters` by name. `depths_and_forces`, `heights` and
-    `accelerations` are the compiled methods of these names.
+    `values` of its functions are the numbers of `parameters` by name, `ground` is added to the heights of
+    level planes. `depths_and_forces`, `heights` and `accelerations` are the compiled methods of these names.
 
     Args:
         m: the compiled MJCF.
@@ -154,6 +158,11 @@ class LocatedBody:
     def is_free(self) -> bool:
         """Whether the root is a free body."""
         return bool(self._m.njnt and self._m.jnt_type[0] == mujoco.mjtJoint.mjJNT_FREE)
+
+    @property
+    def has_level_plane(self) -> bool:
+        """Whether a geom may touch a level plane, on which uneven ground lies."""
+        return any(map(_is_level, self._touches))
 
     @functools.cached_property
     def joints(self) -> list[tuple[str, str, int | None, int]]:
@@ -242,17 +251,22 @@ class LocatedBody:
         along = jnp.stack([jnp.asarray(c * x - s * z), jnp.asarray(y, float), jnp.asarray(s * x + c * z)])
         return values["gravity"] * along
 
-    def stretches(self, geometry: Geometry, values: Values, q: Array, v: Array) -> list[Stretch]:
+    def stretches(
+        self, geometry: Geometry, values: Values, q: Array, v: Array, ground: Ground = EVEN
+    ) -> list[Stretch]:
         """The stretch of each stop: of contacts, then of the lower and upper limits of joints.
 
         Args:
             geometry: the tree's geometry with these values.
             values: the parameters.
             q, v: positions (nq,) and velocities (nv,), as MuJoCo's qpos and qvel.
+            ground: the ground on level planes.
         """
-        return [*self._contacts(geometry, values, q, v), *self._stretches_of_limits(values, q, v)]
+        return [*self._contacts(geometry, values, q, v, ground), *self._stretches_of_limits(values, q, v)]
 
-    def _contacts(self, geometry: Geometry, values: Values, q: Array, v: Array) -> Iterator[Contact]:
+    def _contacts(
+        self, geometry: Geometry, values: Values, q: Array, v: Array, ground: Ground
+    ) -> Iterator[Contact]:
         """The contact of each point of a geom that may touch a plane; arguments as of `stretches`."""
         placed = places(self.tree, geometry, q)
         moving = movements(self.tree, placed, v)
@@ -265,11 +279,12 @@ class LocatedBody:
             has_friction = touch.friction is not None
             for point in touch.points:
                 centre = placed[link].position(size * point)
-                depth = radius - touch.normal @ (centre - touch.origin)
+                normal, above = _plane_below(touch, centre, ground)
+                depth = radius - above
                 # between the lowest point and the plane, as in MuJoCo
-                at = centre - touch.normal * (radius - 0.5 * depth)
+                at = centre - normal * (radius - 0.5 * depth)
                 speed = velocity_at(placed[link], moving[link], at)
-                rise = touch.normal @ speed
+                rise = normal @ speed
                 yield Contact(
                     stretch=depth,
                     rate=-rise,
@@ -277,8 +292,8 @@ class LocatedBody:
                     D=damper,
                     link=link,
                     at=at,
-                    slip=speed - rise * touch.normal,
-                    normal=touch.normal,
+                    slip=speed - rise * normal,
+                    normal=normal,
                     friction=values[f"{name}_friction"] if has_friction else None,
                     grip=values[f"{name}_grip"] if has_friction else damper,
                 )
@@ -296,21 +311,27 @@ class LocatedBody:
             yield Stretch(position + margin - values[f"{name}_high"], speed, K, D)
 
     def _depths_and_forces(
-        self, values: Values, q: Array, v: Array
+        self, values: Values, q: Array, v: Array, ground: Ground = EVEN
     ) -> tuple[Float[Array, " stops"], Float[Array, " stops"]]:
         """The stretch (m, rad) and the force (N, N m), were it pushing, of each stop, (stops,)."""
-        stops = self.stretches(self.geometry(values), values, q, v)
+        stops = self.stretches(self.geometry(values), values, q, v, ground)
         if not stops:
             return jnp.zeros((0,)), jnp.zeros((0,))
         return _row([stop.stretch for stop in stops]), _row([stop.force for stop in stops])
 
-    def _heights(self, values: Values, q: Array, v: Array) -> Float[Array, " stops"]:
+    def _heights(self, values: Values, q: Array, v: Array, ground: Ground = EVEN) -> Float[Array, " stops"]:
         """The `Stretch.height` (stops,) of each stop."""
-        stops = self.stretches(self.geometry(values), values, q, v)
+        stops = self.stretches(self.geometry(values), values, q, v, ground)
         return _row([stop.height for stop in stops]) if stops else jnp.zeros((0,))
 
     def _accelerations(
-        self, values: Values, q: Array, v: Array, control: Array, pushing: Bool[Array, " stops"]
+        self,
+        values: Values,
+        q: Array,
+        v: Array,
+        control: Array,
+        pushing: Bool[Array, " stops"] | None,
+        ground: Ground = EVEN,
     ) -> Float[Array, " nv"]:
         """dv/dt (nv,), rad/s2 and m/s2.
 
@@ -318,15 +339,17 @@ class LocatedBody:
             values: the parameters.
             q, v: positions (nq,) and velocities (nv,), as MuJoCo's qpos and qvel.
             control: controls (nu,) of the actuators.
-            pushing: whether each stop pushes.
+            pushing: whether each stop pushes; None: where its height is positive.
+            ground: the ground on level planes.
         """
         tau = self._actuated(values, q, v, control)
         external: list[WorldForce] = []
         dofs = [int(self._m.jnt_dofadr[j]) for j in self._limits for _ in range(2)]
         geometry = self.geometry(values)
-        stops = self.stretches(geometry, values, q, v)
+        stops = self.stretches(geometry, values, q, v, ground)
         for k, stop in enumerate(stops):
-            load = jnp.where(pushing[k], stop.force, 0.0)
+            pushes = stop.height > 0.0 if pushing is None else pushing[k]
+            load = jnp.where(pushes, stop.force, 0.0)
             if isinstance(stop, Contact):
                 external.append(WorldForce(stop.link, stop.at, stop.on_body(load)))
             else:
@@ -334,6 +357,18 @@ class LocatedBody:
                 tau[dofs[joint]] = tau[dofs[joint]] + (-load if joint % 2 else load)
         gravity = self.gravity(values)
         return jnp.asarray(forward_dynamics(self.tree, geometry, q, v, _row(tau), external, gravity=gravity))
+
+    def inverse_inertia(self, values: Values, q: Array) -> Float[jax.Array, "nv nv"]:
+        """The inverse of the joint-space inertia (nv, nv) at positions (nq,)."""
+        geometry = self.geometry(values)
+
+        def accelerations(tau: Array) -> Array:
+            v = jnp.zeros(self.nv)
+            return forward_dynamics(self.tree, geometry, q, v, tau, gravity=jnp.zeros(3))
+
+        # linear in the forces, but for those of springs
+        by_force = jax.vmap(accelerations)(np.concatenate([np.zeros((1, self.nv)), np.eye(self.nv)]))
+        return jnp.asarray(by_force[1:] - by_force[:1]).T
 
     def _actuated(self, values: Values, q: Array, v: Array, control: Array) -> list[Scalar]:
         """Generalised forces (nv,) of the actuators."""
@@ -398,6 +433,26 @@ class LocatedBody:
             names = dict.fromkeys(name for name in self.geom_of_stop if name)
             raise ValueError(f"No geom '{geom}' can touch a plane{suggestion(geom, names)}")
         return numbers
+
+
+def _is_level(touch: Touch) -> bool:
+    """Whether the plane that a geom may touch is level."""
+    return touch.normal[2] == 1.0
+
+
+def _plane_below(
+    touch: Touch, point: Float[Array, " 3"], ground: Ground
+) -> tuple[Float[Array, " 3"] | Float[np.ndarray, " 3"], Scalar]:
+    """The normal (3,) of the plane that a point meets, and the height (m) of the point above it.
+
+    On uneven ground, which lies on level planes, it is the ground's tangent plane below the point.
+    """
+    if ground.kind == "even" or not _is_level(touch):
+        return touch.normal, touch.normal @ (point - touch.origin)
+    height, slope = ground.height_and_slope(point[0])
+    cosine = 1.0 / jnp.sqrt(1.0 + slope * slope)
+    normal = jnp.stack([-slope * cosine, jnp.zeros_like(cosine), cosine])
+    return normal, cosine * (point[2] - touch.origin[2] - height)
 
 
 def _row(numbers: Sequence[Scalar]) -> Array:

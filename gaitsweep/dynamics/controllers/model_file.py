@@ -26,6 +26,12 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, ValidationError
 
 from gaitsweep.dynamics.body.body_model import BodyModel
+from gaitsweep.dynamics.controllers.controlled_body import (
+    UNCONTROLLED,
+    ControlledBody,
+    Leg,
+    model_class,
+)
 from gaitsweep.dynamics.controllers.joint_torques import follows_targets
 from gaitsweep.dynamics.controllers.leg_targets import (
     FootPath,
@@ -36,13 +42,7 @@ from gaitsweep.dynamics.controllers.leg_targets import (
     actuator_of,
     two_link_leg,
 )
-from gaitsweep.dynamics.controllers.model_class import (
-    UNCONTROLLED,
-    ControlledBody,
-    Leg,
-    model_class,
-)
-from gaitsweep.dynamics.controllers.oscillators import OSCILLATORS, Oscillators
+from gaitsweep.dynamics.controllers.oscillators import HIP, OSCILLATORS, Oscillators
 from gaitsweep.dynamics.mjcf.source import Stamps, compiled_mjcf, keyframe_number, stamps_of_mjcf
 from gaitsweep.dynamics.mjx.mjcf_model import MjcfModel
 from gaitsweep.near_miss import suggestion
@@ -52,7 +52,8 @@ from gaitsweep.schema.strict_model import OneOf, StrictModel
 from gaitsweep.schema.yaml_document import Document, read_document
 
 _FOOT = "foot"  # the entry of a leg that names its foot; the others are roles of joints
-_ROLES_OF_A_PATH = ("hip", "knee")
+_KNEE = "knee"
+_ROLES_OF_A_PATH = (HIP, _KNEE)
 
 
 class Controller(StrictModel):
@@ -91,6 +92,11 @@ class ModelFile(StrictModel):
         "contacts (MjcfModel)",
     )
     keyframe: str = Field(default="", description="keyframe of the start; by default the first one")
+    start: Literal["keyframe", "standing"] = Field(
+        default="keyframe",
+        description="keyframe: rows begin there; standing: they begin at rest on the ground near it, under "
+        "constant targets",
+    )
     controller: Controller = Field(description="the controller")
     fallen: Real | None = Field(
         default=None, description="height of the trunk below which it has fallen, m; left out: it never falls"
@@ -131,7 +137,7 @@ def model_of_file(path: Path) -> type[BodyModel] | type[MjcfModel]:
     """
     path = path.resolve()
     document = read_document(path, noun="a model file", fields=("body", "controller"))
-    content = json.dumps(document.data, sort_keys=True, default=str)
+    content = json.dumps(document.data, default=str)  # legs and joints count in their order
     stamps = stamps_of_mjcf(path.parent / str(document.data.get("body")))
     return _class_of(_Source(path, content, stamps, document))
 
@@ -183,6 +189,8 @@ def _controlled_body(document: Document, file: ModelFile, m: Any) -> ControlledB
         JobError: the file names what the MJCF does not have, or contradicts it or itself; with the line.
     """
     controller = file.controller
+    if file.start == "standing" and file.dynamics != "located":
+        raise _error(document, "is standing, which needs dynamics: located.", "start")
     with _errors_at(document, "keyframe"):
         keyframe_number(m, file.keyframe)
     legs = _legs(document, controller, m)
@@ -234,6 +242,14 @@ def _leg(document: Document, controller: Controller, m: Any, name: str) -> Leg:
     if controller.path is not None and set(parts) != {_FOOT, *_ROLES_OF_A_PATH}:
         raise _error(document, "needs foot, hip and knee, from which path: moves the foot.", *place)
     joints = {role: joint for role, joint in parts.items() if role != _FOOT}
+    if not joints:
+        text = f"has no joint, so that nothing moves it: write one of {', '.join(roles)}: JOINT."
+        raise _error(document, text, *place)
+    for role in controller.oscillators.roles_of_feedback:
+        if role not in joints:
+            raise _error(
+                document, f"has no {role}, whose angle the oscillators feel: write {role}: JOINT.", *place
+            )
     return Leg(name, parts[_FOOT], joints)
 
 
@@ -283,7 +299,7 @@ def _targets(document: Document, controller: Controller, legs: list[Leg], m: Any
     two_link_legs = []
     for leg in legs:
         with _errors_at(document, "controller", "legs", leg.name):
-            two_link_legs.append(two_link_leg(m, leg.joints["hip"], leg.joints["knee"], leg.foot))
+            two_link_legs.append(two_link_leg(m, leg.joints[HIP], leg.joints[_KNEE], leg.foot))
     return FootPaths(controller.path, two_link_legs)
 
 

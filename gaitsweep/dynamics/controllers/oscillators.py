@@ -21,6 +21,7 @@ from gaitsweep.dynamics.declarations import parameter, variable
 from gaitsweep.schema.numbers import NotNegative, Positive, Real, Text
 from gaitsweep.schema.strict_model import Registry, StrictModel
 
+HIP = "hip"  # role of the joint whose angle is fed back, and which a path of the foot moves
 _TURN = 2.0 * math.pi
 
 
@@ -51,6 +52,11 @@ class Oscillators(StrictModel, abc.ABC):
     @abc.abstractmethod
     def named_legs(self) -> dict[str, list[str]]:
         """The legs that fields name, by the field."""
+
+    @property
+    @abc.abstractmethod
+    def roles_of_feedback(self) -> tuple[str, ...]:
+        """The roles of joints that the feedback reads, which each leg must have: hip, or none."""
 
     @abc.abstractmethod
     def declarations(self, legs: Sequence[str]) -> dict[str, Any]:
@@ -119,6 +125,10 @@ class _Rhythm(Oscillators):
     def named_legs(self) -> dict[str, list[str]]:
         return {"phases": list(self.phases)}
 
+    @property
+    def roles_of_feedback(self) -> tuple[str, ...]:
+        return ()
+
     def _parameters(self, legs: Sequence[str]) -> dict[str, Any]:
         """The parameters of oscillators with a phase, by name."""
         even = {leg: _TURN * i / len(legs) for i, leg in enumerate(legs)}
@@ -139,7 +149,7 @@ class _Rhythm(Oscillators):
         """The rates of the phases (n,) by the oscillators' own frequency and the loads."""
         if self.sigma is None:
             return params.omega
-        return params.omega - params.sigma * senses.loads() * ahead
+        return params.omega + params.sigma * senses.loads() * ahead  # slower where a stance ends
 
     def period(self, params: Any) -> Float[Array, ""]:
         return _TURN / params.omega
@@ -151,11 +161,11 @@ def _nearest(angle: Float[Array, ""]) -> Float[Array, ""]:
 
 
 class PhaseOscillators(_Rhythm):
-    """Phase oscillators: phi' = omega - sigma N cos(phi) + coupling sum sin(phi_j - phi - delta_j + delta).
+    """Phase oscillators: phi' = omega + sigma N cos(phi) + coupling sum sin(phi_j - phi - delta_j + delta).
 
-    A leg is ahead at 0, in stance until pi, and swings until 2 pi.
-    Sources: Owaki et al. 2013, J. R. Soc. Interface 10:20120669 (loads); Aoi and Tsuchiya 2005, Auton. Robots
-    19:219 (resets).
+    A leg is ahead at 0, in stance until pi, and swings until 2 pi. Loads N pull its phase towards pi/2.
+    Sources: Owaki et al. 2013, J. R. Soc. Interface 10:20120669 (loads; its phases are phi + pi); Aoi and
+    Tsuchiya 2005, Auton. Robots 19:219 (resets).
     """
 
     kind: Literal["phase"] = Field(description="phase: phase oscillators")
@@ -193,7 +203,7 @@ class PhaseOscillators(_Rhythm):
 class HopfOscillators(_Rhythm):
     """Hopf oscillators: z' = (gain (1 - |z|^2) + i w) z + coupling sum (exp(i (delta - delta_j)) z_j - z).
 
-    w = omega - sigma N x. The leg's place is x, its lift max(-y, 0).
+    w = omega + sigma N x. The leg's place is x, its lift max(-y, 0).
     Source: Righetti and Ijspeert 2008, ICRA, p. 819.
     """
 
@@ -281,6 +291,10 @@ class MatsuokaOscillators(Oscillators):
     @property
     def named_legs(self) -> dict[str, list[str]]:
         return {"inhibited": [leg for pair in self.inhibited for leg in pair]}
+
+    @property
+    def roles_of_feedback(self) -> tuple[str, ...]:
+        return () if self.hip is None else (HIP,)
 
     def declarations(self, legs: Sequence[str]) -> dict[str, Any]:
         n = len(legs)

@@ -77,11 +77,12 @@ class MjxBody:
     def __init__(
         self,
         source: mujoco.MjModel | str | Path,
-        points: Sequence[str] = (),
+        points: str | Sequence[str] = (),
         *,
         contact: bool = False,
         keyframe: int | None = None,
     ) -> None:
+        points = [points] if isinstance(points, str) else list(points)
         model = copy.copy(compiled(source))
         for flag in HARMLESS:  # MJX refuses some
             model.opt.enableflags &= ~int(flag)

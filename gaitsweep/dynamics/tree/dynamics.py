@@ -72,13 +72,13 @@ class YieldingForce:
     An implicit damper is such a force: with the coefficient c and a step of dt, `yields` is dt c.
 
     `link` is the link's number; `at` (3,) m is the point in the world; `force` (3,) N and `yields` (3,) kg
-    are along the world's axes.
+    are along the world's axes; `yields` may also be a symmetric matrix (3, 3) kg between them.
     """
 
     link: int = dataclasses.field(metadata={"static": True})
     at: Float[Array, " 3"]
     force: Float[Array, " 3"]
-    yields: Float[Array, " 3"]
+    yields: Float[Array, " 3"] | Float[Array, "3 3"]
 
     def on(self, place: Place) -> ForceVector:
         """The spatial force at zero acceleration, about the link's point, in the link's axes."""
@@ -87,7 +87,7 @@ class YieldingForce:
     def inertia(self, place: Place) -> Inertia:
         """`yields` as a spatial inertia about the link's point: a point mass that differs by axis."""
         frame = place.frame.T
-        M = turned(frame, EYE * self.yields[:, None])
+        M = turned(frame, EYE * self.yields[:, None] if self.yields.ndim == 1 else self.yields)
         rx = skew(_lever(place, self.at))
         H = rx @ M
         return Inertia(symmetric(H @ rx.T), H, M)

@@ -120,8 +120,8 @@ def sign(w: Writer, x: int) -> int:
 
 
 def is_finite(w: Writer, x: int) -> int:
-    """Whether x is neither infinite nor NaN, for which x - x is NaN."""
-    return w("eq", w("sub", x, x), 0.0)
+    """Whether x is neither infinite nor NaN, which is below nothing."""
+    return w("lt", w("abs", x), math.inf)
 
 
 def logical(op: str) -> Build:

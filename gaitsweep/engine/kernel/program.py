@@ -35,7 +35,8 @@ class Program:
     """Nodes in topological order; a node is identified by its index, the argument `at`.
 
     Equal operations share one node, and operations are simplified (`gaitsweep.engine.kernel.simplify`),
-    unless `simplify` is False: a product with 0 becomes 0, also where the other factor would be NaN.
+    unless `simplify` is False: a product with 0 becomes 0, also where the other factor would be NaN, and so
+    does x - x.
     """
 
     def __init__(self, *, simplify: bool = True) -> None:

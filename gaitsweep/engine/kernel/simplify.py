@@ -1,8 +1,8 @@
 """Constant folding and algebraic simplification of scalar operations.
 
-A product with zero is zero, and a number plus zero is that number, for all numbers (NaN and infinity
-included): this removes the zeros of spatial algebra. A division by a number that is constant along a
-trajectory becomes a product with its reciprocal, which is computed once.
+A product with zero is zero, a number plus zero is that number, and a number minus itself is zero, for all
+numbers (NaN and infinity included): this removes the zeros of spatial algebra. A division by a number that is
+constant along a trajectory becomes a product with its reciprocal, which is computed once.
 """
 
 from __future__ import annotations
@@ -57,6 +57,8 @@ def _sub(program: Program, args: tuple[int, ...]) -> int | None:
         return a
     if program.value(a) == 0.0:
         return program.apply("neg", b)
+    if a == b:
+        return program.constant(0.0, program.nodes[a].kind)
     if program.nodes[b].op == "neg":
         return program.apply("add", a, program.nodes[b].args[0])
     return None

@@ -23,7 +23,7 @@ from gaitsweep.engine.leaves import float_leaves
 from gaitsweep.engine.numerics import ResolvedNumerics, step_of
 from gaitsweep.engine.poincare.stagewise import Stages, begin, stagewise
 from gaitsweep.engine.recorders.recorder import ATTEMPTS_PER_STEP
-from gaitsweep.engine.solver import derivative_refusal
+from gaitsweep.engine.solver.methods import derivative_refusal
 from gaitsweep.errors import ArgumentError
 from gaitsweep.status import ResultCode
 
@@ -132,8 +132,7 @@ class PoincareReturn:
         return jnp.where(sound, crossed, ReturnStatus.lost).astype(jnp.int32)
 
 
-@cached_by_content(maxsize=16)
-def crossing_of(model: Model, numerics: ResolvedNumerics, engine: str = "auto") -> Crossing:
+def crossing(model: Model, numerics: ResolvedNumerics, engine: str = "auto") -> Crossing:
     """The function `(params, state) -> (t, state, status)` up to the next crossing.
 
     `t` is the time that it takes (s), `state` the state just after the crossing's jump, `status` the
@@ -152,22 +151,26 @@ def crossing_of(model: Model, numerics: ResolvedNumerics, engine: str = "auto") 
     """
     if engine not in ("auto", "kernel", "quick", "xla"):
         raise ArgumentError(f"engine is {engine}. Allowed: auto, kernel, xla.")
-    crossing = PoincareReturn(model, numerics)
+    functions = PoincareReturn(model, numerics)
 
     def by_xla(params: Params, state: State) -> Returned:
         end = jax.lax.while_loop(
-            lambda trajectory: ~crossing.ended(trajectory),
-            lambda trajectory: crossing.attempt(params, trajectory),
-            crossing.begin(params, state),
+            lambda trajectory: ~functions.ended(trajectory),
+            lambda trajectory: functions.attempt(params, trajectory),
+            functions.begin(params, state),
         )
-        return end.carry.t, end.carry.state, crossing.status(end)
+        return end.carry.t, end.carry.state, functions.status(end)
 
-    if crossing.refusal is not None:
+    if functions.refusal is not None:
         return_map = f"The return map of {model.name} by {numerics.method}"
-        return _without_derivative(by_xla, f"{return_map} has no derivative: {crossing.refusal}")
+        return _without_derivative(by_xla, f"{return_map} has no derivative: {functions.refusal}")
     if engine == "xla" or (engine == "auto" and jax.default_backend() != "cpu"):
         return by_xla
-    return _by_kernel(crossing, None if engine == "kernel" else by_xla, quick=engine == "quick")
+    return _by_kernel(functions, None if engine == "kernel" else by_xla, quick=engine == "quick")
+
+
+# `crossing` of a model whose content is known, kept.
+crossing_of = cached_by_content(maxsize=16)(crossing)
 
 
 def _by_kernel(crossing: PoincareReturn, substitute: Crossing | None, *, quick: bool) -> Crossing:

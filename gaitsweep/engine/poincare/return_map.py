@@ -24,8 +24,8 @@ from gaitsweep.engine.numerics import Numerics, ResolvedNumerics
 from gaitsweep.engine.poincare.map_derivatives import BATCH_SIZES
 from gaitsweep.engine.poincare.maps import Coordinates, Events, Points, Values
 from gaitsweep.engine.poincare.model_map import ModelMap
-from gaitsweep.engine.poincare.poincare_return import Returned, crossing_of
-from gaitsweep.engine.solver import fixed_step_scheme
+from gaitsweep.engine.poincare.poincare_return import Returned, crossing, crossing_of
+from gaitsweep.engine.solver.methods import fixed_step_scheme
 
 # Events of one guard between two crossings that have a time.
 MAX_TIMED_EVENTS = 3
@@ -171,12 +171,14 @@ def _recorded_return(
             after = model.jump(params, before, fired)
             return with_record(after, clock, times, counts + happened.astype(counts.dtype))
 
-        # the model itself, whose state has a clock and a record of events beside its variables
+        # The model itself, whose state has a clock and a record of events beside its variables. Its class
+        # stays that of the model, whose members look at it; `vars` reaches the fields of a frozen instance.
+        # Its content is that of the model, so its crossing must not be kept under it.
         recording = copy.copy(model)
         vars(recording).update(flow=flow, jump=jump)
-        crossing = crossing_of.__wrapped__(recording, numerics, engine)  # type: ignore[attr-defined]
+        next_crossing = crossing(recording, numerics, engine)
         empty = jnp.zeros(()), jnp.zeros((MAX_TIMED_EVENTS, *guards)), jnp.zeros(guards, jnp.int32)
-        _, end, _ = crossing(params, with_record(state, *empty))
+        _, end, _ = next_crossing(params, with_record(state, *empty))
         _, times, counts = (getattr(end, name) for name in RECORD_FIELDS)
         happened = jnp.arange(MAX_TIMED_EVENTS)[:, None] < counts[None]
         return EventRecord(jnp.where(happened, times, jnp.nan), counts)

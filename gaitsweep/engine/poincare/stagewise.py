@@ -19,8 +19,8 @@ from gaitsweep.contract import HybridModel, Params, Rates
 from gaitsweep.engine.advance import advance
 from gaitsweep.engine.carry import Carry, select
 from gaitsweep.engine.numerics import ResolvedNumerics
-from gaitsweep.engine.solver import euler_update
-from gaitsweep.engine.trial import Precomputed
+from gaitsweep.engine.solver.methods import euler_update
+from gaitsweep.engine.trial_step import Precomputed
 
 # Stages of the next evaluation: `FIRST` to `LAST` are those after the rates at the state, then the trial
 # follows.

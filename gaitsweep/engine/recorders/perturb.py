@@ -14,8 +14,8 @@ from jaxtyping import Array, Float
 from gaitsweep.contract import Params, State
 from gaitsweep.engine.carry import Carry, Flag, Halt, Integer, Number, Observed, restarted, select
 from gaitsweep.engine.pushed_model import PushedModel
-from gaitsweep.engine.recorders.bounds import change, comparable
-from gaitsweep.engine.recorders.orbits import from_first_crossing
+from gaitsweep.engine.recorders.bounds import change, comparable, widened
+from gaitsweep.engine.recorders.orbit_period import from_first_crossing
 from gaitsweep.engine.recorders.recorder import (
     Beginning,
     LaneRecord,
@@ -237,8 +237,15 @@ class PerturbRecorder(Recorder):
         zero = jnp.zeros((), jnp.int32)
         unknown = jnp.full((), jnp.nan, record.last.dtype)
         longest = self.settle.max_period
+        settle: Memory = record.memory
+        if self.model.resumes:
+            # a row that begins where it had settled has no range: observables without a scale have at least
+            # the size of their values, and not that of their last changes
+            values = comparable(record.last)
+            span = widened(widened(settle.span, self.model, values), self.model, 0.0 * values)
+            settle = dataclasses.replace(settle, span=span)
         memory = PushMemory(
-            settle=record.memory,
+            settle=settle,
             crossings=zero,
             stage=zero + Stage.SETTLES,
             gait=jnp.full((longest, record.last.size), jnp.nan, record.last.dtype),

@@ -24,7 +24,7 @@ from gaitsweep.engine.recorders.bounds import (
     widened,
 )
 from gaitsweep.engine.recorders.exponents import Exponents, exponent_numbers, may_turn, separated
-from gaitsweep.engine.recorders.orbits import NO_MOTION, orbit_period
+from gaitsweep.engine.recorders.orbit_period import NO_MOTION, orbit_period
 from gaitsweep.engine.recorders.recorder import (
     SPARE_CYCLES,
     Beginning,
@@ -41,6 +41,8 @@ from gaitsweep.engine.tangents import Tangent
 from gaitsweep.row_outcome import RowNumber, RowOutcome
 from gaitsweep.status import Status
 
+# The crossings at which a row ends that has not settled, by default.
+MAX_CYCLES = 150
 # The longest period (crossings) of an attractor that is detected, by default. The test is made at every
 # crossing whose number is a multiple of it, over two spans of that length.
 MAX_PERIOD = 8
@@ -221,7 +223,7 @@ class SettleRecorder(Recorder):
     """
 
     model: Model
-    max_cycles: int = 150
+    max_cycles: int = MAX_CYCLES
     tolerance: float | tuple[float, ...] = TOLERANCE
     max_time: float | None = None
     max_period: int = MAX_PERIOD

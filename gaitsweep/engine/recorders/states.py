@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 from typing import final
 
 import jax
@@ -12,6 +13,7 @@ from jaxtyping import Array, Float
 
 from gaitsweep.contract import Model, Params, State
 from gaitsweep.engine.carry import Carry, Number
+from gaitsweep.engine.leaves import element_names
 from gaitsweep.engine.recorders.recorder import (
     Beginning,
     LaneRecord,
@@ -83,12 +85,24 @@ class StateRecorder(Recorder):
         return self.base.progress(rows, typical)
 
     def readings(self, rows: RowOutcome) -> Readings | None:
-        return None
+        # a recorder with samples would read its own in ones that are wider
+        return None if self.base.names else self.base.readings(rows)
 
 
 def state_size(shape: State) -> int:
     """The number of numbers in a state, from the shapes of its leaves."""
     return sum(int(np.prod(leaf.shape)) for leaf in jax.tree.leaves(shape))
+
+
+def state_names(shape: State) -> list[str]:
+    """The names of the numbers in a state, in the order of samples: `angle`, or `phi_1`, `phi_2` of an array.
+
+    Args:
+        shape: a state, of shapes or of numbers.
+    """
+    leaves, _ = jax.tree_util.tree_flatten_with_path(shape)
+    fields = [("_".join(re.findall(r"\w+", jax.tree_util.keystr(path))), leaf) for path, leaf in leaves]
+    return [name for field, leaf in fields for name in element_names(field, np.shape(leaf))]
 
 
 def states_of(samples: Float[np.ndarray, "samples width"], shape: State) -> State:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from gaitsweep.contract import HybridModel, Params, Rates, State
 from gaitsweep.engine.carry import Number
-from gaitsweep.engine.solver.method import Estimate, Step, euler_update
+from gaitsweep.engine.solver.step import Estimate, Step, euler_update
 
 # a_ij, one row for each stage after the first; the last row has the weights of the solution of order 5.
 STAGES: tuple[tuple[float, ...], ...] = (

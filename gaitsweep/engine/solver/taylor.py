@@ -18,8 +18,10 @@ from jaxtyping import Float
 
 from gaitsweep.contract import HybridModel, Params, Rates, State
 from gaitsweep.engine.carry import Flag, Guards, Number
+from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.solver.recurrences import NoRecurrenceError, Value
 from gaitsweep.engine.solver.taylor_series import along, solution
+from gaitsweep.engine.stored_programs import stored
 
 # The ratio of a term to the one before at the step that meets the tolerance and costs least (Jorba, Zou).
 TERM_RATIO = math.exp(-2.0)
@@ -99,8 +101,14 @@ def taylor(model: HybridModel, order: int) -> Callable[[Params, State, Number], 
     return lambda params, state, h: Expansion(solution(model.flow, params, state, order))
 
 
+@cached_by_content(maxsize=64)
 def lacking_recurrence(model: HybridModel) -> str | None:
     """JAX's operation in the flow or the guards of a model that has no recurrence; None if all have one."""
+    return stored("recurrence", model, (), lambda: _lacking_recurrence(model))
+
+
+def _lacking_recurrence(model: HybridModel) -> str | None:
+    """The result of `lacking_recurrence`, for which the model is traced."""
     number = jax.ShapeDtypeStruct((), jnp.float64)
 
     def expanded(values: dict[str, Value], starts: dict[str, Value]) -> list[Value]:

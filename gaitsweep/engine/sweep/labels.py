@@ -13,9 +13,9 @@ from gaitsweep.contract import Model, names_gait
 from gaitsweep.engine.carry import Number, Observed
 from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.kernel.row_functions import over_rows
-from gaitsweep.engine.recorders.orbits import from_first_crossing
+from gaitsweep.engine.recorders.orbit_period import from_first_crossing
 from gaitsweep.engine.recorders.recorder import Readings
-from gaitsweep.engine.sweep.block import Block
+from gaitsweep.engine.sweep.blocks_of_rows import Block
 from gaitsweep.engine.sweep.lane import RowDrive, Values
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.row_outcome import RowOutcome

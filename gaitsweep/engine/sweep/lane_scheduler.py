@@ -14,10 +14,10 @@ import numpy as np
 from jaxtyping import Bool, Int, Real
 
 from gaitsweep.engine.recorders.recorder import RunningRows
-from gaitsweep.engine.sweep.block import Block
-from gaitsweep.engine.sweep.chunk_sizer import ChunkSizer
+from gaitsweep.engine.sweep.blocks_of_rows import Block
 from gaitsweep.engine.sweep.engines import groups_on, polls_per_chunk
 from gaitsweep.engine.sweep.lane import ChunkOutput, Lanes
+from gaitsweep.engine.sweep.polls_per_chunk import ChunkSizer
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress, SweepSpec
 from gaitsweep.row_outcome import ENGINE_NUMBERS, RowOutcome
 from gaitsweep.status import Status

@@ -13,7 +13,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from contextvars import copy_context
 from typing import Any, Protocol
 
-from gaitsweep.engine.sweep.block import Block
+from gaitsweep.engine.sweep.blocks_of_rows import Block
 from gaitsweep.engine.sweep.labels import labelled
 from gaitsweep.engine.sweep.lane_scheduler import LaneScheduler
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress, SweepSpec

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 from collections.abc import Callable, Mapping
+from types import MappingProxyType
 
 import jax
 import jax.numpy as jnp
@@ -14,17 +15,22 @@ from jaxtyping import Array, Bool, Float
 
 from gaitsweep.claims import MeasureError, defaults, measure, numbers, one_row
 from gaitsweep.expression import evaluate
-from gaitsweep.papers.ambe2021.multilegged.chain_of_table import of_legs
+from gaitsweep.papers.ambe2021.multilegged.chain_of_table import constants_of, of_legs
 from gaitsweep.papers.ambe2021.multilegged.mechanics import obstacle_problem
 from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
-from gaitsweep.papers.ambe2021.multilegged.parameters import PARAMETERS
+from gaitsweep.papers.ambe2021.multilegged.parameters import PARAMETERS, SPRINGS
 from gaitsweep.papers.ambe2021.multilegged.state import State
+
+# A touchdown of leg 1 counts from this phase (rad) on: its leg is nearly as long as in its stance.
+NEARLY_LONG = 1.8 * np.pi
+# The time over which the phase gain is measured, in time constants tau of the phase's recovery.
+RECOVERY_TIMES = 10.0
 
 
 @functools.cache
-def chain_defaults() -> dict[str, float]:
+def chain_defaults() -> Mapping[str, float]:
     """The default parameters of `multilegged`, those of Table 1, with its N."""
-    return {"N": 3.0, **defaults(PARAMETERS)}
+    return MappingProxyType({"N": float(SPRINGS), **defaults(PARAMETERS)})
 
 
 @measure
@@ -38,7 +44,7 @@ def equation_of_motion() -> float:
     """Largest difference of the model's accelerations from eq. (1) at random states (m/s2)."""
     values = chain_defaults()
     random = np.random.default_rng(1)
-    N = 3
+    N = SPRINGS
     model = Multilegged(N=N)
     params = model.params(_arrays(values))
     start = _arrays({f"psi_{i}": 1.0 for i in range(1, N + 1)} | {"phi_1": float("nan")})
@@ -68,7 +74,7 @@ def _arrays(values: Mapping[str, float]) -> dict[str, jax.Array]:
 
 
 def _printed_leg(
-    phi: Float[np.ndarray, "*phases"], values: dict[str, float]
+    phi: Float[np.ndarray, "*phases"], values: Mapping[str, float]
 ) -> tuple[Float[np.ndarray, "*phases"], Float[np.ndarray, "*phases"]]:
     """Leg lengths (m) and their derivative by the phase (m/rad), eq. (3)."""
     beta, slope = values["beta"], values["a"] / ((1 - values["beta"]) * np.pi)
@@ -107,7 +113,7 @@ def _printed_acceleration(
 @measure
 def leg_length_error(table: pd.DataFrame) -> float:
     """Largest difference of the traced leg lengths from eq. (3) of the traced phases (m)."""
-    length, _ = _printed_leg(of_legs(table, "phase"), chain_defaults())
+    length, _ = _printed_leg(of_legs(table, "phase"), constants_of(table, ["beta", "a", "L"]))
     return float(np.abs(length - of_legs(table, "l")).max())
 
 
@@ -121,10 +127,15 @@ def contact_as_printed(table: pd.DataFrame) -> float:
 def air_in_swing(table: pd.DataFrame) -> float:
     """Share of takeoff and landing in which a leg is in the air, the smallest of all legs and rows (1)."""
     shares = []
-    for _, part in table.groupby("row"):
-        swings = of_legs(part, "phase") > 2 * chain_defaults()["beta"] * np.pi
+    takeoff = 2 * constants_of(table, ["beta"])["beta"] * np.pi
+    for row, part in table.groupby("row"):
+        swings = of_legs(part, "phase") > takeoff
+        if not swings.any(axis=0).all():
+            raise MeasureError(f"A leg of row {row} does not swing in the recorded time.")
         in_air = swings & (of_legs(part, "contact") < 0.5)
         shares.append((in_air.sum(axis=0) / swings.sum(axis=0)).min())
+    if not shares:
+        raise MeasureError("The table has no rows.")
     return float(min(shares))
 
 
@@ -132,15 +143,17 @@ def air_in_swing(table: pd.DataFrame) -> float:
 def phase_gain(table: pd.DataFrame) -> float:
     """Gain of leg 1's phase on omega t from just before a touchdown to ten tau after it (rad)."""
     part = one_row(table, 0)
-    values = chain_defaults()
+    values = constants_of(table, ["omega", "tau"])
     t = numbers(part, "t")
     contact = numbers(part, "contact_1") > 0.5
     phase = np.unwrap(numbers(part, "phase_1"))
-    down = np.flatnonzero(~contact[:-1] & contact[1:] & (np.mod(phase[:-1], 2 * np.pi) > 1.8 * np.pi))
-    if not len(down) or t[down[0]] + 10 * values["tau"] > t[-1]:
+    lands = ~contact[:-1] & contact[1:] & (np.mod(phase[:-1], 2 * np.pi) > NEARLY_LONG)
+    recovery = RECOVERY_TIMES * values["tau"]
+    touchdowns = np.flatnonzero(lands)
+    if not len(touchdowns) or t[touchdowns[0]] + recovery > t[-1]:
         raise MeasureError("Leg 1 does not touch down early enough in the recorded time.")
-    before = down[0]
-    after = int(np.searchsorted(t, t[before] + 10 * values["tau"]))
+    before = touchdowns[0]
+    after = int(np.searchsorted(t, t[before] + recovery))
     return float(phase[after] - phase[before] - values["omega"] * (t[after] - t[before]))
 
 

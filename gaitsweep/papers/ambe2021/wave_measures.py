@@ -11,8 +11,9 @@ from gaitsweep.analyses import wrapped_difference
 from gaitsweep.claims import Condition, masked, measure, numbers, one_row, records
 from gaitsweep.papers.ambe2021.analysis.source_place import source_drift, source_place
 from gaitsweep.papers.ambe2021.analysis.travelling_wave import passages, waves
-from gaitsweep.papers.ambe2021.equation_measures import chain_defaults
 from gaitsweep.papers.ambe2021.multilegged.chain_of_table import (
+    chain_of,
+    constants_of,
     of_legs,
     relative_phases,
     set_columns,
@@ -20,7 +21,7 @@ from gaitsweep.papers.ambe2021.multilegged.chain_of_table import (
 )
 from gaitsweep.papers.ambe2021.multilegged.state import LANDING, STANCE, TAKEOFF
 from gaitsweep.papers.ambe2021.settled_measures import last_steps
-from gaitsweep.papers.ambe2021.theory.chain import Chain, wavelength
+from gaitsweep.papers.ambe2021.theory.chain import wavelength
 from gaitsweep.papers.ambe2021.theory.gaits import free_link, nearest_set
 from gaitsweep.papers.ambe2021.theory.order import sets_of_order
 
@@ -40,7 +41,7 @@ def leads(table: pd.DataFrame, *, row: int, links: Sequence[int] | None = None) 
         row: its row.
         links: numbers of the links between legs; by default all.
     """
-    phases = passages(one_row(table, row)).leads * chain_defaults()["omega"]
+    phases = passages(one_row(table, row)).leads * constants_of(table, ["omega"])["omega"]
     return phases.tolist() if links is None else [float(phases[link - 1]) for link in links]
 
 
@@ -50,7 +51,7 @@ def directions(table: pd.DataFrame, *, row: int) -> list[str]:
     part = one_row(table, row)
     N = springs_of(table)
     swings = passages(part)
-    branch, _ = nearest_set(N, Chain(), relative_phases(part))
+    branch, _ = nearest_set(N, chain_of(table, part), relative_phases(part))
     words = ["forwards" if lead < swings.period / 2 else "backwards" for lead in swings.leads]
     words[free_link(N, branch) - 1] = "free"
     return words
@@ -75,9 +76,8 @@ def one_swing_share(table: pd.DataFrame, *, row: int, of: Sequence[int]) -> floa
     part = one_row(table, row)
     width = int(wavelength())
     # a foot may leave the ground for a moment after its touchdown: this is part of the stance
-    in_air = (of_legs(part, "contact") < 0.5) & (
-        of_legs(part, "phase") > 2 * chain_defaults()["beta"] * np.pi
-    )
+    takeoff = 2 * constants_of(part, ["beta"])["beta"] * np.pi
+    in_air = (of_legs(part, "contact") < 0.5) & (of_legs(part, "phase") > takeoff)
     in_air = in_air[:, np.asarray(of) - 1]
     starts = range(max(1, len(of) - width + 1))
     return float(min((in_air[:, i : i + width].sum(axis=1) <= 1).mean() for i in starts))
@@ -142,7 +142,7 @@ def neighbours_at_touchdown(table: pd.DataFrame, *, row: int, k: int) -> float:
     """
     part = one_row(table, row)
     N = springs_of(table)
-    beta = chain_defaults()["beta"]
+    beta = constants_of(part, ["beta"])["beta"]
     phase = np.mod(of_legs(part, "phase"), 2 * np.pi)
     segment = np.digitize(phase, [2 * beta * np.pi, (1 + beta) * np.pi])
     agree = []
@@ -184,7 +184,7 @@ def touchdown_phases_apart(table: pd.DataFrame) -> float:
             # the period of `passages` is the mean over all legs of a table
             alone = {"t": part["t"], "phase_1": part[f"phase_{leg}"]}
             periods.append(passages(pd.DataFrame(alone)).period)
-    return float(chain_defaults()["omega"] * (max(periods) - min(periods)))
+    return float(constants_of(table, ["omega"])["omega"] * (max(periods) - min(periods)))
 
 
 @measure
@@ -194,7 +194,7 @@ def period_in_phase(table: pd.DataFrame) -> list[float]:
     A leg touches down at this phase, since it is reset from there to 2 pi.
     """
     periods = last_steps(table, ["t"])
-    omega = chain_defaults()["omega"]
+    omega = constants_of(table, ["omega"])["omega"]
     return [float(omega * periods.min()), float(omega * periods.max())]
 
 

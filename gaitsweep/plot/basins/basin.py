@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from gaitsweep.analysis.records import in_order
+from gaitsweep.column_meanings import COLUMNS
 from gaitsweep.plot import theme
 from gaitsweep.plot.arguments import Horizontal, Hue, Panels, Title, Vertical
 from gaitsweep.plot.basins.cells import cell_grid, check_cells, colour_cells, hatch_cells
@@ -30,7 +31,6 @@ from gaitsweep.plot.columns import (
 )
 from gaitsweep.plot.figure_style import current
 from gaitsweep.plot.kind import figure_kind
-from gaitsweep.run_columns import COLUMNS
 from gaitsweep.schema.numbers import Flag
 from gaitsweep.status import Outcome, Status
 

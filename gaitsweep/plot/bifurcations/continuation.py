@@ -88,22 +88,28 @@ def _colours_of_rows(
 ) -> tuple[dict[Any, Any], list[Line2D]]:
     """A colour for each row by the column `hue`, and the handles of the legend that name these colours.
 
-    Numbers have a colour bar, which is drawn here; a row without a number is grey.
+    Numbers have a colour bar, which is drawn here, and names are the most frequent of a row. A row without a
+    number or a name is grey.
     """
     if hue is None:
         return {}, []
+    grey = theme.COLOURS["none"]
+    without_hue = Line2D([], [], color=grey, lw=1.4, label=f"no {symbol(table, hue)}")
     rows = table.groupby("row")[hue]
     if not pd.api.types.is_numeric_dtype(table[hue]):
-        name_of_row = {row: str(names.astype(str).mode().iloc[0]) for row, names in rows}
+        modes = {row: names.dropna().astype(str).mode() for row, names in rows}
+        name_of_row = {row: mode.iloc[0] for row, mode in modes.items() if len(mode)}
         colours = theme.colours(theme.ordered(dict.fromkeys(name_of_row.values())))
         handles = [
             Line2D([], [], color=colour, lw=1.4, label=theme.named(name)) for name, colour in colours.items()
         ]
-        return {row: colours[name] for row, name in name_of_row.items()}, handles
+        if len(name_of_row) < len(modes):
+            handles.append(without_hue)
+        named = {row: colours[name] for row, name in name_of_row.items()}
+        return dict.fromkeys(modes, grey) | named, handles
     numbers = rows.first()  # the first of a row that is not NaN
     values = numbers.to_numpy(float)
     has_number = ~np.isnan(values)
-    grey = theme.COLOURS["none"]
     colours_of_rows: dict[Any, Any] = dict.fromkeys(numbers.index, grey)
     if has_number.any():
         low, high = float(np.nanmin(values)), float(np.nanmax(values))
@@ -113,4 +119,4 @@ def _colours_of_rows(
         colours_of_rows |= dict(zip(numbers.index[has_number], of_numbers, strict=True))
     if has_number.all():
         return colours_of_rows, []
-    return colours_of_rows, [Line2D([], [], color=grey, lw=1.4, label=f"no {symbol(table, hue)}")]
+    return colours_of_rows, [without_hue]

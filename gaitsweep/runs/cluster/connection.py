@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from gaitsweep.errors import ArgumentError
 from gaitsweep.runs.prepare import RunError
-from gaitsweep.table.files import reason
+from gaitsweep.table.atomic_files import reason
 
 if TYPE_CHECKING:
     from distributed import Client  # pyright: ignore[reportMissingImports]

@@ -26,7 +26,7 @@ from gaitsweep.runs.executor import compute_blocks
 from gaitsweep.runs.prepare import RunContext, prepare
 from gaitsweep.runs.refinement import some_rows
 from gaitsweep.table import TableError
-from gaitsweep.table.files import reason
+from gaitsweep.table.atomic_files import reason
 from gaitsweep.table.locks import BLOCK_LOCKS, BlockLocks, this_process
 from gaitsweep.table.manifest import Layout
 from gaitsweep.table.shared_writer import SharedWriter

@@ -13,7 +13,7 @@ import pandas as pd
 from jaxtyping import Int
 
 from gaitsweep.analysis.atlas.stored_points import StoredPoint
-from gaitsweep.analysis.continuation.arclength import BranchPoints
+from gaitsweep.analysis.continuation.arclength_step import BranchPoints
 from gaitsweep.contract import Model
 from gaitsweep.kinds.fixed_points import FollowsFixedPoints
 from gaitsweep.kinds.run_kind import BlockProgress

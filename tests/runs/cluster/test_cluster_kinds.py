@@ -25,7 +25,7 @@ MASSES: dict[str, Any] = {
 }
 ANGLE = {"linspace": [0, "2*pi", 24], "at": "centre"}
 JOBS: dict[str, dict[str, Any]] = {
-    "settle": {**MASSES, "run": {"kind": "settle", "max_cycles": 60}},
+    "settle": {**MASSES, "run": {"kind": "settle", "max_cycles": 60, "states": True}},
     "settle, exponents": {
         "model": "gaitsweep.examples.henon:Henon",
         "vary": {"a": {"linspace": [1.0, 1.4, 40]}},

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Bool, Float
 
-from gaitsweep.analyses import LEVEL, fractions, proportion_interval
+from gaitsweep.analyses import LEVEL, AnalysisError, fractions, proportion_interval
 from gaitsweep.papers.ambe2021.multilegged.chain_of_table import (
     chains_of,
     parameters_of,
@@ -24,7 +24,7 @@ from gaitsweep.papers.ambe2021.theory.gaits import WAVES
 
 
 def gait_shares(
-    table: pd.DataFrame, parameters: Sequence[str] | None = None, *, level: float = LEVEL
+    table: pd.DataFrame, parameters: str | Sequence[str] | None = None, *, level: float = LEVEL
 ) -> pd.DataFrame:
     """The fractions of the three gaits for each set of parameters, with intervals, and whether they exist.
 
@@ -42,7 +42,12 @@ def gait_shares(
     Raises:
         AnalysisError: the table does not have a column, or the job's parameters cannot be read.
     """
-    names = set_columns(table) if parameters is None else list(parameters)
+    springs_of(table)  # refuses a table of another model
+    if table.empty:
+        raise AnalysisError("The table has no rows.")
+    if parameters is None:
+        parameters = set_columns(table)
+    names = [parameters] if isinstance(parameters, str) else list(parameters)
     counted = fractions(table, by=names, level=level, interval="wilson")
     wide = counted.pivot(index=names, columns="outcome", values=["fraction", "low", "high"])
     sets = pd.DataFrame(wide.index.to_frame(index=False))

@@ -21,6 +21,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
 
+from gaitsweep.analyses import AnalysisError
 from gaitsweep.papers.ambe2021.multilegged.chain_of_table import chain_of, springs_of
 from gaitsweep.papers.ambe2021.multilegged.model import ChainModel
 from gaitsweep.papers.ambe2021.theory.chain import Chain, leg_length, touchdown_phase
@@ -77,10 +78,12 @@ def chain_theory(
         PlotError: the table is not of the chain, show, k or at are out of range, or show is touchdowns for a
             chain with a profile.
     """
-    N = springs_of(table)
+    try:
+        N = springs_of(table)
+    except AnalysisError as error:
+        raise PlotError(str(error)) from error
     if N < 2:
-        columns = "the columns psi_1_end, ... or phase_1, ..."
-        raise PlotError(f"The theory needs a table of the multi-legged chain with {columns}")
+        raise PlotError("The theory needs a chain of at least three legs.")
     return theory_figure(N, chain_of(table), show=show, k=k, at=at, title=title)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import graphlib
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -74,6 +74,23 @@ def parameters_of(table: pd.DataFrame, sets: pd.DataFrame) -> dict[str, Any]:
     return _evaluated(settings, defaults)
 
 
+def constants_of(table: pd.DataFrame, names: Sequence[str]) -> dict[str, float]:
+    """Some of the chain's parameters without dampers, which have one value in all rows, by name.
+
+    Args:
+        table: a table of the chain.
+        names: the names of the parameters.
+
+    Raises:
+        AnalysisError: one differs between rows, or as for `chain_of`.
+    """
+    for name in names:
+        if name in table and len(np.unique(table[name].to_numpy(float))) > 1:
+            raise AnalysisError(f"{name} differs between the rows of the table: take rows with one value.")
+    values = parameters_of(table, table.head(1))
+    return {name: float(np.ravel(values[name])[0]) for name in names}
+
+
 def _evaluated(settings: Mapping[str, Any], names: Iterable[str]) -> dict[str, Any]:
     """The settings with the formulas among `names` evaluated; they may use each other in any order.
 
@@ -119,9 +136,16 @@ def _job(table: pd.DataFrame, section: str) -> dict[str, Any]:
 
 
 def springs_of(table: pd.DataFrame) -> int:
-    """N of a table of the chain: of a trace from phase_1, ..., of others from psi_1_end or psi_1_n, ..."""
+    """N of a table of the chain: of a trace from phase_1, ..., of others from psi_1_end or psi_1_n, ...
+
+    Raises:
+        AnalysisError: the table has neither.
+    """
     legs = sum(bool(re.fullmatch(r"phase_\d+", str(name))) for name in table)
-    return legs - 1 if legs else len(psi_columns(table, "_(end|n)"))
+    springs = legs - 1 if legs else len(psi_columns(table, "_(end|n)"))
+    if not legs and not springs:
+        raise AnalysisError("The table is not of the multi-legged chain: it has no phase_1 and no psi_1_end.")
+    return springs
 
 
 def psi_columns(table: pd.DataFrame, suffix: str) -> list[str]:

@@ -7,6 +7,7 @@ import dataclasses
 import jax
 import jax.numpy as jnp
 
+from gaitsweep.dynamics import Ground
 from gaitsweep.dynamics.tree import (
     Geometry,
     PointForce,
@@ -64,14 +65,22 @@ def carried(force: jax.Array, mu: jax.Array | float) -> jax.Array:
     return jnp.where(along > limit, limit / jnp.where(along > 0.0, along, 1.0), 1.0)
 
 
+def ground_axes(ground: Ground, x: jax.Array) -> jax.Array:
+    """The ground's axes at places x (4,) m, (4, 3, 3): along it in the plane of x and z, y, and across it."""
+    across = ground.normal(x)
+    zero, one = jnp.zeros_like(x), jnp.ones_like(x)
+    along = jnp.stack([across[:, 2], zero, -across[:, 0]], axis=1)
+    return jnp.stack([along, jnp.stack([zero, one, zero], axis=1), across], axis=1)
+
+
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class WaistMechanics:
     """Stiffnesses, masses and lengths; units as in `PARAMETERS`, the waist's in N m/rad and N m s/rad.
 
     `numbers` has the fields of an mjx.Model that MuJoCo computes from masses and lengths, for the body in
-    MJX; it is empty for the tree. `mu` and `T_slip` are None where feet do not slip, and the fields of
-    HEIGHT_NAMES are None in a level body.
+    MJX; it is empty for the tree. `mu` and `T_slip` are None where feet do not slip, the fields of
+    HEIGHT_NAMES are None in a level body, and `ground` is None where the ground is even.
     """
 
     kappa_w: jax.Array
@@ -110,6 +119,7 @@ class WaistMechanics:
     front_hip_z: jax.Array | None = None
     rear_hip_z: jax.Array | None = None
     waist_z: jax.Array | None = None
+    ground: Ground | None = None
 
     def geometry(self) -> Geometry:
         """The geometry of Table I's body, scaled to these masses and lengths."""
@@ -183,15 +193,21 @@ class WaistMechanics:
     ) -> list[PointForce]:
         """The force of the ground on each foot, eq. (A8), within the cone of friction where feet slip.
 
+        On uneven ground a foot stands on the plane that touches the ground at its touchdown point, and the
+        springs and dampers of eq. (A8) are along and across this plane.
+
         Args:
             at, speed: positions and velocities of the feet, (4, 3) m and m/s.
             anchors: touchdown points, (4, 2) m.
             contact: whether each foot is on the ground, (4,).
         """
         tree, _ = body()
-        forces = [anchored_force(at[i], speed[i], anchors[i], contact[i], *self._ground()) for i in LIMBS]
+        forces = self._contact_forces(at, speed, anchors, contact)
         if self.mu is not None:
             forces = [force * jnp.append(carried(force, self.mu) * jnp.ones(2), 1.0) for force in forces]
+        if self.ground is not None:
+            axes = ground_axes(self.ground, anchors[:, 0])
+            forces = [force @ axes[i] for i, force in enumerate(forces)]
         return [PointForce(tree.index(f"lower_{i + 1}"), self._foot(), forces[i]) for i in LIMBS]
 
     def creep(self, at: jax.Array, speed: jax.Array, anchors: jax.Array, contact: jax.Array) -> jax.Array:
@@ -203,11 +219,37 @@ class WaistMechanics:
         assert self.mu is not None
         assert self.T_slip is not None
         rates = []
-        for i in LIMBS:
-            force = anchored_force(at[i], speed[i], anchors[i], contact[i], *self._ground())
+        for force in self._contact_forces(at, speed, anchors, contact):
             beyond = 1.0 - carried(force, self.mu)
             rates.append(-beyond * force[:2] / (self.K_TL * self.T_slip))
-        return jnp.stack(rates)
+        if self.ground is None:
+            return jnp.stack(rates)
+        # the part along x of a velocity along the ground
+        cosine = ground_axes(self.ground, anchors[:, 0])[:, 0, 0]
+        return jnp.stack(rates) * jnp.stack([cosine, jnp.ones_like(cosine)], axis=1)
+
+    def _contact_forces(
+        self, at: jax.Array, speed: jax.Array, anchors: jax.Array, contact: jax.Array
+    ) -> list[jax.Array]:
+        """Forces without friction's limit, along the ground's axes; arguments as for `ground_forces`."""
+        if self.ground is None:
+            return [anchored_force(at[i], speed[i], anchors[i], contact[i], *self._ground()) for i in LIMBS]
+        x = anchors[:, 0]
+        axes, points = ground_axes(self.ground, x), jnp.stack([x, anchors[:, 1], self.ground(x)], axis=1)
+        zero = jnp.zeros(2)
+        return [
+            anchored_force(
+                axes[i] @ (at[i] - points[i]), axes[i] @ speed[i], zero, contact[i], *self._ground()
+            )
+            for i in LIMBS
+        ]
+
+    def heights(self, at: jax.Array) -> jax.Array:
+        """Distances (4,) m of the feet, at positions (4, 3) m, from the ground; negative below it."""
+        if self.ground is None:
+            return at[:, 2]
+        x = at[:, 0]
+        return (at[:, 2] - self.ground(x)) * self.ground.normal(x)[:, 2]
 
     def _ground(self) -> tuple[jax.Array, ...]:
         """Springs (3,) N/m and dampers (3,) N s/m of the ground along x, y, z, `D_rising` and `clamp`."""

@@ -24,7 +24,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Real
 
 from gaitsweep.contract import Chart, HybridModel, Quantity, Rates, Recommended
-from gaitsweep.dynamics import TWO_PI, wrapped
+from gaitsweep.dynamics import TWO_PI, Ground, check_ground, ground_field, ground_quantities, wrapped
 from gaitsweep.dynamics.tree import rates
 from gaitsweep.near_miss import suggestion
 from gaitsweep.papers.aoi2011.waist_quadruped.bodies import WaistBody, WaistMjxBody, WaistTreeBody
@@ -85,6 +85,7 @@ class WaistQuadruped(WaistDrawing, HybridModel):
     heights: str = _word(
         "level", "hips and the waist's axis: level with the centres of mass, or given", HEIGHT_CHOICES
     )
+    ground: str = ground_field()
 
     name: ClassVar[str] = "waist_quadruped"
     source: ClassVar[str] = "Aoi, Yamashita, Tsuchiya 2011, Phys. Rev. E 83:061909"
@@ -112,9 +113,10 @@ class WaistQuadruped(WaistDrawing, HybridModel):
     )
 
     def __post_init__(self) -> None:
+        check_ground(self.ground)
         for field in dataclasses.fields(self):
             word = getattr(self, field.name)
-            allowed = field.metadata["allowed"]
+            allowed = field.metadata.get("allowed", (word,))
             if word not in allowed:
                 raise ValueError(f"{field.name} is '{word}'{suggestion(word, allowed)}")
 
@@ -129,7 +131,8 @@ class WaistQuadruped(WaistDrawing, HybridModel):
     @property
     def parameters(self) -> tuple[Quantity, ...]:
         heights = () if self.heights == "level" else HEIGHTS
-        return (*PARAMETERS, *heights, *(() if self.slip == "none" else FRICTION))
+        friction = () if self.slip == "none" else FRICTION
+        return (*PARAMETERS, *heights, *friction, *ground_quantities(self.ground))
 
     @property
     def initial_conditions(self) -> tuple[Quantity, ...]:
@@ -167,6 +170,7 @@ class WaistQuadruped(WaistDrawing, HybridModel):
             sigma_w=2.0 * v["kappa_0"] * v["zeta_0"] * omega_w,
             **{f.name: v[f.name] for f in dataclasses.fields(WaistMechanics) if f.name in v},
             numbers={} if variants is None else variants.of_row(v),
+            ground=None if self.ground == "even" else Ground.of(self.ground, v),
         )
         cycle = v["T_sw"] / (1.0 - v["beta"])  # eq. (3)
         return Params(
@@ -219,7 +223,7 @@ class WaistQuadruped(WaistDrawing, HybridModel):
     def guards(self, params: Params, state: State) -> Float[Array, " guards"]:
         """Phases relative to the ends of their segments, foot contacts, ends of growth and hold, (10,)."""
         p, s = params, state
-        height = p.mechanics.feet(s.q, s.v)[0][:, 2]
+        height = p.mechanics.heights(p.mechanics.feet(s.q, s.v)[0])
         foot = jnp.where(s.contact, height - RELEASE_HEIGHT, -height)
         grown = jnp.where(s.growing, s.clock - p.T_grow, -1.0)
         free = jnp.where(s.held, s.clock - p.T_hold, -1.0)
@@ -266,7 +270,8 @@ class WaistQuadruped(WaistDrawing, HybridModel):
 
     def failed(self, params: Params, state: State) -> Bool[Array, ""]:
         """Whether the body is too low, tilted or twisted."""
-        return has_fallen(state.q, params.depths()[0])
+        ground = params.mechanics.ground
+        return has_fallen(state.q, params.depths()[0], None if ground is None else ground(state.q[0]))
 
     def period(self, params: Params) -> Float[Array, ""]:
         return TWO_PI / params.omega

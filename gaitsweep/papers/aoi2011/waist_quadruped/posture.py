@@ -20,18 +20,20 @@ def tilt(q: jax.Array) -> tuple[jax.Array, jax.Array]:
     return jnp.arctan2(side, up), jnp.arcsin(-ahead / norm)
 
 
-def has_fallen(q: jax.Array, standing: jax.Array) -> jax.Array:
+def has_fallen(q: jax.Array, standing: jax.Array, ground: jax.Array | None = None) -> jax.Array:
     """Whether the front body is far below its standing height or tilted, or the waist is twisted.
 
     Args:
         q: positions (16,).
         standing: height of the front body in stance, m.
+        ground: height of the ground below the front body, m; None where it is even.
     """
     ahead, side, up, norm = _rises(q)
     rolled = jnp.abs(side) > math.tan(FALL_TILT) * up
     pitched = jnp.abs(ahead) > math.sin(FALL_TILT) * norm
     twisted = jnp.abs(q[WAIST]) > FALL_TWIST
-    return (q[2] < FALL_HEIGHT * standing) | rolled | pitched | twisted
+    height = q[2] if ground is None else q[2] - ground
+    return (height < FALL_HEIGHT * standing) | rolled | pitched | twisted
 
 
 class _Rises(NamedTuple):

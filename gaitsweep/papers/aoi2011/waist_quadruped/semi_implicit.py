@@ -70,7 +70,7 @@ class SemiImplicit(FixedStepDynamics):
             clock=clock,
             growing=clock < p.T_grow,
             held=clock < p.T_hold,
-            height=at[:, 2],
+            height=m.heights(at),
             gain=gain,
         )
 
@@ -106,7 +106,7 @@ class _Crossings(NamedTuple):
 
 def _crossings(p: Params, s: State, at: jax.Array, speed: jax.Array, dt: jax.Array) -> _Crossings:
     """The events of the last step of `dt` (s); positions and velocities of the feet (4, 3) are after it."""
-    height = at[:, 2]
+    height = p.mechanics.heights(at)
     switched = jnp.where(s.contact, height > RELEASE_HEIGHT, height <= 0.0)
     past = s.phi - corner(p, s.segment)
     now = transitions(s, past >= 0.0, switched)

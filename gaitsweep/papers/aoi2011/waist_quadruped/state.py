@@ -118,7 +118,7 @@ class State:
         segment: segments of the foot paths, (4,).
         lifted: whether each foot has been off the ground since the beginning of its swing, (4,).
         landing_x, landing_z: the points at which the stance lines begin (LP), (4,) m.
-        height: heights of the feet at the beginning of the last fixed step, (4,) m.
+        height: heights of the feet above the ground at the beginning of the last fixed step, (4,) m.
         gain: gain of the phases in the last fixed step, (4,) rad.
         closed: whether limb 3 landed in the last fixed step.
         held_lead: the delta_13 that is held, rad.
@@ -180,11 +180,11 @@ def initial_state(p: Params, lead: jax.Array) -> State:
         lifted=jnp.zeros(4, bool),
         landing_x=x,
         landing_z=z,
-        height=at[:, 2],
+        height=p.mechanics.heights(at),
         gain=jnp.zeros(4, q.dtype),
         closed=jnp.zeros((), bool),
         held_lead=lead,
-        stride_x=zero,
+        stride_x=zero if p.mechanics.ground is None else q[0],
         stride_t=zero,
         speed=zero,
         period=zero,
@@ -212,6 +212,8 @@ def _standing(p: Params, x: jax.Array, z: jax.Array) -> jax.Array:
     q = jnp.concatenate([jnp.stack([zero, zero, height, *turn]), jnp.stack(angles)])
     # compression of the ground by the body's weight
     weight = (m.front_mass + m.rear_mass + 8.0 * m.link_mass) * m.g
+    if m.ground is not None:  # all feet begin where the ground is even, and the fore AEP is at x = 0
+        q = q.at[0].set(-(fore + 0.5 * p.D))
     return q.at[2].add(-weight / (4.0 * m.K_N))
 
 

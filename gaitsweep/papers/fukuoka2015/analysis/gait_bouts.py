@@ -68,7 +68,11 @@ def gait_bouts(along: pd.DataFrame, by: str = "family", least: int = 2) -> pd.Da
     Returns:
         One record a bout: row, `by`, begin and end (s, middles of the first and last window), windows, and
         the values of the other numbers of `along` in these two windows (speed_begin, speed_end, ...).
+
+    Raises:
+        AnalysisError: `along` does not have a column.
     """
+    require(along, "row", "t", by)
     numeric = [
         name
         for name in along.columns
@@ -146,7 +150,7 @@ def _means_of_row(trace: pd.DataFrame, windows: pd.DataFrame, parameter: str | N
 MIN_WINDOWS = 3  # of a bout whose speeds count as those of a transition
 
 
-def speed_transitions(table: pd.DataFrame, by: Sequence[str] = (), cycles: int = 3) -> pd.DataFrame:
+def speed_transitions(table: pd.DataFrame, by: str | Sequence[str] = (), cycles: int = 3) -> pd.DataFrame:
     """The speed at which a faster family begins as the speed rises, and a slower one as it falls.
 
     The transition up from `slower` to `faster` is where a row first comes to `faster` or a family above it;
@@ -168,6 +172,7 @@ def speed_transitions(table: pd.DataFrame, by: Sequence[str] = (), cycles: int =
     Raises:
         AnalysisError: the table does not have a column, or has no passes up and down.
     """
+    by = [by] if isinstance(by, str) else list(by)
     require(table, "row", *by)
     if "pass" not in table.columns:
         raise AnalysisError(

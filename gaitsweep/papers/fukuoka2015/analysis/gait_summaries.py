@@ -30,7 +30,7 @@ KINDS = {
 }
 
 
-def gait_measures(table: pd.DataFrame, by: Sequence[str] | None = None) -> pd.DataFrame:
+def gait_measures(table: pd.DataFrame, by: str | Sequence[str] | None = None) -> pd.DataFrame:
     """The median measures of each gait at each set of the swept axes.
 
     Args:
@@ -48,7 +48,9 @@ def gait_measures(table: pd.DataFrame, by: Sequence[str] | None = None) -> pd.Da
         AnalysisError: the table does not have a column, or none of the measures.
     """
     require(table, "gait", "status")
-    axes = [name for name in (cases_of(table) if by is None else by) if name != "gait"]
+    if by is None:
+        by = cases_of(table)
+    axes = [name for name in ([by] if isinstance(by, str) else by) if name != "gait"]
     require(table, *axes)
     # a label's field has no suffix
     columns = {name: name if name in table.columns else f"{name}_end" for name in MEASURES}
@@ -63,7 +65,7 @@ def gait_measures(table: pd.DataFrame, by: Sequence[str] | None = None) -> pd.Da
 
 
 def repertoire(
-    table: pd.DataFrame, sets: Sequence[str], *, gait: str = "gait", speed: str = "speed_end"
+    table: pd.DataFrame, sets: str | Sequence[str], *, gait: str = "gait", speed: str = "speed_end"
 ) -> pd.DataFrame:
     """Count the gaits of each parameter set: one record for each set, in the order of the table.
 
@@ -80,6 +82,7 @@ def repertoire(
     Raises:
         AnalysisError: the table does not have a column.
     """
+    sets = [sets] if isinstance(sets, str) else list(sets)
     require(table, *sets, gait, speed, "status")
     keys = list(sets)
     fell = Status.FAILED.among(table["status"])

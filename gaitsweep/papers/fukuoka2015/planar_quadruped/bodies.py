@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from gaitsweep.dynamics import ground_force
+from gaitsweep.dynamics import ground_force, uneven_ground_force
 from gaitsweep.dynamics.tree import (
     Geometry,
     YieldingForce,
@@ -95,15 +95,16 @@ class PlanarTreeBody(PlanarBody):
     def stepped(self, m: PlanarMechanics, s: State, tau: jax.Array, dt: jax.Array) -> AfterStep:
         tree, _ = body()
         geometry = m.geometry(swinging(s.u), dt)
-        feet = _ground_forces(m, geometry, s, dt)
+        feet, loads = zip(*_ground_forces(m, geometry, s, dt), strict=True)
         a = forward_dynamics(tree, geometry, s.q, s.v, tau, feet, gravity=m.gravity())
         v = s.v + dt * a
-        load = jnp.stack([foot.force[2] for foot in feet])
-        return AfterStep(jnp.asarray(integrate(tree, s.q, v, dt)), v, s.warm, load)
+        return AfterStep(jnp.asarray(integrate(tree, s.q, v, dt)), v, s.warm, jnp.stack(loads))
 
 
-def _ground_forces(m: PlanarMechanics, geometry: Geometry, s: State, dt: jax.Array) -> list[YieldingForce]:
-    """The force of the ground on each foot in a step of `dt` (s)."""
+def _ground_forces(
+    m: PlanarMechanics, geometry: Geometry, s: State, dt: jax.Array
+) -> list[tuple[YieldingForce, jax.Array]]:
+    """The force of the ground on each foot in a step of `dt` (s), and its part across the ground (N)."""
     tree, _ = body()
     placed = places(tree, geometry, s.q)
     moving = movements(tree, placed, s.v)
@@ -114,8 +115,16 @@ def _ground_forces(m: PlanarMechanics, geometry: Geometry, s: State, dt: jax.Arr
     feet = []
     for leg in LEGS:
         i = tree.index(f"lower_{leg}")
-        at = placed[i].position(middle) + down
-        feet.append(ground_force(i, at, velocity_at(placed[i], moving[i], at), dt, **ground))
+        centre = placed[i].position(middle)
+        if m.ground is None:
+            at = centre + down
+            force = ground_force(i, at, velocity_at(placed[i], moving[i], at), dt, **ground)
+            feet.append((force, force.force[2]))
+            continue
+        normal = m.ground.normal(centre[0])
+        at = centre - m.foot_radius * normal
+        velocity = velocity_at(placed[i], moving[i], at)
+        feet.append(uneven_ground_force(i, at, velocity, dt, m.ground, normal, **ground))
     return feet
 
 

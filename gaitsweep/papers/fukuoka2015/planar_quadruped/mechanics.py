@@ -11,6 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from gaitsweep.dynamics import Ground
 from gaitsweep.dynamics.tree import Array, Geometry, Scalar, Tree
 from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import LEGS
 
@@ -30,7 +31,7 @@ class PlanarMechanics:
     """Masses, lengths, damping and ground; units as in `PARAMETERS`.
 
     `numbers` has the fields of an mjx.Model that MuJoCo computes from masses and lengths, for the body in
-    MJX; it is empty for the tree.
+    MJX; it is empty for the tree. `ground` is None where the ground is even.
     """
 
     com_x: jax.Array
@@ -54,6 +55,7 @@ class PlanarMechanics:
     D_foot: jax.Array
     v_slip: jax.Array
     numbers: dict[str, jax.Array]
+    ground: Ground | None = None
 
     def damping(self, swings: jax.Array) -> jax.Array:
         """Damping of the degrees of freedom (11,), N m s/rad and N s/m; `swings` (4,): which legs do."""

@@ -22,6 +22,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Real
 
 from gaitsweep.contract import Quantity, SteppedModel
+from gaitsweep.dynamics import Ground, check_ground, ground_field, ground_quantities
 from gaitsweep.near_miss import suggestion
 from gaitsweep.papers.fukuoka2015.planar_quadruped import cycle
 from gaitsweep.papers.fukuoka2015.planar_quadruped.bodies import PlanarBody, PlanarMjxBody, PlanarTreeBody
@@ -53,6 +54,7 @@ from gaitsweep.papers.fukuoka2015.planar_quadruped.state import (
 BODIES = ("tree", "mjx")
 # Limits of a fall: height as a share of the standing height, and pitch (rad).
 FALL_HEIGHT, FALL_TILT = 0.45, 1.0
+FALL_CLEARANCES = (0.2, FALL_HEIGHT, 0.2)  # of hind hips, centre and fore hips above uneven ground
 # Limits of a steady gait: resultant length of the shifts, coefficient of variation of the period.
 MIN_LENGTH, MAX_VARIATION = 0.95, 0.05
 DEFINED_STEP = 1.0e-3  # s
@@ -77,6 +79,8 @@ class PlanarQuadruped(PlanarDrawing, SteppedModel):
         },
     )
 
+    ground: str = ground_field()
+
     name: ClassVar[str] = "planar_quadruped"
     source: ClassVar[str] = "Fukuoka, Habu, Fukui 2015, Sci. Rep. 5:8169"
     bibtex: ClassVar[str] = """\
@@ -95,10 +99,15 @@ class PlanarQuadruped(PlanarDrawing, SteppedModel):
     def __post_init__(self) -> None:
         if self.body not in BODIES:
             raise ValueError(f"body is '{self.body}'{suggestion(self.body, BODIES)}")
+        if check_ground(self.ground) != "even" and self.body != "tree":
+            raise ValueError(
+                f"ground is {self.ground.split(' ', 1)[0]}, but the plane that MuJoCo compiles is even. "
+                "Use body: tree."
+            )
 
     @property
     def parameters(self) -> tuple[Quantity, ...]:
-        return PARAMETERS
+        return (*PARAMETERS, *ground_quantities(self.ground))
 
     @property
     def initial_conditions(self) -> tuple[Quantity, ...]:
@@ -134,6 +143,7 @@ class PlanarQuadruped(PlanarDrawing, SteppedModel):
         v = {name: jnp.asarray(value) for name, value in values.items()}
         variants = self._rigid_body.variants
         numbers = {} if variants is None else variants.of_row(v)
+        ground = None if self.ground == "even" else Ground.of(self.ground, v)
 
         def of(kind: type) -> dict[str, jax.Array]:
             return {field.name: v[field.name] for field in dataclasses.fields(kind) if field.name in v}
@@ -141,7 +151,7 @@ class PlanarQuadruped(PlanarDrawing, SteppedModel):
         return Params(
             network=Network(**of(Network)),
             motors=Motors(**of(Motors)),
-            mechanics=PlanarMechanics(**of(PlanarMechanics), numbers=numbers),
+            mechanics=PlanarMechanics(**of(PlanarMechanics), numbers=numbers, ground=ground),
             threshold=v["threshold"],
             memory=v["memory"],
         )
@@ -160,6 +170,8 @@ class PlanarQuadruped(PlanarDrawing, SteppedModel):
         height = leg * math.cos(START_LEAN) + m.foot_radius + START_CLEARANCE
         q = jnp.zeros((NQ,), hip.dtype).at[Z].set(height).at[HIP].set(hip)
         q = q.at[KNEE].set(params.motors.l_st)
+        if m.ground is not None:  # all feet begin where the ground is even
+            q = q.at[X].set(-(m.hip_x + m.l_0 + params.motors.l_st))
         u = u + start["scatter"] * perturbation(start["seed"])
         zero = jnp.zeros_like(q)
         warm = zero[: self._rigid_body.warm]
@@ -219,9 +231,17 @@ class PlanarQuadruped(PlanarDrawing, SteppedModel):
         }
 
     def failed(self, params: Params, state: State) -> Bool[Array, ""]:
-        """Whether the torso is too low or tilted."""
-        standing = params.mechanics.l_0 + params.motors.l_st
-        return (state.q[Z] < FALL_HEIGHT * standing) | (jnp.abs(state.q[PITCH]) > FALL_TILT)
+        """Whether the torso is too low or tilted, or on uneven ground a hip is almost on it."""
+        m = params.mechanics
+        standing = m.l_0 + params.motors.l_st
+        x, height, pitch = state.q[X], state.q[Z], state.q[PITCH]
+        tilted = jnp.abs(pitch) > FALL_TILT
+        if m.ground is None:
+            return (height < FALL_HEIGHT * standing) | tilted
+        # a torso that lies on a slope need not tilt, and its legs would tremble on
+        ahead = jnp.stack([-m.hip_x, 0.0 * m.hip_x, m.hip_x])
+        clearance = height - ahead * jnp.sin(pitch) - m.ground(x + ahead * jnp.cos(pitch))
+        return jnp.any(clearance < jnp.array(FALL_CLEARANCES) * standing) | tilted
 
     def period(self, params: Params) -> Float[Array, ""]:
         """The approximate period: ten times the rise time of a half-centre, 0.85 to 0.2 s."""

@@ -20,8 +20,8 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from gaitsweep.column_meanings import COLUMNS
 from gaitsweep.row_outcome import RowOutcome
-from gaitsweep.run_columns import COLUMNS
 from gaitsweep.table.manifest import Layout
 
 # Keys of the metadata of a part, and of a file of open rows.

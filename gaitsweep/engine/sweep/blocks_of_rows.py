@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from gaitsweep.engine.numerics import STEP_FACTOR
-from gaitsweep.engine.recorders.orbits import with_orbits
+from gaitsweep.engine.recorders.orbit_period import with_orbits
 from gaitsweep.engine.sweep.lane import ChunkOutput
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.row_outcome import RowOutcome

@@ -67,7 +67,7 @@ def time_column(event: str) -> str:
     """The column of an atlas with the times of an event.
 
     Example:
-        >>> from gaitsweep.run_columns import time_column
+        >>> from gaitsweep.column_meanings import time_column
         >>> time_column("left foot lands")
         't_left_foot_lands'
     """

@@ -17,10 +17,11 @@ from jaxtyping import Array, Bool, Float
 
 from gaitsweep.dynamics.controllers.joint_torques import control_of_legs
 from gaitsweep.dynamics.controllers.leg_targets import Targets
-from gaitsweep.dynamics.controllers.oscillators import LegSenses
+from gaitsweep.dynamics.controllers.oscillators import HIP, LegSenses
 from gaitsweep.dynamics.declarations import observable, parameter, signal, variable
 from gaitsweep.dynamics.event_declarations import event
 from gaitsweep.dynamics.footfalls import LEGS, footfalls
+from gaitsweep.dynamics.ground import is_uneven
 from gaitsweep.dynamics.mjcf.source import identifier
 from gaitsweep.dynamics.tree import tilt_and_heading
 
@@ -140,9 +141,10 @@ class ControlledBody:
         lowest = self.file.fallen
 
         def height(model: Any, params: Any, state: Any) -> Float[Array, ""]:
-            return trunk.place(model.positions(state))[2]
+            place = trunk.place(model.positions(state))
+            return place[2] - params.ground(place[0]) if is_uneven(model) else place[2]
 
-        observed_height = observable("m", "height of the trunk", scale=0.1, signal=True)
+        observed_height = observable("m", "height of the trunk over the ground", scale=0.1, signal=True)
         members: dict[str, Any] = {"turn": self._section(trunk)}
         if trunk.moves:
             members["begin"] = variable(
@@ -186,10 +188,10 @@ class ControlledBody:
         return jnp.stack([model.load(params, state, leg.foot) for leg in self.legs])
 
     def _hips(self, model: Any, state: Any) -> Float[Array, " legs"]:
-        """The angles (n,) of the legs' first joints, rad, leg forward positive."""
+        """The angles (n,) of the legs' hips, rad, leg forward positive."""
         angles = []
         for leg in self.legs:
-            hip = next(iter(leg.joints.values()))
+            hip = leg.joints[HIP]
             # a turn about y moves the leg backwards
             turns_backwards = float(self.m.joint(hip).axis[1]) > 0.0
             position = model.position(state, hip)
@@ -221,6 +223,7 @@ def model_class(
         "body_file": body_file,
         "keyframe": body.file.keyframe,
         "data_digest": property(lambda model: data_digest_of_base.fget(model) + digest),
+        **({"begins_standing": body.file.start == "standing"} if body.is_located else {}),
         **body.members(),
     }
     class_: Any = type(_class_name(path), (base,), members)

@@ -23,7 +23,7 @@ from gaitsweep.runs.progress import Progress
 from gaitsweep.runs.provenance import check_program, continue_directory, differing
 from gaitsweep.runs.summary import describe
 from gaitsweep.table import ResultDirectory
-from gaitsweep.table.files import PARTS, TableError
+from gaitsweep.table.atomic_files import PARTS, TableError
 from gaitsweep.table.locks import BlockLocks, BusyDirectory, Lock, this_process
 from gaitsweep.table.manifest import MANIFEST, TABLE, Layout, claim
 from gaitsweep.table.shared_writer import SharedWriter

@@ -231,7 +231,7 @@ def _run(kind: type[Model], values: Values, run: Settle | Trace) -> pd.DataFrame
         numerics=_numerics(kind(), values),
     )
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # the trial reports the remarks of its run itself
+        warnings.simplefilter("ignore", UserWarning)  # the trial reports the remarks of its run itself
         return table_in_memory(job)
 
 

@@ -12,7 +12,7 @@ from gaitsweep.contract import HybridModel, Params, Rates, State
 from gaitsweep.engine.carry import Carry, Flag, GuardFlags, Guards, Number, unlikely
 from gaitsweep.engine.hidden_events import PROBES, guard_slopes, interpolated, may_hide, unresolved
 from gaitsweep.engine.numerics import DEFAULT_STEPS_PER_PERIOD, MIN_STEPS_PER_PERIOD, ORDER, ResolvedNumerics
-from gaitsweep.engine.solver import METHODS, Method, Step
+from gaitsweep.engine.solver.methods import METHODS, Method, Step
 from gaitsweep.engine.solver.taylor import Expansion, bends_back, first_zero, order_of
 from gaitsweep.engine.step_control import fitting_change, is_accurate
 from gaitsweep.engine.switches import may_switch, switches_within

@@ -1,0 +1,163 @@
+"""The integration methods by name, and their requirements on a model."""
+
+from __future__ import annotations
+
+import dataclasses
+
+from gaitsweep.contract import FixedStepDynamics, HybridModel, Model
+from gaitsweep.dynamics.ground import is_uneven
+from gaitsweep.engine.solver.exponential import PROPAGATOR, PROPAGATOR6, exponential
+from gaitsweep.engine.solver.rosenbrock import MAX_VARIABLES, rodas5p, too_many_variables
+from gaitsweep.engine.solver.runge_kutta import rk4, tsit5
+from gaitsweep.engine.solver.step import Method, Step, euler_update
+from gaitsweep.engine.solver.taylor import lacking_recurrence, taylor
+from gaitsweep.errors import ArgumentError
+
+# On the negative axis the polynomials approximate exp(z) down to -20. Away from the axis they are accurate
+# closer to zero and stable farther out. The short steps after an event damp fast motions before the longest
+# step is reached, so the limits are between accuracy and stability (`tests/engine/test_solver.py`).
+METHODS: dict[str, Method] = {
+    "tsit5": Method(tsit5, first_step=0.25, growth=5.0, adaptive=True),
+    "taylor": Method(taylor, first_step=0.5, growth=4.0, adaptive=True, series=True),
+    "rodas5p": Method(rodas5p, first_step=0.25, growth=5.0, adaptive=True),
+    "rk4": Method(rk4, first_step=0.125, growth=1.25, limits=((0.0, 2.6), (1.0, 2.7))),
+    "propagator6": Method(
+        exponential(PROPAGATOR6),
+        first_step=1.0 / 32.0,
+        growth=2.0,
+        linear_only=True,
+        limits=((0.0, 2.0), (0.26, 4.5), (0.5, 5.1), (0.71, 6.1), (0.87, 7.8), (0.966, 11.8), (0.985, 14.6),
+                (1.0, 20.0)),
+    ),
+    "propagator": Method(
+        exponential(PROPAGATOR),
+        first_step=1.0 / 32.0,
+        growth=2.0,
+        linear_only=True,
+        limits=((0.0, 3.0), (0.26, 7.4), (0.5, 8.7), (0.71, 10.9), (0.87, 14.4), (0.966, 19.0), (1.0, 20.0)),
+    ),
+    "semi_implicit": Method(None, first_step=1.0, growth=1.0),
+}  # fmt: skip
+
+# The methods that take the steps of the model itself.
+_OWN = ", ".join(name for name, method in METHODS.items() if method.step is None)
+
+__all__ = ["METHODS", "Method", "Step", "derivative_refusal", "euler_update", "fixed_step_scheme", "refusal"]
+
+
+def fixed_step_scheme(name: str, model: Model) -> FixedStepDynamics | None:
+    """The model's own fixed steps, if it has nothing else or the method is semi_implicit; else None.
+
+    Args:
+        name: a name of `METHODS`.
+        model: the model.
+
+    Raises:
+        ArgumentError: the method needs a flow, but the model has only steps.
+    """
+    if not isinstance(model, HybridModel):
+        return model if isinstance(model, FixedStepDynamics) else None
+    reason = _steps_alone(name, model)
+    if reason is not None:
+        raise ArgumentError(f"The method {reason}")
+    return model.fixed_step_scheme() if METHODS[name].step is None else None
+
+
+def refusal(name: str, model: Model, precision: str) -> str | None:
+    """The reason why a method does not suit a model and a precision, or None; it follows the field's name.
+
+    Args:
+        name: a name of `METHODS`.
+        model: the model.
+        precision: float64, float32 or mixed.
+    """
+    if not isinstance(model, HybridModel) and METHODS[name].step is not None:
+        return f"is {name}, which needs a flow, but {model.name} has only steps. Allowed: {_OWN}."
+    if METHODS[name].step is None and fixed_step_scheme(name, model) is None:
+        linear = isinstance(model, HybridModel) and model.linear
+        suitable = []
+        for other, method in METHODS.items():
+            if method.step and (linear or not method.linear_only):
+                suitable.append(other)
+        return f"is {name}, a step that {model.name} does not have. Allowed: {', '.join(suitable)}."
+    reason = _steps_alone(name, model)
+    if reason is not None:
+        return reason
+    if precision == "mixed" and fixed_step_scheme(name, model) is None:
+        return f"is {name}, but precision mixed is for steps of fixed length. Allowed in mixed: {_OWN}."
+    if METHODS[name].adaptive and isinstance(model, HybridModel):
+        return _adaptive_refusal(name, model, precision)
+    if METHODS[name].linear_only:
+        return _refusal_of_linear_method(name, model, precision)
+    return None
+
+
+def _refusal_of_linear_method(name: str, model: Model, precision: str) -> str | None:
+    """The reason why a method for linear flows does not suit a model and a precision, or None."""
+    general_methods = []
+    for other, method in METHODS.items():
+        if not method.linear_only and (method.step or fixed_step_scheme(other, model) is not None):
+            general_methods.append(other)
+    general = ", ".join(general_methods)
+    if not (isinstance(model, HybridModel) and model.linear):
+        lacks = f"{model.name} does not declare that of its flow"
+        needs = "needs a flow that is linear in the state between events"
+        return f"is {name}, which {needs}, but {lacks}. Allowed: {general}."
+    if precision != "float64":
+        return f"is {name}, which needs numerics.precision float64. Allowed in {precision}: {general}."
+    return None
+
+
+def _adaptive_refusal(name: str, model: HybridModel, precision: str) -> str | None:
+    """The `refusal` of a method with step control."""
+    if METHODS[name].series and (lacking := lacking_recurrence(model)):
+        return f"is {name}, which has no recurrence for {lacking} in {model.name}: use tsit5."
+    if name != "rodas5p":
+        return None
+    if precision != "float64":
+        return f"is {name}, which needs numerics.precision float64."
+    if (size := too_many_variables(model)) is not None:
+        return f"is {name}, for at most {MAX_VARIABLES} variables, but {model.name} has {size}: use tsit5."
+    return None
+
+
+def derivative_refusal(name: str, model: Model) -> str | None:
+    """The reason why a return map by a method has no derivative, with an alternative; None if it has one.
+
+    Args:
+        name: a name of `METHODS`.
+        model: the model.
+
+    Raises:
+        ArgumentError: the method needs a flow, but the model has only steps.
+    """
+    if is_uneven(model.original):
+        return (
+            "the ground differs from place to place, so no step repeats another. Use even ground, or runs of "
+            "kind fixed_time and return_map."
+        )
+    steps = fixed_step_scheme(name, model)
+    if steps is None or steps.is_return_map:
+        return None
+    # so a derivative of the steps lacks the effect of event times, however short they are
+    reason = "steps have a fixed length, and an event is met at the end of one"
+    if isinstance(model, HybridModel) and _steps_alone("rk4", model) is None:
+        return f"{reason}. Use rk4."
+    return (
+        f"{reason}; {model.name} has no other method. Instead, fit a straight line through the images of "
+        "points that are so far apart that events move by many steps (docs/own_model.md), or follow stable "
+        "gaits by a run of kind staircase."
+    )
+
+
+def _steps_alone(name: str, model: Model) -> str | None:
+    """The reason why a method is refused for a model that has only its own steps, or None."""
+    if METHODS[name].step is None or not isinstance(model, HybridModel) or model.locates_events:
+        return None
+    structure = []
+    for field in dataclasses.fields(model):  # pyright: ignore[reportArgumentType] (each is a dataclass)
+        value = getattr(model, field.name)
+        if value != field.default:
+            structure.append(f"{field.name} {value}")
+    steps = f"has only steps with {', '.join(structure)}"
+    return f"is {name}, which needs a flow, but {model.name} {steps}. Allowed: {_OWN}."
