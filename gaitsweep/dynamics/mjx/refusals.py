@@ -48,6 +48,8 @@ _TYPES = (
     ("actuator_biastype", "actuator", mjx.BiasType, mujoco.mjtBias, "biastype "),
 )
 _MOST_LISTED = 3  # names in a sentence
+_GROUPS = 31  # of actuators, each a bit of `disableactuator`
+_NETFORCE = 3  # number of the way in which a sensor reduces contacts
 _WORDS = {"jnt": "joint", "dof": "joint", "eq": "equality"}
 _OFF = mujoco.mjtDisableBit
 # Flags that add numbers and do not change the motion.
@@ -58,6 +60,7 @@ HARMLESS = (
 )
 _GEOM = mujoco.mjtGeom
 _SENSOR = mujoco.mjtSensor
+_UNSEEN_BY_RANGEFINDERS = {_GEOM.mjGEOM_CYLINDER, _GEOM.mjGEOM_HFIELD, _GEOM.mjGEOM_SDF}
 # Pairs of shapes, the lower number first, whose contacts MJX finds with the algorithm of MuJoCo C.
 _SAME_CONTACTS = {
     *((_GEOM.mjGEOM_PLANE, other) for other in (_GEOM.mjGEOM_SPHERE, _GEOM.mjGEOM_CAPSULE)),
@@ -116,49 +119,65 @@ def _free_alone(m: mujoco.MjModel) -> list[int]:
 
 
 def untraceable(model: mujoco.MjModel, error: Exception) -> str:
-    """The sentence for a body at whose step MJX raises an error, with the sensors at which it does."""
-    reason = (
-        f"{type(error).__name__}: {str(error).splitlines()[0].rstrip('.')}" if str(error) else repr(error)
-    )
+    """The sentence for a body at whose step MJX raises an error, with the sensors at which it does.
+
+    MJX's errors do not name the sensor. Its function of sensors has their type in a local variable, which the
+    traceback still holds; without that variable the sentence names no sensor.
+    """
+    if str(error):
+        reason = f"{type(error).__name__}: {str(error).splitlines()[0].rstrip('.')}"
+    else:
+        reason = repr(error)
     trace = error.__traceback__
     names = ""
     while trace is not None:
-        if (kind := trace.tb_frame.f_locals.get("sensor_type")) is not None:
-            numbers = np.flatnonzero(model.sensor_type == int(kind))
+        sensor_type = trace.tb_frame.f_locals.get("sensor_type")
+        if sensor_type is not None:
+            numbers = np.flatnonzero(model.sensor_type == int(sensor_type))
             names = f" (at {_listed([named(model, 'sensor', int(i)) for i in numbers])})"
         trace = trace.tb_next
     return f"MJX cannot step this MJCF{names}: {reason}."
 
 
 def _of_types(m: mujoco.MjModel) -> Iterator[str]:
-    for field, kind, supported, all_types, what in _TYPES:
+    """Elements of a type that MJX does not have, or of which it has a part only."""
+    for field, kind, supported, all_types, type_name in _TYPES:
         for i, number in enumerate(getattr(m, field)):
             ignored = all_types is _SENSOR and number == _SENSOR.mjSENS_TACTILE
             if number == mujoco.mjtTrn.mjTRN_BODY and field == "actuator_trntype":
                 yield f"{named(m, kind, i)} is an adhesion, which MJX does not have."
             elif number not in set(supported) or ignored:
-                has = f"has {what}" if what else "is of type "
+                has = f"has {type_name}" if type_name else "is of type "
                 yield f"{named(m, kind, i)} {has}{_words(all_types(number))}, which MJX does not have."
+    yield from _of_contact_sensors(m)
+    yield from _of_rangefinders(m)
+
+
+def _of_contact_sensors(m: mujoco.MjModel) -> Iterator[str]:
+    """Sensors of contacts that MJX computes otherwise."""
     for i in np.flatnonzero(m.sensor_type == _SENSOR.mjSENS_CONTACT):
         ends = {mujoco.mjtObj(t) for t in (m.sensor_objtype[i], m.sensor_reftype[i])}
         others = ends - {mujoco.mjtObj.mjOBJ_UNKNOWN, mujoco.mjtObj.mjOBJ_GEOM}
         if others:
-            what = ", ".join(sorted(map(_words, others)))
-            yield f"{named(m, 'sensor', int(i))} is of contacts by {what}, but MJX has them by geom only."
-        elif m.sensor_intprm[i, 1] == 3:
+            kinds = ", ".join(sorted(map(_words, others)))
+            yield f"{named(m, 'sensor', int(i))} is of contacts by {kinds}, but MJX has them by geom only."
+        elif m.sensor_intprm[i, 1] == _NETFORCE:
             yield f"{named(m, 'sensor', int(i))} reduces contacts by netforce, which MJX does not have."
-    unseen_by_rangefinders = {int(t) for t in m.geom_type} & {
-        _GEOM.mjGEOM_CYLINDER, _GEOM.mjGEOM_HFIELD, _GEOM.mjGEOM_SDF
-    }  # fmt: skip
+
+
+def _of_rangefinders(m: mujoco.MjModel) -> Iterator[str]:
+    """Rangefinders that give more than one distance, or look at shapes that MJX does not see."""
+    unseen = {int(shape) for shape in m.geom_type} & _UNSEEN_BY_RANGEFINDERS
     for i in np.flatnonzero(m.sensor_type == _SENSOR.mjSENS_RANGEFINDER):
         if m.sensor_objtype[i] != mujoco.mjtObj.mjOBJ_SITE or m.sensor_dim[i] != 1:
             yield f"{named(m, 'sensor', int(i))} gives more than the distance from a site, which MJX ignores."
-        elif unseen_by_rangefinders:
-            what = " and ".join(sorted(_words(_GEOM(t)) for t in unseen_by_rangefinders))
-            yield f"{named(m, 'sensor', int(i))} is a rangefinder, for which MJX does not see a {what}."
+        elif unseen:
+            shapes = " and ".join(sorted(_words(_GEOM(shape)) for shape in unseen))
+            yield f"{named(m, 'sensor', int(i))} is a rangefinder, for which MJX does not see a {shapes}."
 
 
 def _of_contacts(m: mujoco.MjModel) -> Iterator[str]:
+    """Pairs of geoms whose contacts MJX does not have as they are declared."""
     for one, other, pair in collision_driver.geom_pairs(m):
         shapes = _shape(m, one), _shape(m, other)
         names = f"{named(m, 'geom', one)} ({_words(shapes[0])}) and '{_name(m, 'geom', other)}'"
@@ -172,6 +191,7 @@ def _of_contacts(m: mujoco.MjModel) -> Iterator[str]:
 
 
 def _condim(m: mujoco.MjModel, one: int, other: int, pair: int) -> int:
+    """The condim of a contact: that of its declared pair, or of the geom with the higher priority."""
     if pair >= 0:
         return int(m.pair_dim[pair])
     ranked = sorted((one, other), key=lambda geom: m.geom_priority[geom])
@@ -180,10 +200,12 @@ def _condim(m: mujoco.MjModel, one: int, other: int, pair: int) -> int:
 
 
 def _of_parts(m: mujoco.MjModel) -> Iterator[str]:
-    for field, kind, what in _ACTING:
-        values = np.asarray(getattr(m, field, ()))
-        for i in np.flatnonzero(values.reshape(len(values), -1).any(axis=1) if values.size else values):
-            yield f"{named(m, kind, int(i))} has {what}, which MJX ignores."
+    """Elements with features that MJX ignores."""
+    for field, kind, feature in _ACTING:
+        values = np.asarray(getattr(m, field, ()))  # some versions of MuJoCo do not have the field
+        acting = values.reshape(len(values), -1).any(axis=1) if values.size else values
+        for i in np.flatnonzero(acting):
+            yield f"{named(m, kind, int(i))} has {feature}, which MJX ignores."
     for kind in ("body", "geom", "actuator"):
         for i in np.flatnonzero(np.asarray(getattr(m, f"{kind}_plugin", ())) >= 0):
             yield f"{named(m, kind, int(i))} has a plugin, which MJX ignores."
@@ -200,9 +222,10 @@ def _of_parts(m: mujoco.MjModel) -> Iterator[str]:
 
 
 def _of_options(m: mujoco.MjModel) -> Iterator[str]:
+    """Options and flags that MJX does not have or ignores."""
     if m.opt.noslip_iterations:
         yield "The option noslip_iterations is set, which MJX ignores."
-    groups = [g for g in range(31) if m.opt.disableactuator >> g & 1]
+    groups = [g for g in range(_GROUPS) if m.opt.disableactuator >> g & 1]
     for i in np.flatnonzero(np.isin(m.actuator_group, groups)):
         yield f"{named(m, 'actuator', int(i))} is disabled by its group, which MJX ignores: remove it."
     for flag in mujoco.mjtEnableBit.__members__.values():
@@ -249,6 +272,7 @@ def _name(m: mujoco.MjModel, kind: str, number: int) -> str:
 
 
 def _shape(m: mujoco.MjModel, geom: int) -> mujoco.mjtGeom:
+    """The shape of a geom."""
     return mujoco.mjtGeom(m.geom_type[geom])
 
 

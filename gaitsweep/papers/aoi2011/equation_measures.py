@@ -83,7 +83,7 @@ def reset_error() -> float:
     for phase in np.linspace(0.51, 0.99, STATES) * aep:
         s = _state(phi=jnp.full(4, phase), segment=jnp.full(4, LATE), lifted=jnp.ones(4, bool))
         landing = transitions(s, jnp.zeros(4, bool), jnp.ones(4, bool))
-        after = after_events(p, s, landing, (s.landing_x, s.landing_z), 0.0)
+        after = after_events(p, s, landing, (s.landing_x, s.landing_z))
         worst = max(worst, _largest(after.phi, aep))
     return worst
 

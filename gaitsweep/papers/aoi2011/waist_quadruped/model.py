@@ -35,6 +35,7 @@ from gaitsweep.papers.aoi2011.waist_quadruped.mechanics import RELEASE_HEIGHT, W
 from gaitsweep.papers.aoi2011.waist_quadruped.parameters import FRICTION, HEIGHTS, PARAMETERS
 from gaitsweep.papers.aoi2011.waist_quadruped.posture import has_fallen
 from gaitsweep.papers.aoi2011.waist_quadruped.rhythm import (
+    STRIDE_LIMB,
     after_events,
     anchors,
     corner,
@@ -244,11 +245,11 @@ class WaistQuadruped(WaistDrawing, HybridModel):
         desired = p.path(s.clock, s.growing).target(s.phi, s.segment, (s.landing_x, s.landing_z))
         landing = landing_points(p, s, now.late, desired, p.mechanics.from_hips(s.q, p.landing_actual))
         s = dataclasses.replace(s, anchor=anchor, growing=s.growing & ~fired[8], held=s.held & ~fired[9])
-        return after_events(p, s, now, landing, 0.0)
+        return after_events(p, s, now, landing)
 
     def section(self, params: Params, before: State, fired: Bool[Array, " events"]) -> Bool[Array, ""]:
         """Whether limb 3 lands."""
-        return transitions(before, fired[:4], fired[4:8]).lands[2]
+        return transitions(before, fired[:4], fired[4:8]).lands[STRIDE_LIMB]
 
     def observe(self, params: Params, state: State) -> dict[str, Real[Array, ""]]:
         return observed(state)

@@ -12,6 +12,9 @@ from gaitsweep.dynamics import TWO_PI
 from gaitsweep.papers.aoi2011.waist_quadruped.foot_path import BEYOND, EARLY, LATE, STANCE
 from gaitsweep.papers.aoi2011.waist_quadruped.state import Params, State
 
+# The limb whose landing ends a stride and closes a cycle: limb 3, the right hind one (Aoi et al. 2011).
+STRIDE_LIMB = 2
+
 
 class Transitions(NamedTuple):
     """Flags of each limb (4,): contact, segment and lifted after the events, landing, wrap of the phase.
@@ -54,8 +57,8 @@ def phase_rates(p: Params, s: State, coupling: jax.Array) -> jax.Array:
 
 def corner(p: Params, segment: jax.Array) -> jax.Array:
     """The phase (4,), rad, at which each limb's segment ends."""
-    early, late = segment == EARLY, segment == LATE
-    return jnp.where(early, p.gate * p.phi_AEP, jnp.where(late, p.phi_AEP, TWO_PI))
+    after_early = jnp.where(segment == LATE, p.phi_AEP, TWO_PI)
+    return jnp.where(segment == EARLY, p.gate * p.phi_AEP, after_early)
 
 
 def transitions(s: State, at_corner: jax.Array, switched: jax.Array) -> Transitions:
@@ -109,7 +112,8 @@ def landing_points(
     """
     path = p.path(s.clock, s.growing)
     onwards = late & (p.late_reset <= 0.0)
-    x, z = ((1.0 - p.landing_actual) * one + other for one, other in zip(desired, actual, strict=True))
+    x = (1.0 - p.landing_actual) * desired[0] + actual[0]
+    z = (1.0 - p.landing_actual) * desired[1] + actual[1]
     return jnp.where(onwards, path.PEP + path.D, x), jnp.where(onwards, -path.H, z)
 
 
@@ -130,46 +134,64 @@ def desired_velocities(p: Params, s: State, coupling: jax.Array) -> tuple[jax.Ar
 def after_events(
     p: Params,
     s: State,
-    now: Transitions,
+    after: Transitions,
     landing: tuple[jax.Array, jax.Array],
-    over: jax.Array | float,
-    since: jax.Array | float = 0.0,
+    since_corner: jax.Array | float = 0.0,
+    since_switch: jax.Array | float = 0.0,
 ) -> State:
     """The state after the transitions of its limbs, without the update of anchors.
 
     Args:
         p, s: parameters, and the state before the events.
-        now: the transitions.
+        after: the transitions.
         landing: x and z (4,) m of the landing points.
-        over: phase (4,) rad since each landing.
-        since: time (4,) s since each foot touched the ground or left it.
+        since_corner: phase (4,) rad since each landing; 0 where the events are located.
+        since_switch: time (4,) s since each foot touched the ground or left it; 0 likewise.
     """
-    reset = now.lands & (p.resetting > 0.0) & ~(now.late & (p.late_reset <= 0.0))
-    phi = jnp.where(reset, p.phi_AEP + over, jnp.where(now.wraps, s.phi - TWO_PI, s.phi))  # eq. (7)
-    closed = now.lands[2]
-    t = s.clock - (over * jnp.ones(4))[2] / p.omega
-    cycle = jnp.where(closed, t - s.stride_t, 1.0)
-    x = s.q[0] - (s.clock - t) * s.v[0]
-    switched, at = now.contact ^ s.contact, s.clock - since
-    stood = s.stood + jnp.where(switched, jnp.where(now.contact, -at, at), 0.0)
-    landed = s.landed + (switched & now.contact)
-    # a stance that goes on at the end of the cycle is cut there
-    open_end = jnp.where(now.contact, t, 0.0)
+    past_corner = jnp.broadcast_to(since_corner, (4,))
+    reset = after.lands & (p.resetting > 0.0) & ~(after.late & (p.late_reset <= 0.0))
+    phi = jnp.where(reset, p.phi_AEP + past_corner, jnp.where(after.wraps, s.phi - TWO_PI, s.phi))  # eq. (7)
+    s = _with_stride(p, s, after, past_corner[STRIDE_LIMB] / p.omega, since_switch)
     return dataclasses.replace(
         s,
         phi=phi,
-        contact=now.contact,
-        segment=now.segment,
-        lifted=now.lifted,
-        landing_x=jnp.where(now.lands, landing[0], s.landing_x),
-        landing_z=jnp.where(now.lands, landing[1], s.landing_z),
+        contact=after.contact,
+        segment=after.segment,
+        lifted=after.lifted,
+        landing_x=jnp.where(after.lands, landing[0], s.landing_x),
+        landing_z=jnp.where(after.lands, landing[1], s.landing_z),
+    )
+
+
+def _with_stride(
+    p: Params, s: State, after: Transitions, since_landing: jax.Array, since_switch: jax.Array | float
+) -> State:
+    """The state with the averages of the stride, which ends where the limb `STRIDE_LIMB` lands.
+
+    Args:
+        p, s, after: as for `after_events`.
+        since_landing: time (s) since that landing.
+        since_switch: time (4,) s since each foot touched the ground or left it.
+    """
+    closed = after.lands[STRIDE_LIMB]
+    t = s.clock - since_landing
+    x = s.q[0] - (s.clock - t) * s.v[0]
+    duration = jnp.where(closed, t - s.stride_t, 1.0)
+    switched = after.contact ^ s.contact
+    switch_t = s.clock - since_switch
+    stood = s.stood + jnp.where(switched, jnp.where(after.contact, -switch_t, switch_t), 0.0)
+    landed = s.landed + (switched & after.contact)
+    # a stance that goes on at the end of the stride is cut there
+    open_end = jnp.where(after.contact, t, 0.0)
+    return dataclasses.replace(
+        s,
         closed=closed,
         stride_x=jnp.where(closed, x, s.stride_x),
         stride_t=jnp.where(closed, t, s.stride_t),
-        speed=jnp.where(closed, (x - s.stride_x) / cycle, s.speed),
-        period=jnp.where(closed, cycle, s.period),
+        speed=jnp.where(closed, (x - s.stride_x) / duration, s.speed),
+        period=jnp.where(closed, duration, s.period),
         stood=jnp.where(closed, -open_end, stood),
         landed=jnp.where(closed, 0.0, landed),
-        duty=jnp.where(closed, (stood + open_end) / cycle, s.duty),
+        duty=jnp.where(closed, (stood + open_end) / duration, s.duty),
         touchdowns=jnp.where(closed, landed, s.touchdowns),
     )
