@@ -79,3 +79,7 @@ def test_the_left_limb_of_a_pair_is_the_far_one() -> None:
         limbs = skeleton(model, {f"q_{i}": np.zeros(2) for i in range(model.nq)}, feet=2).limbs
         assert [limb.far for limb in limbs] == far
         assert len(set(limb_colours(limbs))) == 2
+        assert [limb.name for limb in limbs] == ["leg 1", "leg 2"]
+        looks = (LimbLook("LF", 0, far=True), LimbLook("RF", 0))
+        named = skeleton(model, {f"q_{i}": np.zeros(2) for i in range(model.nq)}, 2, looks).limbs
+        assert [(limb.name, limb.far) for limb in named] == [("LF", True), ("RF", False)]
