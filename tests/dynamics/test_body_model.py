@@ -339,6 +339,17 @@ def test_formulas_replace_numbers_of_the_file() -> None:
             '<body name="other" pos="3 0 1"><freejoint/><geom name="o" size=".1"/></body></worldbody>',
             "'leg' and 'o' may touch",
         ),
+        (
+            "</worldbody>",
+            '<geom name="step" type="box" pos="3 0 .05" size="1 9 .05"/></worldbody>',
+            r"'step'.* may touch.*key ground: \{file",
+        ),
+        (
+            "</worldbody>",
+            '<geom name="hills" type="hfield" hfield="h"/></worldbody><asset>'
+            '<hfield name="h" nrow="2" ncol="2" size="1 1 1 .1" elevation="0 1 0 1"/></asset>',
+            r"'hills'.* may touch.*key ground: \{file",
+        ),
     ],
 )
 def test_what_is_not_covered_is_refused(old: str, new: str, sentence: str | None) -> None:

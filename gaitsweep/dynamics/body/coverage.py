@@ -79,7 +79,7 @@ def touches(m: Any) -> list[Touch]:
             raise ValueError(
                 f"{named(m, 'geom', one)} and '{_name(m, 'geom', other)}' may touch, but contacts are "
                 f"located between a body and a plane of the world only: {_REMEDY}. Geoms with contype 1 and "
-                "conaffinity 0 do not touch each other."
+                f"conaffinity 0 do not touch each other.{_instead(m, one, other)}"
             )
         if shape not in _TOUCHING:
             raise ValueError(
@@ -172,6 +172,17 @@ def _pairs(m: Any) -> Iterator[tuple[int, int]]:
         filtered = family and not m.opt.disableflags & _OFF.mjDSBL_FILTERPARENT
         if types_match and apart and not filtered and not is_excluded:
             yield one, other
+
+
+def _instead(m: Any, one: int, other: int) -> str:
+    """A sentence with the ground in place of a height field or box of the world; empty for other pairs."""
+    uneven = (_GEOM.mjGEOM_HFIELD, _GEOM.mjGEOM_BOX)
+    if any(_GEOM(m.geom_type[i]) in uneven and m.body_weldid[m.geom_bodyid[i]] == 0 for i in (one, other)):
+        return (
+            " Heights and steps that vary along x alone can be given by the key ground: {file: heights.csv} "
+            "of a job, on a level plane of the MJCF."
+        )
+    return ""
 
 
 def _mixed(m: Any, one: int, other: int) -> tuple[float, np.ndarray, np.ndarray, int]:
