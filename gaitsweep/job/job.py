@@ -263,8 +263,11 @@ def _in_order(vary: dict[str, Any]) -> list[Any]:
 def _sections(data: Any) -> dict[str, SchemaSection]:
     """Return the sections of a job by the keys under which pydantic reports them."""
     runs = {kind: SchemaSection(f"run ({kind})", run, "run") for kind, run in RUN_KINDS.items()}
-    # kinds of figures take long to import, and are not needed without figures
-    figure_kinds = FIGURES if isinstance(data, Mapping) and data.get("figures") else {}
+    # kinds of figures take long to import, and are needed for figures alone, or for their fields in `style`
+    in_style = data.get("style") if isinstance(data, Mapping) else None
+    has_others = isinstance(in_style, Mapping) and not set(in_style) <= set(STYLE_FIELDS)
+    has_figures = isinstance(data, Mapping) and bool(data.get("figures"))
+    figure_kinds = FIGURES if has_figures or has_others else {}
     # a figure's kind may be a run's too (return_map), hence the prefix
     figures = {
         f"figures.{kind}": SchemaSection(f"a figure ({kind})", figure, "figures")

@@ -286,6 +286,8 @@ def _place_of(field: str, section: SchemaSection, sections: Mapping[str, SchemaS
         if not other.union:
             return f"under {other.words.rpartition(' ')[2]}"
     kinds = [key.rpartition(".")[2] for key in homes]
+    if len(kinds) > 1 and kinds == [key.rpartition(".")[2] for key in sections if key.startswith("figures.")]:
+        return "in an entry of figures (of any kind)"
     named = f"{', '.join(kinds[:4])}{', ...' if len(kinds) > 4 else ''}"
     if any(other.union == "figures" for other in homes.values()):
         return f"in an entry of figures ({named})"

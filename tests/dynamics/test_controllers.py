@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import os
+import re
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -255,6 +256,20 @@ def test_the_order_of_legs_counts_and_that_of_their_joints_does_not(tmp_path: Pa
     assert type(swapped) is not type(model)
     assert swapped.data_digest != model.data_digest
     np.testing.assert_allclose(rates(swapped, 0.2) - rates(swapped, 0.0), felt[[1, 0, 3, 2]], atol=1e-9)
+
+
+def test_legs_without_names_of_gaits_are_drawn_with_their_names(tmp_path: Path) -> None:
+    """The far leg is on the left, y > 0, in whatever order legs are listed."""
+    text = re.sub(r"\bL\b", "port", re.sub(r"\bR\b", "starboard", (WALKERS / "biped.yaml").read_text()))
+    (tmp_path / "biped.xml").write_text((WALKERS / "biped.xml").read_text())
+    (tmp_path / "biped.yaml").write_text(text)
+    model = model_of_file(tmp_path / "biped.yaml")()
+    names = [q.name for q in model.signals if q.name.startswith(("q_", "contact_"))]
+    drawn = model.skeleton({q.name: q.default for q in model.parameters}, {n: np.zeros(2) for n in names})
+    assert drawn is not None
+    legs = [("port", True), ("starboard", False)]
+    assert [(limb.name, limb.far) for limb in drawn.limbs] == legs
+    assert [(limb.name, limb.far) for limb in model.limbs] == legs
 
 
 def test_an_empty_model_file_and_a_body_that_is_not_located_are_refused(tmp_path: Path) -> None:

@@ -284,6 +284,15 @@ def test_what_a_style_does_not_allow_is_refused(fields: dict, sentence: str) -> 
     assert sentence in str(refused.value)
 
 
+@pytest.mark.parametrize("figures", [[], [{"kind": "basin_measures"}]])
+def test_fields_of_a_figure_in_the_style_of_a_job_are_named_with_their_place(figures: list) -> None:
+    with pytest.raises(gs.JobError) as refused:
+        gs.Job(**JOB, figures=figures, style={"shares": False, "title": "Basins"})
+    shares, title = str(refused.value).splitlines()
+    assert "style.shares is not a field of a style: it belongs in an entry of figures (basin" in shares
+    assert "style.title is not a field of a style: it belongs in an entry of figures (of any kind)" in title
+
+
 def test_a_job_has_a_style_that_its_figures_may_replace(
     tmp_path: Path, capsys: pytest.CaptureFixture
 ) -> None:

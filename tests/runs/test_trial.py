@@ -154,7 +154,11 @@ class Tips(Unlabelled):
     ("kind", "axes", "words"),
     [
         (Swings, {"x_0": [1.0, 2.0, -2.0]}, ["label returns gait 2 at the start of row 2 (x_0 = -2)"]),
-        (Swings, {"x_0": [1.0, 12.0]}, ["surface of its event 'wall' at the start of row 1 (x_0 = 12)"]),
+        (
+            Swings,
+            {"x_0": [1.0, 12.0]},
+            ["surface of its event 'wall' at the start of row 1 (x_0 = 12), where its function is 2"],
+        ),
         (
             Timed,
             {"w": [2.0, 3.7], "x_0": [0.5, 1.0]},

@@ -133,7 +133,19 @@ class ControlledBody:
         names = tuple(leg.name for leg in self.legs)
         if sorted(names) in [sorted(names_of_gaits) for names_of_gaits in LEGS.values()]:
             return {"feet": footfalls("clock", legs=names)(feet)}
-        return {"contact": signal("1", "whether foot is down", count=len(names))(contact)}
+        from gaitsweep.dynamics.mjcf.drawing import looks_of_feet  # imports MuJoCo
+
+        looks = looks_of_feet(names, self._feet_aside())
+        contacts = signal("1", "whether foot is down", count=len(names))(contact)
+        return {"contact": contacts, "limbs": property(lambda model: looks)}
+
+    def _feet_aside(self) -> list[float]:
+        """The place (m) of each foot to the left of the body's origin, in the MJCF's own pose."""
+        import mujoco
+
+        data = mujoco.MjData(self.m)
+        mujoco.mj_kinematics(self.m, data)
+        return [float(data.geom(leg.foot).xpos[1]) for leg in self.legs]
 
     def _of_trunk(self) -> dict[str, Any]:
         """The section, with the mean speed of each cycle; the trunk's height; and its fall."""

@@ -54,8 +54,8 @@ def skeleton(
             limb[k] = [*data.xpos[chain], data.site_xpos[site]]
     mujoco.mj_resetData(model, data)
     mujoco.mj_kinematics(model, data)
-    aside = [round(float(data.site_xpos[site][1]), 9) for site in sites[: len(limbs)]]
-    numbered = [LimbLook(f"leg {i + 1}", i // 2, _is_far(aside, i)) for i in range(len(limbs))]
+    aside = [float(data.site_xpos[site][1]) for site in sites[: len(limbs)]]
+    numbered = looks_of_feet([f"leg {i + 1}" for i in range(len(limbs))], aside)
     named = looks if len(looks) == len(limbs) else numbered
     return Skeleton(
         limbs=tuple(
@@ -65,6 +65,12 @@ def skeleton(
         bodies=tuple(bodies.values()),
         heading=0.0,
     )
+
+
+def looks_of_feet(names: Sequence[str], aside: Sequence[float]) -> tuple[LimbLook, ...]:
+    """Names and places of limbs, of which each two are a pair, from the places (m) of their feet to the left."""
+    rounded = [round(place, 9) for place in aside]
+    return tuple(LimbLook(name, i // 2, _is_far(rounded, i)) for i, name in enumerate(names))
 
 
 def _is_far(aside: list[float], i: int) -> bool:
