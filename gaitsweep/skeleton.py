@@ -51,6 +51,7 @@ class Skeleton:
         springs: the two ends (n, 2, 3) of each spring.
         note: a remark for viewers.
         heading: the direction of walking, rad from x; by default from the tail to the head.
+        ground: places along the ground and heights (m) of uneven ground, (m, 2), which the program draws.
     """
 
     limbs: tuple[Limb, ...]
@@ -58,3 +59,4 @@ class Skeleton:
     springs: tuple[Float[np.ndarray, "samples 2 3"], ...] = ()
     note: str = ""
     heading: float | None = None
+    ground: Float[np.ndarray, "places 2"] | None = None

@@ -221,6 +221,21 @@ def is_uneven(model: Model) -> bool:
     return asks_for_ground(type(model)) and getattr(model, "ground", "even") != "even"
 
 
+def heights_of_model(
+    model: Model, values: Mapping[str, float], x: Float[np.ndarray, " places"]
+) -> Float[np.ndarray, " places"] | None:
+    """The heights (m) of a model's ground at places x (m); None where it is even.
+
+    Args:
+        model: the model.
+        values: the parameters of a row by name.
+        x: the places, m.
+    """
+    if not is_uneven(model):
+        return None
+    return np.asarray(Ground.of(model.ground, values)(jnp.asarray(x)))  # type: ignore[attr-defined]
+
+
 def ground_quantities(ground: str) -> tuple[Quantity, ...]:
     """The parameters of a kind of ground, or of a profile."""
     return _QUANTITIES[_kind(ground)]
@@ -253,8 +268,7 @@ class Ground:
 
     def normal(self, x: Float[Array, " ..."]) -> Float[Array, "... 3"]:
         """The unit vectors across the ground at places x (m), upwards."""
-        x = jnp.asarray(x)
-        _, slope = jax.jvp(self, (x,), (jnp.ones_like(x),))
+        _, slope = self.height_and_slope(jnp.asarray(x))
         across = jnp.stack([-slope, jnp.zeros_like(slope), jnp.ones_like(slope)], axis=-1)
         return across / jnp.sqrt(1.0 + slope * slope)[..., None]
 

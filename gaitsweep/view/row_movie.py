@@ -12,6 +12,7 @@ from jaxtyping import Float, UInt8
 from matplotlib.axes import Axes
 
 from gaitsweep import near_miss
+from gaitsweep.dynamics.ground import heights_of_model
 from gaitsweep.plot import PlotError
 from gaitsweep.plot.limbs import limb_colours
 from gaitsweep.table import WriteError, reason, replace_file
@@ -26,6 +27,7 @@ SIZE, STILL_SIZE = (960, 540), (1600, 560)  # pixels
 _PIXEL_RANGE = (160, 4096)
 _POSES = 6
 _CYCLE_TIME = 1.6  # s that a cycle takes in a movie whose speed is not given
+_MOST_PLACES = 20_000  # of the drawn ground
 _MAX_FRAMES = 3000
 
 OnMessage = Callable[[str], None]
@@ -234,6 +236,16 @@ def _prepared(
     contact = motion.contact(len(skeleton.limbs))
     clip = Clip(times, side_view.turned(skeleton, heading), motion.t, contact, motion.period, "", pace)
     clip = dataclasses.replace(clip, title=motion.title(clip, lift))
+    places = _places(clip)
+    heights = heights_of_model(motion.model, motion.values, np.cos(heading) * places)
+    if heights is not None:
+        if renderer == "mujoco":
+            raise PlotError(
+                "MuJoCo draws even ground, but this row walks on uneven ground: leave --renderer out."
+            )
+        renderer = "matplotlib"
+        ground = np.column_stack([places, heights])
+        clip = dataclasses.replace(clip, skeleton=dataclasses.replace(clip.skeleton, ground=ground))
     mjcf = None if renderer == "matplotlib" else motion.model.mjcf(motion.values)
     if mjcf is None:
         yield clip, animation.side_view
@@ -245,6 +257,15 @@ def _prepared(
         yield clip, drawing
     finally:
         drawing.close()
+
+
+def _places(clip: Clip) -> Float[np.ndarray, " places"]:
+    """Places (m) along the ground, closer than a hundredth of the body's width, that a clip may show."""
+    half, height, _ = side_view.bounds(clip.skeleton, clip.camera)
+    reach = 4.0 * max(half, height)
+    ahead = clip.camera[:, 0]
+    first, last = float(ahead.min()) - reach, float(ahead.max()) + reach
+    return np.linspace(first, last, min(_MOST_PLACES, int((last - first) / (0.01 * half)) + 2))
 
 
 class _MujocoDrawing:

@@ -10,6 +10,7 @@ import numpy as np
 
 from gaitsweep.dynamics.mjcf.drawing import skeleton
 from gaitsweep.plot.limbs import limb_colours
+from gaitsweep.skeleton import LimbLook
 
 BODY = """
 <mujoco><worldbody>
@@ -61,7 +62,9 @@ def test_a_body_without_a_site_for_each_foot_has_no_limbs() -> None:
     model = mujoco.MjModel.from_xml_string(BODY)
     signals = {f"q_{i}": np.zeros(2) for i in range(model.nq)}
     assert skeleton(model, signals, feet=2).limbs == ()
-    assert len(skeleton(model, signals, feet=1).limbs) == 1
+    (numbered,) = skeleton(model, signals, feet=1).limbs
+    (named,) = skeleton(model, signals, feet=1, looks=[LimbLook("LF", 1, far=True)]).limbs
+    assert (numbered.name, named.name, named.pair, named.far) == ("leg 1", "LF", 1, True)
 
 
 def test_the_left_limb_of_a_pair_is_the_far_one() -> None:
@@ -76,3 +79,7 @@ def test_the_left_limb_of_a_pair_is_the_far_one() -> None:
         limbs = skeleton(model, {f"q_{i}": np.zeros(2) for i in range(model.nq)}, feet=2).limbs
         assert [limb.far for limb in limbs] == far
         assert len(set(limb_colours(limbs))) == 2
+        assert [limb.name for limb in limbs] == ["leg 1", "leg 2"]
+        looks = (LimbLook("LF", 0, far=True), LimbLook("RF", 0))
+        named = skeleton(model, {f"q_{i}": np.zeros(2) for i in range(model.nq)}, 2, looks).limbs
+        assert [(limb.name, limb.far) for limb in named] == [("LF", True), ("RF", False)]

@@ -50,6 +50,11 @@ def test_order_of_rows(whole) -> None:
     np.testing.assert_array_equal(whole.last[order], other.last)
 
 
+def test_a_quickly_compiled_kernel_gives_the_same_bits(whole) -> None:
+    rows = {"launch_1": LAUNCH}
+    same(whole, run_rows(Toy(), SettleRecorder(Toy()), rows, numerics=NUMERICS, lanes=4, quick=True))
+
+
 @pytest.mark.slow
 def test_multilegged_rows_over_blocks_and_devices() -> None:
     random = np.random.default_rng(5)

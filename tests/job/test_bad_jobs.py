@@ -216,6 +216,13 @@ LINES: list[tuple[int, str, list[str]]] = [
             "max_cycles, tolerance, max_time, max_period, exponents, states, refine, over, coarse."
         ],
     ),
+    (6, "run: {kind: settle, rate: 2}", ["run.rate is not a field", "it belongs under run (trace, ramp)"]),
+    (6, "run: {kind: settle, verify: 3}", ["run.verify is not a field", "it belongs at the top of the job"]),
+    (
+        6,
+        "run: {kind: settle}\nstyle: {shares: false}",
+        ["line 7", "style.shares is not a field of a style: it belongs in an entry of figures (basin"],
+    ),
     (6, "run: {kind: settle, max_cycles: 0}", ["line 6", "run.max_cycles is 0", "whole number from 1"]),
     (6, "run: {kind: settle, max_cycles: many}", ["line 6", 'run.max_cycles is "many"', "unknown"]),
     (6, "run: {kind: settle, tolerance: 0}", ["line 6", "run.tolerance is 0", "above 0"]),

@@ -89,12 +89,13 @@ def test_persons_and_url_of_citation_cff(tmp_path: Path, monkeypatch: pytest.Mon
     facts = yaml.safe_load((Path(__file__).parents[2] / "CITATION.cff").read_text())
     authors = [{"family-names": "Curie", "given-names": "Marie"}, {"name": "The Walkers"}]
     file = tmp_path / "CITATION.cff"
-    places = {"repository-code": "https://a.org/b", "doi": "10.5281/zenodo.1"}
-    file.write_text(yaml.safe_dump({**facts, "authors": authors, **places}))
+    file.write_text(
+        yaml.safe_dump({**facts, "authors": authors, "repository-code": "https://a.org/b", "doi": "10.1/a"})
+    )
     monkeypatch.setattr("gaitsweep.runs.citation.shipped", lambda _: file)
     entry = fields(tool_entry(), "gaitsweep")
     assert (entry["author"], entry["url"]) == ("Curie, Marie and {The Walkers}", "https://a.org/b")
-    assert entry["doi"] == "10.5281/zenodo.1"
+    assert entry["doi"] == "10.1/a"
 
 
 @pytest.mark.parametrize(

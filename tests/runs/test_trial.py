@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from typing import Any
 
@@ -318,6 +319,17 @@ def test_check_model_warnings() -> None:
         "k = 1e+05, far from its default 2, makes the flow stiff: its fastest rate is 1e+05 1/s"
         in messages[2]
     )
+
+
+@pytest.mark.slow
+def test_check_model_names_starts_beyond_an_event_with_its_function() -> None:
+    class Far(Unlabelled):
+        x = gs.variable("m", "position", 1.0, low=0.5, high=20.0, scale=1.0)
+
+    (message,) = (remark for remark in trial(Far).remarks if "the event 'wall' does not happen" in remark)
+    values = re.search(r"x_0 = ([\d.]+).*the function is ([\d.]+)\)", message)
+    assert values is not None
+    assert float(values[2]) == pytest.approx(float(values[1]) - 10.0, abs=0.05), "three digits are written"
 
 
 @pytest.mark.slow

@@ -75,6 +75,7 @@ def run_rows(
     engine: str = "kernel",
     on: str | None = None,
     varied: frozenset[str] = frozenset(),
+    quick: bool = False,
 ) -> RowOutcome:
     """Run one row for each element of the starts; the results of all blocks as one."""
     n = max(np.size(v) for v in starts.values())
@@ -96,6 +97,7 @@ def run_rows(
         drive=None if drive is None else Drive(drive),
         engine=cast(EngineName, engine),
         varied=varied,
+        quick=quick,
     )
     blocks: dict[int, RowOutcome] = {}
     sweep(spec, range(-(-n // spec.block)), blocks.__setitem__)

@@ -20,13 +20,16 @@ from PIL import Image
 
 import gaitsweep as gs
 from gaitsweep.cli import main
+from gaitsweep.dynamics.ground import heights_of_model
 from gaitsweep.job import Job
+from gaitsweep.papers.fukuoka2015.planar_quadruped.model import PlanarQuadruped
 from gaitsweep.plot.limbs import limb_colours
+from gaitsweep.skeleton import Limb, Skeleton
 from gaitsweep.table import Snapshot
 from gaitsweep.view import row_motion
 from gaitsweep.view import row_movie as movie
 from gaitsweep.view.explorer.replays import SAMPLES_PER_CYCLE, Crossings, ReplayedRow, Windows
-from gaitsweep.view.movie import mujoco_movie, mujoco_painter
+from gaitsweep.view.movie import mujoco_movie, mujoco_painter, side_view
 from gaitsweep.view.movie.side_view import SWING
 from gaitsweep.view.row_motion import read_motion
 from tests.support.trace_directories import (
@@ -430,3 +433,21 @@ def test_without_opengl_lines_are_drawn(
     assert "Matplotlib" in message
     assert (tmp_path / "trot.png").exists()
     assert "use --renderer matplotlib" in refused(capsys, [*options, "--renderer", "mujoco"])
+
+
+def test_uneven_ground_is_drawn_below_the_feet() -> None:
+    """The line is at the place of the camera, with the heights of the model's ground."""
+    model = PlanarQuadruped(ground="slope")
+    values = {"ground_slope": 10.0}
+    x = np.array([-1.0, 0.0, 2.0])
+    heights = heights_of_model(model, values, x)
+    assert heights is not None
+    np.testing.assert_allclose(heights, [0.0, 0.0, 2.0 * np.tan(np.radians(10.0))], atol=1e-12)
+    assert heights_of_model(PlanarQuadruped(), values, x) is None
+    body = np.zeros((1, 2, 3)) + np.array([[2.0, 0.0, 0.5], [2.2, 0.0, 1.0]])
+    leg = Limb("leg", np.stack([body[:, 1], body[:, 0]], axis=1))
+    skeleton = Skeleton((leg,), (body,), ground=np.column_stack([x, heights]))
+    axes = Figure().subplots()
+    side_view.SideView(axes, skeleton, np.ones((1, 1), bool), np.array([[2.0, 0.0]]), named=False)
+    drawn = [line.get_xydata() for line in axes.get_lines() if np.size(line.get_xdata()) == 3]
+    np.testing.assert_allclose(np.asarray(drawn), [np.column_stack([x - 2.0, heights])], atol=1e-12)

@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int, Real
 
+from gaitsweep.dynamics.ground import is_uneven
 from gaitsweep.engine.recorders.windows import WindowsRecorder
 from gaitsweep.engine.sweep.sweep import sweep
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress, SweepSpec
@@ -84,6 +85,10 @@ class Motion:
     stride: int
     contact: Float[np.ndarray, "frames limbs"]
     pictures: Pictures | None
+
+
+# A remark of the page, which draws a body on level ground.
+_EVEN = "The ground is uneven, and drawn level."
 
 
 @dataclasses.dataclass(frozen=True)
@@ -255,6 +260,8 @@ class Replayer:
         skeleton = self._spec.model.skeleton(self._parameters[place], signals)
         if skeleton is None:
             return None
+        if is_uneven(self._spec.model):
+            skeleton = dataclasses.replace(skeleton, note=_EVEN)
         if self.parts is None:
             self.parts = BodyParts.of(skeleton)
         return pictures_of(skeleton, t, float(self.periods[place]))

@@ -182,9 +182,8 @@ def _movie_axes(figure: Figure, clip: Clip) -> tuple[Axes, Axes, Axes]:
     view = figure.add_axes((0.0, foot + chart + gap, 1.0, 1.0 - head - gap - chart - foot))
     falls = figure.add_axes((_CHART_LEFT, foot, _CHART_RIGHT - _CHART_LEFT, chart))
     bar = figure.add_axes((_CHART_LEFT, 0.13 / tall, _CHART_RIGHT - _CHART_LEFT, 0.06 / tall))
-    figure.text(
-        _MARGIN, 1.0 - 0.5 * head, escape_unparsable(clip.title), va="center", fontsize=10, weight="bold"
-    )
+    # the time stands to its right
+    _add_title(figure, clip.title, 1.0 - 0.5 * head, 0.75 - _MARGIN)
     for x, text, side in (
         (_MARGIN, "feet on the ground", "left"),
         (_CHART_RIGHT, clip.skeleton.note, "right"),
@@ -232,15 +231,8 @@ def still(clip: Clip, size: tuple[int, int], scene: DrawBody = side_view) -> Fig
         tall = figure.get_figheight()
         head, foot, gap = 0.3 / tall, 0.38 / tall, 0.2 / tall
         chart = _chart_height(clip, tall)
-        figure.text(
-            _MARGIN,
-            1.0 - 0.5 * head,
-            escape_unparsable(clip.title),
-            va="center",
-            fontsize=10,
-            weight="bold",
-        )
-        figure.text(_CHART_RIGHT, 1.0 - 0.5 * head, _FORWARD, ha="right", va="center", fontsize=8, color=_INK)
+        _add_title(figure, clip.title, 1.0 - 0.5 * head, 1.0 - 2.0 * _MARGIN)
+        figure.text(_CHART_RIGHT, 0.05 / tall, _FORWARD, ha="right", va="bottom", fontsize=8, color=_INK)
         pose_width = 1.0 / columns
         pose_height = (1.0 - head - (foot + chart + gap)) / lines
         for k in range(len(clip.t)):
@@ -254,6 +246,20 @@ def still(clip: Clip, size: tuple[int, int], scene: DrawBody = side_view) -> Fig
         falls.set_window(float(clip.t[0]), float(clip.t[0]) + clip.period)
         falls.mark_times([float(t) for t in clip.t])
     return figure
+
+
+def _add_title(figure: Figure, title: str, middle: float, widest: float) -> None:
+    """Write the title of a figure.
+
+    Args:
+        figure: the figure.
+        title: the text.
+        middle: the height of its middle, a share of the figure's.
+        widest: the largest width, a share of the figure's; a longer text is smaller.
+    """
+    text = figure.text(_MARGIN, middle, escape_unparsable(title), va="center", fontsize=10, weight="bold")
+    share = text.get_window_extent().width / figure.bbox.width
+    text.set_fontsize(10.0 * min(1.0, widest / share))
 
 
 def _chart_height(clip: Clip, tall: float) -> float:

@@ -198,6 +198,8 @@ class SideView:
         self._ground = Ground(axes, half, self._height, depth, _ASIDE, named=named)
         pixels = self._height * axes.get_window_extent().height / np.ptp(axes.get_ylim())
         self._thickness = float(np.clip(72.0 * pixels / axes.figure.dpi / _USUAL_HEIGHT, 0.4, 1.5))
+        line = {"color": _INK, "lw": 1.2 * self._thickness, "zorder": 1.4}
+        self._profile = None if skeleton.ground is None else axes.plot([], [], **line)[0]
         self._limbs = [
             self._add_limb(colour, far=limb.far)
             for limb, colour in zip(skeleton.limbs, self._colours, strict=True)
@@ -232,6 +234,9 @@ class SideView:
             line.set_data(*_zigzag(projected(ends[k] - middle), self._sole))
         if self._moves:
             self._ground.show(float(self._camera[k, 0]))
+        if self._profile is not None and self._skeleton.ground is not None:
+            places, heights = self._skeleton.ground.T
+            self._profile.set_data(places - self._camera[k, 0], heights)
 
     def _add_limb(self, colour: str, *, far: bool) -> tuple[Line2D, Line2D, Line2D]:
         """Add the links of a limb with their joints, its foot, and the mark below it during stance."""
