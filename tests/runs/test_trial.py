@@ -88,6 +88,18 @@ def test_a_model_without_labels_counts_no_gaits() -> None:
     assert "none" not in repr(result)
 
 
+class Walled(Unlabelled):
+    """Its wall is at 0.8 m, and its start by default at 1 m."""
+
+    @gs.event("wall")
+    def wall(self, p, s):
+        return s.x - 0.8
+
+    @wall.jump
+    def rebound(self, p, s):
+        return s.replace(v=-s.v)
+
+
 class Timed(Unlabelled):
     """Its nominal period is none for some frequencies: NaN, 0, below 0, infinite."""
 
@@ -258,6 +270,8 @@ def test_check_model_tries_the_ranges_and_the_energies() -> None:
     whole = trial(Unlabelled)
     assert not whole.faults
     assert any("energy is kept between events" in remark for remark in whole.remarks)
+    (beyond,) = (remark for remark in trial(Walled).remarks if "does not happen" in remark)
+    assert "the first one at the model's defaults (the function is 0.2), the event 'wall'" in beyond
 
 
 class Careless(gs.DeclaredModel):

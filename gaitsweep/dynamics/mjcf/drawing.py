@@ -68,7 +68,7 @@ def skeleton(
 
 
 def looks_of_feet(names: Sequence[str], aside: Sequence[float]) -> tuple[LimbLook, ...]:
-    """Names and places of limbs, of which each two are a pair, from the places (m) of their feet to the left."""
+    """Names and places of limbs, each two a pair, from the places (m) of their feet to the left."""
     rounded = [round(place, 9) for place in aside]
     return tuple(LimbLook(name, i // 2, _is_far(rounded, i)) for i, name in enumerate(names))
 
