@@ -23,6 +23,7 @@ LAZY = frozenset({"matplotlib", "mpl_toolkits", "pandas", "pyarrow", "scipy"})
 
 _import = builtins.__import__
 _LOCK = threading.Lock()
+_JAX_LOCK = threading.RLock()
 _contexts = 0  # in all threads
 
 
@@ -87,6 +88,9 @@ class Lazy:
                     importlib.import_module(f"{self._module}.{self._member}")
                 loaded = getattr(loaded, self._member)
             self._object = loaded
+            for each in list(vars(self).values()):  # imported modules of a package, which are its attributes
+                if isinstance(each, Lazy) and each._member is None:
+                    each._loaded()
             for name, value in list(self._names.items()):
                 if value is self:
                     self._names[name] = loaded
@@ -137,9 +141,12 @@ def _import_lazily(
         lazy = Lazy(names, name)
         vars(lazy).update({member: Lazy(names, name, member) for member in fromlist})
         return lazy
-    lazy = Lazy(names, package)
-    if rest:  # import a.b as c
-        vars(lazy)[rest] = Lazy(names, name)
+    lazy = inner = Lazy(names, package)
+    earlier = names.get(package)
+    if isinstance(earlier, Lazy) and vars(earlier)["_module"] == package:
+        lazy = inner = earlier  # it has the modules that were imported before
+    for part in filter(None, rest.split(".")):  # import a.b.c
+        inner = vars(inner).setdefault(part, Lazy(names, f"{vars(inner)['_module']}.{part}"))
     return lazy
 
 
@@ -151,19 +158,20 @@ def _without_rocm() -> Iterator[None]:
     """
     from importlib import metadata  # which `--help` does not need
 
-    all_distributions = metadata.distributions
-    thread = threading.get_ident()
+    with _JAX_LOCK:  # two threads would restore one another's function
+        all_distributions = metadata.distributions
+        thread = threading.get_ident()
 
-    def without_own(**context: Any) -> Any:
-        """No distributions for this thread, all for others, which may read them meanwhile."""
-        return iter(()) if threading.get_ident() == thread else all_distributions(**context)
+        def without_own(**context: Any) -> Any:
+            """No distributions for this thread, all for others, which may read them meanwhile."""
+            return iter(()) if threading.get_ident() == thread else all_distributions(**context)
 
-    if not any(any(Path(folder).glob("jax_rocm*-plugin*")) for folder in sys.path):
-        metadata.distributions = without_own
-    try:
-        yield
-    finally:
-        metadata.distributions = all_distributions
+        if not any(any(Path(folder).glob("jax_rocm*-plugin*")) for folder in sys.path):
+            metadata.distributions = without_own
+        try:
+            yield
+        finally:
+            metadata.distributions = all_distributions
 
 
 @contextlib.contextmanager

@@ -5,11 +5,13 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+import threading
+from importlib import metadata
 from pathlib import Path
 
 import pytest
 
-from gaitsweep.lazy_imports import LAZY, Lazy
+from gaitsweep.lazy_imports import LAZY, Lazy, _without_rocm
 
 ROOT = Path(__file__).parents[2]
 COMMAND = """
@@ -56,3 +58,37 @@ def test_a_lazy_name_stands_for_the_object() -> None:
     assert names["Name"] is json.JSONDecoder
     assert isinstance(json.JSONDecoder(), lazy)  # pyright: ignore[reportArgumentType]
     assert Lazy({}, "xml", "etree").__name__ == "xml.etree"
+
+
+def test_modules_of_packages_are_found_by_all_forms_of_import() -> None:
+    program = """
+import sys
+from gaitsweep import lazy_imports
+names = {"__name__": "gaitsweep.any"}
+lines = "matplotlib.dates", "matplotlib.ticker", "mpl_toolkits.axes_grid1.inset_locator as y"
+with lazy_imports.lazy_packages():
+    for line in lines:
+        exec(f"import {line}", names)
+assert not {"matplotlib", "mpl_toolkits"} & set(sys.modules)
+assert names["matplotlib"].rcParams
+assert names["matplotlib"].dates.DateFormatter and names["matplotlib"].ticker.Locator
+assert names["y"].inset_axes.__name__ == "inset_axes"
+"""
+    subprocess.run([sys.executable, "-c", program], cwd=ROOT, check=True)
+
+
+def test_threads_that_import_jax_restore_the_search_for_packages() -> None:
+    every, entered = metadata.distributions, threading.Event()
+
+    def second() -> None:
+        with _without_rocm():
+            entered.set()
+            left.wait(1.0)
+
+    left, thread = threading.Event(), threading.Thread(target=second)
+    with _without_rocm():
+        thread.start()
+        entered.wait(0.1)
+    left.set()
+    thread.join()
+    assert metadata.distributions is every
