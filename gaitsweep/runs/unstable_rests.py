@@ -143,7 +143,7 @@ def symmetric(
     for i, quantity in enumerate(model.observables):
         if quantity.circular:
             alike |= np.abs(observed[:, i] - part * np.round(observed[:, i] / part)) < ALIKE
-    shared = _shared_by_legs(model)
+    shared = strides_of_feet(model)
     for i, k in itertools.combinations(range(len(model.observables)), 2):
         if {model.observables[i].name, model.observables[k].name} <= shared:
             continue
@@ -155,8 +155,8 @@ def symmetric(
     return alike
 
 
-def _shared_by_legs(model: Model) -> set[str]:
-    """The observables that all legs have alike on every periodic gait: the strides of declared footfalls."""
+def strides_of_feet(model: Model) -> set[str]:
+    """The strides of declared footfalls, which all legs have alike on every periodic gait."""
     original = model.original
     declarations = original.declarations.values() if isinstance(original, Declared) else ()
     footfalls = [declared for declared in declarations if isinstance(declared, Footfalls)]

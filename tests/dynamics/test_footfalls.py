@@ -123,6 +123,22 @@ class Hexapod(Stepper):
 MODELS = {2: Biped(N=2), 4: Quadruped(), 6: Hexapod(N=6)}
 
 
+class Unheard(Stepper):
+    """Its feet come down and lift between the sections, at no event."""
+
+    feet = footfalls("time", legs=LEGS[2])(lambda self, p, s: (s.phase > 2.0) & (s.phase < 4.0))
+
+
+@pytest.mark.slow
+def test_feet_that_change_between_events_are_remarked() -> None:
+    with pytest.warns(UserWarning, match="No foot of .* has a stride in any row") as said:
+        result = gs.sweep(Unheard(N=2), duty=[0.5, 0.9], run=gs.Settle(max_cycles=8), verify=0)
+    assert np.isnan(result.table[["stride_1_end", "stride_2_end", "lag_2_end"]].to_numpy()).all()
+    assert any("changes only at events or by modes" in str(each.message) for each in said)
+    stepped = gs.sweep(Biped(N=2), duty=[0.5, 0.9], run=gs.Settle(max_cycles=8), verify=0)
+    assert "without_strides" not in stepped.manifest
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("legs", [2, 4, 6])
 def test_observables_are_those_of_the_constructed_footfalls(legs: int) -> None:
