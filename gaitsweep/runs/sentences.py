@@ -195,9 +195,9 @@ def remarks(manifest: Mapping[str, Any]) -> list[str]:
         )
     for model in manifest.get(WITHOUT_STRIDES) or {}:
         sentences.append(
-            f"No foot of {model} has a stride in any row: feet stand, have not landed twice, or `feet` changes "
-            "between events, where touchdowns are not counted. Footfalls need a function `feet` that changes "
-            "only at events or by modes."
+            f"No foot of {model} has a stride in any row: feet stand, have not landed twice, or `feet` "
+            "changes between events, where touchdowns are not counted. Footfalls need a function `feet` that "
+            "changes only at events or by modes."
         )
     return sentences
 
