@@ -167,7 +167,7 @@ def _summaries(context: RunContext, table: Table) -> dict[str, set[str]]:
     counts = table.counts()
     # a stepped model counts touchdowns at its steps, others at events alone
     feet = set() if isinstance(context.model.original, SteppedModel) else strides_of_feet(context.model)
-    strides = columns & {f"{name}{end}" for name in feet for end in ("", "_end")}
+    strides = columns & {f"{name}{end}" for name in feet for end in ("_n", "_end")}
     columns_of_rows = columns if context.job.run.one_a_row else set()
     names_gaits = tuple(context.model.gaits) != ("none",)
     needs = {

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from types import SimpleNamespace
 from typing import Any
 
@@ -135,8 +136,10 @@ def test_feet_that_change_between_events_are_remarked() -> None:
         result = gs.sweep(Unheard(N=2), duty=[0.5, 0.9], run=gs.Settle(max_cycles=8), verify=0)
     assert np.isnan(result.table[["stride_1_end", "stride_2_end", "lag_2_end"]].to_numpy()).all()
     assert any("changes only at events or by modes" in str(each.message) for each in said)
-    stepped = gs.sweep(Biped(N=2), duty=[0.5, 0.9], run=gs.Settle(max_cycles=8), verify=0)
-    assert "without_strides" not in stepped.manifest
+    runs = [gs.Settle(max_cycles=8), gs.Staircase(parameter="duty", path=[0.5, 0.6], step=0.05, dwell=4.0)]
+    for run, model in itertools.product(runs, (Unheard, Biped)):
+        manifest = gs.sweep(model(N=2), omega=5.0, run=run, verify=0).manifest
+        assert ("without_strides" in manifest) == (model is Unheard)
 
 
 @pytest.mark.slow
