@@ -296,7 +296,8 @@ def test_legs_without_names_of_gaits_are_drawn_with_their_names(tmp_path: Path) 
     (tmp_path / "biped.yaml").write_text(text)
     model = model_of_file(tmp_path / "biped.yaml")()
     names = [q.name for q in model.signals if q.name.startswith(("q_", "contact_"))]
-    drawn = model.skeleton({q.name: q.default for q in model.parameters}, {n: np.zeros(2) for n in names})
+    values: dict[str, Any] = {q.name: q.default for q in model.parameters}
+    drawn = model.skeleton(values, {n: np.zeros(2) for n in names})
     assert drawn is not None
     legs = [("port", True), ("starboard", False)]
     assert [(limb.name, limb.far) for limb in drawn.limbs] == legs
