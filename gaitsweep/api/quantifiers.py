@@ -13,7 +13,7 @@ from gaitsweep.analysis.basins import quantifiers as of_tables
 from gaitsweep.analysis.basins.fractions import LEVEL
 from gaitsweep.analysis.continuation.floquet_multipliers import largest_growth
 from gaitsweep.analysis.continuation.newton import newton
-from gaitsweep.analysis.records import AnalysisError, require
+from gaitsweep.analysis.records import AnalysisError, axes_of, require
 from gaitsweep.engine.poincare.maps import Points, Values
 from gaitsweep.engine.poincare.model_map import ModelMap
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
@@ -43,7 +43,7 @@ def quantifiers(
         within: a time (s), for the share of starts that settle to the attractor until then.
         level: confidence level of the intervals.
         scales: unit of each axis of starts in the distance of shocks and the size of deviations, where axes
-            have different units.
+            have different units; with `amplification`, of any start of the model.
         amplification: whether to compute the maximal amplifications, from the table's model.
         grouping: arguments of `analyses.attractors`.
 
@@ -132,6 +132,8 @@ class _Amplifications:
             raise AnalysisError(f"The return map of {model.name} by {method} has no derivative: {refusal}")
         engine = self._job.engine.name
         self._once: ModelMap = BatchedReturnMap(model, numerics=self._job.integration, engine=engine)
+        allowed = {*(start.name for start in model.initial_conditions), *axes_of(table)}
+        of_tables.check_scales(scales, sorted(allowed))
         starts = [f"{quantity.name}_0" for quantity in self._once.coordinates]
         self._sizes = np.array([scales.get(start, 1.0) for start in starts])
 

@@ -13,7 +13,10 @@ import pandas as pd
 from jaxtyping import Int, Shaped
 
 from gaitsweep.errors import UserError
+from gaitsweep.job.load import stored_job
 from gaitsweep.kinds import RUN_KINDS
+from gaitsweep.schema.diagnostics import JobError
+from gaitsweep.table import TableError
 
 if TYPE_CHECKING:
     import xarray  # pyright: ignore[reportMissingImports]
@@ -36,9 +39,11 @@ def dataset_of(table: pd.DataFrame) -> xarray.Dataset:
         Dimensions: each axis by its name, `point` (`point_2`, ...) for each `zip` or `sample`, and `record`
         where rows have several records. Coordinates: what varies. Variables have `units` and `long_name`.
         Names (`status`, `gait`) are integers with `flag_values` and `flag_meanings`, -1 where there is none.
-        Numbers of missing rows or records are NaN.
+        Numbers of missing rows or records are NaN; their coordinates are those of the job, NaN where its
+        model is not found.
 
     Raises:
+        TableError: the table does not have the column of an axis.
         MissingPackageError: xarray is not installed.
 
     Source: flags follow the CF conventions 1.11, sec. 3.5.
@@ -51,6 +56,9 @@ def dataset_of(table: pd.DataFrame) -> xarray.Dataset:
         ) from None
     job, manifest = table.attrs["job"], table.attrs["manifest"]
     axes = _axes(manifest)
+    for name in ("row", *itertools.chain.from_iterable(axis.names for axis in axes)):
+        if name not in table:
+            raise TableError(f"A dataset needs the column {name} of the job's grid, which this table lacks.")
     grid = _grid(table, axes)
     quantities = table.attrs.get("quantities", {})
     variables = {
@@ -58,6 +66,8 @@ def dataset_of(table: pd.DataFrame) -> xarray.Dataset:
         for name, column in table.items()
         if name != "row"
     }
+    if table["row"].nunique() < math.prod(axis.length for axis in axes):
+        variables |= _planned(table.attrs, variables, axes)
     coordinates = _coordinates(variables, axes, grid)
     about = {"name": job["name"], "model": job["model"], "job": json.dumps(job)}
     about |= {key: manifest[key] for key in ("gaitsweep", "job_hash", "created") if key in manifest}
@@ -116,15 +126,30 @@ def _variable(column: pd.Series, quantity: Mapping[str, Any], grid: _Grid) -> _V
     return grid.dimensions, _on_grid(values, grid, flags="flag_values" in attributes), attributes
 
 
+def _planned(
+    attrs: Mapping[Any, Any], variables: Mapping[str, _Variable], axes: Sequence[_Axis]
+) -> dict[str, _Variable]:
+    """The axes' values in all rows of the job, also without records; none if the model is not found."""
+    try:
+        design = stored_job(attrs).design
+    except JobError:
+        return {}
+    shape = tuple(axis.length for axis in axes)
+    dimensions = tuple(axis.dimension for axis in axes)
+    names = [name for axis in axes for name in axis.names if "flag_values" not in variables[name][2]]
+    values = design.at(np.arange(math.prod(shape), dtype=np.int64), names)
+    return {name: (dimensions, values[name].reshape(shape), variables[name][2]) for name in names}
+
+
 def _coordinates(variables: dict[str, _Variable], axes: Sequence[_Axis], grid: _Grid) -> dict[str, _Variable]:
     """Take the coordinates of the axes out of the variables; rename what has the name of a dimension."""
     coordinates: dict[str, _Variable] = {}
     for axis in axes:
         for name in axis.names:
-            _, values, attributes = variables.pop(name)
-            along = _along(values, grid.dimensions.index(axis.dimension))
+            dimensions, values, attributes = variables.pop(name)
+            along = _along(values, dimensions.index(axis.dimension), flags="flag_values" in attributes)
             if along is None:  # an axis whose points follow another one
-                coordinates[name] = (grid.dimensions, values, attributes)
+                coordinates[name] = (dimensions, values, attributes)
             else:
                 coordinates[name] = ((axis.dimension,), along, attributes)
     # xarray keeps the name of a dimension for the coordinate along it
@@ -163,10 +188,11 @@ def _on_grid(
     return placed.reshape(grid.shape)
 
 
-def _along(values: Shaped[np.ndarray, " ..."], axis: int) -> Shaped[np.ndarray, " points"] | None:
-    """Return values (n,) along one axis if they are equal along all others; NaN stands for no record."""
+def _along(
+    values: Shaped[np.ndarray, " ..."], axis: int, *, flags: bool
+) -> Shaped[np.ndarray, " points"] | None:
+    """Return values (n,) along one axis if they are equal along all others; NaN (-1 of flags): no record."""
     by_point = np.moveaxis(values, axis, 0).reshape(values.shape[axis], -1)
-    known = ~np.isnan(by_point)
-    low = np.min(by_point, axis=1, initial=np.inf, where=known)
-    high = np.max(by_point, axis=1, initial=-np.inf, where=known)
-    return low if np.array_equal(low, high) else None
+    known = by_point != -1 if flags else ~np.isnan(by_point)
+    first = by_point[np.arange(len(by_point)), known.argmax(axis=1)]  # NaN or -1 of a point without records
+    return first if (~known | (by_point == first[:, None])).all() else None

@@ -107,6 +107,9 @@ def test_bad_arguments_are_refused(table: Any) -> None:
         gs.quantifiers(table, "edges")
     with pytest.raises(AnalysisError, match=r"within is -1 s, but must be above 0"):
         gs.quantifiers(table, "edge", within=-1.0)
+    for amplification in (False, True):
+        with pytest.raises(AnalysisError, match=r"scales\.x0 is not a start; did you mean x_0\?"):
+            gs.quantifiers(table, "edge", scales={"x0": 0.2}, amplification=amplification)
 
 
 def test_boundaries_are_smooth_or_intermingled_and_shared_or_not() -> None:

@@ -10,6 +10,8 @@ import pandas as pd
 import pytest
 
 from gaitsweep import plot
+from gaitsweep.analysis.transitions.drift import drifts_of
+from gaitsweep.analysis.transitions.drift_zeros import ghosts_of
 from gaitsweep.analysis.transitions.return_map import branches, drift, fixed_points, ghosts
 from tests.support.hysteresis_tables import TURN, map_table
 
@@ -191,3 +193,16 @@ def test_rows_that_still_move_have_no_fixed_point() -> None:
     assert fixed_points(rested, "delta")["value"].tolist() == [pytest.approx(2.9, abs=1e-4)]
     message = drift(moving, "delta")["value"]
     assert np.max(message.to_numpy()) <= np.max(moving["delta_n"].to_numpy())
+
+
+def test_a_constant_drift_has_no_ghost_beside_missing_values() -> None:
+    """The curve has no value at the sparse ends, which do not make its smallest value a minimum."""
+    beyond, with_ghosts = np.array([0.15, 0.33, 0.5]), 0
+    for seed in range(20):
+        random = np.random.default_rng(seed)
+        value = np.sort(np.concatenate([random.uniform(0.6, 1.4, 300), 0.6 - beyond, 1.4 + beyond]))
+        change = 0.008 + 0.0005 * random.standard_normal(value.size)
+        (piece,) = drifts_of(value, change, np.arange(value.size), 0.2, False)
+        assert np.isnan(piece.smooth.value).any()
+        with_ghosts += bool(ghosts_of(piece, 0.01))
+    assert with_ghosts <= 3  # by chance, at two standard errors

@@ -9,6 +9,7 @@ import pytest
 
 import gaitsweep as gs
 import toy_model
+from gaitsweep.runs.dataset import dataset_of
 
 TOY = toy_model.Toy()
 SETTLE = gs.Settle(max_cycles=40)
@@ -67,3 +68,14 @@ def test_rows_of_different_lengths() -> None:
     assert missing[0].sum() >= lengths[1] - lengths[0]
     assert not missing[1].any()
     assert (found["status"].to_numpy()[0, lengths[0] :] == -1).all()
+
+
+def test_a_point_without_records_keeps_its_coordinate() -> None:
+    pytest.importorskip("xarray")
+    table = gs.sweep(TOY, launch_1=[1.0, 1.5, 2.0], restitution=[0.2, 0.5], run=SETTLE, verify=0).table
+    found = dataset_of(table[table["launch_1"] != 1.5])
+    np.testing.assert_array_equal(found["launch_1"], [1.0, 1.5, 2.0])
+    assert np.isnan(found["t_end"].sel(launch_1=1.5)).all()
+    assert np.isfinite(found["t_end"].sel(launch_1=[1.0, 2.0])).all()
+    with pytest.raises(gs.UserError, match="needs the column launch_1"):
+        dataset_of(table[["row", "restitution", "t_end"]])

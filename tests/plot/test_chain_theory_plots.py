@@ -84,6 +84,11 @@ def test_wave_speed_shows_measured_waves_on_the_theorys_curves() -> None:
     rendered(figure)
     with pytest.raises(plot.PlotError, match="two cycles"):
         plot.wave_speed(table.loc[table["t"] < 12.0], x="omega")
+    both = table.assign(beta=0.8 + 0.0 * table["row"])
+    both = both[["row", "beta", *table.columns[1:]]].assign(omega=0.4 + 0.1 * table["row"])
+    both.attrs = table.attrs
+    with pytest.raises(plot.PlotError, match="in this table omega varies at one beta, too"):
+        plot.wave_speed(both, x="beta")
 
 
 def test_footprints_of_the_chain_mark_the_link_whose_lag_is_free() -> None:

@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Bool, Float, Shaped
 
+from gaitsweep import near_miss
 from gaitsweep.analysis.basins.attractor_matching import follow_attractors
 from gaitsweep.analysis.basins.fractal_boundaries import uncertainty_exponent, uncertainty_fraction
 from gaitsweep.analysis.basins.fractions import LEVEL, fractions, panels_and_axes
@@ -65,6 +66,8 @@ def quantifiers(
         table = _with_column(table, label, column.astype(object).to_numpy())
     require(table, label)
     table, by, axes = panels_and_axes(table, parameter, None)
+    if amplifications is None:  # which need the sizes of starts that do not vary, too
+        check_scales(scales or {}, axes)
     shares = {_SHARE: fractions(table, axes, label=label, by=by, level=level)}
     if within is not None:
         in_time = _in_time(table, label, within)
@@ -78,6 +81,17 @@ def quantifiers(
         growths[places] = amplifications(table.iloc[rows])
         quantified["amplification"] = growths
     return quantified
+
+
+def check_scales(scales: Mapping[str, float], allowed: Sequence[str]) -> None:
+    """Refuse units of names that are not allowed.
+
+    Raises:
+        AnalysisError: a name of `scales` is not one of `allowed`.
+    """
+    for name in scales:
+        if name not in allowed:
+            raise AnalysisError(f"scales.{name} is not a start{near_miss.suggestion(name, allowed)}")
 
 
 def _settled_rows(

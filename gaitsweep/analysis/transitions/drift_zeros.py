@@ -134,16 +134,21 @@ def _remains(drift: Drift, near: PairFlags, away: Pairs, width: float) -> tuple[
 def ghosts_of(drift: Drift, near: float) -> list[tuple[float, float, float]]:
     """Places, drifts and their standard errors where the size of the drift has a minimum of at most `near`.
 
-    A minimum is one where the drift is larger by two standard errors on both sides of it.
+    A minimum is one where the drift is larger by two standard errors of the difference on both sides of it.
     """
     at, value, error = drift.smooth.at, drift.smooth.value, drift.smooth.value_error
     ghosts = []
-    for sign in (1.0, -1.0):
-        height_of = np.where(np.isfinite(value), -sign * value, -np.inf)
-        peaks, properties = scipy.signal.find_peaks(height_of, prominence=0.0)
-        for k, height in zip(peaks, properties["prominences"], strict=True):
-            within = 0.0 < sign * value[k] <= near and height > SURE * error[k]
-            if within and np.isfinite(value[[k - 1, k + 1]]).all():
+    # next to missing values every minimum would be deep, so each finite stretch is searched by itself
+    edges = np.flatnonzero(np.diff(np.isfinite(value), prepend=False, append=False))
+    for sign, (first, end) in itertools.product((1.0, -1.0), edges.reshape(-1, 2)):
+        peaks, properties = scipy.signal.find_peaks(-sign * value[first:end], prominence=0.0)
+        bases = (first + properties[f"{side}_bases"] for side in ("left", "right"))
+        for k, left, right in zip(first + peaks, *bases, strict=True):
+            surplus = (
+                sign * (value - value[k]) / np.hypot(error, error[k])
+            )  # standard errors of the difference
+            rises = min(surplus[left : k + 1].max(), surplus[k : right + 1].max())
+            if 0.0 < sign * value[k] <= near and rises > SURE:
                 bend = value[k + 1] - 2.0 * value[k] + value[k - 1]
                 aside = 0.5 * (value[k - 1] - value[k + 1]) / bend if bend else 0.0
                 place = float(at[k] + aside * (at[k + 1] - at[k]))

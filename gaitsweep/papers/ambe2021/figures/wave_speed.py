@@ -59,7 +59,8 @@ def wave_speed(
         table: a trace table of the multi-legged chain in which `x` varies.
 
     Raises:
-        PlotError: the table does not have the column, or no waves can be measured in it.
+        PlotError: the table does not have the column, no waves can be measured in it, or a second
+            parameter of the theory varies.
     """
     column(table, x)
     try:
@@ -67,6 +68,15 @@ def wave_speed(
     except AnalysisError as error:
         raise PlotError(str(error)) from error
     measured[x] = table.groupby("row")[x].first().loc[measured["row"]].to_numpy()
+    parameters = [str(name) for name in measured.columns[1 : list(measured.columns).index("gait")]]
+    for _, part in measured.groupby(x):
+        theories = part[[curve for panel in _PANELS.values() for curve in panel.curves]]
+        if not np.allclose(theories, theories.iloc[0], rtol=1e-9, atol=0.0, equal_nan=True):
+            others = [name for name in parameters if name != x and part[name].nunique() > 1]
+            raise PlotError(
+                f"The theory's curves over {x} are of one value of each other parameter, but in this table "
+                f"{' and '.join(others)} varies at one {x}, too: draw the rows of one value."
+            )
     theory = measured.sort_values(by=x).drop_duplicates(x)
     names = [gait for gait in extension.gait_styles if gait in set(measured["gait"])]
     colour, marker = theme.colours(names), theme.markers(names)
