@@ -18,6 +18,7 @@ from gaitsweep.runs.sentences import (
     STARTS_BEYOND,
     WITHOUT_PERIOD,
     WITHOUT_START,
+    WITHOUT_STRIDES,
     axes,
     plain,
     remarks,
@@ -168,7 +169,7 @@ def _of_manifest(manifest: Mapping[str, Any]) -> dict[str, str]:
             lines[key] = counts(value)
         elif key == "findings" and isinstance(value, list):
             lines |= {key if number == 0 else " " * number: text for number, text in enumerate(value)}
-        elif key in (MISLABELLED, STARTS_BEYOND, WITHOUT_START, WITHOUT_PERIOD):
+        elif key in (MISLABELLED, STARTS_BEYOND, WITHOUT_START, WITHOUT_STRIDES, WITHOUT_PERIOD):
             lines[key.replace("_", " ")] = " ".join(remarks({key: value}))
         elif key == "self_check" and isinstance(value, dict):
             lines["self-check"] = self_check_sentence(value).removeprefix("Self-check: ")

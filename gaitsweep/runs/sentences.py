@@ -14,6 +14,7 @@ from gaitsweep.table.manifest import BY_STEP, BY_STEP_WORDS, DIFFERENCES, STORED
 MISLABELLED = "mislabelled"  # rows whose label is not the index of a gait
 STARTS_BEYOND = "starts_beyond"  # rows that begin beyond an event's surface
 WITHOUT_START = "without_start"  # rows whose start the model could not make
+WITHOUT_STRIDES = "without_strides"  # rows of a model with footfalls of which no row has a stride
 WITHOUT_PERIOD = "without_period"  # rows whose nominal period is not a positive time
 # Settled rows that repeat after one crossing.
 _AT = {"1": "at a fixed point"}
@@ -191,6 +192,12 @@ def remarks(manifest: Mapping[str, Any]) -> list[str]:
         sentences.append(
             f"Warning: the model's function label gave gait {label} in {_rows(about)}, which is not an index "
             f"of its gaits; their gait is {name!r} in the table."
+        )
+    for model in manifest.get(WITHOUT_STRIDES) or {}:
+        sentences.append(
+            f"No foot of {model} has a stride in any row: feet stand, have not landed twice, or `feet` "
+            "changes between events, where touchdowns are not counted. Footfalls need a function `feet` that "
+            "changes only at events or by modes."
         )
     return sentences
 

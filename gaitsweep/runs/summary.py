@@ -13,14 +13,21 @@ import numpy as np
 import pandas as pd
 
 from gaitsweep import models
-from gaitsweep.contract import Model
+from gaitsweep.contract import Model, SteppedModel
 from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.kernel.row_functions import over_rows
 from gaitsweep.kinds.columns import AT_REST
 from gaitsweep.kinds.run_kind import table_columns
 from gaitsweep.own_modules import folder_of_class
 from gaitsweep.runs.prepare import RunContext
-from gaitsweep.runs.sentences import MISLABELLED, STARTS_BEYOND, WITHOUT_PERIOD, WITHOUT_START
+from gaitsweep.runs.sentences import (
+    MISLABELLED,
+    STARTS_BEYOND,
+    WITHOUT_PERIOD,
+    WITHOUT_START,
+    WITHOUT_STRIDES,
+)
+from gaitsweep.runs.unstable_rests import strides_of_feet
 from gaitsweep.status import Status
 from gaitsweep.table import Table
 
@@ -141,8 +148,8 @@ def summed_up(context: RunContext, table: Table) -> bool:
     manifest = table.manifest
     if manifest.get("complete") is not True or manifest.get("counts") != table.counts():
         return False
-    # without mislabelled rows there is no field for them
-    needed = {*_summaries(context, table), "quantities"} - {MISLABELLED}
+    # without mislabelled rows, or with strides, there is no field for them
+    needed = {*_summaries(context, table), "quantities"} - {MISLABELLED, WITHOUT_STRIDES}
     return needed <= manifest.keys()
 
 
@@ -158,10 +165,14 @@ def _summaries(context: RunContext, table: Table) -> dict[str, set[str]]:
     """Return the fields of the manifest that summarise records, with the columns that each needs."""
     columns = set(table_columns(context.design, context.job.run))
     counts = table.counts()
+    # a stepped model counts touchdowns at its steps, others at events alone
+    feet = set() if isinstance(context.model.original, SteppedModel) else strides_of_feet(context.model)
+    strides = columns & {f"{name}{end}" for name in feet for end in ("_n", "_end")}
     columns_of_rows = columns if context.job.run.one_a_row else set()
     names_gaits = tuple(context.model.gaits) != ("none",)
     needs = {
         MISLABELLED: ({"gait"}, "gait" in columns),
+        WITHOUT_STRIDES: (strides, strides),
         "stalls": ({"stalled_by", "t_end", "t"} & columns, counts.get(Status.event_stall.name)),
         "gaits": ({"gait"}, names_gaits and "gait" in columns_of_rows),
         "periods": ({"attractor_period"}, counts.get(Status.settled.name) and "attractor_period" in columns),
@@ -178,6 +189,7 @@ def _of_records(context: RunContext, table: Table) -> dict[str, Any]:
     if not summaries:
         return {}
     mislabelled: dict[str, dict[str, int]] = {}
+    has_stride = False
     stalls: dict[str, dict[str, Any]] = {}
     counts = {name: collections.Counter[str]() for name in _COUNTED if name in summaries}
     distances: list[tuple[float, int]] = []
@@ -185,6 +197,8 @@ def _of_records(context: RunContext, table: Table) -> dict[str, Any]:
     for part in table.load_parts(["row", "status", *sorted(set().union(*summaries.values()))]):
         if MISLABELLED in summaries:
             _add_mislabelled(mislabelled, part, [*context.model.gaits, AT_REST])
+        if WITHOUT_STRIDES in summaries:
+            has_stride |= bool(part[sorted(summaries[WITHOUT_STRIDES])].notna().to_numpy().any())
         if "stalls" in summaries:
             _add_stalls(stalls, part)
         for name, counter in counts.items():
@@ -208,6 +222,8 @@ def _of_records(context: RunContext, table: Table) -> dict[str, Any]:
         fields["findings"] = context.job.run.findings(records)
     if mislabelled:
         fields[MISLABELLED] = mislabelled
+    if not has_stride:
+        fields[WITHOUT_STRIDES] = {context.model.name: {"rows": context.spec.n_rows, "row": 0}}
     return {name: fields[name] for name in summaries if name in fields}
 
 

@@ -85,7 +85,8 @@ def unstable_rests(
     if in_fixed_steps and model.host_parameters:
         return np.zeros(0, np.int64)  # a map has no parameters that the host computes
     rows, place = np.unique(records["row"].to_numpy(np.int64), return_inverse=True)
-    records = records.assign(place=place, sample=records.groupby("row").cumcount())
+    ahead = _changes_ahead(model, records)
+    records = records.assign(place=place, sample=records.groupby("row").cumcount(), ahead=ahead)
     suspects = _suspects(model, records, begun)
     if not len(suspects):
         return rows[:0]
@@ -94,7 +95,7 @@ def unstable_rests(
     crossings = np.asarray(records.groupby("row")["crossing"].max(), np.int64)
     budget = max(int(crossings.sum()), min_budget)
     count = int(np.clip(budget // (MIN_CROSSINGS * COPIES), 1, MAX_STATES))
-    suspects = suspects.iloc[np.unique(np.linspace(0, len(suspects) - 1, count).astype(int))]
+    suspects = suspects.iloc[followed(suspects["ahead"].to_numpy(float), count)]
 
     parameters, starts = context.design.values_in(rows)
     shape = _state_shape(context, parameters, starts)
@@ -129,6 +130,28 @@ def _suspects(
     return records.iloc[np.flatnonzero(suspect)]
 
 
+def _changes_ahead(model: Model, records: pd.DataFrame) -> Float[np.ndarray, " records"]:
+    """The change of each record to the next one of its row, relative to its size; 0 at the end of a row."""
+    observed = records[[q.name for q in model.observables]].to_numpy(float)
+    size = np.maximum(np.abs(observed[:-1]), 1.0)
+    relative = np.nan_to_num(changes(model, observed[:-1], observed[1:]) / size, nan=0.0)
+    row = records["row"].to_numpy()
+    same_row = row[:-1] == row[1:]
+    return np.append(np.where(same_row, relative.max(axis=1, initial=0.0), 0.0), 0.0)
+
+
+def followed(changes_ahead: Float[np.ndarray, " suspects"], count: int) -> Int[np.ndarray, " followed"]:
+    """The places of at most `count` suspects: those before the largest changes, and evenly spaced ones.
+
+    Before a jump to another gait a row may have rested on an unstable one.
+    """
+    if len(changes_ahead) <= count:
+        return np.arange(len(changes_ahead))
+    before_jumps = np.argsort(-changes_ahead, kind="stable")[: (count + 1) // 2]
+    spaced = np.linspace(0, len(changes_ahead) - 1, count - len(before_jumps)).astype(int)
+    return np.unique(np.concatenate([before_jumps, spaced]))
+
+
 def symmetric(
     model: Model, observed: Float[np.ndarray, "records observables"]
 ) -> Bool[np.ndarray, " records"]:
@@ -143,7 +166,7 @@ def symmetric(
     for i, quantity in enumerate(model.observables):
         if quantity.circular:
             alike |= np.abs(observed[:, i] - part * np.round(observed[:, i] / part)) < ALIKE
-    shared = _shared_by_legs(model)
+    shared = strides_of_feet(model)
     for i, k in itertools.combinations(range(len(model.observables)), 2):
         if {model.observables[i].name, model.observables[k].name} <= shared:
             continue
@@ -155,8 +178,8 @@ def symmetric(
     return alike
 
 
-def _shared_by_legs(model: Model) -> set[str]:
-    """The observables that all legs have alike on every periodic gait: the strides of declared footfalls."""
+def strides_of_feet(model: Model) -> set[str]:
+    """The strides of declared footfalls, which all legs have alike on every periodic gait."""
     original = model.original
     declarations = original.declarations.values() if isinstance(original, Declared) else ()
     footfalls = [declared for declared in declarations if isinstance(declared, Footfalls)]

@@ -614,3 +614,16 @@ def test_a_biped_stands_on_the_targets_of_its_servos() -> None:
     upright, leaning = (Standing(int(find(*begun(model, hip=0.0, knee=k)).standing)) for k in (0.0, 0.1))
     assert upright is Standing.unstable
     assert leaning is not Standing.stands
+
+
+def test_planes_with_different_friction_under_one_geom_are_refused() -> None:
+    """A geom of located contacts has one friction and one softness."""
+    floor = '<geom name="floor" type="plane" size="5 5 .1" friction=".2"/>'
+    wall = '<geom name="wall" type="plane" size="5 5 .1" pos="-1 0 0" euler="0 90 0" friction="{}"/>'
+    ball = '<body pos="0 0 .1"><freejoint/><geom name="ball" size=".1" mass="1" friction=".1"/></body>'
+    bodies = "<mujoco><worldbody>" + floor + wall + ball + "</worldbody></mujoco>"
+    alike = LocatedBody(mujoco.MjModel.from_xml_string(bodies.format(".2")))
+    friction = {quantity.name: quantity.default for quantity in alike.parameters}["ball_friction"]
+    assert friction == pytest.approx(0.2)
+    with pytest.raises(ValueError, match="'ball' may touch planes with different friction"):
+        LocatedBody(mujoco.MjModel.from_xml_string(bodies.format("2")))

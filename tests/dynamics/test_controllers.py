@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 
 import gaitsweep as gs
+from gaitsweep.dynamics.controllers.controlled_body import _Trunk
 from gaitsweep.dynamics.controllers.leg_targets import two_link_leg
 from gaitsweep.dynamics.controllers.model_file import model_of_file
 from gaitsweep.dynamics.controllers.oscillators import (
@@ -133,6 +134,36 @@ def test_inverse_kinematics_put_the_foot_on_its_path(side: str) -> None:
         np.testing.assert_allclose(place[[0, 2]], [x, z], rtol=0, atol=1e-9)
         low, high = m.joint(leg.knee).range
         assert low - 1e-9 < knee < high + 1e-9
+
+
+@pytest.mark.parametrize(
+    ("turned", "joints", "moves"),
+    [
+        ("", '<joint type="slide" axis="1 0 0"/><joint type="slide" axis="0 0 1" ref=".87"/>', True),
+        ('euler="20 -30 90"', '<joint type="slide" axis="0 0 1"/><joint type="slide" ref="-.4"/>', True),
+        ('euler="180 0 0"', '<joint type="slide" axis="0 0 1" ref=".87"/><joint axis="0 1 0"/>', False),
+        (
+            'euler="0 15 0"',
+            '<joint axis="0 1 1" pos=".1 0 .2" ref="20"/><joint type="slide" axis="1 0 1" ref=".3"/>'
+            '<joint type="ball" pos="0 .3 .1"/>',
+            True,
+        ),
+        ('euler="0 15 0"', "<freejoint/>", True),
+    ],
+    ids=["ref", "turned trunk", "upside down", "slide after a hinge", "free"],
+)
+def test_the_place_of_the_trunk_is_that_of_mujoco(turned: str, joints: str, moves: bool) -> None:
+    """At random positions, with references of joints, turned trunks, and anchors beside the origin."""
+    body = f'<body pos=".1 .2 .87" {turned}>{joints}<geom size=".1"/></body>'
+    m = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{body}</worldbody></mujoco>")
+    data = mujoco.MjData(m)
+    trunk = _Trunk(m)
+    assert trunk.moves == moves
+    rng = np.random.default_rng(3)
+    for q in [m.qpos0, *rng.normal(size=(4, m.nq))]:
+        data.qpos[:] = q
+        mujoco.mj_kinematics(m, data)
+        np.testing.assert_allclose(trunk.place(jnp.asarray(q)), data.xpos[1], rtol=0, atol=1e-12)
 
 
 @pytest.mark.slow
@@ -265,7 +296,8 @@ def test_legs_without_names_of_gaits_are_drawn_with_their_names(tmp_path: Path) 
     (tmp_path / "biped.yaml").write_text(text)
     model = model_of_file(tmp_path / "biped.yaml")()
     names = [q.name for q in model.signals if q.name.startswith(("q_", "contact_"))]
-    drawn = model.skeleton({q.name: q.default for q in model.parameters}, {n: np.zeros(2) for n in names})
+    values: dict[str, Any] = {q.name: q.default for q in model.parameters}
+    drawn = model.skeleton(values, {n: np.zeros(2) for n in names})
     assert drawn is not None
     legs = [("port", True), ("starboard", False)]
     assert [(limb.name, limb.far) for limb in drawn.limbs] == legs

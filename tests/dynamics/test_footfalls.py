@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from types import SimpleNamespace
 from typing import Any
 
@@ -121,6 +122,24 @@ class Hexapod(Stepper):
 
 
 MODELS = {2: Biped(N=2), 4: Quadruped(), 6: Hexapod(N=6)}
+
+
+class Unheard(Stepper):
+    """Its feet come down and lift between the sections, at no event."""
+
+    feet = footfalls("time", legs=LEGS[2])(lambda self, p, s: (s.phase > 2.0) & (s.phase < 4.0))
+
+
+@pytest.mark.slow
+def test_feet_that_change_between_events_are_remarked() -> None:
+    with pytest.warns(UserWarning, match="No foot of .* has a stride in any row") as said:
+        result = gs.sweep(Unheard(N=2), duty=[0.5, 0.9], run=gs.Settle(max_cycles=8), verify=0)
+    assert np.isnan(result.table[["stride_1_end", "stride_2_end", "lag_2_end"]].to_numpy()).all()
+    assert any("changes only at events or by modes" in str(each.message) for each in said)
+    runs = [gs.Settle(max_cycles=8), gs.Staircase(parameter="duty", path=[0.5, 0.6], step=0.05, dwell=4.0)]
+    for run, model in itertools.product(runs, (Unheard, Biped)):
+        manifest = gs.sweep(model(N=2), omega=5.0, run=run, verify=0).manifest
+        assert ("without_strides" in manifest) == (model is Unheard)
 
 
 @pytest.mark.slow

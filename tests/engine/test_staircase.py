@@ -254,3 +254,12 @@ def test_a_simulator_of_fixed_steps_changes_at_the_nearest_step_end(dwell: float
         expected.append([number, np.floor(angle), steps * dt, turned])
     for result in results:
         np.testing.assert_allclose(result.samples[:, [0, 1, 2, 5]], expected, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("path", [(2.0, 3.2, 2.0), (0.3, -0.4, 0.3), (-1.6, 1.6, -1.6)])
+def test_passes_up_and_down_have_equal_values(path: tuple[float, ...]) -> None:
+    """So that a table is grouped by the parameter with both passes of a stair together."""
+    schedule = StepSchedule(path, 0.1, dwell=1.0)
+    values = np.asarray(schedule.value(jnp.arange(schedule.count, dtype=float)))
+    np.testing.assert_array_equal(values, values[::-1])
+    np.testing.assert_allclose(np.diff(values[: schedule.count // 2 + 1]), np.sign(path[1] - path[0]) * 0.1)

@@ -33,6 +33,9 @@ FUNCTIONS = {
     "square": lambda x, y: jnp.square(x) + y**3 - y**-2,
     "roots": lambda x, y: jnp.sqrt(2.0 + x) + jax.lax.rsqrt(2.0 + y) + jnp.cbrt(3.0 + x),
     "powers": lambda x, y: (2.0 + x) ** 1.7 + 2.0**y,
+    "remainder": lambda x, y: jnp.mod(7.0 * x + 5.0, 6.0) * y + jnp.mod(y - 8.0, 3.0) * x,
+    # x is 0.4 at the start: a whole power at zero
+    "powers at zero": lambda x, y: (x - 0.4) ** 2.0 + (x - 0.4) ** 3.0 * y + jax.lax.integer_pow(x - 0.4, 0),
     "exponential": lambda x, y: jnp.exp(x) + jnp.expm1(y),
     "logarithm": lambda x, y: jnp.log(2.0 + x) + jnp.log1p(y),
     "circular": lambda x, y: jnp.sin(x) * jnp.cos(y) + jnp.arctan(x - y),

@@ -138,9 +138,9 @@ def test_one_error_does_not_hide_another() -> None:
     assert wrong() == figures
     assert wrong(style={"widht": 85}) == {"style.widht", *figures}
     with pytest.raises(JobError, match=r"style.shares is not a field.*in an entry of figures \(basin, "):
-        Job(**fields | {"style": {"shares": False}})
+        Job.model_validate({**fields, "style": {"shares": False}})
     with pytest.raises(JobError, match="width is not a field of a job: it belongs under style"):
-        Job(**fields | {"width": "column"})
+        Job.model_validate({**fields, "width": "column"})
     assert wrong(verify=-1, params={"m_B": -1.0}) == {"verify", *figures, "params.m_B"}
     # what follows from an error is not one of its own
     assert wrong(params={"bta": 1.0, "m_B": -1.0}) == {"params.bta", *figures}

@@ -28,6 +28,7 @@ from gaitsweep.runs.observable_changes import counted
 from gaitsweep.runs.sampled_rows import sample_rows
 from gaitsweep.runs.self_check_result import SelfCheck
 from gaitsweep.runs.sentences import advice, self_check_sentence
+from gaitsweep.runs.unstable_rests import followed
 from gaitsweep.table import directory
 
 HOLD = {"kind": "fixed_time", "duration": 40.0}
@@ -485,3 +486,13 @@ def test_rows_of_a_stepped_body_that_change_much_with_its_step_are_marked() -> N
     assert 1 <= marked <= 3
     assert f"{marked} changed by more than a tenth" in self_check_sentence(check)
     assert remarks(table) == [f"self-check: {marked} of 4 rows depend on the model's step"]
+
+
+def test_states_before_jumps_are_followed_first() -> None:
+    """Of many states that rest, those before the largest changes and evenly spaced others are displaced."""
+    ahead = np.zeros(1000)
+    ahead[[333, 667]] = 1.0
+    places = followed(ahead, 8)
+    assert {0, 333, 667, 999} <= set(places)
+    assert len(places) <= 8
+    np.testing.assert_array_equal(followed(ahead[:5], 8), np.arange(5))

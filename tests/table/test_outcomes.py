@@ -37,7 +37,7 @@ def test_joined_tables_keep_the_order_of_gaits() -> None:
     both = pd.concat(joined[:2])
     assert both["gait"].cat.categories.tolist() == order
     assert both.groupby("gait", observed=True).size().index.tolist() == ["walk", "trot", "gallop"]
-    assert pd.merge(*joined[1:], on="gait")["gait"].cat.categories.tolist() == order
+    assert pd.merge(joined[1], joined[2], on="gait")["gait"].cat.categories.tolist() == order
     pd.testing.assert_frame_equal(gs.same_categories(slow)[0], slow)
 
 

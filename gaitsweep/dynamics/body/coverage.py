@@ -102,7 +102,21 @@ def touches(m: Any) -> list[Touch]:
         result.append(
             Touch(geom, body, points, radius, normal, origin, softness, friction if condim == 3 else None)
         )
+    _refuse_different_planes(m, result)
     return result
+
+
+def _refuse_different_planes(m: Any, touches_of_body: list[Touch]) -> None:
+    """Refuse a geom that touches planes with different friction or softness, since it has one set of both."""
+    first_of_geom: dict[int, Touch] = {}
+    for touch in touches_of_body:
+        first = first_of_geom.setdefault(touch.geom, touch)
+        if (first.friction, first.softness) != (touch.friction, touch.softness):
+            raise ValueError(
+                f"{named(m, 'geom', touch.geom)} may touch planes with different friction, solref or solimp, "
+                "but a geom of located contacts has one of each: give the planes the same, or leave out "
+                f"the contact with one. {_REMEDY[0].upper()}{_REMEDY[1:]}."
+            )
 
 
 def limits(m: Any) -> dict[int, Softness]:

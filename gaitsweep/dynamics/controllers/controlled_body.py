@@ -24,6 +24,7 @@ from gaitsweep.dynamics.footfalls import LEGS, footfalls
 from gaitsweep.dynamics.ground import is_uneven
 from gaitsweep.dynamics.mjcf.source import identifier
 from gaitsweep.dynamics.tree import tilt_and_heading
+from gaitsweep.dynamics.tree.spatial import rotation_about, rotation_of
 
 if TYPE_CHECKING:
     from gaitsweep.dynamics.body.body_model import BodyModel
@@ -37,6 +38,7 @@ UNCONTROLLED: Mapping[str, Any] = {
     "period": lambda model, params: jnp.ones(()),
 }
 _LEVEL = 1e-9  # component of a unit axis below which a slide does not move along the ground
+_KINDS_OF_JOINTS = ("free", "ball", "slide", "hinge")  # in the order of mjtJoint
 _DIGITS = 16  # of a digest, in the name of a class
 
 
@@ -248,8 +250,19 @@ def _class_name(path: Path) -> str:
     return identifier("".join(word[:1].upper() + word[1:] for word in words)) or "Walker"
 
 
+@dataclasses.dataclass(frozen=True, eq=False)
+class _JointOfTrunk:
+    """A joint of the first body: its place in q, its position in the MJCF's pose, its axis and anchor (m)."""
+
+    kind: str
+    at: int
+    reference: float
+    axis: np.ndarray
+    anchor: np.ndarray
+
+
 class _Trunk:
-    """Place and heading of the first body, by its free joint or its slides.
+    """Place and heading of the first body, by its free joint or its slides, hinges and balls.
 
     Args:
         m: the compiled MJCF.
@@ -258,29 +271,49 @@ class _Trunk:
     def __init__(self, m: Any) -> None:
         import mujoco
 
+        kinds = mujoco.mjtJoint
         joints = [j for j in range(m.njnt) if m.jnt_bodyid[j] == 1]
-        self._is_free = bool(joints) and m.jnt_type[joints[0]] == mujoco.mjtJoint.mjJNT_FREE
-        self._reference = np.array(m.body_pos[1])
-        # the place in q and the axis of each slide; hinges turn the slides after them
-        self._slides: list[tuple[int, np.ndarray]] = []
-        for j in joints:
-            if m.jnt_type[j] != mujoco.mjtJoint.mjJNT_SLIDE:
-                break
-            self._slides.append((int(m.jnt_qposadr[j]), np.array(m.jnt_axis[j])))
+        self._is_free = bool(joints) and m.jnt_type[joints[0]] == kinds.mjJNT_FREE
+        self._position = np.array(m.body_pos[1])
+        orientation = np.zeros(9)
+        mujoco.mju_quat2Mat(orientation, m.body_quat[1])
+        self._orientation = orientation.reshape(3, 3)
+        # turns about the body's origin move nothing but the slides after them
+        while joints and m.jnt_type[joints[-1]] != kinds.mjJNT_SLIDE and not m.jnt_pos[joints[-1]].any():
+            joints.pop()
+        self._joints = [
+            _JointOfTrunk(
+                _KINDS_OF_JOINTS[int(m.jnt_type[j])],
+                int(m.jnt_qposadr[j]),
+                float(m.qpos0[m.jnt_qposadr[j]]),
+                np.array(m.jnt_axis[j]),
+                np.array(m.jnt_pos[j]),
+            )
+            for j in joints
+        ]
 
     @property
     def moves(self) -> bool:
         """Whether it moves along the ground."""
-        return self._is_free or any(abs(axis[:2]).max() > _LEVEL for _, axis in self._slides)
+        axes = [self._orientation @ joint.axis for joint in self._joints if joint.kind == "slide"]
+        return self._is_free or any(abs(axis[:2]).max() > _LEVEL for axis in axes)
 
     def place(self, q: Float[Array, " nq"]) -> Float[Array, " 3"]:
-        """Its place (3,), m."""
+        """Its place (3,), m: the origin of the body in the world."""
         if self._is_free:
             return q[:3]
-        place = jnp.asarray(self._reference)
-        for at, axis in self._slides:
-            place = place + q[at] * jnp.asarray(axis)
-        return place
+        place: Any = self._position
+        turn: Any = self._orientation
+        for joint in self._joints:
+            moved = q[joint.at] - joint.reference
+            if joint.kind == "slide":
+                place = place + moved * (turn @ joint.axis)
+                continue
+            is_hinge = joint.kind == "hinge"
+            spun = rotation_about(joint.axis, moved) if is_hinge else rotation_of(q[joint.at : joint.at + 4])
+            place = place + turn @ joint.anchor - turn @ spun @ joint.anchor
+            turn = turn @ spun
+        return jnp.asarray(place)
 
     def ahead(self, q: Float[Array, " nq"], begin: Float[Array, " 2"]) -> Float[Array, ""]:
         """The way (m) along the ground from a place (2,), along its heading; along x without a free joint."""

@@ -139,8 +139,11 @@ class StepSchedule:
         before = 0
         # a choice for each pass: a search over them would not be straight-line code
         for (a, b), length in zip(itertools.pairwise(self.values), self.lengths, strict=True):
-            share = (stair - before) / length
-            value = jnp.where(share > 0.0, a * (1.0 - share) + b * share, value)
+            # from the lower end in both directions, so that passes up and down have equal values
+            low, high = min(a, b), max(a, b)
+            from_low = (stair - before) if a <= b else (before + length - stair)
+            share = from_low / length
+            value = jnp.where(stair > before, low * (1.0 - share) + high * share, value)
             before += length
         return value
 

@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 
 import jax.numpy as jnp
+from jax.extend.core import Literal
 from jaxtyping import Array, Num
 
 from gaitsweep.errors import ArgumentError
@@ -107,6 +108,14 @@ def _first_moves(operation: Operation, k: int, args: list[Series]) -> Series:
     return list(moved) if operation.equation.primitive.multiple_results else [moved]
 
 
+def _remainder(operation: Operation, k: int, args: list[Series]) -> Series:
+    """A remainder a - n b: between switches n is constant, and here b too."""
+    dividend, divisor = args
+    if any(term is not None for term in divisor[1 : k + 1]):
+        raise NoRecurrenceError(f"JAX's operation {operation.name} with a moving second argument")
+    return [dividend[k]]
+
+
 def _add(operation: Operation, k: int, args: list[Series]) -> Series:
     return [_plus(args[0][k], args[1][k])]
 
@@ -146,6 +155,10 @@ def _dot(operation: Operation, k: int, args: list[Series]) -> Series:
     return [total]
 
 
+# The exponents of powers that are computed by products.
+_WHOLE = range(-16, 17)
+
+
 def _power(exponent: float) -> Rule:
     """A power with a constant exponent: a c' = r c a'."""
 
@@ -173,6 +186,10 @@ def _sqrt(operation: Operation, k: int, args: list[Series]) -> Series:
 
 def _pow(operation: Operation, k: int, args: list[Series]) -> Series:
     base, exponent = args
+    written = operation.equation.invars[1]
+    # a whole power by products, which hold at zero too
+    if isinstance(written, Literal) and written.val in _WHOLE:
+        return [_whole_power(operation, int(written.val), k, base)]
     if all(term is None for term in exponent[1:]):
         return [_of_power(exponent[0], k, base, operation.results[0])]
     # a^b = exp(b log a)
@@ -185,9 +202,14 @@ def _pow(operation: Operation, k: int, args: list[Series]) -> Series:
 
 def _integer_pow(operation: Operation, k: int, args: list[Series]) -> Series:
     """A whole power, as products, which hold at zero too."""
-    exponent = operation.equation.params["y"]
+    return [_whole_power(operation, operation.equation.params["y"], k, args[0])]
+
+
+def _whole_power(operation: Operation, exponent: int, k: int, series: Series) -> Coefficient:
+    """The coefficient of order k of a whole power, by products, which hold at zero too."""
+    if exponent == 0:
+        return None
     powers = operation.auxiliary
-    series = args[0]
     for n in range(2, abs(exponent) + 1):
         below = series if n == 2 else powers[str(n - 1)]
         own = powers.setdefault(str(n), [series[0] ** n])
@@ -195,9 +217,9 @@ def _integer_pow(operation: Operation, k: int, args: list[Series]) -> Series:
             own.append(_product(k, series, below))
     power = series if abs(exponent) == 1 else powers[str(abs(exponent))]
     if exponent > 0:
-        return [power[k]]
+        return power[k]
     lower_terms = _sum([(power[j], operation.results[0][k - j]) for j in range(1, k + 1)])
-    return [None if lower_terms is None else -lower_terms / power[0]]
+    return None if lower_terms is None else -lower_terms / power[0]
 
 
 def _derivative(slope: Callable[[Operation, int, Series], Series]) -> Rule:
@@ -399,7 +421,7 @@ RULES: dict[str, Rule] = {
     "reduce_min": _extreme_of,
     "abs": _abs,
     "convert_element_type": _converted,
-    "rem": _first_moves,
+    "rem": _remainder,
     "scatter": _scattered,
     "scatter-add": _scattered,
     "dynamic_update_slice": _updated,
