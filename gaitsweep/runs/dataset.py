@@ -66,7 +66,7 @@ def dataset_of(table: pd.DataFrame) -> xarray.Dataset:
         for name, column in table.items()
         if name != "row"
     }
-    if table["row"].nunique() < math.prod(axis.length for axis in axes):
+    if np.unique(table["row"].to_numpy()).size < math.prod(axis.length for axis in axes):
         variables |= _planned(table.attrs, variables, axes)
     coordinates = _coordinates(variables, axes, grid)
     about = {"name": job["name"], "model": job["model"], "job": json.dumps(job)}

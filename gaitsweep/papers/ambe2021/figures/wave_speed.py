@@ -72,7 +72,7 @@ def wave_speed(
     for _, part in measured.groupby(x):
         theories = part[[curve for panel in _PANELS.values() for curve in panel.curves]]
         if not np.allclose(theories, theories.iloc[0], rtol=1e-9, atol=0.0, equal_nan=True):
-            others = [name for name in parameters if name != x and part[name].nunique() > 1]
+            others = [name for name in parameters if name != x and len(set(part[name])) > 1]
             raise PlotError(
                 f"The theory's curves over {x} are of one value of each other parameter, but in this table "
                 f"{' and '.join(others)} varies at one {x}, too: draw the rows of one value."
