@@ -23,8 +23,21 @@ from gaitsweep.engine.stored_programs import stored
 def shapes_of(model: Model) -> tuple[Params, State]:
     """The shapes of a model's parameters and of its state, traced without values."""
     number = jax.ShapeDtypeStruct((), jnp.float64)
-    params = jax.eval_shape(model.params, {q.name: number for q in model.parameters})
+    values = {q.name: number for q in model.parameters}
+    if model.host_parameters:
+        values = _shapes_on_host(model)
+    params = jax.eval_shape(model.params, values)
     return params, jax.eval_shape(model.init, params, {q.name: number for q in model.initial_conditions})
+
+
+def _shapes_on_host(model: Model) -> dict[str, jax.ShapeDtypeStruct]:
+    """The shapes of what the host computes from a model's parameters, here from their defaults."""
+    row: dict[str, np.ndarray] = {}
+    for quantity in model.parameters:
+        default = quantity.default if isinstance(quantity.default, int | float) else 1.0
+        row[quantity.name] = np.full(1, default)
+    columns = model.on_host(row)
+    return {name: jax.ShapeDtypeStruct(np.shape(column)[1:], jnp.float64) for name, column in columns.items()}
 
 
 @cached_by_content(maxsize=64)

@@ -23,7 +23,7 @@ from jaxtyping import Array, Bool, Float, Real
 from gaitsweep.contract import HybridModel, Params, Quantity, Rates, Recommended, State
 from gaitsweep.engine.carry import Flag, Number, select
 from gaitsweep.engine.content import cached_by_content
-from gaitsweep.engine.leaves import element_names
+from gaitsweep.engine.leaves import element_names, shapes_of
 from gaitsweep.engine.recorders.states import state_names
 from gaitsweep.engine.solver.methods import METHODS
 
@@ -348,21 +348,8 @@ def state_quantities(model: HybridModel) -> tuple[Quantity, ...]:
 @cached_by_content(maxsize=64)
 def _shapes(model: HybridModel) -> tuple[State, Rates]:
     """The shapes of a state of a model and of its rates."""
-
-    def start_of(values: Any, start: Any) -> tuple[State, Rates]:
-        params = model.params(values)
-        state = model.init(params, start)
-        return state, model.flow(params, state)
-
-    row: dict[str, Float[np.ndarray, " rows"]] = {}
-    for quantity in model.parameters:
-        default = quantity.default if isinstance(quantity.default, int | float) else 1.0
-        row[quantity.name] = np.full(1, default)
-    values = {}
-    for name, column in model.on_host(row).items():
-        values[name] = jax.ShapeDtypeStruct(np.shape(column)[1:], jnp.float64)
-    start = {q.name: jax.ShapeDtypeStruct((), jnp.float64) for q in model.initial_conditions}
-    return jax.eval_shape(start_of, values, start)
+    params, state = shapes_of(model)
+    return state, jax.eval_shape(model.flow, params, state)
 
 
 def places_of(state: State, rates: Rates) -> dict[str, Place]:
