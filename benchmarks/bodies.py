@@ -155,22 +155,15 @@ class Quadruped(gs.BodyModel):
         **{f"thigh_{leg}_mass": "thigh_lf_mass" for leg in ("rf", "lh", "rh")},
         **{f"shin_{leg}_size": "shin_lf_size" for leg in ("rf", "lh", "rh")},
     }
-    phi = gs.variable("rad", "phase of the oscillator", 0.0, circular=True, observed=False)
-    omega = gs.parameter("rad/s", "frequency of the oscillator", OMEGA, low=0.0, open_ends=True)
+    # the same oscillator
+    phi = Cheetah.phi
+    omega = Cheetah.omega
+    rates = Cheetah.rates
+    period = Cheetah.period
+    turn = Cheetah.turn
 
     def control(self, p: Any, s: Any) -> Any:
         return trotting(s.phi, jnp)
-
-    rates = Cheetah.rates
-    period = Cheetah.period
-
-    @gs.event("the oscillator begins a turn", section=True)
-    def turn(self, p: Any, s: Any) -> Any:
-        return s.phi - 2.0 * jnp.pi
-
-    @turn.jump
-    def wrap(self, p: Any, s: Any) -> Any:
-        return s.replace(phi=s.phi - 2.0 * jnp.pi)
 
     @gs.observable("m", "height of the trunk", scale=0.1)
     def height(self, p: Any, s: Any) -> Any:

@@ -144,9 +144,8 @@ def ghosts_of(drift: Drift, near: float) -> list[tuple[float, float, float]]:
         peaks, properties = scipy.signal.find_peaks(-sign * value[first:end], prominence=0.0)
         bases = (first + properties[f"{side}_bases"] for side in ("left", "right"))
         for k, left, right in zip(first + peaks, *bases, strict=True):
-            surplus = (
-                sign * (value - value[k]) / np.hypot(error, error[k])
-            )  # standard errors of the difference
+            # in standard errors of the difference
+            surplus = sign * (value - value[k]) / np.hypot(error, error[k])
             rises = min(surplus[left : k + 1].max(), surplus[k : right + 1].max())
             if 0.0 < sign * value[k] <= near and rises > SURE:
                 bend = value[k + 1] - 2.0 * value[k] + value[k - 1]
