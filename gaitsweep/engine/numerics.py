@@ -14,11 +14,10 @@ import jax.numpy as jnp
 
 from gaitsweep.contract import HybridModel, Model, Params
 from gaitsweep.engine.carry import Number
-from gaitsweep.engine.content import cached_by_content
+from gaitsweep.engine.content import cached_by_content, stored
 from gaitsweep.engine.leaves import shapes_of
 from gaitsweep.engine.solver.methods import METHODS, fixed_step_scheme
 from gaitsweep.engine.solver.taylor import lacking_recurrence
-from gaitsweep.engine.stored_programs import stored
 from gaitsweep.engine.switches import may_switch, moving_operations
 
 _Factor = TypeVar("_Factor", float, jax.Array)

@@ -14,10 +14,9 @@ import numpy as np
 import pytest
 
 from gaitsweep.cache_folder import cache_folder
-from gaitsweep.engine import stored_programs
-from gaitsweep.engine.content import depends_on, lasting_content
+from gaitsweep.engine import content
+from gaitsweep.engine.content import depends_on, lasting_content, stored
 from gaitsweep.engine.kernel.row_functions import over_rows
-from gaitsweep.engine.stored_programs import stored
 
 MODEL = """
 {imports}
@@ -48,7 +47,7 @@ _NUMBERS = itertools.count()
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder from which modules are imported, beside a cache."""
     monkeypatch.setenv("GAITSWEEP_CACHE", str(tmp_path / "cache"))
-    monkeypatch.setattr(stored_programs, "cache_folder", cache_folder)
+    monkeypatch.setattr(content, "cache_folder", cache_folder)
     monkeypatch.syspath_prepend(tmp_path)
     return tmp_path
 
@@ -105,7 +104,7 @@ def test_results_are_stored_by_what_decides_them(folder: Path, monkeypatch: pyte
     assert stored("name", model, (2.0,), work_out) == [1]
     assert stored("other", model, (1.0,), work_out) == [2]
     assert stored("name", model, None, work_out) == [3]
-    monkeypatch.setattr(stored_programs, "_SOURCES", "another version")
+    monkeypatch.setattr(content, "_SOURCES", "another version")
     assert stored("name", model, (1.0,), work_out) == [4]
 
 

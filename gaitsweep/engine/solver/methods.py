@@ -1,17 +1,47 @@
-"""The integration methods by name, and their requirements on a model."""
+"""The integration methods by name: their steps, limits, and requirements on a model."""
 
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
+from typing import Any
 
 from gaitsweep.contract import FixedStepDynamics, HybridModel, Model
 from gaitsweep.dynamics.ground import is_uneven
 from gaitsweep.engine.solver.exponential import PROPAGATOR, PROPAGATOR6, exponential
 from gaitsweep.engine.solver.rosenbrock import MAX_VARIABLES, rodas5p, too_many_variables
-from gaitsweep.engine.solver.runge_kutta import rk4, tsit5
-from gaitsweep.engine.solver.step import Method, Step, euler_update
+from gaitsweep.engine.solver.runge_kutta import Step, euler_update, rk4, tsit5
 from gaitsweep.engine.solver.taylor import lacking_recurrence, taylor
 from gaitsweep.errors import ArgumentError
+
+
+@dataclasses.dataclass(frozen=True)
+class Method:
+    """An integration method, its steps after an event, and its longest step.
+
+    Short steps are needed after an event, which excites stiff modes (a foot on hard ground) that decay within
+    a few steps, and since feet may lift off and touch down again within milliseconds.
+
+    Attributes:
+        step: returns the function that steps a model; None if the model has its own.
+        first_step: the first step after an event, as a share of the longest step (of the last one if
+            `adaptive`).
+        growth: the factor by which each accepted step may exceed the one before, up to the longest.
+        linear_only: whether it is accurate only for `HybridModel.linear`.
+        adaptive: whether its step is an `Estimate`, with step control.
+        series: whether its steps are expansions, of the order that the tolerance asks for.
+        limits: pairs of a damping ratio, in rising order, and the largest accurate dt times rate of a motion
+            with that damping ratio.
+    """
+
+    step: Callable[..., Any] | None
+    first_step: float
+    growth: float
+    linear_only: bool = False
+    adaptive: bool = False
+    series: bool = False
+    limits: tuple[tuple[float, float], ...] = ()
+
 
 # On the negative axis the polynomials approximate exp(z) down to -20. Away from the axis they are accurate
 # closer to zero and stable farther out. The short steps after an event damp fast motions before the longest

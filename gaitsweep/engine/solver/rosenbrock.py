@@ -21,7 +21,7 @@ import jax.numpy as jnp
 from gaitsweep.contract import HybridModel, Params, Rates, State
 from gaitsweep.engine.carry import Flag, Number
 from gaitsweep.engine.leaves import counts_of_state
-from gaitsweep.engine.solver.step import Estimate
+from gaitsweep.engine.solver.runge_kutta import Estimate
 
 Vector = list[Number]  # the numbers of a state, or their rates
 Matrix = list[Vector]  # the rows of a matrix
