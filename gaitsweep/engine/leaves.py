@@ -6,7 +6,8 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterable
+import math
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import jax
@@ -81,6 +82,13 @@ def tangent_of(tree: Any, numbers: Iterable[Any]) -> Any:
     return jax.tree.map(tangent, tree)
 
 
+def split_like(numbers: Float[Array, " values"], leaves: Sequence[Any]) -> list[Array]:
+    """Cut a vector (n,) into arrays with the shapes and dtypes of some leaves, arrays or shapes."""
+    ends = np.cumsum([math.prod(leaf.shape) for leaf in leaves])
+    pieces = jnp.split(numbers, ends[:-1].tolist())
+    return [part.reshape(leaf.shape).astype(leaf.dtype) for part, leaf in zip(pieces, leaves, strict=True)]
+
+
 def vector(tree: Any) -> Float[Array, " values"]:
     """All leaves as one float64 vector (n,)."""
     leaves = [jnp.ravel(jnp.asarray(leaf)).astype(jnp.float64) for leaf in jax.tree.leaves(tree)]
@@ -140,10 +148,4 @@ class AllVariables(Chart):
         return jnp.concatenate([jnp.ravel(leaf).astype(jnp.float64) for leaf in float_leaves(state)])
 
     def from_coordinates(self, params: Params, at: Float[Array, " coordinates"], modes: State) -> State:
-        leaves = float_leaves(modes)
-        ends = np.cumsum([leaf.size for leaf in leaves])
-        pieces = jnp.split(at, ends[:-1].tolist())
-        shaped = [
-            piece.reshape(leaf.shape).astype(leaf.dtype) for piece, leaf in zip(pieces, leaves, strict=True)
-        ]
-        return with_float_leaves(modes, shaped)
+        return with_float_leaves(modes, split_like(at, float_leaves(modes)))

@@ -23,7 +23,7 @@ from jaxtyping import Array, Bool, Float, Real
 from gaitsweep.contract import HybridModel, Params, Quantity, Rates, Recommended, State
 from gaitsweep.engine.carry import Flag, Number, select
 from gaitsweep.engine.content import cached_by_content
-from gaitsweep.engine.leaves import element_names, shapes_of
+from gaitsweep.engine.leaves import element_names, shapes_of, split_like
 from gaitsweep.engine.recorders.states import state_names
 from gaitsweep.engine.solver.methods import METHODS
 
@@ -194,12 +194,9 @@ class PushedModel(HybridModel):
         if not self.resumes:
             return _with_modes(self.model.init(params.plain, start), (off,) * len(MODES))
         leaves, structure = jax.tree.flatten(_shapes(self.model)[0])
-        numbers = iter([start[quantity.name] for quantity in self.initial_conditions])
-        arrays = []
-        for leaf in leaves:
-            array = jnp.asarray([next(numbers) for _ in range(leaf.size)]).reshape(leaf.shape)
-            arrays.append(array != 0.0 if leaf.dtype == bool else array.astype(leaf.dtype))
-        return _with_modes(jax.tree.unflatten(structure, arrays), (off,) * len(MODES))
+        numbers = jnp.stack([start[quantity.name] for quantity in self.initial_conditions])
+        plain = jax.tree.unflatten(structure, split_like(numbers, leaves))
+        return _with_modes(plain, (off,) * len(MODES))
 
     def observe(self, params: PushedParams, state: State, /) -> dict[str, Real[Array, ""]]:
         return self.model.observe(params.plain, _plain(state))

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Literal
 
 import jax
 import numpy as np
@@ -114,7 +114,7 @@ def _reduction(build: Build, neutral: float | None = None) -> Rule:
     return rule
 
 
-def _arg_reduction(order: str) -> Rule:
+def _arg_reduction(order: Literal["lt", "gt"]) -> Rule:
     """The first index of the largest ("lt") or smallest ("gt") element along one axis."""
 
     def rule(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:

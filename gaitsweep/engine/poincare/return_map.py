@@ -19,13 +19,14 @@ from jaxtyping import Array, Bool, Float, Int
 
 from gaitsweep.contract import Chart, HybridModel, Params, Rates, State
 from gaitsweep.engine.content import cached_by_content
-from gaitsweep.engine.leaves import AllVariables
+from gaitsweep.engine.leaves import shapes_of
 from gaitsweep.engine.numerics import Numerics, ResolvedNumerics
 from gaitsweep.engine.poincare.map_derivatives import BATCH_SIZES
 from gaitsweep.engine.poincare.maps import Coordinates, Events, Points, Values
 from gaitsweep.engine.poincare.model_map import ModelMap
 from gaitsweep.engine.poincare.poincare_return import Returned, crossing, crossing_of
 from gaitsweep.engine.solver.methods import fixed_step_scheme
+from gaitsweep.engine.tangents import chart_of
 
 # Events of one guard between two crossings that have a time.
 MAX_TIMED_EVENTS = 3
@@ -83,7 +84,7 @@ class BatchedReturnMap(ModelMap):
         return dataclasses.replace(self, numerics=self.integration.refined(factor))
 
     def _chart(self) -> Chart:
-        return self.model.chart() or AllVariables.of(self._shape)
+        return chart_of(self.model, shapes_of(self.model)[1])
 
     def state(self, params: Params, state: State) -> Returned:
         """The time (s) to the next crossing, the state just after it, and the `ReturnStatus`, in JAX."""
