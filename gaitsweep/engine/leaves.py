@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
@@ -42,7 +43,7 @@ def _shapes_on_host(model: Model) -> dict[str, jax.ShapeDtypeStruct]:
 
 @cached_by_content(maxsize=64)
 def counts_of_state(model: HybridModel) -> tuple[int, int]:
-    """How many numbers the flow of a model moves, and how many flags its state has."""
+    """The number of numbers that the flow of a model moves, and that of the flags of its state."""
 
     def counts() -> tuple[int, int]:
         params, state = shapes_of(model)
@@ -93,6 +94,15 @@ def vector(tree: Any) -> Float[Array, " values"]:
     """All leaves as one float64 vector (n,)."""
     leaves = [jnp.ravel(jnp.asarray(leaf)).astype(jnp.float64) for leaf in jax.tree.leaves(tree)]
     return jnp.concatenate([jnp.zeros(0), *leaves])
+
+
+@functools.lru_cache(maxsize=64)
+def extended_type(kind: type, names: tuple[str, ...]) -> type:
+    """A type of states with more fields, derived from another one alone."""
+    added: list[Any] = [(name, Any) for name in names]
+    extended = dataclasses.make_dataclass(kind.__name__, added, bases=(kind,), frozen=True)
+    fields = [field.name for field in dataclasses.fields(extended)]
+    return jax.tree_util.register_dataclass(extended, fields, [])
 
 
 def element_names(field: str, shape: tuple[int, ...]) -> list[str]:

@@ -33,6 +33,7 @@ class Leaf:
 
     @property
     def size(self) -> int:
+        """The number of its slots."""
         return math.prod(self.shape)
 
 
@@ -75,6 +76,7 @@ class Chunk:
 
     @property
     def width(self) -> int:
+        """The number of numbers in a sample."""
         return len(self.sample)
 
     @property
@@ -102,10 +104,12 @@ class Chunk:
 
     @property
     def first_of_carry(self) -> int:
+        """The first slot of the carry."""
         return min(leaf.first for leaf in jax.tree.leaves(self.carry))
 
     @property
     def first_of_record(self) -> int:
+        """The first slot of the record."""
         return min(leaf.first for leaf in jax.tree.leaves(self.record))
 
     def slot_of(self, at: int) -> int:
@@ -227,9 +231,10 @@ def _steady_results(program: Program, wanted: Sequence[int]) -> list[int]:
 
     Inputs and constants are left out, since they need no computation.
     """
-    needed = program.needed(wanted)
-    read = {a for at in needed if not program.steady[at] for a in program.nodes[at].args}
-    read |= {at for at in wanted if program.steady[at]}
+    read = {at for at in wanted if program.steady[at]}
+    for at in program.needed(wanted):
+        if not program.steady[at]:
+            read.update(program.nodes[at].args)
     return sorted(
         at for at in read if program.steady[at] and program.nodes[at].op not in ("input", "constant")
     )
@@ -247,12 +252,14 @@ def _shared(
     known = set(steady)
     needed = program.needed([*attempt.values(), *plain, unusual], known)
     unchanged: set[int] = set()
+    read: set[int] = set()
     for at in needed:
         node = nodes[at]
         keeps_value = node.value not in changed if node.op == "input" else unchanged.issuperset(node.args)
         if keeps_value or program.steady[at]:
             unchanged.add(at)
-    read = {a for at in needed if at not in unchanged for a in nodes[at].args}
+        else:
+            read.update(node.args)
     return [
         at
         for at in sorted(read & unchanged)

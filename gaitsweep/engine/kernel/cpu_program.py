@@ -165,13 +165,13 @@ class Tile:
             at: self._place(slot, "j") for slot, at in self.twice.items() if chunk.program.nodes[at].args
         }
         others = {slot: at for slot, at in chunk.attempt.items() if self.twice.get(slot) != at}
-        rest = [
+        at_events = [
             "barrier()",
             *self._lines(others, at_hand | computed, "i", "j", registers=REGISTERS),
             "barrier()",
             *self._lines(self.shared, self._steady),
         ]
-        return [*plain, *_choice(rest, ["pass"])]
+        return [*plain, *_choice(at_events, ["pass"])]
 
     def _poll(self) -> list[str]:
         """A poll, which computes the effects of events only if a lane of the tile needs them."""
@@ -365,8 +365,8 @@ def _overwritten(targets: Mapping[int, list[str]], places: Mapping[int, str]) ->
     """
     values_at = {place: at for at, place in places.items()}
     overwrites: dict[int, list[int]] = {}
-    for at, taken in targets.items():
-        overwrites[at] = [values_at[place] for place in taken if place in values_at]
+    for at, places_of_node in targets.items():
+        overwrites[at] = [values_at[place] for place in places_of_node if place in values_at]
     return overwrites
 
 

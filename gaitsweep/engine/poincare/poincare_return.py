@@ -41,7 +41,9 @@ Crossing = Callable[[Params, State], Returned]
 
 # Stages of the next evaluation: `FIRST` to `LAST` are those after the rates at the state, then the trial
 # follows.
-FIRST, LAST, TRIAL = 1, 3, 4
+FIRST = 1
+LAST = 3
+TRIAL = 4
 
 
 @jax.tree_util.register_dataclass

@@ -8,8 +8,9 @@ from typing import Any
 
 from gaitsweep.contract import FixedStepDynamics, HybridModel, Model
 from gaitsweep.dynamics.ground import is_uneven
+from gaitsweep.engine.leaves import counts_of_state
 from gaitsweep.engine.solver.exponential import PROPAGATOR, PROPAGATOR6, exponential
-from gaitsweep.engine.solver.rosenbrock import MAX_VARIABLES, rodas5p, too_many_variables
+from gaitsweep.engine.solver.rosenbrock import MAX_VARIABLES, rodas5p
 from gaitsweep.engine.solver.runge_kutta import Step, euler_update, rk4, tsit5
 from gaitsweep.engine.solver.taylor import lacking_recurrence, taylor
 from gaitsweep.errors import ArgumentError
@@ -105,11 +106,9 @@ def refusal(name: str, model: Model, precision: str) -> str | None:
         return f"is {name}, which needs a flow, but {model.name} has only steps. Allowed: {_OWN}."
     if METHODS[name].step is None and fixed_step_scheme(name, model) is None:
         linear = isinstance(model, HybridModel) and model.linear
-        suitable = []
-        for other, method in METHODS.items():
-            if method.step and (linear or not method.linear_only):
-                suitable.append(other)
-        return f"is {name}, a step that {model.name} does not have. Allowed: {', '.join(suitable)}."
+        return (
+            f"is {name}, a step that {model.name} does not have. Allowed: {_allowed(model, linear=linear)}."
+        )
     reason = _steps_alone(name, model)
     if reason is not None:
         return reason
@@ -122,13 +121,18 @@ def refusal(name: str, model: Model, precision: str) -> str | None:
     return None
 
 
+def _allowed(model: Model, *, linear: bool) -> str:
+    """The methods whose steps a model can take, with those for linear flows if `linear`."""
+    names = []
+    for name, method in METHODS.items():
+        if (linear or not method.linear_only) and (method.step or fixed_step_scheme(name, model) is not None):
+            names.append(name)
+    return ", ".join(names)
+
+
 def _refusal_of_linear_method(name: str, model: Model, precision: str) -> str | None:
     """The reason why a method for linear flows does not suit a model and a precision, or None."""
-    general_methods = []
-    for other, method in METHODS.items():
-        if not method.linear_only and (method.step or fixed_step_scheme(other, model) is not None):
-            general_methods.append(other)
-    general = ", ".join(general_methods)
+    general = _allowed(model, linear=False)
     if not (isinstance(model, HybridModel) and model.linear):
         lacks = f"{model.name} does not declare that of its flow"
         needs = "needs a flow that is linear in the state between events"
@@ -146,7 +150,8 @@ def _adaptive_refusal(name: str, model: HybridModel, precision: str) -> str | No
         return None
     if precision != "float64":
         return f"is {name}, which needs numerics.precision float64."
-    if (size := too_many_variables(model)) is not None:
+    size, _ = counts_of_state(model)
+    if size > MAX_VARIABLES:
         return f"is {name}, for at most {MAX_VARIABLES} variables, but {model.name} has {size}: use tsit5."
     return None
 

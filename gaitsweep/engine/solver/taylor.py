@@ -30,7 +30,8 @@ from gaitsweep.engine.solver.recurrences import RULES, NoRecurrenceError, Series
 
 # The ratio of a term to the one before at the step that meets the tolerance and costs least (Jorba, Zou).
 TERM_RATIO = math.exp(-2.0)
-MIN_ORDER, MAX_ORDER = 4, 20
+MIN_ORDER = 4
+MAX_ORDER = 20
 # Largest error of a guard's polynomial, as a share of its largest value in the step.
 MAX_POLYNOMIAL_ERROR = 1e-3
 # Newton steps towards the zero of a guard, whose bracket is a step: bisection where Newton leaves it.
