@@ -181,7 +181,6 @@ class StationaryMap(ModelMap):
             values: parameters by name, numbers or (n,).
         """
         at = points.at[0]
-        name = self.model.name
         relative = np.random.default_rng(0).uniform(-DISPLACEMENT, DISPLACEMENT, (2, at.size))
         displacements = relative * (MIN_SCALE + np.abs(at))
         parameters = {name: column[0] for name, column in self.complete(values, len(points)).items()}
@@ -189,7 +188,7 @@ class StationaryMap(ModelMap):
         rates = np.stack([flow_rates for flow_rates, _ in near])
         jacobians = np.stack([jacobian for _, jacobian in near])
         for k, quantity in enumerate(self.coordinates):
-            variable = f"{quantity.name} of {name}"
+            variable = f"{quantity.name} of {self.model.name}"
             leave_out = "name it in `without`."
             if rates[:, k].all() and not jacobians[:, k].any():
                 rate = f"{rates[0, k]:g} {quantity.unit or '1'}/s"
