@@ -307,6 +307,8 @@ def test_bad_arguments_are_refused(given_: dict, said: str) -> None:
 def test_wada_refusals(change: dict, said: str) -> None:
     with pytest.raises(AnalysisError, match=said):
         wada(grid_table((9, 9), lambda x, y: x < 2), **change)
+    with pytest.raises(AnalysisError, match=r"scales\.psi is not one of the columns"):
+        basins(grid_table((8, 8), lambda x, y: x < 3), scales={"psi": 2.0})
     with pytest.raises(AnalysisError, match="at most 4 steps"):
         basins(grid_table((9, 9), lambda x, y: x < 2), sizes=[1, 5])
 

@@ -9,15 +9,8 @@ import pandas as pd
 import pytest
 
 from gaitsweep.analysis.records import AnalysisError
-from gaitsweep.analysis.transitions.hysteresis import (
-    irregular_passes,
-    jump_intervals,
-    jumps,
-    largest_jumps,
-    loop_area,
-    transition_points,
-    transition_points_by_gait,
-)
+from gaitsweep.analysis.transitions.hysteresis import loop_area, transition_points, transition_points_by_gait
+from gaitsweep.analysis.transitions.jumps import irregular_passes, jump_intervals, jumps, largest_jumps
 from tests.support.hysteresis_tables import (
     AREA,
     FOLD,

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from gaitsweep.errors import ArgumentError
-from gaitsweep.fitting.conflicts import conflicts
+from gaitsweep.fitting.targets import conflicts
 
 
 def circle(n: int = 3600) -> pd.DataFrame:

@@ -16,7 +16,7 @@ from jaxtyping import Float
 from gaitsweep.analysis.basins.attractors import attractors
 from gaitsweep.analysis.basins.fractions import fractions
 from gaitsweep.analysis.basins.state_space import Space, state_columns
-from gaitsweep.analysis.records import require_numbers
+from gaitsweep.analysis.records import names_in, require_numbers
 
 _MOST_STATES = 2000  # states of an attractor that its distances use
 _FAR = 1e9  # cost of a forbidden match
@@ -68,13 +68,14 @@ def follow_attractors(
     values = np.unique(table[parameter].dropna().to_numpy(float))
     parts = [_at(table, parameter, value) for value in values]
     groupings = [attractors(part, **grouping) for part in parts]
-    space = Space.of(table, grouping.get("columns") or state_columns(table), grouping.get("scales"))
+    columns = names_in(grouping.get("columns") or state_columns(table))
+    space = Space.of(table, columns, grouping.get("scales"))
     if within is None:
         within = _half_the_smallest(space, [grouped.states for grouped in groupings])
     latest: dict[str, Float[np.ndarray, "states columns"]] = {}  # the latest states of each attractor
     present: list[str] = []
     orbits: set[str] = set()
-    columns, summaries = [], []
+    attractor_of_rows, summaries = [], []
     for value, grouped in zip(values, groupings, strict=True):
         names, moved = _named(space, grouped.states, latest, present, within)
         present = list(names.values())
@@ -83,11 +84,13 @@ def follow_attractors(
         # orbits without states, of older tables, are not matched: their names are their periods
         orbits |= set(of_value) - set(names)
         names = dict(zip(of_value, of_value, strict=True)) | names
-        columns.append(grouped.column.astype(object).map(names.get))
+        attractor_of_rows.append(grouped.column.astype(object).map(names.get))
         summary = grouped.summary.assign(attractor=of_value.map(names.get), moved=of_value.map(moved.get))
         summary.insert(0, parameter, value)
         summaries.append(summary)
-    names_of_rows = pd.Categorical(pd.concat(columns).reindex(table.index), [*latest, *sorted(orbits)])
+    names_of_rows = pd.Categorical(
+        pd.concat(attractor_of_rows).reindex(table.index), [*latest, *sorted(orbits)]
+    )
     column = pd.Series(names_of_rows, index=table.index, name="attractor")
     labelled = table.assign(attractor=column)
     labelled.attrs = table.attrs

@@ -10,12 +10,11 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Bool, Float, Shaped
 
-from gaitsweep import near_miss
 from gaitsweep.analysis.basins.attractor_matching import follow_attractors
 from gaitsweep.analysis.basins.fractal_boundaries import uncertainty_exponent, uncertainty_fraction
 from gaitsweep.analysis.basins.fractions import LEVEL, fractions, panels_and_axes
 from gaitsweep.analysis.basins.grid import find_grid
-from gaitsweep.analysis.basins.state_space import Space
+from gaitsweep.analysis.basins.state_space import Space, check_scales
 from gaitsweep.analysis.basins.wada import RADIUS, boundaries_nearby
 from gaitsweep.analysis.records import AnalysisError, require, require_numbers
 from gaitsweep.status import Status
@@ -66,13 +65,15 @@ def quantifiers(
         table = _with_column(table, label, column.astype(object).to_numpy())
     require(table, label)
     table, by, axes = panels_and_axes(table, parameter, None)
+    scales = scales or {}
     if amplifications is None:  # which need the sizes of starts that do not vary, too
-        check_scales(scales or {}, axes)
+        check_scales(scales, axes)
     shares = {_SHARE: fractions(table, axes, label=label, by=by, level=level)}
     if within is not None:
         in_time = _in_time(table, label, within)
         shares[_SHARE_IN_TIME] = fractions(in_time, axes, label=label, by=by, level=level)
-    space = Space.of(table, axes, scales) if axes else None
+    scales_of_axes = {name: scale for name, scale in scales.items() if name in axes}
+    space = Space.of(table, axes, scales_of_axes) if axes else None
     records = _records(table, parameter, label, shares, space, axes)
     quantified = pd.DataFrame(records, columns=[parameter, label, *_COLUMNS])
     if amplifications is not None:
@@ -81,17 +82,6 @@ def quantifiers(
         growths[places] = amplifications(table.iloc[rows])
         quantified["amplification"] = growths
     return quantified
-
-
-def check_scales(scales: Mapping[str, float], allowed: Sequence[str]) -> None:
-    """Refuse units of names that are not allowed.
-
-    Raises:
-        AnalysisError: a name of `scales` is not one of `allowed`.
-    """
-    for name in scales:
-        if name not in allowed:
-            raise AnalysisError(f"scales.{name} is not a start{near_miss.suggestion(name, allowed)}")
 
 
 def _settled_rows(
