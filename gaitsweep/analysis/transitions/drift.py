@@ -332,25 +332,33 @@ def _confirmed(drift: Drift, place: float, falls: bool) -> bool:
             return False  # it goes through half a turn, where the changes' sign turns too
     bridged = False
     for width in drift.bandwidth * np.array([1.0, 0.5, 0.25]):
-        remains = [_remains(drift, side & (np.abs(away) <= width), away, width) for side in (left, right)]
-        if None in remains:
+        inside = np.abs(away) <= width
+        below, above = (_remains(drift, side & inside, away, width) for side in (left, right))
+        if below is None or above is None:
             if width == drift.bandwidth:  # too few for lines: then some of them lie near the diagonal
                 sizes = np.abs(change[np.abs(away) <= reach])
                 return bool(sizes.min() < _BRIDGED_SHARE * sizes.mean())
             break
-        (below, below_error, below_size), (above, above_error, above_size) = remains  # pyright: ignore
-        lasts = sign * below > max(_BRIDGED_ERRORS * below_error, _BRIDGED_SHARE * below_size)
-        lasts &= -sign * above > max(_BRIDGED_ERRORS * above_error, _BRIDGED_SHARE * above_size)
-        if not lasts and below_error + above_error < _BRIDGED_SHARE * (below_size + above_size):
+        bridges = all(
+            side_sign * remain.value > max(_BRIDGED_ERRORS * remain.error, _BRIDGED_SHARE * remain.size)
+            for side_sign, remain in ((sign, below), (-sign, above))
+        )
+        if not bridges and below.error + above.error < _BRIDGED_SHARE * (below.size + above.size):
             return True
-        bridged |= lasts
+        bridged |= bridges
     return not bridged
 
 
-def _remains(
-    drift: Drift, near: PointFlags, away: PerPoint, width: float
-) -> tuple[float, float, float] | None:
-    """Value at a zero of the line through the points of one side, its error, and their mean size."""
+class _Remainder(NamedTuple):
+    """Value at a zero of the line through the points of one side, its error, and the points' mean size."""
+
+    value: float
+    error: float
+    size: float
+
+
+def _remains(drift: Drift, near: PointFlags, away: PerPoint, width: float) -> _Remainder | None:
+    """What the points `near` a zero, all on one side, leave there; None if they are too few for a line."""
     if not near.any():
         return None
     _, change, row, share = (values[near] for values in drift.points)
@@ -358,7 +366,7 @@ def _remains(
     if not np.isfinite(smooth.value[0]):
         return None
     size = float(np.average(np.abs(change), weights=share))
-    return float(smooth.value[0]), float(smooth.value_error[0]), size
+    return _Remainder(float(smooth.value[0]), float(smooth.value_error[0]), size)
 
 
 def ghosts_of(drift: Drift, near: float) -> list[tuple[float, float, float]]:
