@@ -134,6 +134,8 @@ def _walks(
     check_level(level)
     table = with_constants(table, by)
     require(table, "status", "cycles", *by)
+    if table.empty:
+        raise AnalysisError("The table has no rows.")
     status = table["status"].astype(str).to_numpy()
     fell, lasted = status == Status.fell.name, status == Status.complete.name
     if len(wrong := np.flatnonzero(~fell & ~lasted)):

@@ -82,8 +82,17 @@ def design_of(
         return _one_at_a_time(ranges, base)
     if n is None:
         raise ArgumentError(f"{method} needs n, its number of trajectories or of base points.")
-    sample = _trajectories if method == "morris" else _saltelli
-    shares = sample(len(ranges), n, seed)
+    cube = unit_cube(len(ranges))
+    if method == "morris":
+        from SALib.sample import morris
+
+        # trajectories: each of their points is a step of one parameter from the last
+        shares = morris.sample(cube, n, num_levels=LEVELS, seed=seed)
+    else:
+        from SALib.sample import sobol
+
+        # for each base point A: A, A with each coordinate of another one, B, in turn, and B
+        shares = sobol.sample(cube, n, calc_second_order=False, seed=seed)
     return SensitivityDesign(method, sets_at(ranges, shares), shares=shares)
 
 
@@ -91,20 +100,6 @@ def unit_cube(dimension: int) -> dict[str, object]:
     """Return SALib's description of ranges from 0 to 1."""
     names = [f"x{i}" for i in range(dimension)]
     return {"num_vars": dimension, "names": names, "bounds": [[0.0, 1.0]] * dimension}
-
-
-def _trajectories(dimension: int, n: int, seed: int) -> Float[np.ndarray, "sets parameters"]:
-    """Draw Morris's trajectories: n (dimension + 1) points, each a step of one parameter from the last."""
-    from SALib.sample import morris
-
-    return morris.sample(unit_cube(dimension), n, num_levels=LEVELS, seed=seed)
-
-
-def _saltelli(dimension: int, n: int, seed: int) -> Float[np.ndarray, "sets parameters"]:
-    """Draw Saltelli's points, n (dimension + 2): for each base point A, A with each coordinate of B, B."""
-    from SALib.sample import sobol
-
-    return sobol.sample(unit_cube(dimension), n, calc_second_order=False, seed=seed)
 
 
 def _one_at_a_time(ranges: Mapping[str, FreeParameter], base: Mapping[str, float]) -> SensitivityDesign:

@@ -109,18 +109,24 @@ class Conflicts:
 
 
 def conflicts(
-    tables: Sequence[pd.DataFrame], within: float = 1.0, targets: str | Sequence[str] | None = None
+    tables: pd.DataFrame | Sequence[pd.DataFrame],
+    within: float = 1.0,
+    targets: str | Sequence[str] | None = None,
 ) -> Conflicts:
     """Count the sets of searches for the same targets that meet one, two or more of them.
 
     Args:
-        tables: the tables of one search or several.
+        tables: the table of a search, or those of several.
         within: the miss up to which a target counts as met, in reading errors.
         targets: names of the targets to compare; all of the tables by default, also those held back.
 
     Raises:
-        ArgumentError: the tables are not those of searches, or have different targets.
+        ArgumentError: the tables are not those of searches, or have different targets, or `within` is not
+            above 0.
     """
+    if not within > 0.0:
+        raise ArgumentError(f"within is {within:g}, but must be above 0.")
+    tables = [tables] if isinstance(tables, pd.DataFrame) else tables
     names = _target_names(tables, names_in(targets or ()))
     columns = [f"{MISS}{name}" for name in names]
     misses = np.concatenate([np.abs(table[columns]) for table in tables])

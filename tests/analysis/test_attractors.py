@@ -227,6 +227,10 @@ def test_names_stay_along_a_parameter() -> None:
     assert result.within > 0.15
     of_one_column = follow_attractors(table.drop(columns="psi_2_end"), "p").column
     assert follow_attractors(table, "p", columns="psi_1_end").column.tolist() == of_one_column.tolist()
+    with pytest.raises(AnalysisError, match="within is -1, but must be 0 or more"):
+        follow_attractors(table, "p", within=-1.0)
+    with pytest.raises(AnalysisError, match="No row of the table has a value of p"):
+        follow_attractors(table.iloc[:0], "p")
     # a tight limit makes each a new one
     assert len(follow_attractors(table, "p", within=0.02).column.cat.categories) > 10
 

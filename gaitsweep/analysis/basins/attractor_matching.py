@@ -16,7 +16,7 @@ from jaxtyping import Float
 from gaitsweep.analysis.basins.attractors import attractors
 from gaitsweep.analysis.basins.fractions import fractions
 from gaitsweep.analysis.basins.state_space import Space, state_columns
-from gaitsweep.analysis.records import names_in, require_numbers
+from gaitsweep.analysis.records import AnalysisError, names_in, require_numbers
 
 _MOST_STATES = 2000  # states of an attractor that its distances use
 _FAR = 1e9  # cost of a forbidden match
@@ -59,14 +59,19 @@ def follow_attractors(
         grouping: arguments of `attractors`.
 
     Raises:
-        AnalysisError: the table does not have a column, or as for `attractors`.
+        AnalysisError: the table does not have a column or a value of the parameter, `within` is below 0, or
+            as for `attractors`.
 
     Source: the distance is Dubuisson and Jain's modified Hausdorff distance (1994, Proc. ICPR, p. 566);
     matching along a parameter as in Datseris, Rossi and Wagemakers 2023, Chaos 33:073151.
     """
     require_numbers(table, parameter)
     values = np.unique(table[parameter].dropna().to_numpy(float))
-    parts = [_at(table, parameter, value) for value in values]
+    if not values.size:
+        raise AnalysisError(f"No row of the table has a value of {parameter}.")
+    if within is not None and not within >= 0.0:
+        raise AnalysisError(f"within is {within:g}, but must be 0 or more.")
+    parts = [table.iloc[np.flatnonzero(table[parameter] == value)] for value in values]
     groupings = [attractors(part, **grouping) for part in parts]
     columns = names_in(grouping.get("columns") or state_columns(table))
     space = Space.of(table, columns, grouping.get("scales"))
@@ -92,9 +97,7 @@ def follow_attractors(
         pd.concat(attractor_of_rows).reindex(table.index), [*latest, *sorted(orbits)]
     )
     column = pd.Series(names_of_rows, index=table.index, name="attractor")
-    labelled = table.assign(attractor=column)
-    labelled.attrs = table.attrs
-    shares = fractions(labelled, label="attractor", by=parameter)
+    shares = fractions(table.assign(attractor=column), label="attractor", by=parameter)
     return Continued(column, pd.concat(summaries, ignore_index=True), shares, within)
 
 
@@ -104,13 +107,6 @@ def attractor_distance(
     """The modified Hausdorff distance of two attractors, given states (m, d) of each."""
     a, b = (states[:: math.ceil(len(states) / _MOST_STATES)] for states in (one, other))
     return float(max(space.nearest_distance(a, b).mean(), space.nearest_distance(b, a).mean()))
-
-
-def _at(table: pd.DataFrame, parameter: str, value: float) -> pd.DataFrame:
-    """The rows at a value of the parameter."""
-    part = table.iloc[np.flatnonzero(table[parameter] == value)]
-    part.attrs = table.attrs
-    return part
 
 
 def _half_the_smallest(

@@ -185,9 +185,7 @@ def with_attractors(table: pd.DataFrame, **grouping: Any) -> pd.DataFrame:
             "This table has inferred rows, which have no state that identifies an attractor: use the "
             "gait, or run the job without run.refine."
         )
-    grouped = table.assign(attractor=attractors(table, **grouping).column)
-    grouped.attrs = table.attrs
-    return grouped
+    return table.assign(attractor=attractors(table, **grouping).column)
 
 
 def agreement(table: pd.DataFrame, column: pd.Series, label: str = "gait") -> float:

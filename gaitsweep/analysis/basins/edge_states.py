@@ -306,7 +306,8 @@ class Tracking:
                 break
             lanes = np.tile(on, 3)
             points = Points.joined([self.one[on], self.other[on], middle[on]])
-            images = advanced(self.mapping, points, self._values(lanes))
+            values = {name: column[lanes] for name, column in self.values.items()}
+            images = advanced(self.mapping, points, values)
             np.add.at(self.evaluations, lanes, 1)
             cycles[on] += 1
             one, other, between = (images.points[np.arange(on.size) + k * on.size] for k in range(3))
@@ -380,10 +381,6 @@ class Tracking:
         with np.errstate(invalid="ignore"):
             away = np.abs(self.mapping.difference(a, b)) / sizes(b)
         return np.nan_to_num(np.max(away, axis=1), nan=np.inf)
-
-    def _values(self, rows: Rows) -> dict[str, Float[np.ndarray, " rows"]]:
-        """The parameters of the pairs `rows`."""
-        return {name: column[rows] for name, column in self.values.items()}
 
     def _end(self, row: int, label: int) -> None:
         """End a pair with a trajectory whose label is that of neither attractor."""

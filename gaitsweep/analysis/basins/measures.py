@@ -190,11 +190,14 @@ def minimal_fatal_shock(
         Distances (n,), inf where all starts have one outcome, and the outcomes there (n,), None likewise.
 
     Raises:
-        AnalysisError: the table does not have a column, or the axes have different units and no scale.
+        AnalysisError: the table does not have a column or a start of a row, or the axes have different units
+            and no scale.
     """
     _check_units(table, axes, scales)
     space = Space.of(table, axes, scales)
     points = space.points(table, axes)
+    if (missing := int((~np.isfinite(points)).any(axis=1).sum())) > 0:
+        raise AnalysisError(f"{missing} rows have no start along {', '.join(axes)}: leave them out.")
     shock = np.full(len(table), np.inf)
     towards = np.full(len(table), None, object)
     outcome = labels.to_numpy()

@@ -62,7 +62,7 @@ def quantifiers(
         raise AnalysisError("The table has no rows.")
     if label == "attractor" and label not in table:
         column = follow_attractors(table, parameter, **grouping).column
-        table = _with_column(table, label, column.astype(object).to_numpy())
+        table = table.assign(**{label: column.astype(object).to_numpy()})
     require(table, label)
     table, by, axes = panels_and_axes(table, parameter, None)
     scales = scales or {}
@@ -110,7 +110,7 @@ def _in_time(table: pd.DataFrame, label: str, within: float) -> pd.DataFrame:
     """The table without the outcomes of rows that took longer than `within` (s)."""
     outcomes = np.array(table[label].astype(object))
     outcomes[~(table["t_end"].to_numpy(float) <= within)] = None
-    return _with_column(table, label, outcomes)
+    return table.assign(**{label: outcomes})
 
 
 def _records(
@@ -155,13 +155,6 @@ def _records(
 def _rows_of(table: pd.DataFrame, mask: Bool[np.ndarray, " rows"]) -> pd.DataFrame:
     """The rows of a table where a mask (n,) is true."""
     return table.iloc[np.flatnonzero(mask)]
-
-
-def _with_column(table: pd.DataFrame, name: str, values: Shaped[np.ndarray, " rows"]) -> pd.DataFrame:
-    """The table with other values in a column, and with its attributes."""
-    changed = table.assign(**{name: values})
-    changed.attrs = table.attrs
-    return changed
 
 
 def _share(shares: pd.DataFrame, parameter: str, value: float, name: str) -> list[float]:

@@ -126,15 +126,10 @@ def boundaries_nearby(
             if other_name != name:
                 away = tree.query(edge)[0]
                 within = float(np.mean(away <= radius))
-                records.append(
-                    {
-                        "outcome": name,
-                        "other": other_name,
-                        "cells": len(edge),
-                        "distance": away.max(),
-                        "within": within,
-                    }
+                pair = BoundaryDistance(
+                    outcome=name, other=other_name, cells=len(edge), distance=away.max(), within=within
                 )
+                records.append(pair)
     return records
 
 

@@ -17,7 +17,7 @@ import scipy
 from jaxtyping import Bool, Float, Int, Shaped
 from numpy.typing import ArrayLike
 
-from gaitsweep.analysis.records import axes_of, require, require_numbers, section_column, sound
+from gaitsweep.analysis.records import AnalysisError, axes_of, require, require_numbers, section_column, sound
 from gaitsweep.angles import TURN, branch_cut, is_circular, unwrap_from
 
 SMOOTH = 5  # crossings of a ramp over which the observable is averaged
@@ -71,9 +71,13 @@ def jumps(
         about half a turn, with the sign that figures show).
 
     Raises:
-        AnalysisError: the table does not have a column.
+        AnalysisError: the table does not have a column, its values are not numbers, or `least` is not above
+            0.
     """
+    if least is not None and not least > 0.0:
+        raise AnalysisError(f"least is {least:g}, but must be above 0.")
     name = section_column(table, observable)
+    require_numbers(table, name)
     circular, axes = is_circular(table, name), axes_of(table)
     cut = branch_cut(table[name].to_numpy(float)) if circular else 0.0
     records = []
@@ -165,7 +169,7 @@ def courses(table: pd.DataFrame, observable: str, parameter: str) -> Iterator[Co
     stairs = "stair" in table.columns
     order = "stair" if stairs else "crossing"
     require(table, "row", "pass", order)
-    require_numbers(table, parameter)
+    require_numbers(table, name, parameter)
     table = table.sort_values(["row", order], kind="stable")
     circular = is_circular(table, name)
     table = table.loc[sound(table, name, parameter)]

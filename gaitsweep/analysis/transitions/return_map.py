@@ -22,6 +22,7 @@ from gaitsweep.analysis.records import (
     names_in,
     panels_of,
     require,
+    require_numbers,
     section_column,
     sound,
 )
@@ -51,10 +52,11 @@ def pairs(table: pd.DataFrame, observable: str, by: By = None) -> pd.DataFrame:
         [0, 2 pi)), change (x_{n+1} - x_n, angles by the shorter way).
 
     Raises:
-        AnalysisError: the table does not have a column.
+        AnalysisError: the table does not have a column, or the observable's values are not numbers.
     """
     name, columns = section_column(table, observable), dict.fromkeys([*axes_of(table), *names_in(by or ())])
     require(table, "row", "crossing", *columns)
+    require_numbers(table, name)
     table = table.sort_values(["row", "crossing"], kind="stable")
     table = table.loc[sound(table, name)]
     row, crossing = table["row"].to_numpy(), table["crossing"].to_numpy()
