@@ -7,8 +7,7 @@ from typing import NamedTuple
 
 import pandas as pd
 
-from gaitsweep.analysis.transitions.hysteresis import irregular_passes
-from gaitsweep.analysis.transitions.jumps import where_it_moves
+from gaitsweep.analysis.transitions.jumps import irregular_passes, where_it_moves
 from gaitsweep.plot.column_labels import unit_of, written
 from gaitsweep.plot.columns import column, rows_where
 from gaitsweep.plot.provenance_marks import remarks

@@ -13,8 +13,13 @@ from matplotlib.patches import FancyArrowPatch, Patch
 from matplotlib.transforms import ScaledTranslation
 
 from gaitsweep.analysis.records import sound
-from gaitsweep.analysis.transitions.hysteresis import LEAST_JUMP, jump_intervals, largest_jumps
-from gaitsweep.analysis.transitions.jumps import STEEPER, where_it_moves
+from gaitsweep.analysis.transitions.jumps import (
+    LEAST_JUMP,
+    STEEPER,
+    jump_intervals,
+    largest_jumps,
+    where_it_moves,
+)
 from gaitsweep.angles import unwrap_from
 from gaitsweep.plot import theme
 from gaitsweep.plot.bifurcations.hysteresis_panels import Columns, Panel
