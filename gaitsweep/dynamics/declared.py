@@ -98,6 +98,8 @@ class Declared(Model):
     source: ClassVar[str] = ""
     gaits: ClassVar[tuple[str, ...]] = ("none",)
     declarations: ClassVar[Mapping[str, Any]] = {}
+    # whether footfalls leave out short contacts and lifts
+    contacts_bounce: ClassVar[bool] = False
     Params: ClassVar[type]
     State: ClassVar[type]
 
@@ -429,7 +431,7 @@ class Declared(Model):
         for name in self._named(Sliding):
             fields[name] = jnp.asarray(1)  # before the variables decide it
         if (feet := self._feet()) is not None:
-            fields[STEPS] = feet.begun(self, fields[feet.clock])
+            fields[STEPS] = feet.begun(fields[feet.clock], debounced=self.contacts_bounce)
         if self._diffusion() is not None:
             fields[PATH] = begun_path()
         return fields

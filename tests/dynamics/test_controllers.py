@@ -412,6 +412,34 @@ def test_the_quadruped_trots_paces_and_bounds_at_half_the_time_step_too() -> Non
     np.testing.assert_allclose(*strides, rtol=0.02)  # a step of 2 ms is 0.5 % of a stride
 
 
+@pytest.mark.slow
+def test_bounces_of_a_located_foot_do_not_count() -> None:
+    """A biped whose feet bounce for 42 ms after touchdown, and one whose feet do so before liftoff."""
+    model = model_of_file(WALKERS / "biped.yaml")()
+    values = {"sigma": [0.06, 0.05], "thigh_l_mass": [1.5, 4.0], "thigh_r_mass": [1.5, 4.0]}
+    table = gs.sweep(model, zip=values, run=gs.Settle(tolerance=1e-4), verify=0).table
+    traces = gs.sweep(model, zip=values, run=gs.Trace(duration=30.0, every=0.001), verify=0).table
+    assert table["gait"].tolist() == ["walk", "walk"]
+    shortest = 0.05 * 2.0 * np.pi / 6.0
+    for row in (0, 1):
+        trace = traces.loc[traces["row"] == row]
+        down = trace["contact_1"].to_numpy() > 0.5
+        t = trace["t"].to_numpy()
+        touches = t[1:][down[1:] & ~down[:-1]]
+        lifts = t[1:][~down[1:] & down[:-1]]
+        lifts = lifts[lifts > touches[0]]
+        before, after = lifts[: touches.size - 1], touches[1 : lifts.size + 1]
+        before = before[: after.size]
+        # a stance lasts from the end of one flight to the beginning of the next; bounces are no flights
+        is_flight = after - before > shortest
+        assert (~is_flight[-4:]).any()
+        first, second = after[is_flight][-2:]
+        stride = second - first
+        stance = before[is_flight][-1] - first
+        assert table["stride_1_end"].iloc[row] == pytest.approx(stride, abs=0.002)  # two samples
+        assert table["duty_1_end"].iloc[row] == pytest.approx(stance / stride, abs=0.003)
+
+
 def test_angles_of_a_start_are_the_quaternion_of_mujoco() -> None:
     """Yaw, pitch and roll as intrinsic z, y, x; a start's quaternion and angular velocity."""
     xml = """<mujoco><worldbody><geom type="plane" size="1 1 .1"/><body pos="0 0 1"><freejoint name="root"/>

@@ -54,6 +54,7 @@ class BodyModel(OfMjcf, DeclaredModel):
     _: dataclasses.KW_ONLY
     ground: str = ground_field()
 
+    contacts_bounce: ClassVar[bool] = True
     # whether rows begin at rest on the ground, near the keyframe or the starts given (`standing_still`)
     begins_standing: ClassVar[bool] = False
 

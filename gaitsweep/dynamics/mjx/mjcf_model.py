@@ -12,7 +12,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 from importlib.metadata import version
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -56,6 +56,8 @@ class MjcfModel(OfMjcf, Declared, SteppedModel):
     Constants of the body (masses, lengths, gravity) are the MJCF's, and cannot be parameters: those of a
     `BodyModel` can.
     """
+
+    contacts_bounce: ClassVar[bool] = True
 
     # auto: mujoco on CPUs, where it compiles in seconds and steps faster, and mjx on GPUs
     dynamics: str = dataclasses.field(
