@@ -113,6 +113,14 @@ class BodyModel(OfMjcf, DeclaredModel):
         """The factor (1) of the lengths of the body that a joint moves, by the joint's name."""
         return params.body[f"{self.body.body_of_joint(joint)}_size"]
 
+    def actuator_gear(self, params: Any, actuator: int) -> Float[Array, ""]:
+        """The gear (1) of an actuator, by its number."""
+        return params.body[f"{self.body.elements.name_of_actuator(actuator)}_gear"]
+
+    def actuator_gain(self, params: Any, actuator: int) -> Float[Array, ""]:
+        """The gain (1) of a motor, by its number."""
+        return params.body[f"{self.body.elements.name_of_actuator(actuator)}_gain"]
+
     def touches(self, state: Any, geom: str) -> Bool[Array, ""]:
         """Whether the ground pushes on a geom, by its name."""
         return jnp.any(jnp.stack([state.pushing[k] for k in self.body.stops_of(geom)]))
