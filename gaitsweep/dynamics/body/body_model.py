@@ -22,6 +22,7 @@ from gaitsweep.dynamics.declared import Values
 from gaitsweep.dynamics.declared_model import DeclaredModel
 from gaitsweep.dynamics.ground import ROUNDING, ground_field, is_uneven
 from gaitsweep.dynamics.mjcf.source import OfMjcf, Stamps, compiled_content, content_key
+from gaitsweep.dynamics.section_coordinates import BodyCoordinates
 from gaitsweep.near_miss import suggestion
 
 if TYPE_CHECKING:
@@ -239,9 +240,7 @@ class BodyModel(OfMjcf, DeclaredModel):
         return self._stepped(params, before, after, jnp.zeros(()))  # declared footfalls
 
     def chart(self) -> Chart:
-        from gaitsweep.dynamics.body.section_chart import BodyChart
-
-        return BodyChart(self)
+        return BodyCoordinates(self)
 
     def mjcf(self, values: Mapping[str, float]) -> str:
         xml = super().mjcf(values)

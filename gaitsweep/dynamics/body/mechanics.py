@@ -13,7 +13,7 @@ import copy
 import dataclasses
 import functools
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -50,6 +50,8 @@ EVEN = Ground("even", {})
 # Stretch (m, rad) below zero at which a stop is left; at zero itself, rounding could meet and leave it
 # without end.
 RELEASE = 1.0e-9
+# Component of a unit axis along a plane's normal below which a slide moves along the plane.
+_ACROSS = 1.0e-12
 # The slip s (m/s) in the formula of friction.
 _SLOWEST = 1.0e-4
 
@@ -110,6 +112,18 @@ class Contact(Stretch):
         return force - (most / speed) * self.slip
 
 
+class JointPlace(NamedTuple):
+    """The places of a hinge or slide in q and in v, with its name and the unit of its position.
+
+    `in_q` is None for a slide along the ground that carries the whole body: its position changes nothing.
+    """
+
+    name: str
+    unit: str
+    in_q: int | None
+    in_v: int
+
+
 class LocatedBody:
     """A body of an MJCF with located stops.
 
@@ -165,27 +179,23 @@ class LocatedBody:
         return any(map(_is_level, self._touches))
 
     @functools.cached_property
-    def joints(self) -> list[tuple[str, str, int | None, int]]:
-        """Name, unit, place in q and place in v of each hinge and slide.
-
-        The place in q is None for a slide along the ground that carries the whole body: its position changes
-        nothing.
-        """
+    def joints(self) -> list[JointPlace]:
+        """The hinges and slides."""
         m = self._m
         data = mujoco.MjData(m)
         mujoco.mj_kinematics(m, data)
         normals = [touch.normal for touch in self._touches]
-        joints: list[tuple[str, str, int | None, int]] = []
+        joints = []
         for j in self.elements.hinges_and_slides():
-            slides = m.jnt_type[j] == mujoco.mjtJoint.mjJNT_SLIDE
+            is_slide = m.jnt_type[j] == mujoco.mjtJoint.mjJNT_SLIDE
             # slides alone before it, from the world on
             carries = all(m.jnt_type[i] == mujoco.mjtJoint.mjJNT_SLIDE for i in self._before(j))
-            along = bool(normals) and all(abs(normal @ data.xaxis[j]) < 1e-12 for normal in normals)
+            along = bool(normals) and all(abs(normal @ data.xaxis[j]) < _ACROSS for normal in normals)
             held = m.jnt_stiffness[j] or j in self._limits
-            place = None if slides and carries and along and not held else int(m.jnt_qposadr[j])
-            joints.append(
-                (self.elements.name_of_joint(j), "m" if slides else "rad", place, int(m.jnt_dofadr[j]))
-            )
+            is_free = is_slide and carries and along and not held
+            in_q = None if is_free else int(m.jnt_qposadr[j])
+            unit = "m" if is_slide else "rad"
+            joints.append(JointPlace(self.elements.name_of_joint(j), unit, in_q, int(m.jnt_dofadr[j])))
         return joints
 
     def _before(self, joint: int) -> list[int]:

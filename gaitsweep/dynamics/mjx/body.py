@@ -22,14 +22,13 @@ import mujoco
 import numpy as np
 from jaxtyping import Array, Float, Num
 
-from gaitsweep.dynamics.mjx import contacts
-from gaitsweep.dynamics.mjx.contacts import mjx as mjx
+from gaitsweep.dynamics.mjx.corrections import mjx as mjx
+from gaitsweep.dynamics.mjx.corrections import replace_contacts, runge_kutta
 from gaitsweep.dynamics.mjx.refusals import HARMLESS, refusals, untraceable
-from gaitsweep.dynamics.mjx.runge_kutta import runge_kutta
 from gaitsweep.dynamics.tree.from_mjcf import compiled
 from gaitsweep.near_miss import suggestion
 
-contacts.register()
+replace_contacts()
 
 _INTEGRATE = {
     mujoco.mjtIntegrator.mjINT_EULER: mjx.euler,
