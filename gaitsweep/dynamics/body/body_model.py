@@ -66,10 +66,8 @@ class BodyModel(OfMjcf, DeclaredModel):
     v = variable("1", "qvel of MuJoCo", count="nv", observed=False, signal=False)
     pushing = mode(False, "whether a stop pushes", count="stops")
 
-    def __init_subclass__(cls, **options: Any) -> None:
-        super().__init_subclass__(**options)
-        # functions written for an `MjcfModel` read `state.body.q`
-        cls.State.body = property(lambda state: state)
+    # functions written for an `MjcfModel` read `state.body.q`
+    _members_of_state: ClassVar[Mapping[str, Any]] = {"body": property(lambda state: state)}
 
     @property
     def recommended(self) -> Recommended:
@@ -195,9 +193,9 @@ class BodyModel(OfMjcf, DeclaredModel):
     def init(self, params: Any, start: Values, /) -> Any:
         state = super().init(params, start)
         if self.begins_standing:
-            found = self.standing_still(params, state)
+            at_rest = self.standing_still(params, state)
             # a row whose body does not stand has no start
-            state = state.replace(q=jnp.where(found.standing == Standing.stands, found.q, jnp.nan))
+            state = state.replace(q=jnp.where(at_rest.standing == Standing.stands, at_rest.q, jnp.nan))
         # a part that begins in the ground is pushed from the start
         heights = self.body.heights(params.body, state.q, state.v, params.ground)
         return state.replace(pushing=heights > 0.0)

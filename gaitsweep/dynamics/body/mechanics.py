@@ -112,6 +112,17 @@ class Contact(Stretch):
         return force - (most / speed) * self.slip
 
 
+@dataclasses.dataclass(frozen=True)
+class Limit(Stretch):
+    """The stretch of a joint beyond a limit of its range.
+
+    `dof` is the joint's place in v; the force on it is positive at the lower limit.
+    """
+
+    dof: int
+    is_lower: bool
+
+
 class JointPlace(NamedTuple):
     """The places of a hinge or slide in q and in v, with its name and the unit of its position.
 
@@ -263,7 +274,7 @@ class LocatedBody:
 
     def stretches(
         self, geometry: Geometry, values: Values, q: Array, v: Array, ground: Ground = EVEN
-    ) -> list[Stretch]:
+    ) -> list[Contact | Limit]:
         """The stretch of each stop: of contacts, then of the lower and upper limits of joints.
 
         Args:
@@ -308,17 +319,18 @@ class LocatedBody:
                     grip=values[f"{name}_grip"] if has_friction else damper,
                 )
 
-    def _stretches_of_limits(self, values: Values, q: Array, v: Array) -> Iterator[Stretch]:
+    def _stretches_of_limits(self, values: Values, q: Array, v: Array) -> Iterator[Limit]:
         """The stretches of the lower and the upper limit of each joint; arguments as of `stretches`."""
         for j in self._limits:
             name = self.elements.name_of_joint(j)
+            dof = int(self._m.jnt_dofadr[j])
             position = q[self._m.jnt_qposadr[j]]
-            speed = v[self._m.jnt_dofadr[j]]
+            speed = v[dof]
             K = values[f"{name}_limit_stiffness"]
             D = values[f"{name}_limit_damping"]
             margin = float(self._m.jnt_margin[j])  # from which on MuJoCo's limit is stretched
-            yield Stretch(values[f"{name}_low"] + margin - position, -speed, K, D)
-            yield Stretch(position + margin - values[f"{name}_high"], speed, K, D)
+            yield Limit(values[f"{name}_low"] + margin - position, -speed, K, D, dof, True)
+            yield Limit(position + margin - values[f"{name}_high"], speed, K, D, dof, False)
 
     def _depths_and_forces(
         self, values: Values, q: Array, v: Array, ground: Ground = EVEN
@@ -354,17 +366,14 @@ class LocatedBody:
         """
         tau = self._actuated(values, q, v, control)
         external: list[WorldForce] = []
-        dofs = [int(self._m.jnt_dofadr[j]) for j in self._limits for _ in range(2)]
         geometry = self.geometry(values)
-        stops = self.stretches(geometry, values, q, v, ground)
-        for k, stop in enumerate(stops):
+        for k, stop in enumerate(self.stretches(geometry, values, q, v, ground)):
             pushes = stop.height > 0.0 if pushing is None else pushing[k]
             load = jnp.where(pushes, stop.force, 0.0)
             if isinstance(stop, Contact):
                 external.append(WorldForce(stop.link, stop.at, stop.on_body(load)))
             else:
-                joint = k - (len(stops) - len(dofs))
-                tau[dofs[joint]] = tau[dofs[joint]] + (-load if joint % 2 else load)
+                tau[stop.dof] = tau[stop.dof] + (load if stop.is_lower else -load)
         gravity = self.gravity(values)
         return jnp.asarray(forward_dynamics(self.tree, geometry, q, v, _row(tau), external, gravity=gravity))
 
