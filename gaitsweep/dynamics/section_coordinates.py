@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -63,8 +64,11 @@ class SectionCoordinates(Chart):
     ) -> Float[Array, " conserved"]:
         if not (energies := self._energies()):
             return jnp.zeros((0,))
-        # the modes of a state on the section are those of a start
-        starts = {q.name: jnp.asarray(q.default, jnp.float64) for q in self.model.initial_conditions}
+        # the modes of a state on the section are those of a start; NaN: variables that the section decides
+        starts = {
+            q.name: jnp.asarray(q.default if isinstance(q.default, int | float) else math.nan, jnp.float64)
+            for q in self.model.initial_conditions
+        }
         state = self.from_coordinates(params, at, self.model.init(params, starts))
         return jnp.stack([energy.function(self.model, params, state) for _, energy in energies])
 
