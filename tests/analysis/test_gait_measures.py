@@ -115,6 +115,23 @@ def test_a_row_that_keeps_its_gait_has_no_transition() -> None:
         speed_transitions(crossings_of("trot"))
 
 
+def test_rows_without_a_bout_count_among_all_rows() -> None:
+    """Of a row that falls after a few cycles no gait bout, no transition and no oscillation is known."""
+    table = ramp_of([("L-walk", 30), ("trot", 30)], [("trot", 30), ("L-walk", 30)])
+    for cycles in (2, 5):  # no window, and fewer than a bout
+        fell = table.loc[table["crossing"] <= cycles].assign(row=1, status="fell")
+        both = pd.concat([table, fell], ignore_index=True)
+        both.attrs = fell.attrs = table.attrs
+        result = speed_transitions(both)
+        assert list(result["of"]) == [2] * 3
+        assert list(result["rows"]) == [1, 0, 0]
+        assert np.asarray(result["up"], float)[0] == pytest.approx(0.80, abs=0.03)
+        assert np.all(speed_transitions(fell)["up"].isna())
+    short = trace_of("trot", duration=0.6)
+    assert list(oscillation_along(short).columns[:3]) == ["row", "pass", "family"]
+    assert not len(oscillation_along(short))
+
+
 def test_pitch_along_a_row() -> None:
     first, second = trace_of("L-walk", duration=6.0), trace_of("RT-gallop", duration=6.0)
     table = pd.concat([first, second.assign(t=second["t"] + 6.0, x=second["x"] + 6.0)], ignore_index=True)

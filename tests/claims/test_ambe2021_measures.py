@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 
 from gaitsweep import plot
+from gaitsweep.claims.measures import MeasureError
 from gaitsweep.claims.paper import read_paper
 from gaitsweep.claims.verdicts import ClaimVerdict, verdict
 from gaitsweep.errors import UserError
@@ -170,6 +171,9 @@ def test_drift_and_period_of_a_return_map() -> None:
 def test_the_theory_of_ten_legs_satisfies_the_printed_equations(table: pd.DataFrame) -> None:
     assert theory_measures.touchdown_relation_error(N=3) < 1e-14
     assert theory_measures.order_sets_agree(N=3) == 1.0
+    assert theory_measures.table_2(number=1) == ["none", "no"]
+    with pytest.raises(MeasureError, match="numbers 1 to 8"):
+        theory_measures.table_2(number=9)
     assert theory_measures.slopes_of_fig10(table, k=3) == pytest.approx([1.0, 0.0], abs=1e-9)
 
 

@@ -61,6 +61,11 @@ def test_widths_by_group_and_change_of_transitions(stairs: pd.DataFrame) -> None
         both, observable="delta_13", parameter="f", by=["mass"]
     )
     assert change == pytest.approx(0.3)
+    rising = both.loc[both["pass"] == 0]
+    with pytest.raises(AnalysisError, match="does not jump as f is falling"):
+        transition_measures.least_change_of_transition(
+            rising, observable="delta_13", parameter="f", by=["mass"]
+        )
 
 
 def test_the_range_in_which_both_branches_exist(stairs: pd.DataFrame) -> None:

@@ -42,6 +42,13 @@ def test_drift_law_of_a_table_without_unequal_ends_says_so() -> None:
         plot.drift_law(table().drop(columns="m_end"))
 
 
+def test_drift_law_needs_one_value_of_what_else_the_law_has() -> None:
+    rows = table()
+    with pytest.raises(plot.PlotError, match="beta varies"):
+        plot.drift_law(rows.assign(beta=np.linspace(0.7, 0.8, len(rows))))
+    assert plot.drift_law(rows.assign(beta=0.8)).axes
+
+
 def test_drift_law_of_any_ends_is_drawn_over_the_drift() -> None:
     """Springs and amplitudes in one table: 0.9 b (10/9 - 1) for the softer spring, by hand."""
     ends = pd.DataFrame(

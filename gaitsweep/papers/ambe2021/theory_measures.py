@@ -169,8 +169,10 @@ def touchdown_relation_error(*, N: int = _LONG) -> float:
 def table_2(*, number: int) -> list[str]:
     """Whether the legs in front of and behind a leg of the set S are reset before it: no, yes or none."""
     words = {None: "none", False: "no", True: "yes"}
-    neighbours = next(neighbours for neighbours, reset_set in TABLE_2.items() if reset_set == number)
-    return [words[reset] for reset in neighbours]
+    neighbours_of = {reset_set: neighbours for neighbours, reset_set in TABLE_2.items()}
+    if number not in neighbours_of:
+        raise MeasureError(f"number is {number}, but the sets S have numbers 1 to {len(TABLE_2)}.")
+    return [words[reset] for reset in neighbours_of[number]]
 
 
 @measure

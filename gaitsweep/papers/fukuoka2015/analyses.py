@@ -34,8 +34,12 @@ def gaits(
     from gaitsweep.papers.fukuoka2015.analysis.gait_tables import gaits_counted, gaits_in
     from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import THRESHOLD
 
-    thresholds = (THRESHOLD if threshold is None else threshold,)
-    print_table(gaits_counted(gaits_in(gs.load(directory), window=window, thresholds=thresholds)))
+    thresholds = (THRESHOLD,) if threshold is None else (THRESHOLD, threshold)
+    table = gaits_in(gs.load(directory), window=window, thresholds=thresholds)
+    if threshold is not None:
+        # the first threshold is that of the model where a table has the model's own gaits
+        table["gait"] = table[f"gait_at_{threshold:g}"]
+    print_table(gaits_counted(table))
 
 
 @app.command()

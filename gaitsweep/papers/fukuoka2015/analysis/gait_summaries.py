@@ -42,7 +42,7 @@ def gait_measures(table: pd.DataFrame, by: str | Sequence[str] | None = None) ->
         One record for each set and gait: by, gait, rows, and the medians of those of `MEASURES` that the
         table has: speed (m/s), period (s), flight (share of a cycle), pitch_range and pitch_mean (rad),
         power_hip and power_knee (W), cost_of_transport (1), the pairs' shifts delta_1_mean, delta_2_mean and
-        those by touchdowns, and the margin to the next label (cycles). Rows that fell are left out.
+        those by touchdowns, and the margin to the next label (cycles). Rows that failed are left out.
 
     Raises:
         AnalysisError: the table does not have a column, or none of the measures.
@@ -57,8 +57,8 @@ def gait_measures(table: pd.DataFrame, by: str | Sequence[str] | None = None) ->
     names = {column: name for name, column in columns.items() if column in table.columns}
     if not names:
         raise AnalysisError(f"The table has none of {', '.join(MEASURES)} where its rows end.")
-    stood = table.loc[table["status"].astype(str) != "fell"]
-    groups = stood.assign(gait=stood["gait"].astype(str)).groupby([*axes, "gait"], dropna=False)
+    sound = table.loc[~Status.FAILED.among(table["status"])]
+    groups = sound.assign(gait=sound["gait"].astype(str)).groupby([*axes, "gait"], dropna=False)
     medians = groups[list(names)].median().rename(columns=names)
     medians.insert(0, "rows", groups.size())
     return medians.reset_index()
@@ -117,7 +117,7 @@ def gaits_by_threshold(
     Args:
         table: as for `gait_tables.gaits_in`: by swing onsets where it has them.
         thresholds: largest shifts of a pair in phase, cycles.
-        window: begin and end of the time that is used, s; not used for a settle table.
+        window: begin and end of the time that is used, s; not for a settle table.
 
     Returns:
         One record for each threshold: threshold, gaits (how many of the nine occur), the rows with each gait

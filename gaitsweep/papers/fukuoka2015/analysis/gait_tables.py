@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from gaitsweep.analyses import axes_of, require
+from gaitsweep.analyses import AnalysisError, axes_of, require
 from gaitsweep.papers.fukuoka2015.analysis.gaits_of_onsets import GAITS, IN_CYCLES, Steadiness, gait_of
 from gaitsweep.papers.fukuoka2015.analysis.swing_onsets import onsets_of
 from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import CHART, STRICT, THRESHOLD, margin, place
@@ -51,9 +51,9 @@ def gaits_in(
         signals, level, falling: for a trace, the column of each leg and its threshold, as in
             `swing_onsets.onsets_in`; by default the potentials u_f_LF, ... For feet:
             signals={"LF": "contact_1", ...}, level=0.5, falling=True.
-        window: begin and end of the time that is used, s; not used for a settle table.
+        window: begin and end of the time that is used, s; not for a settle table.
         thresholds: largest shift of a pair in phase, cycles; each but the first adds a column of gaits.
-        steadiness: criteria of a steady gait; not used for a settle table.
+        steadiness: criteria of a steady gait; not for a settle table.
 
     Returns:
         One record a row: row, swept axes, and the columns of `gaits_of_onsets.gait_of`; for a settle table
@@ -62,9 +62,16 @@ def gaits_in(
         delta_2_touchdown.
 
     Raises:
-        AnalysisError: the table is of another kind, or does not have a column.
+        AnalysisError: the table is of another kind, or does not have a column; or window or steadiness are
+            given for a settle table.
     """
     if signals is None and _MEAN.format(1) in table.columns:
+        begin, end = window
+        if np.any(np.isfinite(begin)) or np.any(np.isfinite(end)) or steadiness is not None:
+            raise AnalysisError(
+                "A settle table has the averages at the end of each row alone: window and steadiness need a "
+                "trace or a table of crossings."
+            )
         gaits = _of_averages(table, thresholds)
     else:
         onsets = onsets_of(table, signals=signals, level=level, falling=falling)

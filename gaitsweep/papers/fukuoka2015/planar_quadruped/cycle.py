@@ -145,11 +145,11 @@ class Cycle:
     its flexor was active last, `loaded` s when its foot bore load last, `landed` s of the last touchdown that
     was the first in a cycle, `irregular` s when a second one or the end of a cycle without any came last; the
     integrals `stance` and `late` of its current cycle; the means `stance_load`, `late_load` (N),
-    `stance_pitch`, `late_pitch` (rad) of its last cycle. For LF's current cycle: `begin_x` m, `pitch_sum`
-    rad s, `pitch_low`, `pitch_high` rad, `pitch_sums` (6,) of `_pitch_products`, `aloft` s without a foot on the ground; for its last cycle: `speed` m/s,
-    `flight` (a share), `pitch_mean`, `pitch_range` rad; the `average` over its last cycles; `closed`: LF's
-    cycle ended in the last step. `work` (2,) J is the positive work of hips and of knees in LF's current
-    cycle, `power` (2,) W its mean rate in the last one.
+    `stance_pitch`, `late_pitch` (rad) of its last cycle. For LF's current cycle: `begin_x` m, `pitch_sum` rad
+    s, `pitch_low`, `pitch_high` rad, `pitch_sums` (6,) of `_pitch_products`, `aloft` s without a foot on the
+    ground; for its last cycle: `speed` m/s, `flight` (a share), `pitch_mean`, `pitch_range` rad; the
+    `average` over its last cycles; `closed`: LF's cycle ended in the last step. `work` (2,) J is the positive
+    work of hips and of knees in LF's current cycle, `power` (2,) W its mean rate in the last one.
     """
 
     clock: jax.Array
