@@ -603,7 +603,7 @@ def _check_canvases(page: Page, scheme: str) -> None:
         assert page.evaluate(f"({contrast})(shade.{text}, shade.{behind})") >= 4.5, (text, behind)
     if scheme == "dark":
         for colour in ("#3B3B3B", "#000000", *theme.SPARE_COLOURS):
-            assert page.evaluate(f"({contrast})(seen('{colour}'), shade.paper)") >= 3.0, colour
+            assert page.evaluate(f"({contrast})(visible('{colour}'), shade.paper)") >= 3.0, colour
 
 
 @pytest.mark.slow
