@@ -9,12 +9,12 @@ import pytest
 from gaitsweep.analysis.records import AnalysisError
 from gaitsweep.papers.fukuoka2015.analysis.body_oscillation import oscillation_along
 from gaitsweep.papers.fukuoka2015.analysis.gait_bouts import speed_transitions
-from gaitsweep.papers.fukuoka2015.analysis.gait_summaries import (
+from gaitsweep.papers.fukuoka2015.analysis.gait_tables import (
     gait_measures,
     gaits_by_threshold,
+    gaits_in,
     shift_sizes,
 )
-from gaitsweep.papers.fukuoka2015.analysis.gait_tables import gaits_in
 from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import LEGS
 from tests.support.gait_traces import crossings_of, ends, ideal_phases, trace_of
 

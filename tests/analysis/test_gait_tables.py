@@ -12,7 +12,7 @@ import gaitsweep as gs
 from gaitsweep.analysis.records import AnalysisError
 from gaitsweep.papers.fukuoka2015.analysis.gait_bouts import gait_bouts, gaits_along
 from gaitsweep.papers.fukuoka2015.analysis.gait_tables import gaits_counted, gaits_in
-from gaitsweep.papers.fukuoka2015.analysis.gaits_of_onsets import Steadiness, gait_of
+from gaitsweep.papers.fukuoka2015.analysis.swing_onsets import Steadiness, gait_of
 from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import CHART, LEGS, family, signs
 from tests.support.gait_traces import crossings_of, ends, trace_of, traces
 

@@ -18,8 +18,7 @@ from reference.planar_quadruped_mujoco import onsets
 
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
-from gaitsweep.papers.fukuoka2015.analysis.gaits_of_onsets import gait_of
-from gaitsweep.papers.fukuoka2015.analysis.swing_onsets import onsets_of_crossings
+from gaitsweep.papers.fukuoka2015.analysis.swing_onsets import gait_of, onsets_of_crossings
 from gaitsweep.papers.fukuoka2015.planar_quadruped import PlanarQuadruped, cycle
 from gaitsweep.papers.fukuoka2015.planar_quadruped.mechanics import mjcf
 from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import CHART, LEGS, signs

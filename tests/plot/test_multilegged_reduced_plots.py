@@ -8,7 +8,7 @@ import pytest
 
 from gaitsweep import plot
 from gaitsweep.papers.ambe2021.theory.chain import Chain
-from gaitsweep.papers.ambe2021.theory.line_drift import worst_case_cycles
+from gaitsweep.papers.ambe2021.theory.solution_sets import worst_case_cycles
 
 
 def table() -> pd.DataFrame:

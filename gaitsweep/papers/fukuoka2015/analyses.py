@@ -112,8 +112,7 @@ def gait_thresholds(directory: Directory, window: Window = (-math.inf, math.inf)
 
     Count the shifts by size too, and the gaits by touchdowns.
     """
-    from gaitsweep.papers.fukuoka2015.analysis.gait_summaries import gaits_by_threshold, shift_sizes
-    from gaitsweep.papers.fukuoka2015.analysis.gait_tables import gaits_in
+    from gaitsweep.papers.fukuoka2015.analysis.gait_tables import gaits_by_threshold, gaits_in, shift_sizes
 
     table = gs.load(directory)
     print_table(gaits_by_threshold(table, window=window))
@@ -138,9 +137,9 @@ def gait_measures(
 
     Pitch, power of the joints and cost of transport too.
     """
-    from gaitsweep.papers.fukuoka2015.analysis import gait_summaries
+    from gaitsweep.papers.fukuoka2015.analysis import gait_tables
 
-    print_table(gait_summaries.gait_measures(gs.load(directory), by or None))
+    print_table(gait_tables.gait_measures(gs.load(directory), by or None))
 
 
 @app.command()
@@ -187,6 +186,6 @@ def repertoire(
 
     For the planar quadruped, with the median speed of each gait.
     """
-    from gaitsweep.papers.fukuoka2015.analysis import gait_summaries
+    from gaitsweep.papers.fukuoka2015.analysis import gait_tables
 
-    print_table(gait_summaries.repertoire(gs.load(directory), sets))
+    print_table(gait_tables.repertoire(gs.load(directory), sets))

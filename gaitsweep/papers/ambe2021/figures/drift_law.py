@@ -15,7 +15,7 @@ from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator, StrMethodFor
 
 from gaitsweep.papers.ambe2021.multilegged.chain_of_table import chain_of, profile_parameters_of, springs_of
 from gaitsweep.papers.ambe2021.theory.chain import Chain
-from gaitsweep.papers.ambe2021.theory.line_drift import drift, worst_case_cycles
+from gaitsweep.papers.ambe2021.theory.solution_sets import drift, worst_case_cycles
 from gaitsweep.plot import (
     GaitColumn,
     PlannedTable,

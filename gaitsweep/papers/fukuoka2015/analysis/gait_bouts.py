@@ -12,8 +12,7 @@ import pandas as pd
 from jaxtyping import Int, Shaped
 
 from gaitsweep.analyses import AnalysisError, require
-from gaitsweep.papers.fukuoka2015.analysis.gaits_of_onsets import Steadiness, gait_of
-from gaitsweep.papers.fukuoka2015.analysis.swing_onsets import onsets_of
+from gaitsweep.papers.fukuoka2015.analysis.swing_onsets import Steadiness, gait_of, onsets_of
 from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import FAMILIES, STRICT, THRESHOLD, family
 
 # The period is not steady while a parameter moves, so only the shifts are tested. Complete cycles of all legs
