@@ -21,10 +21,13 @@ from gaitsweep.cli.reproduce import reproduce
 from gaitsweep.cli.run import atlas, run
 from gaitsweep.cli.views import animate, explore
 from gaitsweep.errors import EXIT_REFUSED, UserError
+from gaitsweep.shipped import BUILTIN
 from gaitsweep.shipped import job_file as shipped_or_own
 
 app = typer.Typer(
-    help="Parameter sweeps of legged locomotion: from a job file to tables and figures.",
+    help="Parameter sweeps of legged locomotion: from a job file to tables and figures.\n\n"
+    f"Begin with `gaitsweep run {BUILTIN}quick_basins`, which takes seconds; `gaitsweep examples` lists "
+    f"the shipped jobs, which need no file: {BUILTIN}NAME.",
     no_args_is_help=True,
     add_completion=False,
     context_settings={"help_option_names": ["-h", "--help"]},

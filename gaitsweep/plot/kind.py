@@ -8,6 +8,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import inspect
+import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import (
     TYPE_CHECKING,
@@ -103,7 +104,7 @@ class FigureKind(FigureStyle):
         if cls.coloured == "periods":
             kind = kind_of(cls)
             return f"has no effect for {', '.join(idle)}: a figure {kind} colours periods (period 1: red)."
-        return f"has no effect: a figure {kind_of(cls)} does not colour gaits."
+        return f"has no effect: a figure {kind_of(cls)} does not colour gaits. {kinds_with_gait_colours()}"
 
     @classmethod
     def colours_of(cls, name: str) -> bool:
@@ -224,6 +225,12 @@ unregister = FIGURES.unregister
 Spec = ParamSpec("Spec")
 
 
+def kinds_with_gait_colours() -> str:
+    """The kinds of figures in which gaits have colours, as a sentence."""
+    kinds = [name for name in FIGURES if FIGURES[name].coloured == "gaits"]
+    return f"Kinds that colour gaits: {', '.join(kinds)}."
+
+
 def register(kind: type[FigureKind]) -> type[FigureKind]:
     """Add a kind of figure, whose figures obey styles and carry remarks; usable as a decorator.
 
@@ -253,6 +260,8 @@ def drawing_function(kind: type[FigureKind]) -> Callable[..., Figure]:
             _check_names(table, own, shared)
         if idle := kind.idle_colours(own.colours):
             raise PlotError(f"colours {idle}")
+        if shared.colours and not any(map(kind.colours_of, shared.colours)):
+            warnings.warn(f"colours of plot.style {kind.idle_colours(shared.colours)}", stacklevel=2)
         with styled(own, ax):
             figure = kind.draw(*args, **spec)
             panel = given_axes()

@@ -19,6 +19,7 @@ from gaitsweep import plot
 from gaitsweep.errors import EXIT_FAILURE, UserError
 from gaitsweep.job import JobError, read_figures
 from gaitsweep.plot.figure_style import STYLE_FIELDS, FigureStyle, StyleError, read_style
+from gaitsweep.plot.kind import kinds_with_gait_colours
 from gaitsweep.runs.progress import Progress
 from gaitsweep.schema.yaml_document import read_document
 from gaitsweep.table import (
@@ -197,7 +198,8 @@ def _require_coloured_gaits(specs: Sequence[Mapping[str, Any]], style: FigureSty
     kinds = [spec["kind"] for spec in specs]
     colours = style.colours or {}
     if colours and not any(plot.FIGURES[kind].colours_of(gait) for kind in kinds for gait in colours):
-        raise StyleError(f"colours has no effect: no figure of {path} colours gaits ({', '.join(kinds)}).")
+        text = f"colours has no effect: no figure of {path} colours gaits ({', '.join(kinds)})."
+        raise StyleError(f"{text} {kinds_with_gait_colours()}")
 
 
 def _made_folder(path: Path, folder: Path | None) -> Path:

@@ -71,7 +71,7 @@ def trial(kind: type[Model], on_message: Callable[[str], None] = lambda _: None)
     model = kind()
     costly = model.host_parameters or not isinstance(model, HybridModel)
     parameters, starts = sample(model, ROWS // 8 if costly else ROWS)
-    values = {**parameters, **starts}
+    values = {**starts, **parameters}  # sentences name the first ones
     rows = np.size(next(iter(values.values()), 0))
     on_message(f"Compiling the model, and running {rows} rows for {CYCLES} cycles.")
     try:
@@ -110,11 +110,24 @@ def _beyond(model: Model, name: str, rows: int, first: int, values: Values) -> s
     """Return a sentence about starts at which the function of an event is not below zero."""
     value = surface_value(model, name, values, first)
     is_value = "" if value is None else f" (the function is {value:.3g})"
+    beyond_a_turn = [
+        quantity.name
+        for quantity in model.initial_conditions
+        if quantity.circular
+        and not math.isfinite(quantity.high - quantity.low)
+        and not 0.0 <= values[quantity.name][first] <= 2.0 * math.pi
+    ]
+    declare = (
+        f" Without low= and high= an angle is tried beyond a turn ({', '.join(beyond_a_turn)}): declare "
+        "low=0.0, high=6.283 if it begins within one."
+        if beyond_a_turn
+        else ""
+    )
     return (
         f"At {rows} start{'s' * (rows != 1)} that {'were' if rows != 1 else 'was'} tried, the first one"
         f"{written(values, first)}{is_value}, the event {name!r} does not happen: its function is not below "
         "0, its limit. It happens once the function has been below 0 and rises through it. If it should "
-        "happen, keep such starts out by bounds (low=, high=), or begin in another mode (during=)."
+        f"happen, keep such starts out by bounds (low=, high=), or begin in another mode (during=).{declare}"
     )
 
 
