@@ -264,7 +264,9 @@ def _check_style(
     names = StyleNames.of_model(table.model, columns)
     wrong = [Diagnostic(("style", *place), text) for place, text in names.unknown(style)]
     colours = style.colours or {}
-    uses_colours = any(figure.colours_of(name) for figure in figures.values() for name in colours)
+    uses_colours = any(
+        figure.colours_of(name, dict(figure)) for figure in figures.values() for name in colours
+    )
     if figures and colours and not uses_colours:
         kinds = ", ".join(figure.kind_name for figure in figures.values())
         text = f"has no effect: no figure of this job colours gaits ({kinds}). {kinds_with_gait_colours()}"

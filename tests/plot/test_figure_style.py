@@ -120,6 +120,8 @@ def test_colours_of_gaits_are_refused_where_they_have_no_effect() -> None:
     job: dict[str, Any] = JOB | {"run": {"kind": "return_map", "crossings": 4}}
     with pytest.raises(gs.JobError, match=r"figures\[0\].colours has no effect"):
         gs.Job(**job, figures=[wrong])
+    with pytest.raises(PlotError, match="a figure cycles colours gaits only with hue: gait"):
+        plot.draw("cycles", staircase_table(), y=["delta_13"], colours={"trot": "red"})
     with pytest.raises(gs.JobError, match=r"style.colours has no effect.* colour gaits: .*basin.* Remove it"):
         gs.Job(**job, figures=[wrong | {"colours": None}], style={"colours": {"direct": "red"}})
 

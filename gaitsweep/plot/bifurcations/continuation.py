@@ -53,8 +53,11 @@ def continuation(
         x: the column of the parameter; by default that of the table's job.
 
     Raises:
-        PlotError: the table lacks a column.
+        PlotError: the table lacks a column, or a range is not two numbers.
     """
+    for label, ends in intervals.items():
+        if len(ends) != 2:
+            raise PlotError(f"intervals.{label} has {len(ends)} numbers, but must be [low, high].")
     observables = [*table.attrs.get("recorded", ()), *(name for name in table if str(name).endswith("_n"))]
     if y is None and not observables:
         raise PlotError(f"The table names no observable: give y. {allowing(map(str, table.columns))}")

@@ -15,7 +15,7 @@ from pydantic import Field
 from gaitsweep.plot import theme
 from gaitsweep.plot.arguments import Horizontal, Hue, Observable, Title
 from gaitsweep.plot.column_labels import described, symbol
-from gaitsweep.plot.columns import column, is_angle, log_axes
+from gaitsweep.plot.columns import PlotError, column, is_angle, log_axes
 from gaitsweep.plot.kind import figure_kind
 from gaitsweep.status import Status
 
@@ -41,8 +41,10 @@ def cycles(
         table: a crossing table (return map or ramp).
 
     Raises:
-        PlotError: the table lacks a column.
+        PlotError: the table lacks a column, or y names no observable.
     """
+    if not y:
+        raise PlotError("y is empty: name at least one observable.")
     names = [column(table, name, ("_n", "")) for name in y]
     x = column(table, x, ("", "_n"))
     column(table, hue)
