@@ -1,4 +1,4 @@
-"""Figures of shocks: the smallest after which a start has another outcome, and recovery from pushes."""
+"""Figures of shocks: recovery from pushes, and the smallest shock after which a start has another outcome."""
 
 from __future__ import annotations
 
@@ -19,47 +19,6 @@ from gaitsweep.plot.columns import require_columns, rows_where
 from gaitsweep.plot.kind import PlannedTable, Refusal, figure_kind
 from gaitsweep.schema.numbers import Flag
 from gaitsweep.status import Outcome, Status
-
-
-def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
-    """Refuse axes of different units, between which there is no distance."""
-    units = {column: table.unit(column) for column in (figure.x, figure.y)}
-    if not TEXT_COLUMNS & set(units) and len(set(units.values())) > 1:
-        named = " and ".join(f"{column} in {unit or '1'}" for column, unit in units.items())
-        yield ("y",), f"is {figure.y}, but a shock is a distance and needs equal units: {named}."
-    else:
-        yield from check_cells(figure, table)
-
-
-@figure_kind("settle", "fixed_time", check=_check, coloured="none")
-def shock(
-    table: pd.DataFrame,
-    *,
-    x: Horizontal,
-    y: Annotated[AlongAxis, "column along the vertical axis, in the unit of x"],
-    hue: Annotated[Column, "column of the outcomes of starts"] = "gait",
-    panels: Panels = None,
-    title: Title = None,
-) -> Figure:
-    """Cells coloured by their distance, along x and y, to the nearest start with another outcome.
-
-    Args:
-        table: a settle table, refined or not, complete or partial.
-
-    Raises:
-        PlotError: the table lacks a column, or a cell has several rows.
-        AnalysisError: x and y have different units.
-    """
-    require_columns(table, x, y, hue, panels)
-    if not len(table):
-        return basin(table.assign(shock=np.nan), x=x, y=y, hue="shock", panels=panels, title=title)
-    measured = basins(table, [x, y], label=hue, by=panels or ()).rows
-    measured.loc[~np.isfinite(measured["shock"].to_numpy(float)), "shock"] = np.nan
-    quantity = {"unit": unit_of(table, x), "symbol": r"\mathrm{smallest\ shock}", "circular": False}
-    measured.attrs = {**table.attrs, "quantities": {**table.attrs.get("quantities", {}), "shock": quantity}}
-    # failed starts have a shock too: the distance to one that does not fail
-    measured["status"] = Status.settled.name
-    return basin(measured, x=x, y=y, hue="shock", panels=panels, title=title)
 
 
 @figure_kind("perturb", check=check_cells)
@@ -113,3 +72,44 @@ def _mark_least(figure: Figure, table: pd.DataFrame, x: str, y: str, panels: str
             axes.plot([0.0, across], [0.0, up], color="black", lw=0.8, zorder=4)
             look: dict[str, Any] = {"marker": "*", "color": "white", "mec": "black", "ms": 9.0, "zorder": 5}
             axes.plot([across], [up], **look)
+
+
+def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
+    """Refuse axes of different units, between which there is no distance."""
+    units = {column: table.unit(column) for column in (figure.x, figure.y)}
+    if not TEXT_COLUMNS & set(units) and len(set(units.values())) > 1:
+        named = " and ".join(f"{column} in {unit or '1'}" for column, unit in units.items())
+        yield ("y",), f"is {figure.y}, but a shock is a distance and needs equal units: {named}."
+    else:
+        yield from check_cells(figure, table)
+
+
+@figure_kind("settle", "fixed_time", check=_check, coloured="none")
+def shock(
+    table: pd.DataFrame,
+    *,
+    x: Horizontal,
+    y: Annotated[AlongAxis, "column along the vertical axis, in the unit of x"],
+    hue: Annotated[Column, "column of the outcomes of starts"] = "gait",
+    panels: Panels = None,
+    title: Title = None,
+) -> Figure:
+    """Cells coloured by their distance, along x and y, to the nearest start with another outcome.
+
+    Args:
+        table: a settle table, refined or not, complete or partial.
+
+    Raises:
+        PlotError: the table lacks a column, or a cell has several rows.
+        AnalysisError: x and y have different units.
+    """
+    require_columns(table, x, y, hue, panels)
+    if not len(table):
+        return basin(table.assign(shock=np.nan), x=x, y=y, hue="shock", panels=panels, title=title)
+    measured = basins(table, [x, y], label=hue, by=panels or ()).rows
+    measured.loc[~np.isfinite(measured["shock"].to_numpy(float)), "shock"] = np.nan
+    quantity = {"unit": unit_of(table, x), "symbol": r"\mathrm{smallest\ shock}", "circular": False}
+    measured.attrs = {**table.attrs, "quantities": {**table.attrs.get("quantities", {}), "shock": quantity}}
+    # failed starts have a shock too: the distance to one that does not fail
+    measured["status"] = Status.settled.name
+    return basin(measured, x=x, y=y, hue="shock", panels=panels, title=title)
