@@ -13,12 +13,18 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.transforms import offset_copy
 
-from gaitsweep.near_miss import allowing
 from gaitsweep.plot import theme
 from gaitsweep.plot.arguments import Observable, Title
 from gaitsweep.plot.bifurcations.branch_lines import WORDS, draw_branch, key, pieces, stretches
 from gaitsweep.plot.column_labels import described
-from gaitsweep.plot.columns import PlotError, column, moved_parameter, origin_of, require_columns, rows_where
+from gaitsweep.plot.columns import (
+    PlotError,
+    moved_parameter,
+    origin_of,
+    recorded_column,
+    require_columns,
+    rows_where,
+)
 from gaitsweep.plot.kind import figure_kind
 from gaitsweep.plot.style_names import period_names
 
@@ -85,10 +91,7 @@ def road_map(
     """
     x = moved_parameter(table) or "parameter"
     require_columns(table, x, "part", "number", "period", "stable", "special")
-    observed = [str(name) for name in table if str(name).endswith("_n")]
-    if y is None and not observed:
-        raise PlotError(f"The table names no observable: give y. {allowing(map(str, table.columns))}")
-    name = column(table, y or observed[0], ("_n", ""))
+    name = recorded_column(table, y)
     of_row = _of_row(table, row)
     branches = rows_where(of_row, (of_row["part"] == "branch") & of_row[name].notna())
     with theme.canvas(theme.COLUMN + 1.6, 3.4, title) as figure:
