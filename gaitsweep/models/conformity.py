@@ -22,11 +22,10 @@ from gaitsweep.dynamics.declared import STEPS, Declared
 from gaitsweep.dynamics.declared_model import ARMING, DeclaredModel
 from gaitsweep.dynamics.map_model import MapModel
 from gaitsweep.dynamics.sliding import Sliding
-from gaitsweep.engine.content import cached_by_content, held_result
+from gaitsweep.engine.content import cached_by_content, held_result, stored
 from gaitsweep.engine.kernel.program import Program
 from gaitsweep.engine.kernel.trace import Tracer, UnsupportedError
 from gaitsweep.engine.leaves import dependences
-from gaitsweep.engine.stored_programs import stored
 from gaitsweep.mathtext import can_be_set
 from gaitsweep.models.traced_program import unrepeatable
 

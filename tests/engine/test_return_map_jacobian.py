@@ -300,6 +300,8 @@ def test_unknown_names_are_refused() -> None:
         BatchedReturnMap(Multilegged(), (("betta", 0.8),)).complete({}, 1)
     with pytest.raises(ValueError, match="Allowed: auto, kernel, xla"):
         crossing_of(Multilegged(), Numerics().resolve(Multilegged()), "gpu")
+    with pytest.raises(ValueError, match="did you mean psi_1"):
+        BatchedReturnMap(Multilegged()).settled({"psi1": [0.5]}, {}, 0)
 
 
 @pytest.mark.slow

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, Real
 
 from gaitsweep.dynamics.ground import is_uneven
-from gaitsweep.engine.recorders.windows import WindowsRecorder
+from gaitsweep.engine.recorders.trace import WindowsRecorder
 from gaitsweep.engine.sweep.sweep import sweep
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress, SweepSpec
 from gaitsweep.row_outcome import RowOutcome
