@@ -501,19 +501,21 @@ def test_known_bodies_stand_with_springs_at_their_joints(
 def test_the_code_for_a_card_moves_the_body_as_that_for_the_processor(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The CUDA C, compiled for this machine, through landings; both round differently."""
+    """The CUDA C, compiled for this machine, through landings on a step and a floor; both round differently."""
 
     class CudaDevice(HostCard):
         folder = tmp_path
 
-    recorder = CrossingRecorder(Swinging(), crossings=2)
-    starts = {"z_0": np.array([0.0, 0.03, 0.08]), "leg_0": np.array([0.0, 0.2, -0.1])}
+    step = '<geom name="step" type="box" pos=".5 0 0" size=".45 9 .05" conaffinity="1"/></worldbody>'
+    model = of(HOPPER.replace("</worldbody>", step))
+    recorder = CrossingRecorder(model, crossings=2)
+    starts = {"z_0": np.array([0.0, 0.03, 0.08]), "leg_0": np.array([0.0, 0.2, -0.3])}
     options: dict[str, Any] = {"numerics": Numerics(dt=5e-4, method="rk4"), "engine": "kernel"}
-    here = run_rows(Swinging(), recorder, starts, **options)
+    here = run_rows(model, recorder, starts, **options)
     monkeypatch.setattr(cuda_lanes, "CudaDevice", CudaDevice)
     device = types.SimpleNamespace(platform="gpu")
     monkeypatch.setattr("tests.support.sweeping.devices_on", lambda platform, engine: [device])
-    card = run_rows(Swinging(), recorder, starts, **options)
+    card = run_rows(model, recorder, starts, **options)
     assert np.isfinite(here.samples).all()
     np.testing.assert_allclose(card.samples, here.samples, rtol=1e-9, atol=1e-9)
 
