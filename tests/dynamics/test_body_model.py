@@ -501,7 +501,7 @@ def test_known_bodies_stand_with_springs_at_their_joints(
 def test_the_code_for_a_card_moves_the_body_as_that_for_the_processor(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The CUDA C, compiled for this machine, through landings on a step and a floor; both round differently."""
+    """The CUDA C, compiled for this machine, through landings on step and floor; both round differently."""
 
     class CudaDevice(HostCard):
         folder = tmp_path

@@ -21,7 +21,8 @@ from gaitsweep.dynamics.declarations import mode, variable
 from gaitsweep.dynamics.declared import Values
 from gaitsweep.dynamics.declared_model import DeclaredModel
 from gaitsweep.dynamics.ground import ROUNDING, ground_field
-from gaitsweep.dynamics.mjcf.source import OfMjcf, Stamps, compiled_content, content_key
+from gaitsweep.dynamics.mjcf.of_mjcf import OfMjcf, content_key
+from gaitsweep.dynamics.mjcf.source import Stamps, compiled_content
 from gaitsweep.near_miss import suggestion
 
 if TYPE_CHECKING:

@@ -22,11 +22,11 @@ import mujoco
 import numpy as np
 from jaxtyping import Array, Float, Num
 
+from gaitsweep.dynamics.mjcf.source import compiled
 from gaitsweep.dynamics.mjx import contacts
 from gaitsweep.dynamics.mjx.contacts import mjx as mjx
 from gaitsweep.dynamics.mjx.refusals import HARMLESS, refusals, untraceable
 from gaitsweep.dynamics.mjx.runge_kutta import runge_kutta
-from gaitsweep.dynamics.tree.from_mjcf import compiled
 from gaitsweep.near_miss import suggestion
 
 contacts.register()
