@@ -23,6 +23,7 @@ from gaitsweep.dynamics.declared_model import DeclaredModel
 from gaitsweep.dynamics.ground import ROUNDING, ground_field
 from gaitsweep.dynamics.mjcf.of_mjcf import OfMjcf, content_key
 from gaitsweep.dynamics.mjcf.source import Stamps, compiled_content
+from gaitsweep.dynamics.section_coordinates import BodyCoordinates
 from gaitsweep.near_miss import suggestion
 
 if TYPE_CHECKING:
@@ -57,6 +58,7 @@ class BodyModel(OfMjcf, DeclaredModel):
     _: dataclasses.KW_ONLY
     ground: str = ground_field()
 
+    contacts_bounce: ClassVar[bool] = True
     # whether rows begin at rest on the ground, near the keyframe or the starts given (`standing_still`)
     begins_standing: ClassVar[bool] = False
 
@@ -67,10 +69,8 @@ class BodyModel(OfMjcf, DeclaredModel):
     v = variable("1", "qvel of MuJoCo", count="nv", observed=False, signal=False)
     pushing = mode(False, "whether a stop pushes", count="stops")
 
-    def __init_subclass__(cls, **options: Any) -> None:
-        super().__init_subclass__(**options)
-        # functions written for an `MjcfModel` read `state.body.q`
-        cls.State.body = property(lambda state: state)
+    # functions written for an `MjcfModel` read `state.body.q`
+    _members_of_state: ClassVar[Mapping[str, Any]] = {"body": property(lambda state: state)}
 
     @property
     def recommended(self) -> Recommended:
@@ -114,6 +114,14 @@ class BodyModel(OfMjcf, DeclaredModel):
     def length_factor(self, params: Any, joint: str) -> Float[Array, ""]:
         """The factor (1) of the lengths of the body that a joint moves, by the joint's name."""
         return params.body[f"{self.body.body_of_joint(joint)}_size"]
+
+    def actuator_gear(self, params: Any, actuator: int) -> Float[Array, ""]:
+        """The gear (1) of an actuator, by its number."""
+        return params.body[f"{self.body.elements.name_of_actuator(actuator)}_gear"]
+
+    def actuator_gain(self, params: Any, actuator: int) -> Float[Array, ""]:
+        """The gain (1) of a motor, by its number."""
+        return params.body[f"{self.body.elements.name_of_actuator(actuator)}_gain"]
 
     def touches(self, state: Any, geom: str) -> Bool[Array, ""]:
         """Whether the ground pushes on a geom, by its name."""
@@ -193,9 +201,9 @@ class BodyModel(OfMjcf, DeclaredModel):
     def init(self, params: Any, start: Values, /) -> Any:
         state = super().init(params, start)
         if self.begins_standing:
-            found = self.standing_still(params, state)
+            at_rest = self.standing_still(params, state)
             # a row whose body does not stand has no start
-            state = state.replace(q=jnp.where(found.standing == Standing.stands, found.q, jnp.nan))
+            state = state.replace(q=jnp.where(at_rest.standing == Standing.stands, at_rest.q, jnp.nan))
         # a part that begins in the ground is pushed from the start
         heights = self.body.heights(params.body, state.q, state.v, params.ground)
         state = state.replace(pushing=heights > 0.0)
@@ -261,9 +269,7 @@ class BodyModel(OfMjcf, DeclaredModel):
         return [*super().caveats(), *ends]
 
     def chart(self) -> Chart:
-        from gaitsweep.dynamics.body.section_chart import BodyChart
-
-        return BodyChart(self)
+        return BodyCoordinates(self)
 
     def mjcf(self, values: Mapping[str, float]) -> str:
         xml = super().mjcf(values)

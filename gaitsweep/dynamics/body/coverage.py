@@ -249,7 +249,6 @@ def _softness(
         d = low + (high - low) * _rise(x, solimp[3], solimp[4])
         return k * d * d / ((1.0 - d) * w)
 
-    shallow = 0.0
     deep = math.inf
     if math.isfinite(load):  # the force rises with the stretch: halve the interval that has it
         shallow = 0.0

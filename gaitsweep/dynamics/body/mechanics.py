@@ -13,7 +13,7 @@ import copy
 import dataclasses
 import functools
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -52,6 +52,8 @@ EVEN = Ground("even", {})
 # Stretch (m, rad) below zero at which a stop is left; at zero itself, rounding could meet and leave it
 # without end.
 RELEASE = 1.0e-9
+# Component of a unit axis along a plane's normal below which a slide moves along the plane.
+_ACROSS = 1.0e-12
 # The slip s (m/s) in the formula of friction.
 _SLOWEST = 1.0e-4
 
@@ -110,6 +112,29 @@ class Contact(Stretch):
         viscous = most / self.grip
         speed = jnp.sqrt(self.slip @ self.slip + viscous * viscous + _SLOWEST**2)
         return force - (most / speed) * self.slip
+
+
+@dataclasses.dataclass(frozen=True)
+class Limit(Stretch):
+    """The stretch of a joint beyond a limit of its range.
+
+    `dof` is the joint's place in v; the force on it is positive at the lower limit.
+    """
+
+    dof: int
+    is_lower: bool
+
+
+class JointPlace(NamedTuple):
+    """The places of a hinge or slide in q and in v, with its name and the unit of its position.
+
+    `in_q` is None for a slide along the ground that carries the whole body: its position changes nothing.
+    """
+
+    name: str
+    unit: str
+    in_q: int | None
+    in_v: int
 
 
 class LocatedBody:
@@ -192,28 +217,24 @@ class LocatedBody:
         return jnp.where(jnp.isinf(highest), jnp.nan, highest)
 
     @functools.cached_property
-    def joints(self) -> list[tuple[str, str, int | None, int]]:
-        """Name, unit, place in q and place in v of each hinge and slide.
-
-        The place in q is None for a slide along the ground that carries the whole body: its position changes
-        nothing.
-        """
+    def joints(self) -> list[JointPlace]:
+        """The hinges and slides."""
         m = self._m
         data = mujoco.MjData(m)
         mujoco.mj_kinematics(m, data)
         normals = [touch.surface.normal for touch in self._touches if isinstance(touch.surface, Plane)]
-        joints: list[tuple[str, str, int | None, int]] = []
+        joints = []
         for j in self.elements.hinges_and_slides():
-            slides = m.jnt_type[j] == mujoco.mjtJoint.mjJNT_SLIDE
+            is_slide = m.jnt_type[j] == mujoco.mjtJoint.mjJNT_SLIDE
             # slides alone before it, from the world on
             carries = all(m.jnt_type[i] == mujoco.mjtJoint.mjJNT_SLIDE for i in self._before(j))
             invariant = bool(normals) and not self.has_uneven_surface
-            along = invariant and all(abs(normal @ data.xaxis[j]) < 1e-12 for normal in normals)
+            along = invariant and all(abs(normal @ data.xaxis[j]) < _ACROSS for normal in normals)
             held = m.jnt_stiffness[j] or j in self._limits
-            place = None if slides and carries and along and not held else int(m.jnt_qposadr[j])
-            joints.append(
-                (self.elements.name_of_joint(j), "m" if slides else "rad", place, int(m.jnt_dofadr[j]))
-            )
+            is_free = is_slide and carries and along and not held
+            in_q = None if is_free else int(m.jnt_qposadr[j])
+            unit = "m" if is_slide else "rad"
+            joints.append(JointPlace(self.elements.name_of_joint(j), unit, in_q, int(m.jnt_dofadr[j])))
         return joints
 
     def _before(self, joint: int) -> list[int]:
@@ -281,7 +302,7 @@ class LocatedBody:
 
     def stretches(
         self, geometry: Geometry, values: Values, q: Array, v: Array, ground: Ground = EVEN
-    ) -> list[Stretch]:
+    ) -> list[Contact | Limit]:
         """The stretch of each stop: of contacts, then of the lower and upper limits of joints.
 
         Args:
@@ -324,17 +345,18 @@ class LocatedBody:
                     grip=values[f"{name}_grip"] if has_friction else damper,
                 )
 
-    def _stretches_of_limits(self, values: Values, q: Array, v: Array) -> Iterator[Stretch]:
+    def _stretches_of_limits(self, values: Values, q: Array, v: Array) -> Iterator[Limit]:
         """The stretches of the lower and the upper limit of each joint; arguments as of `stretches`."""
         for j in self._limits:
             name = self.elements.name_of_joint(j)
+            dof = int(self._m.jnt_dofadr[j])
             position = q[self._m.jnt_qposadr[j]]
-            speed = v[self._m.jnt_dofadr[j]]
+            speed = v[dof]
             K = values[f"{name}_limit_stiffness"]
             D = values[f"{name}_limit_damping"]
             margin = float(self._m.jnt_margin[j])  # from which on MuJoCo's limit is stretched
-            yield Stretch(values[f"{name}_low"] + margin - position, -speed, K, D)
-            yield Stretch(position + margin - values[f"{name}_high"], speed, K, D)
+            yield Limit(values[f"{name}_low"] + margin - position, -speed, K, D, dof, True)
+            yield Limit(position + margin - values[f"{name}_high"], speed, K, D, dof, False)
 
     def _depths_and_forces(
         self, values: Values, q: Array, v: Array, ground: Ground = EVEN
@@ -399,17 +421,14 @@ class LocatedBody:
         """
         tau = self._actuated(values, q, v, control)
         external: list[WorldForce] = []
-        dofs = [int(self._m.jnt_dofadr[j]) for j in self._limits for _ in range(2)]
         geometry = self.geometry(values)
-        stops = self.stretches(geometry, values, q, v, ground)
-        for k, stop in enumerate(stops):
+        for k, stop in enumerate(self.stretches(geometry, values, q, v, ground)):
             pushes = stop.height > 0.0 if pushing is None else pushing[k]
             load = jnp.where(pushes, stop.force, 0.0)
             if isinstance(stop, Contact):
                 external.append(WorldForce(stop.link, stop.at, stop.on_body(load)))
             else:
-                joint = k - (len(stops) - len(dofs))
-                tau[dofs[joint]] = tau[dofs[joint]] + (-load if joint % 2 else load)
+                tau[stop.dof] = tau[stop.dof] + (load if stop.is_lower else -load)
         gravity = self.gravity(values)
         return jnp.asarray(forward_dynamics(self.tree, geometry, q, v, _row(tau), external, gravity=gravity))
 
