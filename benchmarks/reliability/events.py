@@ -36,7 +36,7 @@ import pandas as pd
 
 import gaitsweep as gs
 from gaitsweep.api.keywords import job_of
-from gaitsweep.api.maps import PoincareMap
+from gaitsweep.api.return_map import PoincareMap
 from gaitsweep.errors import UserError
 from gaitsweep.job.numerics import METHOD_NAMES
 

@@ -197,7 +197,7 @@ def _value_faults(model: Model) -> Iterator[str]:
     values, starts = sample(model, _SAMPLE_POINTS // 8 if costly else _SAMPLE_POINTS)
     points = dict(model.on_host(values)), dict(starts)
     begun = _at_starts_of(model)(*points)
-    known = {**values, **starts}
+    known = {**starts, **values}  # starts are at fault more often, and a sentence names only the first values
     default = _AtStarts(**jax.tree.map(lambda leaf: leaf[:1], vars(begun)))
     if bool(default.fallen[0]):
         yield "but its function failed returns True for its default start."

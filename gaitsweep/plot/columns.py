@@ -40,6 +40,20 @@ def column(table: pd.DataFrame, name: str, suffixes: Sequence[str] = ("",)) -> s
     )
 
 
+def recorded_column(table: pd.DataFrame, y: str | None) -> str:
+    """The column of an observable at the points of branches; by default that of the table's first one.
+
+    Raises:
+        PlotError: as for `column`, or the table names no observable.
+    """
+    observables = [*table.attrs.get("recorded", ()), *(name for name in table if str(name).endswith("_n"))]
+    if y is None and not observables:
+        raise PlotError(
+            f"The table names no observable: give y. {near_miss.allowing(map(str, table.columns))}"
+        )
+    return column(table, y or observables[0], ("_n", ""))
+
+
 def require_columns(table: pd.DataFrame, *names: str | None) -> None:
     """Refuse a table that lacks one of some columns; names that are None are skipped.
 

@@ -70,7 +70,7 @@ def trial(model_class: type[Model], on_message: Callable[[str], None] = lambda _
     model = model_class()
     costly = model.host_parameters or not isinstance(model, HybridModel)
     parameters, starts = sample(model, ROWS // 8 if costly else ROWS)
-    values = {**parameters, **starts}
+    values = {**starts, **parameters}  # sentences name the first ones
     rows = np.size(next(iter(values.values()), 0))
     on_message(f"Compiling the model, and running {rows} rows for {CYCLES} cycles.")
     try:
@@ -150,7 +150,23 @@ class _TriedRows:
             f"{written(self.values, first)}{is_value}, the event {event!r} does not happen: its function is "
             "not below 0, its limit. It happens once the function has been below 0 and rises through it. If "
             "it should happen, keep such starts out by bounds (low=, high=), or begin in another mode "
-            "(during=)."
+            f"(during=).{self._angles_beyond_a_turn(first)}"
+        )
+
+    def _angles_beyond_a_turn(self, row: int) -> str:
+        """Return advice on starts of a row that are angles without bounds and beyond a turn, or ''."""
+        names = [
+            quantity.name
+            for quantity in self.model.initial_conditions
+            if quantity.circular
+            and not math.isfinite(quantity.high - quantity.low)
+            and not 0.0 <= self.values[quantity.name][row] <= 2.0 * math.pi
+        ]
+        if not names:
+            return ""
+        return (
+            f" Without low= and high= an angle is tried beyond a turn ({', '.join(names)}): declare low=0.0, "
+            "high=6.283 if it begins within one."
         )
 
     def _constant_observables(self) -> list[str]:

@@ -326,6 +326,24 @@ def test_a_model_file_says_that_rows_begin_standing(tmp_path: Path) -> None:
     assert [kind.begins_standing for kind in kinds] == [False, True]
 
 
+@pytest.mark.slow
+def test_the_height_of_a_trunk_counts_from_a_step_of_the_mjcf(tmp_path: Path) -> None:
+    """A box of 5 cm from x = 0.5 on, below a trunk at 0 and at 1 m."""
+    step = '<geom name="step" type="box" pos="1.5 0 0" size="1 1 .05" conaffinity="1"/><body name="trunk"'
+    xml = (WALKERS / "biped.xml").read_text().replace('<body name="trunk"', step)
+    assert step in xml
+    (tmp_path / "biped.xml").write_text(xml)
+    (tmp_path / "biped.yaml").write_bytes((WALKERS / "biped.yaml").read_bytes())
+    model = model_of_file(tmp_path / "biped.yaml")()
+    params = model.params({q.name: jnp.asarray(q.default, float) for q in model.parameters})
+    starts = {q.name: jnp.asarray(0.0) for q in model.initial_conditions}
+    heights = [
+        float(model.signal(params, model.init(params, {**starts, "x_0": jnp.asarray(x)}))["height"])
+        for x in (0.0, 1.0)
+    ]
+    assert heights[0] - heights[1] == pytest.approx(0.05, abs=1e-12)
+
+
 def test_the_order_of_legs_counts_and_that_of_their_joints_does_not(tmp_path: Path) -> None:
     """The first leg closes the cycle. Feedback reads the hips: by it, the angle 0.2 rad of hip_r adds
     3 x 0.2 / 0.05 = 12 1/s to the rate of its extensor and takes them from its flexor's."""

@@ -26,9 +26,8 @@ from gaitsweep.api.result import Result
 from gaitsweep.cli import commands
 from gaitsweep.plot import theme
 from gaitsweep.runs.dataset import MissingPackageError
-from gaitsweep.view.explorer.encoding import RESOLUTION, motion_fields, packed
 from gaitsweep.view.explorer.explorer import write_explorer
-from gaitsweep.view.explorer.page_columns import columns_of, html_symbol
+from gaitsweep.view.explorer.page_format import RESOLUTION, columns_of, html_symbol, motion_fields, packed
 from gaitsweep.view.explorer.plotly_source import fast_to_load
 from gaitsweep.view.explorer.replays import Motion, Pictures, Stretch, pictures_of
 from gaitsweep.view.explorer.start_map import CELLS, StartMap, with_next

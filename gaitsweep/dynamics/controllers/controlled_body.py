@@ -163,7 +163,10 @@ class ControlledBody:
 
         def height(model: Any, params: Any, state: Any) -> Float[Array, ""]:
             place = trunk.place(model.positions(state))
-            return place[2] - params.ground(place[0]) if is_uneven(model) else place[2]
+            if not is_uneven(model):
+                return place[2]
+            own = model.own_ground(place[0], place[1])
+            return place[2] - params.ground(place[0]) - (0.0 if own is None else own)
 
         observed_height = observable("m", "height of the trunk over the ground", scale=0.1, signal=True)
         members: dict[str, Any] = {"turn": self._section(trunk)}

@@ -43,7 +43,8 @@ from gaitsweep.dynamics.controllers.leg_targets import (
     two_link_leg,
 )
 from gaitsweep.dynamics.controllers.oscillators import HIP, OSCILLATORS, Oscillators
-from gaitsweep.dynamics.mjcf.source import Stamps, compiled_mjcf, keyframe_number, stamps_of_mjcf
+from gaitsweep.dynamics.mjcf.of_mjcf import compiled_mjcf
+from gaitsweep.dynamics.mjcf.source import Stamps, keyframe_number, stamps_of_mjcf
 from gaitsweep.dynamics.mjx.mjcf_model import MjcfModel
 from gaitsweep.near_miss import suggestion
 from gaitsweep.schema.diagnostics import Diagnostic, JobError, SchemaSection, from_pydantic, wrong_kind

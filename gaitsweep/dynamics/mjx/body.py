@@ -22,10 +22,10 @@ import mujoco
 import numpy as np
 from jaxtyping import Array, Float, Num
 
+from gaitsweep.dynamics.mjcf.source import compiled
 from gaitsweep.dynamics.mjx.corrections import mjx as mjx
 from gaitsweep.dynamics.mjx.corrections import replace_contacts, runge_kutta
 from gaitsweep.dynamics.mjx.refusals import HARMLESS, refusals, untraceable
-from gaitsweep.dynamics.tree.from_mjcf import compiled
 from gaitsweep.near_miss import suggestion
 
 replace_contacts()

@@ -51,8 +51,6 @@ def stable_ranges(
     """
     x = x or moved_parameter(table) or "parameter"
     require_columns(table, x, y, hue, "row", "point", "stable", "special", "end")
-    if not pd.api.types.is_numeric_dtype(table[y]):
-        raise PlotError(f"y is {y}, which is not numeric and cannot be an axis.")
     with theme.canvas(theme.COLUMN + 1.2, 3.5, title) as figure:
         axes = figure.subplots()
         axes.set_xlabel(described(table, x))

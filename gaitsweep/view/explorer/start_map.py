@@ -20,7 +20,7 @@ from gaitsweep.plot import PlotError, theme
 from gaitsweep.plot.basins.cells import cell_edges
 from gaitsweep.plot.columns import column, is_angle, is_logarithmic, rows_where
 from gaitsweep.status import Outcome, Status
-from gaitsweep.view.explorer.page_columns import label_of, written
+from gaitsweep.view.explorer.page_format import label_of, written
 
 CELLS, POINTS = "cells", "points"
 MAX_POINTS = 6000  # beyond which a figure in a browser responds slowly
