@@ -314,17 +314,9 @@ def parameter(
     """
     several = None if default is None or isinstance(default, (int, float, str)) else tuple(default)
     first = default if several is None else next(iter(several), None)
+    bounds = {"low": low, "high": high, "open_ends": open_ends}
     quantity = _quantity(
-        unit,
-        meaning,
-        default=first,
-        low=low,
-        high=high,
-        open_ends=open_ends,
-        circular=circular,
-        symbol=symbol,
-        source=source,
-        whole=whole,
+        unit, meaning, default=first, **bounds, circular=circular, symbol=symbol, source=source, whole=whole
     )
     return Parameter(count, quantity, several)
 
@@ -375,16 +367,8 @@ def variable(
         >>> [quantity.name for quantity in Rotor().signals]
         ['phase', 'turned']
     """
-    quantity = _quantity(
-        unit,
-        meaning,
-        low=low,
-        high=high,
-        open_ends=open_ends,
-        circular=circular,
-        symbol=symbol,
-        scale=scale,
-    )
+    bounds = {"low": low, "high": high, "open_ends": open_ends}
+    quantity = _quantity(unit, meaning, **bounds, circular=circular, symbol=symbol, scale=scale)
     if observed is None:
         observed = start is not None
     start_value = start if start is None or isinstance(start, (int, float, str)) else tuple(start)
