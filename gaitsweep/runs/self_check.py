@@ -248,7 +248,7 @@ class _Comparison:
             values=values,
             most_samples=most_samples,
             # the run's program is compiled already; another one would take longer to optimise than to run
-            quick=recorder != spec.recorder,
+            quick=spec.quick or recorder != spec.recorder,
         )
         outcomes: list[RowOutcome] = []
         sweep(sample, [0], lambda _, result: outcomes.append(result), self.on_progress)

@@ -147,10 +147,13 @@ class Kernel:
         return chunk_of(self.lane, *self.shapes)
 
     def stored(self, name: str, compute: Callable[[], Any], *others: Any) -> Any:
+<<<<<<< HEAD
+        """As `stored_programs.stored`, for this run."""
+=======
         """As `content.stored`, for this run; the program of a ramp or staircase is not stored."""
+>>>>>>> engine
         lane = self.lane
-        deciding = None if lane.driven else (lane.recorder, lane.numerics, *others)
-        return stored(name, lane.model, deciding, compute)
+        return stored(name, lane.model, (lane.recorder, lane.numerics, lane.drive, *others), compute)
 
     def _read_leaves(self) -> tuple[dict[str, tuple[int, tuple[int, ...]]], int]:
         """The first slot and the shape of each number that the host reads, and the width of a sample."""
