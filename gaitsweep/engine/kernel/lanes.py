@@ -147,11 +147,7 @@ class Kernel:
         return chunk_of(self.lane, *self.shapes)
 
     def stored(self, name: str, compute: Callable[[], Any], *others: Any) -> Any:
-<<<<<<< HEAD
-        """As `stored_programs.stored`, for this run."""
-=======
-        """As `content.stored`, for this run; the program of a ramp or staircase is not stored."""
->>>>>>> engine
+        """As `content.stored`, for this run."""
         lane = self.lane
         return stored(name, lane.model, (lane.recorder, lane.numerics, lane.drive, *others), compute)
 
