@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, TypeVar, cast
 
 import numpy as np
 import pandas as pd
@@ -176,7 +176,6 @@ def records(table: pd.DataFrame, where: str | None, *, may_be_empty: bool = Fals
     rows = table
     if where is not None:
         rows = masked(table, fulfilled(where, {str(name): column for name, column in table.items()}, _plain))
-        rows.attrs = table.attrs
     if rows.empty and not may_be_empty:
         raise MeasureError(f"No record of the table fulfils {where}." if where else "The table is empty.")
     return rows
@@ -199,8 +198,8 @@ def _column(table: pd.DataFrame, name: str) -> pd.Series:
 
 
 def masked(table: pd.DataFrame, mask: ArrayLike) -> pd.DataFrame:
-    """The records (n,) where `mask` (n,) is true."""
-    return pd.DataFrame(table.loc[np.asarray(mask, bool)])
+    """The records (n,) where `mask` (n,) is true, with the table's `attrs`, so with its job."""
+    return cast(pd.DataFrame, table.loc[np.asarray(mask, bool)])  # a new DataFrame would lose the attributes
 
 
 def numbers(table: pd.DataFrame, column: str) -> Float[np.ndarray, " rows"]:

@@ -159,7 +159,10 @@ class Mode(Counted):
 
     def starts(self, model: Model, name: str) -> tuple[Quantity, ...]:
         """The initial conditions, whole numbers, with their defaults."""
-        values = np.broadcast_to(np.asarray(self.start), self.shape(model))
+        values = np.asarray(self.start)
+        if values.ndim and values.shape != self.shape(model):
+            raise ValueError(f"{name} has {values.size} start values, but {self.size(model)} numbers")
+        values = np.broadcast_to(values, self.shape(model))
         low, high = (0.0, 1.0) if np.issubdtype(values.dtype, np.bool_) else (-math.inf, math.inf)
         places = [""] if self.count is None else [f"_{i + 1}" for i in range(self.size(model))]
         meaning = f"{self.meaning}, at the start"
@@ -310,7 +313,7 @@ def parameter(
         [('k_1', 20.0), ('k_2', 21.0)]
     """
     several = None if default is None or isinstance(default, (int, float, str)) else tuple(default)
-    first = default if several is None else several[0]
+    first = default if several is None else next(iter(several), None)
     quantity = _quantity(unit, meaning, first, low, high, open_ends, circular, symbol, source, whole=whole)
     return Parameter(count, quantity, several)
 

@@ -202,18 +202,18 @@ def _key(model: Model) -> ModelKey:
 _WITHOUT_EFFECT = ("cache", "devices", "platforms", "log", "traceback")
 
 
-def stored(name: str, model: Model, others: tuple[Any, ...] | None, compute: Callable[[], Any]) -> Any:
+def stored(name: str, model: Model, others: tuple[Any, ...], compute: Callable[[], Any]) -> Any:
     """The result of `compute` for a model, as JSON gives it back, read from the cache if it is there.
 
     Args:
         name: the name of the result.
         model: the model, whose content is part of the key of the cache.
-        others: other objects that decide the result; None if they have no digest: then nothing is stored.
+        others: other objects that decide the result.
         compute: traces the model; called only if the cache lacks the result.
     """
-    content = None if others is None else lasting_content(model, name, *others)
+    content = lasting_content(model, name, *others)
     folder = None if content is None else cache_folder("programs")
-    if folder is None or others is None:
+    if folder is None:
         return json.loads(json.dumps(compute()))
     key = repr((content, _SOURCES, _VERSIONS, _settings()))
     file = folder / f"{name}_{hashlib.sha256(key.encode()).hexdigest()[:32]}"

@@ -117,9 +117,10 @@ def _trace_functions(model: Model) -> None:
         _refuse_forgotten_rates(model, params, state, events, rates)
     _require_scalar("section", _traced_result("section", model.section, params, state, events))
     _require_scalar("failed", _traced_result("failed", model.failed, params, state))
-    _require_scalar("period", period := _traced_result("period", model.period, params))
-    if (kind := _kind_of_numbers(period)) != "real numbers":  # a time limit of its type would be rounded
-        raise _returns("period", kind, "a real number of seconds: 3.0, not 3")
+    period = _traced_result("period", model.period, params)
+    _require_scalar("period", period)
+    if _kind_of_numbers(period) != "real numbers":  # a time limit of its type would be rounded
+        raise _returns("period", _kind_of_numbers(period), "a real number of seconds: 3.0, not 3")
     observed = _traced_result("observe", model.observe, params, state)
     _require_names("observe", observed, "observables", (quantity.name for quantity in model.observables))
     signals = _traced_result("signal", model.signal, params, state)
@@ -127,8 +128,9 @@ def _trace_functions(model: Model) -> None:
     labels = _traced_result("label", model.label, params, observed)
     fields = ("gait", *(quantity.name for quantity in model.label_fields))
     _require_names("label", labels, "gait and label fields", fields)
-    if (kind := _kind_of_numbers(labels["gait"])) not in ("whole numbers", "booleans"):
-        raise _returns("label", f"the gait as {kind}", "the index of a gait, a whole number")
+    kind_of_gait = _kind_of_numbers(labels["gait"])
+    if kind_of_gait not in ("whole numbers", "booleans"):
+        raise _returns("label", f"the gait as {kind_of_gait}", "the index of a gait, a whole number")
 
 
 def _bare_state(model: Declared) -> Any:

@@ -170,7 +170,7 @@ def _observed(model: Model, drive: Callable[..., Any] | None) -> Callable[..., O
         observables = model.observe(params, model.init(params, start))
         return jax.numpy.stack([observables[q.name] for q in model.observables])
 
-    return over_rows(observed, "observed", model if drive is None else None)
+    return over_rows(observed, "observed", model, drive)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -9,12 +9,12 @@ import pytest
 from gaitsweep.analysis.records import AnalysisError
 from gaitsweep.papers.fukuoka2015.analysis.body_oscillation import oscillation_along
 from gaitsweep.papers.fukuoka2015.analysis.gait_bouts import speed_transitions
-from gaitsweep.papers.fukuoka2015.analysis.gait_summaries import (
+from gaitsweep.papers.fukuoka2015.analysis.gait_tables import (
     gait_measures,
     gaits_by_threshold,
+    gaits_in,
     shift_sizes,
 )
-from gaitsweep.papers.fukuoka2015.analysis.gait_tables import gaits_in
 from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import LEGS
 from tests.support.gait_traces import crossings_of, ends, ideal_phases, trace_of
 
@@ -113,6 +113,23 @@ def test_a_row_that_keeps_its_gait_has_no_transition() -> None:
     assert np.all(result["rows"] == 0)
     with pytest.raises(AnalysisError, match="no passes"):
         speed_transitions(crossings_of("trot"))
+
+
+def test_rows_without_a_bout_count_among_all_rows() -> None:
+    """Of a row that falls after a few cycles no gait bout, no transition and no oscillation is known."""
+    table = ramp_of([("L-walk", 30), ("trot", 30)], [("trot", 30), ("L-walk", 30)])
+    for cycles in (2, 5):  # no window, and fewer than a bout
+        fell = table.loc[table["crossing"] <= cycles].assign(row=1, status="fell")
+        both = pd.concat([table, fell], ignore_index=True)
+        both.attrs = fell.attrs = table.attrs
+        result = speed_transitions(both)
+        assert list(result["of"]) == [2] * 3
+        assert list(result["rows"]) == [1, 0, 0]
+        assert np.asarray(result["up"], float)[0] == pytest.approx(0.80, abs=0.03)
+        assert np.all(speed_transitions(fell)["up"].isna())
+    short = trace_of("trot", duration=0.6)
+    assert list(oscillation_along(short).columns[:3]) == ["row", "pass", "family"]
+    assert not len(oscillation_along(short))
 
 
 def test_pitch_along_a_row() -> None:

@@ -12,7 +12,7 @@ import gaitsweep as gs
 from gaitsweep.analysis.records import AnalysisError
 from gaitsweep.papers.fukuoka2015.analysis.gait_bouts import gait_bouts, gaits_along
 from gaitsweep.papers.fukuoka2015.analysis.gait_tables import gaits_counted, gaits_in
-from gaitsweep.papers.fukuoka2015.analysis.gaits_of_onsets import gait_of
+from gaitsweep.papers.fukuoka2015.analysis.swing_onsets import Steadiness, gait_of
 from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import CHART, LEGS, family, signs
 from tests.support.gait_traces import crossings_of, ends, trace_of, traces
 
@@ -75,6 +75,14 @@ def test_a_table_of_ends_keeps_the_models_own_gait() -> None:
     assert list(result["gait_at_0.05"]) == ["D-walk", "D-walk", "trot", "L-walk", "unsteady", "none"]
     assert list(result["steady"]) == [True] * 4 + [False] * 2
     assert list(result["k2"]) == [0.08] * 6
+
+
+def test_a_table_of_ends_has_no_time_and_no_other_criteria() -> None:
+    table = ends(np.zeros(2), np.zeros(2), np.zeros(2))
+    with pytest.raises(AnalysisError, match="window and steadiness"):
+        gaits_in(table, window=(15.0, 24.0))
+    with pytest.raises(AnalysisError, match="window and steadiness"):
+        gaits_in(table, steadiness=Steadiness(length=0.9))
 
 
 def test_bouts_of_a_walk_that_turns_into_a_trot() -> None:

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from gaitsweep.analysis.records import AnalysisError
-from gaitsweep.papers.fukuoka2015.analysis.gait_summaries import repertoire
+from gaitsweep.papers.fukuoka2015.analysis.gait_tables import repertoire
 
 ROWS = [
     # com_x, gait, speed, status

@@ -13,8 +13,7 @@ import pytest
 
 from gaitsweep.analysis.records import AnalysisError
 from gaitsweep.angles import is_circular
-from gaitsweep.papers.fukuoka2015.analysis.gaits_of_onsets import GAITS, Steadiness, gait_of
-from gaitsweep.papers.fukuoka2015.analysis.swing_onsets import onsets_in
+from gaitsweep.papers.fukuoka2015.analysis.swing_onsets import GAITS, Steadiness, gait_of, onsets_in
 from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import CHART, LEGS, margin, place, signs
 from tests.support.gait_traces import ideal_phases, onset_table
 

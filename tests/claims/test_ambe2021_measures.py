@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 import pytest
 
 from gaitsweep import plot
+from gaitsweep.claims.measures import MeasureError
 from gaitsweep.claims.paper import read_paper
 from gaitsweep.claims.verdicts import ClaimVerdict, verdict
 from gaitsweep.errors import UserError
@@ -17,10 +20,12 @@ from gaitsweep.papers.ambe2021 import (
     wave_measures,
 )
 from gaitsweep.papers.ambe2021.analysis.travelling_wave import waves
+from gaitsweep.papers.ambe2021.multilegged.mechanics import obstacle_problem
 from gaitsweep.papers.ambe2021.theory.chain import Chain, touchdown_phase
 from gaitsweep.papers.ambe2021.theory.solution_sets import Branch, places, rule_of
 
 N = 9
+LEGS = list(range(1, N + 1))  # of ten legs those that follow one another in a direct wave
 OMEGA = 0.4
 ROWS = [Branch("direct", N), Branch("B", 2), Branch("B", 6)]
 CIRCLE = float(touchdown_phase(Chain()))
@@ -170,6 +175,9 @@ def test_drift_and_period_of_a_return_map() -> None:
 def test_the_theory_of_ten_legs_satisfies_the_printed_equations(table: pd.DataFrame) -> None:
     assert theory_measures.touchdown_relation_error(N=3) < 1e-14
     assert theory_measures.order_sets_agree(N=3) == 1.0
+    assert theory_measures.table_2(number=1) == ["none", "no"]
+    with pytest.raises(MeasureError, match="numbers 1 to 8"):
+        theory_measures.table_2(number=9)
     assert theory_measures.slopes_of_fig10(table, k=3) == pytest.approx([1.0, 0.0], abs=1e-9)
 
 
@@ -200,6 +208,44 @@ def test_measures_of_legs_take_the_parameters_of_the_table() -> None:
     plain = trace(Branch("direct", 3), 0.3, 0, springs=3)
     twice = np.array(wave_measures.leads(legs, row=0)) / np.array(wave_measures.leads(plain, row=0))
     np.testing.assert_allclose(twice, 2.0, rtol=1e-12)
+
+
+def test_measures_of_the_theory_take_the_parameters_of_the_table(table: pd.DataFrame) -> None:
+    """Jumps have the size m_B b, a wave has the wavelength of its duty factor, heights are of its masses."""
+    other = table.copy()
+    other.attrs["job"] = {"params": {"beta": 0.7}}
+    for beta, of_beta in ((0.8, table), (0.7, other)):
+        size = 0.9 * (1.0 - beta) * np.pi * 9.8 / (100.0 * 0.4)
+        assert theory_measures.jump_sizes(of_beta) == pytest.approx([size, size], abs=1e-5)
+        assert theory_measures.chain_of_sets(of_beta) < 1e-9
+
+    # the legs lift off early, so that swings overlap
+    up = {f"contact_{leg}": (other[f"phase_{leg}"] < 1.3 * np.pi).astype(float) for leg in range(1, N + 2)}
+    early = other.assign(**up)
+    phases = early.loc[early["row"] == 0, [f"phase_{leg}" for leg in LEGS]].to_numpy()
+
+    def share(width: int) -> float:
+        """Least share of time with one leg at most in its swing at 0.7 among so many neighbours."""
+        swings = phases > 1.4 * np.pi
+        counts = [swings[:, i : i + width].sum(axis=1) for i in range(len(LEGS) - width + 1)]
+        return min(float(np.mean(count <= 1)) for count in counts)
+
+    # eq. (27) gives 4.07 legs at 0.7 and 6.18 at 0.8
+    assert wave_measures.one_swing_share(early, row=0, of=LEGS) == pytest.approx(share(4), abs=1e-12)
+    assert share(4) > share(6) + 0.05
+
+
+def test_heights_are_compared_with_the_balance_of_the_rows_own_masses() -> None:
+    trace_of_row = pd.DataFrame({"row": 0, "t": [0.0, 1.0]})
+    lengths = np.array([[0.6, 1.0, 1.0, 0.6], [0.7, 1.0, 1.0, 0.7]])  # both ends are in the air
+    mass = jnp.array([0.7, 1.0, 1.0, 0.7])
+    balance = jax.vmap(lambda of_legs: obstacle_problem(of_legs, mass, jnp.full(3, 100.0), jnp.asarray(9.8)))
+    heights = np.asarray(balance(jnp.asarray(lengths))[0])
+    for leg in range(4):
+        columns = {"phase": np.zeros(2), "l": lengths[:, leg], "x": heights[:, leg]}
+        trace_of_row = trace_of_row.assign(**{f"{name}_{leg + 1}": at for name, at in columns.items()})
+    assert equation_measures.height_error(trace_of_row.assign(m_B=0.7)) < 1e-12
+    assert equation_measures.height_error(trace_of_row.assign(m_B=0.9)) > 1e-4
 
 
 def test_a_leg_that_does_not_swing_has_no_share_of_air() -> None:

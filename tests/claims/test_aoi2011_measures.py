@@ -61,6 +61,11 @@ def test_widths_by_group_and_change_of_transitions(stairs: pd.DataFrame) -> None
         both, observable="delta_13", parameter="f", by=["mass"]
     )
     assert change == pytest.approx(0.3)
+    rising = both.loc[both["pass"] == 0]
+    with pytest.raises(AnalysisError, match="does not jump as f is falling"):
+        transition_measures.least_change_of_transition(
+            rising, observable="delta_13", parameter="f", by=["mass"]
+        )
 
 
 def test_the_range_in_which_both_branches_exist(stairs: pd.DataFrame) -> None:
@@ -212,7 +217,20 @@ def test_path_and_slip() -> None:
     """A straight path with a sway of one cycle has no sideways share; a circle has that of its sagitta."""
     t = np.arange(0.0, 4.0, 1e-2)
     straight = pd.DataFrame({"row": 0, "t": t, "q_0": 0.2 * t, "q_1": 0.01 * np.sin(2.0 * np.pi * t / 0.4)})
+    job = gs.Job(
+        name="path",
+        model="waist_quadruped",
+        vary={"T_sw": {"values": [0.1, 0.07]}},  # s, a quarter of a cycle
+        run={"kind": "trace", "duration": 4.0, "every": 1e-2},
+    )
+    straight.attrs["job"] = job.model_dump(mode="json")
     assert motion_measures.sideways_share(straight) < 1e-3
+    shorter = straight.assign(row=1)
+    assert motion_measures.sideways_share(shorter) > 3e-3
+    sway = 0.01 * np.sin(2.0 * np.pi * t / 0.28)
+    assert motion_measures.sideways_share(shorter.assign(q_1=sway)) < 1e-3
+    with pytest.raises(AnalysisError, match="row 0 is shorter than a cycle"):
+        motion_measures.sideways_share(straight.head(30))
     turned = straight.assign(q_0=np.sin(t), q_1=1.0 - np.cos(t))
     assert motion_measures.sideways_share(turned) > 0.1
 

@@ -98,6 +98,20 @@ def test_the_sequence_of_gaits_in_each_pass() -> None:
     assert ramp_measures.share_in_order(table, order=beginning, falling=True, by="gait", at="begin") == 1.0
 
 
+def test_rows_without_a_steady_gait_count_in_shares_and_medians() -> None:
+    """Row 1 falls after one cycle, so that it has no bout: it neither has the order nor time in a walk."""
+    walk = ramp(["L-walk", "trot"])
+    fell = walk.loc[walk["crossing"] <= 2].assign(row=1, status="fell")
+    table = pd.concat([walk, fell], ignore_index=True)
+    table.attrs = walk.attrs
+    assert ramp_measures.share_in_order(table, order=["walk", "trot"]) == 0.5
+    assert ramp_measures.share_up_and_down(table, up=["L-walk", "trot"], down=["trot", "L-walk"]) == 0.5
+    ratio = ramp_measures.bout_time_ratio(table, walk, family="walk")
+    assert ratio == pytest.approx(0.5)  # the median of the walk's time and 0
+    fell.attrs = walk.attrs
+    assert ramp_measures.share_in_order(fell, order=["walk", "trot"]) == 0.0
+
+
 def test_a_row_of_left_leads_counts_as_its_mirror_image() -> None:
     left = ramp(["L-walk", "trot", "L-canter", "LT-gallop"])
     assert ramp_measures.most_frequent_order(left, by="right") == ["L-walk", "trot", "R-canter", "RT-gallop"]

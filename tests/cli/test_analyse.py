@@ -37,6 +37,11 @@ def show(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) ->
 def test_gaits_are_counted(show: Show) -> None:
     lines = show(traces(("trot", "D-walk")), "gaits", "--window", "1", "20").splitlines()
     assert [line.split()[1:] for line in lines] == [["D-walk", "trot"], ["0", "1"], ["1", "0"]]
+    # shifts of 0.06 are a trot by the model's own threshold of 0.07
+    delta = np.array([0.0, 0.06, 0.2])
+    table = ends(delta, delta, delta)
+    assert show(table, "gaits").split() == ["k2", "trot", "L-walk", "0.08", "2", "1"]
+    assert show(table, "gaits", "--threshold", "0.05").split() == ["k2", "trot", "L-walk", "0.08", "1", "2"]
 
 
 def test_bouts_have_their_speeds(show: Show) -> None:

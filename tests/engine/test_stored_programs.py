@@ -107,9 +107,8 @@ def test_results_are_stored_by_what_decides_them(folder: Path, monkeypatch: pyte
     assert stored("name", model, (1.0,), work_out) == stored("name", model, (1.0,), work_out) == [0]
     assert stored("name", model, (2.0,), work_out) == [1]
     assert stored("other", model, (1.0,), work_out) == [2]
-    assert stored("name", model, None, work_out) == [3]
     monkeypatch.setattr(content, "_SOURCES", "another version")
-    assert stored("name", model, (1.0,), work_out) == [4]
+    assert stored("name", model, (1.0,), work_out) == [3]
 
 
 def test_what_moves_a_parameter_decides_a_program(folder: Path) -> None:

@@ -20,7 +20,6 @@ from gaitsweep.papers.ambe2021.theory.chain import (
     wavelength,
 )
 from gaitsweep.papers.ambe2021.theory.gaits import locked_state, segments
-from gaitsweep.papers.ambe2021.theory.line_drift import drift, line_length, worst_case_cycles
 from gaitsweep.papers.ambe2021.theory.order import (
     jumps,
     order_sets,
@@ -28,7 +27,16 @@ from gaitsweep.papers.ambe2021.theory.order import (
     touchdown_order,
     touchdown_residuals,
 )
-from gaitsweep.papers.ambe2021.theory.solution_sets import Branch, branches, lag_rules, rule_of, touches_early
+from gaitsweep.papers.ambe2021.theory.solution_sets import (
+    Branch,
+    branches,
+    drift,
+    lag_rules,
+    line_length,
+    rule_of,
+    touches_early,
+    worst_case_cycles,
+)
 from gaitsweep.papers.ambe2021.theory.stability import (
     characteristic_polynomial,
     eigenvalues,

@@ -24,8 +24,7 @@ from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.trace import TraceRecorder
 from gaitsweep.expression import evaluate
 from gaitsweep.job import Job, JobError
-from gaitsweep.papers.fukuoka2015.analysis.gaits_of_onsets import gait_of
-from gaitsweep.papers.fukuoka2015.analysis.swing_onsets import onsets_in, onsets_of_crossings
+from gaitsweep.papers.fukuoka2015.analysis.swing_onsets import gait_of, onsets_in, onsets_of_crossings
 from gaitsweep.papers.fukuoka2015.planar_quadruped import PlanarQuadruped
 from gaitsweep.papers.fukuoka2015.planar_quadruped.bodies import default_body, edit
 from gaitsweep.papers.fukuoka2015.planar_quadruped.mechanics import HIP, KNEE, joint_powers, mjcf

@@ -18,8 +18,7 @@ from reference.planar_quadruped_mujoco import onsets
 
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
-from gaitsweep.papers.fukuoka2015.analysis.gaits_of_onsets import gait_of
-from gaitsweep.papers.fukuoka2015.analysis.swing_onsets import onsets_of_crossings
+from gaitsweep.papers.fukuoka2015.analysis.swing_onsets import gait_of, onsets_of_crossings
 from gaitsweep.papers.fukuoka2015.planar_quadruped import PlanarQuadruped, cycle
 from gaitsweep.papers.fukuoka2015.planar_quadruped.mechanics import mjcf
 from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import CHART, LEGS, signs
@@ -126,15 +125,22 @@ def test_the_compliant_foot_gives_mujocos_gaits_and_speeds() -> None:
 
 
 PERIOD, STANCE = 0.5, 0.5  # s, share of a cycle
+BREAK_AT = 0.004  # s after an onset
 
 
 @jax.jit
-def _followed(loads: jax.Array, onsets: jax.Array) -> cycle.Cycle:
-    """Readings of loads (n, 4) at each millisecond, on legs that begin to swing at phases (4,)."""
+def _followed(loads: jax.Array, onsets: jax.Array, silence: jax.Array | float = 0.0) -> cycle.Cycle:
+    """Readings of loads (n, 4) at each millisecond, on legs that begin to swing at phases (4,).
+
+    At the beginning of each swing their flexors are silent again for `silence` (4,) s.
+    """
     zero, dt = jnp.zeros(()), jnp.asarray(1e-3)
 
     def flexors(t: jax.Array) -> jax.Array:
-        return jnp.tile(jnp.sin(2.0 * jnp.pi * (t / PERIOD - onsets)), (2, 1))
+        turn = t / PERIOD - onsets
+        since = PERIOD * (turn - jnp.floor(turn)) - BREAK_AT
+        breaks = (since > 0.0) & (since <= silence)
+        return jnp.tile(jnp.where(breaks, -0.1, jnp.sin(2.0 * jnp.pi * turn)), (2, 1))
 
     def step(read: cycle.Cycle, load: jax.Array) -> tuple[cycle.Cycle, None]:
         u = flexors(read.clock), flexors(read.clock + dt)
@@ -155,6 +161,26 @@ def footfalls(gait: str, leg: str = "LF", at: float = 0.06, air: float = 0.0, ea
         lifted = (name == leg) & (np.abs(place * PERIOD - at - 0.5 * air) < 0.5 * air) & (strides % each == 0)
         loads[:, number] = np.where((place < STANCE) & ~lifted, 10.0, 0.0)
     return loads
+
+
+@pytest.mark.parametrize("leg", LEGS)
+def test_a_flexor_that_is_silent_for_10_ms_stays_in_its_swing_and_one_for_30_ms_does_not(leg: str) -> None:
+    onsets = jnp.array([ideal_phases("L-walk", 0.2)[name] for name in LEGS])
+    loads = jnp.asarray(footfalls("L-walk"))
+
+    def followed(silence: float) -> cycle.Cycle:
+        return _followed(loads, onsets, jnp.where(np.array(LEGS) == leg, silence, 0.0))
+
+    once, broken, twice = followed(0.0), followed(0.010), followed(0.030)
+    number = LEGS.index(leg)
+    assert np.allclose(once.period, PERIOD, atol=1e-9)
+    for name in ("onset", "period", "irregular", "stance_pitch", "late_load"):
+        np.testing.assert_array_equal(getattr(broken, name), getattr(once, name), err_msg=name)
+    for new, old in zip(jax.tree.leaves(broken.average), jax.tree.leaves(once.average), strict=True):
+        np.testing.assert_array_equal(new, old)
+    # the next cycle begins after the break, in the rest of the swing
+    assert twice.onset[number] - once.onset[number] == pytest.approx(BREAK_AT + 0.030, abs=2e-3)
+    assert twice.irregular[number] > once.irregular[number]
 
 
 @jax.jit

@@ -8,7 +8,7 @@ import pytest
 
 from gaitsweep import plot
 from gaitsweep.papers.ambe2021.theory.chain import Chain
-from gaitsweep.papers.ambe2021.theory.line_drift import worst_case_cycles
+from gaitsweep.papers.ambe2021.theory.solution_sets import worst_case_cycles
 
 
 def table() -> pd.DataFrame:
@@ -40,6 +40,13 @@ def test_drift_law_of_a_table_without_unequal_ends_says_so() -> None:
     assert "unequal ends" in figure.axes[0].texts[0].get_text()
     with pytest.raises(plot.PlotError, match="m_end"):
         plot.drift_law(table().drop(columns="m_end"))
+
+
+def test_drift_law_needs_one_value_of_what_else_the_law_has() -> None:
+    rows = table()
+    with pytest.raises(plot.PlotError, match="beta varies"):
+        plot.drift_law(rows.assign(beta=np.linspace(0.7, 0.8, len(rows))))
+    assert plot.drift_law(rows.assign(beta=0.8)).axes
 
 
 def test_drift_law_of_any_ends_is_drawn_over_the_drift() -> None:

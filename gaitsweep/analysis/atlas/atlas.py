@@ -24,6 +24,7 @@ from gaitsweep.analysis.atlas.branch import (
     HalfBranch,
     Record,
     branch_table,
+    points_of,
     record_of,
 )
 from gaitsweep.analysis.atlas.order_changes import with_order_changes
@@ -34,7 +35,6 @@ from gaitsweep.analysis.atlas.periodic_orbits import (
     rows_of,
 )
 from gaitsweep.analysis.atlas.plane_curves import SecondParameter, plane_curves
-from gaitsweep.analysis.atlas.stored_points import points_of
 from gaitsweep.analysis.continuation.arclength_step import BranchPoints, ContinuationProblem
 from gaitsweep.analysis.continuation.branch_follower import ArclengthSteps, BranchFollower
 from gaitsweep.analysis.continuation.branch_points import CROSSINGS, FLAT, beside

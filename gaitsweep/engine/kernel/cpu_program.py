@@ -55,27 +55,13 @@ _LOADED: dict[str, Callable[..., None]] = {}
 _LOCK = threading.Lock()
 
 
-def compiled(
-    chunk: Chunk, *, contraction: bool = True, quick: bool = False
-) -> tuple[Callable[[Any, Any, int], None], int]:
-    """The function `run(S, samples, polls)` that advances all tiles by a chunk, and the slots of a lane.
-
-    `S` (tiles, slots * lanes) float64, aligned to vectors; `samples` (tiles * lanes, BUFFER, width)
-    receives the rows to keep. The kernel is compiled now, or loaded from the cache.
-
-    Args:
-        chunk: the program.
-        contraction: whether a product and a sum may become one instruction, which rounds once.
-        quick: as of `llvm_code.machine_code`.
-    """
-    tile = Tile(chunk, TILE, contraction=contraction)
-    return running(tile.layout, tile.source, tile.module, quick=quick), tile.slots
-
-
 def running(
     layout: tuple[int, ...], source: str, module: Callable[[], ir.Module], *, quick: bool = False
 ) -> Callable[[Any, Any, int], None]:
-    """The function `run` of `compiled`.
+    """The function `run(S, samples, polls)` that advances all tiles by a chunk, compiled or loaded.
+
+    `S` (tiles, slots * lanes) float64, aligned to vectors; `samples` (tiles * lanes, BUFFER, width)
+    receives the rows to keep.
 
     Args:
         layout, source: those of a `Tile`.

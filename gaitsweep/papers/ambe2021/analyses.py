@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import collections
+import math
+import re
 from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -12,7 +15,11 @@ import gaitsweep as gs
 from gaitsweep.cli import Directory, print_table
 
 if TYPE_CHECKING:
+    import numpy as np
+    from jaxtyping import Inexact
+
     from gaitsweep.papers.ambe2021.theory.chain import Chain
+    from gaitsweep.papers.ambe2021.theory.solution_sets import Branch, LagRule
 
 app = typer.Typer()
 
@@ -84,11 +91,9 @@ def multilegged_theory(
     """
     import jax
 
-    from gaitsweep.papers.ambe2021.analysis.theory_summary import theory_summary
-
     jax.config.update("jax_enable_x64", True)
     chain = _chain_of_settings(settings or ())
-    print(theory_summary(springs, omega, chain))
+    print(_theory_summary(springs, omega, chain))
     if figures is not None:
         from gaitsweep.papers.ambe2021.figures.chain_theory import SHOWN, theory_figure
 
@@ -113,3 +118,84 @@ def _chain_of_settings(settings: Iterable[str]) -> Chain:
             raise ArgumentError(f"{name} is not a parameter of the chain{near}")
         values[name] = evaluate(value, {})
     return Chain(**values)
+
+
+def _theory_summary(N: int, omega: float, chain: Chain) -> str:
+    """The solutions of a chain of N + 1 legs as text: the numbers of its line of solutions, then each set."""
+    from gaitsweep.papers.ambe2021.theory.solution_sets import branches
+
+    lines = [f"{name:42} {value:.6g}" for name, value in _numbers_of_line(N, omega, chain).items()]
+    lines += [
+        "",
+        "For each set of solutions: the range of its free relative phase (eqs. 19, 20, 25); then, at 0.45 of",
+        "this range, the order of touchdowns, the set S of legs 1, 2, ... (Table 2), T_1 and T_2 (eq. 18);",
+        "where a relative phase jumps; the eigenvalues of P_k (eqs. 21, 22, 26), their number in brackets.",
+    ]
+    for branch in branches(N):
+        lines += ["", *_lines_of_set(N, branch, chain)]
+    return "\n".join(lines)
+
+
+def _numbers_of_line(N: int, omega: float, chain: Chain) -> dict[str, float]:
+    """The numbers that hold for all solutions of a chain, by their description."""
+    from gaitsweep.papers.ambe2021.theory import chain as theory
+    from gaitsweep.papers.ambe2021.theory.solution_sets import drift, line_length, worst_case_cycles
+
+    speeds = theory.wave_speed(omega, chain)
+    numbers = {
+        "b (rad/kg)": theory.shift(chain),
+        "touchdown phase (rad), eq. (16)": theory.touchdown_phase(chain),
+        "lag of neighbours (rad), eq. (17)": theory.lag(chain),
+        "wavelength (legs), eq. (27)": theory.wavelength(chain),
+        "wave speed (legs/s), eq. (28) as printed": speeds.printed,
+        "wave speed (legs/s), exact": speeds.exact,
+        "length of the line in E (rad)": line_length(N, chain),
+        "drift of E (rad a cycle), eqs. (30)-(32)": drift(chain),
+        "cycles to drift along all of it": worst_case_cycles(N, chain),
+    }
+    return {name: float(number) for name, number in numbers.items()}
+
+
+def _lines_of_set(N: int, branch: Branch, chain: Chain) -> list[str]:
+    """One set of solutions as lines of text."""
+    from gaitsweep.papers.ambe2021.theory.order import jumps, order_sets, reset_sets, touchdown_order
+    from gaitsweep.papers.ambe2021.theory.solution_sets import rule_of
+    from gaitsweep.papers.ambe2021.theory.stability import eigenvalues, linear_map
+
+    rule = rule_of(N, branch, chain)
+    # not the middle itself, where two legs of set A touch down together
+    s = float(rule.low + 0.45 * (rule.high - rule.low))
+    T_1, T_2 = order_sets(N, branch, s, chain)
+    sets = [str(reset_set.number) for reset_set in reset_sets(N, branch, s, chain)]
+    jumps_of_set = [f"leg {jump.leg} at {jump.s:.3f}" for jump in jumps(N, branch, chain)]
+    name = "direct wave" if branch.kind == "direct" else f"set {branch.kind}, k = {branch.k}"
+    return [
+        f"{name}: {_free_phase(N, branch, rule)}",
+        f"  touchdowns   {' '.join(map(str, touchdown_order(N, branch, s, chain)))}",
+        f"  S            {' '.join(sets)}; T_1 = {_listed(T_1)}, T_2 = {_listed(T_2)}",
+        f"  jumps        {', '.join(jumps_of_set) or 'none'}",
+        f"  eigenvalues  {_counted(eigenvalues(linear_map(N, branch, s, chain)))}",
+    ]
+
+
+def _free_phase(N: int, branch: Branch, rule: LagRule) -> str:
+    """The range of a set's free relative phase, as the paper has it: psi_{k-1} on section k, or psi_N."""
+    low, high = float(rule.low), float(rule.high)
+    if branch.kind == "direct":
+        return f"psi_{N} from {2 * math.pi - high:.6f} to {2 * math.pi - low:.6f} rad on section {N}"
+    return f"psi_{branch.k - 1} from {low:.6f} to {high:.6f} rad on section {branch.k}"
+
+
+def _listed(legs: frozenset[int]) -> str:
+    """A set of legs as text, in their order."""
+    return "{" + ", ".join(map(str, sorted(legs))) + "}"
+
+
+def _counted(values: Inexact[np.ndarray, " springs"]) -> str:
+    """Eigenvalues in falling order, equal ones once with their number."""
+    texts = []
+    for value in values:
+        imaginary = f"{value.imag:+.6f}i" if abs(value.imag) > 1e-9 else ""
+        texts.append(re.sub(r"\.?0+\Z", "", f"{value.real:.6f}{imaginary}"))
+    counts = collections.Counter(texts)
+    return ", ".join(text if n == 1 else f"{text} ({n})" for text, n in counts.items())

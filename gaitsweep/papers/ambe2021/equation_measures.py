@@ -15,11 +15,12 @@ from jaxtyping import Array, Bool, Float
 
 from gaitsweep.claims import MeasureError, defaults, measure, numbers, one_row
 from gaitsweep.expression import evaluate
-from gaitsweep.papers.ambe2021.multilegged.chain_of_table import constants_of, of_legs
+from gaitsweep.papers.ambe2021.multilegged.chain_of_table import chain_of, constants_of, of_legs, springs_of
 from gaitsweep.papers.ambe2021.multilegged.mechanics import obstacle_problem
 from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
 from gaitsweep.papers.ambe2021.multilegged.parameters import PARAMETERS, SPRINGS
 from gaitsweep.papers.ambe2021.multilegged.state import State
+from gaitsweep.papers.ambe2021.theory.chain import Chain, masses, springs
 
 # A touchdown of leg 1 counts from this phase (rad) on: its leg is nearly as long as in its stance.
 NEARLY_LONG = 1.8 * np.pi
@@ -100,14 +101,14 @@ def _printed_acceleration(
         p: the paper's symbol for contact, 1 on the ground and 0 in the air.
         values: parameters by name.
     """
-    masses = np.full(len(x), values["m"])
-    masses[[0, -1]] = values["m_B"]
-    force = -masses * values["g"] - p * (values["K"] * (x - length) + values["D"] * (v - rate))
+    mass = np.full(len(x), values["m"])
+    mass[[0, -1]] = values["m_B"]
+    force = -mass * values["g"] - p * (values["K"] * (x - length) + values["D"] * (v - rate))
     for i in range(len(x)):
         for j in (i - 1, i + 1):
             if 0 <= j < len(x):
                 force[i] -= values["kappa"] * (x[i] - x[j]) + values["sigma"] * (v[i] - v[j])
-    return force / masses
+    return force / mass
 
 
 @measure
@@ -162,35 +163,31 @@ def force_balance_error() -> float:
     """Largest residual of the force balance, eq. (8), of heights and loads at random leg lengths (N)."""
     values = chain_defaults()
     random = np.random.default_rng(1)
-    legs = 4
-    masses = _masses(legs)
-    heights = _equilibrium(legs)
+    N = SPRINGS
+    legs = N + 1
+    chain = Chain(**{name: values[name] for name in Chain._fields})
+    mass = np.asarray(masses(N, chain))
+    heights = _equilibrium(N, chain)
     largest = 0.0
     for _ in range(50):
         length = values["L"] - random.uniform(0.0, values["a"], legs)
         x, load = (np.asarray(solved)[0] for solved in heights(length[None]))
         pull = values["kappa"] * np.diff(x)
-        sides = np.append(pull, 0.0) - np.append(0.0, pull) + load - masses * values["g"]
+        sides = np.append(pull, 0.0) - np.append(0.0, pull) + load - mass * values["g"]
         in_the_air = np.where(x > length + 1e-12, np.abs(load), 0.0)
         largest = max(largest, float(np.abs(sides).max()), float(in_the_air.max()), -float(load.min()))
     return largest
 
 
-def _masses(legs: int) -> Float[np.ndarray, " legs"]:
-    """Masses (kg) of a chain of legs, those of both ends m_B."""
-    values = chain_defaults()
-    return np.array([values["m_B"], *[values["m"]] * (legs - 2), values["m_B"]])
-
-
-def _equilibrium(legs: int) -> Callable[[Float[np.ndarray, "states legs"]], tuple[jax.Array, jax.Array]]:
-    """Heights and loads from leg lengths (n, legs), by eq. (8)."""
-    values = chain_defaults()
-    masses = jnp.asarray(_masses(legs))
-    kappa = jnp.full(legs - 1, values["kappa"])
-    g = jnp.asarray(values["g"])
+def _equilibrium(
+    N: int, chain: Chain
+) -> Callable[[Float[np.ndarray, "states legs"]], tuple[jax.Array, jax.Array]]:
+    """Heights (m) and loads (N) of a chain with N springs from its leg lengths (n, N+1), by eq. (8)."""
+    kappa, mass = springs(N, chain), masses(N, chain)
+    g = jnp.asarray(chain.g)
 
     def heights_and_loads(length: Float[Array, " legs"]) -> tuple[jax.Array, jax.Array]:
-        return obstacle_problem(length, masses, kappa, g)
+        return obstacle_problem(length, mass, kappa, g)
 
     return jax.jit(jax.vmap(heights_and_loads))
 
@@ -198,6 +195,9 @@ def _equilibrium(legs: int) -> Callable[[Float[np.ndarray, "states legs"]], tupl
 @measure
 def height_error(table: pd.DataFrame) -> float:
     """Median distance of traced heights from those of force balance, eq. (8), at the same legs (m)."""
-    lengths = of_legs(table, "l")
-    heights, _ = _equilibrium(lengths.shape[1])(lengths)
-    return float(np.median(np.abs(np.asarray(heights) - of_legs(table, "x"))))
+    N = springs_of(table)
+    distances = []
+    for _, part in table.groupby("row"):
+        heights, _ = _equilibrium(N, chain_of(table, part))(of_legs(part, "l"))
+        distances.append(np.abs(np.asarray(heights) - of_legs(part, "x")))
+    return float(np.median(np.concatenate(distances)))

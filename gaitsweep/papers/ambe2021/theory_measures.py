@@ -17,7 +17,7 @@ import gaitsweep as gs
 from gaitsweep.analyses import wrapped_difference
 from gaitsweep.claims import MeasureError, measure
 from gaitsweep.papers.ambe2021.equation_measures import chain_defaults
-from gaitsweep.papers.ambe2021.multilegged.chain_of_table import springs_of
+from gaitsweep.papers.ambe2021.multilegged.chain_of_table import chain_of, springs_of
 from gaitsweep.papers.ambe2021.multilegged.parameters import SPRINGS
 from gaitsweep.papers.ambe2021.multilegged.reduced import MultileggedReduced
 from gaitsweep.papers.ambe2021.theory.chain import (
@@ -169,8 +169,10 @@ def touchdown_relation_error(*, N: int = _LONG) -> float:
 def table_2(*, number: int) -> list[str]:
     """Whether the legs in front of and behind a leg of the set S are reset before it: no, yes or none."""
     words = {None: "none", False: "no", True: "yes"}
-    neighbours = next(neighbours for neighbours, reset_set in TABLE_2.items() if reset_set == number)
-    return [words[reset] for reset in neighbours]
+    neighbours_of = {reset_set: neighbours for neighbours, reset_set in TABLE_2.items()}
+    if number not in neighbours_of:
+        raise MeasureError(f"number is {number}, but the sets S have numbers 1 to {len(TABLE_2)}.")
+    return [words[reset] for reset in neighbours_of[number]]
 
 
 @measure
@@ -189,8 +191,9 @@ def order_sets_agree(*, N: int = _LONG) -> float:
 @measure
 def chain_of_sets(table: pd.DataFrame) -> float:
     """Largest gap between the end of a set and the beginning of the next in the chain of sets (rad)."""
-    rules = lag_rules(springs_of(table), Chain())
-    circle = float(touchdown_phase(Chain()))
+    chain = chain_of(table)
+    rules = lag_rules(springs_of(table), chain)
+    circle = float(touchdown_phase(chain))
     gaps = []
     for i in range(len(rules.low) - 1):
         ends = _ends_of_rule(rules, i)
@@ -223,7 +226,8 @@ def ends_of_chain(*, N: int) -> list[str]:
 def jump_sizes(table: pd.DataFrame) -> list[float]:
     """Smallest and largest size of the jumps of all sets on their own sections (rad)."""
     N = springs_of(table)
-    sizes = [np.abs(jump.change).max() for branch in branches(N) for jump in jumps(N, branch)]
+    chain = chain_of(table)
+    sizes = [np.abs(jump.change).max() for branch in branches(N) for jump in jumps(N, branch, chain)]
     if not sizes:
         raise MeasureError(f"The sets of a chain of {N + 1} legs have no jumps.")
     return [float(min(sizes)), float(max(sizes))]
@@ -264,11 +268,12 @@ def line_range(*, k: int) -> list[float]:
 def slopes_of_fig10(table: pd.DataFrame, *, k: int) -> list[float]:
     """Slopes of psi_k over psi_{k-1} along the solution sets A and B (1)."""
     slopes = []
+    chain = chain_of(table)
     kinds: tuple[Kind, Kind] = ("A", "B")
     for kind in kinds:
-        rule = rule_of(springs_of(table), Branch(kind, k), Chain())
+        rule = rule_of(springs_of(table), Branch(kind, k), chain)
         places_in_range = [rule.low + share * (rule.high - rule.low) for share in (0.6, 0.8)]
-        low, high = (np.asarray(solution(rule, s, touchdown_phase(Chain()), k)) for s in places_in_range)
+        low, high = (np.asarray(solution(rule, s, touchdown_phase(chain), k)) for s in places_in_range)
         slopes.append(float((high[k - 1] - low[k - 1]) / (high[k - 2] - low[k - 2])))
     return slopes
 

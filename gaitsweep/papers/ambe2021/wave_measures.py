@@ -72,9 +72,12 @@ def one_swing_share(table: pd.DataFrame, *, row: int, of: Sequence[int]) -> floa
         table: a trace.
         row: its row.
         of: legs that follow one another in a wave; a wavelength is the next smaller whole number of legs.
+
+    Raises:
+        ArgumentError: the chain has a profile, so that its waves have no wavelength.
     """
     part = one_row(table, row)
-    width = int(wavelength())
+    width = int(wavelength(chain_of(table, part)))
     # a foot may leave the ground for a moment after its touchdown: this is part of the stance
     takeoff = 2 * constants_of(part, ["beta"])["beta"] * np.pi
     in_air = (of_legs(part, "contact") < 0.5) & (of_legs(part, "phase") > takeoff)

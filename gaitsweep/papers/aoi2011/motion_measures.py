@@ -29,7 +29,6 @@ from gaitsweep.claims import (
 from gaitsweep.papers.aoi2011.waist_quadruped.mechanics import WaistMechanics
 from gaitsweep.papers.aoi2011.waist_quadruped.sizes import LIMBS
 
-_CYCLE = 0.4  # s, the cycle with the default parameters
 # Largest deviation of the times between touchdowns from one cycle, where a foot lands once a cycle
 _CYCLE_TOLERANCE = 0.2
 _TOGETHER = 0.2  # rad, the largest difference of limbs that land together
@@ -141,14 +140,22 @@ def drift_from_start(table: pd.DataFrame, *, start: str, end: str, where: Condit
 
 @measure
 def sideways_share(table: pd.DataFrame) -> float:
-    """Largest distance from the line between begin and end of a trace, as a share of its length (1)."""
+    """Largest distance from the line between begin and end of a trace, as a share of its length (1).
+
+    Raises:
+        AnalysisError: the table does not have a column, or a row has no complete cycle.
+    """
     require(table, "row", "t", "q_0", "q_1")
+    design = stored_job(table.attrs).design
     largest = 0.0
-    for _, part in table.groupby("row"):
+    for row, part in table.groupby("row"):
         part = part.sort_values("t")
         path = part[["q_0", "q_1"]].to_numpy(float)
         step = float(np.median(np.diff(part["t"].to_numpy(float))))
-        samples = max(round(_CYCLE / step), 1)
+        cycle = TURN / float(row_params(design, int(str(row))).omega)
+        samples = max(round(cycle / step), 1)
+        if samples >= len(path):
+            raise AnalysisError(f"The trace of row {row} is shorter than a cycle.")
         # averaged over a cycle, in which the body sways
         window = np.full(samples, 1.0 / samples)
         path = np.stack([np.convolve(path[:, k], window, "valid") for k in (0, 1)], axis=1)

@@ -199,13 +199,18 @@ def least_change_of_transition(
         tables: ramps' or staircases' tables.
         observable, parameter: as for `transition_at`.
         by: for each table, the column of the groups.
+
+    Raises:
+        AnalysisError: the observable does not jump in each direction in a table.
     """
     ranges = []
     for table, column in zip(tables, by, strict=True):
         points = transition_points(table, observable, parameter, by=[column])
-        middles = (points["low"] + points["high"]) / 2.0
         for direction in get_args(Direction):
-            ranges.append(float(np.ptp(middles[points["direction"] == direction])))
+            intervals = masked(points, points["direction"] == direction)
+            if intervals.empty:
+                raise AnalysisError(f"{observable} does not jump as {parameter} is {direction}.")
+            ranges.append(float(np.ptp((intervals["low"] + intervals["high"]) / 2.0)))
     return min(ranges)
 
 

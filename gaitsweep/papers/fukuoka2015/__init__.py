@@ -28,11 +28,11 @@ extension = gs.Extension(
     functions={
         "gait_bouts": "gaitsweep.papers.fukuoka2015.analysis.gait_bouts:gait_bouts",
         "gaits_along": "gaitsweep.papers.fukuoka2015.analysis.gait_bouts:gaits_along",
-        "gait_measures": "gaitsweep.papers.fukuoka2015.analysis.gait_summaries:gait_measures",
-        "gaits_by_threshold": "gaitsweep.papers.fukuoka2015.analysis.gait_summaries:gaits_by_threshold",
+        "gait_measures": "gaitsweep.papers.fukuoka2015.analysis.gait_tables:gait_measures",
+        "gaits_by_threshold": "gaitsweep.papers.fukuoka2015.analysis.gait_tables:gaits_by_threshold",
         "gaits_in": "gaitsweep.papers.fukuoka2015.analysis.gait_tables:gaits_in",
         "loading_rule": "gaitsweep.papers.fukuoka2015.analysis.loading_rule:loading_rule",
-        "repertoire": "gaitsweep.papers.fukuoka2015.analysis.gait_summaries:repertoire",
+        "repertoire": "gaitsweep.papers.fukuoka2015.analysis.gait_tables:repertoire",
         "speed_transitions": "gaitsweep.papers.fukuoka2015.analysis.gait_bouts:speed_transitions",
     },
     measures=(

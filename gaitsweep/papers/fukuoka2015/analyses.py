@@ -34,8 +34,12 @@ def gaits(
     from gaitsweep.papers.fukuoka2015.analysis.gait_tables import gaits_counted, gaits_in
     from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import THRESHOLD
 
-    thresholds = (THRESHOLD if threshold is None else threshold,)
-    print_table(gaits_counted(gaits_in(gs.load(directory), window=window, thresholds=thresholds)))
+    thresholds = (THRESHOLD,) if threshold is None else (THRESHOLD, threshold)
+    table = gaits_in(gs.load(directory), window=window, thresholds=thresholds)
+    if threshold is not None:
+        # the first threshold is that of the model where a table has the model's own gaits
+        table["gait"] = table[f"gait_at_{threshold:g}"]
+    print_table(gaits_counted(table))
 
 
 @app.command()
@@ -108,8 +112,7 @@ def gait_thresholds(directory: Directory, window: Window = (-math.inf, math.inf)
 
     Count the shifts by size too, and the gaits by touchdowns.
     """
-    from gaitsweep.papers.fukuoka2015.analysis.gait_summaries import gaits_by_threshold, shift_sizes
-    from gaitsweep.papers.fukuoka2015.analysis.gait_tables import gaits_in
+    from gaitsweep.papers.fukuoka2015.analysis.gait_tables import gaits_by_threshold, gaits_in, shift_sizes
 
     table = gs.load(directory)
     print_table(gaits_by_threshold(table, window=window))
@@ -134,9 +137,9 @@ def gait_measures(
 
     Pitch, power of the joints and cost of transport too.
     """
-    from gaitsweep.papers.fukuoka2015.analysis import gait_summaries
+    from gaitsweep.papers.fukuoka2015.analysis import gait_tables
 
-    print_table(gait_summaries.gait_measures(gs.load(directory), by or None))
+    print_table(gait_tables.gait_measures(gs.load(directory), by or None))
 
 
 @app.command()
@@ -183,6 +186,6 @@ def repertoire(
 
     For the planar quadruped, with the median speed of each gait.
     """
-    from gaitsweep.papers.fukuoka2015.analysis import gait_summaries
+    from gaitsweep.papers.fukuoka2015.analysis import gait_tables
 
-    print_table(gait_summaries.repertoire(gs.load(directory), sets))
+    print_table(gait_tables.repertoire(gs.load(directory), sets))

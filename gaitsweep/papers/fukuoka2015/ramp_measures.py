@@ -59,8 +59,7 @@ def share_up_and_down(table: pd.DataFrame, *, up: Sequence[str], down: Sequence[
     """
     rising = _sequences(table, "right", falling=False)
     falling = _sequences(table, "right", falling=True)
-    rows = rising.keys() & falling.keys()
-    return float(np.mean([rising[row] == list(up) and falling[row] == list(down) for row in rows]))
+    return float(np.mean([rising[row] == list(up) and falling[row] == list(down) for row in rising]))
 
 
 @measure
@@ -124,7 +123,8 @@ def _median_time(ramp: pd.DataFrame, family: str) -> float:
     """The median over the rows of the time (s) in a family of gaits in the rising pass, 0 without any."""
     bouts = _bouts(ramp, "family", falling=False)
     bouts["lasted"] = (bouts["end"] - bouts["begin"]) * (bouts["family"] == family)
-    return float(np.median(numbers(bouts.groupby("row").agg(lasted=("lasted", "sum")), "lasted")))
+    of_rows = bouts.groupby("row").agg(lasted=("lasted", "sum"))
+    return float(np.median(numbers(of_rows.reindex(ramp["row"].unique(), fill_value=0.0), "lasted")))
 
 
 @measure
@@ -197,9 +197,9 @@ def _bouts(table: pd.DataFrame, by: str, *, falling: bool) -> pd.DataFrame:
 
 
 def _sequences(table: pd.DataFrame, by: Names, *, falling: bool) -> dict[object, list[str]]:
-    """The names of the gaits of each row in one pass of a ramp, in order."""
+    """The names of the gaits of each row in one pass of a ramp, in order; none of a row without a bout."""
     column = "gait" if by == "right" else by
-    sequences: dict[object, list[str]] = {}
+    sequences: dict[object, list[str]] = {row: [] for row in table["row"].unique()}
     for row, bouts in _bouts(table, column, falling=falling).groupby("row"):
         names = bouts[column].astype(str).tolist()
         sequences[row] = _with_right_lead(names) if by == "right" else names

@@ -14,13 +14,14 @@ from matplotlib.patches import FancyArrowPatch, Patch
 from matplotlib.transforms import ScaledTranslation
 
 from gaitsweep.analysis.records import sound
-from gaitsweep.analysis.transitions.hysteresis import (
+from gaitsweep.analysis.transitions.jumps import (
     LEAST_JUMP,
+    STEEPER,
     irregular_passes,
     jump_intervals,
     largest_jumps,
+    where_it_moves,
 )
-from gaitsweep.analysis.transitions.jumps import STEEPER, where_it_moves
 from gaitsweep.angles import unwrap_from
 from gaitsweep.plot import theme
 from gaitsweep.plot.column_labels import symbol, unit_of, written

@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Int
 
-from gaitsweep.analysis.atlas.stored_points import StoredPoint
+from gaitsweep.analysis.atlas.branch import StoredPoint
 from gaitsweep.analysis.continuation.arclength_step import BranchPoints
 from gaitsweep.contract import Model
 from gaitsweep.kinds.fixed_points import FollowsFixedPoints

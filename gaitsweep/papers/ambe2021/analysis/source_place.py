@@ -13,7 +13,7 @@ from gaitsweep.papers.ambe2021.multilegged.chain_of_table import (
     psi_columns,
     set_columns,
 )
-from gaitsweep.papers.ambe2021.theory.line_drift import drift, drift_on_ground
+from gaitsweep.papers.ambe2021.theory.solution_sets import drift, drift_on_ground
 from gaitsweep.status import Status
 
 CYCLES = 20  # the last cycles of a row over which its drift is averaged

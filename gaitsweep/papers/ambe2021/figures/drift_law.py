@@ -14,7 +14,8 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator, StrMethodFormatter
 
 from gaitsweep.papers.ambe2021.multilegged.chain_of_table import chain_of, profile_parameters_of, springs_of
-from gaitsweep.papers.ambe2021.theory.line_drift import drift, worst_case_cycles
+from gaitsweep.papers.ambe2021.theory.chain import Chain
+from gaitsweep.papers.ambe2021.theory.solution_sets import drift, worst_case_cycles
 from gaitsweep.plot import (
     GaitColumn,
     PlannedTable,
@@ -72,7 +73,7 @@ def drift_law(
         table: a settle table of the multi-legged chain with the columns of the head's and the tail's value.
 
     Raises:
-        PlotError: the table lacks a column, `of` is unknown, or a profile varies.
+        PlotError: the table lacks a column, `of` is unknown, or another parameter of the theory varies.
     """
     if of not in ASYMMETRY_LABELS:
         raise PlotError(f"of is {of}, but must be one of {', '.join(ASYMMETRY_LABELS)}.")
@@ -148,10 +149,12 @@ def _pairs(
     table: pd.DataFrame, settled: pd.DataFrame, ends: list[str], hue: str, *, by_mass: bool
 ) -> pd.DataFrame:
     """Per drifting pair of ends and gait: median and largest cycles, asymmetry, cycles of the law."""
-    profile = [name for name in profile_parameters_of(table) if name in table]
-    moving = [name for name in profile if len(table[name].unique()) > 1]
-    if moving:
-        raise PlotError(f"{moving[0]} varies, but the law needs a single profile of the inner legs.")
+    others = [name for name in (*Chain._fields, *profile_parameters_of(table)) if name not in ends]
+    for name in others:
+        if name in table and len(table[name].unique()) > 1:
+            raise PlotError(
+                f"{name} varies, but the law needs one value of all but the ends' {' and '.join(ends)}."
+            )
     springs = springs_of(table)
     chain = chain_of(table)
     groups = settled.groupby([*ends, settled[hue].astype(str)])["cycles"].agg(["median", "max"])

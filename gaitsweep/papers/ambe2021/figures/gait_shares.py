@@ -146,7 +146,7 @@ def _curves(table: pd.DataFrame, x: str, title: str | None) -> Figure:
         if not len(table):
             theme.message(axes, "no rows yet")
             return figure
-        shares = shares_of(table).sort_values(x)
+        shares = shares_of(table, x).sort_values(x)  # starts at all values of other parameters together
         colour = {**theme.colours(WAVES), "elsewhere": theme.COLOURS["none"]}
         marker = {**theme.markers(WAVES), "elsewhere": "x"}
         for gait in _SHARES:

@@ -1,16 +1,15 @@
 """The analytic theory of the multi-legged chain (Ambe 2021, sec. 3): `gs.analyses.multilegged_theory`.
 
 `chain.py` has the parameters and what follows from the force balance alone; `solution_sets.py` the periodic
-solutions, `order.py` their touchdown orders, `stability.py` their eigenvalues, `conditions.py` their
-existence, `line_drift.py` the drift along them, and `gaits.py` the gait of a state by the nearest solution.
+solutions and the drift along them, `order.py` their touchdown orders, `stability.py` their eigenvalues,
+`conditions.py` their existence, and `gaits.py` the gait of a state by the nearest solution.
 """
 
 from __future__ import annotations
 
 from gaitsweep.papers.ambe2021.theory.chain import Chain, lag, touchdown_phase, wave_speed, wavelength
 from gaitsweep.papers.ambe2021.theory.gaits import distances
-from gaitsweep.papers.ambe2021.theory.line_drift import drift, worst_case_cycles
-from gaitsweep.papers.ambe2021.theory.solution_sets import Branch
+from gaitsweep.papers.ambe2021.theory.solution_sets import Branch, drift, worst_case_cycles
 from gaitsweep.papers.ambe2021.theory.stability import characteristic_polynomial, linear_map, multipliers
 
 __all__ = [

@@ -96,6 +96,7 @@ def oscillation_along(trace: pd.DataFrame, cycles: int = 4) -> pd.DataFrame:
     along = along.assign(once=amplitudes[:, 0], twice=amplitudes[:, 1])
     if "pass" not in along.columns:
         along["pass"] = 0
+    of_bouts = ["family", "speed_begin", "speed_end", "windows"]
     records = []
     for _, windows in along.groupby(["row", "pass"], sort=True):
         for bout in gait_bouts(windows).to_dict("records"):
@@ -105,6 +106,6 @@ def oscillation_along(trace: pd.DataFrame, cycles: int = 4) -> pd.DataFrame:
             count = 2 if medians["twice"] > medians["once"] else 1
             agree = (of_bout["twice"] > of_bout["once"]) == (count == 2)
             record = {"row": windows["row"].iloc[0], "pass": int(windows["pass"].iloc[0])}
-            record |= {name: bout[name] for name in ("family", "speed_begin", "speed_end", "windows")}
+            record |= {name: bout[name] for name in of_bouts}
             records.append(record | medians | {"body_cycles": count, "agree": float(agree.mean())})
-    return pd.DataFrame(records)
+    return pd.DataFrame(records, columns=["row", "pass", *of_bouts, "once", "twice", "body_cycles", "agree"])

@@ -12,8 +12,7 @@ import pandas as pd
 from jaxtyping import Int, Shaped
 
 from gaitsweep.analyses import AnalysisError, require
-from gaitsweep.papers.fukuoka2015.analysis.gaits_of_onsets import Steadiness, gait_of
-from gaitsweep.papers.fukuoka2015.analysis.swing_onsets import onsets_of
+from gaitsweep.papers.fukuoka2015.analysis.swing_onsets import Steadiness, gait_of, onsets_of
 from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import FAMILIES, STRICT, THRESHOLD, family
 
 # The period is not steady while a parameter moves, so only the shifts are tested. Complete cycles of all legs
@@ -49,7 +48,9 @@ def gaits_along(
     windows, inside = _windows(onsets.sort_values(["row", "t"], kind="stable", ignore_index=True), cycles)
     along = windows.assign(t=0.5 * (windows["begin"] + windows["end"]))
     if not len(along):
-        return along.assign(delta_1=0.0, delta_2=0.0, gait="", family="")
+        means = {"pass": "pass", "speed_n": "speed", "x": "speed", _parameter(table): _parameter(table)}
+        of_table = dict.fromkeys(name for column, name in means.items() if column in table.columns)
+        return along.assign(delta_1=0.0, delta_2=0.0, gait="", family="", **dict.fromkeys(of_table, 0.0))
     named_cycles = gait_of(inside, rows=range(len(windows)), thresholds=thresholds, steadiness=WHILE_RAMPING)
     named = [name for name in named_cycles.columns if name.startswith(("delta_", "gait"))]
     along = pd.concat([along, named_cycles[named]], axis=1)
@@ -78,6 +79,7 @@ def gait_bouts(along: pd.DataFrame, by: str = "family", least: int = 2) -> pd.Da
         for name in along.columns
         if name not in ("row", "begin", "end", "t") and pd.api.types.is_numeric_dtype(along[name])
     ]
+    ends = [f"{name}_{end}" for name in numeric for end in ("begin", "end")]
     records: list[dict[str, Any]] = []
     for row, windows in along.groupby("row", sort=True):
         names = windows[by].astype(str).to_numpy()
@@ -90,7 +92,7 @@ def gait_bouts(along: pd.DataFrame, by: str = "family", least: int = 2) -> pd.Da
             for name in numeric:
                 record |= {f"{name}_begin": bout[name].iloc[0], f"{name}_end": bout[name].iloc[-1]}
             records.append(record)
-    return pd.DataFrame(records or {"row": [], by: []})
+    return pd.DataFrame(records, columns=["row", by, "begin", "end", "windows", *ends])
 
 
 def _windows(onsets: pd.DataFrame, cycles: int) -> tuple[pd.DataFrame, pd.DataFrame]:
@@ -122,10 +124,15 @@ def _runs(names: Shaped[np.ndarray, " windows"]) -> list[Int[np.ndarray, " run"]
 
 def _with_means(along: pd.DataFrame, table: pd.DataFrame) -> pd.DataFrame:
     """The windows with their moving parameter, pass and speed, those that the table has."""
-    parameter = table.attrs.get("job", {}).get("run", {}).get("parameter")
+    parameter = _parameter(table)
     traces = dict(iter(table.groupby("row")))
     means = [_means_of_row(traces[row], windows, parameter) for row, windows in along.groupby("row")]
     return along.join(pd.concat(means))
+
+
+def _parameter(table: pd.DataFrame) -> str | None:
+    """The moving parameter of the table's job."""
+    return table.attrs.get("job", {}).get("run", {}).get("parameter")
 
 
 def _means_of_row(trace: pd.DataFrame, windows: pd.DataFrame, parameter: str | None) -> pd.DataFrame:
@@ -182,7 +189,9 @@ def speed_transitions(table: pd.DataFrame, by: str | Sequence[str] = (), cycles:
     if "speed" not in along.columns:
         raise AnalysisError("The table has no speeds (speed_n, or x of a trace).")
     records = []
-    for row, cycles_of_row in along.loc[along["family"].isin(FAMILIES)].groupby("row"):
+    named = along.loc[along["family"].isin(FAMILIES)]
+    for row in np.unique(table["row"]):
+        cycles_of_row = named.loc[named["row"] == row]
         bouts = gait_bouts(cycles_of_row, least=MIN_WINDOWS)
         turn = cycles_of_row.loc[cycles_of_row["pass"] == 1, "t"].min()
         for slower, faster in itertools.pairwise(FAMILIES):
@@ -210,7 +219,7 @@ def _up_and_down(bouts: pd.DataFrame, rank: int, turn: float) -> tuple[float, fl
         rank: of the slower of the families above the transition.
         turn: when the parameter begins to fall, s.
     """
-    faster = np.array([FAMILIES.index(name) >= rank for name in bouts["family"]])
+    faster = np.array([FAMILIES.index(name) >= rank for name in bouts["family"]], bool)
     middle = 0.5 * (bouts["speed_end"].to_numpy()[:-1] + bouts["speed_begin"].to_numpy()[1:])
     begin = bouts["begin"].to_numpy()[1:]
     up = np.flatnonzero(faster[1:] & ~faster[:-1])

@@ -1,4 +1,4 @@
-"""Figures of footfalls, footprints and gaits over speed."""
+"""Figures of the nine gaits: over speed, along ramps and in time, and of the rule of leg loading."""
 
 from gaitsweep.papers.fukuoka2015.figures.gait_ramp import gait_ramp as gait_ramp
 from gaitsweep.papers.fukuoka2015.figures.gait_series import gait_series as gait_series

@@ -1,10 +1,10 @@
 """Online measurement of gait cycles: swing onsets, touchdowns, and mean loads and pitch in stance.
 
-A leg's cycle is from one swing onset (u_f crosses 0 upwards) to the next. It touches down where its foot
-bears load after `MIN_AIR_TIME` or more in the air; shorter breaks of contact belong to one stance. Where it
-does so twice in a cycle, or not at all, it has no phase by touchdowns. Late stance is the last part of the
-cycle, of the share `LATE_STANCE`, if the cycle is as long as the one before it: so no history of loads has to
-be stored.
+A leg's cycle is from one swing onset to the next: u_f crosses 0 upwards after `MIN_SILENCE` or more below it;
+shorter breaks of activity belong to one swing. A leg touches down where its foot bears load after
+`MIN_AIR_TIME` or more in the air; shorter breaks of contact belong to one stance. Where it does so twice in a
+cycle, or not at all, it has no phase by touchdowns. Late stance is the last part of the cycle, of the share
+`LATE_STANCE`, if the cycle is as long as the one before it: so no history of loads has to be stored.
 """
 
 from __future__ import annotations
@@ -129,8 +129,9 @@ class Average:
 
 LATE_STANCE = 0.15  # of a cycle
 MIN_AIR_TIME = 0.06  # s
+# s; a foot that unloads or touches down silences a flexor for up to 15 ms, stance for 90 ms or more
+MIN_SILENCE = 0.02
 RECENT_CYCLES = 1.5  # cycles of LF for which an irregular touchdown keeps a cycle out of the averages
-SHORTEST_CYCLE = 0.5  # cycles of LF: an onset so soon after the last one begins no cycle
 LF = LEGS.index("LF")
 (FORE_1, HIND_1), (FORE_2, HIND_2) = ((LEGS.index(fore), LEGS.index(hind)) for fore, hind in PAIRS)
 
@@ -140,20 +141,21 @@ LF = LEGS.index("LF")
 class Cycle:
     """The measurements so far; legs are in the order of `LEGS`.
 
-    `clock` s. For each leg (4,): `onset` s of its last swing, `period` s of its last cycle; `loaded` s when
-    its foot bore load last, `landed` s of the last touchdown that was the first in a cycle, `irregular` s
-    when a second one or the end of a cycle without any came last; the integrals `stance` and `late` of its
-    current cycle; the means `stance_load`, `late_load` (N), `stance_pitch`, `late_pitch` (rad) of its last
-    cycle. For LF's current cycle: `begin_x` m, `pitch_sum` rad s, `pitch_low`, `pitch_high` rad, `pitch_sums`
-    (6,) of `_pitch_products`, `aloft` s without a foot on the ground; for its last cycle: `speed` m/s,
-    `flight` (a share), `pitch_mean`, `pitch_range` rad; the `average` over its last cycles; `closed`: LF's
-    cycle ended in the last step. `work` (2,) J is the positive work of hips and of knees in LF's current
-    cycle, `power` (2,) W its mean rate in the last one.
+    `clock` s. For each leg (4,): `onset` s of its last swing, `period` s of its last cycle; `active` s when
+    its flexor was active last, `loaded` s when its foot bore load last, `landed` s of the last touchdown that
+    was the first in a cycle, `irregular` s when a second one or the end of a cycle without any came last; the
+    integrals `stance` and `late` of its current cycle; the means `stance_load`, `late_load` (N),
+    `stance_pitch`, `late_pitch` (rad) of its last cycle. For LF's current cycle: `begin_x` m, `pitch_sum` rad
+    s, `pitch_low`, `pitch_high` rad, `pitch_sums` (6,) of `_pitch_products`, `aloft` s without a foot on the
+    ground; for its last cycle: `speed` m/s, `flight` (a share), `pitch_mean`, `pitch_range` rad; the
+    `average` over its last cycles; `closed`: LF's cycle ended in the last step. `work` (2,) J is the positive
+    work of hips and of knees in LF's current cycle, `power` (2,) W its mean rate in the last one.
     """
 
     clock: jax.Array
     onset: jax.Array
     period: jax.Array
+    active: jax.Array
     loaded: jax.Array
     landed: jax.Array
     irregular: jax.Array
@@ -200,7 +202,7 @@ def initial_cycle(x: jax.Array, pitch: jax.Array) -> Cycle:
     shifts = jnp.zeros((2, 3), x.dtype)
     none = Sums(four, four, four)
     return Cycle(
-        clock=zero, onset=four, period=four,
+        clock=zero, onset=four, period=four, active=four - MIN_SILENCE,
         loaded=four - MIN_AIR_TIME, landed=four - MIN_AIR_TIME, irregular=four - 1.0,
         stance=none, late=none, stance_load=four, stance_pitch=four, late_load=four, late_pitch=four,
         begin_x=x, pitch_sum=zero, pitch_low=pitch, pitch_high=pitch,
@@ -248,6 +250,7 @@ def _with_step(
     return dataclasses.replace(
         c,
         clock=now,
+        active=jnp.where(stands, c.active, now),
         loaded=jnp.where(down, now, c.loaded),
         landed=jnp.where(lands & first, now, c.landed),
         irregular=jnp.where(lands & ~first, now, c.irregular),
@@ -269,16 +272,14 @@ def _in_late_part(c: Cycle) -> jax.Array:
 
 def _with_onsets(c: Cycle, before: jax.Array, after: jax.Array, dt: jax.Array) -> Cycle:
     """The measurements after the swing onsets of a step, in which flexors' potentials (4,) change."""
-    begins = (before <= 0.0) & (after > 0.0)
-    rise = after - before
-    onset = c.clock - dt * jnp.where(begins, after / jnp.where(begins, rise, 1.0), 0.0)
-    # the touch of a foot may make a flexor silent again for some steps, which does not end a cycle
-    new_cycle = begins & (c.clock - c.onset > SHORTEST_CYCLE * c.period[LF])
+    rises = (before <= 0.0) & (after > 0.0)
+    onset = c.clock - dt * jnp.where(rises, after / jnp.where(rises, after - before, 1.0), 0.0)
+    begins = rises & (onset - c.active >= MIN_SILENCE)
     stance_load, stance_pitch = c.stance.means()
     late_load, late_pitch = c.late.means()
     return dataclasses.replace(
         c,
-        irregular=jnp.where(new_cycle & (c.landed < c.onset), c.clock, c.irregular),
+        irregular=jnp.where(begins & (c.landed < c.onset), c.clock, c.irregular),
         onset=jnp.where(begins, onset, c.onset),
         period=jnp.where(begins, onset - c.onset, c.period),
         stance=c.stance.without(begins),
