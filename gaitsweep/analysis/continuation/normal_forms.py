@@ -1,4 +1,4 @@
-"""Coefficients of the normal forms of bifurcations of fixed points: super- or subcritical.
+"""Coefficients of the normal forms of bifurcations, super- or subcritical, and the cycles of Hopf points.
 
 The quadratic and cubic terms of the map come from Jacobians beside the bifurcation: B(u, h) is the derivative
 of J h along u, and C(u, u, h) the second one.
@@ -12,6 +12,7 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
+import pandas as pd
 from jaxtyping import Complex, Float
 
 from gaitsweep.analysis.continuation.arclength_step import BranchPoints, ContinuationProblem
@@ -23,6 +24,8 @@ Vector = Float[np.ndarray, " coordinates"]
 ComplexVector = Complex[np.ndarray, " coordinates"]
 # Step of the differences of Jacobians, in coordinates relative to their scales.
 BESIDE = 1e-3
+# Displacement of a parameter, relative to its size, for the rate of an eigenvalue along a branch.
+PARAMETER_STEP = 1e-5
 # Largest length of the left critical vector, which is infinite where two multipliers are critical with one
 # direction.
 LARGEST_LEFT = 1e6
@@ -176,3 +179,45 @@ def hopf_form(mapping: StationaryMap, at: Points, values: Values) -> HopfForm:
     (a_11, b_11, a_r, b_i, a_i, b_r), _ = bent(*((u, v, u) for u, v in pairs))
     cubic = aaa + abb + 1j * (aab + bbb) + 2.0 * (a_11 + 1j * b_11) + a_r + b_i + 1j * (a_i - b_r)
     return HopfForm(frequency, q, p, float((p @ cubic).real / (2.0 * frequency)), h11, h20)
+
+
+def hopf_cycle(
+    mapping: StationaryMap, at: Points, values: Values, parameter: str, amplitude: float, count: int
+) -> pd.DataFrame:
+    """The cycle of an amplitude that begins at a Hopf point (1,), to second order.
+
+    Args:
+        mapping: the map.
+        at: the Hopf point.
+        values: the parameters there.
+        parameter: the parameter that moves away from there.
+        amplitude: the largest displacement of the cycle, in the units of the coordinates.
+        count: the number of its points.
+
+    Returns:
+        One record a point: time (s), the coordinates, the parameter's value at which the cycle has this
+        amplitude, and its period (s).
+    """
+    form, program = hopf_form(mapping, at, values), linearised_flow(mapping)
+    values_at = {name: column[0] for name, column in mapping.complete(values, 1).items()}
+    x, modes, value = at.at[0], at[0].modes, values_at[parameter]
+
+    def linearised(
+        share: float, x: Float[np.ndarray, " coordinates"]
+    ) -> tuple[Float[np.ndarray, " coordinates"], Float[np.ndarray, "coordinates coordinates"]]:
+        rates, jacobian = program({**values_at, parameter: value + share}, x, modes)
+        return np.asarray(rates), np.asarray(jacobian)
+
+    small = PARAMETER_STEP * (1.0 + abs(value))
+    slope = (linearised(small, x)[0] - linearised(-small, x)[0]) / (2.0 * small)
+    along = np.linalg.solve(-linearised(0.0, x)[1], slope)
+    ahead, behind = (linearised(d, x + d * along)[1] for d in (small, -small))
+    growth = np.real(form.p @ (ahead - behind) @ form.q) / (2.0 * small)
+    size = amplitude / np.max(np.abs(form.q)) / 2.0
+    change = -form.frequency * form.l1 * size**2 / growth
+    period = 2.0 * np.pi / form.frequency
+    time = period * np.arange(count) / count
+    z = size * np.exp(1j * form.frequency * time)[:, None]
+    points = x + change * along + 2.0 * (z * form.q).real + np.abs(z) ** 2 * form.h11 + (z**2 * form.h20).real
+    columns = {quantity.name: points[:, k] for k, quantity in enumerate(mapping.coordinates)}
+    return pd.DataFrame({"time": time, **columns, parameter: value + change, "period": period})
