@@ -137,7 +137,18 @@ def located(
 def located_on_branch(
     problem: ContinuationProblem, before: BranchPoints, length: float, test: Test, ends: tuple[float, float]
 ) -> tuple[BranchPoints, float] | None:
-    """The zero of a test function on a step of one branch from `before`, as by `located`."""
+    """The zero of a test function on a step of one branch from `before`, as by `located`.
+
+    Args:
+        problem: the continuation problem, of one branch.
+        before: the point (1,) from which the step begins.
+        length: the length of the step.
+        test: the test function.
+        ends: its values at both ends of the step.
+
+    Returns:
+        The point and its arclength; None where no point is found.
+    """
 
     def point_at(arclength: float) -> Computation[BranchPoints | None]:
         point, converged = problem.step(before, np.array([arclength]))
@@ -174,14 +185,14 @@ def pair_kind(problem: ContinuationProblem, at_zero: BranchPoints) -> str:
 
 @dataclasses.dataclass(frozen=True)
 class Special:
-    """A bifurcation on a step: its `kind`, its `arclength` from the step's start, the point `here` (1,).
+    """A bifurcation on a step: its `kind`, its `arclength` from the step's start, its `point` (1,).
 
     `aside` (k,): points on the halves of branches that cross, as in `Crossing`.
     """
 
     kind: str
     arclength: float
-    here: BranchPoints
+    point: BranchPoints
     aside: BranchPoints | None = None
 
 
@@ -220,11 +231,18 @@ def bifurcations(
     first: TestValues,
     last: TestValues,
 ) -> list[list[Special] | None]:
-    """The bifurcations on a step of each of n branches, from `before` to `after`, in order.
+    """The bifurcations on a step of each of n branches, in order.
 
-    `first` and `last` (n, tests) are the values of the test functions there. None where the step must be
-    shorter: it led from one branch to another that passes close by, or the bifurcations do not explain how
-    many multipliers crossed the unit circle.
+    Args:
+        problem: the continuation problem.
+        before, after: the points at both ends of the steps.
+        length: the lengths (n,) of the steps.
+        first, last: the values (n, tests) of the test functions at both ends.
+
+    Returns:
+        For each branch its bifurcations. None where the step must be shorter: it led from one branch to
+        another that passes close by, or the bifurcations do not explain how many multipliers crossed the
+        unit circle.
     """
     ends = {test: (first[:, k], last[:, k]) for k, test in enumerate(TESTS)}
     # a test function may be zero at the end of a step: then it changes sign on one of the two steps there
@@ -262,10 +280,10 @@ class _BranchStep:
             if crossing is not None:
                 if abs(beta) > IMPERFECT:
                     return None
-                along = ahead(self.problem, self.before, crossing.here)
-                specials.append(Special(crossing.kind, along, crossing.here, crossing.aside))
+                along = ahead(self.problem, self.before, crossing.point)
+                specials.append(Special(crossing.kind, along, crossing.point, crossing.aside))
                 # a pitchfork where the branch itself turns is not a fold
-                if _turns(self.problem, crossing.here):
+                if _turns(self.problem, crossing.point):
                     tests = [test for test in tests if test is not fold_test]
             elif zero is not None and abs(branch_test(self.problem, zero[0])[0]) < SMALL * np.max(
                 np.abs(ends)
@@ -273,7 +291,7 @@ class _BranchStep:
                 at_corner = cornered(self.problem, zero[0], both_sides(self.problem, zero[0]))
                 if at_corner is None:
                     at_corner = Crossing("branch_point", zero[0], None)
-                specials.append(Special(at_corner.kind, zero[1], at_corner.here, at_corner.aside))
+                specials.append(Special(at_corner.kind, zero[1], at_corner.point, at_corner.aside))
         for test in tests:
             special = yield from self._zero(test, changed[test])
             if special is not None:
@@ -360,7 +378,7 @@ class _BranchStep:
         """Whether a branch point lies on the step."""
         if crossing is None:
             return False
-        return -EDGE <= ahead(self.problem, self.before, crossing.here) / self.length <= 1.0 + EDGE
+        return -EDGE <= ahead(self.problem, self.before, crossing.point) / self.length <= 1.0 + EDGE
 
     def _explained(self, specials: list[Special]) -> bool:
         """Whether bifurcations explain the change of the number of multipliers outside the unit circle."""
@@ -374,7 +392,7 @@ class _BranchStep:
         crossed = sum(2 if kind == "neimark_sacker" else 1 for kind in kinds)
         # the multiplier of the branch that turns at a pitchfork is 1 there, and on one side before and after
         crossed -= sum(
-            special.kind in PITCHFORKS and _turns(self.problem, special.here) for special in specials
+            special.kind in PITCHFORKS and _turns(self.problem, special.point) for special in specials
         )
         return any(abs(k) <= crossed and (crossed - k) % 2 == 0 for k in range(least, most + 1))
 
@@ -407,7 +425,12 @@ def _exact(problem: ContinuationProblem, near: BranchPoints, kind: str) -> Compu
 
 
 def ahead(problem: ContinuationProblem, before: BranchPoints, after: BranchPoints) -> float:
-    """The length from `before` to `after` along the tangent at `before`."""
+    """The length from `before` to `after` along the tangent at `before`.
+
+    Args:
+        problem: the continuation problem, of one branch.
+        before, after: points (1,) of the branch.
+    """
     size = before.points.at.shape[1]
     weighted = (problem.weights * before.tangent)[0]
     change = problem.mapping.difference(after.points.at, before.points.at)[0]

@@ -21,7 +21,7 @@ _OF_POINT = (
     *("multiplier", "multiplier_re", "multiplier_im", "unstable", "stable"),
     *("special", "corrections", "end"),
 )
-# What bifurcations of fixed points are for the flow.
+# Bifurcations of the flow, by those of fixed points of its map.
 FLOW_NAMES = {
     "neimark_sacker": "hopf",
     "resonance_1_1": "bogdanov_takens",
@@ -92,7 +92,13 @@ class BranchTable:
             self._records[row][-1]["end"] = reason
 
     def failed(self, row: int, parameter: float, reason: str) -> None:
-        """Add the only record of a branch that has no first point, with the reason."""
+        """Add the only record of a branch that has no first point, with the reason.
+
+        Args:
+            row: the row of the branch.
+            parameter: the value of the continuation parameter there.
+            reason: why there is no point.
+        """
         self._records[row].append({**self._head(row, parameter), "end": reason})
 
     def _head(self, name: int, parameter: float) -> dict[str, Any]:
@@ -113,7 +119,15 @@ class BranchTable:
         *,
         tolerance: float = 0.0,
     ) -> None:
-        """Add a record for each of n branches; multipliers outside by `tolerance` count as unstable."""
+        """Add a record for each of n branches.
+
+        Args:
+            rows: the branches (n,), by their numbers in this table.
+            problem: the continuation problem of the branches.
+            branch_points: a point of each.
+            special: the bifurcation (n,) at each point, or "".
+            tolerance: distance outside the unit circle from which multipliers count as unstable.
+        """
         if not len(rows):
             return
         factors = multipliers_of(problem, branch_points)

@@ -66,6 +66,11 @@ def coefficient(problem: ContinuationProblem, at: BranchPoints, kind: str) -> fl
     - neimark_sacker: d of |x| -> |x| (1 + d |x|^2); supercritical where d < 0. At a Hopf point of a flow, the
       first Lyapunov coefficient instead, as of `HopfForm`.
 
+    Args:
+        problem: the continuation problem of the branch.
+        at: the bifurcation.
+        kind: its kind.
+
     Returns:
         NaN for other kinds, where the map has a corner beside the point, and where conserved quantities are
         constrained.
@@ -108,7 +113,13 @@ def coefficient(problem: ContinuationProblem, at: BranchPoints, kind: str) -> fl
 
 
 def flip_coefficient(J: Matrix, q: Vector, p: Vector, first: Matrix, second: Matrix) -> float:
-    """The coefficient of a flip, from the first and second derivative of the Jacobian along q; p . q = 1."""
+    """The coefficient of a flip, from the first and second derivative of the Jacobian along q; p . q = 1.
+
+    Args:
+        J: the Jacobian, (size, size).
+        q, p: its right and left critical vectors, (size,).
+        first, second: first and second derivative of the Jacobian along q, (size, size).
+    """
     inner = np.linalg.solve(np.eye(len(J)) - J, first @ q)
     return float(p @ (second @ q / 6.0 + 0.5 * first @ inner))
 
@@ -116,9 +127,14 @@ def flip_coefficient(J: Matrix, q: Vector, p: Vector, first: Matrix, second: Mat
 def circle_coefficient(
     J: Matrix, q: ComplexVector, p: ComplexVector, factor: complex, first: list[Matrix], second: list[Matrix]
 ) -> float:
-    """The coefficient of a Neimark-Sacker bifurcation with the multiplier `factor`; p . q = 1.
+    """The coefficient of a Neimark-Sacker bifurcation.
 
-    `first` and `second` are derivatives of the Jacobian along the real and the imaginary part of q.
+    Args:
+        J: the Jacobian, (size, size).
+        q, p: its right and left critical vectors, (size,), p . q = 1.
+        factor: the critical multiplier.
+        first, second: first and second derivatives of the Jacobian along the real and the imaginary part of
+            q, (size, size) each.
     """
     unit = factor / abs(factor)
     B, conjugate = first[0] + 1j * first[1], first[0] - 1j * first[1]
@@ -156,7 +172,13 @@ class HopfForm:
 
 
 def hopf_form(mapping: StationaryMap, at: Points, values: Values) -> HopfForm:
-    """The normal form at a Hopf point (1,), by exact derivatives of the flow."""
+    """The normal form at a Hopf point (1,), by exact derivatives of the flow.
+
+    Args:
+        mapping: the map of the flow's stationary points.
+        at: the Hopf point.
+        values: the parameters there.
+    """
     values_at = {name: column[0] for name, column in mapping.complete(values, 1).items()}
     hopf_point = values_at, at.at[0], at[0].modes
     J = np.asarray(linearised_flow(mapping)(*hopf_point)[1])
