@@ -33,7 +33,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 import pandas as pd
-from gaitsweep.api.maps import PoincareMap
+from gaitsweep.api.return_map import PoincareMap
 
 import gaitsweep as gs
 from gaitsweep.api.keywords import job_of
