@@ -13,10 +13,10 @@ from gaitsweep.api.atlas import Atlas as Atlas
 from gaitsweep.api.atlas import atlas as atlas
 from gaitsweep.api.fits import search as search
 from gaitsweep.api.fits import sensitivity as sensitivity
-from gaitsweep.api.maps import PoincareMap as PoincareMap
-from gaitsweep.api.maps import return_map as return_map
 from gaitsweep.api.quantifiers import quantifiers as quantifiers
 from gaitsweep.api.result import Result as Result
+from gaitsweep.api.return_map import PoincareMap as PoincareMap
+from gaitsweep.api.return_map import return_map as return_map
 from gaitsweep.api.run import run as run
 from gaitsweep.api.simulate import simulate as simulate
 from gaitsweep.api.simulator import Simulator as Simulator

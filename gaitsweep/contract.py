@@ -199,8 +199,8 @@ class Model(Jumps):
     2. It may give the optional members, which are all others. Their defaults describe a model without the
        feature: `precisions`, `label_fields`, `given_with`, `host_parameters` with `on_host`, `data_digest`,
        `caveats`, `caveats_notice`, `free_after`, `beyond_at_start`, `without_start`, `symmetries` and
-       `chart` for runs; `limbs`, `skeleton`, `free_link`, `analytic_distance` and `mjcf` for figures;
-       `bibtex` for `gaitsweep cite`.
+       `chart` for runs; `own_ground`, `limbs`, `skeleton`, `free_link`, `analytic_distance` and `mjcf`
+       for figures; `bibtex` for `gaitsweep cite`.
     3. The engine alone calls the functions, with arguments by position, so a model may name them as it likes.
 
     Raises:
@@ -314,6 +314,12 @@ class Model(Jumps):
     def data_digest(self) -> str:
         """A digest of data files that decide its numbers, such as an MJCF; empty without such files."""
         return ""
+
+    def own_ground(
+        self, x: Float[Array, " *places"], y: Float[Array, " *places"], /
+    ) -> Float[Array, " *places"] | None:
+        """The heights (m) of steps and hills of the model itself at places x, y (m); None without any."""
+        return None
 
     def caveats(self) -> list[str]:
         """Sentences on the accuracy of its motions, which a run prints before its rows."""

@@ -88,9 +88,9 @@ class Lazy:
                     importlib.import_module(f"{self._module}.{self._member}")
                 loaded = getattr(loaded, self._member)
             self._object = loaded
-            for each in list(vars(self).values()):  # imported modules of a package, which are its attributes
-                if isinstance(each, Lazy) and each._member is None:
-                    each._loaded()
+            for attribute in list(vars(self).values()):  # imported modules of a package are its attributes
+                if isinstance(attribute, Lazy) and attribute._member is None:
+                    attribute._loaded()
             for name, value in list(self._names.items()):
                 if value is self:
                     self._names[name] = loaded

@@ -44,10 +44,10 @@ def pytest_configure(config: pytest.Config) -> None:
         from tests.support.shapes import check_shapes
 
         check_shapes()
-    from gaitsweep.engine import stored_programs  # after the hook that checks shapes
+    from gaitsweep.engine import content  # after the hook that checks shapes
 
     # tests replace parts of the engine, and the programs of one would be given to another
-    stored_programs.cache_folder = lambda _: None
+    content.cache_folder = lambda _: None
 
 
 @pytest.hookimpl(tryfirst=True)

@@ -37,7 +37,7 @@ WRONG = """
 import numpy as np
 from gaitsweep.angles import mean_direction
 from gaitsweep.engine.poincare.maps import Points, wrap_difference
-from gaitsweep.engine.event_stall import unpacked
+from gaitsweep.engine.carry import unpacked
 from gaitsweep.engine.recorders.recorder import Readings
 from gaitsweep.row_outcome import RowOutcome
 import jaxtyping

@@ -33,12 +33,12 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 import pandas as pd
+from gaitsweep.api.maps import PoincareMap
 
 import gaitsweep as gs
 from gaitsweep.api.keywords import job_of
-from gaitsweep.api.maps import PoincareMap
+from gaitsweep.engine.solver.methods import METHODS
 from gaitsweep.errors import UserError
-from gaitsweep.job.numerics import METHOD_NAMES
 
 from .random_events import FAMILIES
 from .random_events.family import Case, Family, Solution, differences
@@ -317,7 +317,7 @@ def main(arguments: list[str] | None = None) -> int:
         "--family", action="append", choices=[family.name for family in FAMILIES], default=[]
     )
     options.add_argument("--engine", default="auto", choices=["auto", "kernel", "xla"])
-    options.add_argument("--method", default="auto", choices=METHOD_NAMES)
+    options.add_argument("--method", default="auto", choices=("auto", *METHODS))
     options.add_argument("--workers", type=int, default=2, help="processes, a family each at a time")
     options.add_argument("--most", type=int, default=2, help="models listed of each family and outcome")
     options.add_argument("--list", action="store_true", help="say what the families are, and stop")

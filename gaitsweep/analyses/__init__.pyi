@@ -29,5 +29,5 @@ from gaitsweep.angles import unwrap_from as unwrap_from
 from gaitsweep.angles import wrapped_difference as wrapped_difference
 from gaitsweep.dynamics.footfalls import gait_of_footfalls as gait_of_footfalls
 from gaitsweep.dynamics.footfalls import support_patterns as support_patterns
-from gaitsweep.fitting.conflicts import Conflicts as Conflicts
-from gaitsweep.fitting.conflicts import conflicts as conflicts
+from gaitsweep.fitting.targets import Conflicts as Conflicts
+from gaitsweep.fitting.targets import conflicts as conflicts

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Bool
 
-from gaitsweep.analysis.basins.fractions import LEVEL, proportion_interval
+from gaitsweep.analysis.basins.fractions import LEVEL, check_level, proportion_interval
 from gaitsweep.analysis.records import AnalysisError, names_in, panels_of, require, with_constants
 from gaitsweep.status import Status
 
@@ -131,10 +131,11 @@ def _walks(
 ) -> tuple[pd.DataFrame, list[str], Bool[np.ndarray, " rows"]]:
     """The table of all tables, the names of `by`, and which rows fell; refuses rows with another end."""
     by = names_in(by)
-    if not 0.0 < level < 1.0:
-        raise AnalysisError(f"level is {level:g}, but must be between 0 and 1.")
+    check_level(level)
     table = with_constants(table, by)
     require(table, "status", "cycles", *by)
+    if table.empty:
+        raise AnalysisError("The table has no rows.")
     status = table["status"].astype(str).to_numpy()
     fell, lasted = status == Status.fell.name, status == Status.complete.name
     if len(wrong := np.flatnonzero(~fell & ~lasted)):

@@ -21,6 +21,8 @@ import pandas as pd
 import scipy
 from jaxtyping import Array, Bool, Float, Int
 
+from gaitsweep import near_miss
+from gaitsweep.analysis.basins.fractions import check_level
 from gaitsweep.analysis.records import AnalysisError
 from gaitsweep.contract import Params, State
 from gaitsweep.engine.content import cached_by_content
@@ -146,11 +148,13 @@ def rare_falls(
     names = [quantity.name for quantity in mapping.model.parameters]
     for name in (noise, seed):
         if name not in names:
-            raise AnalysisError(f"{name} is not a parameter of {mapping.model.name}.")
+            near = near_miss.suggestion(name, names)
+            raise AnalysisError(f"{name} is not a parameter of {mapping.model.name}{near}")
     if steps < 2 or rounds < 2:
         raise AnalysisError(f"steps and rounds are {steps} and {rounds}, but must be 2 or more.")
     if not scales or min(scales) < 1.0:
         raise AnalysisError("scales must be numbers of 1 or more.")
+    check_level(level)
     walk = _Walk(mapping, values, starts, noise, draws, seed, steps)
     half = 0.5 + 0.5 * level
     pilots: dict[float, _Windows] = {}

@@ -160,7 +160,17 @@ def outcome_labels(table: pd.DataFrame, label: str) -> pd.Series:
 
 
 def in_order(table: pd.DataFrame, label: str, labels: pd.Series) -> list[str]:
-    """The outcomes that occur: in the order of the label's categories, rows without a label last."""
+    """The outcomes that occur: in the order of the label's categories, rows without a label last.
+
+    Args:
+        table: the table.
+        label: the column of the labels.
+        labels: the outcome of each row, as `outcome_labels` returns them.
+
+    Raises:
+        AnalysisError: the table does not have the column.
+    """
+    require(table, label)
     dtype = table[label].dtype
     categories: list[str] = []
     if isinstance(dtype, pd.CategoricalDtype):

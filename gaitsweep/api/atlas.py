@@ -49,7 +49,8 @@ class Atlas:
         """Keep the result of a run of the kind `atlas`, or its table, such as `gs.load(DIR)`.
 
         Raises:
-            ArgumentError: it is another kind's, or neither a result nor a table.
+            ArgumentError: it is another kind's, neither a result nor a table, or a table without its job, as
+                from a file that another program has written.
         """
         self.result = Result(table=result) if isinstance(result, pd.DataFrame) else result
         if not isinstance(self.result, Result):
@@ -58,10 +59,15 @@ class Atlas:
                 "gs.load(DIR)."
             )
         self._table = self.result.table
+        job = self._table.attrs.get("job")
         if missing := [name for name in ("part", "found", "special") if name not in self._table]:
-            kind = self._table.attrs.get("job", {}).get("run", {}).get("kind", "no run")
+            kind = "no run" if job is None else job.get("run", {}).get("kind", "no run")
             raise ArgumentError(
                 f"The table lacks {', '.join(missing)} of a run of kind atlas: it is one of {kind}."
+            )
+        if job is None:
+            raise ArgumentError(
+                "The table has no job in its .attrs: read it from its directory by gs.load(DIR)."
             )
 
     def __repr__(self) -> str:

@@ -11,6 +11,7 @@ from jaxtyping import Float
 
 from gaitsweep.analysis.basins import quantifiers as of_tables
 from gaitsweep.analysis.basins.fractions import LEVEL
+from gaitsweep.analysis.basins.state_space import check_scales
 from gaitsweep.analysis.continuation.floquet_multipliers import largest_growth
 from gaitsweep.analysis.continuation.newton import newton
 from gaitsweep.analysis.records import AnalysisError, axes_of, require
@@ -133,7 +134,7 @@ class _Amplifications:
         engine = self._job.engine.name
         self._once: ModelMap = BatchedReturnMap(model, numerics=self._job.integration, engine=engine)
         allowed = {*(start.name for start in model.initial_conditions), *axes_of(table)}
-        of_tables.check_scales(scales, sorted(allowed))
+        check_scales(scales, sorted(allowed))
         starts = [f"{quantity.name}_0" for quantity in self._once.coordinates]
         self._sizes = np.array([scales.get(start, 1.0) for start in starts])
 

@@ -96,7 +96,8 @@ def simulator(
         columns: the m columns of its table that are compared with measurements, such as `rate_end`.
 
     Raises:
-        ArgumentError: the job varies something, or its run has several records for a row.
+        ArgumentError: the job varies something, its run has several records for a row, or a parameter is
+            unknown or named twice.
         JobError: an error in the job.
 
     Example:
@@ -126,4 +127,6 @@ def simulator(
         if name not in known:
             near = near_miss.suggestion(name, known)
             raise ArgumentError(f"{name} is not a parameter or start value of {job.design.model.name}{near}")
+        if parameters.count(name) > 1:
+            raise ArgumentError(f"{name} is named twice among the parameters.")
     return Simulator(job, parameters, names_in(columns))

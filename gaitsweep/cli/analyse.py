@@ -102,7 +102,7 @@ def targets(
 
     Print the smallest misses too.
     """
-    from gaitsweep.fitting.conflicts import conflicts
+    from gaitsweep.fitting.targets import conflicts
 
     pairs = conflicts([result_table(directory) for directory in directories], within, target)
     print(f"Number of sets, of {pairs.sets}, that meet both the target of the row and that of the column:")

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -21,16 +21,26 @@ from gaitsweep.cli.reproduce import reproduce
 from gaitsweep.cli.run import atlas, run
 from gaitsweep.cli.views import animate, explore
 from gaitsweep.errors import EXIT_REFUSED, UserError
+from gaitsweep.shipped import BUILTIN
 from gaitsweep.shipped import job_file as shipped_or_own
 
+if TYPE_CHECKING:
+    from gaitsweep.plot import FigureStyle
+
 app = typer.Typer(
-    help="Parameter sweeps of legged locomotion: from a job file to tables and figures.",
+    help="Parameter sweeps of legged locomotion: from a job file to tables and figures.\n\n"
+    f"Begin with `gaitsweep run {BUILTIN}quick_basins`, which takes seconds; `gaitsweep examples` lists "
+    f"the shipped jobs, which need no file: {BUILTIN}NAME.",
     no_args_is_help=True,
     add_completion=False,
     context_settings={"help_option_names": ["-h", "--help"]},
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
+
+
+# Options of `plot` whose names differ from those of the style's fields.
+_OPTION_OF_FIELD = {"--colours": "--colour", "--marks": "--no-marks"}
 
 
 def _print_version(requested: bool) -> None:
@@ -85,7 +95,7 @@ def plot(
 ) -> None:
     """Draw the figures of a table again, without simulation."""
     from gaitsweep.plot.figure_style import read_style
-    from gaitsweep.runs.figures import FigureError, draw_figures
+    from gaitsweep.runs.figures import FigureError
     from gaitsweep.table import Snapshot
 
     style = read_style(
@@ -100,14 +110,7 @@ def plot(
     )
     job = Snapshot.of(directory).job
     try:
-        if "search" in job:
-            from gaitsweep.fitting.search import draw_again
-
-            if out is not None:
-                raise typer.BadParameter("is not for the figures of a search.", param_hint="--out")
-            paths = draw_again(directory)
-        else:
-            paths = draw_figures(directory, style=style, folder=out)
+        paths = _drawn(directory, style, out, of_search="search" in job)
     except FigureError as error:
         for path in error.drawn:
             print(path)
@@ -120,6 +123,22 @@ def plot(
         if "sensitivity" in job:
             text = f"`gaitsweep sensitivity` draws the figures of {directory}: run it again."
         print_message(text)
+
+
+def _drawn(directory: Path, style: FigureStyle, out: Path | None, *, of_search: bool) -> list[Path]:
+    """Draw the figures of a result directory; those of a search have neither a style nor another folder."""
+    if not of_search:
+        from gaitsweep.runs.figures import draw_figures
+
+        return draw_figures(directory, style=style, folder=out)
+    from gaitsweep.fitting.search import draw_again
+
+    options = {"--out": out, **{f"--{field}": value for field, value in style}}
+    for option, value in options.items():
+        if value is not None:
+            name = _OPTION_OF_FIELD.get(option, option.replace("_", "-"))
+            raise typer.BadParameter("is not for the figures of a search.", param_hint=name)
+    return draw_again(directory)
 
 
 def _named_colour(text: str) -> tuple[str, str]:

@@ -14,9 +14,9 @@ from rich.table import Table
 from gaitsweep.cli.show import aligned, counts, duration
 from gaitsweep.fitting.estimate import SearchEstimate
 from gaitsweep.fitting.identifiability import NEAR_BEST_FACTOR
-from gaitsweep.fitting.indices import INDICES
 from gaitsweep.fitting.search import SearchResult
 from gaitsweep.fitting.sensitivity import FIGURE, INDICES_FILE, Sensitivity
+from gaitsweep.fitting.sensitivity_methods import INDICES
 from gaitsweep.fitting.targets import MISS
 from gaitsweep.status import SetStatus
 from gaitsweep.table.manifest import FIGURES, TABLE

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import time
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -11,92 +12,105 @@ import typer
 
 from gaitsweep.cli.options import Directory, Open, Trust, print_links, print_message
 
+Row = Annotated[int, typer.Option("--row", metavar="N", help="Number of the row.")]
+MovieFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--out",
+        metavar="FILE",
+        help="Output file, .gif or .mp4 (.png with --still); by default in DIR/figures.",
+    ),
+]
+Start = Annotated[
+    float | None,
+    typer.Option("--start", metavar="S", help="Time in the row at which the movie begins, s."),
+]
+Seconds = Annotated[
+    float | None,
+    typer.Option(
+        "--seconds",
+        metavar="S",
+        help="Length in time of the row, s; by default a whole trace, or the last cycles.",
+    ),
+]
+Speed = Annotated[
+    float | None,
+    typer.Option(
+        "--speed", metavar="X", help="Speed relative to real time; by default a cycle takes about 1.6 s."
+    ),
+]
+FramesPerSecond = Annotated[
+    float | None, typer.Option("--fps", metavar="N", help="Frames per second; 25 by default.")
+]
+Size = Annotated[
+    str | None,
+    typer.Option(
+        "--size", metavar="WxH", help="Size in pixels; by default 960x540, or 1600x560 with --still."
+    ),
+]
+Renderer = Annotated[
+    str, typer.Option("--renderer", metavar="NAME", help="mujoco, matplotlib, or auto: mujoco if available.")
+]
+Lift = Annotated[
+    float,
+    typer.Option("--lift", metavar="X", help="Draw feet X times as high over the ground as they are."),
+]
+Still = Annotated[
+    float | None,
+    typer.Option("--still", metavar="T", help="Draw a PNG of six poses over the cycle that begins at T, s."),
+]
+
 
 def animate(
     directory: Directory,
-    row: Annotated[int, typer.Option("--row", metavar="N", help="Number of the row.")] = 0,
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            "--out",
-            metavar="FILE",
-            help="Output file, .gif or .mp4 (.png with --still); by default in DIR/figures.",
-        ),
-    ] = None,
-    start: Annotated[
-        float | None,
-        typer.Option("--start", metavar="S", help="Time in the row at which the movie begins, s."),
-    ] = None,
-    seconds: Annotated[
-        float | None,
-        typer.Option(
-            "--seconds",
-            metavar="S",
-            help="Length in time of the row, s; by default a whole trace, or the last cycles.",
-        ),
-    ] = None,
-    speed: Annotated[
-        float | None,
-        typer.Option(
-            "--speed", metavar="X", help="Speed relative to real time; by default a cycle takes about 1.6 s."
-        ),
-    ] = None,
-    fps: Annotated[
-        float | None, typer.Option("--fps", metavar="N", help="Frames per second; 25 by default.")
-    ] = None,
-    size: Annotated[
-        str | None,
-        typer.Option(
-            "--size", metavar="WxH", help="Size in pixels; by default 960x540, or 1600x560 with --still."
-        ),
-    ] = None,
-    renderer: Annotated[
-        str,
-        typer.Option("--renderer", metavar="NAME", help="mujoco, matplotlib, or auto: mujoco if available."),
-    ] = "auto",
-    lift: Annotated[
-        float,
-        typer.Option("--lift", metavar="X", help="Draw feet X times as high over the ground as they are."),
-    ] = 1.0,
-    still: Annotated[
-        float | None,
-        typer.Option(
-            "--still", metavar="T", help="Draw a PNG of six poses over the cycle that begins at T, s."
-        ),
-    ] = None,
+    row: Row = 0,
+    out: MovieFile = None,
+    start: Start = None,
+    seconds: Seconds = None,
+    speed: Speed = None,
+    fps: FramesPerSecond = None,
+    size: Size = None,
+    renderer: Renderer = "auto",
+    lift: Lift = 1.0,
+    still: Still = None,
     trust: Trust = False,
     open_it: Open = False,
 ) -> None:
     """Draw the walking model of one row as a movie or strip."""
-    from gaitsweep.cli.progress import shown_progress
     from gaitsweep.plot import PlotError
-    from gaitsweep.view import row_movie as movie
+    from gaitsweep.view import row_movie
 
     options: dict[str, Any] = {"row": row, "renderer": renderer, "lift": lift, "trust": trust}
     options["on_message"] = print_message
     if size is not None:
         options["size"] = _size(size)
-    if still is not None:
-        of_movie = {"--start": start, "--seconds": seconds, "--speed": speed, "--fps": fps}
-        for name, value in of_movie.items():
-            if value is not None:
-                raise PlotError(
-                    f"--still draws a single picture, to which {name} does not apply: remove one of the two."
-                )
-        path = movie.write_still(directory, out, at=still, **options)
+    of_movie = {"start": start, "seconds": seconds, "speed": speed, "fps": fps}
+    requested = {name: value for name, value in of_movie.items() if value is not None}
+    if still is None:
+        path = _movie(directory, out, {**options, **requested})
+    elif requested:
+        raise PlotError(
+            f"--still draws a single picture, to which --{next(iter(requested))} does not apply: remove one "
+            "of the two."
+        )
     else:
-        if fps is not None:
-            options["fps"] = fps
-        began = time.monotonic()
-        with shown_progress("frames") as shown:
-
-            def on_progress(done: int, total: int) -> None:
-                shown(done, total, done / max(time.monotonic() - began, 1e-9), done / total, "")
-
-            options |= {"start": start, "seconds": seconds, "speed": speed, "on_progress": on_progress}
-            path = movie.write_movie(directory, out, **options)
+        path = row_movie.write_still(directory, out, at=still, **options)
     print(path)
     print_links([path], open_them=open_it)
+
+
+def _movie(directory: Path, out: Path | None, options: Mapping[str, Any]) -> Path:
+    """Write a movie with these options of `write_movie`, and show its progress; returns the file."""
+    from gaitsweep.cli.progress import shown_progress
+    from gaitsweep.view import row_movie
+
+    began = time.monotonic()
+    with shown_progress("frames") as shown:
+
+        def on_progress(done: int, total: int) -> None:
+            shown(done, total, done / max(time.monotonic() - began, 1e-9), done / total, "")
+
+        return row_movie.write_movie(directory, out, on_progress=on_progress, **options)
 
 
 def _size(text: str) -> tuple[int, int]:

@@ -100,7 +100,9 @@ class Sample(StrictModel):
     n: PointCount = Field(description="number of points")
     seed: Seed = Field(default=0, description=_SEED)
     method: Annotated[Literal["random", "sobol"], word("random", "sobol")] = Field(
-        default="random", description="random: independent uniform points; sobol: one joint Sobol sequence"
+        default="random",
+        description="random: independent uniform points; sobol: one joint Sobol sequence, which covers the "
+        "box evenly, in place of Latin hypercube sampling",
     )
     of: dict[Text, Ends] = Field(min_length=1, description="[low, high] by name")
 

@@ -159,7 +159,10 @@ class Mode(Counted):
 
     def starts(self, model: Model, name: str) -> tuple[Quantity, ...]:
         """The initial conditions, whole numbers, with their defaults."""
-        values = np.broadcast_to(np.asarray(self.start), self.shape(model))
+        values = np.asarray(self.start)
+        if values.ndim and values.shape != self.shape(model):
+            raise ValueError(f"{name} has {values.size} start values, but {self.size(model)} numbers")
+        values = np.broadcast_to(values, self.shape(model))
         low, high = (0.0, 1.0) if np.issubdtype(values.dtype, np.bool_) else (-math.inf, math.inf)
         places = [""] if self.count is None else [f"_{i + 1}" for i in range(self.size(model))]
         meaning = f"{self.meaning}, at the start"
@@ -255,7 +258,7 @@ def faults_of_quantity(quantity: Quantity, start: bool) -> Iterator[str]:
         yield f"whose {name} has the scale {quantity.scale:g}, which must be above 0."
 
 
-def _quantity(unit: str, meaning: str, *others: Any, **more: Any) -> Quantity:
+def _quantity(unit: str, meaning: str, **others: Any) -> Quantity:
     """A quantity that has no name yet.
 
     Raises:
@@ -266,7 +269,7 @@ def _quantity(unit: str, meaning: str, *others: Any, **more: Any) -> Quantity:
             example = 'parameter("m/s2", "gravitational acceleration", 9.81)'
             order = f"write the unit, the meaning, then a number, as in {example}"
             raise TypeError(f"The {field} of a declaration is {text!r}, but must be text: {order}.")
-    return Quantity("", unit, meaning, *others, **more)
+    return Quantity("", unit, meaning, **others)
 
 
 def parameter(
@@ -310,8 +313,11 @@ def parameter(
         [('k_1', 20.0), ('k_2', 21.0)]
     """
     several = None if default is None or isinstance(default, (int, float, str)) else tuple(default)
-    first = default if several is None else several[0]
-    quantity = _quantity(unit, meaning, first, low, high, open_ends, circular, symbol, source, whole=whole)
+    first = default if several is None else next(iter(several), None)
+    bounds = {"low": low, "high": high, "open_ends": open_ends}
+    quantity = _quantity(
+        unit, meaning, default=first, **bounds, circular=circular, symbol=symbol, source=source, whole=whole
+    )
     return Parameter(count, quantity, several)
 
 
@@ -361,9 +367,12 @@ def variable(
         >>> [quantity.name for quantity in Rotor().signals]
         ['phase', 'turned']
     """
-    quantity = _quantity(unit, meaning, None, low, high, open_ends, circular, symbol, "", scale)
+    bounds = {"low": low, "high": high, "open_ends": open_ends}
+    quantity = _quantity(unit, meaning, **bounds, circular=circular, symbol=symbol, scale=scale)
+    if observed is None:
+        observed = start is not None
     start_value = start if start is None or isinstance(start, (int, float, str)) else tuple(start)
-    return Variable(count, quantity, start_value, start is not None if observed is None else observed, signal)
+    return Variable(count, quantity, start_value, observed, signal)
 
 
 def time() -> Any:
@@ -390,7 +399,7 @@ def time() -> Any:
         0.2
     """
     quantity = _quantity("s", "time since the start")
-    return Time(None, quantity, None, False, False)
+    return Time(None, quantity, start=None, observed=False, signal=False)
 
 
 def mode(start: bool | int | Sequence[bool | int], meaning: str, *, count: int | str | None = None) -> Any:
@@ -425,7 +434,7 @@ def observable(
         signal: whether traces record it too.
     """
     quantity = _quantity(unit, meaning, circular=circular, symbol=symbol, scale=scale)
-    return lambda function: Reading(count, quantity, function, True, signal)
+    return lambda function: Reading(count, quantity, function, observed=True, signal=signal)
 
 
 def signal(
@@ -439,7 +448,7 @@ def signal(
         circular, symbol: as of `Quantity`.
     """
     quantity = _quantity(unit, meaning, circular=circular, symbol=symbol)
-    return lambda function: Reading(count, quantity, function, False, True)
+    return lambda function: Reading(count, quantity, function, observed=False, signal=True)
 
 
 def energy(
@@ -463,4 +472,6 @@ def energy(
             (`fix`), and follows them along it (`continue_`).
     """
     quantity = _quantity(unit, meaning, symbol=symbol, scale=scale)
-    return lambda function: Reading(None, quantity, function, observed, True, True, conserved)
+    return lambda function: Reading(
+        None, quantity, function, observed, signal=True, is_energy=True, is_conserved=conserved
+    )

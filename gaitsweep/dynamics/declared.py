@@ -44,18 +44,25 @@ OF_TRACES = ("row", "t", "pass", "status", "stalled_by", "gait")
 STEPS = "steps"
 
 
-def _record(model: type, name: str, fields: Any) -> type:
-    """A frozen dataclass of arrays with these fields that JAX knows, as an attribute of the model's class."""
+def _record(model: type, name: str, fields: list[str], members: Mapping[str, Any]) -> type:
+    """A frozen dataclass of arrays that JAX knows, as an attribute of the model's class.
+
+    Args:
+        model: the model's class.
+        name: `Params` or `State`.
+        fields: the names of its fields.
+        members: its members besides these.
+    """
     record = dataclasses.make_dataclass(
         name,
         [(field, jax.Array) for field in fields],
         frozen=True,
-        namespace={"replace": _replaced, "__getattr__": _unknown},
+        namespace={"replace": _replaced, "__getattr__": _unknown, **members},
     )
     record.__module__ = model.__module__
     record.__qualname__ = f"{model.__qualname__}.{name}"
     record.__doc__ = f"The {'parameters' if name == 'Params' else 'variables and modes'} of {model.__name__}."
-    return jax.tree_util.register_dataclass(record, data_fields=list(fields), meta_fields=[])
+    return jax.tree_util.register_dataclass(record, data_fields=fields, meta_fields=[])
 
 
 def _replaced(self: Any, **changes: Any) -> Any:
@@ -98,6 +105,9 @@ class Declared(Model):
     source: ClassVar[str] = ""
     gaits: ClassVar[tuple[str, ...]] = ("none",)
     declarations: ClassVar[Mapping[str, Any]] = {}
+    # whether footfalls leave out short contacts and lifts
+    contacts_bounce: ClassVar[bool] = False
+    _members_of_state: ClassVar[Mapping[str, Any]] = {}  # besides its fields
     Params: ClassVar[type]
     State: ClassVar[type]
 
@@ -112,10 +122,10 @@ class Declared(Model):
         cls._refuse_contradictions()
         if (feet := cls._feet()) is not None and cls.gaits is Declared.gaits:
             cls.gaits = feet.gaits
-        cls.Params = _record(cls, "Params", [*cls._named(Parameter), *cls._other_parameters()])
-        more = cls._added_fields()
+        cls.Params = _record(cls, "Params", [*cls._named(Parameter), *cls._other_parameters()], {})
         modes = [*cls._named(Mode), *cls._named(Sliding)]
-        cls.State = _record(cls, "State", [*cls._named(Variable), *modes, *more])
+        fields = [*cls._named(Variable), *modes, *cls._added_fields()]
+        cls.State = _record(cls, "State", fields, cls._members_of_state)
 
     @classmethod
     def _inherited(cls) -> dict[str, Any]:
@@ -429,7 +439,7 @@ class Declared(Model):
         for name in self._named(Sliding):
             fields[name] = jnp.asarray(1)  # before the variables decide it
         if (feet := self._feet()) is not None:
-            fields[STEPS] = feet.begun(self, fields[feet.clock])
+            fields[STEPS] = feet.begun(fields[feet.clock], debounced=self.contacts_bounce)
         if self._diffusion() is not None:
             fields[PATH] = begun_path()
         return fields

@@ -210,14 +210,15 @@ def instants(
     Args:
         name: a few words, as of `event`.
         every: a function of the parameters, the interval (s) between instants.
-        after: the time (s) of the beginning of the first interval, at whose end is the first instant.
+        after: with `every`, the time (s) of the beginning of the first interval, at whose end is the first
+            instant.
         at: times (s) of single instants, instead of `every`; the jump is (params, state, i) -> state with the
             number of the instant, from 0.
         section: whether they close a cycle.
         during: as of `event`.
 
     Raises:
-        TypeError: not exactly one of `every` and `at` is given.
+        TypeError: not exactly one of `every` and `at` is given, or `after` without `every`.
 
     Example:
         A rotor that is kicked once a second; its section is the standard map:
@@ -245,8 +246,10 @@ def instants(
     if (every is None) == (not at):
         raise TypeError(f"The instants {name!r} need either every= or at=.")
     if every is None:
+        if after:
+            raise TypeError(f"The instants {name!r} have after= without every=: add it to the times of at=.")
         times = np.asarray(at, float)
-        return Event(lambda model, p, s: s.t - times, name, section, during, True, len(times))
+        return Event(lambda model, p, s: s.t - times, name, section, during, rising=True, count=len(times))
 
     def phase(model: Model, params: Any, state: Any) -> Float[Array, ""]:
         return jnp.sin(2.0 * jnp.pi * (state.t - after) / every(params))
@@ -254,4 +257,4 @@ def instants(
     def has_begun(params: Any, state: Any) -> Bool[Array, ""]:
         return state.t > after + 0.5 * every(params)
 
-    return Event(phase, name, section, during, True, when=has_begun)
+    return Event(phase, name, section, during, rising=True, when=has_begun)

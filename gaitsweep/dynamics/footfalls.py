@@ -10,14 +10,14 @@ from __future__ import annotations
 import dataclasses
 import itertools
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from gaitsweep.contract import Model, Quantity, SteppedModel
+from gaitsweep.contract import Model, Quantity
 from gaitsweep.skeleton import LimbLook
 
 # The legs that have names of gaits: left and right, fore and hind, or from the first pair to the last.
@@ -41,9 +41,9 @@ _SIXTH = 1.0 / 12.0
 # Strides after a touchdown within which a foot that steps lands again.
 LATE = 1.5
 
-# Share of a model's period for which a foot of a `SteppedModel` has to stay down, or up, to count as landed,
-# or lifted. A simulator's contacts open and close for a step or two at touchdown and before liftoff; swings
-# and stances last longer.
+# Share of a model's period for which a foot of a body in an MJCF has to stay down, or up, to count as landed,
+# or lifted. Compliant feet bounce after touchdown and before liftoff, and a simulator's contacts open and
+# close for a step or two; swings and stances last longer.
 SHORTEST_CONTACT = 0.05
 
 Legs = Mapping[str, Any]
@@ -202,10 +202,10 @@ def _of_six(at: Legs, duty: Any) -> dict[str, Any]:
 class Steps:
     """The last steps of n feet: times of the model's clock (s) and durations (s).
 
-    `landings` (n,): touchdowns so far; `landed` (n,): times of the last ones; `strides` (n,): times between
-    the last two; `stances` (n,): durations of the last complete stances. `changed`: the time of the last
-    touchdown or lift; `spent` (n + 1,): time with 0 to n feet down since the first foot's last touchdown;
-    `support` (n + 1,): the shares of the stride before that.
+    `landings` (n,): touchdowns so far; `landed` (n,): times of the last ones, at first of the start;
+    `strides` (n,): times between the last two; `stances` (n,): durations of the last complete stances.
+    `changed`: the time of the last touchdown or lift; `spent` (n + 1,): time with 0 to n feet down since the
+    first foot's last touchdown; `support` (n + 1,): the shares of the stride before that.
     """
 
     landings: jax.Array
@@ -228,6 +228,48 @@ class DebouncedSteps(Steps):
 
     is_down: jax.Array
     since: jax.Array
+
+
+_Steps = TypeVar("_Steps", bound=Steps)
+
+
+def _counted(
+    steps: _Steps, was: Bool[Array, " feet"], down: Bool[Array, " feet"], at: Float[Array, " feet"]
+) -> _Steps:
+    """The steps after those feet have landed or lifted that `was` and `down` tell apart, at the times `at`.
+
+    Times are not before `steps.changed`, and may differ from foot to foot.
+    """
+    lands = down & ~was
+    lifts = was & ~down
+    moved = lands | lifts
+    # whether a foot (column) has moved before another one (row); feet that move together do so in turn
+    feet = jnp.arange(was.size)
+    is_sooner = at[None, :] < at[:, None]
+    is_together = at[None, :] == at[:, None]
+    earlier = moved[None, :] & (is_sooner | (is_together & (feet[None, :] < feet[:, None])))
+    begin = jnp.max(jnp.where(earlier, at[None, :], steps.changed), axis=1)
+    change = down.astype(int) - was.astype(int)
+    feet_down = jnp.sum(was) + jnp.sum(jnp.where(earlier, change[None, :], 0), axis=1)
+    is_number = jnp.arange(was.size + 1)[None, :] == feet_down[:, None]
+    spans = jnp.where(is_number & moved[:, None], (at - begin)[:, None], 0.0)
+    # the first foot's touchdown ends its stride, and begins the next one
+    in_next = (lands[0] & earlier[:, 0])[:, None]
+    spent = steps.spent + jnp.sum(jnp.where(in_next, 0.0, spans), axis=0)
+    spent_in_next = jnp.sum(jnp.where(in_next, spans, 0.0), axis=0)
+    landed_before = steps.landings >= 1
+    stride = jnp.where(landed_before[0], at[0] - steps.landed[0], 0.0)
+    share = jnp.where(stride > 0.0, spent / jnp.where(stride > 0.0, stride, 1.0), 0.0)
+    return dataclasses.replace(
+        steps,
+        landings=steps.landings + lands.astype(jnp.int32),
+        landed=jnp.where(lands, at, steps.landed),
+        strides=jnp.where(lands & landed_before, at - steps.landed, steps.strides),
+        stances=jnp.where(lifts & landed_before, at - steps.landed, steps.stances),
+        changed=jnp.max(jnp.where(moved, at, steps.changed)),
+        spent=jnp.where(lands[0], spent_in_next, spent),
+        support=jnp.where(lands[0], share, steps.support),
+    )
 
 
 @dataclasses.dataclass(frozen=True)
@@ -284,16 +326,15 @@ class Footfalls:
         legs = enumerate(self.legs, 1)
         return tuple(Quantity(f"contact_{i}", "1", f"whether {leg} is down") for i, leg in legs)
 
-    def begun(self, model: Model, now: Float[Array, ""]) -> Steps:
-        """The steps of feet that have made none."""
+    def begun(self, now: Float[Array, ""], *, debounced: bool) -> Steps:
+        """The steps of feet that have made none; `debounced`: without short contacts and lifts."""
         n = len(self.legs)
         now = jnp.asarray(now, float)
+        begin = jnp.broadcast_to(now, (n,))
         none = jnp.zeros(n)
         shares = jnp.zeros(n + 1)
-        steps = (jnp.zeros(n, jnp.int32), none, none, none, now, shares, shares)
-        if isinstance(model, SteppedModel):
-            return DebouncedSteps(*steps, jnp.zeros(n, bool), jnp.broadcast_to(now, (n,)))
-        return Steps(*steps)
+        steps = (jnp.zeros(n, jnp.int32), begin, none, none, now, shares, shares)
+        return DebouncedSteps(*steps, jnp.zeros(n, bool), begin) if debounced else Steps(*steps)
 
     def down(self, model: Model, params: Any, state: Any) -> Bool[Array, " feet"]:
         """Whether each foot is down.
@@ -321,35 +362,18 @@ class Footfalls:
         was = self.down(model, params, before)
         down = self.down(model, params, after)
         now = getattr(after, self.clock)
-        landed = steps.landed + reset
-        changed = steps.changed + reset
-        at = jnp.broadcast_to(now, landed.shape)
-        latest = now
-        if isinstance(steps, DebouncedSteps):
-            at = jnp.where(down == was, steps.since + reset, now)
-            lasts = now - at >= SHORTEST_CONTACT * model.period(params)
-            was = steps.is_down
-            down = jnp.where(lasts, down, was)
-            steps = dataclasses.replace(steps, is_down=down, since=at)
-            latest = jnp.max(jnp.where(down == was, changed, at))
-        lands = down & ~was
-        lifts = was & ~down
-        landed_before = steps.landings >= 1
-        feet = jnp.arange(len(self.legs) + 1) == jnp.sum(was)
-        moved = jnp.any(lands | lifts)
-        spent = steps.spent + jnp.where(feet & moved, latest - changed, 0.0)
-        stride = jnp.where(landed_before[0], at[0] - landed[0], 0.0)
-        share = jnp.where(stride > 0.0, spent / jnp.where(stride > 0.0, stride, 1.0), 0.0)
-        return dataclasses.replace(
-            steps,
-            landings=steps.landings + lands.astype(jnp.int32),
-            landed=jnp.where(lands, at, landed),
-            strides=jnp.where(lands & landed_before, at - landed, steps.strides),
-            stances=jnp.where(lifts & landed_before, at - landed, steps.stances),
-            changed=jnp.where(moved, latest, changed),
-            spent=jnp.where(lands[0], 0.0, spent),
-            support=jnp.where(lands[0], share, steps.support),
-        )
+        steps = dataclasses.replace(steps, landed=steps.landed + reset, changed=steps.changed + reset)
+        if not isinstance(steps, DebouncedSteps):
+            return _counted(steps, was, down, jnp.broadcast_to(now, was.shape))
+        # a contact or lift counts once it has lasted, from its beginning on
+        since = steps.since + reset
+        lasts = now - since >= SHORTEST_CONTACT * model.period(params)
+        is_down = jnp.where(lasts, was, steps.is_down)
+        # a foot that has been down since the start has not landed
+        from_start = (steps.landings == 0) & (since == steps.landed)
+        was_down = jnp.where(from_start, is_down, steps.is_down)
+        counted = _counted(steps, was_down, is_down, since)
+        return dataclasses.replace(counted, is_down=is_down, since=jnp.where(down == was, since, now))
 
     def observed(self, model: Model, params: Any, state: Any, steps: Steps) -> dict[str, Float[Array, ""]]:
         """The observables by name; NaN for a foot that has not landed twice, or has stopped stepping."""
@@ -385,7 +409,7 @@ def footfalls(clock: str, *, legs: Sequence[str]) -> Callable[[Callable[..., Any
     out. They are NaN for a foot that has not made two touchdowns, or that has stood or been held up for 1.5
     of its strides; such a row has no gait.
 
-    A foot of a model that a simulator steps (`MjcfModel`) has landed, or lifted, only if it then stays down,
+    A foot of a body in an MJCF (`BodyModel`, `MjcfModel`) has landed, or lifted, only if it then stays down,
     or up, for 1/20 of the model's `period`; it landed when that began. The signals show every contact.
 
     Args:

@@ -160,7 +160,7 @@ def _kind(ground: str) -> str:
 
 
 @dataclasses.dataclass(frozen=True)
-class _Profile:
+class Profile:
     """A profile of the ground: its points' places and heights (m), in tuples, so that it is a key of JAX."""
 
     places: tuple[float, ...]
@@ -199,7 +199,7 @@ def _rounded(x: Float[Array, " ..."], half: float) -> Float[Array, " ..."]:
 
 
 @functools.lru_cache(maxsize=64)
-def _profile(text: str) -> _Profile:
+def _profile(text: str) -> Profile:
     """The profile that a text describes; raises ArgumentError."""
     try:
         numbers = np.asarray([float(word) for word in text.split()[1:]])
@@ -213,18 +213,23 @@ def _profile(text: str) -> _Profile:
     z = numbers[1::2]
     if not np.isfinite(numbers).all() or not (np.diff(x) > 0.0).all():
         raise ArgumentError("the places of a profile must be finite and increase.")
-    return _Profile(tuple(x.tolist()), tuple(z.tolist()))
+    return Profile(tuple(x.tolist()), tuple(z.tolist()))
 
 
 def is_uneven(model: Model) -> bool:
-    """Whether a model asks for the ground, and it is not even."""
+    """Whether the ground of a model is uneven, by the kind that it asks for or by its own steps and hills."""
+    return chooses_uneven(model) or model.own_ground(jnp.zeros(1), jnp.zeros(1)) is not None
+
+
+def chooses_uneven(model: Model) -> bool:
+    """Whether the field `ground` of a model has another value than even."""
     return asks_for_ground(type(model)) and getattr(model, "ground", "even") != "even"
 
 
 def heights_of_model(
     model: Model, values: Mapping[str, float], x: Float[np.ndarray, " places"]
 ) -> Float[np.ndarray, " places"] | None:
-    """The heights (m) of a model's ground at places x (m); None where it is even.
+    """The heights (m) of a model's ground at places x (m), y = 0; None where it is even.
 
     Args:
         model: the model.
@@ -233,7 +238,11 @@ def heights_of_model(
     """
     if not is_uneven(model):
         return None
-    return np.asarray(Ground.of(model.ground, values)(jnp.asarray(x)))  # type: ignore[attr-defined]
+    own = model.own_ground(jnp.asarray(x), jnp.zeros(len(x)))
+    heights = np.zeros(len(x)) if own is None else np.asarray(own)
+    if chooses_uneven(model):
+        heights = heights + np.asarray(Ground.of(model.ground, values)(jnp.asarray(x)))  # type: ignore[attr-defined]
+    return heights
 
 
 def ground_quantities(ground: str) -> tuple[Quantity, ...]:
@@ -251,7 +260,7 @@ class Ground:
 
     kind: str = dataclasses.field(metadata={"static": True})
     values: Mapping[str, Float[Array, ""]]
-    profile: _Profile | None = dataclasses.field(default=None, metadata={"static": True})
+    profile: Profile | None = dataclasses.field(default=None, metadata={"static": True})
     rounding: float = dataclasses.field(default=0.0, metadata={"static": True})
 
     @classmethod

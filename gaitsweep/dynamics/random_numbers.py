@@ -24,6 +24,7 @@ WEYL = (0x9E3779B9, 0xBB67AE85)
 # Whole numbers up to this are exact; seeds, counters and streams beyond it, and NaN, count as 0.
 WHOLE = 2.0**53
 _MASK = 0xFFFFFFFF
+_LARGEST_SINGLE = np.float32(1.0 - 2.0**-24)  # below 1
 
 
 def uniform(seed: Any, counter: Any, stream: Any = 0) -> Float[Array, " ..."]:
@@ -57,12 +58,12 @@ def normal(seed: Any, counter: Any, stream: Any = 0) -> Float[Array, " ..."]:
 
 
 def _uniform(seed: Any, counter: Any, stream: Any, half: int) -> Float[Array, " ..."]:
-    given = [jnp.asarray(value) for value in (seed, counter, stream)]
-    floats = [value.dtype for value in given if jnp.issubdtype(value.dtype, jnp.floating)]
-    wide = jnp.broadcast_arrays(*(value.astype(jnp.float64) for value in given))
-    number = _PHILOX.bind(*wide, half=half)
-    if floats and all(dtype == jnp.float32 for dtype in floats):
-        return jnp.minimum(number.astype(jnp.float32), jnp.float32(1.0 - 2.0**-24))
+    """The number of the first or second `half` of the words; in single precision if all reals are."""
+    key = [jnp.asarray(value) for value in (seed, counter, stream)]
+    dtypes = [value.dtype for value in key if jnp.issubdtype(value.dtype, jnp.floating)]
+    number = _PHILOX.bind(*jnp.broadcast_arrays(*(value.astype(jnp.float64) for value in key)), half=half)
+    if dtypes and all(dtype == jnp.float32 for dtype in dtypes):
+        return jnp.minimum(number.astype(jnp.float32), _LARGEST_SINGLE)
     return number
 
 
@@ -72,8 +73,10 @@ def philox_words(counter: Any, key: Any) -> list[Any]:
     k0, k1 = key
     for number in range(ROUNDS):
         if number:
-            k0, k1 = (k0 + WEYL[0]) & _MASK, (k1 + WEYL[1]) & _MASK
-        first, second = c0 * MULTIPLIERS[0], c2 * MULTIPLIERS[1]
+            k0 = (k0 + WEYL[0]) & _MASK
+            k1 = (k1 + WEYL[1]) & _MASK
+        first = c0 * MULTIPLIERS[0]
+        second = c2 * MULTIPLIERS[1]
         c0, c1, c2, c3 = (second >> 32) ^ c1 ^ k0, second & _MASK, (first >> 32) ^ c3 ^ k1, first & _MASK
     return [c0, c1, c2, c3]
 
@@ -95,6 +98,7 @@ def fraction(seed: Any, counter: Any, stream: Any, half: int, numpy: Any = np) -
 
 
 def _by_jax(seed: Array, counter: Array, stream: Array, *, half: int) -> Array:
+    """The number by JAX's own operations, where no kernel has code for it."""
     return fraction(seed, counter, stream, half, jnp)
 
 

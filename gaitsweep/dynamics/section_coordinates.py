@@ -1,15 +1,36 @@
-"""Coordinates of the section of a model by declaration: some of its variables."""
+"""Coordinates of a section: variables of a model by declaration, or joints of a body in an MJCF."""
 
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
+import math
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
+import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from gaitsweep.contract import Chart, Quantity
-from gaitsweep.dynamics.declarations import Reading
+from gaitsweep.dynamics.declarations import Reading, Variable
+from gaitsweep.dynamics.tree import tilt_and_heading, tilted
+
+if TYPE_CHECKING:
+    from gaitsweep.dynamics.body.body_model import BodyModel
+
+NamedVariables = Sequence[tuple[str, Variable]]
+_CORRECTIONS = 3  # Newton steps onto the section, from states that are close to it
+_FREE = (
+    ("up_x", "1", "vertical component of the body's x axis"),
+    ("up_y", "1", "vertical component of the body's y axis"),
+    ("height", "m", "height of the free body"),
+    ("v_ahead", "m/s", "velocity along the heading"),
+    ("v_across", "m/s", "velocity to the left of the heading"),
+    ("v_up", "m/s", "velocity upwards"),
+    ("w_x", "rad/s", "angular velocity about the body's x axis"),
+    ("w_y", "rad/s", "angular velocity about the body's y axis"),
+    ("w_z", "rad/s", "angular velocity about the body's z axis"),
+)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -24,32 +45,13 @@ class SectionCoordinates(Chart):
 
     @property
     def coordinates(self) -> tuple[Quantity, ...]:
-        return tuple(
-            q
-            for name, variable in self.model.section_variables()
-            for q in variable.quantities(self.model, name)
-        )
+        return _quantities(self.model, self.model.section_variables())
 
     def to_coordinates(self, params: Any, state: Any, /) -> Float[Array, " coordinates"]:
-        return jnp.concatenate(
-            [
-                jnp.ravel(variable.read(getattr(state, name)))
-                for name, variable in self.model.section_variables()
-            ]
-        )
+        return jnp.concatenate(_numbers(self.model.section_variables(), state))
 
     def from_coordinates(self, params: Any, at: Float[Array, " coordinates"], modes: Any, /) -> Any:
-        fields = {}
-        first = 0
-        for name, variable in self.model.section_variables():
-            last = first + variable.size(self.model)
-            value = at[first:last].reshape(variable.shape(self.model))
-            if variable.quantity.circular:
-                # coordinates are angles from 0 to 2 pi, but a phase that waits for its event may be beyond
-                own = getattr(modes, name)
-                value = value + (own - variable.read(own))
-            fields[name] = value
-            first = last
+        fields = _fields(self.model, self.model.section_variables(), at, modes)
         state = self.model.complete(params, modes.replace(**fields))
         return self.model.begun_on_section(params, state)
 
@@ -62,15 +64,129 @@ class SectionCoordinates(Chart):
     ) -> Float[Array, " conserved"]:
         if not (energies := self._energies()):
             return jnp.zeros((0,))
-        # the modes of a state on the section are those of a start
-        starts = {q.name: jnp.asarray(q.default, jnp.float64) for q in self.model.initial_conditions}
+        # the modes of a state on the section are those of a start; NaN: variables that the section decides
+        starts = {
+            q.name: jnp.asarray(q.default if isinstance(q.default, int | float) else math.nan, jnp.float64)
+            for q in self.model.initial_conditions
+        }
         state = self.from_coordinates(params, at, self.model.init(params, starts))
         return jnp.stack([energy.function(self.model, params, state) for _, energy in energies])
 
     def _energies(self) -> list[tuple[str, Reading]]:
+        """The conserved energies of the model, by name."""
         declared = self.model.declarations.items()
         return [
             (name, reading)
             for name, reading in declared
             if isinstance(reading, Reading) and reading.is_conserved
         ]
+
+
+@dataclasses.dataclass(frozen=True)
+class BodyCoordinates(Chart):
+    """Positions and velocities of the joints of a body, and the declared variables.
+
+    Slides of the root along the ground are left out, and so are place and heading of a free root. States are
+    moved onto the section's surface along its normal, if the section is one event without a jump.
+    """
+
+    model: BodyModel
+
+    @property
+    def coordinates(self) -> tuple[Quantity, ...]:
+        free = (Quantity(*words) for words in _FREE) if self.model.body.is_free else ()
+        joints = self.model.body.joints
+        return (
+            *free,
+            *(Quantity(j.name, j.unit, f"position of {j.name}") for j in joints if j.in_q is not None),
+            *(Quantity(f"{j.name}_rate", f"{j.unit}/s", f"velocity of {j.name}") for j in joints),
+            *_quantities(self.model, self._variables()),
+        )
+
+    def to_coordinates(self, params: Any, state: Any, /) -> Float[Array, " coordinates"]:
+        q = state.q
+        v = state.v
+        joints = self.model.body.joints
+        pieces = []
+        if self.model.body.is_free:
+            up, heading = tilt_and_heading(q[3:7])
+            pieces += [up, q[2:3], v[:2] @ heading, v[2:6]]
+        pieces += [q[joint.in_q : joint.in_q + 1] for joint in joints if joint.in_q is not None]
+        pieces += [v[joint.in_v : joint.in_v + 1] for joint in joints]
+        return jnp.concatenate([*pieces, *_numbers(self._variables(), state)])
+
+    def from_coordinates(self, params: Any, at: Float[Array, " coordinates"], modes: Any, /) -> Any:
+        q = list(modes.q)
+        v = list(modes.v)
+        first = 0  # coordinate that is not read yet
+        if self.model.body.is_free:
+            q[:7] = [jnp.zeros(()), jnp.zeros(()), at[2], *tilted(at[:2])]
+            v[:6] = at[3:9]
+            first = len(_FREE)
+        joints = self.model.body.joints
+        for joint in joints:
+            if joint.in_q is not None:
+                q[joint.in_q] = at[first]
+                first += 1
+        for joint in joints:
+            v[joint.in_v] = at[first]
+            first += 1
+        fields = _fields(self.model, self._variables(), at[first:], modes)
+        state = modes.replace(q=jnp.stack(q), v=jnp.stack(v), **fields)
+        state = self.model.complete(params, self._onto_section(params, state))
+        return self.model.begun_on_section(params, state)
+
+    def covers(self, params: Any, state: Any, /) -> Bool[Array, ""]:
+        # on a slope the heading matters
+        level = params.body["slope"] == 0.0
+        return level if self.model.body.is_free else jnp.ones((), bool)
+
+    def _onto_section(self, params: Any, state: Any) -> Any:
+        """The state moved onto the surface of the section along its normal, by Newton's method."""
+        sections = [event for event in self.model.single_events() if event.is_section]
+        if len(sections) != 1 or sections[0].jumps:
+            return state
+
+        def height(q: Array, v: Array) -> Float[Array, ""]:
+            return sections[0].height(self.model, params, state.replace(q=q, v=v))
+
+        q = state.q
+        v = state.v
+        for _ in range(_CORRECTIONS):
+            above, (by_q, by_v) = jax.value_and_grad(height, (0, 1))(q, v)
+            square = by_q @ by_q + by_v @ by_v
+            share = above / jnp.where(square > 0.0, square, 1.0)
+            q, v = q - share * by_q, v - share * by_v
+        return state.replace(q=q, v=v)
+
+    def _variables(self) -> NamedVariables:
+        """The declared variables of the section besides positions and velocities."""
+        return [(name, var) for name, var in self.model.section_variables() if name not in ("q", "v")]
+
+
+def _quantities(model: Any, variables: NamedVariables) -> tuple[Quantity, ...]:
+    """The coordinates of variables."""
+    return tuple(quantity for name, variable in variables for quantity in variable.quantities(model, name))
+
+
+def _numbers(variables: NamedVariables, state: Any) -> list[Float[Array, " numbers"]]:
+    """The coordinates of each variable at a state."""
+    return [jnp.ravel(variable.read(getattr(state, name))) for name, variable in variables]
+
+
+def _fields(
+    model: Any, variables: NamedVariables, at: Float[Array, " coordinates"], modes: Any
+) -> Mapping[str, Array]:
+    """The variables at their coordinates, by name; `modes` is a state with the same modes."""
+    fields = {}
+    first = 0
+    for name, variable in variables:
+        last = first + variable.size(model)
+        value = at[first:last].reshape(variable.shape(model))
+        if variable.quantity.circular:
+            # coordinates are angles from 0 to 2 pi, but a phase that waits for its event may be beyond
+            own = getattr(modes, name)
+            value = value + (own - variable.read(own))
+        fields[name] = value
+        first = last
+    return fields

@@ -15,6 +15,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax.extend import core
 
+from gaitsweep.errors import ArgumentError
+
 _DOUBLE = np.dtype("float64")
 _SINGLE = np.dtype("float32")
 
@@ -27,18 +29,21 @@ def worked_in(dtype: Any, function: Callable[..., Any]) -> Callable[..., Any]:
         function: a pure function of pytrees of arrays, without JAX loops or branches.
 
     Raises:
+        ArgumentError: `dtype` is another one.
         ValueError: at the call, if the function has a loop or a branch.
     """
-    if np.dtype(dtype) != _SINGLE:
+    if np.dtype(dtype) not in (_SINGLE, _DOUBLE):
+        raise ArgumentError(f"dtype is {np.dtype(dtype)}, but must be float32 or float64.")
+    if np.dtype(dtype) == _DOUBLE:
         return function
 
-    def worked(*args: Any) -> Any:
-        closed, shape = jax.make_jaxpr(function, return_shape=True)(*args)
+    def in_single_precision(*args: Any) -> Any:
+        program, shapes = jax.make_jaxpr(function, return_shape=True)(*args)
         inputs = [_single(jnp.asarray(leaf)) for leaf in jax.tree.leaves(args)]
-        outputs = _evaluated(closed, inputs)
-        return jax.tree.unflatten(jax.tree.structure(shape), [_double(value) for value in outputs])
+        outputs = [_double(value) for value in _evaluated(program, inputs)]
+        return jax.tree.unflatten(jax.tree.structure(shapes), outputs)
 
-    return worked
+    return in_single_precision
 
 
 def _evaluated(closed: core.ClosedJaxpr, inputs: Sequence[Any]) -> list[Any]:
@@ -82,4 +87,5 @@ def _double(value: Any) -> Any:
 
 
 def _single_dtype(param: Any) -> Any:
+    """A parameter of an operation, with float32 in place of the type float64."""
     return _SINGLE if isinstance(param, np.dtype | type) and param == _DOUBLE else param

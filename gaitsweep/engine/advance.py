@@ -1,8 +1,8 @@
 """One trajectory, one straight-line attempt: try a step, look at the guards, accept, shorten or jump.
 
 The same function serves every engine. All decisions are selects, so that it can be vmapped or printed as
-a scalar kernel, and each trajectory has a time and a step of its own. `trial` tries the step and checks it,
-and `event_location` describes how an event is located.
+a scalar kernel, and each trajectory has a time and a step of its own. `trial_step` tries the step and checks
+it, and `event_location` describes how an event is located.
 
 Guards that fire in the same trial jump one at a time, in the order of the guards, each in an attempt of zero
 length. After each jump the others are looked at again: one that is below zero by then does not jump. Each
@@ -20,7 +20,17 @@ from typing import cast
 import jax.numpy as jnp
 
 from gaitsweep.contract import FixedStepDynamics, HybridModel, Model, Params, State
-from gaitsweep.engine.carry import Carry, Flag, GuardFlags, Halt, Number, likely, select, unlikely
+from gaitsweep.engine.carry import (
+    Carry,
+    Flag,
+    GuardFlags,
+    Halt,
+    Number,
+    likely,
+    longest_chain,
+    select,
+    unlikely,
+)
 from gaitsweep.engine.event_location import (
     BISECTION_AFTER,
     MAX_OVERSHOOT,
@@ -34,7 +44,6 @@ from gaitsweep.engine.event_location import (
     next_trial,
     secant_root,
 )
-from gaitsweep.engine.event_stall import longest_chain
 from gaitsweep.engine.numerics import ResolvedNumerics
 from gaitsweep.engine.solver.methods import euler_update, fixed_step_scheme
 from gaitsweep.engine.solver.taylor import polynomial

@@ -95,8 +95,8 @@ def local_devices(count: int | None = None) -> list[Device]:
     see_all_cores()
     devices = jax.local_devices()
     if count is not None and count > len(devices):
-        found = "1 device" if len(devices) == 1 else f"{len(devices)} devices"
-        raise ArgumentError(f"engine.devices is {count}, but JAX finds only {found} here.")
+        available = "1 device" if len(devices) == 1 else f"{len(devices)} devices"
+        raise ArgumentError(f"engine.devices is {count}, but JAX finds only {available} here.")
     return devices[:count]
 
 

@@ -50,7 +50,7 @@ def decay_per_period(
     """
     _, flags = counts_of_state(model)
     count = min(flags, MAX_FLAGS)
-    rows = len(next(iter({**values, **starts}.values())))
+    rows = len(next(iter(values.values())))  # every model has a parameter
     modes = np.array(list(itertools.product((False, True), repeat=count)), bool).reshape(2**count, count)
     in_modes = (
         {name: np.repeat(column, len(modes)) for name, column in values.items()},

@@ -6,7 +6,9 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterable
+import functools
+import math
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import jax
@@ -16,8 +18,7 @@ from jax.extend.core import Literal
 from jaxtyping import Array, Float
 
 from gaitsweep.contract import Chart, HybridModel, Model, Params, Quantity, State
-from gaitsweep.engine.content import cached_by_content
-from gaitsweep.engine.stored_programs import stored
+from gaitsweep.engine.content import cached_by_content, stored
 
 
 def shapes_of(model: Model) -> tuple[Params, State]:
@@ -42,7 +43,7 @@ def _shapes_on_host(model: Model) -> dict[str, jax.ShapeDtypeStruct]:
 
 @cached_by_content(maxsize=64)
 def counts_of_state(model: HybridModel) -> tuple[int, int]:
-    """How many numbers the flow of a model moves, and how many flags its state has."""
+    """The number of numbers that the flow of a model moves, and that of the flags of its state."""
 
     def counts() -> tuple[int, int]:
         params, state = shapes_of(model)
@@ -82,10 +83,26 @@ def tangent_of(tree: Any, numbers: Iterable[Any]) -> Any:
     return jax.tree.map(tangent, tree)
 
 
+def split_like(numbers: Float[Array, " values"], leaves: Sequence[Any]) -> list[Array]:
+    """Cut a vector (n,) into arrays with the shapes and dtypes of some leaves, arrays or shapes."""
+    ends = np.cumsum([math.prod(leaf.shape) for leaf in leaves])
+    pieces = jnp.split(numbers, ends[:-1].tolist())
+    return [part.reshape(leaf.shape).astype(leaf.dtype) for part, leaf in zip(pieces, leaves, strict=True)]
+
+
 def vector(tree: Any) -> Float[Array, " values"]:
     """All leaves as one float64 vector (n,)."""
     leaves = [jnp.ravel(jnp.asarray(leaf)).astype(jnp.float64) for leaf in jax.tree.leaves(tree)]
     return jnp.concatenate([jnp.zeros(0), *leaves])
+
+
+@functools.lru_cache(maxsize=64)
+def extended_type(kind: type, names: tuple[str, ...]) -> type:
+    """A type of states with more fields, derived from another one alone."""
+    added: list[Any] = [(name, Any) for name in names]
+    extended = dataclasses.make_dataclass(kind.__name__, added, bases=(kind,), frozen=True)
+    fields = [field.name for field in dataclasses.fields(extended)]
+    return jax.tree_util.register_dataclass(extended, fields, [])
 
 
 def element_names(field: str, shape: tuple[int, ...]) -> list[str]:
@@ -141,10 +158,4 @@ class AllVariables(Chart):
         return jnp.concatenate([jnp.ravel(leaf).astype(jnp.float64) for leaf in float_leaves(state)])
 
     def from_coordinates(self, params: Params, at: Float[Array, " coordinates"], modes: State) -> State:
-        leaves = float_leaves(modes)
-        ends = np.cumsum([leaf.size for leaf in leaves])
-        pieces = jnp.split(at, ends[:-1].tolist())
-        shaped = [
-            piece.reshape(leaf.shape).astype(leaf.dtype) for piece, leaf in zip(pieces, leaves, strict=True)
-        ]
-        return with_float_leaves(modes, shaped)
+        return with_float_leaves(modes, split_like(at, float_leaves(modes)))

@@ -7,19 +7,20 @@ These are the defaults of a job.
 from __future__ import annotations
 
 import dataclasses
-from typing import Literal, TypeVar
+from typing import TypeVar, get_args
 
 import jax
 import jax.numpy as jnp
 
+from gaitsweep import near_miss
 from gaitsweep.contract import HybridModel, Model, Params
 from gaitsweep.engine.carry import Number
-from gaitsweep.engine.content import cached_by_content
+from gaitsweep.engine.content import cached_by_content, stored
 from gaitsweep.engine.leaves import shapes_of
-from gaitsweep.engine.solver.methods import METHODS, fixed_step_scheme
+from gaitsweep.engine.solver.methods import METHODS, Precision, fixed_step_scheme
 from gaitsweep.engine.solver.taylor import lacking_recurrence
-from gaitsweep.engine.stored_programs import stored
 from gaitsweep.engine.switches import may_switch, moving_operations
+from gaitsweep.errors import ArgumentError
 
 _Factor = TypeVar("_Factor", float, jax.Array)
 
@@ -40,8 +41,6 @@ MIN_STEPS_PER_PERIOD = 8.0
 # Relative tolerance, and functions in the flow, with which taylor is faster than tsit5 (docs/performance.md).
 FINE_TOLERANCE = 1e-10
 _CIRCULAR = {"sin", "cos"}
-
-Precision = Literal["float64", "float32", "mixed"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -67,13 +66,22 @@ class Numerics:
     contraction: bool = True
 
     def resolve(self, model: Model) -> ResolvedNumerics:
-        """Complete the numerics by the recommendations of a model."""
+        """Complete the numerics by the recommendations of a model.
+
+        Raises:
+            ArgumentError: the method or the precision is unknown.
+        """
         recommended = model.recommended
         rtol = recommended.rtol if self.rtol is None else self.rtol
         method = recommended.method if self.method == "auto" else self.method
         if method == "auto":
             fine = rtol <= FINE_TOLERANCE and self.precision == "float64"
             method = "taylor" if fine and taylor_is_faster(model) else "tsit5"
+        if method not in METHODS:
+            raise ArgumentError(f"numerics.method is {method}{near_miss.suggestion(method, METHODS)}")
+        if self.precision not in get_args(Precision):
+            near = near_miss.suggestion(self.precision, get_args(Precision))
+            raise ArgumentError(f"numerics.precision is {self.precision}{near}")
         atol = recommended.atol if self.atol is None else self.atol
         return ResolvedNumerics(**{**vars(self), "method": method, "rtol": rtol, "atol": atol})
 

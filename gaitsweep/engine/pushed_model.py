@@ -10,7 +10,6 @@ at present is a mode of the state; the recorder that settles a row changes these
 from __future__ import annotations
 
 import dataclasses
-import functools
 import operator
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, final
@@ -23,7 +22,7 @@ from jaxtyping import Array, Bool, Float, Real
 from gaitsweep.contract import HybridModel, Params, Quantity, Rates, Recommended, State
 from gaitsweep.engine.carry import Flag, Number, select
 from gaitsweep.engine.content import cached_by_content
-from gaitsweep.engine.leaves import element_names, shapes_of
+from gaitsweep.engine.leaves import element_names, extended_type, shapes_of, split_like
 from gaitsweep.engine.recorders.states import state_names
 from gaitsweep.engine.solver.methods import METHODS
 
@@ -194,12 +193,9 @@ class PushedModel(HybridModel):
         if not self.resumes:
             return _with_modes(self.model.init(params.plain, start), (off,) * len(MODES))
         leaves, structure = jax.tree.flatten(_shapes(self.model)[0])
-        numbers = iter([start[quantity.name] for quantity in self.initial_conditions])
-        arrays = []
-        for leaf in leaves:
-            array = jnp.asarray([next(numbers) for _ in range(leaf.size)]).reshape(leaf.shape)
-            arrays.append(array != 0.0 if leaf.dtype == bool else array.astype(leaf.dtype))
-        return _with_modes(jax.tree.unflatten(structure, arrays), (off,) * len(MODES))
+        numbers = jnp.stack([start[quantity.name] for quantity in self.initial_conditions])
+        plain = jax.tree.unflatten(structure, split_like(numbers, leaves))
+        return _with_modes(plain, (off,) * len(MODES))
 
     def observe(self, params: PushedParams, state: State, /) -> dict[str, Real[Array, ""]]:
         return self.model.observe(params.plain, _plain(state))
@@ -369,19 +365,10 @@ def places_of(state: State, rates: Rates) -> dict[str, Place]:
     return places
 
 
-@functools.lru_cache(maxsize=64)
-def _kind_with_modes(kind: type) -> type:
-    """The type of states with the modes of a push, derived from that of the model's states alone."""
-    modes: list[Any] = [(name, Any) for name in MODES]
-    extended = dataclasses.make_dataclass(kind.__name__, modes, bases=(kind,), frozen=True)
-    names = [field.name for field in dataclasses.fields(extended)]
-    return jax.tree_util.register_dataclass(extended, names, [])
-
-
 def _with_modes(state: State, modes: tuple[Flag, ...]) -> State:
     """A state of the model with the modes of a push, in the order of `MODES`."""
     fields = {field.name: getattr(state, field.name) for field in dataclasses.fields(state)}
-    return _kind_with_modes(type(state))(**fields, **dict(zip(MODES, modes, strict=True)))
+    return extended_type(type(state), MODES)(**fields, **dict(zip(MODES, modes, strict=True)))
 
 
 def _plain(state: State) -> State:

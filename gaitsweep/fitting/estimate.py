@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 
-from gaitsweep.fitting.population import Population
 from gaitsweep.fitting.search_job import SearchJob
 from gaitsweep.runs.estimate import Estimate, estimate
 
@@ -55,8 +52,11 @@ def estimate_search(job: SearchJob) -> SearchEstimate:
     middle = {
         name: free.at(np.array([0.5]))[0] for name, free in job.free.items() if name not in job.fit.structure
     }
-    estimates = [_Batch.of(part, structure, middle, together) for part in population.parts]
-    batches = [batch for batch in estimates if batch is not None]
+    batches = []  # the estimate of the rows of each run, and the share of a set in them
+    for part in population.parts:
+        if (sample := part.middle_job(structure, middle, together)) is not None:
+            needs = estimate(sample)
+            batches.append((needs, part.own_rows_of_a_set / needs.rows))
     if not batches:
         return SearchEstimate(budget, together, 0, 0, 0.0, 0.0, 0.0, None)
     robust = job.options.robust
@@ -64,49 +64,16 @@ def estimate_search(job: SearchJob) -> SearchEstimate:
     # whole batches, each with the rows of the sample
     sets = math.ceil(budget / together) * together
     sets += _COST_OF_A_FINALIST * min(job.options.finalists, budget)
-    compile_s = sum(batch.estimate.compile_s for batch in batches)
-    seconds_most = sum(batch.seconds_most for batch in batches)
+    compile_s = sum(needs.compile_s for needs, _ in batches)
+    seconds = sum((needs.seconds - needs.compile_s) * share for needs, share in batches)
+    seconds_most = sum((needs.seconds_most - needs.compile_s) * share for needs, share in batches)
     return SearchEstimate(
         sets=budget,
         together=together,
         rows_of_a_set=rows,
         rows_of_neighbours=neighbours,
-        steps=sum(batch.steps for batch in batches) * budget,
-        seconds=compile_s + sets * sum(batch.seconds for batch in batches),
+        steps=sum(needs.steps * share for needs, share in batches) * budget,
+        seconds=compile_s + sets * seconds,
         seconds_most=compile_s + sets * seconds_most * (1.0 + neighbours / rows),
-        batch=batches[0].estimate,
+        batch=batches[0][0],
     )
-
-
-@dataclasses.dataclass(frozen=True)
-class _Batch:
-    """Estimate of a batch of rows of one run, and the steps and seconds of each set in it."""
-
-    estimate: Estimate
-    steps: float
-    seconds: float
-    seconds_most: float
-
-    @classmethod
-    def of(
-        cls, part: Population, structure: Mapping[str, Any], middle: Mapping[str, Any], sets: int
-    ) -> _Batch | None:
-        """Estimate a batch of sets in the middle of all ranges; return None if they have no rows.
-
-        Args:
-            part: measures the sets by one run.
-            structure: the choice of structure.
-            middle: the constants of the sets, by name.
-            sets: the number of sets.
-        """
-        sample = part.middle_job(structure, middle, sets)
-        if sample is None:
-            return None
-        needs = estimate(sample)
-        share_of_a_set = part.own_rows_of_a_set / needs.rows
-        return cls(
-            estimate=needs,
-            steps=needs.steps * share_of_a_set,
-            seconds=(needs.seconds - needs.compile_s) * share_of_a_set,
-            seconds_most=(needs.seconds_most - needs.compile_s) * share_of_a_set,
-        )

@@ -126,17 +126,13 @@ class ClusterRows:
                 on_progress(SweepProgress(done, total, fraction, 0, time.perf_counter() - began))
 
         name = hashlib.sha256(json.dumps(batch.resolved(), sort_keys=True).encode()).hexdigest()[:16]
-        self._remove_others(name)
+        # folders of other batches, which a killed client may have left
+        for folder in self._path.iterdir() if self._path.is_dir() else ():
+            if folder.name != name:
+                shutil.rmtree(folder, ignore_errors=True)
         path = run_job(
             batch, self._path / name, on_progress=on_job_progress, figures=False, cluster=self._cluster
         )
         table = load(path)
         shutil.rmtree(self._path)
         return table
-
-    def _remove_others(self, name: str) -> None:
-        """Remove the folders of other batches, which a killed client may have left."""
-        folders = list(self._path.iterdir()) if self._path.is_dir() else []
-        for folder in folders:
-            if folder.name != name:
-                shutil.rmtree(folder, ignore_errors=True)

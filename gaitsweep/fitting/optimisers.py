@@ -250,16 +250,14 @@ class Restarts:
             share = self._rng.random() ** 2
             size = int(self._smallest * max(0.5 * latest / self._smallest, 1.0) ** share)
             width = self._width * 10.0 ** (-2.0 * self._rng.random())
-        middle = self._rng.random(self._dimension) if not self._start_points else self._best_start_point()
+        if self._start_points:
+            _, _, middle = heapq.heappop(self._start_points)
+        else:
+            middle = self._rng.random(self._dimension)
         seed = int(self._rng.integers(2**63))
         self._strategies[self._begun] = _Strategy(middle, width, size, seed)
         self._queue_generation(self._begun)
         self._begun += 1
-
-    def _best_start_point(self) -> Point:
-        """Remove the best point of the Sobol start, and return it."""
-        _, _, point = heapq.heappop(self._start_points)
-        return point
 
     def _queue_generation(self, number: int) -> None:
         """Queue the points of a strategy's next generation."""

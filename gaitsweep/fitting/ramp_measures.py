@@ -24,7 +24,7 @@ from gaitsweep.fitting.measure import (
     unit_of_parameter,
 )
 from gaitsweep.kinds import Ramp, RunKind
-from gaitsweep.schema.numbers import Count, CountOrZero, Text
+from gaitsweep.schema.numbers import Count, CountOrZero, Flag, Text
 from gaitsweep.status import Status
 
 Column = Shaped[np.ndarray, " crossings"]
@@ -180,7 +180,7 @@ class GaitSequence(RampMeasure):
     pass_: CountOrZero | None = Field(
         alias="pass", default=None, description="the pass of the path that counts; by default all together"
     )
-    only: bool = Field(default=False, description="gaits between those of the list count against it")
+    only: Flag = Field(default=False, description="gaits between those of the list count against it")
 
     def of_rows(self, rows: Sequence[Sequence[Crossings]], model: Model) -> Measured:
         values = np.array([np.mean([self._share(row) for row in rows_of_set]) for rows_of_set in rows])

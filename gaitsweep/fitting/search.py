@@ -164,6 +164,7 @@ def draw_again(path: Path) -> list[Path]:
     return draw_search(path, search, table, identifiability(table, search))
 
 
+@dataclasses.dataclass
 class _Search:
     """Execution of a search in its open directory: its batches, on disk and to come, and its finalists.
 
@@ -176,33 +177,27 @@ class _Search:
         side_by_side: number of batches that run at a time.
     """
 
-    def __init__(
-        self,
-        job: SearchJob,
-        population: Population,
-        model: Model,
-        directory: ResultDirectory,
-        on_progress: Progress,
-        side_by_side: int,
-    ) -> None:
-        self.job = job
-        self.population = population
-        self.model = model
-        self.directory = directory
-        self.on_progress = on_progress
-        self.side_by_side = side_by_side
+    job: SearchJob
+    population: Population
+    model: Model
+    directory: ResultDirectory
+    on_progress: Progress
+    side_by_side: int
+
+    def __post_init__(self) -> None:
+        options = self.job.options
         self.optimiser: Optimiser = optimiser(
-            job.options.method,
-            dimension=len(job.free),
-            targets=len(job.counted),
-            start=job.start,
-            together=directory.manifest["block"],
-            seed=job.options.seed,
-            known_points=job.known_points(),
-            width=job.options.width,
+            options.method,
+            dimension=len(self.job.free),
+            targets=len(self.job.counted),
+            start=self.job.start,
+            together=self.directory.manifest["block"],
+            seed=options.seed,
+            known_points=self.job.known_points(),
+            width=options.width,
         )
         self.stored = pd.DataFrame()  # the sets that were on disk when this run began
-        self.sets_before = directory.rows_done  # their number
+        self.sets_before = self.directory.rows_done  # their number
         self.began = time.perf_counter()
         self.best = np.inf  # the least score so far
 

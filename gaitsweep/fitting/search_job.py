@@ -277,7 +277,7 @@ def read_search_field(data: Mapping[str, Any], wrong: list[Diagnostic]) -> Searc
 
 
 def _check_options(options: SearchOptions, targets: Mapping[str, Target]) -> list[Diagnostic]:
-    """Check the options `first`, `first_within` and `width` of a search; return the diagnostics."""
+    """Check options of a search that depend on others or on the targets; return the diagnostics."""
     wrong = []
     for number, name in enumerate(options.first):
         if name not in targets:
@@ -286,14 +286,14 @@ def _check_options(options: SearchOptions, targets: Mapping[str, Target]) -> lis
     if options.first_within is not None and not options.first:
         text = "has no meaning without search.first, the targets that are measured first."
         wrong.append(Diagnostic(("search", "first_within"), text))
-    if options.width is not None:
-        path = ("search", "width")
-        if options.method != "cma":
+    of_cma = {"start": options.start, "width": options.width}
+    for name, value in of_cma.items():
+        if value is not None and options.method != "cma":
             text = f"has no meaning for the method {options.method}: it is cma's."
-            wrong.append(Diagnostic(path, text))
-        elif options.width > 1.0:
-            text = f"is {options.width:g}, but is a share of the ranges, at most 1."
-            wrong.append(Diagnostic(path, text))
+            wrong.append(Diagnostic(("search", name), text))
+    if options.width is not None and options.width > 1.0:
+        text = f"is {options.width:g}, but is a share of the ranges, at most 1."
+        wrong.append(Diagnostic(("search", "width"), text))
     return wrong
 
 

@@ -20,10 +20,10 @@ from gaitsweep.engine.sweep.blocks_of_rows import rows_of_a_block
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.fitting.fit_directory import ClusterRows, describe, open_directory
 from gaitsweep.fitting.free_parameters import Sets
-from gaitsweep.fitting.indices import Output, PerSet, indices, unwrapped
 from gaitsweep.fitting.measure import Measure, MeasuredByName
 from gaitsweep.fitting.population import Population
 from gaitsweep.fitting.sensitivity_job import FAILURES, SensitivityJob
+from gaitsweep.fitting.sensitivity_methods import Output, PerSet, indices, unwrapped
 from gaitsweep.kinds.columns import quantities_of
 from gaitsweep.plot.sensitivity import sensitivity_figure
 from gaitsweep.runs import provenance
@@ -86,8 +86,8 @@ class Sensitivity:
     """Result of a sensitivity analysis.
 
     `table`: one record a set: `row`, `status` (a `SetStatus`), `why`, the parameters and the outputs.
-    `indices`: one record an index, see `gaitsweep.fitting.indices.indices`. `half_step` compares some sets
-    with half the step; `path` is the result directory, None in memory.
+    `indices`: one record an index, as of `sensitivity_methods.indices`. `half_step` compares some sets with
+    half the step; `path` is the result directory, None in memory.
     """
 
     table: pd.DataFrame

@@ -21,7 +21,7 @@ from gaitsweep.fitting.fit_job import FitJob, check_constants, check_measures, r
 from gaitsweep.fitting.free_parameters import FreeParameter
 from gaitsweep.fitting.measure import Measure
 from gaitsweep.fitting.population import Population
-from gaitsweep.fitting.sensitivity_design import METHODS, Method, SensitivityDesign, design_of
+from gaitsweep.fitting.sensitivity_methods import METHODS, Method, SensitivityDesign, design_of
 from gaitsweep.job import Job
 from gaitsweep.schema.diagnostics import Diagnostic, JobError, quoted, refuse
 from gaitsweep.schema.diagnostics import Path as FieldPath

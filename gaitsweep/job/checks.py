@@ -21,7 +21,7 @@ from gaitsweep.kinds.run_kind import Movement, table_columns
 from gaitsweep.models.conformity import idle_starts, sets_starts
 from gaitsweep.models.value_faults import MAX_NAMED, faults_of_rows
 from gaitsweep.plot.figure_style import FigureStyle
-from gaitsweep.plot.kind import FIGURES, FigureKind, PlannedTable
+from gaitsweep.plot.kind import FIGURES, FigureKind, PlannedTable, kinds_with_gait_colours
 from gaitsweep.plot.style_names import StyleNames
 from gaitsweep.schema.diagnostics import Diagnostic, JobError, Path, unknown_name
 from gaitsweep.schema.strict_model import kind_of
@@ -264,11 +264,13 @@ def _check_style(
     names = StyleNames.of_model(table.model, columns)
     wrong = [Diagnostic(("style", *place), text) for place, text in names.unknown(style)]
     colours = style.colours or {}
-    uses_colours = any(figure.colours_of(name) for figure in figures.values() for name in colours)
+    uses_colours = any(
+        figure.colours_of(name, dict(figure)) for figure in figures.values() for name in colours
+    )
     if figures and colours and not uses_colours:
         kinds = ", ".join(figure.kind_name for figure in figures.values())
-        text = f"has no effect: no figure of this job colours gaits ({kinds}). Remove it."
-        wrong.append(Diagnostic(("style", "colours"), text))
+        text = f"has no effect: no figure of this job colours gaits ({kinds}). {kinds_with_gait_colours()}"
+        wrong.append(Diagnostic(("style", "colours"), f"{text} Remove it."))
     return wrong
 
 

@@ -8,6 +8,8 @@ from pydantic import Field, PlainValidator, WithJsonSchema
 
 from gaitsweep.contract import Model
 from gaitsweep.engine.numerics import Numerics, ResolvedNumerics
+from gaitsweep.engine.solver.methods import Precision
+from gaitsweep.engine.sweep.sweep_spec import RequestedEngine
 from gaitsweep.schema import former_names
 from gaitsweep.schema.numbers import Count, Flag, LaneCount, Positive, checked, read_real, read_whole, word
 from gaitsweep.schema.strict_model import StrictModel
@@ -15,7 +17,6 @@ from gaitsweep.schema.strict_model import StrictModel
 MethodName = Literal[
     "auto", "tsit5", "taylor", "rodas5p", "rk4", "propagator6", "propagator", "semi_implicit"
 ]
-METHOD_NAMES: tuple[MethodName, ...] = get_args(MethodName)
 
 
 def _read_step(value: Any) -> float | Literal["auto"]:
@@ -33,7 +34,7 @@ class NumericsSpec(StrictModel):
 
     method: Annotated[
         MethodName,
-        word(*METHOD_NAMES, former=former_names.METHODS),
+        word(*get_args(MethodName), former=former_names.METHODS),
     ] = Field(
         default="auto",
         description="auto: the method that the model recommends, or else tsit5 (taylor where it is faster, "
@@ -62,7 +63,7 @@ class NumericsSpec(StrictModel):
         default=None,
         description="absolute tolerance of a step's error, with step control; by default the model's",
     )
-    precision: Annotated[Literal["float64", "float32", "mixed"], word("float64", "float32", "mixed")] = Field(
+    precision: Annotated[Precision, word(*get_args(Precision))] = Field(
         default="float64",
         description="float64; or, if the model allows it, float32 or mixed: forces in float32, state "
         "and time in float64",
@@ -85,7 +86,7 @@ class NumericsSpec(StrictModel):
 class EngineChoice(StrictModel):
     """Engine and devices that compute the rows."""
 
-    name: Annotated[Literal["auto", "xla", "kernel"], word("auto", "xla", "kernel")] = Field(
+    name: Annotated[RequestedEngine, word(*get_args(RequestedEngine))] = Field(
         default="auto",
         description="kernel: compiled scalar kernels, the fastest; xla: JAX's compiler; auto: kernel if the "
         "model and the machine allow it",

@@ -13,8 +13,8 @@ from pydantic import Field, PrivateAttr
 
 from gaitsweep import near_miss
 from gaitsweep.analysis.atlas.atlas_tables import atlas_tables
+from gaitsweep.analysis.atlas.branch import points_of
 from gaitsweep.analysis.atlas.periodic_orbits import OrbitSearch, SearchOptions
-from gaitsweep.analysis.atlas.stored_points import points_of
 from gaitsweep.column_meanings import time_column
 from gaitsweep.contract import HybridModel, Model, Quantity
 from gaitsweep.design import Design

@@ -13,8 +13,8 @@ from jaxtyping import Int
 
 from gaitsweep.analysis.atlas.atlas import BranchAtlas
 from gaitsweep.analysis.atlas.atlas_tables import atlas_table
+from gaitsweep.analysis.atlas.branch import points_of
 from gaitsweep.analysis.atlas.periodic_orbits import Orbit, OrbitSearch, SearchOptions, orbits_of, rows_of
-from gaitsweep.analysis.atlas.stored_points import points_of
 from gaitsweep.design import Design
 from gaitsweep.engine.poincare.maps import Points
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec

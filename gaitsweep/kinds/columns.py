@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float, Int, Real, Shaped
 
 from gaitsweep.column_meanings import COLUMNS
 from gaitsweep.contract import HybridModel, Model, Quantity, names_gait
-from gaitsweep.engine.event_stall import unpacked
+from gaitsweep.engine.carry import unpacked
 from gaitsweep.engine.pushed_model import state_quantities
 from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.status import RECURRENT, Status

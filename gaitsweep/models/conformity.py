@@ -22,11 +22,10 @@ from gaitsweep.dynamics.declared import STEPS, Declared
 from gaitsweep.dynamics.declared_model import ARMING, DeclaredModel
 from gaitsweep.dynamics.map_model import MapModel
 from gaitsweep.dynamics.sliding import Sliding
-from gaitsweep.engine.content import cached_by_content, held_result
+from gaitsweep.engine.content import cached_by_content, held_result, stored
 from gaitsweep.engine.kernel.program import Program
 from gaitsweep.engine.kernel.trace import Tracer, UnsupportedError
 from gaitsweep.engine.leaves import dependences
-from gaitsweep.engine.stored_programs import stored
 from gaitsweep.mathtext import can_be_set
 from gaitsweep.models.traced_program import unrepeatable
 
@@ -118,9 +117,10 @@ def _trace_functions(model: Model) -> None:
         _refuse_forgotten_rates(model, params, state, events, rates)
     _require_scalar("section", _traced_result("section", model.section, params, state, events))
     _require_scalar("failed", _traced_result("failed", model.failed, params, state))
-    _require_scalar("period", period := _traced_result("period", model.period, params))
-    if (kind := _kind_of_numbers(period)) != "real numbers":  # a time limit of its type would be rounded
-        raise _returns("period", kind, "a real number of seconds: 3.0, not 3")
+    period = _traced_result("period", model.period, params)
+    _require_scalar("period", period)
+    if _kind_of_numbers(period) != "real numbers":  # a time limit of its type would be rounded
+        raise _returns("period", _kind_of_numbers(period), "a real number of seconds: 3.0, not 3")
     observed = _traced_result("observe", model.observe, params, state)
     _require_names("observe", observed, "observables", (quantity.name for quantity in model.observables))
     signals = _traced_result("signal", model.signal, params, state)
@@ -128,8 +128,9 @@ def _trace_functions(model: Model) -> None:
     labels = _traced_result("label", model.label, params, observed)
     fields = ("gait", *(quantity.name for quantity in model.label_fields))
     _require_names("label", labels, "gait and label fields", fields)
-    if (kind := _kind_of_numbers(labels["gait"])) not in ("whole numbers", "booleans"):
-        raise _returns("label", f"the gait as {kind}", "the index of a gait, a whole number")
+    kind_of_gait = _kind_of_numbers(labels["gait"])
+    if kind_of_gait not in ("whole numbers", "booleans"):
+        raise _returns("label", f"the gait as {kind_of_gait}", "the index of a gait, a whole number")
 
 
 def _bare_state(model: Declared) -> Any:
@@ -155,19 +156,21 @@ def _require_event_functions(model: Declared, params: Any, state: Any) -> None:
         if (kind := _kind_of_numbers(result)) != "real numbers":
             required = "a real number that rises through zero: s.x - 2.0, not s.x > 2.0"
             raise _returns(name, kind, required)
-        conditions = {"during": (event.during, (state,)), "when": (event.when, (params, state))}
-        for which, (condition, arguments) in conditions.items():
-            if condition is None:
-                continue
-            name = f"{which}= of the event {event.name!r}"
-            result = _traced_result(name, condition, *arguments)
-            if _kind_of_numbers(result) != "booleans" or jnp.shape(result) not in (
-                (),
-                event.counted.shape(model),
-            ):
-                raise _returns(
-                    name, f"{_kind_of_numbers(result)} {jnp.shape(result)}", "a condition, such as s.x > 0.0"
-                )
+        shapes = ((), event.counted.shape(model))
+        if event.during is not None:
+            _require_condition(f"during= of the event {event.name!r}", event.during, shapes, state)
+        if event.when is not None:
+            _require_condition(f"when= of the event {event.name!r}", event.when, shapes, params, state)
+
+
+def _require_condition(
+    name: str, condition: Callable[..., Any], shapes: tuple[tuple[int, ...], ...], *arguments: Any
+) -> None:
+    """Refuse a condition that does not return truth values of one of these shapes."""
+    result = _traced_result(name, condition, *arguments)
+    if _kind_of_numbers(result) != "booleans" or jnp.shape(result) not in shapes:
+        returned = f"{_kind_of_numbers(result)} {jnp.shape(result)}"
+        raise _returns(name, returned, "a condition, such as s.x > 0.0")
 
 
 def _refuse_functions_of_init(model: Any, params: Any, state: Any) -> None:

@@ -119,11 +119,13 @@ def _find(name: str, folders: Sequence[Path]) -> type[Model]:
         raise ModelError(f"is {name}, which is not a valid name; {_OWN_MODEL_HINT}.")
     module = _import(name, module_name, [] if name in paths else [*folders, Path.cwd()])
     if not hasattr(module, attribute):
-        classes = {key: member for key, member in vars(module).items() if inspect.isclass(member)}
-        own = {key: member for key, member in classes.items() if issubclass(member, Model)}
-        package = module_name.partition(".")[0]  # not the bases, which a user's module imports from here
-        in_package = [key for key, member in own.items() if member.__module__.partition(".")[0] == package]
-        near = near_miss.suggestion(attribute, in_package)
+        # bases, which a model's module imports, are abstract
+        models = [
+            key
+            for key, member in vars(module).items()
+            if inspect.isclass(member) and issubclass(member, Model) and not inspect.isabstract(member)
+        ]
+        near = near_miss.suggestion(attribute, models) if models else ", and no other model."
         raise ModelError(f"is {name}, but {module_name} has no {attribute}{near}")
     return _as_model(name, getattr(module, attribute))
 
@@ -165,40 +167,46 @@ def find_of_table(attrs: Mapping[Any, Any], *, trust: bool = False) -> type[Mode
     if not isinstance(name, str):
         raise ModelError(f"is {name!r}, which is not a name.")
     directory = Path(attrs.get("path", Path.cwd()))
-    named = attrs.get("manifest", {}).get(MODEL_FOLDER)
+    model_folder = attrs.get("manifest", {}).get(MODEL_FOLDER)
     # folders that came with the table, whose author may be a stranger
-    folders_of_table = [directory / named, directory] if isinstance(named, str) else [directory]
+    folders = [directory / model_folder, directory] if isinstance(model_folder, str) else [directory]
     if name.endswith(_MODEL_FILE_ENDINGS):  # data, which runs no code
         # the manifest names the folder of the file itself
-        local = next((path for path in (Path(name).name, name) if _is_in(path, folders_of_table)), name)
-        return find(local, folders_of_table)
-    top = name.partition(":")[0].partition(".")[0]
-    if (
-        trust
-        or name in model_paths()
-        or name in _SESSION_CLASSES
-        or top in sys.modules
-        or not top.isidentifier()
-    ):
-        return find(name, [folder for folder in folders_of_table if folder.is_dir()] if trust else ())
-    own_place = _source_of(top, [*sys.path, str(Path.cwd())])
-    if own_place is not None and own_place.parent.resolve().is_relative_to(directory.resolve()):
-        folders_of_table = [own_place.parent]  # the working directory is the stranger's
-        own_place = None
-    sources = (_source_of(top, [str(folder)]) for folder in folders_of_table)
-    place = next((source.resolve() for source in sources if source is not None), None)
-    if own_place is None and place is not None:
-        raise ModelError(
-            f"is {name}, whose code is in {place}: it came with {directory} and would run with your "
-            "permissions. Use --trust (trust=True in Python) if you trust its author, or put the module into "
-            "the working directory or on PYTHONPATH."
-        )
+        beside_table = [
+            path for path in (Path(name).name, name) if any((folder / path).is_file() for folder in folders)
+        ]
+        return find(beside_table[0] if beside_table else name, folders)
+    if trust:
+        return find(name, [folder for folder in folders if folder.is_dir()])
+    if name not in model_paths() and name not in _SESSION_CLASSES:
+        _refuse_code_of_table(name, directory, folders)
     return find(name)
 
 
-def _is_in(file: str, folders: Sequence[Path]) -> bool:
-    """Whether one of these folders has a file."""
-    return any((folder / file).is_file() for folder in folders)
+def _refuse_code_of_table(name: str, directory: Path, folders: Sequence[Path]) -> None:
+    """Refuse a model whose code would be imported from folders that came with a table.
+
+    Args:
+        name: the name of the model, with its module.
+        directory: the directory of the table.
+        folders: the folders that came with it.
+    """
+    top = name.partition(":")[0].partition(".")[0]
+    if top in sys.modules or not top.isidentifier():
+        return
+    importable_source = _source_of(top, [*sys.path, str(Path.cwd())])
+    if importable_source is not None:
+        if not importable_source.parent.resolve().is_relative_to(directory.resolve()):
+            return
+        folders = [importable_source.parent]  # the working directory is the stranger's
+    sources = (_source_of(top, [str(folder)]) for folder in folders)
+    source = next((source.resolve() for source in sources if source is not None), None)
+    if source is not None:
+        raise ModelError(
+            f"is {name}, whose code is in {source}: it came with {directory} and would run with your "
+            "permissions. Use --trust (trust=True in Python) if you trust its author, or put the module into "
+            "the working directory or on PYTHONPATH."
+        )
 
 
 def _source_of(top: str, folders: list[str]) -> Path | None:
@@ -221,7 +229,7 @@ def _as_model(name: str, member: object) -> type[Model]:
 def _import(name: str, module_name: str, folders: list[Path]) -> object:
     """The module of a model; the folders, if there are any, are those of a user's modules."""
     try:
-        with _importable(folders):
+        with _on_import_path(folders):
             with data_files() as read:
                 module = importlib.import_module(module_name)
             if folders:
@@ -289,7 +297,7 @@ def _stamps(module: ModuleType) -> dict[str, Stamp]:
 
 
 @contextmanager
-def _importable(folders: list[Path]) -> Iterator[None]:
+def _on_import_path(folders: list[Path]) -> Iterator[None]:
     """Append folders to the import path, so that a user's file does not hide an installed package."""
     added = [str(folder.resolve()) for folder in folders]
     sys.path.extend(added)

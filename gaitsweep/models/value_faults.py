@@ -38,36 +38,39 @@ _Values = Mapping[str, Shaped[_AnyArray, "..."]]
 Where = Callable[[int], str]  # words that say at which of some points something is
 
 
-def faults(kind: type[Model]) -> list[str]:
+def faults(model_class: type[Model]) -> list[str]:
     """All faults of a model: of the shapes of its functions, and of their values at its defaults.
 
     Args:
-        kind: the class; its structure has its defaults.
+        model_class: the class; its structure has its defaults.
 
     Returns:
         Ends of sentences, as in `fault`; empty for a sound model.
     """
-    if (unread := _unread_structure(kind)) is not None:
+    if (unread := _unread_structure(model_class)) is not None:
         return [unread]
-    missing = [field.name for field in _fields_of(kind) if _has_no_default(field)]
+    missing = [field.name for field in _fields_of(model_class) if _has_no_default(field)]
     if missing:
         return [f"which has no default for {', '.join(missing)}, which the test needs."]
     try:
-        model = kind()
-        wrong = list(quantity_faults(model))
+        model = model_class()
+        faults_of_quantities = list(quantity_faults(model))
     except Exception as error:  # a user's class may raise anything
         return [f"which raises {type(error).__name__} when it is created: {str(error).rstrip('.')}."]
     if (first_fault := fault(model)) is not None:
-        return list(dict.fromkeys([*wrong, traced_fault(model) or first_fault])) if wrong else [first_fault]
+        if not faults_of_quantities:
+            return [first_fault]
+        # the first is one of the quantities, and hides that of the functions
+        return list(dict.fromkeys([*faults_of_quantities, traced_fault(model) or first_fault]))
     try:
         return list(_value_faults(model))
     except ExpressionError as error:
         return [f"which has a default without a value: {error}"]
 
 
-def _unread_structure(kind: type[Model]) -> str | None:
-    """Fields annotated as structure in a class that is not a dataclass, which so have no effect."""
-    for base in kind.__mro__:
+def _unread_structure(model_class: type[Model]) -> str | None:
+    """The fault of a class that annotates fields of structure but is not a dataclass, or None."""
+    for base in model_class.__mro__:
         if not issubclass(base, Model) or base.__module__.startswith("gaitsweep.contract"):
             continue
         own = vars(base).get("__dataclass_fields__", {})
@@ -92,9 +95,9 @@ def _is_class_variable(base: type[Model], hint: Any) -> bool:
     return hint is ClassVar or get_origin(hint) is ClassVar
 
 
-def _fields_of(kind: type[Model]) -> tuple[dataclasses.Field[Any], ...]:
+def _fields_of(model_class: type[Model]) -> tuple[dataclasses.Field[Any], ...]:
     """The fields of a class of models, which is a dataclass although `Model` itself is none."""
-    return dataclasses.fields(cast("type[DataclassInstance]", kind))
+    return dataclasses.fields(cast("type[DataclassInstance]", model_class))
 
 
 def _has_no_default(field: dataclasses.Field[Any]) -> bool:
@@ -194,7 +197,7 @@ def _value_faults(model: Model) -> Iterator[str]:
     values, starts = sample(model, _SAMPLE_POINTS // 8 if costly else _SAMPLE_POINTS)
     points = dict(model.on_host(values)), dict(starts)
     begun = _at_starts_of(model)(*points)
-    known = {**values, **starts}
+    known = {**starts, **values}  # starts are at fault more often, and a sentence names only the first values
     default = _AtStarts(**jax.tree.map(lambda leaf: leaf[:1], vars(begun)))
     if bool(default.fallen[0]):
         yield "but its function failed returns True for its default start."
@@ -252,17 +255,19 @@ def surface_value(model: Model, name: str, values: Columns, row: int) -> float |
 
 def _start_faults(model: Model, at_starts: _AtStarts, where: Where) -> Iterator[str]:
     """Faults of starts: numbers that are not finite, and changes although no event has fired."""
-    begins = np.ones(len(at_starts.closes), bool)
-    for reason, without in at_starts.without.items():
-        if (row := _first_row(without)) is not None:
+    has_start = np.ones(len(at_starts.closes), bool)
+    for reason, lacks_start in at_starts.without.items():
+        if (row := _first_row(lacks_start)) is not None:
             yield f"which cannot begin{where(row)}: {reason}."
-        begins &= ~np.asarray(without)
-    if not begins.all():  # the numbers of the other rows are NaN
-        rows = np.flatnonzero(begins)
-        if rows.size:
-            others = _AtStarts(**jax.tree.map(lambda leaf: leaf[rows], vars(at_starts)))
-            yield from _start_faults(model, others, lambda row: where(int(rows[row])))
-        return
+        has_start &= ~np.asarray(lacks_start)
+    rows = np.flatnonzero(has_start)  # the numbers of the others are NaN
+    if rows.size:
+        begun = _AtStarts(**jax.tree.map(lambda leaf: leaf[rows], vars(at_starts)))
+        yield from _faults_of_begun(model, begun, lambda row: where(int(rows[row])))
+
+
+def _faults_of_begun(model: Model, at_starts: _AtStarts, where: Where) -> Iterator[str]:
+    """Faults of rows that have a start; arguments as of `_start_faults`."""
     without_value = {quantity.name for quantity in model.observables if quantity.may_be_nan}
     numbers = {
         "init": at_starts.own_state,
@@ -384,18 +389,20 @@ def sample(model: Model, n: int) -> tuple[Columns, Columns]:
         if isinstance(size := getattr(model, field.name), int | float)
     }
 
-    def drawn(quantities: Sequence[Quantity], numbers_before: Mapping[str, Any], *, starts: bool) -> Columns:
+    def drawn(
+        quantities: Sequence[Quantity], numbers_before: Mapping[str, Any], *, is_start: bool
+    ) -> Columns:
         formulas = {q.name: q.default for q in quantities if isinstance(q.default, str)}
         numbers = {
-            q.name: _values_in_range(random, n, q, is_start=starts)
+            q.name: _values_in_range(random, n, q, is_start=is_start)
             for q in quantities
             if q.name not in formulas
         }
         resolved = resolve(formulas, {**numbers_before, **numbers})
         return {q.name: np.broadcast_to(np.asarray(resolved[q.name], float), (n,)) for q in quantities}
 
-    parameters = drawn(model.parameters, sizes, starts=False)
-    return parameters, drawn(model.initial_conditions, {**sizes, **parameters}, starts=True)
+    parameters = drawn(model.parameters, sizes, is_start=False)
+    return parameters, drawn(model.initial_conditions, {**sizes, **parameters}, is_start=True)
 
 
 def _values_in_range(

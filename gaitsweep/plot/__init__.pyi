@@ -32,7 +32,6 @@ from gaitsweep.plot.columns import require_columns as require_columns
 from gaitsweep.plot.columns import rows_where as rows_where
 from gaitsweep.plot.figure_style import FigureStyle as FigureStyle
 from gaitsweep.plot.figure_style import StyleError as StyleError
-from gaitsweep.plot.figure_style import style as style
 from gaitsweep.plot.footprint_diagrams import contact_intervals as contact_intervals
 from gaitsweep.plot.kind import FIGURES as FIGURES
 from gaitsweep.plot.kind import FigureKind as FigureKind
@@ -45,6 +44,7 @@ from gaitsweep.plot.kind import register as register
 from gaitsweep.plot.kind import unregister as unregister
 from gaitsweep.plot.kinds import *  # noqa: F403 - of `FIGURES` where Python runs
 from gaitsweep.plot.kinds import draw as draw
+from gaitsweep.plot.kinds import style as style
 from gaitsweep.plot.limbs import limb_colours as limb_colours
 from gaitsweep.plot.limbs import name_limbs as name_limbs
 from gaitsweep.schema.numbers import Count as Count

@@ -40,6 +40,20 @@ def column(table: pd.DataFrame, name: str, suffixes: Sequence[str] = ("",)) -> s
     )
 
 
+def recorded_column(table: pd.DataFrame, y: str | None) -> str:
+    """The column of an observable at the points of branches; by default that of the table's first one.
+
+    Raises:
+        PlotError: as for `column`, or the table names no observable.
+    """
+    observables = [*table.attrs.get("recorded", ()), *(name for name in table if str(name).endswith("_n"))]
+    if y is None and not observables:
+        raise PlotError(
+            f"The table names no observable: give y. {near_miss.allowing(map(str, table.columns))}"
+        )
+    return column(table, y or observables[0], ("_n", ""))
+
+
 def require_columns(table: pd.DataFrame, *names: str | None) -> None:
     """Refuse a table that lacks one of some columns; names that are None are skipped.
 
@@ -64,6 +78,18 @@ def rows_where(table: pd.DataFrame, mask: Any) -> pd.DataFrame:
 def moved_parameter(table: pd.DataFrame) -> str | None:
     """The parameter that the table's job moves; None if it moves none."""
     return table.attrs.get("job", {}).get("run", {}).get("parameter")
+
+
+def branch_parameter(table: pd.DataFrame) -> str:
+    """The parameter along the branches of a table, which its job moves.
+
+    Raises:
+        PlotError: the table has no job that moves one, as a table that another program has written.
+    """
+    parameter = moved_parameter(table)
+    if parameter is None:
+        raise PlotError("The table's job moves no parameter: load the result of such a job by gs.load(DIR).")
+    return parameter
 
 
 def is_drawn(table: pd.DataFrame, name: str) -> bool:

@@ -167,18 +167,3 @@ def read_style(**fields: Any) -> FigureStyle:
     except ValidationError as error:
         wrong = from_pydantic(error, {"": SchemaSection("a style", FigureStyle)}, "")
         raise StyleError("\n".join(map(str, wrong))) from None
-
-
-@contextlib.contextmanager
-def style(**fields: Any) -> Iterator[None]:
-    """A context in which all figures have a style: `with gs.plot.style(width="column", format="pdf"): ...`.
-
-    Args:
-        fields: those of `FigureStyle`: width, height, panel_columns, format, dpi, colours, order, labels,
-            hatches, panel_letters, caption, marks. A figure's own arguments take precedence.
-
-    Raises:
-        StyleError: a field does not exist, or has a value that is not allowed.
-    """
-    with styled(read_style(**fields)):
-        yield

@@ -24,6 +24,9 @@ HATCHES = MappingProxyType({"none": "xxx", Outcome.NOT_SETTLED: HATCH, Outcome.F
 # Okabe and Ito's colours, distinct for colour-blind readers.
 SPARE_COLOURS = ("#E69F00", "#0072B2", "#009E73", "#CC79A7", "#D55E00", "#56B4E9", "#F0E442", "#000000")
 SPARE_MARKERS = ("o", "^", "s", "D", "v", "P", "X", "*")
+LINE_COLOURS = SPARE_COLOURS[:6]  # the others are too pale or too dark for lines
+DASHES: tuple[Any, ...] = ("-", (0, (4, 1.5)), (0, (1, 1)), (0, (5, 1, 1, 1)))
+MOST_NAMED_LINES = 8  # in a legend
 _SPARE_HATCHES = ("", "....", "\\\\\\\\", "----", "++++", "oo", "||||", "xxxx", "**")
 CONTRAST = 1.8  # the least ratio of luminances at which grey print tells two colours apart
 _DARK = 0.28  # luminance of a colour below which white text on it is more legible than black

@@ -8,7 +8,8 @@ from __future__ import annotations
 import dataclasses
 import functools
 import inspect
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import warnings
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from typing import (
     TYPE_CHECKING,
     Any,
@@ -95,19 +96,29 @@ class FigureKind(FigureStyle):
         return kind_of(type(self))
 
     @classmethod
-    def idle_colours(cls, colours: Mapping[str, str] | None) -> str | None:
-        """The end of a sentence about colours of which none or some have no effect; None: all have one."""
-        idle = [name for name in colours or {} if not cls.colours_of(name)]
+    def idle_colours(cls, colours: Mapping[str, str] | None, fields: Mapping[str, Any]) -> str | None:
+        """The end of a sentence about colours of which none or some have no effect; None: all have one.
+
+        Args:
+            colours: the colours of a style, by name.
+            fields: the figure's own fields, without those that have their default.
+        """
+        idle = [name for name in colours or {} if not cls.colours_of(name, fields)]
         if not idle:
             return None
         if cls.coloured == "periods":
             kind = kind_of(cls)
             return f"has no effect for {', '.join(idle)}: a figure {kind} colours periods (period 1: red)."
-        return f"has no effect: a figure {kind_of(cls)} does not colour gaits."
+        if cls.coloured == "gaits":
+            return f"has no effect: a figure {kind_of(cls)} colours gaits only with hue: gait."
+        return f"has no effect: a figure {kind_of(cls)} does not colour gaits. {kinds_with_gait_colours()}"
 
     @classmethod
-    def colours_of(cls, name: str) -> bool:
-        """Whether the colour of a gait, or of a period of an atlas, has an effect."""
+    def colours_of(cls, name: str, fields: Mapping[str, Any]) -> bool:
+        """Whether the colour of a gait, or of a period, has an effect in a figure with these own fields."""
+        hue = cls.model_fields.get("hue")
+        if hue is not None and fields.get("hue", hue.default) in (None, "row"):  # lines of rows, not of gaits
+            return False
         return cls.coloured == "gaits" or (cls.coloured == "periods" and name.startswith("period "))
 
     @property
@@ -157,11 +168,11 @@ class FigureKind(FigureStyle):
     def refusals(self, table: PlannedTable) -> Iterator[Refusal]:
         """Errors of the figure for a table that has its columns and observables."""
         yield from self._untypeset()
-        if idle := self.idle_colours(self.colours):
+        if idle := self.idle_colours(self.colours, dict(self)):
             yield ("colours",), f"{idle} Remove it."
         if self._optional("hue") not in TEXT_COLUMNS - _OUTCOME_COLUMNS:
             yield from StyleNames.of_model(table.model, table.columns).unknown(self)
-        yield from self._axis_refusals(table)
+        yield from self._axis_refusals(dict(self), table.columns, TEXT_COLUMNS)
         yield from self.check(table)
 
     def needs(self, table: PlannedTable, what: str) -> Refusal:
@@ -172,14 +183,22 @@ class FigureKind(FigureStyle):
         )
         return ("kind",), f"{text} has no such column."
 
-    def _axis_refusals(self, table: PlannedTable) -> Iterator[Refusal]:
-        """Errors of the columns along axes: one that is not numeric, or is along another axis, too."""
+    @classmethod
+    def _axis_refusals(
+        cls, fields: Mapping[str, Any], columns: Iterable[str], texts: Collection[str]
+    ) -> Iterator[Refusal]:
+        """Errors of the columns along axes: one that is not numeric, or is along another axis, too.
+
+        Args:
+            fields: the figure's fields.
+            columns: the columns of its table.
+            texts: those that are not numeric.
+        """
         field_of: dict[str, str] = {}
-        for field in self.axis_fields:
-            column = getattr(self, field)
-            if column in TEXT_COLUMNS:
-                numeric = [name for name in table.columns if name not in TEXT_COLUMNS]
-                allowed = near_miss.allowing(numeric)
+        for field in cls.axis_fields:
+            column = fields.get(field)
+            if column in texts:
+                allowed = near_miss.allowing(name for name in columns if name not in texts)
                 yield (field,), f"is {column}, which is not numeric and cannot be an axis. {allowed}"
             elif column in field_of:
                 yield (field,), f"is {column}, like {field_of[column]}: name another column."
@@ -219,9 +238,21 @@ def check_window(figure: Any) -> Iterator[Refusal]:
         yield ("window",), f"is {quoted(figure.window)}, but its beginning must be before its end."
 
 
+def check_parameter(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
+    """Errors of a figure whose x is a parameter that does not vary between rows."""
+    if figure.x not in table.varied and figure.x not in TEXT_COLUMNS:
+        yield ("x",), f"is {figure.x}, which does not vary between rows. {near_miss.allowing(table.varied)}"
+
+
 FIGURES: Registry[FigureKind] = Registry("figure", module="gaitsweep.plot.kinds")
 unregister = FIGURES.unregister
 Spec = ParamSpec("Spec")
+
+
+def kinds_with_gait_colours() -> str:
+    """The kinds of figures in which gaits have colours, as a sentence."""
+    kinds = [name for name in FIGURES if FIGURES[name].coloured == "gaits"]
+    return f"Kinds that colour gaits: {', '.join(kinds)}."
 
 
 def register(kind: type[FigureKind]) -> type[FigureKind]:
@@ -251,8 +282,11 @@ def drawing_function(kind: type[FigureKind]) -> Callable[..., Figure]:
         own, shared = read_style(**style_fields), current()
         if isinstance(table, pd.DataFrame):
             _check_names(table, own, shared)
-        if idle := kind.idle_colours(own.colours):
+            _check_axes(kind, table, spec)
+        if idle := kind.idle_colours(own.colours, spec):
             raise PlotError(f"colours {idle}")
+        if shared.colours and not any(kind.colours_of(name, spec) for name in shared.colours):
+            warnings.warn(f"colours of plot.style {kind.idle_colours(shared.colours, spec)}", stacklevel=2)
         with styled(own, ax):
             figure = kind.draw(*args, **spec)
             panel = given_axes()
@@ -267,6 +301,20 @@ def drawing_function(kind: type[FigureKind]) -> Callable[..., Figure]:
     return drawn
 
 
+def _check_axes(kind: type[FigureKind], table: pd.DataFrame, fields: Mapping[str, Any]) -> None:
+    """Refuse columns along axes as in a job, and observables whose column has texts.
+
+    Raises:
+        PlotError: a column is not numeric, or is named twice.
+    """
+    texts = [name for name in map(str, table) if not pd.api.types.is_numeric_dtype(table[name])]
+    wrong = [*kind._axis_refusals(fields, map(str, table), texts)]
+    for field in kind.observable_fields:
+        if fields.get(field) in texts:
+            wrong.append(((field,), f"is {fields[field]}, which is not numeric and cannot be an axis."))
+    _refuse(wrong)
+
+
 def _check_names(table: pd.DataFrame, own: FigureStyle, shared: FigureStyle) -> None:
     """Refuse names of gaits and columns in a style that name nothing in the table or in its model.
 
@@ -279,7 +327,11 @@ def _check_names(table: pd.DataFrame, own: FigureStyle, shared: FigureStyle) -> 
     from gaitsweep.plot.limbs import model_of  # jobs are read without Matplotlib
 
     names = StyleNames.of_table(table, model_of(table))
-    wrong = [*names.unknown(own), *names.unknown(shared, shared=True)]
+    _refuse([*names.unknown(own), *names.unknown(shared, shared=True)])
+
+
+def _refuse(wrong: Sequence[Refusal]) -> None:
+    """Raise PlotError with all errors, if there are any."""
     if wrong:
         raise PlotError("\n".join(str(Diagnostic(path, text)) for path, text in wrong))
 

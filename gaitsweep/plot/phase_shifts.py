@@ -19,13 +19,10 @@ from gaitsweep.plot.column_labels import described, written
 from gaitsweep.plot.columns import PlotError, require_columns, rows_where
 from gaitsweep.plot.kind import figure_kind
 
-_NAMED_LINES = 8  # with more lines their colours are a scale
 # A jump is this large (a share of the period), and as many times larger than the changes beside it.
 LEAST_JUMP = 0.1
 STEEPER = 4.0
 _BESIDE = 3  # changes on each side of one, to which it is compared
-_DASHES: tuple[Any, ...] = ("-", (0, (4, 1.5)), (0, (1, 1)), (0, (5, 1, 1, 1)))
-_COLOURS = 6  # of the spare ones; the others are too pale or too dark for lines
 
 
 @figure_kind("perturb", coloured="none")
@@ -50,7 +47,7 @@ def phase_response(
     require_columns(table, x, y, hue)
     rows = rows_where(table, table[x].notna())
     values: list[Any] = sorted(rows[hue].dropna().unique()) if hue else [None]
-    few = len(values) <= _NAMED_LINES
+    few = len(values) <= theme.MOST_NAMED_LINES
     with theme.canvas(theme.COLUMN + (0.0 if few else 0.7), 2.6, title) as figure:
         axes = figure.subplots()
         if not len(rows):
@@ -62,8 +59,8 @@ def phase_response(
         handles = []
         for number, value in enumerate(values):
             look: dict[str, Any] = {"lw": 1.1, "marker": ".", "ms": 3.0}
-            look["color"] = theme.SPARE_COLOURS[number % _COLOURS] if few else colours[number]
-            look["ls"] = _DASHES[number % len(_DASHES)] if few else "-"
+            look["color"] = theme.LINE_COLOURS[number % len(theme.LINE_COLOURS)] if few else colours[number]
+            look["ls"] = theme.DASHES[number % len(theme.DASHES)] if few else "-"
             _draw_line(axes, rows if value is None else rows_where(rows, rows[hue] == value), x, y, look)
             label = "" if value is None else written(table, str(hue), value)
             handles.append(Line2D([], [], label=label, **look))

@@ -35,8 +35,8 @@ def sensitivity_figure(indices: pd.DataFrame) -> Figure:
     """Bars of the indices of each output, the most important parameter on top.
 
     Args:
-        indices: one record per index, with the columns `gaitsweep.fitting.indices.COLUMNS`; `.attrs` may have
-            `quantities` with symbols and units.
+        indices: one record per index, with the columns `gaitsweep.fitting.sensitivity_methods.COLUMNS`;
+            `.attrs` may have `quantities` with symbols and units.
     """
     outputs = list(dict.fromkeys(indices["output"]))
     parameters = len(set(indices["parameter"]))

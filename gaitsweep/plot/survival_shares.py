@@ -62,5 +62,5 @@ def survival(
             axes.errorbar(
                 shares[x].to_numpy(float), share, ends, label=label, lw=0.9, ms=3.5, capsize=2.0, **look
             )
-        axes.legend()
+        theme.legend(figure, *axes.get_legend_handles_labels(), ncols=4)
     return figure

@@ -37,7 +37,10 @@ from gaitsweep.plot.figure_layout import wrapped as wrapped
 from gaitsweep.plot.figure_style import MILLIMETRES, current, given_axes
 from gaitsweep.plot.gait_looks import COLOURS as COLOURS
 from gaitsweep.plot.gait_looks import CONTRAST as CONTRAST
+from gaitsweep.plot.gait_looks import DASHES as DASHES
 from gaitsweep.plot.gait_looks import HATCH as HATCH
+from gaitsweep.plot.gait_looks import LINE_COLOURS as LINE_COLOURS
+from gaitsweep.plot.gait_looks import MOST_NAMED_LINES as MOST_NAMED_LINES
 from gaitsweep.plot.gait_looks import SPARE_COLOURS as SPARE_COLOURS
 from gaitsweep.plot.gait_looks import SPARE_MARKERS as SPARE_MARKERS
 from gaitsweep.plot.gait_looks import colours as colours

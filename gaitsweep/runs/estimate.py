@@ -174,7 +174,7 @@ def _measured(context: RunContext) -> Measured:
     began = time.perf_counter()
     outputs = pool.advance_all(polls_per_chunk(spec))
     seconds = time.perf_counter() - began
-    at_a_time = sum(group.at_a_time for group in pool.groups)
+    at_a_time = sum(group.lanes.at_a_time for group in pool.groups)
     rate = at_a_time * POLL_INTERVAL * polls_per_chunk(spec) / seconds
     host_s = _host_s(context, pool)
     pool.end()

@@ -19,6 +19,7 @@ from gaitsweep import plot
 from gaitsweep.errors import EXIT_FAILURE, UserError
 from gaitsweep.job import JobError, read_figures
 from gaitsweep.plot.figure_style import STYLE_FIELDS, FigureStyle, StyleError, read_style
+from gaitsweep.plot.kind import kinds_with_gait_colours
 from gaitsweep.runs.progress import Progress
 from gaitsweep.schema.yaml_document import read_document
 from gaitsweep.table import (
@@ -196,8 +197,11 @@ def _require_coloured_gaits(specs: Sequence[Mapping[str, Any]], style: FigureSty
     """Raise StyleError if a style has colours of gaits and no figure shows gaits by colour."""
     kinds = [spec["kind"] for spec in specs]
     colours = style.colours or {}
-    if colours and not any(plot.FIGURES[kind].colours_of(gait) for kind in kinds for gait in colours):
-        raise StyleError(f"colours has no effect: no figure of {path} colours gaits ({', '.join(kinds)}).")
+    if colours and not any(
+        plot.FIGURES[spec["kind"]].colours_of(gait, spec) for spec in specs for gait in colours
+    ):
+        text = f"colours has no effect: no figure of {path} colours gaits ({', '.join(kinds)})."
+        raise StyleError(f"{text} {kinds_with_gait_colours()}")
 
 
 def _made_folder(path: Path, folder: Path | None) -> Path:
@@ -224,7 +228,9 @@ def _style_and_fields(
     own_style = read_style(**{key: value for key, value in spec.items() if key in STYLE_FIELDS})
     figure_style = style.over(own_style).over(job_style)
     kind = plot.FIGURES[spec["kind"]]  # other colours are for other figures of the job
-    colours = {gait: colour for gait, colour in (figure_style.colours or {}).items() if kind.colours_of(gait)}
+    colours = {
+        gait: colour for gait, colour in (figure_style.colours or {}).items() if kind.colours_of(gait, spec)
+    }
     colours |= own_style.colours or {}
     fields = {key: value for key, value in spec.items() if key not in (*STYLE_FIELDS, "kind", "name")}
     return figure_style.model_copy(update={"colours": colours or None}), fields

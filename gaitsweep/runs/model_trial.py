@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import math
 import warnings
@@ -61,85 +60,160 @@ class Trial:
     remarks: list[str]
 
 
-def trial(kind: type[Model], on_message: Callable[[str], None] = lambda _: None) -> Trial:
+def trial(model_class: type[Model], on_message: Callable[[str], None] = lambda _: None) -> Trial:
     """Run some rows of a model for a few cycles, with starts and parameters over their ranges.
 
     Args:
-        kind: the class, in which `value_faults.faults` finds none; its structure takes its defaults.
+        model_class: the class, in which `value_faults.faults` finds none; its structure takes its defaults.
         on_message: called with a sentence before each step that takes long.
     """
-    model = kind()
+    model = model_class()
     costly = model.host_parameters or not isinstance(model, HybridModel)
     parameters, starts = sample(model, ROWS // 8 if costly else ROWS)
-    values = {**parameters, **starts}
+    values = {**starts, **parameters}  # sentences name the first ones
     rows = np.size(next(iter(values.values()), 0))
     on_message(f"Compiling the model, and running {rows} rows for {CYCLES} cycles.")
     try:
         table = _run(_counting(model), values, Settle(max_cycles=CYCLES))
         on_message("Measuring how fast its energies change and how stiff its flow is.")
-        energies = _energies(model, kind, values) if isinstance(model, HybridModel) else []
+        energies = _energies(model, model_class, values) if isinstance(model, HybridModel) else []
     except UserError as error:
         return Trial([f"of which no row can be run: {error}"], [])
-    manifest = table.attrs["manifest"]
-    faults = [
-        f"but its function label gives gait {name.removeprefix(UNKNOWN_GAIT).strip(' ()')}"
-        f"{written(values, about['row'])}, which is not an index of its gaits: "
-        f"allowed are 0 to {len(model.gaits) - 1}."
-        for name, about in manifest.get(MISLABELLED, {}).items()
-    ]
-    if set(manifest["counts"]) == {Status.not_a_number.name}:
-        faults.append(f"of which all {manifest['rows']} rows that were tried ended as not_a_number.")
-    counts = ", ".join(f"{number} {status}" for status, number in manifest["counts"].items())
-    tried = f"Tried {manifest['rows']} rows of {CYCLES} cycles over the ranges of parameters and starts:"
-    begun = remarks({**manifest, MISLABELLED: {}, STARTS_BEYOND: {}})
-    begun += [
-        _beyond(model, name, about["rows"], about["row"], values)
-        for name, about in manifest.get(STARTS_BEYOND, {}).items()
-    ]
-    crosses = table["cycles"].to_numpy(float).any()
-    warned = [*(_constant(model, table) if crosses else ()), *_unmet(model, table, values)]
-    if isinstance(model, HybridModel) and model.locates_events and not model.host_parameters:
-        warned += _stiff(model, values)
-    if idle := idle_starts(model):
-        begun.append(f"These starts have no effect: {', '.join(idle)}; {sets_starts(model)} sets them.")
-    sentences = [f"{tried} {counts}.", *begun, *energies]
-    return Trial(faults, [*sentences, *(f"Warning: {warning}" for warning in warned)])
-
-
-def _beyond(model: Model, name: str, rows: int, first: int, values: Values) -> str:
-    """Return a sentence about starts at which the function of an event is not below zero."""
-    value = surface_value(model, name, values, first)
-    is_value = "" if value is None else f" (the function is {value:.3g})"
-    return (
-        f"At {rows} start{'s' * (rows != 1)} that {'were' if rows != 1 else 'was'} tried, the first one"
-        f"{written(values, first)}{is_value}, the event {name!r} does not happen: its function is not below "
-        "0, its limit. It happens once the function has been below 0 and rises through it. If it should "
-        "happen, keep such starts out by bounds (low=, high=), or begin in another mode (during=)."
+    tried = _TriedRows(model, values, table)
+    return Trial(
+        tried.faults(), [*tried.outcomes(), *energies, *(f"Warning: {text}" for text in tried.warnings())]
     )
 
 
-def _constant(model: Model, table: pd.DataFrame) -> list[str]:
-    """Return a sentence about the observables that have one value at the end of all rows."""
-    constant = []
-    for quantity in model.observables:
-        ends = table[f"{quantity.name}_end"].to_numpy(float)
-        ends = ends[np.isfinite(ends)]
-        if ends.size < 2:
-            continue
-        differences = ends - ends[0]
-        if quantity.circular:
-            differences = wrapped_difference(differences)
-        size = max(abs(ends[0]), quantity.scale or _LEAST_SIZE)
-        if math.isfinite(size) and np.max(np.abs(differences)) <= _SAME * size:
-            constant.append(f"{quantity.name} ({ends[0].round(9) + 0.0:.6g})")
-    if not constant:
-        return []
-    advice = "observed=False leaves out a variable that the section fixes"
-    names = ", ".join(constant)
-    return [f"These observables are the same at the end of all rows tried: {names}; {advice}."]
+@dataclasses.dataclass(frozen=True)
+class _TriedRows:
+    """Rows of a model that were run, with their parameters and starts (rows,) by name."""
+
+    model: Model
+    values: Values
+    table: pd.DataFrame
+
+    @property
+    def _manifest(self) -> Mapping[str, Any]:
+        return self.table.attrs["manifest"]
+
+    @property
+    def _crossed_section(self) -> bool:
+        """Whether any row crossed the section."""
+        return bool(self.table["cycles"].to_numpy(float).any())
+
+    def faults(self) -> list[str]:
+        """Ends of sentences about wrong gaits, and about rows that all failed."""
+        faults = [
+            f"but its function label gives gait {name.removeprefix(UNKNOWN_GAIT).strip(' ()')}"
+            f"{written(self.values, about['row'])}, which is not an index of its gaits: "
+            f"allowed are 0 to {len(self.model.gaits) - 1}."
+            for name, about in self._manifest.get(MISLABELLED, {}).items()
+        ]
+        if set(self._manifest["counts"]) == {Status.not_a_number.name}:
+            faults.append(
+                f"of which all {self._manifest['rows']} rows that were tried ended as not_a_number."
+            )
+        return faults
+
+    def outcomes(self) -> list[str]:
+        """Sentences about the ends of the rows, and about their starts."""
+        counts = ", ".join(f"{number} {status}" for status, number in self._manifest["counts"].items())
+        sentences = [
+            f"Tried {self._manifest['rows']} rows of {CYCLES} cycles over the ranges of parameters and "
+            f"starts: {counts}.",
+            # wrong gaits are faults, and starts beyond a surface have a longer sentence
+            *remarks({**self._manifest, MISLABELLED: {}, STARTS_BEYOND: {}}),
+        ]
+        for name, about in self._manifest.get(STARTS_BEYOND, {}).items():
+            sentences.append(self._start_beyond(name, about["rows"], about["row"]))
+        if idle := idle_starts(self.model):
+            setter = sets_starts(self.model)
+            sentences.append(f"These starts have no effect: {', '.join(idle)}; {setter} sets them.")
+        return sentences
+
+    def warnings(self) -> list[str]:
+        """Sentences about what the author of a model hardly wants."""
+        sentences = self._constant_observables() if self._crossed_section else []
+        sentences += self._events_that_never_happened()
+        model = self.model
+        if isinstance(model, HybridModel) and model.locates_events and not model.host_parameters:
+            sentences += _stiffness(model, self.values)
+        return sentences
+
+    def _start_beyond(self, event: str, rows: int, first: int) -> str:
+        """Return a sentence about starts at which the function of an event is not below zero."""
+        value = surface_value(self.model, event, self.values, first)
+        is_value = "" if value is None else f" (the function is {value:.3g})"
+        return (
+            f"At {rows} start{'s' * (rows != 1)} that {'were' if rows != 1 else 'was'} tried, the first one"
+            f"{written(self.values, first)}{is_value}, the event {event!r} does not happen: its function is "
+            "not below 0, its limit. It happens once the function has been below 0 and rises through it. If "
+            "it should happen, keep such starts out by bounds (low=, high=), or begin in another mode "
+            f"(during=).{self._angles_beyond_a_turn(first)}"
+        )
+
+    def _angles_beyond_a_turn(self, row: int) -> str:
+        """Return advice on starts of a row that are angles without bounds and beyond a turn, or ''."""
+        names = [
+            quantity.name
+            for quantity in self.model.initial_conditions
+            if quantity.circular
+            and not math.isfinite(quantity.high - quantity.low)
+            and not 0.0 <= self.values[quantity.name][row] <= 2.0 * math.pi
+        ]
+        if not names:
+            return ""
+        return (
+            f" Without low= and high= an angle is tried beyond a turn ({', '.join(names)}): declare low=0.0, "
+            "high=6.283 if it begins within one."
+        )
+
+    def _constant_observables(self) -> list[str]:
+        """Return a sentence about the observables that have one value at the end of all rows."""
+        constant = []
+        for quantity in self.model.observables:
+            ends = self.table[f"{quantity.name}_end"].to_numpy(float)
+            ends = ends[np.isfinite(ends)]
+            if ends.size < 2:
+                continue
+            differences = ends - ends[0]
+            if quantity.circular:
+                differences = wrapped_difference(differences)
+            size = max(abs(ends[0]), quantity.scale or _LEAST_SIZE)
+            if math.isfinite(size) and np.max(np.abs(differences)) <= _SAME * size:
+                constant.append(f"{quantity.name} ({ends[0].round(9) + 0.0:.6g})")
+        if not constant:
+            return []
+        advice = "observed=False leaves out a variable that the section fixes"
+        names = ", ".join(constant)
+        return [f"These observables are the same at the end of all rows tried: {names}; {advice}."]
+
+    def _events_that_never_happened(self) -> list[str]:
+        """Return a sentence about the events that happened in no row, or about an uncrossed section."""
+        if not self._crossed_section:
+            return ["No row crossed the section: look at the sign of its function, and at the starts."]
+        model = self.model
+        first_row = {name: jnp.asarray(column[0]) for name, column in self.values.items()}
+        params = model.params(first_row)
+        start = model.init(params, first_row)
+        never = []
+        for number, event in enumerate(_counted_events(model), 1):
+            counts = self.table[f"{_COUNT}_{number}_end"].to_numpy(float)
+            if np.nan_to_num(counts).any():
+                continue
+            # counts are read at crossings, and a fall has none after it
+            is_fall = event.jumps and model.failed(params, event.jumped(model, params, start))
+            if not is_fall:
+                never.append(repr(event.name))
+        if not never:
+            return []
+        advice = "look at the signs of their functions, at during= and when=, and at ranges"
+        names = ", ".join(dict.fromkeys(never))
+        return [f"These events happened in no row that was tried: {names}; {advice}."]
 
 
-def _counted(model: Model) -> list[SingleEvent]:
+def _counted_events(model: Model) -> list[SingleEvent]:
     """The events of a model whose guards are all those of declared events, so that they can be counted."""
     if not isinstance(model, DeclaredModel) or type(model).guards is not DeclaredModel.guards:
         return []
@@ -148,12 +222,12 @@ def _counted(model: Model) -> list[SingleEvent]:
 
 def _counting(model: Model) -> type[Model]:
     """The class of a model with observables that count how often each of its declared events happened."""
-    kind: Any = type(model)
-    if not (number := len(_counted(model))):
-        return kind
+    model_class: Any = type(model)
+    if not (number := len(_counted_events(model))):
+        return model_class
 
     def jump(self: DeclaredModel, params: Params, state: State, fired: jax.Array) -> State:
-        after = kind.jump(self, params, state, fired)
+        after = model_class.jump(self, params, state, fired)
         happens = jnp.stack(list(self.happening(params, state, fired).values()))
         return after.replace(**{_TIMES: getattr(state, _TIMES) + happens.astype(int)})
 
@@ -162,73 +236,72 @@ def _counting(model: Model) -> type[Model]:
         _TIMES: mode((0,) * number, "times of event", count=number),
         _COUNT: count(lambda self, p, s: getattr(s, _TIMES)),
         "jump": jump,
-        "name": kind.name,
+        "name": model_class.name,
     }
-    return type(kind.__name__, (kind,), members)
+    return type(model_class.__name__, (model_class,), members)
 
 
-def _unmet(model: Model, table: pd.DataFrame, values: Values) -> list[str]:
-    """Return a sentence about the events that happened in no row, or about a section that none crossed."""
-    if not table["cycles"].to_numpy(float).any():
-        return ["No row crossed the section: look at the sign of its function, and at the starts."]
-    known = {name: jnp.asarray(column[0]) for name, column in values.items()}
-    params = model.params(known)
-    start = model.init(params, known)
-    never = [
-        repr(event.name)
-        for i, event in enumerate(_counted(model), 1)
-        if not np.nan_to_num(table[f"{_COUNT}_{i}_end"].to_numpy(float)).any()
-        # counts are read at crossings, and a fall has none after it
-        and not (event.jumps and model.failed(params, event.jumped(model, params, start)))
-    ]
-    if not never:
-        return []
-    advice = "look at the signs of their functions, at during= and when=, and at ranges"
-    return [f"These events happened in no row that was tried: {', '.join(dict.fromkeys(never))}; {advice}."]
-
-
-def _stiff(model: HybridModel, values: Values) -> list[str]:
+def _stiffness(model: HybridModel, values: Values) -> list[str]:
     """Return sentences about defaults, and ends of a parameter's range, with which the flow is stiff.
 
     The range is that of the bounds, or of the values tried. Modes that are no flags have their values at the
     start.
     """
+    defaults = {name: float(column[0]) for name, column in values.items()}
+    rate_at_defaults = _fastest_rate(model, defaults)
+    sentences = []
+    if rate_at_defaults.per_period > STIFF:
+        sentences.append(f"At the defaults the flow is stiff: its {rate_at_defaults}.")
+    for quantity in model.parameters:
+        name = quantity.name
+        tried = values[name]
+        for bound, end_of_tried in ((quantity.low, np.min(tried)), (quantity.high, np.max(tried))):
+            is_bounded = math.isfinite(bound) and not quantity.open_ends
+            end = bound if is_bounded else float(end_of_tried)
+            try:
+                rate = _fastest_rate(model, {**defaults, name: end})
+            except np.linalg.LinAlgError:  # rates that are no numbers
+                continue
+            if rate.per_period > max(STIFF, STIFFER * rate_at_defaults.per_period):
+                sentences.append(
+                    f"{name} = {end:.4g}, far from its default {defaults[name]:.4g}, makes the flow stiff: "
+                    f"its {rate}. Bounds (low=, high=) keep rows from there."
+                )
+    return sentences
 
-    def fastest(changed: Mapping[str, float]) -> tuple[float, str]:
-        known = {name: jnp.asarray(changed.get(name, column[0]), float) for name, column in values.items()}
-        params = model.params(known)
-        rates = np.abs(flow_eigenvalues(model, params, model.init(params, known)))
-        rate, cycle = float(rates.max(initial=0.0)), float(model.period(params))
+
+@dataclasses.dataclass(frozen=True)
+class _FastestRate:
+    """The fastest rate (1/s) of a flow, and that per nominal period."""
+
+    per_second: float
+    per_period: float
+
+    def __str__(self) -> str:
         return (
-            rate * cycle,
-            f"fastest rate is {rate:.2g} 1/s, and a cycle takes about {rate * cycle:.2g} steps",
+            f"fastest rate is {self.per_second:.2g} 1/s, and a cycle takes about {self.per_period:.2g} steps"
         )
 
-    share, words = fastest({})
-    warnings_of_rates = [f"At the defaults the flow is stiff: its {words}."] if share > STIFF else []
-    for quantity in model.parameters:
-        name, column = quantity.name, values[quantity.name]
-        for bound, tried in ((quantity.low, np.min(column)), (quantity.high, np.max(column))):
-            end = float(tried) if quantity.open_ends or not math.isfinite(bound) else bound
-            with contextlib.suppress(np.linalg.LinAlgError):  # rates that are no numbers
-                more, words = fastest({name: end})
-                if more > max(STIFF, STIFFER * share):
-                    far = f"{name} = {end:.4g}, far from its default {column[0]:.4g}, makes the flow stiff"
-                    text = f"{far}: its {words}. Bounds (low=, high=) keep rows from there."
-                    warnings_of_rates.append(text)
-    return warnings_of_rates
+
+def _fastest_rate(model: HybridModel, numbers: Mapping[str, float]) -> _FastestRate:
+    """The fastest rate of the flow at the start of a row with these parameters and starts."""
+    row = {name: jnp.asarray(number, float) for name, number in numbers.items()}
+    params = model.params(row)
+    rates = np.abs(flow_eigenvalues(model, params, model.init(params, row)))
+    fastest = float(rates.max(initial=0.0))
+    return _FastestRate(fastest, fastest * float(model.period(params)))
 
 
-def _run(kind: type[Model], values: Values, run: Settle | Trace) -> pd.DataFrame:
+def _run(model_class: type[Model], values: Values, run: Settle | Trace) -> pd.DataFrame:
     """Run rows with these values in memory, without a self-check."""
     varied = {name: column.tolist() for name, column in values.items() if np.ptp(column) > 0.0}
     job = Job(
         name="trial",
-        model=models.name_of(kind),
+        model=models.name_of(model_class),
         vary={"zip": varied},
         run=run,
         verify=0,
-        numerics=_numerics(kind(), values),
+        numerics=_numerics(model_class(), values),
     )
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # the trial reports the remarks of its run itself
@@ -247,29 +320,28 @@ def _numerics(model: Model, values: Values) -> dict[str, float]:
     return {"dt": 0.01 * float(jnp.min(periods))}
 
 
-def _energies(model: HybridModel, kind: type[Model], values: Values) -> list[str]:
+def _energies(model: HybridModel, model_class: type[Model], values: Values) -> list[str]:
     """Return a sentence for each energy of a model: its rate of change along the flow, between events.
 
     The rate is that of the flow at states of a trajectory, not a difference of two states, so it includes
     neither events nor integration errors. It is relative to the power that the energy's terms exchange: the
     sum of the magnitudes of their rates, at its largest along the row.
     """
-    watched = _with_rates(kind)
+    watched = _with_rates(model_class)
     names = [q.name.removesuffix(_RATE) for q in watched().signals if q.name.endswith(_RATE)]
     if not names:
         return []
-    known = {q.name: float(values[q.name][0]) for q in model.parameters}
-    cycle = float(model.period(model.params({k: jnp.asarray(v) for k, v in known.items()})))
+    defaults = {q.name: jnp.asarray(float(values[q.name][0])) for q in model.parameters}
+    cycle = float(model.period(model.params(defaults)))
     table = _run(watched, values, Trace(duration=3 * cycle, every=cycle / SAMPLES))
     sentences = []
     for name in names:
         rates = table[name + _RATE].to_numpy(float)
         most = table.groupby("row")[name + _POWER].transform("max").to_numpy(float)
-        share = np.where(most > 0.0, rates / np.where(most > 0.0, most, 1.0), 0.0)[np.isfinite(rates)]
-        low, high = (float(share.min()), float(share.max())) if share.size else (0.0, 0.0)
+        shares = np.divide(rates, most, out=np.zeros_like(rates), where=most > 0.0)[np.isfinite(rates)]
+        change = _change_of_energy(float(shares.min(initial=0.0)), float(shares.max(initial=0.0)))
         sentences.append(
-            f"The energy {name} {_change_of_energy(low, high)} the power that its terms exchange "
-            f"({share.size} states)."
+            f"The energy {name} {change} the power that its terms exchange ({shares.size} states)."
         )
     return sentences
 
@@ -288,7 +360,7 @@ def _change_of_energy(low: float, high: float) -> str:
     return f"is not kept between events: it {direction}, by up to {largest:.2g} of"
 
 
-def _with_rates(kind: type[Model]) -> type[Model]:
+def _with_rates(model_class: type[Model]) -> type[Model]:
     """A class whose signals include the rate of each energy, and the power that its terms exchange."""
 
     def signals(self: HybridModel) -> tuple[Quantity, ...]:
@@ -299,7 +371,7 @@ def _with_rates(kind: type[Model]) -> type[Model]:
         return (*base.signals, *more)
 
     def signal(self: HybridModel, params: Params, state: State) -> dict[str, jax.Array]:
-        with_rates = kind.signal(self, params, state)
+        with_rates = model_class.signal(self, params, state)
         rates = self.flow(params, state)
         at = {name: getattr(state, name) for name in rates}
         gradients = jax.jacrev(lambda x: self.energies(params, dataclasses.replace(state, **x)))(at)
@@ -308,6 +380,6 @@ def _with_rates(kind: type[Model]) -> type[Model]:
             with_rates |= {name + _RATE: jnp.sum(terms), name + _POWER: jnp.sum(jnp.abs(terms))}
         return with_rates
 
-    members = {"signals": property(signals), "signal": signal, "name": kind.name}
-    watched: type[Any] = type(kind.__name__, (kind,), members)
+    members = {"signals": property(signals), "signal": signal, "name": model_class.name}
+    watched: type[Any] = type(model_class.__name__, (model_class,), members)
     return watched

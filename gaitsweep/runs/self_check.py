@@ -170,7 +170,7 @@ def _observed(model: Model, drive: Callable[..., Any] | None) -> Callable[..., O
         observables = model.observe(params, model.init(params, start))
         return jax.numpy.stack([observables[q.name] for q in model.observables])
 
-    return over_rows(observed, "observed", model if drive is None else None)
+    return over_rows(observed, "observed", model, drive)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -248,7 +248,7 @@ class _Comparison:
             values=values,
             most_samples=most_samples,
             # the run's program is compiled already; another one would take longer to optimise than to run
-            quick=recorder != spec.recorder,
+            quick=spec.quick or recorder != spec.recorder,
         )
         outcomes: list[RowOutcome] = []
         sweep(sample, [0], lambda _, result: outcomes.append(result), self.on_progress)

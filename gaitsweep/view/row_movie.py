@@ -12,7 +12,7 @@ from jaxtyping import Float, UInt8
 from matplotlib.axes import Axes
 
 from gaitsweep import near_miss
-from gaitsweep.dynamics.ground import heights_of_model
+from gaitsweep.dynamics.ground import chooses_uneven, heights_of_model
 from gaitsweep.plot import PlotError
 from gaitsweep.plot.limbs import limb_colours
 from gaitsweep.table import WriteError, reason, replace_file
@@ -239,11 +239,13 @@ def _prepared(
     places = _places(clip)
     heights = heights_of_model(motion.model, motion.values, np.cos(heading) * places)
     if heights is not None:
-        if renderer == "mujoco":
-            raise PlotError(
-                "MuJoCo draws even ground, but this row walks on uneven ground: leave --renderer out."
-            )
-        renderer = "matplotlib"
+        if chooses_uneven(motion.model):  # which the MJCF does not have
+            if renderer == "mujoco":
+                raise PlotError(
+                    "MuJoCo draws the ground of the MJCF, but this row walks on uneven ground: "
+                    "leave --renderer out."
+                )
+            renderer = "matplotlib"
         ground = np.column_stack([places, heights])
         clip = dataclasses.replace(clip, skeleton=dataclasses.replace(clip.skeleton, ground=ground))
     mjcf = None if renderer == "matplotlib" else motion.model.mjcf(motion.values)

@@ -17,7 +17,7 @@ from scipy.spatial.distance import squareform
 import gaitsweep as gs
 from gaitsweep.analysis.basins.attractor_matching import follow_attractors
 from gaitsweep.analysis.basins.attractors import agreement, attractors, with_attractors
-from gaitsweep.analysis.basins.single_linkage import (
+from gaitsweep.analysis.basins.state_clusters import (
     MOST_CELLS,
     cells,
     components,
@@ -188,6 +188,7 @@ def test_rows_that_did_not_settle_have_none() -> None:
         ({"columns": ["psi_3_end"]}, "did you mean psi_2_end|did you mean psi_1_end"),
         ({"grain": 0.0}, "above 0"),
         ({"scales": {"psi_1_end": -1.0}}, "above 0"),
+        ({"scales": {"psi_1": 2.0}}, r"scales\.psi_1 is not one of the columns; did you mean psi_1_end"),
     ],
 )
 def test_bad_arguments_are_refused(given_: dict, said: str) -> None:
@@ -224,6 +225,12 @@ def test_names_stay_along_a_parameter() -> None:
     moved = result.summary[(result.summary["attractor"] == point) & (result.summary["p"] > 0)]["moved"]
     np.testing.assert_allclose(moved, 0.1, atol=2e-3)
     assert result.within > 0.15
+    of_one_column = follow_attractors(table.drop(columns="psi_2_end"), "p").column
+    assert follow_attractors(table, "p", columns="psi_1_end").column.tolist() == of_one_column.tolist()
+    with pytest.raises(AnalysisError, match="within is -1, but must be 0 or more"):
+        follow_attractors(table, "p", within=-1.0)
+    with pytest.raises(AnalysisError, match="No row of the table has a value of p"):
+        follow_attractors(table.iloc[:0], "p")
     # a tight limit makes each a new one
     assert len(follow_attractors(table, "p", within=0.02).column.cat.categories) > 10
 

@@ -307,6 +307,16 @@ def test_bad_arguments_are_refused(given_: dict, said: str) -> None:
 def test_wada_refusals(change: dict, said: str) -> None:
     with pytest.raises(AnalysisError, match=said):
         wada(grid_table((9, 9), lambda x, y: x < 2), **change)
+    missing = grid_table((8, 8), lambda x, y: x < 3)
+    missing.loc[3, "psi_1"] = np.nan
+    with pytest.raises(AnalysisError, match="1 rows have no start along psi_1, psi_2"):
+        basins(missing)
+    with pytest.raises(AnalysisError, match="box is 1, but a box needs 2 cells"):
+        basins(grid_table((8, 8), lambda x, y: x < 3), box=1)
+    with pytest.raises(AnalysisError, match="sizes has 0 steps"):
+        basins(grid_table((8, 8), lambda x, y: x < 3), sizes=[0])
+    with pytest.raises(AnalysisError, match=r"scales\.psi is not one of the columns"):
+        basins(grid_table((8, 8), lambda x, y: x < 3), scales={"psi": 2.0})
     with pytest.raises(AnalysisError, match="at most 4 steps"):
         basins(grid_table((9, 9), lambda x, y: x < 2), sizes=[1, 5])
 
@@ -388,6 +398,8 @@ def test_texts_in_place_of_numbers_are_refused() -> None:
         lambda: analyses.transition_points_by_gait(table, "gait", "x_0"),
         lambda: analyses.stable_ranges(table, "gait"),
         lambda: analyses.hysteresis(table, parameter="gait", start="x_0"),
+        lambda: analyses.transition_points(table.assign(**{"pass": 0, "stair": 0}), "gait", "x_0"),
+        lambda: analyses.fixed_points(table.assign(crossing=0), "gait"),
         lambda: quantifiers(table, "gait"),
     ):
         with pytest.raises(AnalysisError, match="The values of gait are not numbers"):

@@ -175,6 +175,8 @@ def test_a_start_without_a_fixed_point() -> None:
     assert ends == ["singular", "not_converged", "range"]
     assert table["row"].value_counts()[[0, 1]].tolist() == [1, 1]
     assert table.loc[table["row"] < 2, "stable"].isna().all()
+    with pytest.raises(ValueError, match="towards is 0, but must be 1 or -1"):
+        continuation(FOLD, FOLD.points([[0.5]]), {}, parameter="r", within=(0.0, 1.0), towards=0)
     with pytest.raises(ValueError, match="two different numbers"):
         continuation(FOLD, FOLD.points([[0.5]]), {}, parameter="r", within=(1.0, 1.0))
 

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 import pytest
 
+import gaitsweep as gs
 from gaitsweep.analysis.basins.edge_mappers import LabelMapper, ProximityMapper
 from gaitsweep.analysis.basins.edge_states import EdgeLimits, EdgeOutcome, edge_states
 from gaitsweep.analysis.continuation.floquet_multipliers import multipliers
@@ -50,6 +53,15 @@ def chaotic(values: Values, x: Coordinates) -> Coordinates:
 def broken(values: Values, x: Coordinates) -> Coordinates:
     """Attractors +-1, and no fixed point between: the map jumps at .2."""
     return 0.5 * x + 0.5 * jnp.where(x > 0.2, 1.0, -1.0)
+
+
+class Halving(gs.MapModel):
+    """A map without parameters and gaits."""
+
+    x = gs.variable("1", "place", 0.0)
+
+    def image(self, p: Any, s: Any) -> dict[str, Any]:
+        return {"x": 0.5 * s.x}
 
 
 def wrapped(angle: np.ndarray) -> np.ndarray:
@@ -236,6 +248,10 @@ def test_refusals() -> None:
     ):
         with pytest.raises(ValueError, match="for 2 pairs, but there are more"):
             mapper(SADDLE.images(SADDLE.points([[1.0, 0.0]] * 3), {}), np.arange(3), 1)
+    halving = BatchedReturnMap(Halving())
+    images = halving.images(halving.settled({"x_0": [0.2, 0.4]}, {}, 0)[0], {})
+    # a model without parameters has one set of values, the empty one
+    assert LabelMapper(halving, {}, after=0)(images, np.arange(2), 1).tolist() == [0, 0]
     with pytest.raises(ValueError, match="did you mean near"):
         LabelMapper(BatchedReturnMap(Landscape()), {}, after=5, only=["neer"])
 

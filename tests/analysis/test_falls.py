@@ -104,12 +104,14 @@ def test_what_rare_falls_cannot_count_is_refused() -> None:
         gs.return_map(RimlessWheel(), roughness=[0.02, 0.03]).rare_falls("roughness", drawn)
     with pytest.raises(gs.ArgumentError, match="seed has several values"):
         gs.return_map(RimlessWheel(), roughness=0.1, seed=[1, 2]).steps_to_fall("roughness", drawn)
-    with pytest.raises(AnalysisError, match="rouhness"):
+    with pytest.raises(AnalysisError, match=r"rouhness is not a parameter .*did you mean roughness"):
         wheel.rare_falls("rouhness", drawn)
     with pytest.raises(AnalysisError, match="scales"):
         wheel.rare_falls("roughness", drawn, scales=[0.5])
     with pytest.raises(AnalysisError, match="2 or more"):
         wheel.rare_falls("roughness", drawn, steps=1)
+    with pytest.raises(AnalysisError, match="level is 95, but must be between 0 and 1"):
+        wheel.rare_falls("roughness", drawn, level=95)
 
 
 def test_survival_counts_the_rows_that_walk_so_far() -> None:

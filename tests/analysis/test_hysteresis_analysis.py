@@ -9,15 +9,8 @@ import pandas as pd
 import pytest
 
 from gaitsweep.analysis.records import AnalysisError
-from gaitsweep.analysis.transitions.hysteresis import (
-    irregular_passes,
-    jump_intervals,
-    jumps,
-    largest_jumps,
-    loop_area,
-    transition_points,
-    transition_points_by_gait,
-)
+from gaitsweep.analysis.transitions.hysteresis import loop_area, transition_points, transition_points_by_gait
+from gaitsweep.analysis.transitions.jumps import irregular_passes, jump_intervals, jumps, largest_jumps
 from tests.support.hysteresis_tables import (
     AREA,
     FOLD,
@@ -103,6 +96,8 @@ def test_edges_are_medians_over_rows_with_their_range() -> None:
     assert apart["of"].tolist() == [2] * 4
     assert jumps(table, "delta_13", "f")["mass"].tolist() == [1.0] * 4 + [1.2] * 4
     assert len(transition_points(table, "delta_13", "f", least=0.9)) == 0  # no jump is that large
+    with pytest.raises(AnalysisError, match="least is 0, but must be above 0"):
+        transition_points(table, "delta_13", "f", least=0.0)
 
 
 def test_irregular_rows_are_excluded() -> None:

@@ -43,5 +43,9 @@ def test_names_that_have_no_default_are_required() -> None:
         gs.hysteresis(SETTLED)
     with pytest.raises(gs.UserError, match="name the column of the start value"):
         gs.hysteresis(SETTLED, parameter="f")
+    with pytest.raises(gs.UserError, match="observable is delta_13, but of settled rows gaits count"):
+        gs.hysteresis(SETTLED, "delta_13", "f", start="delta_13")
+    with pytest.raises(gs.UserError, match="start is delta_13, but passes select the branch"):
+        gs.hysteresis(staircase_table(), "delta_13", "f", start="delta_13")
     with pytest.raises(gs.UserError, match="delta_31 is not a column of this table; did you mean delta_13"):
         gs.hysteresis(staircase_table(), "delta_31", "f")

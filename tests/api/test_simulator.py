@@ -87,6 +87,7 @@ def test_one_set_and_tensors_have_their_own_shapes() -> None:
         ({"vary": {"omega": [1.0, 2.0]}}, ["push"], ["launch_end"], "varies omega"),
         ({"run": {"kind": "return_map", "crossings": 3}}, ["omega"], ["launch_n"], "several records"),
         ({}, ["omga"], ["launch_end"], "did you mean omega"),
+        ({}, ["omega", "omega"], ["launch_end"], "omega is named twice"),
     ],
 )
 def test_a_job_that_is_no_simulator_is_refused(

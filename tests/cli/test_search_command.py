@@ -55,6 +55,8 @@ def test_a_search_runs_and_is_shown_again(capsys: Capture) -> None:
     assert "48 of 48, complete" in capsys.readouterr().out
     figure = Path("results/toy_search/figures/misses.png")
     figure.unlink()
+    assert main(["plot", "results/toy_search", "--width", "column"]) == 2  # its figures take no style
+    assert "--width" in capsys.readouterr().err
     assert main(["plot", "results/toy_search"]) == 0
     assert str(figure) in capsys.readouterr().out
     assert figure.is_file()

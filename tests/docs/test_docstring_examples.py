@@ -23,7 +23,12 @@ def examples(module: str) -> list[doctest.DocTest]:
     return [each for each in documented if each.examples]
 
 
-@pytest.mark.slow("gaitsweep.api.atlas", "gaitsweep.api.maps", "gaitsweep.dynamics.footfalls")
+@pytest.mark.slow(
+    "gaitsweep.api.atlas",
+    "gaitsweep.api.fixed_points",
+    "gaitsweep.api.return_map",
+    "gaitsweep.dynamics.footfalls",
+)
 @pytest.mark.parametrize("module", MODULES)
 def test_examples_print_their_output(module: str) -> None:
     runner = doctest.DocTestRunner(optionflags=SHOWN)

@@ -323,8 +323,8 @@ def test_formulas_replace_numbers_of_the_file() -> None:
     [
         (
             'type="sphere" pos="0 0 -.45" size=".05"',
-            'type="cylinder" pos="0 0 -.45" size=".05 .1"',
-            "foot' is a cylinder",
+            'type="ellipsoid" pos="0 0 -.45" size=".05 .1 .05"',
+            "foot' is of type ellipsoid",
         ),
         ('contype="0"/>\n      <geom name="foot"', '/>\n      <geom name="foot"', None),
         (
@@ -340,15 +340,21 @@ def test_formulas_replace_numbers_of_the_file() -> None:
             "'leg' and 'o' may touch",
         ),
         (
-            "</worldbody>",
-            '<geom name="step" type="box" pos="3 0 .05" size="1 9 .05"/></worldbody>',
-            r"'step'.* may touch.*key ground: \{file",
+            'type="sphere" pos="0 0 -.45" size=".05" mass=".1"',
+            'type="cylinder" pos="0 0 -.45" euler="30 0 0" size=".05 .1" mass=".1"',
+            "foot' is of type cylinder and may touch 'floor'.*planar",
+        ),
+        (
+            'type="sphere" pos="0 0 -.45" size=".05" mass=".1" conaffinity="0"/>\n    </body></body>',
+            'type="box" pos="0 0 -.45" size=".05 .1 .05" mass=".1" conaffinity="0"/>\n    </body></body>'
+            '<geom name="step" type="box" size="1 1 .1"/>',
+            "foot' is of type box and may touch 'step'",
         ),
         (
             "</worldbody>",
             '<geom name="hills" type="hfield" hfield="h"/></worldbody><asset>'
-            '<hfield name="h" nrow="2" ncol="2" size="1 1 1 .1" elevation="0 1 0 1"/></asset>',
-            r"'hills'.* may touch.*key ground: \{file",
+            '<hfield name="h" nrow="2" ncol="2" size="1 1 1 .1" elevation="0 1 0 .5"/></asset>',
+            "'hills' is a height field that varies along y",
         ),
     ],
 )
@@ -495,19 +501,21 @@ def test_known_bodies_stand_with_springs_at_their_joints(
 def test_the_code_for_a_card_moves_the_body_as_that_for_the_processor(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The CUDA C, compiled for this machine, through landings; both round differently."""
+    """The CUDA C, compiled for this machine, through landings on step and floor; both round differently."""
 
     class CudaDevice(HostCard):
         folder = tmp_path
 
-    recorder = CrossingRecorder(Swinging(), crossings=2)
-    starts = {"z_0": np.array([0.0, 0.03, 0.08]), "leg_0": np.array([0.0, 0.2, -0.1])}
+    step = '<geom name="step" type="box" pos=".5 0 0" size=".45 9 .05" conaffinity="1"/></worldbody>'
+    model = of(HOPPER.replace("</worldbody>", step))
+    recorder = CrossingRecorder(model, crossings=2)
+    starts = {"z_0": np.array([0.0, 0.03, 0.08]), "leg_0": np.array([0.0, 0.2, -0.3])}
     options: dict[str, Any] = {"numerics": Numerics(dt=5e-4, method="rk4"), "engine": "kernel"}
-    here = run_rows(Swinging(), recorder, starts, **options)
+    here = run_rows(model, recorder, starts, **options)
     monkeypatch.setattr(cuda_lanes, "CudaDevice", CudaDevice)
     device = types.SimpleNamespace(platform="gpu")
     monkeypatch.setattr("tests.support.sweeping.devices_on", lambda platform, engine: [device])
-    card = run_rows(Swinging(), recorder, starts, **options)
+    card = run_rows(model, recorder, starts, **options)
     assert np.isfinite(here.samples).all()
     np.testing.assert_allclose(card.samples, here.samples, rtol=1e-9, atol=1e-9)
 
@@ -625,5 +633,5 @@ def test_planes_with_different_friction_under_one_geom_are_refused() -> None:
     alike = LocatedBody(mujoco.MjModel.from_xml_string(bodies.format(".2")))
     friction = {quantity.name: quantity.default for quantity in alike.parameters}["ball_friction"]
     assert friction == pytest.approx(0.2)
-    with pytest.raises(ValueError, match="'ball' may touch planes with different friction"):
+    with pytest.raises(ValueError, match="'ball' may touch the ground with different friction"):
         LocatedBody(mujoco.MjModel.from_xml_string(bodies.format("2")))

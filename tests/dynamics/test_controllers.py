@@ -238,6 +238,11 @@ def test_a_model_file_is_the_class_that_one_would_write() -> None:
             "L: {foot: foot_l}",
             r"line 9: controller\.legs\.L has no joint, .* hip, knee: JOINT",
         ),
+        (
+            f"{PHASES}\n",
+            "{kind: matsuoka, rise: 0.05, adaptation: 0.5, inhibited: [[L, L]]}\n",
+            r"line 4: controller\.oscillators\.inhibited has L and L as a pair: give two different legs",
+        ),
         (f"{PHASES}\n", f"{MATSUOKA}\n", r"line 9: controller\.legs\.L has no hip, .* write hip: JOINT"),
     ],
 )
@@ -252,6 +257,70 @@ def test_errors_of_a_model_file_have_its_line(tmp_path: Path, old: str, new: str
         model_of_file(tmp_path / "biped.yaml")
 
 
+def test_controls_follow_the_gears_and_gains_of_a_row(tmp_path: Path) -> None:
+    """Hips have servos of the length gear x angle; knees have motors of the torque gear x gain x control."""
+    body = (WALKERS / "biped.xml").read_text()
+    for side in "lr":
+        body = body.replace(f'name="hip_{side}" joint', f'name="hip_{side}" gear="2" joint')
+        body = body.replace(f'<position name="knee_{side}"', f'<motor name="knee_{side}" gear="3"')
+    text = (WALKERS / "biped.yaml").read_text().replace("  joints:", "  kp: 30\n  kd: 2\n  joints:")
+    (tmp_path / "biped.xml").write_text(body)
+    for dynamics, rows_own in (
+        ("located", {"hip_l_gear": 4, "knee_l_gear": 5, "knee_l_gain": 2}),
+        ("stepped", {}),
+    ):
+        (tmp_path / "geared.yaml").write_text(
+            text.replace("controller:", f"dynamics: {dynamics}\ncontroller:", 1)
+        )
+        model: Any = model_of_file(tmp_path / "geared.yaml")()
+        values = {q.name: jnp.asarray(rows_own.get(q.name, q.default), float) for q in model.parameters}
+        start = {q.name: jnp.asarray(0.0) for q in model.initial_conditions}
+        own = {"phase_1_0": 1.0, "phase_2_0": 4.0, "knee_r_rate_0": 0.5}
+        start |= {name: jnp.asarray(number) for name, number in own.items()}
+        p = model.params(values)
+        control = model.control(p, model.init(p, start))
+        hips = 0.25 * np.cos([1.0, 4.0]) * (rows_own.get("hip_l_gear", 2), 2)
+        torques = 30.0 * (0.15 + np.maximum(-np.sin([1.0, 4.0]), 0.0)) - 2.0 * np.array([0.0, 0.5])
+        knees = torques / ((10 if rows_own else 3), 3)
+        np.testing.assert_allclose(control, [hips[0], knees[0], hips[1], knees[1]], rtol=1e-12)
+    for element in ('<velocity name="hip_l"', '<general biastype="affine" biasprm="0 1" name="hip_l"'):
+        (tmp_path / "biped.xml").write_text(body.replace('<position name="hip_l"', element))
+        with pytest.raises(JobError, match="actuator of joint 'hip_l' is neither a <position> actuator"):
+            model_of_file(tmp_path / "geared.yaml")
+
+
+def test_targets_and_gains_of_slides_have_their_units(tmp_path: Path) -> None:
+    """A shin that slides in its thigh, with a motor, below a hip that turns."""
+    body = (
+        (WALKERS / "biped.xml").read_text().replace('axis="0 1 0" range="0 120"', 'type="slide" range="0 1"')
+    )
+    body = body.replace('<position name="knee', '<motor name="knee')
+    text = (WALKERS / "biped.yaml").read_text().replace("  joints:", "  kp: 30\n  kd: 2\n  joints:")
+    (tmp_path / "biped.xml").write_text(body)
+    (tmp_path / "biped.yaml").write_text(text)
+    units = {q.name: q.unit for q in model_of_file(tmp_path / "biped.yaml")().parameters}
+    assert [units[name] for name in ("hip_swing", "knee_offset", "kp", "kd")] == ["rad", "m", "N/m", "N s/m"]
+
+
+def test_the_load_of_a_stepped_foot_is_that_of_its_own_sensor(tmp_path: Path) -> None:
+    """Two feet on one body have a sensor each; a ball joint has no position that is one number."""
+    body = """<mujoco><worldbody><geom type="plane" size="9 9 .1"/><body pos="0 0 .1"><freejoint name="root"/>
+      <geom name="heel" size=".1"/><geom name="toe" size=".1" pos="1 0 0"/>
+      <site name="a" size=".2"/><site name="b" size=".2" pos="1 0 0"/></body></worldbody>
+      <sensor><touch name="{}" site="a"/><touch name="{}" site="b"/></sensor></mujoco>"""
+    members = {"control": lambda self, p, s: jnp.zeros(0), "period": lambda self, p: jnp.ones(())}
+    state = SimpleNamespace(sensors=jnp.asarray([3.0, 5.0]), body=SimpleNamespace(q=jnp.zeros(7)))
+    named, other = (
+        type("Feet", (gs.MjcfModel,), {"body_file": body.format(*names), **members})()
+        for names in (("heel", "toe"), ("rear", "front"))
+    )
+    assert [float(named.load(None, state, geom)) for geom in ("heel", "toe")] == [3.0, 5.0]
+    with pytest.raises(ValueError, match=r"geom 'toe' is read from .* but that has 2 of other names"):
+        other.load(None, state, "toe")
+    with pytest.raises(ValueError, match="no hinge or slide 'root'"):
+        named.position(state, "root")
+
+
 def test_a_model_file_says_that_rows_begin_standing(tmp_path: Path) -> None:
     (tmp_path / "biped.xml").write_bytes((WALKERS / "biped.xml").read_bytes())
     text = (WALKERS / "biped.yaml").read_text()
@@ -260,6 +329,24 @@ def test_a_model_file_says_that_rows_begin_standing(tmp_path: Path) -> None:
         (tmp_path / f"{start}.yaml").write_text(f"{text}\nstart: {start}\n")
         kinds.append(model_of_file(tmp_path / f"{start}.yaml"))
     assert [kind.begins_standing for kind in kinds] == [False, True]
+
+
+@pytest.mark.slow
+def test_the_height_of_a_trunk_counts_from_a_step_of_the_mjcf(tmp_path: Path) -> None:
+    """A box of 5 cm from x = 0.5 on, below a trunk at 0 and at 1 m."""
+    step = '<geom name="step" type="box" pos="1.5 0 0" size="1 1 .05" conaffinity="1"/><body name="trunk"'
+    xml = (WALKERS / "biped.xml").read_text().replace('<body name="trunk"', step)
+    assert step in xml
+    (tmp_path / "biped.xml").write_text(xml)
+    (tmp_path / "biped.yaml").write_bytes((WALKERS / "biped.yaml").read_bytes())
+    model = model_of_file(tmp_path / "biped.yaml")()
+    params = model.params({q.name: jnp.asarray(q.default, float) for q in model.parameters})
+    starts = {q.name: jnp.asarray(0.0) for q in model.initial_conditions}
+    heights = [
+        float(model.signal(params, model.init(params, {**starts, "x_0": jnp.asarray(x)}))["height"])
+        for x in (0.0, 1.0)
+    ]
+    assert heights[0] - heights[1] == pytest.approx(0.05, abs=1e-12)
 
 
 def test_the_order_of_legs_counts_and_that_of_their_joints_does_not(tmp_path: Path) -> None:
@@ -410,6 +497,34 @@ def test_the_quadruped_trots_paces_and_bounds_at_half_the_time_step_too() -> Non
         assert duty.max() < 0.7
     strides = [table["stride_1_end"].to_numpy() for table in tables]
     np.testing.assert_allclose(*strides, rtol=0.02)  # a step of 2 ms is 0.5 % of a stride
+
+
+@pytest.mark.slow
+def test_bounces_of_a_located_foot_do_not_count() -> None:
+    """A biped whose feet bounce for 42 ms after touchdown, and one whose feet do so before liftoff."""
+    model = model_of_file(WALKERS / "biped.yaml")()
+    values = {"sigma": [0.06, 0.05], "thigh_l_mass": [1.5, 4.0], "thigh_r_mass": [1.5, 4.0]}
+    table = gs.sweep(model, zip=values, run=gs.Settle(tolerance=1e-4), verify=0).table
+    traces = gs.sweep(model, zip=values, run=gs.Trace(duration=30.0, every=0.001), verify=0).table
+    assert table["gait"].tolist() == ["walk", "walk"]
+    shortest = 0.05 * 2.0 * np.pi / 6.0
+    for row in (0, 1):
+        trace = traces.loc[traces["row"] == row]
+        down = trace["contact_1"].to_numpy() > 0.5
+        t = trace["t"].to_numpy()
+        touches = t[1:][down[1:] & ~down[:-1]]
+        lifts = t[1:][~down[1:] & down[:-1]]
+        lifts = lifts[lifts > touches[0]]
+        before, after = lifts[: touches.size - 1], touches[1 : lifts.size + 1]
+        before = before[: after.size]
+        # a stance lasts from the end of one flight to the beginning of the next; bounces are no flights
+        is_flight = after - before > shortest
+        assert (~is_flight[-4:]).any()
+        first, second = after[is_flight][-2:]
+        stride = second - first
+        stance = before[is_flight][-1] - first
+        assert table["stride_1_end"].iloc[row] == pytest.approx(stride, abs=0.002)  # two samples
+        assert table["duty_1_end"].iloc[row] == pytest.approx(stance / stride, abs=0.003)
 
 
 def test_angles_of_a_start_are_the_quaternion_of_mujoco() -> None:

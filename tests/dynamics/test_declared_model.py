@@ -513,8 +513,14 @@ def test_contradictions_are_refused_in_one_sentence() -> None:
             made(**members)
     with pytest.raises(TypeError, match="rising=False, so it needs during="):
         event("lands", rising=False)
+    with pytest.raises(TypeError, match="'kick' have after= without every="):
+        gs.instants("kick", at=[1.0], after=0.5)
     with pytest.raises(ValueError, match="z has 2 start values, but 3 numbers"):
         _ = Balls(N=3).initial_conditions
+    with pytest.raises(ValueError, match="legs has 2 start values, but 3 numbers"):
+        made(legs=mode((True, False), "foot is down", count=3))
+    with pytest.raises(ValueError, match="masses has 0 defaults, but 3 numbers"):
+        made(masses=parameter("kg", "masses", (), count=3))
 
 
 def test_a_number_in_the_place_of_the_meaning_is_refused() -> None:

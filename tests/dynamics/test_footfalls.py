@@ -18,7 +18,6 @@ from gaitsweep.dynamics.footfalls import (
     GAITS,
     LEGS,
     SHORTEST_CONTACT,
-    DebouncedSteps,
     Footfalls,
     Steps,
     gait_of_footfalls,
@@ -254,29 +253,39 @@ def test_contacts_of_a_step_or_two_do_not_count() -> None:
     down[(step >= of_stance - 4) & (step < of_stance - 2)] = False
     feet = Footfalls(lambda model, params, state: state.down, "time", LEGS[4])
     model: Any = SimpleNamespace(period=lambda params: jnp.asarray(period))
-    none, shares = jnp.zeros(4), jnp.zeros(5)
-    plain = Steps(jnp.zeros(4, jnp.int32), none, none, none, jnp.zeros(()), shares, shares)
-    fields = [getattr(plain, field.name) for field in dataclasses.fields(plain)]
-    debounced = DebouncedSteps(*fields, is_down=jnp.zeros(4, bool), since=none)
+    debounced, plain = (feet.begun(jnp.zeros(()), debounced=debounced) for debounced in (True, False))
     states = SimpleNamespace(down=jnp.asarray(down), time=dt * jnp.arange(len(down)))
+    every_step = np.arange(len(down))
+    # a located model knows of feet at its events alone: here the changes, and a section in each stride
+    changes = np.flatnonzero((down[1:] != down[:-1]).any(axis=1)) + 1
+    at_events = np.union1d(changes, np.r_[0, 150 : len(down) : 200, len(down) - 1])
 
     def at(i: Any) -> Any:
         return SimpleNamespace(down=states.down[i], time=states.time[i])
 
-    def end(steps: Steps) -> dict[str, float]:
-        def after(i: Any, before: Any) -> Any:
-            return feet.after(model, None, before, at(i - 1), at(i), jnp.zeros(()))
+    def steps_at(steps: Steps, instants: np.ndarray) -> Steps:
+        def after(k: Any, before: Any) -> Any:
+            j, i = jnp.asarray(instants)[k - 1], jnp.asarray(instants)[k]
+            return feet.after(model, None, before, at(j), at(i), jnp.zeros(()))
 
-        last = jax.lax.fori_loop(1, len(down), after, steps)
+        return jax.lax.fori_loop(1, len(instants), after, steps)
+
+    def end(steps: Steps, instants: np.ndarray = every_step) -> dict[str, float]:
+        last = steps_at(steps, instants)
         return {k: float(v) for k, v in feet.observed(model, None, at(-1), last).items()}
 
     assert SHORTEST_CONTACT * period > 4 * dt
-    numbers = end(debounced)
-    for leg in range(4):
-        assert numbers[f"stride_{leg + 1}"] == pytest.approx(period, abs=1e-9)
-        assert numbers[f"duty_{leg + 1}"] == pytest.approx(duty - 2.0 * dt / period, abs=1e-9)
-    lags = [numbers[f"lag_{i}"] for i in (2, 3, 4)]
-    np.testing.assert_allclose(np.cos(lags), [-1.0, -1.0, 1.0], atol=1e-9)
-    assert numbers["support_4"] == pytest.approx(0.2 - 4.0 * dt / period, abs=1e-9)
-    assert GAITS[4][int(feet.gait(numbers))] == "trot"
+    for instants in (every_step, at_events):
+        numbers = end(debounced, instants)
+        for leg in range(4):
+            assert numbers[f"stride_{leg + 1}"] == pytest.approx(period, abs=1e-9)
+            assert numbers[f"duty_{leg + 1}"] == pytest.approx(duty - 2.0 * dt / period, abs=1e-9)
+        lags = [numbers[f"lag_{i}"] for i in (2, 3, 4)]
+        np.testing.assert_allclose(np.cos(lags), [-1.0, -1.0, 1.0], atol=1e-9)
+        assert numbers["support_4"] == pytest.approx(0.2 - 4.0 * dt / period, abs=1e-9)
+        assert GAITS[4][int(feet.gait(numbers))] == "trot"
     assert not abs(end(plain)["stride_1"] - period) < 0.1 * period  # none
+    # the stances in which feet begin are no touchdowns
+    start = feet.begun(states.time[20], debounced=True)
+    for instants in (every_step[20:150], np.union1d([20], at_events[(at_events > 20) & (at_events < 150)])):
+        assert steps_at(start, instants).landings.tolist() == [0, 1, 1, 0]

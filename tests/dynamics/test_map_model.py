@@ -115,6 +115,10 @@ def test_conserved_quantities_and_symmetries_are_known() -> None:
     assert mapping.conserved == ["distance"]
     points = mapping._points([3.0, 4.0])[0]
     assert mapping.mapping.linearised(points, {}).conserved_values.tolist() == [[25.0]]
+    # a start by a formula has a value in a row alone, and needs none here
+    shifted = type("Shifted", (Turn,), {"x": gs.variable("1", "abscissa", "2*angle")})
+    shifted_mapping = gs.return_map(shifted()).mapping
+    assert shifted_mapping.linearised(points, {}).conserved_values.tolist() == [[25.0]]
     # a point of the orbit of the mirrored point: its image
     np.testing.assert_allclose(mapping.mapping.mirrored(points, {})["opposite"].at, -mapping([[3.0, 4.0]]))
 

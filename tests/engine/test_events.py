@@ -20,7 +20,7 @@ from gaitsweep import models
 from gaitsweep.cli import show
 from gaitsweep.contract import HybridModel
 from gaitsweep.dynamics.event_surface import EventSurface
-from gaitsweep.engine.event_stall import packed, unpacked
+from gaitsweep.engine.carry import packed, unpacked
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.fixed_time import FixedTimeRecorder

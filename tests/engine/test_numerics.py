@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, get_args
 
 import jax
 import numpy as np
@@ -12,7 +12,10 @@ from firing_neuron import Neuron, firing_times
 from gaitsweep import models
 from gaitsweep.engine.numerics import Numerics, longest_step, step_of
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
+from gaitsweep.engine.solver.methods import METHODS
 from gaitsweep.engine.solver.runge_kutta import DIFFERENCE, STAGES
+from gaitsweep.errors import ArgumentError
+from gaitsweep.job.numerics import MethodName
 from gaitsweep.status import Status
 from tests.support.sweeping import run_rows, scalars
 from toy_model import Toy, bounce_times
@@ -103,3 +106,12 @@ def test_every_model_has_a_step(name: str) -> None:
     longest = longest_step(model, Numerics().resolve(model).method, params)
     assert longest is not None
     assert dt <= float(longest) * (1 + 1e-12)
+
+
+def test_unknown_numerics_are_refused_with_the_near_miss() -> None:
+    assert get_args(MethodName) == ("auto", *METHODS)
+    with pytest.raises(ArgumentError, match=r"method is rk5.*rk4"):
+        Numerics(method="rk5").resolve(Toy())
+    precision: Any = "float46"
+    with pytest.raises(ArgumentError, match=r"precision is float46.*float64"):
+        Numerics(precision=precision).resolve(Toy())

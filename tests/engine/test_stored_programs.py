@@ -13,11 +13,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+import gaitsweep as gs
+from gaitsweep.api.keywords import job_of
 from gaitsweep.cache_folder import cache_folder
-from gaitsweep.engine import stored_programs
-from gaitsweep.engine.content import depends_on, lasting_content
+from gaitsweep.engine import content
+from gaitsweep.engine.content import depends_on, lasting_content, stored
 from gaitsweep.engine.kernel.row_functions import over_rows
-from gaitsweep.engine.stored_programs import stored
+from gaitsweep.runs.prepare import prepare
 
 MODEL = """
 {imports}
@@ -27,6 +29,7 @@ from {beside} import STIFFNESS
 
 class Spring(gs.DeclaredModel):
     q = gs.parameter("1/s", "rate", 1.0)
+    k = gs.parameter("1", "no part of the flow", 1.0)
     x = gs.variable("m", "position", 1.0)
     v = gs.variable("m/s", "speed", 0.0)
 
@@ -48,7 +51,7 @@ _NUMBERS = itertools.count()
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder from which modules are imported, beside a cache."""
     monkeypatch.setenv("GAITSWEEP_CACHE", str(tmp_path / "cache"))
-    monkeypatch.setattr(stored_programs, "cache_folder", cache_folder)
+    monkeypatch.setattr(content, "cache_folder", cache_folder)
     monkeypatch.syspath_prepend(tmp_path)
     return tmp_path
 
@@ -104,9 +107,35 @@ def test_results_are_stored_by_what_decides_them(folder: Path, monkeypatch: pyte
     assert stored("name", model, (1.0,), work_out) == stored("name", model, (1.0,), work_out) == [0]
     assert stored("name", model, (2.0,), work_out) == [1]
     assert stored("other", model, (1.0,), work_out) == [2]
-    assert stored("name", model, None, work_out) == [3]
-    monkeypatch.setattr(stored_programs, "_SOURCES", "another version")
-    assert stored("name", model, (1.0,), work_out) == [4]
+    monkeypatch.setattr(content, "_SOURCES", "another version")
+    assert stored("name", model, (1.0,), work_out) == [3]
+
+
+def test_what_moves_a_parameter_decides_a_program(folder: Path) -> None:
+    """A staircase or ramp with the same values has the same content, and with other values another."""
+    model = spring(folder)
+
+    def of_drive(run: Any, **values: Any) -> str | None:
+        return lasting_content(
+            model, prepare(job_of(model, {"x_0": [1.0, 2.0], **values}, run=run)).spec.drive
+        )
+
+    def stairs(highest: float, dwell: float = 5.0) -> gs.Staircase:
+        return gs.Staircase(parameter="q", path=[1.0, highest], step=0.5, dwell=dwell)
+
+    ramp = gs.Ramp(parameter="q", path=[1.0, 2.0], rate=0.1)
+    contents = [
+        of_drive(stairs(2.0)),
+        of_drive(stairs(3.0)),
+        of_drive(stairs(2.0, dwell=6.0)),
+        of_drive(stairs(2.0), k="2 * q"),
+        of_drive(stairs(2.0), k="3 * q"),
+        of_drive(ramp),
+        of_drive(gs.Settle()),
+    ]
+    assert None not in contents
+    assert len(set(contents)) == len(contents)
+    assert of_drive(stairs(2.0)) == contents[0]
 
 
 def test_damaged_entries_are_worked_out_again(folder: Path) -> None:
@@ -122,7 +151,7 @@ def test_a_stored_program_has_the_same_bits(folder: Path) -> None:
     model, x = spring(folder), np.random.default_rng(0).normal(size=(2, 50))
 
     def function(values: Any) -> Any:
-        return {"a": model.period(model.params({"q": values["q"]})), "b": [values["x"] / 3.0, None]}
+        return {"a": model.period(model.params({"q": values["q"], "k": 1.0})), "b": [values["x"] / 3.0, None]}
 
     given = {"q": x[0], "x": x[1]}
     traced = over_rows(function)(given)

@@ -13,8 +13,7 @@ import pytest
 
 import gaitsweep as gs
 from gaitsweep import DeclaredModel, event, observable, parameter, variable
-from gaitsweep.engine.solver.taylor import bends_back, first_zero
-from gaitsweep.engine.solver.taylor_series import along, solution
+from gaitsweep.engine.solver.taylor import along, bends_back, first_zero, solution
 from gaitsweep.examples.compass_walker import CompassWalker
 
 ORDER = 6

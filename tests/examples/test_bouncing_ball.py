@@ -87,5 +87,9 @@ def test_a_row_without_a_gait_keeps_its_record() -> None:
     assert len(gs.Atlas(table).gaits) == 0
     with pytest.raises(gs.ArgumentError, match="lacks found, special of a run of kind atlas"):
         gs.Atlas(table.drop(columns=["found", "special"]))
+    without_job = table.copy()
+    without_job.attrs = {}
+    with pytest.raises(gs.ArgumentError, match=r"no job in its \.attrs"):
+        gs.Atlas(without_job)
     assert ball.table["status"].tolist() == ["no_fixed_point"]
     assert ball.table["end"].tolist() == ball.more().table["end"].tolist() == ["no_gait"]

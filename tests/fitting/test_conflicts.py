@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from gaitsweep.errors import ArgumentError
-from gaitsweep.fitting.conflicts import conflicts
+from gaitsweep.fitting.targets import conflicts
 
 
 def circle(n: int = 3600) -> pd.DataFrame:
@@ -20,7 +20,7 @@ def circle(n: int = 3600) -> pd.DataFrame:
 
 
 def test_counts_and_nearest_misses_of_conflicting_targets() -> None:
-    result = conflicts([circle()])
+    result = conflicts(circle())
     assert result.sets == 3600
     # |cos| <= 1/2 on a third of the circle, and not where |sin| <= 1/2
     assert result.together.to_numpy().tolist() == pytest.approx(
@@ -52,6 +52,8 @@ def test_no_set_meets_a_target() -> None:
 def test_wrong_tables_and_targets_are_refused() -> None:
     with pytest.raises(ArgumentError, match="not the table of a search"):
         conflicts([pd.DataFrame({"row": [0]})])
+    with pytest.raises(ArgumentError, match="within is 0, but must be above 0"):
+        conflicts(circle(), within=0.0)
     with pytest.raises(ArgumentError, match="different targets: x, y, z and x"):
         conflicts([circle(), circle().drop(columns=["miss_y", "miss_z"])])
     with pytest.raises(ArgumentError, match="yy is not a target of the search; did you mean y"):

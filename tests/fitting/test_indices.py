@@ -7,8 +7,7 @@ import pandas as pd
 import pytest
 
 from gaitsweep.fitting.free_parameters import FreeParameter
-from gaitsweep.fitting.indices import Output, indices
-from gaitsweep.fitting.sensitivity_design import Method, SensitivityDesign, design_of
+from gaitsweep.fitting.sensitivity_methods import Method, Output, SensitivityDesign, design_of, indices
 from response_model import COEFFICIENTS, A, B, ishigami, ishigami_indices
 
 NAMES = ["x_1", "x_2", "x_3"]

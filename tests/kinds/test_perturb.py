@@ -386,6 +386,10 @@ def test_the_least_fatal_push_is_found_around_the_cycle_and_marked() -> None:
     table.attrs["quantities"]["push_y"] = {**unit, "unit": "m/s"}
     with pytest.raises(gs.analyses.AnalysisError, match="one unit"):
         gs.analyses.least_fatal_push(table, ["push_x", "push_y"], "push_phase")
+    with pytest.raises(gs.analyses.AnalysisError, match=r"scales\.push is not one of the columns"):
+        gs.analyses.least_fatal_push(table, "push_x", scales={"push": 2.0})
+    halved = gs.analyses.least_fatal_push(table, "push_x", "push_phase", scales={"push_x": 2.0})
+    np.testing.assert_allclose(halved["size"], np.abs(halved["push_x"]) / 2.0)
 
 
 @pytest.mark.slow

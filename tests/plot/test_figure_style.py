@@ -113,12 +113,22 @@ def test_a_style_of_several_tables_may_name_what_others_have() -> None:
 def test_colours_of_gaits_are_refused_where_they_have_no_effect() -> None:
     with pytest.raises(PlotError, match="does not colour gaits"):
         plot.draw("hysteresis", staircase_table(), y="delta_13", colours={"trot": "red"})
+    warned = pytest.warns(UserWarning, match=r"hysteresis does not colour gaits. .*basin")
+    with warned, plot.style(colours={"trot": "red"}):
+        plot.draw("hysteresis", staircase_table(), y="delta_13")
     wrong: Any = {"kind": "return_map", "y": "psi_1", "colours": {"direct": "red"}}
     job: dict[str, Any] = JOB | {"run": {"kind": "return_map", "crossings": 4}}
     with pytest.raises(gs.JobError, match=r"figures\[0\].colours has no effect"):
         gs.Job(**job, figures=[wrong])
-    with pytest.raises(gs.JobError, match=r"style.colours has no effect"):
+    with pytest.raises(PlotError, match="a figure cycles colours gaits only with hue: gait"):
+        plot.draw("cycles", staircase_table(), y=["delta_13"], colours={"trot": "red"})
+    with pytest.raises(gs.JobError, match=r"style.colours has no effect.* colour gaits: .*basin.* Remove it"):
         gs.Job(**job, figures=[wrong | {"colours": None}], style={"colours": {"direct": "red"}})
+
+
+def test_an_argument_of_single_figures_is_no_field_of_a_style() -> None:
+    with pytest.raises(StyleError, match=r"shares .* argument of .*plot\.basin\("), plot.style(shares=False):
+        pass
 
 
 def test_periods_of_an_atlas_have_colours_and_no_gait_has() -> None:

@@ -10,7 +10,7 @@ from matplotlib.colors import to_hex, to_rgb
 from matplotlib.patches import FancyArrowPatch, Rectangle
 
 from gaitsweep import plot
-from gaitsweep.analysis.transitions.hysteresis import jumps
+from gaitsweep.analysis.transitions.jumps import jumps
 from gaitsweep.plot import PlotError
 from gaitsweep.plot.bifurcations.passes import DOWN, UP
 from tests.support.hysteresis_tables import (

@@ -21,6 +21,12 @@ from tests.support.plot_tables import AXES, crossing_table, rendered, settle_tab
         ("cycles", {"y": ["psi_1"], "x": "cycle", "hue": "row"}, r"did you mean cycles\?"),
         ("footprints", {}, "t is not a column"),
         ("basins", {}, r"basins is not a kind of figure; did you mean basin\?"),
+        ("basin", {"x": "psi_1", "y": "gait"}, "y is gait, which is not numeric and cannot be an axis"),
+        ("gait_map", {"x": "psi_1", "y": "psi_1"}, "y is psi_1, like x: name another column"),
+        ("orbit", {"x": "psi_1", "y": "gait"}, "y is gait, which is not numeric"),
+        ("continuation", {"y": "psi_1"}, "job moves no parameter"),
+        ("road_map", {}, "job moves no parameter"),
+        ("cycles", {"y": []}, "y is empty: name at least one observable"),
     ],
 )
 def test_what_is_not_there_is_refused_with_the_near_miss(kind: str, spec: dict, sentence: str) -> None:

@@ -10,6 +10,7 @@ import pandas as pd
 import pytest
 
 import gaitsweep as gs
+from gaitsweep.engine.sweep import engines, lane_scheduler
 from gaitsweep.examples.hopper import Hopper
 
 OF_A_DIRECTORY = {"path"}
@@ -40,3 +41,21 @@ def test_a_table_in_memory_is_that_of_a_directory(run: Any, tmp_path: Path) -> N
     memory.attrs.clear()
     stored.attrs.clear()
     pd.testing.assert_frame_equal(memory, stored, check_exact=True)
+
+
+def test_the_kernel_of_a_short_run_is_compiled_quickly(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The rows are the same to the last bit; a long run has the optimised kernel."""
+    quick: list[bool] = []
+
+    def remembering(device: Any, spec: Any) -> Any:
+        quick.append(spec.quick)
+        return engines.groups_on(device, spec)
+
+    monkeypatch.setattr(lane_scheduler, "groups_on", remembering)
+    run = gs.Settle(max_cycles=60)
+    launches = np.linspace(0.1, 8.0, 1000)
+    short = gs.sweep(Hopper(), launch_0=launches[::200], run=run, verify=0).table
+    long = gs.sweep(Hopper(), launch_0=launches, run=run, verify=0).table
+    assert list(dict.fromkeys(quick)) == [True, False]
+    rows = long.iloc[::200].reset_index(drop=True)
+    pd.testing.assert_frame_equal(short.drop(columns="row"), rows.drop(columns="row"), check_exact=True)

@@ -331,6 +331,16 @@ def test_check_model_names_starts_beyond_an_event_with_its_function() -> None:
     assert values is not None
     assert float(values[2]) == pytest.approx(float(values[1]) - 10.0, abs=0.05), "three digits are written"
 
+    class Turned(Careless):
+        """A phase without bounds, which is tried beyond a turn, and ten parameters beside it."""
+
+        phase = gs.variable("rad", "phase", 4.0, circular=True)
+        gain = gs.parameter("1", "without effect", 1.0, count=10)
+
+    (message,) = (remark for remark in trial(Turned).remarks if "the event 'turns' does not happen" in remark)
+    assert re.search(r"phase_0 = [\d.]+", message), "starts are named before parameters"
+    assert "an angle is tried beyond a turn (phase_0): declare low=0.0, high=6.283" in message
+
 
 @pytest.mark.slow
 def test_check_model_does_not_miss_an_event_that_ends_rows() -> None:

@@ -26,9 +26,8 @@ from gaitsweep.api.result import Result
 from gaitsweep.cli import commands
 from gaitsweep.plot import theme
 from gaitsweep.runs.dataset import MissingPackageError
-from gaitsweep.view.explorer.encoding import RESOLUTION, motion_fields, packed
 from gaitsweep.view.explorer.explorer import write_explorer
-from gaitsweep.view.explorer.page_columns import columns_of, html_symbol
+from gaitsweep.view.explorer.page_format import RESOLUTION, columns_of, html_symbol, motion_fields, packed
 from gaitsweep.view.explorer.plotly_source import fast_to_load
 from gaitsweep.view.explorer.replays import Motion, Pictures, Stretch, pictures_of
 from gaitsweep.view.explorer.start_map import CELLS, StartMap, with_next
@@ -648,6 +647,7 @@ def test_what_cannot_be_explored_is_refused_in_a_sentence(wells: Path, monkeypat
         return str(message.exception)
 
     assert "is not a column of this table" in said("--x", "x_00")
+    assert "Both axes would be x_0" in said("--x", "x_0", "--y", "x_0")
     assert "--max-size is 0.5 MB" in said("--max-size", "0.5")
     job = gs.Job(
         name="trace", model="double_well:DoubleWell", verify=0,

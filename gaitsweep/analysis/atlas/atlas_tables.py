@@ -7,13 +7,12 @@ import pandas as pd
 from jaxtyping import Bool
 
 from gaitsweep.analysis.atlas.atlas import BranchAtlas
-from gaitsweep.analysis.atlas.branch import ON_BRANCH, Branch, Record
+from gaitsweep.analysis.atlas.branch import ON_BRANCH, Branch, Record, text_of
 from gaitsweep.analysis.atlas.order_changes import event_columns
 from gaitsweep.analysis.atlas.periodic_orbits import OrbitSearch, polished, rows_of, with_images
 from gaitsweep.analysis.atlas.plane_curves import renamed_apart
-from gaitsweep.analysis.atlas.stored_points import text_of
 from gaitsweep.analysis.continuation.arclength_step import BranchPoints
-from gaitsweep.analysis.continuation.flows import in_terms_of_flow
+from gaitsweep.analysis.continuation.branch_table import in_terms_of_flow
 from gaitsweep.engine.poincare.maps import Points
 
 Mask = Bool[np.ndarray, " records"]

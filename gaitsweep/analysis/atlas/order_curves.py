@@ -36,15 +36,14 @@ class _CurvePoint:
 
     Attributes:
         parameter, second: the values of the two parameters.
-        observed: the observables of the gait there, by name.
-        unstable: the number of its multipliers outside the unit circle.
+        columns: these, the observables of the gait there, and how many multipliers are outside the unit
+            circle, by name.
         point: the gait's point (1,).
     """
 
     parameter: float
     second: float
-    observed: dict[str, float]
-    unstable: int
+    columns: dict[str, float]
     point: Points
 
 
@@ -92,21 +91,10 @@ class OrderChange:
         if len(points) == 1:
             return []
         ends = [begin, *[""] * (len(points) - 2), end]
-        numbers = range(-len(behind), len(ahead) + 1)
-        return [self._record(*columns) for columns in zip(points, numbers, ends, strict=True)]
-
-    def _record(self, point: _CurvePoint, number: int, end: str) -> dict[str, Any]:
-        """The columns of a point of the curve."""
-        return {
-            self.parameter: point.parameter,
-            self.second: point.second,
-            **point.observed,
-            "unstable": point.unstable,
-            "point": number,
-            "special": "",
-            "end": end,
-            "corrections": 0,
-        }
+        return [
+            {**point.columns, "point": number, "special": "", "end": end, "corrections": 0}
+            for number, (point, end) in enumerate(zip(points, ends, strict=True), start=-len(behind))
+        ]
 
     def _side(self, first: _CurvePoint, direction: int) -> tuple[list[_CurvePoint], str]:
         """The points after `first` in one direction of the second parameter, and why they end."""
@@ -158,14 +146,11 @@ class OrderChange:
             before = int(changes[np.argmin(np.abs(changes - 0.5 * (VALUES - 2)))])
             interval = float(at[before]), float(at[before + 1])
             side = before if is_on_side[before] else before + 1
-            near = gaits.points[[side]]
-            point = _CurvePoint(
-                parameter=0.5 * (interval[0] + interval[1]),
-                second=level,
-                observed={name: float(column[side]) for name, column in gaits.images.observed.items()},
-                unstable=self._unstable(gaits, side),
-                point=near,
-            )
+            near, parameter = gaits.points[[side]], 0.5 * (interval[0] + interval[1])
+            columns = {self.parameter: parameter, self.second: level}
+            columns |= {name: float(column[side]) for name, column in gaits.images.observed.items()}
+            columns |= {"unstable": self._unstable(gaits, side)}
+            point = _CurvePoint(parameter, level, columns, near)
         return point
 
     def _gaits(

@@ -16,7 +16,7 @@ from jaxtyping import Float
 from gaitsweep.analysis.basins.attractors import attractors
 from gaitsweep.analysis.basins.fractions import fractions
 from gaitsweep.analysis.basins.state_space import Space, state_columns
-from gaitsweep.analysis.records import require_numbers
+from gaitsweep.analysis.records import AnalysisError, names_in, require_numbers
 
 _MOST_STATES = 2000  # states of an attractor that its distances use
 _FAR = 1e9  # cost of a forbidden match
@@ -59,22 +59,28 @@ def follow_attractors(
         grouping: arguments of `attractors`.
 
     Raises:
-        AnalysisError: the table does not have a column, or as for `attractors`.
+        AnalysisError: the table does not have a column or a value of the parameter, `within` is below 0, or
+            as for `attractors`.
 
     Source: the distance is Dubuisson and Jain's modified Hausdorff distance (1994, Proc. ICPR, p. 566);
     matching along a parameter as in Datseris, Rossi and Wagemakers 2023, Chaos 33:073151.
     """
     require_numbers(table, parameter)
     values = np.unique(table[parameter].dropna().to_numpy(float))
-    parts = [_at(table, parameter, value) for value in values]
+    if not values.size:
+        raise AnalysisError(f"No row of the table has a value of {parameter}.")
+    if within is not None and not within >= 0.0:
+        raise AnalysisError(f"within is {within:g}, but must be 0 or more.")
+    parts = [table.iloc[np.flatnonzero(table[parameter] == value)] for value in values]
     groupings = [attractors(part, **grouping) for part in parts]
-    space = Space.of(table, grouping.get("columns") or state_columns(table), grouping.get("scales"))
+    columns = names_in(grouping.get("columns") or state_columns(table))
+    space = Space.of(table, columns, grouping.get("scales"))
     if within is None:
         within = _half_the_smallest(space, [grouped.states for grouped in groupings])
     latest: dict[str, Float[np.ndarray, "states columns"]] = {}  # the latest states of each attractor
     present: list[str] = []
     orbits: set[str] = set()
-    columns, summaries = [], []
+    attractor_of_rows, summaries = [], []
     for value, grouped in zip(values, groupings, strict=True):
         names, moved = _named(space, grouped.states, latest, present, within)
         present = list(names.values())
@@ -83,31 +89,29 @@ def follow_attractors(
         # orbits without states, of older tables, are not matched: their names are their periods
         orbits |= set(of_value) - set(names)
         names = dict(zip(of_value, of_value, strict=True)) | names
-        columns.append(grouped.column.astype(object).map(names.get))
+        attractor_of_rows.append(grouped.column.astype(object).map(names.get))
         summary = grouped.summary.assign(attractor=of_value.map(names.get), moved=of_value.map(moved.get))
         summary.insert(0, parameter, value)
         summaries.append(summary)
-    names_of_rows = pd.Categorical(pd.concat(columns).reindex(table.index), [*latest, *sorted(orbits)])
+    names_of_rows = pd.Categorical(
+        pd.concat(attractor_of_rows).reindex(table.index), [*latest, *sorted(orbits)]
+    )
     column = pd.Series(names_of_rows, index=table.index, name="attractor")
-    labelled = table.assign(attractor=column)
-    labelled.attrs = table.attrs
-    shares = fractions(labelled, label="attractor", by=parameter)
+    shares = fractions(table.assign(attractor=column), label="attractor", by=parameter)
     return Continued(column, pd.concat(summaries, ignore_index=True), shares, within)
 
 
 def attractor_distance(
     space: Space, one: Float[np.ndarray, "states coordinates"], other: Float[np.ndarray, "others coordinates"]
 ) -> float:
-    """The modified Hausdorff distance of two attractors, given states (m, d) of each."""
+    """The modified Hausdorff distance of two attractors, given states (m, d) of each.
+
+    Args:
+        space: the space of the states.
+        one, other: the states; of more than 2000, every second, third, ... one is used.
+    """
     a, b = (states[:: math.ceil(len(states) / _MOST_STATES)] for states in (one, other))
     return float(max(space.nearest_distance(a, b).mean(), space.nearest_distance(b, a).mean()))
-
-
-def _at(table: pd.DataFrame, parameter: str, value: float) -> pd.DataFrame:
-    """The rows at a value of the parameter."""
-    part = table.iloc[np.flatnonzero(table[parameter] == value)]
-    part.attrs = table.attrs
-    return part
 
 
 def _half_the_smallest(

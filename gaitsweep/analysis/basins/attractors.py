@@ -17,9 +17,15 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Bool, Float, Int
 
-from gaitsweep.analysis.basins.line_corners import box_dimension, cut_at_corners
-from gaitsweep.analysis.basins.sampled_sets import sampled_sets
-from gaitsweep.analysis.basins.single_linkage import cells, components, linking_distance, spanning_tree
+from gaitsweep.analysis.basins.state_clusters import (
+    box_dimension,
+    cells,
+    components,
+    cut_at_corners,
+    linking_distance,
+    sampled_sets,
+    spanning_tree,
+)
 from gaitsweep.analysis.basins.state_space import Space, StateArray, extent, state_columns
 from gaitsweep.analysis.records import AnalysisError, names_in, require, require_numbers
 from gaitsweep.status import RECURRENT, Status
@@ -179,13 +185,20 @@ def with_attractors(table: pd.DataFrame, **grouping: Any) -> pd.DataFrame:
             "This table has inferred rows, which have no state that identifies an attractor: use the "
             "gait, or run the job without run.refine."
         )
-    grouped = table.assign(attractor=attractors(table, **grouping).column)
-    grouped.attrs = table.attrs
-    return grouped
+    return table.assign(attractor=attractors(table, **grouping).column)
 
 
 def agreement(table: pd.DataFrame, column: pd.Series, label: str = "gait") -> float:
-    """The share of rows whose label is the most frequent one of their attractor; NaN if there are no rows."""
+    """The share of rows whose label is the most frequent one of their attractor; NaN if there are no rows.
+
+    Args:
+        table: a settle table.
+        column: the attractor of each row, as `Attractors.column`.
+        label: the column of the labels.
+
+    Raises:
+        AnalysisError: the table does not have the column.
+    """
     require(table, label)
     counts = pd.crosstab(column.astype(object), table[label].astype(object))
     total = counts.to_numpy().sum()

@@ -95,14 +95,15 @@ class LabelMapper:
                 raise ArgumentError(f"{name} is not a gait of {model.name}{near}")
         self._after = after
         self._counts = np.array([only is None or name in only for name in model.gaits])
-        self._values = mapping.complete(values, max([np.size(v) for v in values.values()], default=1))
+        self._pairs = max([np.size(value) for value in values.values()], default=1)
+        self._values = mapping.complete(values, self._pairs)
         self._observables = [quantity.name for quantity in model.observables]
         self._label = jax.jit(jax.vmap(lambda v, o: model.label(mapping.params(v), o)["gait"]))
 
     def __call__(self, images: MapEvaluation, pair: Trajectories, cycle: int) -> Trajectories:
         if cycle < self._after:
             return np.full(len(pair), UNDECIDED)
-        which = _of_each(pair, len(next(iter(self._values.values()))), "values")
+        which = _of_each(pair, self._pairs, "values")
         observed = {name: images.observed[name] for name in self._observables}
         values = {name: column[which] for name, column in self._values.items()}
         label = np.asarray(self._label(values, observed))
@@ -125,7 +126,13 @@ def _of_each(pair: Trajectories, count: int, what: str) -> Trajectories:
 
 
 def advanced(mapping: Map, points: Points, values: dict[str, Float[np.ndarray, " points"]]) -> MapEvaluation:
-    """The images of points (n,), n > 0, in a batch of at least `FEWEST`."""
+    """The images of points (n,), n > 0, in a batch of at least `FEWEST`.
+
+    Args:
+        mapping: the map.
+        points: the points.
+        values: parameters (n,) by name.
+    """
     n = len(points)
     order = np.minimum(np.arange(max(n, FEWEST)), n - 1)
     images = mapping.images(points[order], {name: column[order] for name, column in values.items()})

@@ -86,9 +86,10 @@ class EdgeLimits:
                 f"bisection_distance is {near:g} and separation_distance is {far:g}. Allowed: "
                 "bisection_distance from 1e-13 on (resolution of float64), separation_distance above it."
             )
+        values = dataclasses.asdict(self)
         for name in ("cuts", "max_cycles", "max_period", "max_rounds", "settle_cycles"):
-            if getattr(self, name) < 1:
-                raise ArgumentError(f"{name} is {getattr(self, name)}. Allowed: whole numbers from 1 on.")
+            if values[name] < 1:
+                raise ArgumentError(f"{name} is {values[name]}. Allowed: whole numbers from 1 on.")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -156,9 +157,9 @@ def _table(mapping: Map, values: Values, search: Tracking) -> pd.DataFrame:
     for k, quantity in enumerate(mapping.coordinates):
         columns[quantity.name] = np.where(reached, search.edge.at[:, k], np.nan)
     columns["outcome"] = [EdgeOutcome(code).name for code in search.outcome]
-    columns |= {name: getattr(search, name) for name in ("period", "residual", "growth")}
-    columns |= {f"label_{k + 1}": search.labels[:, k] for k in range(2)}
-    columns |= {name: getattr(search, name) for name in ("met", "rounds", "bisections", "evaluations")}
+    columns |= {"period": search.period, "residual": search.residual, "growth": search.growth}
+    columns |= {"label_1": search.labels[:, 0], "label_2": search.labels[:, 1], "met": search.met}
+    columns |= {"rounds": search.rounds, "bisections": search.bisections, "evaluations": search.evaluations}
     return pd.DataFrame(columns)
 
 
@@ -305,7 +306,8 @@ class Tracking:
                 break
             lanes = np.tile(on, 3)
             points = Points.joined([self.one[on], self.other[on], middle[on]])
-            images = advanced(self.mapping, points, self._values(lanes))
+            values = {name: column[lanes] for name, column in self.values.items()}
+            images = advanced(self.mapping, points, values)
             np.add.at(self.evaluations, lanes, 1)
             cycles[on] += 1
             one, other, between = (images.points[np.arange(on.size) + k * on.size] for k in range(3))
@@ -379,10 +381,6 @@ class Tracking:
         with np.errstate(invalid="ignore"):
             away = np.abs(self.mapping.difference(a, b)) / sizes(b)
         return np.nan_to_num(np.max(away, axis=1), nan=np.inf)
-
-    def _values(self, rows: Rows) -> dict[str, Float[np.ndarray, " rows"]]:
-        """The parameters of the pairs `rows`."""
-        return {name: column[rows] for name, column in self.values.items()}
 
     def _end(self, row: int, label: int) -> None:
         """End a pair with a trajectory whose label is that of neither attractor."""

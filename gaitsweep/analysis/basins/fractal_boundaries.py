@@ -101,12 +101,14 @@ def uncertainty_fraction(
         sizes: eps in steps of the grid; by default `grid.sizes()`.
 
     Raises:
-        AnalysisError: a size leaves no start with both neighbours on the grid.
+        AnalysisError: a size is below 1, or leaves no start with both neighbours on the grid.
 
     Source: Grebogi et al. 1983, Phys. Lett. A 99:415, who shift one coordinate by eps both ways.
     """
     sizes = sorted(set(grid.sizes() if sizes is None else sizes))
     margin, shape = max(sizes, default=0), grid.lengths
+    if sizes and sizes[0] < 1:
+        raise AnalysisError(f"sizes has {sizes[0]} steps, but a neighbour is 1 step away or more.")
     if 2 * margin >= min(shape):
         raise AnalysisError(
             f"sizes has {margin} steps, but the grid is {min(shape)} starts wide: at most "

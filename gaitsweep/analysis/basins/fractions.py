@@ -61,7 +61,10 @@ def fractions(
         AnalysisError: the table does not have a column, or an argument is not allowed.
     """
     table, by, axes = panels_and_axes(table, by, axes)
-    _check(level, interval)
+    check_level(level)
+    if interval not in (None, "cells", *_METHODS):
+        allowed = ", ".join(["cells", *_METHODS])
+        raise AnalysisError(f"interval is {interval}, but must be one of {allowed}.")
     labels = outcome_labels(table, label)
     names = in_order(table, label, labels)
     records = []
@@ -119,8 +122,7 @@ def proportion_interval(
     """
     if kind not in _METHODS:
         raise AnalysisError(f"kind is {kind}, but must be one of {', '.join(_METHODS)}.")
-    if not 0.0 < level < 1.0:
-        raise AnalysisError(f"level is {level:g}, but must be between 0 and 1.")
+    check_level(level)
     if not (of > 0 and 0 <= hits <= of):
         raise AnalysisError(f"hits and of are {hits} and {of}, but hits must be between 0 and of, above 0.")
     interval = scipy.stats.binomtest(hits, of).proportion_ci(level, _METHODS[kind])
@@ -139,13 +141,10 @@ def one_a_cell(shares: Float[np.ndarray, " cells"], level: float = LEVEL) -> flo
     return float(scipy.stats.norm.ppf(0.5 + 0.5 * level) * deviation)
 
 
-def _check(level: float, interval: Interval | None) -> None:
-    """Refuse a confidence level or a kind of interval that does not exist."""
+def check_level(level: float) -> None:
+    """Refuse a confidence level that is not between 0 and 1."""
     if not 0.0 < level < 1.0:
         raise AnalysisError(f"level is {level:g}, but must be between 0 and 1.")
-    if interval not in (None, "cells", *_METHODS):
-        allowed = ", ".join(["cells", *_METHODS])
-        raise AnalysisError(f"interval is {interval}, but must be one of {allowed}.")
 
 
 def _shares(
@@ -160,8 +159,7 @@ def _shares(
         raise AnalysisError(
             "interval is cells, but the starts do not form a grid: use wilson or clopper_pearson."
         )
-    by_default: Interval = "wilson" if grid is None else "cells"
-    kind = by_default if interval is None else interval
+    kind = interval or ("wilson" if grid is None else "cells")
     total = len(labels)
     for name in names:
         marked = labels == name

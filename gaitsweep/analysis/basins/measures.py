@@ -22,7 +22,7 @@ from gaitsweep.analysis.basins.grid import BasinGrid, find_grid
 from gaitsweep.analysis.basins.state_space import Space
 from gaitsweep.analysis.records import AnalysisError, in_order, names_in, outcome_labels, panels_of, require
 
-# What the column `recovery` says of a gait that is lost.
+# Values of the column `recovery` of a gait that is lost.
 FATAL = ("elsewhere", "fell", "failed")
 _PANEL_COLUMNS = [
     *("rows", "grid", "basin_entropy", "boundary_entropy", "crossed"),
@@ -98,6 +98,8 @@ def basins(
         raise AnalysisError("The table has no rows.")
     if not axes:
         raise AnalysisError("No axis is left for the basins: name the columns of the starts as `axes`.")
+    if box < 2:
+        raise AnalysisError(f"box is {box}, but a box needs 2 cells along a side or more.")
     if label == "attractor" and label not in table.columns:
         table = with_attractors(table)
     shares = fractions(table, axes, label=label, by=by, level=level, interval=interval)
@@ -188,11 +190,14 @@ def minimal_fatal_shock(
         Distances (n,), inf where all starts have one outcome, and the outcomes there (n,), None likewise.
 
     Raises:
-        AnalysisError: the table does not have a column, or the axes have different units and no scale.
+        AnalysisError: the table does not have a column or a start of a row, or the axes have different units
+            and no scale.
     """
     _check_units(table, axes, scales)
     space = Space.of(table, axes, scales)
     points = space.points(table, axes)
+    if (missing := int((~np.isfinite(points)).any(axis=1).sum())) > 0:
+        raise AnalysisError(f"{missing} rows have no start along {', '.join(axes)}: leave them out.")
     shock = np.full(len(table), np.inf)
     towards = np.full(len(table), None, object)
     outcome = labels.to_numpy()
@@ -227,7 +232,8 @@ def least_fatal_push(
         fatal ones.
 
     Raises:
-        AnalysisError: the table does not have a column, or the amounts have different units and no scale.
+        AnalysisError: the table does not have a column, the amounts have different units and no scale, or a
+            scale is not above 0 or of no amount.
 
     Source: Halekotte and Feudel 2020, Sci. Rep. 10:11783, of the minimal fatal shock.
     """
@@ -235,7 +241,7 @@ def least_fatal_push(
     table, by, _ = panels_and_axes(table, by, pushes)
     require(table, "recovery")
     _check_units(table, pushes, scales)
-    lengths = np.array([(scales or {}).get(name, 1.0) for name in pushes])
+    lengths = Space.of(table, pushes, scales).scales
     size = np.linalg.norm(table[pushes].to_numpy(float) / lengths, axis=1)
     recovery = table["recovery"].astype(str).to_numpy()
     size = np.where(np.isin(recovery, FATAL), size, np.inf)

@@ -10,12 +10,11 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Bool, Float, Shaped
 
-from gaitsweep import near_miss
 from gaitsweep.analysis.basins.attractor_matching import follow_attractors
 from gaitsweep.analysis.basins.fractal_boundaries import uncertainty_exponent, uncertainty_fraction
 from gaitsweep.analysis.basins.fractions import LEVEL, fractions, panels_and_axes
 from gaitsweep.analysis.basins.grid import find_grid
-from gaitsweep.analysis.basins.state_space import Space
+from gaitsweep.analysis.basins.state_space import Space, check_scales
 from gaitsweep.analysis.basins.wada import RADIUS, boundaries_nearby
 from gaitsweep.analysis.records import AnalysisError, require, require_numbers
 from gaitsweep.status import Status
@@ -63,16 +62,18 @@ def quantifiers(
         raise AnalysisError("The table has no rows.")
     if label == "attractor" and label not in table:
         column = follow_attractors(table, parameter, **grouping).column
-        table = _with_column(table, label, column.astype(object).to_numpy())
+        table = table.assign(**{label: column.astype(object).to_numpy()})
     require(table, label)
     table, by, axes = panels_and_axes(table, parameter, None)
+    scales = scales or {}
     if amplifications is None:  # which need the sizes of starts that do not vary, too
-        check_scales(scales or {}, axes)
+        check_scales(scales, axes)
     shares = {_SHARE: fractions(table, axes, label=label, by=by, level=level)}
     if within is not None:
         in_time = _in_time(table, label, within)
         shares[_SHARE_IN_TIME] = fractions(in_time, axes, label=label, by=by, level=level)
-    space = Space.of(table, axes, scales) if axes else None
+    scales_of_axes = {name: scale for name, scale in scales.items() if name in axes}
+    space = Space.of(table, axes, scales_of_axes) if axes else None
     records = _records(table, parameter, label, shares, space, axes)
     quantified = pd.DataFrame(records, columns=[parameter, label, *_COLUMNS])
     if amplifications is not None:
@@ -81,17 +82,6 @@ def quantifiers(
         growths[places] = amplifications(table.iloc[rows])
         quantified["amplification"] = growths
     return quantified
-
-
-def check_scales(scales: Mapping[str, float], allowed: Sequence[str]) -> None:
-    """Refuse units of names that are not allowed.
-
-    Raises:
-        AnalysisError: a name of `scales` is not one of `allowed`.
-    """
-    for name in scales:
-        if name not in allowed:
-            raise AnalysisError(f"scales.{name} is not a start{near_miss.suggestion(name, allowed)}")
 
 
 def _settled_rows(
@@ -120,7 +110,7 @@ def _in_time(table: pd.DataFrame, label: str, within: float) -> pd.DataFrame:
     """The table without the outcomes of rows that took longer than `within` (s)."""
     outcomes = np.array(table[label].astype(object))
     outcomes[~(table["t_end"].to_numpy(float) <= within)] = None
-    return _with_column(table, label, outcomes)
+    return table.assign(**{label: outcomes})
 
 
 def _records(
@@ -165,13 +155,6 @@ def _records(
 def _rows_of(table: pd.DataFrame, mask: Bool[np.ndarray, " rows"]) -> pd.DataFrame:
     """The rows of a table where a mask (n,) is true."""
     return table.iloc[np.flatnonzero(mask)]
-
-
-def _with_column(table: pd.DataFrame, name: str, values: Shaped[np.ndarray, " rows"]) -> pd.DataFrame:
-    """The table with other values in a column, and with its attributes."""
-    changed = table.assign(**{name: values})
-    changed.attrs = table.attrs
-    return changed
 
 
 def _share(shares: pd.DataFrame, parameter: str, value: float, name: str) -> list[float]:

@@ -10,6 +10,7 @@ import pandas as pd
 import scipy
 from jaxtyping import Float, Int
 
+from gaitsweep import near_miss
 from gaitsweep.analysis.records import AnalysisError, axes_of, require
 from gaitsweep.angles import TURN, is_circular
 
@@ -32,9 +33,10 @@ class Space:
         """The space of these columns, each divided by its scale; angles have the period of a full turn.
 
         Raises:
-            AnalysisError: the table does not have a column, or a scale is not above 0.
+            AnalysisError: the table does not have a column, or a scale is not above 0 or of none of them.
         """
         require(table, *columns)
+        check_scales(scales or {}, columns, "one of the columns")
         units = [float((scales or {}).get(name, 1.0)) for name in columns]
         for name, unit in zip(columns, units, strict=True):
             if not unit > 0.0:
@@ -90,6 +92,22 @@ class Space:
         for inner, outer in links:
             flat[outer] = flat[inner] + self.difference(points[outer], points[inner])
         return flat
+
+
+def check_scales(scales: Mapping[str, float], allowed: Sequence[str], noun: str = "a start") -> None:
+    """Refuse units of names that are not allowed.
+
+    Args:
+        scales: the units by name.
+        allowed: the allowed names.
+        noun: what an allowed name is, for the message.
+
+    Raises:
+        AnalysisError: a name of `scales` is not one of `allowed`.
+    """
+    for name in scales:
+        if name not in allowed:
+            raise AnalysisError(f"scales.{name} is not {noun}{near_miss.suggestion(name, allowed)}")
 
 
 def extent(points: StateArray) -> float:

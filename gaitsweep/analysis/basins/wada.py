@@ -69,13 +69,15 @@ def wada(
 
     Raises:
         AnalysisError: the table does not have a column, its starts form no grid, it is narrower than a box,
-            or `box` is not a power of 2.
+            `box` is not a power of 2, or `radius` not above 0.
 
     Source: merging, Daza, Wagemakers and Sanjuan 2018, Sci. Rep. 8:9954; grids, Daza et al. 2015, Sci. Rep.
     5:16579, with the starts of the table in place of new ones.
     """
     if box < 2 or box & (box - 1):
         raise AnalysisError(f"box is {box}, but must be a power of 2: 2, 4, 8, ...")
+    if not radius > 0.0:
+        raise AnalysisError(f"radius is {radius:g} steps, but must be above 0.")
     table, by, axes = panels_and_axes(table, by, axes)
     labels = outcome_labels(table, label)
     merging, boxes = [], []
@@ -124,15 +126,10 @@ def boundaries_nearby(
             if other_name != name:
                 away = tree.query(edge)[0]
                 within = float(np.mean(away <= radius))
-                records.append(
-                    {
-                        "outcome": name,
-                        "other": other_name,
-                        "cells": len(edge),
-                        "distance": away.max(),
-                        "within": within,
-                    }
+                pair = BoundaryDistance(
+                    outcome=name, other=other_name, cells=len(edge), distance=away.max(), within=within
                 )
+                records.append(pair)
     return records
 
 

@@ -93,11 +93,13 @@ def continuation(
         `in_terms_of_flow`, with `coefficient`, that of the normal form (`normal_forms`).
 
     Raises:
-        ArgumentError: the map does not have a name that is given, or the range has no width.
+        ArgumentError: the map does not have a name that is given, the range has no width, or `towards` is not
+            1 or -1.
     """
     if not max(within) > min(within):
         raise ArgumentError(f"within is {list(within)}, but must be a range of two different numbers.")
-
+    if towards not in (1, -1):
+        raise ArgumentError(f"towards is {towards}, but must be 1 or -1.")
     if begin is None:
         begin = min(within) if towards > 0 else max(within)
     follow = functools.partial(

@@ -13,8 +13,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import pandas as pd
-from jaxtyping import Bool, Float, Shaped
-from numpy.typing import ArrayLike
+from jaxtyping import Float, Shaped
 
 from gaitsweep.analysis.records import (
     AnalysisError,
@@ -25,8 +24,18 @@ from gaitsweep.analysis.records import (
     require_numbers,
     section_column,
 )
-from gaitsweep.analysis.transitions.jumps import LEAST_JUMP, Course, courses, records_of, rising, stretches
-from gaitsweep.angles import TURN, branch_cut, is_circular, mean_direction, unwrap_from, wrapped_difference
+from gaitsweep.analysis.transitions.jumps import (
+    LEAST_JUMP,
+    Course,
+    courses,
+    largest_jumps,
+    lower_median,
+    records_of,
+    rising,
+    row_and_axes,
+    upper_median,
+)
+from gaitsweep.angles import is_circular, mean_direction, wrapped_difference
 from gaitsweep.near_miss import suggestion
 from gaitsweep.status import Outcome, Status
 
@@ -61,15 +70,16 @@ def hysteresis(
 
     Args:
         table: a table of one of these runs.
-        observable: the section observable that jumps; each of the table's in turn by default.
+        observable: of ramps and staircases, the section observable that jumps; each of the table's in turn by
+            default.
         parameter: the parameter's column; the one that the run moved by default.
         start: of settled rows, the column of the start value that selects the branch.
-        least: smallest change that counts as a jump, in the observable's unit.
+        least: of ramps and staircases, the smallest change that counts as a jump, in the observable's unit.
         by: swept axes; the transition points of each of their combinations are separate. `loops` are always
             of single rows, so `by` does not change them.
 
     Raises:
-        AnalysisError: a column is not there, has to be named, or is no swept axis.
+        AnalysisError: a column is not there, has to be named or not to be, or is no swept axis.
 
     Example:
         A speed rises in four stairs and falls again; x jumps from 0 to 1 between 3 and 4, and back between
@@ -94,151 +104,15 @@ def hysteresis(
                 "These rows have no passes up and down: name the column of the start value that selects the "
                 "branch as start=."
             )
+        if observable is not None:
+            raise AnalysisError(f"observable is {observable}, but of settled rows gaits count: leave it out.")
         return Hysteresis(transition_points_by_gait(table, parameter, start, by=by), pd.DataFrame())
+    if start is not None:
+        raise AnalysisError(f"start is {start}, but passes select the branch here: leave it out.")
     names = [observable] if observable is not None else _observables(table)
     points = [transition_points(table, name, parameter, least, by).assign(observable=name) for name in names]
     loops = [loop_area(table, name, parameter).assign(observable=name) for name in names]
     return Hysteresis(_joined(points), _joined(loops))
-
-
-def jumps(
-    table: pd.DataFrame, observable: str, parameter: str, least: float | None = LEAST_JUMP
-) -> pd.DataFrame:
-    """The jumps of each row and pass of a ramp or a staircase.
-
-    Args:
-        table: a ramp or staircase table; NaN records and the last ones before a fall are left out.
-        observable: a section observable (delta_13); angles are unwrapped.
-        parameter: the column of the moving parameter.
-        least: the least change of a jump, in the observable's unit: between two holds, or within 40 crossings
-            of a ramp. A jump is also larger than four times the lower quartile of such changes in the row.
-            None: of a staircase, the changes that are four times as large as those beside them, and change
-            the gait or are a twentieth of the row's range.
-
-    Returns:
-        One record a jump: row, swept axes, pass, direction (rising or falling, the parameter's), `low` and
-        `high` (the parameter's interval: from the last value before the jump to the first after it; for a
-        ramp, where a tenth and nine tenths of it are completed), before, after, size (after - before; of
-        about half a turn, with the sign that figures show).
-
-    Raises:
-        AnalysisError: the table does not have a column.
-    """
-    name = section_column(table, observable)
-    circular, axes = is_circular(table, name), axes_of(table)
-    cut = branch_cut(table[name].to_numpy(float)) if circular else 0.0
-    records = []
-    for course in courses(table, observable, parameter):
-        for start, stop in stretches(course, least):
-            number = int(course.passes[stop if course.settled is not None else (start + stop) // 2])
-            passed = course.parameter[start : stop + 1]
-            before, after = course.value[[start, stop]]
-            direction = "rising" if rising(course, number) else "falling"
-            size = after - before
-            if (
-                circular and abs(abs(size) - TURN / 2) < LEAST_JUMP
-            ):  # both ways are alike: take that of figures
-                size = float(unwrap_from(after, cut) - unwrap_from(before, cut))
-            if circular:
-                before, after = np.mod(before, TURN), np.mod(after, TURN)
-            record = {**_row_and_axes(course, axes), "pass": number, "direction": direction}
-            record |= {"low": passed.min(), "high": passed.max()}
-            records.append(record | {"before": before, "after": after, "size": size})
-    columns = ["row", *axes, "pass", "direction", "low", "high", "before", "after", "size"]
-    return pd.DataFrame(records, columns=columns)
-
-
-def largest_jumps(
-    table: pd.DataFrame, observable: str, parameter: str, least: float = LEAST_JUMP
-) -> pd.DataFrame:
-    """The largest of the `jumps` of each row and pass, in the same columns, without `irregular_passes`.
-
-    Args:
-        table, observable, parameter, least: as for `jumps`.
-
-    Raises:
-        AnalysisError: the table does not have a column.
-    """
-    all_jumps = jumps(table, observable, parameter, least)
-    irregular = _irregular(all_jumps, table, observable, parameter, least)
-    steady = _without_passes(all_jumps, irregular)
-    largest = steady.assign(height=steady["size"].abs()).sort_values("height", kind="stable")
-    return largest.drop_duplicates(["row", "pass"], keep="last").drop(columns="height").sort_index()
-
-
-def jump_intervals(
-    table: pd.DataFrame, observable: str, parameter: str, least: float | None = None
-) -> pd.DataFrame:
-    """The intervals of the parameter in which rows jump, all of each pass, without `irregular_passes`.
-
-    Args:
-        table, observable, parameter, least: as for `jumps`.
-
-    Returns:
-        One record for the jumps of a pass whose intervals overlap: pass, direction, `low` and `high` (medians
-        over the rows), rows (that jump there), of (all rows).
-
-    Raises:
-        AnalysisError: the table does not have a column.
-    """
-    irregular = irregular_passes(table, observable, parameter, LEAST_JUMP if least is None else least)
-    steady = _without_passes(jumps(table, observable, parameter, least), irregular)
-    records = []
-    for _, part in steady.sort_values("low").groupby(["pass", "direction"]):
-        number, direction = part["pass"].iloc[0], part["direction"].iloc[0]
-        reach = part["high"].cummax().shift(fill_value=-np.inf)
-        for _, together in part.groupby((part["low"] >= reach).cumsum()):
-            low, high = _lower_median(together["low"]), _upper_median(together["high"])
-            record = {"pass": number, "direction": direction, "low": low, "high": high}
-            records.append(record | {"rows": together["row"].nunique(), "of": table["row"].nunique()})
-    return pd.DataFrame(records, columns=["pass", "direction", "low", "high", "rows", "of"])
-
-
-def irregular_passes(
-    table: pd.DataFrame, observable: str, parameter: str, least: float = LEAST_JUMP
-) -> pd.DataFrame:
-    """The passes on no branch (row, pass), which reverse direction at least twice, by `least` or more.
-
-    Either their jumps do, or the observable without its jumps, which is smoothed for a ramp: a branch may
-    slope against a jump.
-
-    Args:
-        table, observable, parameter, least: as for `jumps`.
-
-    Raises:
-        AnalysisError: the table does not have a column.
-    """
-    return _irregular(jumps(table, observable, parameter, least), table, observable, parameter, least)
-
-
-def _irregular(
-    all_jumps: pd.DataFrame, table: pd.DataFrame, observable: str, parameter: str, least: float
-) -> pd.DataFrame:
-    """The `irregular_passes` of a table whose `jumps` are found."""
-    oscillating = all_jumps.loc[_oscillating(all_jumps), ["row", "pass"]].to_numpy()
-    passes = {(row, int(number)) for row, number in oscillating}
-    for course in courses(table, observable, parameter):
-        slopes = _without_jumps(course, least)
-        for number in np.unique(course.passes):
-            if _reversals(slopes[records_of(course, int(number))], least) >= 2:
-                passes.add((course.first["row"], int(number)))
-    return pd.DataFrame(sorted(passes), columns=["row", "pass"]).astype(int)
-
-
-def _without_passes(all_jumps: pd.DataFrame, passes: pd.DataFrame) -> pd.DataFrame:
-    """The `jumps` without those of some passes (row, pass)."""
-    of_jumps = pd.MultiIndex.from_arrays([all_jumps["row"], all_jumps["pass"]])
-    return all_jumps.iloc[np.flatnonzero(~of_jumps.isin(pd.MultiIndex.from_frame(passes)))]
-
-
-def _lower_median(values: ArrayLike) -> float:
-    """The median, of an even number of values the lower of the two in the middle."""
-    return float(np.quantile(np.asarray(values, float), 0.5, method="lower"))
-
-
-def _upper_median(values: ArrayLike) -> float:
-    """The median, of an even number of values the higher of the two in the middle."""
-    return float(np.quantile(np.asarray(values, float), 0.5, method="higher"))
 
 
 def transition_points(
@@ -269,8 +143,8 @@ def transition_points(
     points = (
         largest.groupby(keys, sort=True, observed=True)
         .agg(
-            low=("low", _lower_median),
-            high=("high", _upper_median),
+            low=("low", lower_median),
+            high=("high", upper_median),
             lowest=("low", "min"),
             highest=("high", "max"),
             size=("size", "median"),
@@ -372,7 +246,7 @@ def loop_area(table: pd.DataFrame, observable: str, parameter: str) -> pd.DataFr
             # a last pass without another after it closes its loop with the one before
             first = 2 * loop if 2 * loop < last or last == 0 else last - 1
             records.append(
-                {**_row_and_axes(course, axes), "loop": loop, **_area(course, first, circular=circular)}
+                {**row_and_axes(course, axes), "loop": loop, **_area(course, first, circular=circular)}
             )
     return pd.DataFrame(records, columns=["row", *axes, "loop", "area", "signed", "low", "high"])
 
@@ -389,51 +263,6 @@ def _joined(parts: list[pd.DataFrame]) -> pd.DataFrame:
     joined = pd.concat(full, ignore_index=True) if full else pd.DataFrame({"observable": []})
     joined.insert(0, "observable", joined.pop("observable"))
     return joined
-
-
-def _oscillating(all_jumps: pd.DataFrame) -> Bool[np.ndarray, " jumps"]:
-    """Whether each of the `jumps` is of a pass whose jumps reverse direction at least twice, (n,)."""
-    size = all_jumps["size"].to_numpy(float)
-    pass_number = all_jumps.groupby(["row", "pass"]).ngroup().to_numpy(int)
-    reverses = (size[1:] * size[:-1] < 0.0) & (pass_number[1:] == pass_number[:-1])
-    turns = np.bincount(pass_number[1:][reverses], minlength=int(pass_number.max(initial=0)) + 1)
-    return turns[pass_number] >= 2
-
-
-def _without_jumps(course: Course, least: float) -> Float[np.ndarray, " records"]:
-    """The values of a course less those before them that its jumps, with their slow ends, have added."""
-    change = np.diff(course.value)
-    for start, stop in stretches(course, least):
-        size = course.value[stop] - course.value[start]
-        while start > 0 and change[start - 1] * size > 0.0:
-            start -= 1
-        while stop < len(change) and change[stop] * size > 0.0:
-            stop += 1
-        change[start:stop] = 0.0
-    return np.concatenate([[0.0], np.cumsum(change)])
-
-
-def _reversals(value: Float[np.ndarray, " records"], least: float) -> int:
-    """The number of times that a course turns back, having moved by `least` or more since the last turn."""
-    turns = 0
-    direction = 0  # of the last move: 1 or -1, 0 before the first
-    low = high = value[0]  # the extremes since the last turn
-    for x in value:
-        low, high = min(low, x), max(high, x)
-        if direction <= 0 and x - low >= least:
-            turns += direction < 0
-            direction = 1
-            high = x
-        elif direction >= 0 and high - x >= least:
-            turns += direction > 0
-            direction = -1
-            low = x
-    return turns
-
-
-def _row_and_axes(course: Course, axes: Sequence[str]) -> dict[str, object]:
-    """The row of a course, and its values of the swept axes."""
-    return {name: course.first[name] for name in ("row", *axes)}
 
 
 def _edges_of(

@@ -22,11 +22,11 @@ from gaitsweep.analysis.records import (
     names_in,
     panels_of,
     require,
+    require_numbers,
     section_column,
     sound,
 )
-from gaitsweep.analysis.transitions.drift import Drift, drifts_of
-from gaitsweep.analysis.transitions.drift_zeros import NEAR, ghosts_of, zeros_of
+from gaitsweep.analysis.transitions.drift import NEAR, Drift, drifts_of, ghosts_of, zeros_of
 from gaitsweep.angles import TURN, branch_cut, is_circular, unwrap_from, wrapped_difference
 
 BANDWIDTH = 0.05  # rad; half the width of the window of the local lines
@@ -52,10 +52,11 @@ def pairs(table: pd.DataFrame, observable: str, by: By = None) -> pd.DataFrame:
         [0, 2 pi)), change (x_{n+1} - x_n, angles by the shorter way).
 
     Raises:
-        AnalysisError: the table does not have a column.
+        AnalysisError: the table does not have a column, or the observable's values are not numbers.
     """
     name, columns = section_column(table, observable), dict.fromkeys([*axes_of(table), *names_in(by or ())])
     require(table, "row", "crossing", *columns)
+    require_numbers(table, name)
     table = table.sort_values(["row", "crossing"], kind="stable")
     table = table.loc[sound(table, name)]
     row, crossing = table["row"].to_numpy(), table["crossing"].to_numpy()

@@ -20,14 +20,17 @@ from gaitsweep.dynamics.body.standing import WHY_NOT, Rest, Standing, rest
 from gaitsweep.dynamics.declarations import mode, variable
 from gaitsweep.dynamics.declared import Values
 from gaitsweep.dynamics.declared_model import DeclaredModel
-from gaitsweep.dynamics.ground import ROUNDING, ground_field, is_uneven
-from gaitsweep.dynamics.mjcf.source import OfMjcf, Stamps, compiled_content, content_key
+from gaitsweep.dynamics.ground import ROUNDING, ground_field
+from gaitsweep.dynamics.mjcf.of_mjcf import OfMjcf, content_key
+from gaitsweep.dynamics.mjcf.source import Stamps, compiled_content
+from gaitsweep.dynamics.section_coordinates import BodyCoordinates
 from gaitsweep.near_miss import suggestion
 
 if TYPE_CHECKING:
     from gaitsweep.dynamics.body.mechanics import LocatedBody
 
 BODY = "body"  # the field of the parameters that has those of the MJCF
+_BEYOND = "a contact of the body is not covered at its start ({})"
 _LENGTHS = ("_size", "_radius", "_x", "_y", "_z")  # ends of the names of parameters that change a drawing
 
 
@@ -43,9 +46,10 @@ class BodyModel(OfMjcf, DeclaredModel):
     `GEOM_friction`, `gravity`, ... (`gaitsweep models NAME` lists them), which functions read as
     `params.body["BODY_mass"]`. `state.q` and `state.v` are MuJoCo's qpos and qvel.
 
-    Contacts are of spheres, ends of capsules and corners of boxes with planes of the world, which `ground`
-    makes uneven: each point then meets the ground's tangent plane below it. The ground pushes
-    with N = K depth + D rate while both this and the depth are positive (Kelvin and Voigt). Friction against
+    Contacts are of spheres, ends of capsules, cylinders of planar bodies and corners of boxes with planes,
+    boxes and height fields of the world (docs/own_model.md); `ground` makes level planes uneven: each point
+    then meets the ground's tangent plane below it. The ground pushes with N = K depth + D rate while both
+    this and the depth are positive (Kelvin and Voigt). Friction against
     the slip v is mu N v / sqrt(v2 + (mu N / G)2 + s2), s = 0.1 mm/s: Coulomb's for fast slips, a damper G for
     slow ones. By default K is the stiffness that MuJoCo's contact has at rest under the body's weight, D has
     its damping ratio, and G is D. Limits of joints are springs and dampers of the same kind.
@@ -54,6 +58,7 @@ class BodyModel(OfMjcf, DeclaredModel):
     _: dataclasses.KW_ONLY
     ground: str = ground_field()
 
+    contacts_bounce: ClassVar[bool] = True
     # whether rows begin at rest on the ground, near the keyframe or the starts given (`standing_still`)
     begins_standing: ClassVar[bool] = False
 
@@ -64,10 +69,8 @@ class BodyModel(OfMjcf, DeclaredModel):
     v = variable("1", "qvel of MuJoCo", count="nv", observed=False, signal=False)
     pushing = mode(False, "whether a stop pushes", count="stops")
 
-    def __init_subclass__(cls, **options: Any) -> None:
-        super().__init_subclass__(**options)
-        # functions written for an `MjcfModel` read `state.body.q`
-        cls.State.body = property(lambda state: state)
+    # functions written for an `MjcfModel` read `state.body.q`
+    _members_of_state: ClassVar[Mapping[str, Any]] = {"body": property(lambda state: state)}
 
     @property
     def recommended(self) -> Recommended:
@@ -111,6 +114,14 @@ class BodyModel(OfMjcf, DeclaredModel):
     def length_factor(self, params: Any, joint: str) -> Float[Array, ""]:
         """The factor (1) of the lengths of the body that a joint moves, by the joint's name."""
         return params.body[f"{self.body.body_of_joint(joint)}_size"]
+
+    def actuator_gear(self, params: Any, actuator: int) -> Float[Array, ""]:
+        """The gear (1) of an actuator, by its number."""
+        return params.body[f"{self.body.elements.name_of_actuator(actuator)}_gear"]
+
+    def actuator_gain(self, params: Any, actuator: int) -> Float[Array, ""]:
+        """The gain (1) of a motor, by its number."""
+        return params.body[f"{self.body.elements.name_of_actuator(actuator)}_gain"]
 
     def touches(self, state: Any, geom: str) -> Bool[Array, ""]:
         """Whether the ground pushes on a geom, by its name."""
@@ -156,7 +167,7 @@ class BodyModel(OfMjcf, DeclaredModel):
 
     @property
     def parameters(self) -> tuple[Quantity, ...]:
-        if is_uneven(self) and not self.body.has_level_plane:
+        if self.ground != "even" and not self.body.has_level_plane:
             raise ValueError(
                 f"ground is {self.ground.split()[0]}, which lies on level planes of the world, but no geom "
                 "may touch one."
@@ -178,6 +189,11 @@ class BodyModel(OfMjcf, DeclaredModel):
         fields["ground"] = dataclasses.replace(fields["ground"], rounding=ROUNDING)
         return self.Params(**fields, body=of_body)
 
+    def own_ground(
+        self, x: Float[Array, " *places"], y: Float[Array, " *places"], /
+    ) -> Float[Array, " *places"] | None:
+        return jnp.asarray(self.body.ground_height(x, y)) if self.body.has_uneven_surface else None
+
     def _started(self, start: Values) -> dict[str, Any]:
         q, v = self.started_at(start)
         return {**super()._started(start), "q": q, "v": v}
@@ -185,15 +201,30 @@ class BodyModel(OfMjcf, DeclaredModel):
     def init(self, params: Any, start: Values, /) -> Any:
         state = super().init(params, start)
         if self.begins_standing:
-            found = self.standing_still(params, state)
+            at_rest = self.standing_still(params, state)
             # a row whose body does not stand has no start
-            state = state.replace(q=jnp.where(found.standing == Standing.stands, found.q, jnp.nan))
+            state = state.replace(q=jnp.where(at_rest.standing == Standing.stands, at_rest.q, jnp.nan))
         # a part that begins in the ground is pushed from the start
         heights = self.body.heights(params.body, state.q, state.v, params.ground)
-        return state.replace(pushing=heights > 0.0)
+        state = state.replace(pushing=heights > 0.0)
+        return self._within_bounds(state, self._bounds(params, state) > 0.0)
 
     def without_start(self, params: Any, state: Any, /) -> dict[str, Bool[Array, ""]]:
-        return {WHY_NOT: jnp.isnan(state.q[0])} if self.begins_standing else {}
+        has_no_rest = jnp.isnan(state.q[0])
+        reasons = {WHY_NOT: has_no_rest} if self.begins_standing else {}
+        if names := self.body.bound_names:
+            reasons[_BEYOND.format("; ".join(dict.fromkeys(names)))] = jnp.isnan(state.v[0]) & ~has_no_rest
+        return reasons
+
+    def _bounds(self, params: Any, state: Any) -> Float[Array, " bounds"]:
+        """The lengths (m) by which contacts are beyond what is covered; else negative."""
+        return self.body.bounds(params.body, state.q) if self.body.bound_names else jnp.zeros((0,))
+
+    def _within_bounds(self, state: Any, beyond: Bool[Array, " bounds"]) -> Any:
+        """The state, with velocities that are not numbers where a contact is beyond what is covered."""
+        if not self.body.bound_names:
+            return state
+        return state.replace(v=jnp.where(jnp.any(beyond), jnp.nan, state.v))
 
     def flow(self, params: Any, state: Any, /) -> Rates:
         from gaitsweep.dynamics.tree import rates
@@ -212,11 +243,12 @@ class BodyModel(OfMjcf, DeclaredModel):
 
         height = self.body.heights(params.body, state.q, state.v, params.ground)
         of_stops = jnp.where(state.pushing, -height - RELEASE, height)
-        return jnp.concatenate([super().guards(params, state), of_stops])
+        declared = super().guards(params, state)
+        return jnp.concatenate([declared, of_stops, self._bounds(params, state)])
 
     @property
     def guard_names(self) -> tuple[str, ...]:
-        return (*super().guard_names, *self.body.stop_names)
+        return (*super().guard_names, *self.body.stop_names, *self.body.bound_names)
 
     def occurred(self, params: Any, state: Any, fired: Bool[Array, " guards"], /) -> Bool[Array, " guards"]:
         declared = len(super().guard_names)
@@ -226,13 +258,18 @@ class BodyModel(OfMjcf, DeclaredModel):
     def jump(self, params: Any, state: Any, fired: Bool[Array, " events"], /) -> Any:
         declared = len(super().guard_names)
         before = super().jump(params, state, fired[:declared])
-        after = before.replace(pushing=before.pushing ^ fired[declared:])
+        bounds_from = declared + self.stops
+        pushing = before.pushing ^ fired[declared:bounds_from]
+        after = self._within_bounds(before.replace(pushing=pushing), fired[bounds_from:])
         return self._stepped(params, before, after, jnp.zeros(()))  # declared footfalls
 
-    def chart(self) -> Chart:
-        from gaitsweep.dynamics.body.section_chart import BodyChart
+    def caveats(self) -> list[str]:
+        names = ", ".join(dict.fromkeys(self.body.bound_names))
+        ends = [f"a row ends as not_a_number where a contact is not covered: {names}"] if names else []
+        return [*super().caveats(), *ends]
 
-        return BodyChart(self)
+    def chart(self) -> Chart:
+        return BodyCoordinates(self)
 
     def mjcf(self, values: Mapping[str, float]) -> str:
         xml = super().mjcf(values)

@@ -73,7 +73,7 @@ class BodyParameters:
     Args:
         elements: the names of its elements.
         geometry: the geometry of its tree.
-        touches: the geoms that may touch a plane.
+        touches: the geoms that may touch the ground.
         limits: the limited joints, with the softness of their limits.
     """
 
@@ -162,7 +162,7 @@ class BodyParameters:
             self._add_softness(f"{name}_limit", self._limits[joint], place, (stiff, damped))
 
     def _add_touch(self, touch: Touch) -> None:
-        """Add the radius, the friction and the softness of a geom that may touch a plane."""
+        """Add the radius, the friction and the softness of a geom that may touch the ground."""
         name = self._elements.name_of_geom(touch.geom)
         if touch.radius:
             self._add(f"{name}_radius", "m", f"radius of {name}", touch.radius, 0.0)

@@ -1,4 +1,4 @@
-"""Features of an MJCF that a located body has: contacts with planes and joint limits; refusals of others."""
+"""Features of an MJCF that a located body has: contacts with the ground, joint limits; refusals of others."""
 
 # MuJoCo's compiled modules come without types.
 # pyright: reportAttributeAccessIssue=false
@@ -10,16 +10,20 @@ import functools
 import itertools
 import math
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
 from jaxtyping import Float
 
+from gaitsweep.dynamics.body.surfaces import Box, Surface, cleaned, surface_of
+
 _GEOM = mujoco.mjtGeom
 _OFF = mujoco.mjtDisableBit
-_TOUCHING = (_GEOM.mjGEOM_SPHERE, _GEOM.mjGEOM_CAPSULE, _GEOM.mjGEOM_BOX)
-_DUST = 1e-15  # rounding errors of constants that should be zero
+_GROUND = (_GEOM.mjGEOM_PLANE, _GEOM.mjGEOM_BOX, _GEOM.mjGEOM_HFIELD)
+_TOUCHING = (_GEOM.mjGEOM_SPHERE, _GEOM.mjGEOM_CAPSULE, _GEOM.mjGEOM_BOX, _GEOM.mjGEOM_CYLINDER)
+_EXACT = 1e-12  # of directions that should be parallel or across
+_Y_OF_Z = 5  # the place in MuJoCo's geom_xmat (9,) of the world's y component of a geom's z axis
 _BISECTIONS = 60  # beyond which an interval of floats has no middle
 _REMEDY = "set its contype and conaffinity to 0, or derive the model from MjcfModel, which MuJoCo steps"
 # Fields of MjModel that a located body does not have: the field, its owner, the name in MJCF.
@@ -45,24 +49,28 @@ class Softness:
 
 @dataclasses.dataclass(frozen=True)
 class Touch:
-    """A geom that may touch a plane.
+    """A geom that may touch a surface of the ground.
 
     `points` (k, 3) m are the centres of its spheres, or its corners, in the body's frame; `radius` is theirs;
-    `normal` (3,) and `origin` (3,) are the plane's, in the world; `friction` is None without friction.
+    `friction` is None without friction.
     """
 
     geom: int
     body: int
     points: Float[np.ndarray, "points 3"]
     radius: float
-    normal: Float[np.ndarray, " 3"]
-    origin: Float[np.ndarray, " 3"]
+    surface: Surface
     softness: Softness
     friction: float | None
 
+    @property
+    def has_side(self) -> bool:
+        """Whether an edge of the surface could meet the geom between its two points."""
+        return isinstance(self.surface, Box) and len(self.points) == 2
+
 
 def touches(m: Any) -> list[Touch]:
-    """The geoms of moving bodies that may touch a plane of the world.
+    """The geoms of moving bodies that may touch a plane, box or height field of the world.
 
     Raises:
         ValueError: shapes may touch that have no located contact; the message names them.
@@ -72,50 +80,42 @@ def touches(m: Any) -> list[Touch]:
     weight = float(m.body_mass.sum() * np.linalg.norm(m.opt.gravity)) or math.inf
     result = []
     for one, other in _pairs(m):
-        # the plane first
-        plane, geom = sorted((one, other), key=lambda i: m.geom_type[i] != _GEOM.mjGEOM_PLANE)
-        shape = _GEOM(m.geom_type[geom])
-        if m.geom_type[plane] != _GEOM.mjGEOM_PLANE or m.body_weldid[m.geom_bodyid[plane]] != 0:
+        # the geom of the world first
+        ground, geom = sorted((one, other), key=lambda i: int(m.body_weldid[m.geom_bodyid[i]]) != 0)
+        if m.body_weldid[m.geom_bodyid[ground]] != 0 or _GEOM(m.geom_type[ground]) not in _GROUND:
             raise ValueError(
                 f"{named(m, 'geom', one)} and '{_name(m, 'geom', other)}' may touch, but contacts are "
-                f"located between a body and a plane of the world only: {_REMEDY}. Geoms with contype 1 and "
-                f"conaffinity 0 do not touch each other.{_instead(m, one, other)}"
+                "located between a body and a plane, box or height field of the world only: "
+                f"{_REMEDY}. Geoms with contype 1 and conaffinity 0 do not touch each other."
             )
-        if shape not in _TOUCHING:
+        surface = surface_of(m, data, ground, _margin(m, ground, geom))
+        _refuse_shape(m, data, geom, ground, surface)
+        mixed = _mixed(m, ground, geom)
+        if mixed.condim not in (1, 3):
             raise ValueError(
-                f"{named(m, 'geom', geom)} is a {shape.name.partition('_')[2].lower()} and may touch "
-                f"'{_name(m, 'geom', plane)}', but contacts are located of a sphere, capsule or box: "
-                f"{_REMEDY}."
-            )
-        friction, solref, solimp, condim = _mixed(m, plane, geom)
-        if condim not in (1, 3):
-            raise ValueError(
-                f"{named(m, 'geom', geom)} has condim {condim}, torsional or rolling friction, which located "
-                "contacts do not have. Allowed: 1, 3."
+                f"{named(m, 'geom', geom)} has condim {mixed.condim}, torsional or rolling friction, which "
+                "located contacts do not have. Allowed: 1, 3."
             )
         body = int(m.geom_bodyid[geom])
-        softness = _softness(m, solref, solimp, float(m.body_invweight0[body, 0]), weight)
-        points, radius = _points(m, geom)
-        normal = _cleaned(data.geom_xmat[plane].reshape(3, 3)[:, 2])
-        # MuJoCo's contact is stretched from its margin on
-        origin = np.array(data.geom_xpos[plane]) + _margin(m, plane, geom) * normal
-        result.append(
-            Touch(geom, body, points, radius, normal, origin, softness, friction if condim == 3 else None)
-        )
-    _refuse_different_planes(m, result)
+        inverse_mass = float(m.body_invweight0[body, 0])
+        softness = _softness(m, mixed.solref, mixed.solimp, inverse_mass, weight)
+        points, radius = _points(m, data, geom)
+        friction = mixed.friction if mixed.condim == 3 else None
+        result.append(Touch(geom, body, points, radius, surface, softness, friction))
+    _refuse_different_friction(m, result)
     return result
 
 
-def _refuse_different_planes(m: Any, touches_of_body: list[Touch]) -> None:
-    """Refuse a geom that touches planes with different friction or softness, since it has one set of both."""
+def _refuse_different_friction(m: Any, touches_of_body: list[Touch]) -> None:
+    """Refuse a geom that touches surfaces of different friction or softness, since it has one set of both."""
     first_of_geom: dict[int, Touch] = {}
     for touch in touches_of_body:
         first = first_of_geom.setdefault(touch.geom, touch)
         if (first.friction, first.softness) != (touch.friction, touch.softness):
             raise ValueError(
-                f"{named(m, 'geom', touch.geom)} may touch planes with different friction, solref or solimp, "
-                "but a geom of located contacts has one of each: give the planes the same, or leave out "
-                f"the contact with one. {_REMEDY[0].upper()}{_REMEDY[1:]}."
+                f"{named(m, 'geom', touch.geom)} may touch the ground with different friction, solref or "
+                "solimp, but a geom of located contacts has one of each: give planes, boxes and height "
+                f"fields the same, or leave out the contact with one. {_REMEDY[0].upper()}{_REMEDY[1:]}."
             )
 
 
@@ -188,23 +188,21 @@ def _pairs(m: Any) -> Iterator[tuple[int, int]]:
             yield one, other
 
 
-def _instead(m: Any, one: int, other: int) -> str:
-    """A sentence with the ground in place of a height field or box of the world; empty for other pairs."""
-    uneven = (_GEOM.mjGEOM_HFIELD, _GEOM.mjGEOM_BOX)
-    if any(_GEOM(m.geom_type[i]) in uneven and m.body_weldid[m.geom_bodyid[i]] == 0 for i in (one, other)):
-        return (
-            " Heights and steps that vary along x alone can be given by the key ground: {file: heights.csv} "
-            "of a job, on a level plane of the MJCF."
-        )
-    return ""
+class _MixedNumbers(NamedTuple):
+    """Sliding friction, solref, solimp and condim of a contact."""
+
+    friction: float
+    solref: np.ndarray
+    solimp: np.ndarray
+    condim: int
 
 
-def _mixed(m: Any, one: int, other: int) -> tuple[float, np.ndarray, np.ndarray, int]:
-    """Sliding friction, solref, solimp and condim of a contact, mixed as by MuJoCo."""
+def _mixed(m: Any, one: int, other: int) -> _MixedNumbers:
+    """The numbers of a contact of two geoms, mixed as by MuJoCo."""
     first, second = sorted((one, other), key=lambda i: -m.geom_priority[i])
     if m.geom_priority[first] > m.geom_priority[second]:
-        return (
-            m.geom_friction[first, 0],
+        return _MixedNumbers(
+            float(m.geom_friction[first, 0]),
             m.geom_solref[first],
             m.geom_solimp[first],
             int(m.geom_condim[first]),
@@ -216,7 +214,7 @@ def _mixed(m: Any, one: int, other: int) -> tuple[float, np.ndarray, np.ndarray,
     refs = m.geom_solref[[one, other]]
     solref = share * refs[0] + (1.0 - share) * refs[1] if (refs[:, 0] > 0.0).all() else refs.min(axis=0)
     solimp = share * m.geom_solimp[one] + (1.0 - share) * m.geom_solimp[other]
-    return float(friction), solref, solimp, condim
+    return _MixedNumbers(float(friction), solref, solimp, condim)
 
 
 def _margin(m: Any, one: int, other: int) -> float:
@@ -262,7 +260,6 @@ def _softness(
         d = low + (high - low) * _rise(x, solimp[3], solimp[4])
         return k * d * d / ((1.0 - d) * w)
 
-    shallow = 0.0
     deep = math.inf
     if math.isfinite(load):  # the force rises with the stretch: halve the interval that has it
         shallow = 0.0
@@ -288,21 +285,67 @@ def _rise(x: float, middle: float, power: float) -> float:
     return 1.0 - (1.0 - x) ** power / (1.0 - middle) ** (power - 1.0)
 
 
-def _points(m: Any, geom: int) -> tuple[np.ndarray, float]:
-    """Centres of a geom's spheres or its corners, (k, 3) m in the body's frame, and the radius, m."""
+def _points(m: Any, data: Any, geom: int) -> tuple[np.ndarray, float]:
+    """Centres of a geom's spheres or its corners, (k, 3) m in the body's frame, and the radius, m.
+
+    In the plane of motion a cylinder along y is a disc, as are spheres at its ends; others are rectangles.
+    """
     matrix = np.zeros(9)
     mujoco.mju_quat2Mat(matrix, m.geom_quat[geom])
-    turn = _cleaned(matrix.reshape(3, 3))
+    turn = cleaned(matrix.reshape(3, 3))
     at = np.array(m.geom_pos[geom])
     size = m.geom_size[geom]
-    if m.geom_type[geom] == _GEOM.mjGEOM_SPHERE:
+    shape = m.geom_type[geom]
+    if shape == _GEOM.mjGEOM_SPHERE:
         return at[None], float(size[0])
-    if m.geom_type[geom] == _GEOM.mjGEOM_CAPSULE:
-        return _cleaned(at + np.outer([1.0, -1.0], turn[:, 2]) * size[1]), float(size[0])
+    if shape == _GEOM.mjGEOM_CAPSULE or (shape == _GEOM.mjGEOM_CYLINDER and _is_along_y(data, geom)):
+        return cleaned(at + np.outer([1.0, -1.0], turn[:, 2]) * size[1]), float(size[0])
+    if shape == _GEOM.mjGEOM_CYLINDER:
+        y = data.xmat[m.geom_bodyid[geom]].reshape(3, 3)[1]  # the world's y axis in the body's frame
+        ends = np.outer([1.0, 1.0, -1.0, -1.0], turn[:, 2]) * size[1]
+        sides = np.outer([1.0, -1.0, 1.0, -1.0], np.cross(y, turn[:, 2])) * size[0]
+        return cleaned(at + ends + sides), 0.0
     signs = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
-    return _cleaned(at + (signs * size) @ turn.T), 0.0
+    return cleaned(at + (signs * size) @ turn.T), 0.0
 
 
-def _cleaned(values: np.ndarray) -> np.ndarray:
-    """The values with zeros in place of rounding errors, so that constants keep their zeros."""
-    return np.where(np.abs(values) < _DUST, 0.0, values)
+def _refuse_shape(m: Any, data: Any, geom: int, ground: int, surface: Surface) -> None:
+    """Refuse a geom that has no located contact with a surface."""
+    shape = _GEOM(m.geom_type[geom])
+    kind = shape.name.partition("_")[2].lower()
+    words = f"{named(m, 'geom', geom)} is of type {kind} and may touch '{_name(m, 'geom', ground)}', but"
+    if shape not in _TOUCHING:
+        raise ValueError(f"{words} contacts are located of a sphere, capsule, box or cylinder: {_REMEDY}.")
+    is_cylinder = shape == _GEOM.mjGEOM_CYLINDER
+    if is_cylinder and not (_is_planar(m, data, geom) and surface.is_along_y):
+        raise ValueError(
+            f"{words} contacts of cylinders are located only where body and ground are planar: hinges along "
+            "y, slides along x or z, and the cylinder along y or across it. Use a capsule, or "
+            f"{_REMEDY}."
+        )
+    has_corners = shape == _GEOM.mjGEOM_BOX or (is_cylinder and not _is_along_y(data, geom))
+    if has_corners and isinstance(surface, Box):
+        raise ValueError(
+            f"{words} contacts with boxes of the world are located of spheres, capsules and cylinders along "
+            f"y alone, since edges may cross away from corners: use these, or {_REMEDY}."
+        )
+
+
+def _is_planar(m: Any, data: Any, geom: int) -> bool:
+    """Whether a geom moves in x and z alone, with its axis along y or across it."""
+    body = int(m.geom_bodyid[geom])
+    while body > 0:
+        first = int(m.body_jntadr[body])
+        for j in range(first, first + int(m.body_jntnum[body])):
+            along_y = abs(float(data.xaxis[j, 1]))
+            turns = m.jnt_type[j] == mujoco.mjtJoint.mjJNT_HINGE and along_y > 1.0 - _EXACT
+            slides = m.jnt_type[j] == mujoco.mjtJoint.mjJNT_SLIDE and along_y < _EXACT
+            if not (turns or slides):
+                return False
+        body = int(m.body_parentid[body])
+    return _is_along_y(data, geom) or bool(abs(data.geom_xmat[geom, _Y_OF_Z]) < _EXACT)
+
+
+def _is_along_y(data: Any, geom: int) -> bool:
+    """Whether the z axis of a geom is along the world's y."""
+    return bool(abs(data.geom_xmat[geom, _Y_OF_Z]) > 1.0 - _EXACT)

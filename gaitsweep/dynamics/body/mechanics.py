@@ -1,7 +1,7 @@
 """Mechanics of a located body: its stops, its actuators, its accelerations.
 
-A stop is a spring and a damper that push but do not pull: of a point of a geom that touches a plane, or of a
-joint at a limit of its range.
+A stop is a spring and a damper that push but do not pull: of a point of a geom that touches the ground, or of
+a joint at a limit of its range.
 """
 
 # MuJoCo's compiled modules come without types.
@@ -13,7 +13,7 @@ import copy
 import dataclasses
 import functools
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -29,6 +29,7 @@ from gaitsweep.dynamics.body.body_parameters import (
     is_velocity_servo,
 )
 from gaitsweep.dynamics.body.coverage import Touch, limits, refusals, touches
+from gaitsweep.dynamics.body.surfaces import Plane, Relief
 from gaitsweep.dynamics.ground import Ground
 from gaitsweep.dynamics.mjcf.source import identifier
 from gaitsweep.dynamics.tree import (
@@ -43,6 +44,7 @@ from gaitsweep.dynamics.tree import (
     tree_of,
     velocity_at,
 )
+from gaitsweep.dynamics.tree.kinematics import Place
 from gaitsweep.near_miss import suggestion
 
 Values = Mapping[str, Scalar]
@@ -50,6 +52,8 @@ EVEN = Ground("even", {})
 # Stretch (m, rad) below zero at which a stop is left; at zero itself, rounding could meet and leave it
 # without end.
 RELEASE = 1.0e-9
+# Component of a unit axis along a plane's normal below which a slide moves along the plane.
+_ACROSS = 1.0e-12
 # The slip s (m/s) in the formula of friction.
 _SLOWEST = 1.0e-4
 
@@ -81,11 +85,11 @@ class Stretch:
 
 @dataclasses.dataclass(frozen=True)
 class Contact(Stretch):
-    """The stretch of a point of a geom below a plane.
+    """The stretch of a point of a geom below a surface.
 
     `link` carries the point; `at` (3,) m is the contact in the world, `slip` (3,) m/s its velocity along the
-    plane, `normal` (3,) the plane's (`_plane_below`); `friction` is None without friction, and `grip` (N s/m)
-    the damper along the plane below the limit of friction.
+    surface, `normal` (3,) the surface's; `friction` is None without friction, and `grip` (N s/m) the damper
+    along the surface below the limit of friction.
     """
 
     link: int
@@ -110,11 +114,35 @@ class Contact(Stretch):
         return force - (most / speed) * self.slip
 
 
+@dataclasses.dataclass(frozen=True)
+class Limit(Stretch):
+    """The stretch of a joint beyond a limit of its range.
+
+    `dof` is the joint's place in v; the force on it is positive at the lower limit.
+    """
+
+    dof: int
+    is_lower: bool
+
+
+class JointPlace(NamedTuple):
+    """The places of a hinge or slide in q and in v, with its name and the unit of its position.
+
+    `in_q` is None for a slide along the ground that carries the whole body: its position changes nothing.
+    """
+
+    name: str
+    unit: str
+    in_q: int | None
+    in_v: int
+
+
 class LocatedBody:
     """A body of an MJCF with located stops.
 
     `values` of its functions are the numbers of `parameters` by name, `ground` is added to the heights of
-    level planes. `depths_and_forces`, `heights` and `accelerations` are the compiled methods of these names.
+    level planes. `depths_and_forces`, `heights`, `bounds` and `accelerations` are the compiled methods of
+    these names.
 
     Args:
         m: the compiled MJCF.
@@ -145,13 +173,23 @@ class LocatedBody:
         ends = [(self.elements.name_of_joint(j), end) for j in self._limits for end in ("lower", "upper")]
         self.geom_of_stop = (*points, *(None for _ in ends))  # the geom's name; None for a limit
         self.stop_names = (
-            *(f"geom {name} touches or leaves a plane" for name in points),
+            *(
+                f"geom {self.elements.name_of_geom(touch.geom)} touches or leaves {touch.surface.description}"
+                for touch in self._touches
+                for _ in touch.points
+            ),
             *(f"joint {joint} meets or leaves its {end} limit" for joint, end in ends),
+        )
+        self.bound_names = tuple(
+            f"{self.elements.name_of_geom(touch.geom)} meets {touch.surface.description} {place}"
+            for touch in self._touches
+            for place in _bounds_of(touch)
         )
         # JAX then traces each once for a body, however often a program calls it; with `jax.jit` as a
         # decorator of methods, its memory would keep every body alive
         self.depths_and_forces = jax.jit(self._depths_and_forces)
         self.heights = jax.jit(self._heights)
+        self.bounds = jax.jit(self._bounds)
         self.accelerations = jax.jit(self._accelerations)
 
     @property
@@ -162,30 +200,41 @@ class LocatedBody:
     @property
     def has_level_plane(self) -> bool:
         """Whether a geom may touch a level plane, on which uneven ground lies."""
-        return any(map(_is_level, self._touches))
+        return any(isinstance(touch.surface, Plane) and touch.surface.is_level for touch in self._touches)
+
+    @property
+    def has_uneven_surface(self) -> bool:
+        """Whether a geom may touch a box or height field of the world."""
+        return any(not isinstance(touch.surface, Plane) for touch in self._touches)
+
+    def ground_height(self, x: Array, y: Array) -> Array:
+        """The height (m) of the highest surface at places x, y (m), without uneven ground on level planes.
+
+        It is NaN where there is none: beside boxes and height fields without a level plane.
+        """
+        tops = jnp.stack([touch.surface.top(x, y) for touch in self._touches])
+        highest = jnp.max(jnp.where(jnp.isnan(tops), -jnp.inf, tops), axis=0)
+        return jnp.where(jnp.isinf(highest), jnp.nan, highest)
 
     @functools.cached_property
-    def joints(self) -> list[tuple[str, str, int | None, int]]:
-        """Name, unit, place in q and place in v of each hinge and slide.
-
-        The place in q is None for a slide along the ground that carries the whole body: its position changes
-        nothing.
-        """
+    def joints(self) -> list[JointPlace]:
+        """The hinges and slides."""
         m = self._m
         data = mujoco.MjData(m)
         mujoco.mj_kinematics(m, data)
-        normals = [touch.normal for touch in self._touches]
-        joints: list[tuple[str, str, int | None, int]] = []
+        normals = [touch.surface.normal for touch in self._touches if isinstance(touch.surface, Plane)]
+        joints = []
         for j in self.elements.hinges_and_slides():
-            slides = m.jnt_type[j] == mujoco.mjtJoint.mjJNT_SLIDE
+            is_slide = m.jnt_type[j] == mujoco.mjtJoint.mjJNT_SLIDE
             # slides alone before it, from the world on
             carries = all(m.jnt_type[i] == mujoco.mjtJoint.mjJNT_SLIDE for i in self._before(j))
-            along = bool(normals) and all(abs(normal @ data.xaxis[j]) < 1e-12 for normal in normals)
+            invariant = bool(normals) and not self.has_uneven_surface
+            along = invariant and all(abs(normal @ data.xaxis[j]) < _ACROSS for normal in normals)
             held = m.jnt_stiffness[j] or j in self._limits
-            place = None if slides and carries and along and not held else int(m.jnt_qposadr[j])
-            joints.append(
-                (self.elements.name_of_joint(j), "m" if slides else "rad", place, int(m.jnt_dofadr[j]))
-            )
+            is_free = is_slide and carries and along and not held
+            in_q = None if is_free else int(m.jnt_qposadr[j])
+            unit = "m" if is_slide else "rad"
+            joints.append(JointPlace(self.elements.name_of_joint(j), unit, in_q, int(m.jnt_dofadr[j])))
         return joints
 
     def _before(self, joint: int) -> list[int]:
@@ -253,7 +302,7 @@ class LocatedBody:
 
     def stretches(
         self, geometry: Geometry, values: Values, q: Array, v: Array, ground: Ground = EVEN
-    ) -> list[Stretch]:
+    ) -> list[Contact | Limit]:
         """The stretch of each stop: of contacts, then of the lower and upper limits of joints.
 
         Args:
@@ -267,21 +316,19 @@ class LocatedBody:
     def _contacts(
         self, geometry: Geometry, values: Values, q: Array, v: Array, ground: Ground
     ) -> Iterator[Contact]:
-        """The contact of each point of a geom that may touch a plane; arguments as of `stretches`."""
+        """The contact of each point of a geom that may touch the ground; arguments as of `stretches`."""
         placed = places(self.tree, geometry, q)
         moving = movements(self.tree, placed, v)
         for touch in self._touches:
             name = self.elements.name_of_geom(touch.geom)
             link = self.elements.link_of_body(touch.body)
-            size = values[f"{self.elements.name_of_body(touch.body)}_size"]
-            radius = size * values[f"{name}_radius"] if touch.radius else 0.0
+            centres, radius = self._points(touch, values, placed)
             damper = values[f"{name}_contact_damping"]
             has_friction = touch.friction is not None
-            for point in touch.points:
-                centre = placed[link].position(size * point)
-                normal, above = _plane_below(touch, centre, ground)
+            for centre in centres:
+                normal, above = touch.surface.below(centre, ground)
                 depth = radius - above
-                # between the lowest point and the plane, as in MuJoCo
+                # between the lowest point and the surface, as in MuJoCo
                 at = centre - normal * (radius - 0.5 * depth)
                 speed = velocity_at(placed[link], moving[link], at)
                 rise = normal @ speed
@@ -298,17 +345,18 @@ class LocatedBody:
                     grip=values[f"{name}_grip"] if has_friction else damper,
                 )
 
-    def _stretches_of_limits(self, values: Values, q: Array, v: Array) -> Iterator[Stretch]:
+    def _stretches_of_limits(self, values: Values, q: Array, v: Array) -> Iterator[Limit]:
         """The stretches of the lower and the upper limit of each joint; arguments as of `stretches`."""
         for j in self._limits:
             name = self.elements.name_of_joint(j)
+            dof = int(self._m.jnt_dofadr[j])
             position = q[self._m.jnt_qposadr[j]]
-            speed = v[self._m.jnt_dofadr[j]]
+            speed = v[dof]
             K = values[f"{name}_limit_stiffness"]
             D = values[f"{name}_limit_damping"]
             margin = float(self._m.jnt_margin[j])  # from which on MuJoCo's limit is stretched
-            yield Stretch(values[f"{name}_low"] + margin - position, -speed, K, D)
-            yield Stretch(position + margin - values[f"{name}_high"], speed, K, D)
+            yield Limit(values[f"{name}_low"] + margin - position, -speed, K, D, dof, True)
+            yield Limit(position + margin - values[f"{name}_high"], speed, K, D, dof, False)
 
     def _depths_and_forces(
         self, values: Values, q: Array, v: Array, ground: Ground = EVEN
@@ -323,6 +371,35 @@ class LocatedBody:
         """The `Stretch.height` (stops,) of each stop."""
         stops = self.stretches(self.geometry(values), values, q, v, ground)
         return _row([stop.height for stop in stops]) if stops else jnp.zeros((0,))
+
+    def _bounds(self, values: Values, q: Array) -> Float[Array, " bounds"]:
+        """The lengths (m), (bounds,), by which contacts are beyond what is covered; else negative.
+
+        A capsule meets a box with its ends: with its side it would pass through an edge. Beyond its ends a
+        height field has no surface.
+        """
+        placed = places(self.tree, self.geometry(values), q)
+        bounds: list[Scalar] = []
+        for touch in self._touches:
+            surface = touch.surface
+            if isinstance(surface, Plane):
+                continue
+            points, radius = self._points(touch, values, placed)
+            depths = [radius - surface.below(point, EVEN)[1] for point in points]
+            if isinstance(surface, Relief):
+                pairs = zip(depths, points, strict=True)
+                bounds += [jnp.minimum(depth, surface.beyond(point)) for depth, point in pairs]
+            elif touch.has_side:
+                depth = radius + surface.margin - surface.distance_of_segment(*points)
+                bounds.append(jnp.minimum(depth, depth - jnp.maximum(*depths) - RELEASE))
+        return _row(bounds) if bounds else jnp.zeros((0,))
+
+    def _points(self, touch: Touch, values: Values, placed: Sequence[Place]) -> tuple[list[Array], Scalar]:
+        """Places (3,) m in the world, and the radius (m), of the points of a geom that may touch ground."""
+        size = values[f"{self.elements.name_of_body(touch.body)}_size"]
+        radius = size * values[f"{self.elements.name_of_geom(touch.geom)}_radius"] if touch.radius else 0.0
+        place = placed[self.elements.link_of_body(touch.body)]
+        return [place.position(size * point) for point in touch.points], radius
 
     def _accelerations(
         self,
@@ -344,17 +421,14 @@ class LocatedBody:
         """
         tau = self._actuated(values, q, v, control)
         external: list[WorldForce] = []
-        dofs = [int(self._m.jnt_dofadr[j]) for j in self._limits for _ in range(2)]
         geometry = self.geometry(values)
-        stops = self.stretches(geometry, values, q, v, ground)
-        for k, stop in enumerate(stops):
+        for k, stop in enumerate(self.stretches(geometry, values, q, v, ground)):
             pushes = stop.height > 0.0 if pushing is None else pushing[k]
             load = jnp.where(pushes, stop.force, 0.0)
             if isinstance(stop, Contact):
                 external.append(WorldForce(stop.link, stop.at, stop.on_body(load)))
             else:
-                joint = k - (len(stops) - len(dofs))
-                tau[dofs[joint]] = tau[dofs[joint]] + (-load if joint % 2 else load)
+                tau[stop.dof] = tau[stop.dof] + (load if stop.is_lower else -load)
         gravity = self.gravity(values)
         return jnp.asarray(forward_dynamics(self.tree, geometry, q, v, _row(tau), external, gravity=gravity))
 
@@ -426,33 +500,20 @@ class LocatedBody:
         """The numbers of the stops of a geom, by its name.
 
         Raises:
-            ValueError: no geom of this name can touch a plane.
+            ValueError: no geom of this name can touch the ground.
         """
         numbers = [k for k, name in enumerate(self.geom_of_stop) if name == identifier(geom)]
         if not numbers:
             names = dict.fromkeys(name for name in self.geom_of_stop if name)
-            raise ValueError(f"No geom '{geom}' can touch a plane{suggestion(geom, names)}")
+            raise ValueError(f"No geom '{geom}' can touch the ground{suggestion(geom, names)}")
         return numbers
 
 
-def _is_level(touch: Touch) -> bool:
-    """Whether the plane that a geom may touch is level."""
-    return touch.normal[2] == 1.0
-
-
-def _plane_below(
-    touch: Touch, point: Float[Array, " 3"], ground: Ground
-) -> tuple[Float[Array, " 3"] | Float[np.ndarray, " 3"], Scalar]:
-    """The normal (3,) of the plane that a point meets, and the height (m) of the point above it.
-
-    On uneven ground, which lies on level planes, it is the ground's tangent plane below the point.
-    """
-    if ground.kind == "even" or not _is_level(touch):
-        return touch.normal, touch.normal @ (point - touch.origin)
-    height, slope = ground.height_and_slope(point[0])
-    cosine = 1.0 / jnp.sqrt(1.0 + slope * slope)
-    normal = jnp.stack([-slope * cosine, jnp.zeros_like(cosine), cosine])
-    return normal, cosine * (point[2] - touch.origin[2] - height)
+def _bounds_of(touch: Touch) -> list[str]:
+    """The places at which the contact of a geom with a surface is not covered."""
+    if isinstance(touch.surface, Relief):
+        return ["beyond its end"] * len(touch.points)
+    return ["with its side"] if touch.has_side else []
 
 
 def _row(numbers: Sequence[Scalar]) -> Array:

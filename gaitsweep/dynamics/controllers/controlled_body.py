@@ -15,8 +15,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from gaitsweep.dynamics.controllers.joint_torques import control_of_legs
-from gaitsweep.dynamics.controllers.leg_targets import Targets
+from gaitsweep.dynamics.controllers.leg_targets import (
+    Targets,
+    control_of_legs,
+    follows_targets,
+    unit_of_joints,
+)
 from gaitsweep.dynamics.controllers.oscillators import HIP, LegSenses
 from gaitsweep.dynamics.declarations import observable, parameter, signal, variable
 from gaitsweep.dynamics.event_declarations import event
@@ -93,8 +97,11 @@ class ControlledBody:
 
         members: dict[str, Any] = {**oscillators.declarations(names), **self.targets.declarations()}
         if controller.kp is not None and controller.kd is not None:
-            members["kp"] = parameter("N m/rad", "position gain of motors", controller.kp, low=0.0)
-            members["kd"] = parameter("N m s/rad", "velocity gain of motors", controller.kd, low=0.0)
+            motors = [joint for joint, k in self.actuators.items() if not follows_targets(self.m, k)]
+            stiffness = unit_of_joints(self.m, motors, "N m/rad", "N/m")
+            damping = unit_of_joints(self.m, motors, "N m s/rad", "N s/m")
+            members["kp"] = parameter(stiffness, "position gain of motors", controller.kp, low=0.0)
+            members["kd"] = parameter(damping, "velocity gain of motors", controller.kd, low=0.0)
         members |= {
             "clock": variable("s", "time since the section", observed=False, signal=False),
             "control": control_of_legs(self.m, self.file, self.targets, self.actuators),
@@ -156,7 +163,10 @@ class ControlledBody:
 
         def height(model: Any, params: Any, state: Any) -> Float[Array, ""]:
             place = trunk.place(model.positions(state))
-            return place[2] - params.ground(place[0]) if is_uneven(model) else place[2]
+            if not is_uneven(model):
+                return place[2]
+            own = model.own_ground(place[0], place[1])
+            return place[2] - params.ground(place[0]) - (0.0 if own is None else own)
 
         observed_height = observable("m", "height of the trunk over the ground", scale=0.1, signal=True)
         members: dict[str, Any] = {"turn": self._section(trunk)}

@@ -1,4 +1,8 @@
-"""Targets of joints of legs from the pattern of oscillators: waveforms of joints, or a path of the foot."""
+"""Targets of joints of legs from the pattern of oscillators, and the actuators that follow them.
+
+Targets are waveforms of joints, or follow from a path of the foot. A position servo takes its joint's target,
+a motor the torque of position and velocity gains.
+"""
 
 # MuJoCo's compiled modules come without types.
 # pyright: reportAttributeAccessIssue=false
@@ -8,8 +12,8 @@ from __future__ import annotations
 import abc
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -17,9 +21,13 @@ from jaxtyping import Array, Float
 from pydantic import Field
 
 from gaitsweep.dynamics.declarations import parameter
+from gaitsweep.dynamics.mjcf.source import keyframe_number
 from gaitsweep.near_miss import suggestion
 from gaitsweep.schema.numbers import NotNegative, Positive, Real
 from gaitsweep.schema.strict_model import StrictModel
+
+if TYPE_CHECKING:
+    from gaitsweep.dynamics.controllers.model_file import ModelFile
 
 _BENT = 0.8  # share of a leg's length at which its two bends are compared
 _STRAIGHT = 1.0 - 1e-9  # cosine of a knee's angle beyond which a leg counts as straight, for finite slopes
@@ -70,21 +78,27 @@ class JointPatterns(Targets):
     """Waveforms of joints.
 
     Args:
+        m: the compiled MJCF.
         waveforms: by role, such as hip and knee.
         joints: the joint of each role, for each leg.
     """
 
-    def __init__(self, waveforms: Mapping[str, Waveform], joints: Sequence[Mapping[str, str]]) -> None:
+    def __init__(
+        self, m: Any, waveforms: Mapping[str, Waveform], joints: Sequence[Mapping[str, str]]
+    ) -> None:
+        self._m = m
         self._waveforms = waveforms
         self._joints = joints
 
     def declarations(self) -> dict[str, Any]:
         words = {"offset": "target without a pattern", "swing": "amplitude of the swing", "lift": "lift"}
-        return {
-            f"{role}_{part}": parameter("rad", f"{words[part]} of the joints {role}", getattr(waveform, part))
-            for role, waveform in self._waveforms.items()
-            for part in words
-        }
+        declared = {}
+        for role, waveform in self._waveforms.items():
+            unit = unit_of_joints(self._m, [joints[role] for joints in self._joints if role in joints])
+            for part, default in dict(waveform).items():
+                meaning = f"{words[part]} of the joints {role}"
+                declared[f"{role}_{part}"] = parameter(unit, meaning, default)
+        return declared
 
     def of_joints(
         self, model: Any, params: Any, place: Float[Array, " legs"], lift: Float[Array, " legs"]
@@ -226,15 +240,85 @@ def actuator_of(m: Any, joint: str) -> int:
     """The number of the actuator that acts on a joint.
 
     Raises:
-        ValueError: there is no such joint, or not one actuator of it; the message names the near miss.
+        ValueError: there is no such hinge or slide, or not one position servo or motor of it; the message
+            names the near miss.
     """
-    names = [m.jnt(j).name for j in range(m.njnt)]
+    import mujoco
+
+    turning = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
+    names = [m.jnt(int(j)).name for j in np.flatnonzero(np.isin(m.jnt_type, turning))]
     if joint not in names:
-        raise ValueError(f"The MJCF has no joint '{joint}'{suggestion(joint, names)}")
+        raise ValueError(f"The MJCF has no hinge or slide '{joint}'{suggestion(joint, names)}")
     numbers = [k for k in range(m.nu) if m.actuator_trnid[k, 0] == m.joint(joint).id]
     if len(numbers) != 1:
         raise ValueError(
             f"Joint '{joint}' has {len(numbers)} actuators, but a leg's joint needs one: <position> follows "
             "the target, a <motor> needs kp and kd in the model file."
         )
-    return numbers[0]
+    (k,) = numbers
+    dynamics = (mujoco.mjtDyn.mjDYN_NONE, mujoco.mjtDyn.mjDYN_FILTER, mujoco.mjtDyn.mjDYN_FILTEREXACT)
+    is_motor = m.actuator_biastype[k] == mujoco.mjtBias.mjBIAS_NONE
+    has_fixed_gain = m.actuator_gaintype[k] == mujoco.mjtGain.mjGAIN_FIXED
+    has_fixed_gain &= np.isin(m.actuator_dyntype[k], dynamics)
+    if not (has_fixed_gain and (is_motor or follows_targets(m, k))):
+        raise ValueError(
+            f"The actuator of joint '{joint}' is neither a <position> actuator, which follows the target, "
+            "nor a <motor>, which needs kp and kd in the model file."
+        )
+    return k
+
+
+def unit_of_joints(m: Any, joints: Sequence[str], hinge: str = "rad", slide: str = "m") -> str:
+    """The unit of a quantity of joints, from those that it has for hinges and for slides.
+
+    Args:
+        m: the compiled MJCF.
+        joints: the names of the joints, hinges and slides.
+        hinge, slide: the unit for either; by default that of a position.
+    """
+    import mujoco
+
+    slides = [m.joint(joint).type[0] == mujoco.mjtJoint.mjJNT_SLIDE for joint in joints]
+    if all(slides) and slides:
+        return slide
+    return f"{hinge} or {slide}" if any(slides) else hinge
+
+
+def follows_targets(m: Any, k: int) -> bool:
+    """Whether actuator `k` of a compiled MJCF is a position servo, whose control is a target."""
+    from gaitsweep.dynamics.body.body_parameters import is_position_servo
+
+    return is_position_servo(m, k)
+
+
+def control_of_legs(
+    m: Any, file: ModelFile, targets: Targets, actuators: Mapping[str, int]
+) -> Callable[[Any, Any, Any], Float[Array, " nu"]]:
+    """The function `control` of a model: targets of position servos, and torques of motors.
+
+    Actuators that move no leg keep the controls of the keyframe.
+
+    Args:
+        m: the compiled MJCF.
+        file: the content of the model file.
+        targets: the targets of the legs' joints.
+        actuators: the number of the actuator of each joint.
+    """
+    keyframe = keyframe_number(m, file.keyframe)
+    at_keyframe = np.zeros(m.nu) if keyframe is None else np.array(m.key_ctrl[keyframe])
+
+    def control(model: Any, params: Any, state: Any) -> Float[Array, " nu"]:
+        place, lift = file.controller.oscillators.pattern(params, state)
+        controls: list[Any] = at_keyframe.tolist()
+        for joint, target in targets.of_joints(model, params, place, lift).items():
+            k = actuators[joint]
+            gear = model.actuator_gear(params, k)
+            if follows_targets(m, k):
+                controls[k] = gear * target  # the servo's length is that of its joint times its gear
+                continue
+            error = target - model.position(state, joint)
+            torque = params.kp * error - params.kd * model.rate(state, joint)
+            controls[k] = torque / (gear * model.actuator_gain(params, k))
+        return jnp.stack([jnp.asarray(value, float) for value in controls])
+
+    return control

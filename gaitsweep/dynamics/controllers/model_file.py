@@ -32,7 +32,6 @@ from gaitsweep.dynamics.controllers.controlled_body import (
     Leg,
     model_class,
 )
-from gaitsweep.dynamics.controllers.joint_torques import follows_targets
 from gaitsweep.dynamics.controllers.leg_targets import (
     FootPath,
     FootPaths,
@@ -40,10 +39,12 @@ from gaitsweep.dynamics.controllers.leg_targets import (
     Targets,
     Waveform,
     actuator_of,
+    follows_targets,
     two_link_leg,
 )
 from gaitsweep.dynamics.controllers.oscillators import HIP, OSCILLATORS, Oscillators
-from gaitsweep.dynamics.mjcf.source import Stamps, compiled_mjcf, keyframe_number, stamps_of_mjcf
+from gaitsweep.dynamics.mjcf.of_mjcf import compiled_mjcf
+from gaitsweep.dynamics.mjcf.source import Stamps, keyframe_number, stamps_of_mjcf
 from gaitsweep.dynamics.mjx.mjcf_model import MjcfModel
 from gaitsweep.near_miss import suggestion
 from gaitsweep.schema.diagnostics import Diagnostic, JobError, SchemaSection, from_pydantic, wrong_kind
@@ -214,11 +215,16 @@ def _legs(document: Document, controller: Controller, m: Any) -> list[Leg]:
         raise _error(document, "needs either joints: or path:.", "controller")
     legs = [_leg(document, controller, m, name) for name in controller.legs]
     _refuse_shared(document, controller)
-    for field, names in controller.oscillators.named_legs.items():
-        for name in names:
-            if name not in controller.legs:
-                text = f"has {name}, which is not a leg{suggestion(name, controller.legs)}"
-                raise _error(document, text, "controller", "oscillators", field)
+    for field, groups in controller.oscillators.named_legs.items():
+        place = ("controller", "oscillators", field)
+        for names in groups:
+            for name in names:
+                if name not in controller.legs:
+                    text = f"has {name}, which is not a leg{suggestion(name, controller.legs)}"
+                    raise _error(document, text, *place)
+            if len(set(names)) < len(names):
+                text = f"has {' and '.join(names)} as a pair: give two different legs."
+                raise _error(document, text, *place)
     return legs
 
 
@@ -294,7 +300,7 @@ def _refuse_gains(document: Document, controller: Controller, actuators: Mapping
 def _targets(document: Document, controller: Controller, legs: list[Leg], m: Any) -> Targets:
     """The targets of the joints of legs; raises JobError where a leg cannot follow a path."""
     if controller.joints is not None:
-        return JointPatterns(controller.joints, [leg.joints for leg in legs])
+        return JointPatterns(m, controller.joints, [leg.joints for leg in legs])
     assert controller.path is not None
     two_link_legs = []
     for leg in legs:

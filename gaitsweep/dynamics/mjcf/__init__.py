@@ -1,1 +1,1 @@
-"""MJCF files of models: source, keyframe, starts by joint names, drawing."""
+"""MJCF files of models: `source` compiles a file, `of_mjcf` is the base of models, `drawing` draws a body."""

@@ -165,14 +165,17 @@ class _SideBySide:
         _set_state(data, jax.tree.map(np.asarray, body), start.time)
         for k, control in enumerate(controls):
             theirs = _after_step(self._m, data, control)
-            off = _differences(ours[k], theirs)
-            if (off > TOLERANCE).any():
-                i = int(np.argmax(off > TOLERANCE))
+            differences = _differences(ours[k], theirs)
+            if (differences > TOLERANCE).any():
+                i = int(np.argmax(differences > TOLERANCE))
                 before = jax.tree.map(lambda old, new: np.concatenate([old[:1], new[:-1]]), states, after)
                 cause = self._cause(i, k + 1, before, ours, controls, start.time)
-                where = _element(self._m, i)
-                return Divergence(name, k + 1, *where, float(ours[k, i]), float(theirs[i]), cause), largest
-            largest = max(largest, float(off.max(initial=0.0)))
+                coordinate, element = _element(self._m, i)
+                ours_at_i = float(ours[k, i])
+                theirs_at_i = float(theirs[i])
+                divergence = Divergence(name, k + 1, coordinate, element, ours_at_i, theirs_at_i, cause)
+                return divergence, largest
+            largest = max(largest, float(differences.max(initial=0.0)))
         return None, largest
 
     def _stepped(self, states: Any, begins: bool, tolerance: float) -> tuple[Any, np.ndarray]:
@@ -184,36 +187,51 @@ class _SideBySide:
     def _cause(
         self, i: int, steps: int, before: Any, ours: np.ndarray, controls: np.ndarray, time: float
     ) -> str:
-        """The likely cause of a difference of number `i`, found in the first step that differs by itself."""
+        """The likely cause of a difference of number `i`, found in the first step that differs by itself.
+
+        Args:
+            i: the number that differs.
+            steps: the steps from the start to that difference.
+            before: the model's states before each step.
+            ours: the model's numbers after each step (steps, n).
+            controls: the controls of each step (steps, nu).
+            time: the time (s) of the start.
+        """
         m = self._m
-        moved = self._m.nq + self._m.nv + self._m.na
+        size_of_state = m.nq + m.nv + m.na  # sensors follow
         exact = _numbers(self._stepped(before, True, _EXACT)[0])
-        solved_otherwise = False
+        solver_differs = False
         for k in range(steps):
             state = jax.tree.map(lambda leaf, k=k: leaf[k], before.body)
-            theirs = []
-            for c_model in (self._exact, m):
-                data = self._body.at_start()
-                _set_state(data, state, time + k * m.opt.timestep)
-                theirs.append(_after_step(c_model, data, controls[k]))
-            off = _differences(exact[k], theirs[0])
-            if off[:moved].max(initial=0.0) > _STEP_TOLERANCE:
+            begin = time + k * m.opt.timestep
+            in_c, data = self._step_in_c(m, state, begin, controls[k])
+            exact_in_c, _ = self._step_in_c(self._exact, state, begin, controls[k])
+            differences = _differences(exact[k], exact_in_c)
+            if differences[:size_of_state].max(initial=0.0) > _STEP_TOLERANCE:
                 return f"{_acting_constraints(m, data)} (from step {k + 1} on)"
-            if i >= moved and off[i] > TOLERANCE:
-                kind = mujoco.mjtSensor(m.sensor_type[_sensor_of(m, i - moved)]).name
+            if i >= size_of_state and differences[i] > TOLERANCE:
+                kind = mujoco.mjtSensor(m.sensor_type[_sensor_of(m, i - size_of_state)]).name
                 return f"MJX computes a sensor of type {kind.partition('_')[2].lower()} differently"
-            solved_otherwise |= bool(_differences(ours[k], theirs[1]).max(initial=0.0) > _STEP_TOLERANCE)
-        if solved_otherwise:
+            solver_differs |= bool(_differences(ours[k], in_c).max(initial=0.0) > _STEP_TOLERANCE)
+        if solver_differs:
             return f"the solver of constraints, which both end at the option tolerance {m.opt.tolerance:g}"
         return ""
+
+    def _step_in_c(
+        self, m: mujoco.MjModel, state: BodyState, begin: float, control: np.ndarray
+    ) -> tuple[np.ndarray, mujoco.MjData]:
+        """The numbers after a step of MuJoCo C from a state at a time (s), and the data of that step."""
+        data = self._body.at_start()
+        _set_state(data, state, begin)
+        return _after_step(m, data, control), data
 
 
 def at_first_use(model: MjcfModel) -> list[str]:
     """Compare a model's MJCF with MuJoCo C: a sentence for each difference, kept in the cache."""
-    file, first = _entry(model)
+    file, first_control = _entry(model)
     if file is not None and (stored := load_cached(file)) is not None:
         return json.loads(stored)
-    sentences = _sentences(model, first)
+    sentences = _sentences(model, first_control)
     if file is not None:
         store_cached(file, json.dumps(sentences).encode())
     return sentences
@@ -289,11 +307,11 @@ def _keyframe_starts(m: mujoco.MjModel) -> Iterator[Start]:
 
 
 def _random_starts(m: mujoco.MjModel, at_start: mujoco.MjData) -> Iterator[Start]:
-    """Random states: some as they are drawn, some once C has moved them to their first contact."""
+    """Random states: every second one is moved by C to its first contact."""
     random = np.random.default_rng(0)
     longest = min(1000, int(1.0 / m.opt.timestep))
     for i in range(_RANDOM_STARTS):
-        size = _RANDOM_SIZES[i // 2 % 2]
+        size = _RANDOM_SIZES[i // 2 % len(_RANDOM_SIZES)]
         drawn = [_random_state(m, at_start, size, random) for _ in range(_DRAWN)]
         depths = [_deepest(data) for data in drawn]
         shallow = [k for k, depth in enumerate(depths) if depth < _SHALLOW]
@@ -348,6 +366,7 @@ def _differences(ours: np.ndarray, theirs: np.ndarray) -> np.ndarray:
 
 
 def _set_state(data: mujoco.MjData, body: BodyState, time: float) -> None:
+    """Set MuJoCo's data to a state of the model at a time (s)."""
     data.qpos[:] = body.q
     data.qvel[:] = body.v
     data.act[:] = body.act
@@ -392,4 +411,5 @@ def _element(m: mujoco.MjModel, i: int) -> tuple[str, str]:
 
 
 def _sensor_of(m: mujoco.MjModel, i: int) -> int:
+    """The sensor that gives a number of `sensordata`."""
     return int(np.flatnonzero(m.sensor_adr <= i)[-1])

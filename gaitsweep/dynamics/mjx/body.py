@@ -22,14 +22,13 @@ import mujoco
 import numpy as np
 from jaxtyping import Array, Float, Num
 
-from gaitsweep.dynamics.mjx import contacts
-from gaitsweep.dynamics.mjx.contacts import mjx as mjx
+from gaitsweep.dynamics.mjcf.source import compiled
+from gaitsweep.dynamics.mjx.corrections import mjx as mjx
+from gaitsweep.dynamics.mjx.corrections import replace_contacts, runge_kutta
 from gaitsweep.dynamics.mjx.refusals import HARMLESS, refusals, untraceable
-from gaitsweep.dynamics.mjx.runge_kutta import runge_kutta
-from gaitsweep.dynamics.tree.from_mjcf import compiled
 from gaitsweep.near_miss import suggestion
 
-contacts.register()
+replace_contacts()
 
 _INTEGRATE = {
     mujoco.mjtIntegrator.mjINT_EULER: mjx.euler,
@@ -99,16 +98,18 @@ class MjxBody:
         # a body may be created while a program is traced
         with jax.ensure_compile_time_eval(), jax.enable_x64(True):
             try:
-                placed = mjx.put_model(model)
+                mjx_model = mjx.put_model(model)
                 if not model.nmat:  # MJX's rays look up the material that no geom has
-                    placed = placed.replace(mat_rgba=jnp.ones((1, 4)))
-                data = mjx.make_data(placed)
+                    mjx_model = mjx_model.replace(mat_rgba=jnp.ones((1, 4)))
+                data = mjx.make_data(mjx_model)
             except NotImplementedError as error:
                 raise ValueError(f"MJX does not support this model: {str(error).rstrip('.')}.") from error
-            moved = {name: jnp.asarray(getattr(at_start, name)) for name in ("mocap_pos", "mocap_quat")}
+            data = data.replace(
+                mocap_pos=jnp.asarray(at_start.mocap_pos), mocap_quat=jnp.asarray(at_start.mocap_quat)
+            )
             # on the host, since a program may run on any device
-            self._model = jax.tree.map(np.asarray, placed)
-            self._data = jax.tree.map(np.asarray, data.replace(**moved))
+            self._model = jax.tree.map(np.asarray, mjx_model)
+            self._data = jax.tree.map(np.asarray, data)
         self._lowest, self._highest = _sensor_bounds(model)
         names = [model.site(i).name for i in range(model.nsite)]
         for name in points:
@@ -138,7 +139,7 @@ class MjxBody:
         self, numbers: Numbers, q: Float[Array, " nq"], v: Float[Array, " nv"]
     ) -> tuple[Float[Array, "points 3"], Float[Array, "points 3"]]:
         """Positions (k, 3) m and velocities (k, 3) m/s in the world of the k points."""
-        with _as_mjx_wants(q):
+        with _settings_of_mjx(q):
             model, data = self._begun(numbers, self.start(q, v))
             data = mjx.com_vel(model, mjx.com_pos(model, mjx.kinematics(model, data)))
             at = data.site_xpos[self._sites]
@@ -172,7 +173,7 @@ class MjxBody:
         Returns:
             The state, and MJX's data of the step: derived quantities at its beginning, q and v at its end.
         """
-        with _as_mjx_wants(state.q):
+        with _settings_of_mjx(state.q):
             model, data = self._begun(numbers, state)
             model = model.tree_replace({"opt.timestep": jnp.asarray(dt, state.q.dtype)})
             if forces is not None:
@@ -211,10 +212,10 @@ class MjxBody:
     def _begun(self, numbers: Numbers, state: BodyState) -> tuple[Any, Any]:
         """MJX's model and data of a state, in the precision of that state."""
 
-        def placed(leaf: np.ndarray) -> jax.Array:
+        def in_precision(leaf: np.ndarray) -> jax.Array:
             return jnp.asarray(leaf, state.q.dtype if leaf.dtype.kind == "f" else None)
 
-        model, data = jax.tree.map(placed, (self._model, self._data))
+        model, data = jax.tree.map(in_precision, (self._model, self._data))
         model = model.tree_replace({name: jnp.asarray(v, state.q.dtype) for name, v in numbers.items()})
         warm = state.warm if state.warm.size else data.qacc_warmstart
         time = state.time[0] if state.time.size else data.time
@@ -222,9 +223,9 @@ class MjxBody:
 
     def _pushes(self, model: Any, data: Any, forces: Float[Array, "points 3"]) -> Float[Array, "bodies 6"]:
         """MuJoCo's xfrc_applied (bodies, 6), at the centres of mass, from forces (k, 3) on the points."""
-        placed = mjx.com_pos(model, mjx.kinematics(model, data))
+        at = mjx.com_pos(model, mjx.kinematics(model, data))
         body = self.mj_model.site_bodyid[self._sites]
-        couples = jnp.cross(placed.site_xpos[self._sites] - placed.xipos[body], forces)
+        couples = jnp.cross(at.site_xpos[self._sites] - at.xipos[body], forces)
         return data.xfrc_applied.at[body].add(jnp.concatenate([forces, couples], axis=1))
 
 
@@ -241,7 +242,7 @@ def _sensor_bounds(model: mujoco.MjModel) -> tuple[Float[np.ndarray, " n"], Floa
 
 
 @contextlib.contextmanager
-def _as_mjx_wants(q: jax.Array) -> Iterator[None]:
+def _settings_of_mjx(q: jax.Array) -> Iterator[None]:
     """Set JAX's default precision, and allow rank promotion, both of which MJX relies on."""
     with jax.enable_x64(q.dtype == jnp.float64), jax.numpy_rank_promotion("allow"):
         yield

@@ -125,6 +125,7 @@ class CBody:
         return np.concatenate([states[:, 0], sensors[:, 0]] if m.nsensordata else [states[:, 0]], axis=1)
 
     def _copy_with_step(self, step: float) -> Any:
+        """The compiled MJCF with another time step (s)."""
         model = copy.copy(self.mj_model)
         model.opt.timestep = step
         return model

@@ -12,23 +12,18 @@ from __future__ import annotations
 import dataclasses
 import functools
 from importlib.metadata import version
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from gaitsweep.contract import Quantity, SteppedModel
 from gaitsweep.dynamics.declared import Declared, Values
 from gaitsweep.dynamics.event_declarations import SingleEvent
-from gaitsweep.dynamics.mjcf.source import (
-    OfMjcf,
-    Stamps,
-    compiled_content,
-    compiled_mjcf,
-    content_key,
-    keyframe_number,
-)
+from gaitsweep.dynamics.mjcf.of_mjcf import OfMjcf, compiled_mjcf, content_key
+from gaitsweep.dynamics.mjcf.source import Stamps, compiled_content, keyframe_number
 from gaitsweep.near_miss import suggestion
 
 if TYPE_CHECKING:
@@ -56,6 +51,8 @@ class MjcfModel(OfMjcf, Declared, SteppedModel):
     Constants of the body (masses, lengths, gravity) are the MJCF's, and cannot be parameters: those of a
     `BodyModel` can.
     """
+
+    contacts_bounce: ClassVar[bool] = True
 
     # auto: mujoco on CPUs, where it compiles in seconds and steps faster, and mjx on GPUs
     dynamics: str = dataclasses.field(
@@ -111,22 +108,34 @@ class MjcfModel(OfMjcf, Declared, SteppedModel):
 
     def _joint_address(self, joint: str) -> tuple[int, int]:
         """The places of a hinge or slide in q and in v."""
+        import mujoco
+
         m = compiled_mjcf(type(self))
-        names = [m.jnt(j).name for j in range(m.njnt)]
+        turning = np.isin(m.jnt_type, (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE))
+        names = [m.jnt(int(j)).name for j in np.flatnonzero(turning)]
         if joint not in names:
-            raise ValueError(f"The MJCF has no joint '{joint}'{suggestion(joint, names)}")
-        j = names.index(joint)
-        return int(m.jnt_qposadr[j]), int(m.jnt_dofadr[j])
+            raise ValueError(f"The MJCF has no hinge or slide '{joint}'{suggestion(joint, names)}")
+        return int(m.joint(joint).qposadr[0]), int(m.joint(joint).dofadr[0])
 
     def length_factor(self, params: Any, joint: str) -> float:
         """The factor (1) of the lengths of the body that a joint moves: lengths are the MJCF's."""
         return 1.0
 
+    def actuator_gear(self, params: Any, actuator: int) -> float:
+        """The gear (1) of an actuator, by its number: that of the MJCF."""
+        return float(compiled_mjcf(type(self)).actuator_gear[actuator, 0])
+
+    def actuator_gain(self, params: Any, actuator: int) -> float:
+        """The gain (1) of a motor, by its number: that of the MJCF."""
+        return float(compiled_mjcf(type(self)).actuator_gainprm[actuator, 0])
+
     def load(self, params: Any, state: Any, geom: str) -> Float[Array, ""]:
-        """The force (N) of the ground on a geom at the beginning of the last step, by a sensor.
+        """The force (N) of the ground on a geom at the beginning of the last step, by a touch sensor.
+
+        The sensor has the geom's name, or is the only one at a site on its body.
 
         Raises:
-            ValueError: the MJCF has no touch sensor of the geom's name, or on a site of its body.
+            ValueError: the MJCF has no such geom or sensor, or several sensors on the body.
         """
         m = compiled_mjcf(type(self))
         bodies = {m.geom(i).name: int(m.geom_bodyid[i]) for i in range(m.ngeom)}
@@ -134,14 +143,18 @@ class MjcfModel(OfMjcf, Declared, SteppedModel):
             raise ValueError(f"The MJCF has no geom '{geom}'{suggestion(geom, bodies)}")
         import mujoco
 
-        for i in range(m.nsensor):
-            is_touch = m.sensor_type[i] == mujoco.mjtSensor.mjSENS_TOUCH
-            if is_touch and m.site_bodyid[m.sensor_objid[i]] == bodies[geom]:
-                return state.sensors[int(m.sensor_adr[i])]
-        raise ValueError(
-            f"The MJCF has no <touch> sensor at a site on the body of geom '{geom}', from which the load of "
-            "the foot is read."
-        )
+        sensors = [
+            int(i)
+            for i in np.flatnonzero(m.sensor_type == mujoco.mjtSensor.mjSENS_TOUCH)
+            if m.site_bodyid[m.sensor_objid[i]] == bodies[geom]
+        ]
+        sensors = [i for i in sensors if m.sensor(i).name == geom] or sensors
+        if len(sensors) != 1:
+            raise ValueError(
+                f"The load of geom '{geom}' is read from a <touch> sensor of its name, or from the only one "
+                f"at a site on its body, but that has {len(sensors)} of other names."
+            )
+        return state.sensors[int(m.sensor_adr[sensors[0]])]
 
     def touches(self, state: Any, geom: str) -> Bool[Array, ""]:
         """Whether the ground pushed on a geom at the beginning of the last step, by its touch sensor."""

@@ -15,7 +15,7 @@ from collections.abc import Iterator, Sequence
 import mujoco
 import numpy as np
 
-from gaitsweep.dynamics.mjx.contacts import collision_driver, mjx
+from gaitsweep.dynamics.mjx.corrections import collision_driver, mjx
 
 # Fields of MjModel with an effect where they are not zero: the field, the kind of its owner, the name in
 # MJCF. Some versions of MuJoCo do not have all of them.

@@ -16,6 +16,7 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
+from gaitsweep.dynamics.mjcf.source import compiled
 from gaitsweep.dynamics.tree.articulated_tree import WORLD, Geometry, Kind, Link, Row, Tree
 
 _KINDS: dict[int, Kind] = {
@@ -140,25 +141,6 @@ def _of_joint(m: mujoco.MjModel, j: int) -> Iterator[str]:
         yield f"Joint '{name}' has a spring or damper that is not linear: apply its force instead."
     if kind == mujoco.mjtJoint.mjJNT_FREE and m.jnt_stiffness[j]:
         yield f"Joint '{name}' is free and has a spring, {_UNSUPPORTED}: apply its force instead."
-
-
-def compiled(source: mujoco.MjModel | str | Path) -> mujoco.MjModel:
-    """MuJoCo's compiled model of a path or of the XML itself.
-
-    Raises:
-        ValueError: MuJoCo refuses the XML.
-        FileNotFoundError: there is no file at the path.
-        IsADirectoryError: there is a folder.
-    """
-    if isinstance(source, mujoco.MjModel):
-        return source
-    if isinstance(source, str) and source.lstrip().startswith("<"):
-        return mujoco.MjModel.from_xml_string(source)
-    if Path(source).is_dir():
-        raise IsADirectoryError(f"The MJCF {source} is a folder, but must be a file.")
-    if not Path(source).is_file():
-        raise FileNotFoundError(f"The MJCF {source} does not exist.")
-    return mujoco.MjModel.from_xml_path(str(source))
 
 
 def _rotation(quaternion: Float[np.ndarray, " 4"]) -> Float[np.ndarray, "3 3"]:

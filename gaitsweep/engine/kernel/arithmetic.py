@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
+
+from jax.lax import RoundingMethod
 
 from gaitsweep.engine.kernel.trace import Build, RuleError, Writer
 
@@ -59,7 +61,7 @@ def not_after(w: Writer, a: int, b: int) -> int:
     return w("not", before(w, b, a))
 
 
-def is_improved(w: Writer, best: int, new: int, order: str) -> int:
+def is_improved(w: Writer, best: int, new: int, order: Literal["lt", "gt"]) -> int:
     """Whether a new number replaces the best one so far; NaN beats all.
 
     Args:
@@ -99,10 +101,10 @@ def ceiling(w: Writer, x: int) -> int:
     return w("neg", w("floor", w("neg", x)))
 
 
-def rounded(w: Writer, x: int, method: object) -> int:
+def rounded(w: Writer, x: int, method: RoundingMethod) -> int:
     """The integer nearest to x; halves are rounded away from zero, or to even (JAX's two methods)."""
     # the fraction is exact, x + 0.5 is not: the float before 0.5 would become 1, and large odd numbers even
-    if "EVEN" not in str(method) and str(method) != "1":
+    if method == RoundingMethod.AWAY_FROM_ZERO:
         size = w("abs", x)
         down = w("floor", size)
         up = w("le", 0.5, w("sub", size, down))

@@ -1,15 +1,32 @@
-"""Rules of primitives that rearrange arrays, without arithmetic but for dot_general and sort."""
+"""Rules of primitives that rearrange and index arrays; only dot_general, sort and scatters compute.
+
+An index that is computed at run time becomes a selection among all possible indices.
+"""
 
 from __future__ import annotations
 
+import itertools
 import math
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
+from jax.lax import GatherScatterMode
 
 from gaitsweep.engine.kernel import arithmetic
 from gaitsweep.engine.kernel.program import Kind
-from gaitsweep.engine.kernel.trace import Nodes, Rule, Tracer, Writer, kind_of
+from gaitsweep.engine.kernel.trace import Build, Nodes, Rule, RuleError, Tracer, Writer, kind_of
+
+# A selection among more indices than this would be too expensive for a model's step.
+MAX_INDICES = 64
+
+# The value that JAX reads outside of an array, by NumPy's letter for the kind of dtype.
+_FILLING: dict[str, Callable[[np.dtype], float]] = {
+    "f": lambda dtype: np.nan,
+    "i": lambda dtype: np.iinfo(dtype).min,
+    "u": lambda dtype: np.iinfo(dtype).max,
+    "b": lambda dtype: True,
+}
 
 
 def _broadcast_in_dim(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
@@ -142,6 +159,178 @@ def _sort(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
     return [np.moveaxis(column, 0, axis) for column in columns]
 
 
+def _gather(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
+    operand, indices = args
+    p = equation.params
+    numbers = p["dimension_numbers"]
+    sizes = p["slice_sizes"]
+    single = {*numbers.collapsed_slice_dims, *numbers.operand_batching_dims}
+    window = [size for axis, size in enumerate(sizes) if axis not in single]
+    batch = indices.shape[:-1]
+    windows = []
+    for where in np.ndindex(batch):
+        starts = _starts(tracer, operand, numbers.start_index_map, indices[where])
+        for axis, along in zip(
+            numbers.operand_batching_dims, numbers.start_indices_batching_dims, strict=True
+        ):
+            starts[axis] = tracer.program.constant(where[along], "int")
+        cut = _selected(tracer, operand, sizes, starts, lambda index: operand[index])
+        if p["mode"] == GatherScatterMode.FILL_OR_DROP:
+            cut = _filled(tracer, equation, operand, starts, cut)
+        windows.append(cut.reshape(window))
+    out = np.array(windows, np.int64).reshape((*batch, *window))
+    return [np.moveaxis(out, range(len(batch), out.ndim), numbers.offset_dims)]
+
+
+def _filled(tracer: Tracer, equation: Any, operand: Nodes, starts: list[int], cut: Nodes) -> Nodes:
+    """The window that was read, or JAX's fill value where it is outside of the array."""
+    program = tracer.program
+    dtype = np.dtype(equation.outvars[0].aval.dtype)
+    value = equation.params["fill_value"]
+    fill = program.constant(_FILLING[dtype.kind](dtype) if value is None else value, kind_of(dtype))
+    inside = program.constant(True, "bool")
+    for at, size, many in zip(starts, equation.params["slice_sizes"], operand.shape, strict=True):
+        least = program.constant(0, "int")
+        most = program.constant(many - size, "int")
+        inside = program.apply("and", inside, program.apply("le", least, at))
+        inside = program.apply("and", inside, program.apply("le", at, most))
+    return tracer.apply("select", np.asarray(inside), cut, np.asarray(fill))
+
+
+def _dynamic_slice(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
+    operand, *starts = args
+    at = [int(start) for start in starts]
+    return [_selected(tracer, operand, equation.params["slice_sizes"], at, lambda index: operand[index])]
+
+
+def _dynamic_update_slice(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
+    operand, update, *starts = args
+
+    def put(index: tuple[slice, ...]) -> Nodes:
+        moved = operand.copy()
+        moved[index] = update
+        return moved
+
+    return [_selected(tracer, operand, update.shape, [int(start) for start in starts], put)]
+
+
+def _starts(tracer: Tracer, operand: Nodes, axes: Sequence[int], nodes: Nodes) -> list[int]:
+    """The node of the start index along each axis: `nodes` along `axes`, zero along the others."""
+    starts = [tracer.program.constant(0, "int")] * operand.ndim
+    for axis, at in zip(axes, nodes.tolist(), strict=True):
+        starts[axis] = at
+    return starts
+
+
+def _selected(
+    tracer: Tracer,
+    operand: Nodes,
+    sizes: Sequence[int],
+    starts: list[int],
+    read: Callable[[tuple[slice, ...]], Nodes],
+) -> Nodes:
+    """`read` of the window that begins at `starts`, clamped so that the window is inside."""
+    program = tracer.program
+    last = [many - size for many, size in zip(operand.shape, sizes, strict=True)]
+    _refuse_many(tracer, starts, last)
+
+    def along(axis: int, index: tuple[slice, ...]) -> Nodes:
+        if axis == operand.ndim:
+            return read(index)
+
+        def beginning_at(i: int) -> Nodes:
+            return along(axis + 1, (*index, slice(i, i + sizes[axis])))
+
+        at = starts[axis]
+        known = program.value(at)
+        if known is not None:
+            return beginning_at(min(max(int(known), 0), last[axis]))
+        chosen = beginning_at(last[axis])
+        for i in range(last[axis] - 1, -1, -1):
+            up_to = program.apply("le", at, program.constant(i, "int"))
+            chosen = tracer.apply("select", np.asarray(up_to), beginning_at(i), chosen)
+        return chosen
+
+    return along(0, ())
+
+
+def _refuse_many(tracer: Tracer, starts: list[int], last: Sequence[int]) -> None:
+    """Refuse a selection among more than `MAX_INDICES` indices that are computed at run time."""
+    moving = [many + 1 for at, many in zip(starts, last, strict=True) if tracer.program.value(at) is None]
+    if (count := int(np.prod(moving))) > MAX_INDICES:
+        most = f"at most {MAX_INDICES} indices computed at run time"
+        raise RuleError(f"the scalar kernel selects among {most}, not {count}")
+
+
+def _scatter(combine: Build) -> Rule:
+    """Updates in sequence, each combined with the current element at its index."""
+
+    def rule(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
+        operand, indices, updates = args
+        program = tracer.program
+        numbers = equation.params["dimension_numbers"]
+        single = {*numbers.inserted_window_dims, *numbers.operand_batching_dims}
+        wide = [axis for axis in range(operand.ndim) if axis not in single]
+        # window axes last, in the order of the operand's axes
+        ordered = [axis for axis in range(updates.ndim) if axis not in numbers.update_window_dims]
+        moved = np.transpose(updates, [*ordered, *numbers.update_window_dims])
+        sizes = [1] * operand.ndim
+        for axis, size in zip(wide, moved.shape[len(ordered) :], strict=True):
+            sizes[axis] = size
+        last = [many - size for many, size in zip(operand.shape, sizes, strict=True)]
+        total = operand.copy()
+        for where in np.ndindex(indices.shape[:-1]):
+            starts = _starts(tracer, operand, numbers.scatter_dims_to_operand_dims, indices[where])
+            pairs = zip(numbers.operand_batching_dims, numbers.scatter_indices_batching_dims, strict=True)
+            for axis, along in pairs:
+                starts[axis] = program.constant(where[along], "int")
+            if equation.params["mode"] == GatherScatterMode.CLIP:
+                starts = [_clipped(tracer, at, most) for at, most in zip(starts, last, strict=True)]
+            _refuse_many(tracer, starts, last)
+            new = moved[where].reshape(sizes)
+            possible = [_possible_indices(tracer, at, most) for at, most in zip(starts, last, strict=True)]
+            for index in itertools.product(*possible):
+                cut = tuple(slice(i, i + size) for i, size in zip(index, sizes, strict=True))
+                total[cut] = _updated(tracer, combine, _is_at(tracer, starts, index), total[cut], new)
+        return [total]
+
+    return rule
+
+
+def _is_at(tracer: Tracer, starts: list[int], index: Sequence[int]) -> int:
+    """The node of the flag whether the start indices are those of `index`."""
+    program = tracer.program
+    in_place = program.constant(True, "bool")
+    for at, i in zip(starts, index, strict=True):
+        in_place = program.apply("and", in_place, program.apply("eq", at, program.constant(i, "int")))
+    return in_place
+
+
+def _updated(tracer: Tracer, combine: Build, in_place: int, old: Nodes, new: Nodes) -> Nodes:
+    """The old elements combined with new ones where the flag `in_place` is true."""
+
+    def update(w: Writer, old: int, new: int) -> int:
+        return w("select", in_place, combine(w, old, new), old)
+
+    return tracer.write(update, old, new)
+
+
+def _clipped(tracer: Tracer, at: int, last: int) -> int:
+    """A start index within 0 and the last possible one."""
+    least = tracer.program.constant(0, "int")
+    most = tracer.program.constant(last, "int")
+    w = Writer(tracer.program, at)
+    return arithmetic.minimum(w, arithmetic.maximum(w, at, least), most)
+
+
+def _possible_indices(tracer: Tracer, at: int, last: int) -> Sequence[int]:
+    """The possible values of a start index; none if it is a constant outside, since JAX drops that update."""
+    known = tracer.program.value(at)
+    if known is None:
+        return range(last + 1)
+    return [int(known)] if 0 <= known <= last else []
+
+
 RULES: dict[str, Rule] = {
     "broadcast_in_dim": _broadcast_in_dim,
     **dict.fromkeys(("reshape", "squeeze", "expand_dims"), _reshape),
@@ -157,4 +346,13 @@ RULES: dict[str, Rule] = {
     "iota": _iota,
     "dot_general": _dot_general,
     "sort": _sort,
+    "gather": _gather,
+    "dynamic_slice": _dynamic_slice,
+    "dynamic_update_slice": _dynamic_update_slice,
+    "scatter": _scatter(lambda w, old, new: new),
+    "scatter-add": _scatter(lambda w, old, new: w("add", old, new)),
+    "scatter-sub": _scatter(lambda w, old, new: w("sub", old, new)),
+    "scatter-mul": _scatter(lambda w, old, new: w("mul", old, new)),
+    "scatter-min": _scatter(arithmetic.minimum),
+    "scatter-max": _scatter(arithmetic.maximum),
 }

@@ -2,6 +2,10 @@
 
 A trajectory is stored in numbered slots: first its constants (parameters), then the carry, then the record.
 Later slots belong to the kernel: values that are computed once, and a sample that may be kept.
+
+`contracted` chooses the products and sums that become one instruction, which rounds once. A compiler would
+choose by the surrounding operations: the same sum could be rounded differently in two places of a program,
+and a row that shares a vector with a row at an event could have another result.
 """
 
 from __future__ import annotations
@@ -29,6 +33,7 @@ class Leaf:
 
     @property
     def size(self) -> int:
+        """The number of its slots."""
         return math.prod(self.shape)
 
 
@@ -71,6 +76,7 @@ class Chunk:
 
     @property
     def width(self) -> int:
+        """The number of numbers in a sample."""
         return len(self.sample)
 
     @property
@@ -98,10 +104,12 @@ class Chunk:
 
     @property
     def first_of_carry(self) -> int:
+        """The first slot of the carry."""
         return min(leaf.first for leaf in jax.tree.leaves(self.carry))
 
     @property
     def first_of_record(self) -> int:
+        """The first slot of the record."""
         return min(leaf.first for leaf in jax.tree.leaves(self.record))
 
     def slot_of(self, at: int) -> int:
@@ -223,9 +231,10 @@ def _steady_results(program: Program, wanted: Sequence[int]) -> list[int]:
 
     Inputs and constants are left out, since they need no computation.
     """
-    needed = program.needed(wanted)
-    read = {a for at in needed if not program.steady[at] for a in program.nodes[at].args}
-    read |= {at for at in wanted if program.steady[at]}
+    read = {at for at in wanted if program.steady[at]}
+    for at in program.needed(wanted):
+        if not program.steady[at]:
+            read.update(program.nodes[at].args)
     return sorted(
         at for at in read if program.steady[at] and program.nodes[at].op not in ("input", "constant")
     )
@@ -243,14 +252,62 @@ def _shared(
     known = set(steady)
     needed = program.needed([*attempt.values(), *plain, unusual], known)
     unchanged: set[int] = set()
+    read: set[int] = set()
     for at in needed:
         node = nodes[at]
         keeps_value = node.value not in changed if node.op == "input" else unchanged.issuperset(node.args)
         if keeps_value or program.steady[at]:
             unchanged.add(at)
-    read = {a for at in needed if at not in unchanged for a in nodes[at].args}
+        else:
+            read.update(node.args)
     return [
         at
         for at in sorted(read & unchanged)
         if not program.steady[at] and nodes[at].args and nodes[at].kind != "bool"
     ]
+
+
+# The fused operations of b * c + a and a + b * c, and of b * c - a and a - b * c, with arguments b, c, a.
+_FUSED = {"add": ("fma", "fma"), "sub": ("fms", "fnma")}
+
+
+def contracted(chunk: Chunk) -> Chunk:
+    """The same chunk with fused operations where a product is an argument of sums alone.
+
+    Values that are computed once for a trajectory, or only at events, are not fused.
+    """
+    program = chunk.program
+    wanted = [*chunk.attempt.values(), *chunk.plain.values(), chunk.unusual]
+    wanted += [*chunk.polled, *chunk.quiet, chunk.eventful]
+    needed = program.needed(wanted)
+    fusable = _only_in_sums(program, needed) - {*chunk.shared, *wanted}
+    rewritten: dict[int, int] = {}  # the node that replaces each node
+    for at in needed:
+        node = program.nodes[at]
+        if program.steady[at] or not node.args:
+            rewritten[at] = at
+            continue
+        args = tuple(rewritten[a] for a in node.args)
+        op = node.op
+        if op in _FUSED:
+            for place in (1, 0):
+                product = node.args[place]
+                if product in fusable:
+                    factors = program.nodes[product].args
+                    op = _FUSED[op][place]
+                    args = (*(rewritten[a] for a in factors), args[1 - place])
+                    break
+        rewritten[at] = program.write(op, *args)
+
+    fields = "attempt", "plain", "unusual", "poll", "keep", "sample", "quiet", "eventful", "shared"
+    replaced = {field: jax.tree.map(lambda at: rewritten[at], getattr(chunk, field)) for field in fields}
+    return dataclasses.replace(chunk, **replaced)
+
+
+def _only_in_sums(program: Program, needed: list[int]) -> set[int]:
+    """The products that are arguments of sums and differences alone, and not constant along a trajectory."""
+    products = {at for at in needed if program.nodes[at].op == "mul" and not program.steady[at]}
+    for at in needed:
+        if program.nodes[at].op not in _FUSED:
+            products.difference_update(program.nodes[at].args)
+    return products

@@ -24,11 +24,9 @@ from llvmlite import ir
 
 from gaitsweep.cache_folder import compiled_once
 from gaitsweep.engine.kernel import llvm_code
-from gaitsweep.engine.kernel.chunk import Chunk
-from gaitsweep.engine.kernel.contraction import contracted
+from gaitsweep.engine.kernel.chunk import Chunk, contracted
 from gaitsweep.engine.kernel.llvm_code import ARRAY, DOUBLE, INDEX, VOID, loop
-from gaitsweep.engine.kernel.registers import Step, steps
-from gaitsweep.engine.kernel.schedule import from_the_end
+from gaitsweep.engine.kernel.registers import Step, from_the_end, steps
 from gaitsweep.engine.kernel.source import PYTHON, name_all
 from gaitsweep.engine.recorders.recorder import BUFFER, POLL_INTERVAL
 
@@ -57,27 +55,13 @@ _LOADED: dict[str, Callable[..., None]] = {}
 _LOCK = threading.Lock()
 
 
-def compiled(
-    chunk: Chunk, *, contraction: bool = True, quick: bool = False
-) -> tuple[Callable[[Any, Any, int], None], int]:
-    """The function `run(S, samples, polls)` that advances all tiles by a chunk, and the slots of a lane.
-
-    `S` (tiles, slots * lanes) float64, aligned to vectors; `samples` (tiles * lanes, BUFFER, width)
-    receives the rows to keep. The kernel is compiled now, or loaded from the cache.
-
-    Args:
-        chunk: the program.
-        contraction: whether a product and a sum may become one instruction, which rounds once.
-        quick: as of `llvm_code.machine_code`.
-    """
-    tile = Tile(chunk, TILE, contraction=contraction)
-    return running(tile.layout, tile.source, tile.module, quick=quick), tile.slots
-
-
 def running(
     layout: tuple[int, ...], source: str, module: Callable[[], ir.Module], *, quick: bool = False
 ) -> Callable[[Any, Any, int], None]:
-    """The function `run` of `compiled`.
+    """The function `run(S, samples, polls)` that advances all tiles by a chunk, compiled or loaded.
+
+    `S` (tiles, slots * lanes) float64, aligned to vectors; `samples` (tiles * lanes, BUFFER, width)
+    receives the rows to keep.
 
     Args:
         layout, source: those of a `Tile`.
@@ -167,13 +151,13 @@ class Tile:
             at: self._place(slot, "j") for slot, at in self.twice.items() if chunk.program.nodes[at].args
         }
         others = {slot: at for slot, at in chunk.attempt.items() if self.twice.get(slot) != at}
-        rest = [
+        at_events = [
             "barrier()",
             *self._lines(others, at_hand | computed, "i", "j", registers=REGISTERS),
             "barrier()",
             *self._lines(self.shared, self._steady),
         ]
-        return [*plain, *_choice(rest, ["pass"])]
+        return [*plain, *_choice(at_events, ["pass"])]
 
     def _poll(self) -> list[str]:
         """A poll, which computes the effects of events only if a lane of the tile needs them."""
@@ -367,8 +351,8 @@ def _overwritten(targets: Mapping[int, list[str]], places: Mapping[int, str]) ->
     """
     values_at = {place: at for at, place in places.items()}
     overwrites: dict[int, list[int]] = {}
-    for at, taken in targets.items():
-        overwrites[at] = [values_at[place] for place in taken if place in values_at]
+    for at, places_of_node in targets.items():
+        overwrites[at] = [values_at[place] for place in places_of_node if place in values_at]
     return overwrites
 
 

@@ -80,14 +80,14 @@ class _Quadrant(NamedTuple):
 def _quadrant(w: Writer, x: int) -> _Quadrant:
     """Reduce an angle (rad) by quarter turns; the sine and cosine of the rest are polynomials."""
     turns = w("floor", w("add", w("mul", x, float(2 / _PI)), 0.5))
-    rest = x
+    remainder = x
     for part in _parts(_PI / 2, *((9, 4) if w.single else (30, 4))):
-        rest = w("sub", rest, w("mul", turns, part))
-    z = w("mul", rest, rest)
+        remainder = w("sub", remainder, w("mul", turns, part))
+    z = w("mul", remainder, remainder)
     terms = 5 if w.single else 9
     odd = [(-1) ** k / math.factorial(2 * k + 1) for k in range(1, terms)]
     even = [(-1) ** k / math.factorial(2 * k) for k in range(2, terms)]
-    sine_part = w("add", rest, w("mul", w("mul", rest, z), w.polynomial(z, odd)))
+    sine_part = w("add", remainder, w("mul", w("mul", remainder, z), w.polynomial(z, odd)))
     bend = w("mul", w("mul", z, z), w.polynomial(z, even))
     cosine_part = w("add", w("sub", 1.0, w("mul", z, 0.5)), bend)
     quarter = w("sub", turns, w("mul", w("floor", w("mul", turns, 0.25)), 4.0))
@@ -121,11 +121,11 @@ def tangent(w: Writer, x: int) -> int:
 def exponential(w: Writer, x: int) -> int:
     """E to the power x."""
     turns = w("floor", w("add", w("mul", x, float(1 / _LN2)), 0.5))
-    rest = x
+    remainder = x
     for part in _parts(_LN2, *((9, 3) if w.single else (40, 3))):
-        rest = w("sub", rest, w("mul", turns, part))
+        remainder = w("sub", remainder, w("mul", turns, part))
     terms = 8 if w.single else 14
-    near = w.polynomial(rest, [1.0 / math.factorial(k) for k in range(terms)])
+    near = w.polynomial(remainder, [1.0 / math.factorial(k) for k in range(terms)])
     high, low = (88.73, -103.98) if w.single else (709.79, -745.14)
     value = _scaled(w, near, turns, 160.0 if w.single else 1100.0)
     value = w("select", w("lt", x, low), 0.0, value)
@@ -257,11 +257,11 @@ def angle_of_point(w: Writer, y: int, x: int) -> int:
     t = w("div", w("select", flat, small, difference), w("select", flat, large, w("add", small, large)))
     # the ratio of two zeros or two infinities is taken as 1
     t = w("select", w("eq", width, height), 0.0, t)
-    rest = _corrected(w, t, w("mul", t, t), _ARCTANGENT, _ARCTANGENT_SINGLE)
+    from_axis = _corrected(w, t, w("mul", t, t), _ARCTANGENT, _ARCTANGENT_SINGLE)
     left = _minus(w, x)
     axis = w("select", upright, math.pi / 2, w("select", left, math.pi, 0.0))
     turn = w("select", flat, axis, w("select", left, 3 * math.pi / 4, math.pi / 4))
-    angle = w("add", turn, _signed(w, w("ne", upright, left), rest))
+    angle = w("add", turn, _signed(w, w("ne", upright, left), from_axis))
     return _signed(w, _minus(w, y), angle)
 
 

@@ -19,7 +19,7 @@ from jaxtyping import Float
 from gaitsweep.engine.kernel import philox
 from gaitsweep.engine.kernel.chunk import Chunk
 from gaitsweep.engine.kernel.program import Kind
-from gaitsweep.engine.kernel.schedule import depth_first, scheduled
+from gaitsweep.engine.kernel.registers import depth_first, scheduled
 from gaitsweep.engine.kernel.source import C, c_function, c_structure, name_all, statements
 from gaitsweep.engine.recorders.recorder import POLL_INTERVAL
 from gaitsweep.status import Status

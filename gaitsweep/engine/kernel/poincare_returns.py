@@ -8,7 +8,6 @@ kernel without derivatives takes a third of the time.
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import cached_property, partial
@@ -20,10 +19,12 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from gaitsweep.contract import Params, State
+from gaitsweep.engine.content import stored
 from gaitsweep.engine.devices import usable_cores
 from gaitsweep.engine.kernel import cpu_program
-from gaitsweep.engine.kernel.chunk import Leaf, chunk_of
-from gaitsweep.engine.leaves import float_leaves, tangent_of, vector, with_float_leaves
+from gaitsweep.engine.kernel.chunk import Chunk, Leaf, chunk_of
+from gaitsweep.engine.kernel.llvm_code import processor
+from gaitsweep.engine.leaves import float_leaves, split_like, tangent_of, vector, with_float_leaves
 from gaitsweep.engine.poincare.poincare_return import PoincareReturn, Returned, ReturnState
 from gaitsweep.status import Status
 
@@ -143,9 +144,8 @@ class KernelReturns:
         """The return from a state, without derivative."""
         constants, carry = self._without_tangent(*self._opened(params, state))
         ends = self._ends_of(self._plain, vector((constants, carry)), self._values)
-        leaves = jax.tree.leaves(self._shape)
-        trajectory = [x.astype(leaf.dtype) for x, leaf in zip(_split(ends, leaves), leaves, strict=True)]
-        ended: ReturnState = jax.tree.unflatten(jax.tree.structure(self._shape), trajectory)
+        leaves, structure = jax.tree.flatten(self._shape)
+        ended: ReturnState = jax.tree.unflatten(structure, split_like(ends, leaves))
         return ended.carry.t, ended.carry.state, self.crossing.status(ended)
 
     def _slope(self, primals: Any, tangents: Any) -> Any:
@@ -156,7 +156,7 @@ class KernelReturns:
         # the tangents of the state's float leaves and of the time come first in a carry
         rates = _slots(self._differentiated.lane_state.rate[: len(float_leaves(state)) + 1])
         ends = self._ends_of(self._differentiated, vector(((params, along), lane)), rates)
-        *numbers, t = _split(ends, [*float_leaves(state), jnp.zeros(())])
+        *numbers, t = split_like(ends, [*float_leaves(state), jnp.zeros(())])
         return self._function(params, state), (t, tangent_of(state, numbers), np.zeros((), jax.dtypes.float0))
 
     def _ends_of(
@@ -177,11 +177,31 @@ class _Kernel:
     """
 
     def __init__(self, crossing: PoincareReturn, constants: Any, carry: Any, *, quick: bool) -> None:
-        self._chunk = chunk_of(_Lane(crossing), constants, carry)  # type: ignore[arg-type]
-        self._run, self._slots = cpu_program.compiled(
-            self._chunk, contraction=crossing.numerics.contraction, quick=quick
+        self._crossing = crossing
+        self._opened = (constants, carry)
+        deciding = (crossing.numerics, repr(self._opened), *processor())
+        layout, source, leaves = stored("return", crossing.model, deciding, self._printed)
+        self._run = cpu_program.running(tuple(layout), source, lambda: self._tile.module(), quick=quick)
+        self._slots = layout[1]
+        slots = [Leaf(first, tuple(shape)) for first, shape in leaves]
+        self.lane_state: _LaneState = jax.tree.unflatten(jax.tree.structure(carry), slots)
+
+    @cached_property
+    def _chunk(self) -> Chunk:
+        """The program of a return."""
+        return chunk_of(_Lane(self._crossing), *self._opened)  # type: ignore[arg-type]
+
+    @cached_property
+    def _tile(self) -> cpu_program.Tile:
+        """The program for the lanes of a vector register."""
+        return cpu_program.Tile(
+            self._chunk, cpu_program.TILE, contraction=self._crossing.numerics.contraction
         )
-        self.lane_state: _LaneState = self._chunk.carry
+
+    def _printed(self) -> tuple[tuple[int, ...], str, list[tuple[int, tuple[int, ...]]]]:
+        """The layout and the source of the tile, and the first slot and shape of each leaf of a lane."""
+        leaves = [(leaf.first, leaf.shape) for leaf in jax.tree.leaves(self._chunk.carry)]
+        return self._tile.layout, self._tile.source, leaves
 
     def __call__(
         self, read: Int[np.ndarray, "... read"], slots: Float[Array, " ..."] | Float[np.ndarray, " ..."]
@@ -213,13 +233,6 @@ def _unique_lanes(
     index_of: dict[bytes, int] = {}
     back = np.array([index_of.setdefault(lane.tobytes(), len(index_of)) for lane in lanes])
     return lanes[np.unique(back, return_index=True)[1]], back
-
-
-def _split(numbers: Float[Array, " values"], leaves: list[Any]) -> list[Float[Array, " ..."]]:
-    """A vector cut into arrays of the leaves' shapes."""
-    shapes = [jnp.shape(leaf) for leaf in leaves]
-    ends = np.cumsum([math.prod(shape) for shape in shapes])
-    return [part.reshape(shape) for part, shape in zip(jnp.split(numbers, ends[:-1]), shapes, strict=True)]
 
 
 def _slots(leaves: list[Leaf]) -> Int[np.ndarray, " slots"]:

@@ -16,6 +16,12 @@ from jax.extend.core import ClosedJaxpr, Jaxpr, JaxprEqn, Literal
 
 from gaitsweep.engine.kernel.program import Kind, Program
 
+# Operations whose results wrap around in JAX where the dtype of whole numbers has no room for them.
+_WRAPPING = {
+    *("add", "add_any", "sub", "neg", "mul", "square", "integer_pow", "pow", "dot_general"),
+    *("reduce_sum", "reduce_prod", "cumsum", "cumprod", "scatter-add", "scatter-sub", "scatter-mul"),
+}
+
 # Of int64: the nodes of the program that represent the elements of an array of the same shape.
 Nodes = np.ndarray
 
@@ -88,6 +94,7 @@ class Tracer:
 
         for equation in jaxpr.eqns:
             try:
+                _refuse_wrapping(equation)
                 outputs = rule_for(equation.primitive.name)(self, equation, [get(a) for a in equation.invars])
             except RuleError as error:
                 place = _place_of(equation)
@@ -205,6 +212,18 @@ def kind_of(dtype: Any) -> Kind:
         if (kind := kinds.get(scalar.str[1:] if scalar.kind == "f" else scalar.kind)) is not None:
             return kind
     raise RuleError(f"numbers of type {dtype} cannot run in the scalar kernel")
+
+
+def _refuse_wrapping(equation: JaxprEqn) -> None:
+    """Refuse arithmetic of whole numbers of 8 or 16 bits, which wrap around in JAX: 3 * 100 is 44 in uint8.
+
+    Those of 32 bits and more may wrap in JAX, too, but its own functions compute indices with them.
+    """
+    name = equation.primitive.name
+    if name in _WRAPPING:
+        dtype: Any = equation.outvars[0].aval.dtype  # pyright: ignore[reportAttributeAccessIssue]
+        if jnp.issubdtype(dtype, jnp.integer) and jnp.iinfo(dtype).bits < 32:
+            raise RuleError(f"the scalar kernel has no '{name}' of {dtype}, whose numbers wrap: use int32")
 
 
 def _place_of(equation: JaxprEqn) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import jax
@@ -28,19 +28,8 @@ class FollowedMap(Map):
     ) -> MapEvaluation:
         refuse_fork()
         program = _program(self, over, derivatives=derivatives)
-        complete = self.complete(values, len(points))
-        batches = []
-        for first in range(0, len(points), BATCH_SIZES[-1]):
-            count = min(BATCH_SIZES[-1], len(points) - first)
-            width = next(size for size in BATCH_SIZES if size >= count)
-            order = np.minimum(first + np.arange(width), first + count - 1)
-            batch = points[order]
-            parameters = {name: column[order] for name, column in complete.items()}
-            outputs = program(parameters, batch.at, batch.modes)
-            batches.append(jax.tree.map(lambda leaf, n=count: np.asarray(leaf)[:n], outputs))
-        image, state, status, observed, conserved, slopes = jax.tree.map(
-            lambda *parts: np.concatenate(parts), *batches
-        )
+        outputs = in_batches(program, points, self.complete(values, len(points)))
+        image, state, status, observed, conserved, slopes = outputs
         size = points.at.shape[1]
         return MapEvaluation(
             points=Points(image, state),
@@ -52,6 +41,32 @@ class FollowedMap(Map):
             conserved_jacobian=slopes[:, size:, :size],
             conserved_d_parameter=slopes[:, size:, size:].sum(axis=2),
         )
+
+
+def in_batches(
+    program: Callable[..., Any],
+    points: Points,
+    parameters: Mapping[str, Float[np.ndarray, " points"]],
+    sizes: Sequence[int] = BATCH_SIZES,
+) -> Any:
+    """The outputs of a program for points, one after the other.
+
+    Args:
+        program: the function `(parameters, at, modes)` of a batch of points.
+        points: the points, one at least.
+        parameters: parameters by name, (n,) each.
+        sizes: the sizes of batches for which the program is compiled, the largest last.
+    """
+    batches = []
+    for first in range(0, len(points), sizes[-1]):
+        count = min(sizes[-1], len(points) - first)
+        width = next(size for size in sizes if size >= count)
+        order = np.minimum(first + np.arange(width), first + count - 1)
+        batch = points[order]
+        columns = {name: column[order] for name, column in parameters.items()}
+        outputs = program(columns, batch.at, batch.modes)
+        batches.append(jax.tree.map(lambda leaf, n=count: np.asarray(leaf)[:n], outputs))
+    return jax.tree.map(lambda *parts: np.concatenate(parts), *batches)
 
 
 @cached_by_content(maxsize=64)

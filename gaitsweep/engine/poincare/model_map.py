@@ -82,7 +82,7 @@ class ModelMap(FollowedMap):
         return resolve(settings, known, functions_of(jnp))
 
     def complete(self, values: Values, n: int) -> dict[str, Float[np.ndarray, " points"]]:
-        self._refuse_unknown(values)
+        self._refuse_unknown(values, self.model.parameters, "parameter")
         numbers = {name: value for name, value in self._written.items() if not isinstance(value, str)}
         columns = {}
         for name, value in {**numbers, **values}.items():
@@ -118,8 +118,12 @@ class ModelMap(FollowedMap):
 
         Returns:
             The points, and their `ReturnStatus` (n,).
+
+        Raises:
+            ArgumentError: a name is no parameter, or no start value, of the model.
         """
         refuse_fork()
+        self._refuse_unknown(starts, self.model.initial_conditions, "start value")
         n = max([np.size(column) for column in (*starts.values(), *values.values())], default=1)
         starts_of_points = {
             q.name: np.broadcast_to(np.asarray(starts.get(q.name, q.default), np.float64), (n,))
@@ -145,33 +149,26 @@ class ModelMap(FollowedMap):
     def _written(self) -> dict[str, float | str]:
         """The settings, and the defaults of the other parameters: numbers or formulas."""
         settings = dict(self.settings)
-        self._refuse_unknown(settings)
+        self._refuse_unknown(settings, self.model.parameters, "parameter")
         written: dict[str, Any] = {**{q.name: q.default for q in self.model.parameters}, **settings}
         missing = [name for name, value in written.items() if value is None]
         if missing:
             raise ArgumentError(f"{missing[0]} of {self.model.name} has no default: set it in settings.")
         return written
 
-    def _refuse_unknown(self, names: Iterable[str]) -> None:
-        """Raise ArgumentError for a name that is not a parameter of the model."""
-        known = [q.name for q in self.model.parameters]
+    def _refuse_unknown(self, names: Iterable[str], known: Iterable[Quantity], kind: str) -> None:
+        """Raise ArgumentError for a name that is not one of the model's quantities of a kind."""
+        known_names = [q.name for q in known]
         for name in names:
-            if name not in known:
-                near = near_miss.suggestion(name, known)
-                raise ArgumentError(f"{name} is not a parameter of {self.model.name}{near}")
+            if name not in known_names:
+                near = near_miss.suggestion(name, known_names)
+                raise ArgumentError(f"{name} is not a {kind} of {self.model.name}{near}")
 
     @cached_property
     def _order(self) -> tuple[str, ...]:
         """The parameters, each after those that its formula uses."""
         uses = {name: sorted(names_in(text)) for name, text in self._written.items()}
         return tuple(graphlib.TopologicalSorter(uses).static_order())
-
-    @cached_property
-    def _shape(self) -> State:
-        """The shapes of a state."""
-        starts = {q.name: jax.ShapeDtypeStruct((), jnp.float64) for q in self.model.initial_conditions}
-        values = {name: jax.ShapeDtypeStruct((), jnp.float64) for name in self.complete({}, 1)}
-        return jax.eval_shape(lambda v, s: self.model.init(self.params(v), s), values, starts)
 
 
 @cached_by_content(maxsize=16)

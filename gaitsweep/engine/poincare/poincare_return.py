@@ -1,6 +1,12 @@
 """One return of a trajectory to the Poincare section.
 
 `crossing_of` is the whole return as a JAX function with forward-mode derivatives, by XLA or a kernel.
+
+By classic Runge-Kutta with located events, a return evaluates the flow once in each of its attempts: the
+arithmetic is that of an attempt of `rk4`, split into stages: the rates at two mid-points, at the end, and at
+the trial state, where the event logic follows. The program is a fifth as long, which matters when it is
+differentiated and compiled as straight-line code. No evaluation is repeated: the rates at an accepted trial
+are those at the next state, and after a rejected trial the rates at the state are kept.
 """
 
 from __future__ import annotations
@@ -8,22 +14,21 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Hashable
 from functools import partial
-from typing import Any
+from typing import Any, Literal, get_args
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from gaitsweep.contract import HybridModel, Model, Params, State
+from gaitsweep.contract import HybridModel, Model, Params, Rates, State
 from gaitsweep.engine.advance import advance
-from gaitsweep.engine.carry import Carry, Halt, start
+from gaitsweep.engine.carry import Carry, Halt, is_stalled, select, start
 from gaitsweep.engine.content import cached_by_content
-from gaitsweep.engine.event_stall import is_stalled
 from gaitsweep.engine.leaves import float_leaves
 from gaitsweep.engine.numerics import ResolvedNumerics, step_of
-from gaitsweep.engine.poincare.stagewise import Stages, begin, stagewise
 from gaitsweep.engine.recorders.recorder import ATTEMPTS_PER_STEP
-from gaitsweep.engine.solver.methods import derivative_refusal
+from gaitsweep.engine.solver.methods import derivative_refusal, euler_update
+from gaitsweep.engine.trial_step import Precomputed
 from gaitsweep.errors import ArgumentError
 from gaitsweep.status import ResultCode
 
@@ -32,6 +37,88 @@ MAX_PERIODS = 4.0
 
 Returned = tuple[Float[Array, ""], State, Int[Array, ""]]  # the time (s), the state, and the `ReturnStatus`
 Crossing = Callable[[Params, State], Returned]
+ReturnEngine = Literal["auto", "kernel", "quick", "xla"]
+
+
+# Stages of the next evaluation: `FIRST` to `LAST` are those after the rates at the state, then the trial
+# follows.
+FIRST = 1
+LAST = 3
+TRIAL = 4
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Stages:
+    """The progress of an attempt.
+
+    Attributes:
+        stage: the stage of the next evaluation of the flow.
+        at: the continuous fields of that evaluation.
+        first: the rates at the state.
+        total: the weighted sum of the rates so far.
+    """
+
+    stage: Int[Array, ""]
+    at: Rates
+    first: Rates
+    total: Rates
+
+
+Pair = tuple[Carry, Stages]
+
+
+def begin_stages(model: HybridModel, params: Params, carry: Carry) -> Pair:
+    """The carry and stages of a new trajectory, whose first attempt has zero length.
+
+    Args:
+        model: the model.
+        params: its parameters.
+        carry: the trajectory at its start.
+    """
+    at = {name: getattr(carry.state, name) for name in jax.eval_shape(model.flow, params, carry.state)}
+    unknown = {name: jnp.zeros_like(value) for name, value in at.items()}
+    return carry, Stages(jnp.full_like(carry.halt, TRIAL), at, unknown, unknown)
+
+
+def stagewise(model: HybridModel, numerics: ResolvedNumerics) -> Callable[[Params, Pair], Pair]:
+    """The function of one stage; forward-mode derivatives include those of located event times.
+
+    Args:
+        model: the model.
+        numerics: the tolerances of the method rk4.
+    """
+
+    def evaluate(params: Params, pair: Pair) -> Pair:
+        carry, stages = pair
+        stage_state = dataclasses.replace(carry.state, **stages.at)
+        rates = model.flow(params, stage_state)
+        tried = stages.stage == TRIAL
+        precomputed = Precomputed(lambda *_: stage_state, lambda *_: stages.first, lambda *_: rates)
+        conclude = advance(model, numerics, sensitivities=True, precomputed=precomputed)
+        fired = jnp.any(model.guards(params, stage_state) >= 0.0)
+        after = conclude(params, carry)
+        # a step may be rejected without an event: it is tried again from the same state
+        accepted = tried & ~fired & ((after.t > carry.t) | (carry.h == 0.0))
+        carry = select(tried, after, carry)
+
+        first = select(accepted, rates, stages.first)
+        weight = jnp.where(stages.stage == LAST, 1.0, 2.0)
+        summed = {name: total + weight * rates[name] for name, total in stages.total.items()}
+        total = select(tried, first, summed)
+        next_stage = jnp.where(tried, FIRST, stages.stage + 1)
+        h = jnp.minimum(carry.h, jnp.maximum(carry.stop - carry.t, 0.0))
+        share = jnp.where(next_stage == TRIAL, 1.0 / 6.0, jnp.where(next_stage == LAST, 1.0, 0.5))
+        along = select(next_stage == TRIAL, total, select(tried, first, rates))
+        # the attempt after a jump has zero length, and its rates are not known yet
+        jumped = tried & (carry.h == 0.0)
+        along = {name: jnp.where(jumped, 0.0, rate) for name, rate in along.items()}
+        next_state = euler_update(carry.state, along, h * share)
+        at = {name: getattr(next_state, name) for name in stages.at}
+        stage = jnp.where(jumped, TRIAL, next_stage).astype(stages.stage.dtype)
+        return carry, Stages(stage, at, first, total)
+
+    return evaluate
 
 
 class ReturnStatus(ResultCode):
@@ -81,7 +168,7 @@ class PoincareReturn:
         self._attempt: Callable[[Params, Any], tuple[Carry, Any]]
         if self.differentiable and numerics.method == "rk4":
             assert isinstance(model, HybridModel)
-            self._begin = partial(begin, model)
+            self._begin = partial(begin_stages, model)
             self._attempt = stagewise(model, numerics)
         else:
             step = advance(model, numerics, sensitivities=self.differentiable)
@@ -132,7 +219,7 @@ class PoincareReturn:
         return jnp.where(sound, crossed, ReturnStatus.lost).astype(jnp.int32)
 
 
-def crossing(model: Model, numerics: ResolvedNumerics, engine: str = "auto") -> Crossing:
+def crossing(model: Model, numerics: ResolvedNumerics, engine: ReturnEngine = "auto") -> Crossing:
     """The function `(params, state) -> (t, state, status)` up to the next crossing.
 
     `t` is the time that it takes (s), `state` the state just after the crossing's jump, `status` the
@@ -149,7 +236,7 @@ def crossing(model: Model, numerics: ResolvedNumerics, engine: str = "auto") -> 
         ArgumentError: the engine is unknown.
         UnsupportedError: a kernel is required, but the model uses operations that no kernel has.
     """
-    if engine not in ("auto", "kernel", "quick", "xla"):
+    if engine not in get_args(ReturnEngine):
         raise ArgumentError(f"engine is {engine}. Allowed: auto, kernel, xla.")
     functions = PoincareReturn(model, numerics)
 

@@ -19,13 +19,14 @@ from jaxtyping import Array, Bool, Float, Int
 
 from gaitsweep.contract import Chart, HybridModel, Params, Rates, State
 from gaitsweep.engine.content import cached_by_content
-from gaitsweep.engine.leaves import AllVariables
+from gaitsweep.engine.leaves import extended_type, shapes_of
 from gaitsweep.engine.numerics import Numerics, ResolvedNumerics
-from gaitsweep.engine.poincare.map_derivatives import BATCH_SIZES
+from gaitsweep.engine.poincare.map_derivatives import BATCH_SIZES, in_batches
 from gaitsweep.engine.poincare.maps import Coordinates, Events, Points, Values
 from gaitsweep.engine.poincare.model_map import ModelMap
-from gaitsweep.engine.poincare.poincare_return import Returned, crossing, crossing_of
+from gaitsweep.engine.poincare.poincare_return import Returned, ReturnEngine, crossing, crossing_of
 from gaitsweep.engine.solver.methods import fixed_step_scheme
+from gaitsweep.engine.tangents import chart_of
 
 # Events of one guard between two crossings that have a time.
 MAX_TIMED_EVENTS = 3
@@ -64,7 +65,7 @@ class BatchedReturnMap(ModelMap):
     """
 
     numerics: Numerics | ResolvedNumerics = dataclasses.field(default_factory=Numerics)
-    engine: str = "auto"
+    engine: ReturnEngine = "auto"
 
     @cached_property
     def integration(self) -> ResolvedNumerics:
@@ -83,7 +84,7 @@ class BatchedReturnMap(ModelMap):
         return dataclasses.replace(self, numerics=self.integration.refined(factor))
 
     def _chart(self) -> Chart:
-        return self.model.chart() or AllVariables.of(self._shape)
+        return chart_of(self.model, shapes_of(self.model)[1])
 
     def state(self, params: Params, state: State) -> Returned:
         """The time (s) to the next crossing, the state just after it, and the `ReturnStatus`, in JAX."""
@@ -98,17 +99,9 @@ class BatchedReturnMap(ModelMap):
     def events(self, points: Points, values: Values) -> list[Events]:
         if self._is_step:
             return [[] for _ in range(len(points))]
-        complete = self.complete(values, len(points))
-        batches: list[EventRecord] = []
-        for first in range(0, len(points), BATCH_SIZES[-1]):
-            # one size of batches, for which the program is compiled once
-            order = np.minimum(first + np.arange(BATCH_SIZES[-1]), len(points) - 1)
-            batch = points[order]
-            parameters = {name: column[order] for name, column in complete.items()}
-            record = _recorder(self)(parameters, batch.at, batch.modes)
-            batches.append(jax.tree.map(np.asarray, record))
-        times = np.concatenate([record.times for record in batches])[: len(points)]
-        counts = np.concatenate([record.counts for record in batches])[: len(points)]
+        # one size of batches, for which the program is compiled once
+        parameters = self.complete(values, len(points))
+        times, counts = in_batches(_recorder(self), points, parameters, BATCH_SIZES[-1:])
         declared = self.model.guard_names if isinstance(self.model, HybridModel) else ()
         names = declared or [f"guard {guard + 1}" for guard in range(counts.shape[1])]
         return [_in_order(*point, names) for point in zip(times, counts, strict=True)]
@@ -142,7 +135,7 @@ def _recorder(mapping: BatchedReturnMap) -> Callable[..., EventRecord]:
 
 
 def _recorded_return(
-    model: HybridModel, numerics: ResolvedNumerics, engine: str
+    model: HybridModel, numerics: ResolvedNumerics, engine: ReturnEngine
 ) -> Callable[[Params, State], EventRecord]:
     """The function `(params, state) -> EventRecord` of the return from a state, in JAX.
 
@@ -154,7 +147,7 @@ def _recorded_return(
 
     def recorded(params: Params, state: State) -> EventRecord:
         guards = jax.eval_shape(model.guards, params, state).shape
-        kind = _with_record(type(state))
+        kind = extended_type(type(state), RECORD_FIELDS)
 
         def with_record(plain: State, *record: Array) -> State:
             fields = {field.name: getattr(plain, field.name) for field in dataclasses.fields(state)}
@@ -184,11 +177,3 @@ def _recorded_return(
         return EventRecord(jnp.where(happened, times, jnp.nan), counts)
 
     return recorded
-
-
-def _with_record(state: type) -> type:
-    """The type of states with the fields of the record."""
-    fields: list[Any] = [(name, Any) for name in RECORD_FIELDS]
-    kind = dataclasses.make_dataclass(state.__name__, fields, bases=(state,), frozen=True)
-    names = [field.name for field in dataclasses.fields(kind)]
-    return jax.tree_util.register_dataclass(kind, names, [])

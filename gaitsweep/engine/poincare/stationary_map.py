@@ -24,7 +24,7 @@ from jaxtyping import Array, Bool, Complex, Float
 from gaitsweep import near_miss
 from gaitsweep.contract import Chart, HybridModel, Params, Quantity, State
 from gaitsweep.engine.content import cached_by_content
-from gaitsweep.engine.leaves import element_names
+from gaitsweep.engine.leaves import element_names, shapes_of, split_like
 from gaitsweep.engine.poincare.maps import MIN_SCALE, Coordinates, Events, Points, Values
 from gaitsweep.engine.poincare.model_map import ModelMap
 from gaitsweep.engine.poincare.poincare_return import Returned, ReturnStatus
@@ -62,9 +62,7 @@ class FlowVariables(Chart):
     def from_coordinates(self, params: Params, at: Coordinates, modes: State) -> State:
         old = [jnp.asarray(getattr(modes, name)) for name in self.fields]
         numbers = self._joined(*old).at[jnp.array(self.places)].set(at)
-        pieces = jnp.split(numbers, np.cumsum([value.size for value in old])[:-1].tolist())
-        new = [piece.reshape(value.shape) for piece, value in zip(pieces, old, strict=True)]
-        return dataclasses.replace(modes, **dict(zip(self.fields, new, strict=True)))
+        return dataclasses.replace(modes, **dict(zip(self.fields, split_like(numbers, old), strict=True)))
 
     def rates(self, params: Params, state: State) -> Coordinates:
         """The rates (n,) of the coordinates."""
@@ -112,9 +110,8 @@ class StationaryMap(ModelMap):
         model = self.model
         if not isinstance(model, HybridModel):
             raise ArgumentError(f"{model.name} moves in steps: it has no flow, so no stationary points.")
-        shapes = self._shape
-        values = {name: jax.ShapeDtypeStruct((), jnp.float64) for name in self.complete({}, 1)}
-        rates = jax.eval_shape(lambda v, s: model.flow(self.params(v), s), values, shapes)
+        params, shapes = shapes_of(model)
+        rates = jax.eval_shape(model.flow, params, shapes)
         fields = tuple(field.name for field in dataclasses.fields(shapes) if field.name in rates)
         known = {q.name: q for q in (*model.signals, *model.observables)}
         names = [name for field in fields for name in element_names(field, getattr(shapes, field).shape)]
@@ -184,7 +181,6 @@ class StationaryMap(ModelMap):
             values: parameters by name, numbers or (n,).
         """
         at = points.at[0]
-        name = self.model.name
         relative = np.random.default_rng(0).uniform(-DISPLACEMENT, DISPLACEMENT, (2, at.size))
         displacements = relative * (MIN_SCALE + np.abs(at))
         parameters = {name: column[0] for name, column in self.complete(values, len(points)).items()}
@@ -192,7 +188,7 @@ class StationaryMap(ModelMap):
         rates = np.stack([flow_rates for flow_rates, _ in near])
         jacobians = np.stack([jacobian for _, jacobian in near])
         for k, quantity in enumerate(self.coordinates):
-            variable = f"{quantity.name} of {name}"
+            variable = f"{quantity.name} of {self.model.name}"
             leave_out = "name it in `without`."
             if rates[:, k].all() and not jacobians[:, k].any():
                 rate = f"{rates[0, k]:g} {quantity.unit or '1'}/s"

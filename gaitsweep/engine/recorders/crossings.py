@@ -45,6 +45,9 @@ class CrossingRecorder(Recorder):
         after_cycles: the crossings before the first one that is recorded.
         duration: the time (s) at which the row of a ramp ends.
         gaits: whether the gait is read at every crossing after the start.
+
+    Raises:
+        ValueError: rows end neither at a number of crossings nor at a time, or at both.
     """
 
     model: Model
@@ -52,6 +55,10 @@ class CrossingRecorder(Recorder):
     after_cycles: int = 0
     duration: float | None = None
     gaits: bool = False
+
+    def __post_init__(self) -> None:
+        if (self.crossings is None) == (self.duration is None):
+            raise ValueError("Rows of a CrossingRecorder end at a number of crossings or at a duration.")
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -61,7 +68,8 @@ class CrossingRecorder(Recorder):
         period = self.model.period(params)
         if self.duration is not None:
             return jnp.full_like(period, self.duration)
-        return 4.0 * ((self.crossings or 0) + self.after_cycles + SPARE_CYCLES) * period
+        assert self.crossings is not None
+        return 4.0 * (self.crossings + self.after_cycles + SPARE_CYCLES) * period
 
     def max_attempts(self, params: Params, dt: Number | float) -> Number:
         return attempts_until(self.stop(params), dt)
@@ -101,6 +109,7 @@ class CrossingRecorder(Recorder):
         return PollResult(dataclasses.replace(carry, halt=halt), recorded, sample, keep)
 
     def progress(self, rows: RunningRows, typical: float) -> Float[np.ndarray, " rows"]:
-        if self.crossings is None:
-            return rows.t / (self.duration or 1.0)
+        if self.duration is not None:
+            return rows.t / self.duration
+        assert self.crossings is not None
         return rows.cycles / (self.after_cycles + self.crossings)

@@ -140,7 +140,8 @@ class StepSchedule:
         # a choice for each pass: a search over them would not be straight-line code
         for (a, b), length in zip(itertools.pairwise(self.values), self.lengths, strict=True):
             # from the lower end in both directions, so that passes up and down have equal values
-            low, high = min(a, b), max(a, b)
+            low = min(a, b)
+            high = max(a, b)
             from_low = (stair - before) if a <= b else (before + length - stair)
             share = from_low / length
             value = jnp.where(stair > before, low * (1.0 - share) + high * share, value)

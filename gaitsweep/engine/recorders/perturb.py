@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import dataclasses
 import enum
-from typing import NamedTuple, final
+import functools
+import operator
+from typing import final
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from gaitsweep.contract import Params, State
+from gaitsweep.contract import Params
 from gaitsweep.engine.carry import Carry, Flag, Halt, Integer, Number, Observed, restarted, select
 from gaitsweep.engine.pushed_model import PushedModel
 from gaitsweep.engine.recorders.bounds import change, comparable, widened
@@ -83,25 +85,10 @@ class PushMemory(ResultMemory):
         """Numbers of a row that has ended."""
         return {**self.settle.results, "before": self.gait}
 
-
-@dataclasses.dataclass(frozen=True)
-class _Stages:
-    """Whether a row is in each stage of `Stage`."""
-
-    settling: Flag
-    waiting: Flag
-    acting: Flag
-    returning: Flag
-
-    @classmethod
-    def of(cls, stage: Integer) -> _Stages:
-        """The stage of a row, one of `Stage`, as conditions."""
-        return cls(
-            settling=stage == Stage.SETTLES,
-            waiting=stage == Stage.WAITS,
-            acting=stage == Stage.ACTS,
-            returning=stage == Stage.RETURNS,
-        )
+    def is_in(self, *stages: Stage) -> Flag:
+        """Whether the row is in one of these stages."""
+        flags = [self.stage == stage for stage in stages]
+        return functools.reduce(operator.or_, flags)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -182,14 +169,6 @@ class _Departure:
     excursion: Number
 
 
-class _Moved(NamedTuple):
-    """A state after a poll, whether it changed by the push, and the time (s) at which it halts next."""
-
-    state: State
-    restarts: Flag
-    stop: Number
-
-
 @final
 @dataclasses.dataclass(frozen=True)
 class PerturbRecorder(Recorder):
@@ -264,31 +243,25 @@ class PerturbRecorder(Recorder):
         due = carry.state.push_due
         crossed = (carry.halt == Halt.CROSSING) & (~due | carry.state.push_crossed)
         timed = carry.halt == Halt.TIME
-        stages = _Stages.of(memory.stage)
-        settling = self._settling(params, carry, record, stages, crossed)
+        settling = self._settling(params, carry, record, crossed)
         gait = self._gait_left(memory, settling)
-        push = self._push(params, carry, memory, stages, settling, crossed=crossed, timed=timed)
+        push = self._push(params, carry, memory, settling, crossed=crossed, timed=timed)
         latest = jnp.where(crossed, self.observables(params, carry.state), record.last)
-        departure = self._departure(carry, record, stages, gait, push, crossed, latest)
+        departure = self._departure(carry, record, gait, push, crossed, latest)
         # the period (s) of the gait at a poll at which the row has settled; elsewhere it is not used
         duration = carry.t - _entry_at(memory.settle.window[:, -2], gait.period - 1)
-        moved = self._pushed(params, carry, settling, push, duration)
-        next_carry = dataclasses.replace(
-            restarted(carry, moved.restarts),
-            state=moved.state,
-            stop=moved.stop,
-            halt=jnp.zeros_like(carry.halt),
-        )
-        fresh = self._fresh(params, dataclasses.replace(carry, state=moved.state), settling.polled, latest)
+        next_carry = self._carry_after(params, carry, settling, push, duration)
+        pushed_carry = dataclasses.replace(carry, state=next_carry.state)
+        fresh = self._fresh(params, pushed_carry, settling.polled, latest)
         recorded = dataclasses.replace(
             record,
-            status=_status(stages, settling, push, timed).astype(jnp.int32),
+            status=_status(memory, settling, push, timed).astype(jnp.int32),
             cycles=jnp.where(crossed, record.cycles + 1, record.cycles),
             last=jnp.where(crossed, latest, settling.polled.last),
             memory=_memory_after(settling, gait, push, departure, fresh),
             numbers={
                 **record.numbers,
-                **_numbers_of_return(carry, memory, stages, settling, gait, departure, duration),
+                **_numbers_of_return(carry, memory, settling, gait, departure, duration),
                 "slowest": settling.polled.numbers["slowest"],
                 "period_before": gait.period.astype(jnp.int32),
                 "stage": push.stage.astype(jnp.int32),
@@ -298,12 +271,10 @@ class PerturbRecorder(Recorder):
         )
         return PollResult(next_carry, recorded, jnp.zeros((0,), record.last.dtype), jnp.asarray(False))
 
-    def _settling(
-        self, params: Params, carry: Carry, record: LaneRecord, stages: _Stages, crossed: Flag
-    ) -> _Settling:
+    def _settling(self, params: Params, carry: Carry, record: LaneRecord, crossed: Flag) -> _Settling:
         """Poll the recorder that settles the row, before the push or after it."""
         memory: PushMemory = record.memory
-        tested = stages.settling | stages.returning
+        tested = memory.is_in(Stage.SETTLES, Stage.RETURNS)
         inner = dataclasses.replace(record, cycles=memory.crossings, memory=memory.settle)
         # a halt for the push is no crossing
         halt = jnp.where((carry.halt == Halt.CROSSING) & ~crossed, Halt.GOING, carry.halt)
@@ -311,7 +282,8 @@ class PerturbRecorder(Recorder):
         polled = select(tested, polled, inner)
         ended = jnp.where(tested, polled.status, Status.running)
         settled = ended == Status.settled
-        return _Settling(polled, ended, settled, stages.settling & settled, polled.numbers["period"])
+        arrives = memory.is_in(Stage.SETTLES) & settled
+        return _Settling(polled, ended, settled, arrives, polled.numbers["period"])
 
     def _gait_left(self, memory: PushMemory, settling: _Settling) -> _Gait:
         """The gait that the push leaves: that on which the row has settled now, or had settled before."""
@@ -330,7 +302,6 @@ class PerturbRecorder(Recorder):
         params: Params,
         carry: Carry,
         memory: PushMemory,
-        stages: _Stages,
         settling: _Settling,
         *,
         crossed: Flag,
@@ -341,16 +312,17 @@ class PerturbRecorder(Recorder):
         comes = timed
         if model.event is not None:
             comes = carry.state.push_due & (carry.halt == Halt.CROSSING)
-        hits = stages.waiting & comes
+        waiting = memory.is_in(Stage.WAITS)
+        hits = waiting & comes
         begins = hits & jnp.asarray(model.forced or model.stepped is not None)
-        since = jnp.where(crossed & (stages.acting | stages.returning), memory.since + 1, memory.since)
+        since = jnp.where(crossed & memory.is_in(Stage.ACTS, Stage.RETURNS), memory.since + 1, memory.since)
         lasted = timed if model.forced else crossed & (since >= params.cycles)
-        over = stages.acting & lasted
+        over = memory.is_in(Stage.ACTS) & lasted
         returns = over | (hits & ~begins)
         stage = jnp.where(settling.arrives, Stage.WAITS, memory.stage)
         return _Push(
             hits=hits,
-            given_up=stages.waiting & timed & ~hits,
+            given_up=waiting & timed & ~hits,
             begins=begins,
             over=over,
             returns=returns,
@@ -363,7 +335,6 @@ class PerturbRecorder(Recorder):
         self,
         carry: Carry,
         record: LaneRecord,
-        stages: _Stages,
         gait: _Gait,
         push: _Push,
         crossed: Flag,
@@ -374,7 +345,6 @@ class PerturbRecorder(Recorder):
         Args:
             carry: the trajectory.
             record: the record before this poll.
-            stages: the stage before this poll.
             gait: the gait that the push leaves.
             push: the push at this poll.
             crossed: whether the row is at a crossing of the section.
@@ -384,7 +354,7 @@ class PerturbRecorder(Recorder):
         distances = self._distances(latest, gait.observed)
         nearest = jnp.argmin(distances)
         distance = jnp.min(distances)
-        counts = crossed & (stages.acting | stages.returning)
+        counts = crossed & memory.is_in(Stage.ACTS, Stage.RETURNS)
         far = ~(distance <= self.within)
         outside = jnp.where(counts & far, push.since, memory.outside)
         comes_back = counts & ~far & (outside > 0) & (outside == push.since - 1)
@@ -393,10 +363,10 @@ class PerturbRecorder(Recorder):
         excursion = jnp.where(counts, jnp.fmax(largest, distance), largest)
         return _Departure(nearest, far, outside, time_back, excursion)
 
-    def _pushed(
+    def _carry_after(
         self, params: Params, carry: Carry, settling: _Settling, push: _Push, duration: Number
-    ) -> _Moved:
-        """The state with the push switched on or off, and the time at which it halts next.
+    ) -> Carry:
+        """The trajectory after a poll, with the push switched on or off and its next stop.
 
         Args:
             params: the parameters of the row.
@@ -411,12 +381,16 @@ class PerturbRecorder(Recorder):
         if model.event is not None:
             state = model.awaiting(state, settling.arrives)
         state = model.released(model.pushed(params, state, push.hits), push.over)
-        restarts = push.hits | push.over
         limit = self.settle.stop(params)
         wait = (params.phase if model.event is None else AWAITED) * duration
         stop = jnp.where(settling.arrives, carry.t + wait, carry.stop)
         stop = jnp.where(push.begins, carry.t + (params.duration if model.forced else limit), stop)
-        return _Moved(state, restarts, jnp.where(push.returns, carry.t + limit, stop))
+        return dataclasses.replace(
+            restarted(carry, push.hits | push.over),
+            state=state,
+            stop=jnp.where(push.returns, carry.t + limit, stop),
+            halt=jnp.zeros_like(carry.halt),
+        )
 
     def _fresh(self, params: Params, carry: Carry, record: LaneRecord, now: Observed) -> Memory:
         """The memory of the settling recorder where a row begins to settle again."""
@@ -456,17 +430,16 @@ class PerturbRecorder(Recorder):
         return np.minimum(rows.cycles / (typical or 2.0 * self.settle.max_cycles), 0.95)
 
 
-def _status(stages: _Stages, settling: _Settling, push: _Push, timed: Flag) -> Integer:
-    """The status of a row after a poll; `timed`: it has halted at a time."""
+def _status(memory: PushMemory, settling: _Settling, push: _Push, timed: Flag) -> Integer:
+    """The status of a row after a poll; `memory` is that before it, `timed`: it has halted at a time."""
     status = jnp.where(settling.arrives, Status.running, settling.ended)
-    expired = stages.acting & timed & ~push.over
+    expired = memory.is_in(Stage.ACTS) & timed & ~push.over
     return jnp.where(push.given_up | expired, Status.time_limit, status)
 
 
 def _numbers_of_return(
     carry: Carry,
     memory: PushMemory,
-    stages: _Stages,
     settling: _Settling,
     gait: _Gait,
     departure: _Departure,
@@ -477,13 +450,12 @@ def _numbers_of_return(
     Args:
         carry: the trajectory.
         memory: the memory before this poll.
-        stages: the stage before this poll.
         settling: the poll of the recorder that settles the row.
         gait: the gait that the push leaves.
         departure: the departure of the row from that gait.
         duration: the period (s) of the gait of a row that has settled at this poll.
     """
-    settled_again = stages.returning & settling.settled
+    settled_again = memory.is_in(Stage.RETURNS) & settling.settled
     recovered = settled_again & ~departure.far
     ahead = (_entry_at(gait.times, departure.nearest) - carry.t) / duration
     # NaN where the gait has more crossings than there were since the push

@@ -20,8 +20,17 @@ from jaxtyping import Array, Bool, Float, Int, Real
 from gaitsweep.contract import HybridModel, Model, Params, State
 from gaitsweep.dynamics.declarations import Variable
 from gaitsweep.dynamics.declared import Declared
-from gaitsweep.engine.carry import Carry, Flag, Halt, Integer, Number, Observed, select
-from gaitsweep.engine.event_stall import fired_guards, is_stalled
+from gaitsweep.engine.carry import (
+    Carry,
+    Flag,
+    Halt,
+    Integer,
+    Number,
+    Observed,
+    fired_guards,
+    is_stalled,
+    select,
+)
 from gaitsweep.engine.leaves import float_leaves
 from gaitsweep.row_outcome import RowNumber, RowOutcome
 from gaitsweep.status import Status

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import re
 from typing import final
 
 import jax
@@ -101,8 +100,10 @@ def state_names(shape: State) -> list[str]:
         shape: a state, of shapes or of numbers.
     """
     leaves, _ = jax.tree_util.tree_flatten_with_path(shape)
-    fields = [("_".join(re.findall(r"\w+", jax.tree_util.keystr(path))), leaf) for path, leaf in leaves]
-    return [name for field, leaf in fields for name in element_names(field, np.shape(leaf))]
+    names: list[str] = []
+    for path, leaf in leaves:
+        names += element_names(jax.tree_util.keystr(path, simple=True, separator="_"), np.shape(leaf))
+    return names
 
 
 def states_of(samples: Float[np.ndarray, "samples width"], shape: State) -> State:

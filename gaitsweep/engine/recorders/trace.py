@@ -1,4 +1,4 @@
-"""The recorder of signals at equal intervals of time."""
+"""The recorders of signals at equal intervals: over a duration, or in windows of time beside crossings."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import final
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 
 from gaitsweep.contract import Model, Params
 from gaitsweep.engine.carry import Carry, Halt, Number
@@ -104,3 +104,103 @@ class TraceRecorder(Recorder):
 
     def progress(self, rows: RunningRows, typical: float) -> Float[np.ndarray, " rows"]:
         return (rows.cycles + rows.samples) / (self.after_cycles + self.samples)
+
+
+# The number of the crossing in a record that is a sample of a window.
+NO_CROSSING = -1.0
+
+
+@final
+@dataclasses.dataclass(frozen=True)
+class WindowsRecorder(Recorder):
+    """Records every crossing with its observables, and the signals inside windows of equal length.
+
+    The row ends with the last sample of the last window. A record is a crossing or a sample, whose `crossing`
+    is `NO_CROSSING`.
+
+    Args:
+        model: the model.
+        every: the time between two samples of a window (s).
+        samples: the number of samples in a window, which ends before the next one begins.
+        first: the beginning of the first window (s).
+        second: the beginning of the second window (s).
+        spacing: the time from the beginning of the second window to that of the third one, and so on (s).
+        more: the number of windows after the first.
+    """
+
+    model: Model
+    every: float
+    samples: int
+    first: float = 0.0
+    second: float = 0.0
+    spacing: float = 0.0
+    more: int = 0
+
+    @property
+    def total(self) -> int:
+        """Samples of all windows."""
+        return self.samples * (1 + self.more)
+
+    @property
+    def duration(self) -> float:
+        """The time of the last sample, s."""
+        last = self.first if self.more == 0 else self.second + (self.more - 1) * self.spacing
+        return last + (self.samples - 1) * self.every
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        observed = (f"{q.name}_n" for q in self.model.observables)
+        return ("crossing", "t", *observed, *(q.name for q in self.model.signals))
+
+    def time(self, sample: Float[Array, " *samples"]) -> Float[Array, " *samples"]:
+        """The time (s) of a sample, by its number over all windows in floating point."""
+        window = jnp.floor((sample + 0.5) / self.samples)
+        inside = (sample - window * self.samples) * self.every
+        return jnp.where(window < 0.5, self.first, self.second + (window - 1.0) * self.spacing) + inside
+
+    def stop(self, params: Params) -> Number:
+        """The time of the first sample, s."""
+        return jnp.full_like(self.model.period(params), self.first)
+
+    def max_attempts(self, params: Params, dt: Number | float) -> Number:
+        # an interval shorter than a step needs an attempt of its own
+        first = attempts_until(self.stop(params), dt)
+        return first + ATTEMPTS_PER_STEP * (self.duration / dt + self.total)
+
+    def begin(self, params: Params, carry: Carry) -> Beginning:
+        record, _, _ = self.unsampled(params, carry)
+        head = jnp.stack([record.cycles.astype(record.last.dtype), carry.t])
+        first = jnp.concatenate([head, record.last, jnp.zeros(len(self.model.signals), record.last.dtype)])
+        keep = jnp.asarray(True)
+        return counted(record, keep), first, keep
+
+    def record(self, params: Params, carry: Carry, record: LaneRecord) -> PollResult:
+        room = record.filled < BUFFER
+        crossed = (carry.halt == Halt.CROSSING) & room
+        timed = (carry.halt == Halt.TIME) & room
+        # every crossing has a record, the start among them
+        index = (record.samples - record.cycles - 1).astype(carry.t.dtype)
+        recorded = counted(self.crossed(params, carry, record, crossed), crossed | timed)
+        last = recorded.last
+        signals = self.model.signal(params, carry.state)
+        number = jnp.where(crossed, recorded.cycles.astype(last.dtype), NO_CROSSING)
+        # a scheme whose steps cannot be shortened gives the state at the end of the step nearest to that time
+        t = jnp.where(timed, self.time(index), carry.t)
+        numbers = [jnp.stack([number, t]), last]
+        if self.model.signals:
+            numbers.append(jnp.stack([signals[q.name] for q in self.model.signals]))
+        sample = jnp.concatenate(numbers)
+        done = timed & (index >= self.total - 1.0)
+        status = jnp.where(done, Status.complete, Status.running)
+        stop = jnp.where(timed, self.time(index + 1.0), carry.stop)
+        waits = ((carry.halt == Halt.CROSSING) | (carry.halt == Halt.TIME)) & ~crossed & ~timed
+        halt = jnp.where(waits, carry.halt, jnp.zeros_like(carry.halt))
+        carry = dataclasses.replace(carry, stop=stop, halt=halt.astype(carry.halt.dtype))
+        recorded = dataclasses.replace(recorded, status=status.astype(jnp.int32))
+        return PollResult(carry, recorded, sample, crossed | timed)
+
+    def readings(self, rows: RowOutcome) -> Readings:
+        return readings_at_the_end(rows)
+
+    def progress(self, rows: RunningRows, typical: float) -> Float[np.ndarray, " rows"]:
+        return rows.t / self.duration if self.duration > 0.0 else np.ones_like(rows.t)

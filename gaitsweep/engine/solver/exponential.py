@@ -19,7 +19,7 @@ import jax
 
 from gaitsweep.contract import HybridModel, Params, Rates, State
 from gaitsweep.engine.carry import Number
-from gaitsweep.engine.solver.step import Step, euler_update
+from gaitsweep.engine.solver.runge_kutta import Step, euler_update
 
 # The factors of the Taylor terms, s_1, s_2, ...
 Shares = tuple[float, ...]

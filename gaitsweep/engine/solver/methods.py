@@ -1,17 +1,51 @@
-"""The integration methods by name, and their requirements on a model."""
+"""The integration methods by name: their steps, limits, and requirements on a model."""
 
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
+from typing import Any, Literal
 
 from gaitsweep.contract import FixedStepDynamics, HybridModel, Model
 from gaitsweep.dynamics.ground import is_uneven
+from gaitsweep.engine.leaves import counts_of_state
 from gaitsweep.engine.solver.exponential import PROPAGATOR, PROPAGATOR6, exponential
-from gaitsweep.engine.solver.rosenbrock import MAX_VARIABLES, rodas5p, too_many_variables
-from gaitsweep.engine.solver.runge_kutta import rk4, tsit5
-from gaitsweep.engine.solver.step import Method, Step, euler_update
+from gaitsweep.engine.solver.rosenbrock import MAX_VARIABLES, rodas5p
+from gaitsweep.engine.solver.runge_kutta import Step, euler_update, rk4, tsit5
 from gaitsweep.engine.solver.taylor import lacking_recurrence, taylor
 from gaitsweep.errors import ArgumentError
+
+# The dtype of states and times; mixed: they are float64, and steps are passed to the model as float32.
+Precision = Literal["float64", "float32", "mixed"]
+
+
+@dataclasses.dataclass(frozen=True)
+class Method:
+    """An integration method, its steps after an event, and its longest step.
+
+    Short steps are needed after an event, which excites stiff modes (a foot on hard ground) that decay within
+    a few steps, and since feet may lift off and touch down again within milliseconds.
+
+    Attributes:
+        step: returns the function that steps a model; None if the model has its own.
+        first_step: the first step after an event, as a share of the longest step (of the last one if
+            `adaptive`).
+        growth: the factor by which each accepted step may exceed the one before, up to the longest.
+        linear_only: whether it is accurate only for `HybridModel.linear`.
+        adaptive: whether its step is an `Estimate`, with step control.
+        series: whether its steps are expansions, of the order that the tolerance asks for.
+        limits: pairs of a damping ratio, in rising order, and the largest accurate dt times rate of a motion
+            with that damping ratio.
+    """
+
+    step: Callable[..., Any] | None
+    first_step: float
+    growth: float
+    linear_only: bool = False
+    adaptive: bool = False
+    series: bool = False
+    limits: tuple[tuple[float, float], ...] = ()
+
 
 # On the negative axis the polynomials approximate exp(z) down to -20. Away from the axis they are accurate
 # closer to zero and stable farther out. The short steps after an event damp fast motions before the longest
@@ -42,7 +76,16 @@ METHODS: dict[str, Method] = {
 # The methods that take the steps of the model itself.
 _OWN = ", ".join(name for name, method in METHODS.items() if method.step is None)
 
-__all__ = ["METHODS", "Method", "Step", "derivative_refusal", "euler_update", "fixed_step_scheme", "refusal"]
+__all__ = [
+    "METHODS",
+    "Method",
+    "Precision",
+    "Step",
+    "derivative_refusal",
+    "euler_update",
+    "fixed_step_scheme",
+    "refusal",
+]
 
 
 def fixed_step_scheme(name: str, model: Model) -> FixedStepDynamics | None:
@@ -63,23 +106,21 @@ def fixed_step_scheme(name: str, model: Model) -> FixedStepDynamics | None:
     return model.fixed_step_scheme() if METHODS[name].step is None else None
 
 
-def refusal(name: str, model: Model, precision: str) -> str | None:
+def refusal(name: str, model: Model, precision: Precision) -> str | None:
     """The reason why a method does not suit a model and a precision, or None; it follows the field's name.
 
     Args:
         name: a name of `METHODS`.
         model: the model.
-        precision: float64, float32 or mixed.
+        precision: that of the states and times.
     """
     if not isinstance(model, HybridModel) and METHODS[name].step is not None:
         return f"is {name}, which needs a flow, but {model.name} has only steps. Allowed: {_OWN}."
     if METHODS[name].step is None and fixed_step_scheme(name, model) is None:
         linear = isinstance(model, HybridModel) and model.linear
-        suitable = []
-        for other, method in METHODS.items():
-            if method.step and (linear or not method.linear_only):
-                suitable.append(other)
-        return f"is {name}, a step that {model.name} does not have. Allowed: {', '.join(suitable)}."
+        return (
+            f"is {name}, a step that {model.name} does not have. Allowed: {_allowed(model, linear=linear)}."
+        )
     reason = _steps_alone(name, model)
     if reason is not None:
         return reason
@@ -92,13 +133,18 @@ def refusal(name: str, model: Model, precision: str) -> str | None:
     return None
 
 
-def _refusal_of_linear_method(name: str, model: Model, precision: str) -> str | None:
+def _allowed(model: Model, *, linear: bool) -> str:
+    """The methods whose steps a model can take, with those for linear flows if `linear`."""
+    names = []
+    for name, method in METHODS.items():
+        if (linear or not method.linear_only) and (method.step or fixed_step_scheme(name, model) is not None):
+            names.append(name)
+    return ", ".join(names)
+
+
+def _refusal_of_linear_method(name: str, model: Model, precision: Precision) -> str | None:
     """The reason why a method for linear flows does not suit a model and a precision, or None."""
-    general_methods = []
-    for other, method in METHODS.items():
-        if not method.linear_only and (method.step or fixed_step_scheme(other, model) is not None):
-            general_methods.append(other)
-    general = ", ".join(general_methods)
+    general = _allowed(model, linear=False)
     if not (isinstance(model, HybridModel) and model.linear):
         lacks = f"{model.name} does not declare that of its flow"
         needs = "needs a flow that is linear in the state between events"
@@ -108,7 +154,7 @@ def _refusal_of_linear_method(name: str, model: Model, precision: str) -> str | 
     return None
 
 
-def _adaptive_refusal(name: str, model: HybridModel, precision: str) -> str | None:
+def _adaptive_refusal(name: str, model: HybridModel, precision: Precision) -> str | None:
     """The `refusal` of a method with step control."""
     if METHODS[name].series and (lacking := lacking_recurrence(model)):
         return f"is {name}, which has no recurrence for {lacking} in {model.name}: use tsit5."
@@ -116,7 +162,8 @@ def _adaptive_refusal(name: str, model: HybridModel, precision: str) -> str | No
         return None
     if precision != "float64":
         return f"is {name}, which needs numerics.precision float64."
-    if (size := too_many_variables(model)) is not None:
+    size, _ = counts_of_state(model)
+    if size > MAX_VARIABLES:
         return f"is {name}, for at most {MAX_VARIABLES} variables, but {model.name} has {size}: use tsit5."
     return None
 

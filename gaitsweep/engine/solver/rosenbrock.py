@@ -20,8 +20,7 @@ import jax.numpy as jnp
 
 from gaitsweep.contract import HybridModel, Params, Rates, State
 from gaitsweep.engine.carry import Flag, Number
-from gaitsweep.engine.leaves import counts_of_state
-from gaitsweep.engine.solver.step import Estimate
+from gaitsweep.engine.solver.runge_kutta import Estimate
 
 Vector = list[Number]  # the numbers of a state, or their rates
 Matrix = list[Vector]  # the rows of a matrix
@@ -83,12 +82,6 @@ def rodas5p(model: HybridModel) -> Estimate:
         return layout.state(state, end), layout.fields(increments[-1])
 
     return step
-
-
-def too_many_variables(model: HybridModel) -> int | None:
-    """The number of continuous variables of a model if it is above `MAX_VARIABLES`, else None."""
-    size, _ = counts_of_state(model)
-    return size if size > MAX_VARIABLES else None
 
 
 @dataclasses.dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Runge-Kutta methods, for every flow: the classic one, and the pair of Tsitouras with step control.
+"""Runge-Kutta methods, for every flow: Euler's, the classic one, and the pair of Tsitouras with step control.
 
 Ch. Tsitouras, Runge-Kutta pairs of order 5(4) satisfying only the first column simplifying assumption,
 Comput. Math. Appl. 62 (2011) 770-775.
@@ -6,9 +6,16 @@ Comput. Math. Appl. 62 (2011) 770-775.
 
 from __future__ import annotations
 
+import dataclasses
+from collections.abc import Callable
+
 from gaitsweep.contract import HybridModel, Params, Rates, State
 from gaitsweep.engine.carry import Number
-from gaitsweep.engine.solver.step import Estimate, Step, euler_update
+
+# The state after a time h (s), with unchanged modes.
+Step = Callable[[Params, State, Number], State]
+# The same, with an estimate of the local error by field.
+Estimate = Callable[[Params, State, Number], tuple[State, Rates]]
 
 # a_ij, one row for each stage after the first; the last row has the weights of the solution of order 5.
 STAGES: tuple[tuple[float, ...], ...] = (
@@ -29,6 +36,18 @@ DIFFERENCE = (
     -0.45808210592918697,
     1.0 / 66.0,
 )
+
+
+def euler_update(state: State, rates: Rates, h: Number | float) -> State:
+    """The state after a time at constant rates; fields without a rate are unchanged.
+
+    Args:
+        state: the state.
+        rates: the rates by field (1/s times the field's unit).
+        h: the time (s).
+    """
+    moved = {name: getattr(state, name) + h * rate for name, rate in rates.items()}
+    return dataclasses.replace(state, **moved)
 
 
 def rk4(model: HybridModel) -> Step:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Sequence
-from typing import Literal
 
 from gaitsweep.contract import Model
 from gaitsweep.engine.devices import Device
@@ -13,7 +12,7 @@ from gaitsweep.engine.numerics import ResolvedNumerics
 from gaitsweep.engine.recorders.recorder import Recorder
 from gaitsweep.engine.sweep import xla
 from gaitsweep.engine.sweep.lane import Lanes, RowDrive
-from gaitsweep.engine.sweep.sweep_spec import EngineName, SweepSpec
+from gaitsweep.engine.sweep.sweep_spec import EngineName, RequestedEngine, SweepSpec
 from gaitsweep.errors import UserError
 
 # Initial polls in a chunk of a kernel, by kind of device. On a CPU chunks are short, since an ended row waits
@@ -26,7 +25,7 @@ class EngineError(UserError):
 
 
 def choose(
-    requested: Literal["auto", "xla", "kernel"],
+    requested: RequestedEngine,
     device: Device,
     model: Model,
     recorder: Recorder,

@@ -109,14 +109,13 @@ class OneLane:
         self.model = model
         self.recorder = recorder
         self.numerics = numerics
-        self.driven = drive is not None
-        self._drive = drive
+        self.drive = drive
         attempt = advance(model, numerics, drive=drive, sensitivities=recorder.exponents > 0)
         self._advance = with_tangents(attempt) if recorder.exponents else attempt
 
     def params_at(self, values: Mapping[str, Float[Array, " ..."]], t: Number) -> Params:
         """The model's parameters at a time (s), from the values of a row; constant without a drive."""
-        return self.model.params(values) if self._drive is None else self._drive(values, t)
+        return self.model.params(values) if self.drive is None else self.drive(values, t)
 
     def open(self, values: Mapping[str, Float[Array, " ..."]], starts: Mapping[str, Number]) -> Opened:
         """Open a trajectory.
@@ -137,15 +136,15 @@ class OneLane:
             tangents = from_section(self.model, params, state, directions)
             carry = dataclasses.replace(carry, tangents=tangents)
         # constants of a trajectory are computed once
-        constants = params if self._drive is None else values
+        constants = params if self.drive is None else values
         return Opened(constants, carry, *self.recorder.begin(params, carry))
 
     def _longest_step(self, values: Mapping[str, Float[Array, " ..."]], params: Params) -> Number:
         """The longest step of a row (s); for a moving parameter, the smallest over its values."""
         dt = jnp.asarray(step_of(self.model, self.numerics, params))  # a model's period may be a plain number
-        if self._drive is None:
+        if self.drive is None:
             return dt
-        for t in self._drive.times:
+        for t in self.drive.times:
             moved = self.params_at(values, jnp.asarray(t, dt.dtype))
             dt = jnp.minimum(dt, step_of(self.model, self.numerics, moved))
         return dt
@@ -162,5 +161,5 @@ class OneLane:
             carry: the trajectory; a moving parameter has its value at `carry.t`.
             record: the record before the poll.
         """
-        params = constants if self._drive is None else self._drive(constants, carry.t)
+        params = constants if self.drive is None else self.drive(constants, carry.t)
         return self.recorder.poll(params, carry, record, carry.dt / self.numerics.steps_in_longest)

@@ -91,11 +91,6 @@ class Group:
         """Whether any lane has a row."""
         return bool(np.any(self.block_of != IDLE))
 
-    @property
-    def at_a_time(self) -> int:
-        """The number of lanes that run at a time."""
-        return self.lanes.at_a_time
-
     def place(
         self, block: Block, rows: Int[np.ndarray, " placed"], lanes: Int[np.ndarray, " placed"]
     ) -> None:
@@ -322,7 +317,7 @@ class LaneScheduler:
             return
         of_ended = self.attempts / self.done if self.done else 0.0
         of_running = float(np.mean(output.numbers["attempts"][is_running])) if is_running.any() else 0.0
-        waiting = group.size / group.at_a_time - 1.0
+        waiting = group.size / group.lanes.at_a_time - 1.0
         group.sizer.choose(max(of_ended, of_running), int(output.filled.max(initial=0)), waiting)
 
     def take(self, number: int) -> Block:

@@ -13,6 +13,7 @@ from gaitsweep.engine.recorders.recorder import Recorder
 from gaitsweep.engine.sweep.lane import RowDrive, Values
 
 EngineName = Literal["xla", "kernel"]
+RequestedEngine = Literal["auto", "xla", "kernel"]
 
 
 @dataclasses.dataclass(frozen=True)

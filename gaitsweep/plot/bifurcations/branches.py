@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Annotated, Any
 
 import numpy as np
@@ -11,27 +10,20 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from gaitsweep import near_miss
 from gaitsweep.analysis.transitions.return_map import branches as find_branches
 from gaitsweep.angles import unwrap_from
 from gaitsweep.plot import theme
-from gaitsweep.plot.arguments import TEXT_COLUMNS, AlongAxis, Bandwidth, Observed, Title
+from gaitsweep.plot.arguments import AlongAxis, Bandwidth, Observed, Title
 from gaitsweep.plot.bifurcations.branch_lines import STABLE, UNSTABLE
 from gaitsweep.plot.column_labels import described
 from gaitsweep.plot.columns import column, is_angle, log_axes, origin_of, require_columns
-from gaitsweep.plot.kind import PlannedTable, Refusal, figure_kind
+from gaitsweep.plot.kind import check_parameter, figure_kind
 
 _COLOUR = {True: STABLE, False: UNSTABLE}
 _WORDS = {True: "stable: starts nearby come to it", False: "unstable: starts nearby leave it"}
 
 
-def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
-    """Refuse a parameter that does not vary between rows."""
-    if figure.x not in table.varied and figure.x not in TEXT_COLUMNS:
-        yield ("x",), f"is {figure.x}, which does not vary between rows. {near_miss.allowing(table.varied)}"
-
-
-@figure_kind("return_map", check=_check, coloured="none")
+@figure_kind("return_map", check=check_parameter, coloured="none")
 def branches(
     table: pd.DataFrame,
     *,

@@ -15,13 +15,12 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from pydantic import Field
 
-from gaitsweep.near_miss import allowing
 from gaitsweep.plot import theme
 from gaitsweep.plot.arguments import Column, Observable, Title
 from gaitsweep.plot.bifurcations import branch_lines
 from gaitsweep.plot.bifurcations.branch_lines import draw_branch, style_of_range
 from gaitsweep.plot.column_labels import described, symbol
-from gaitsweep.plot.columns import PlotError, column, moved_parameter, origin_of, require_columns
+from gaitsweep.plot.columns import PlotError, branch_parameter, origin_of, recorded_column, require_columns
 from gaitsweep.plot.kind import figure_kind
 from gaitsweep.schema.numbers import Real, Text
 
@@ -53,13 +52,13 @@ def continuation(
         x: the column of the parameter; by default that of the table's job.
 
     Raises:
-        PlotError: the table lacks a column.
+        PlotError: the table lacks a column, or a range is not two numbers.
     """
-    observables = [*table.attrs.get("recorded", ()), *(name for name in table if str(name).endswith("_n"))]
-    if y is None and not observables:
-        raise PlotError(f"The table names no observable: give y. {allowing(map(str, table.columns))}")
-    name = column(table, y or observables[0], ("_n", ""))
-    x = x or moved_parameter(table) or "parameter"
+    for label, ends in intervals.items():
+        if len(ends) != 2:
+            raise PlotError(f"intervals.{label} has {len(ends)} numbers, but must be [low, high].")
+    name = recorded_column(table, y)
+    x = x or branch_parameter(table)
     require_columns(table, x, "row", "point", "stable", "special", hue)
     # the two directions in which a map follows a branch begin at one point
     of_branch = [name_of_part for name_of_part in ("row", "direction") if name_of_part in table]

@@ -15,13 +15,9 @@ from pydantic import Field
 from gaitsweep.plot import theme
 from gaitsweep.plot.arguments import Horizontal, Hue, Observable, Title
 from gaitsweep.plot.column_labels import described, symbol
-from gaitsweep.plot.columns import column, is_angle, log_axes
+from gaitsweep.plot.columns import PlotError, column, is_angle, log_axes
 from gaitsweep.plot.kind import figure_kind
 from gaitsweep.status import Status
-
-_NAMED_LINES = 8  # more lines have no legend
-_COLOURS = 6  # of the spare ones; the others are too pale or too dark for lines
-_DASHES: tuple[Any, ...] = ("-", (0, (4, 1.5)), (0, (1, 1)), (0, (5, 1, 1, 1)))
 
 
 @figure_kind("return_map", "ramp")
@@ -41,8 +37,10 @@ def cycles(
         table: a crossing table (return map or ramp).
 
     Raises:
-        PlotError: the table lacks a column.
+        PlotError: the table lacks a column, or y names no observable.
     """
+    if not y:
+        raise PlotError("y is empty: name at least one observable.")
     names = [column(table, name, ("_n", "")) for name in y]
     x = column(table, x, ("", "_n"))
     column(table, hue)
@@ -63,7 +61,7 @@ def cycles(
                 theme.angle_axis(axes, "y")
             if not lines:
                 theme.message(axes, "The run has stored no row yet.")
-        if 1 < len(values) <= _NAMED_LINES:
+        if 1 < len(values) <= theme.MOST_NAMED_LINES:
             labels, heading = _labels(table, lines, names, hue)
             handles = [Line2D([], [], label=labels[value], **looks[value]) for value in values]
             theme.legend(figure, handles, ncols=min(4, len(handles)), title=heading, in_cell=True)
@@ -78,10 +76,10 @@ def _rows(table: pd.DataFrame) -> list[tuple[object, pd.DataFrame]]:
 def _looks(values: Sequence[Any]) -> dict[Any, dict[str, Any]]:
     """A colour for each value, that of a gait or one of a palette, and dashes if the values are few."""
     of_gaits = theme.colours(map(str, values)) if all(isinstance(value, str) for value in values) else {}
-    palette = theme.SPARE_COLOURS[:_COLOURS]
+    palette = theme.LINE_COLOURS
     looks: dict[Any, dict[str, Any]] = {}
     for number, value in enumerate(values):
-        dashes = _DASHES[number % len(_DASHES)] if len(values) <= _NAMED_LINES else "-"
+        dashes = theme.DASHES[number % len(theme.DASHES)] if len(values) <= theme.MOST_NAMED_LINES else "-"
         colour = of_gaits.get(value, palette[number % len(palette)])
         looks[value] = {"color": colour, "ls": dashes, "lw": 1.0}
     return looks

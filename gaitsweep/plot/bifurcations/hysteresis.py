@@ -16,20 +16,25 @@ from matplotlib.patches import Patch
 from matplotlib.transforms import ScaledTranslation
 
 from gaitsweep.analysis.records import sound
-from gaitsweep.analysis.transitions.hysteresis import LEAST_JUMP
+from gaitsweep.analysis.transitions.jumps import LEAST_JUMP
 from gaitsweep.angles import unwrap_from
 from gaitsweep.plot import theme
 from gaitsweep.plot.arguments import Observable, Observed, Panels, TableOrName, Title
 from gaitsweep.plot.bifurcations.branch_names import name_branches, named_gaits
-from gaitsweep.plot.bifurcations.hysteresis_panels import (
+from gaitsweep.plot.bifurcations.passes import (
+    DOWN,
+    LINES,
+    MARKER,
+    UP,
     Columns,
     Panel,
+    draw_passes,
+    draw_strip,
     irregular_parted,
     panels_of,
     panels_of_second,
     while_moving,
 )
-from gaitsweep.plot.bifurcations.passes import DOWN, LINES, MARKER, UP, draw_passes, draw_strip
 from gaitsweep.plot.column_labels import described, symbol, written
 from gaitsweep.plot.columns import PlotError, column, moved_parameter, origin_of, require_columns, rows_where
 from gaitsweep.plot.figure_style import current

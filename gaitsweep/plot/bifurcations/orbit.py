@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
 from typing import Annotated, Any
 
 import numpy as np
@@ -13,12 +12,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from gaitsweep import near_miss
 from gaitsweep.plot import theme
-from gaitsweep.plot.arguments import TEXT_COLUMNS, AlongAxis, Observed, Title
+from gaitsweep.plot.arguments import AlongAxis, Observed, Title
 from gaitsweep.plot.column_labels import described
 from gaitsweep.plot.columns import column, is_angle, log_axes, require_columns, rows_where
-from gaitsweep.plot.kind import PlannedTable, Refusal, figure_kind
+from gaitsweep.plot.kind import check_parameter, figure_kind
 from gaitsweep.status import RECURRENT, Status
 
 _EXPONENT = "lyapunov_1"
@@ -32,13 +30,7 @@ _ERRORS = 2.0  # standard errors of the exponent that are drawn
 _MANY = 200  # rows from which on points are smaller
 
 
-def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
-    """Refuse a parameter that does not vary between rows."""
-    if figure.x not in table.varied and figure.x not in TEXT_COLUMNS:
-        yield ("x",), f"is {figure.x}, which does not vary between rows. {near_miss.allowing(table.varied)}"
-
-
-@figure_kind("settle", check=_check, coloured="none")
+@figure_kind("settle", check=check_parameter, coloured="none")
 def orbit(
     table: pd.DataFrame,
     *,

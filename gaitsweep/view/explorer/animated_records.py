@@ -19,8 +19,13 @@ from gaitsweep.runs.prepare import RunContext
 from gaitsweep.runs.progress import Progress
 from gaitsweep.skeleton import LimbLook
 from gaitsweep.status import Status
-from gaitsweep.view.explorer.encoding import compressed, crossing_fields, json_bytes, motion_fields
-from gaitsweep.view.explorer.page_columns import html_symbol
+from gaitsweep.view.explorer.page_format import (
+    compressed,
+    crossing_fields,
+    html_symbol,
+    json_bytes,
+    motion_fields,
+)
 from gaitsweep.view.explorer.replay_groups import ReplayGroup, replay_groups
 from gaitsweep.view.explorer.replays import BodyParts, Crossings, ReplayedRow, Replayer
 from gaitsweep.view.explorer.start_map import StartMap

@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Int
 
-from gaitsweep.analysis.atlas.stored_points import StoredPoint
+from gaitsweep.analysis.atlas.branch import StoredPoint
 from gaitsweep.analysis.continuation.arclength_step import BranchPoints
 from gaitsweep.contract import Model
 from gaitsweep.kinds.fixed_points import FollowsFixedPoints
@@ -20,8 +20,15 @@ from gaitsweep.kinds.run_kind import BlockProgress
 from gaitsweep.kinds.staircase import Staircase
 from gaitsweep.runs.prepare import RunContext
 from gaitsweep.status import Status
-from gaitsweep.view.explorer.replays import Crossings, ReplayedRow, Replayer, Stretch, Windows
-from gaitsweep.view.explorer.section_starts import PerPoint, states_at
+from gaitsweep.view.explorer.replays import (
+    Crossings,
+    PerPoint,
+    ReplayedRow,
+    Replayer,
+    Stretch,
+    Windows,
+    states_at,
+)
 from gaitsweep.view.explorer.start_map import CELLS, StartMap
 from gaitsweep.view.explorer.traced_cells import cells_to_trace, spread
 

@@ -1,4 +1,4 @@
-"""Indices of a sensitivity analysis, which measure the dependence of each output on each parameter."""
+"""Methods of a sensitivity analysis: the sets of parameters that each draws, and its indices."""
 
 from __future__ import annotations
 
@@ -6,17 +6,21 @@ import contextlib
 import dataclasses
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
 from jaxtyping import Float
 
 from gaitsweep.angles import wrapped_difference
-from gaitsweep.fitting.sensitivity_design import LEVELS, SensitivityDesign, unit_cube
+from gaitsweep.errors import ArgumentError
+from gaitsweep.fitting.free_parameters import FreeParameter, sets_at
 
+Method = Literal["one_at_a_time", "morris", "sobol"]
+METHODS: tuple[Method, ...] = ("one_at_a_time", "morris", "sobol")
+LEVELS = 4  # of each range, on which Morris's trajectories run
 PerSet = Float[np.ndarray, " sets"]  # a number for each set
-LEVEL = 0.95  # of confidence
+LEVEL = 0.95  # of confidence intervals
 _RESAMPLES = 200  # of the bootstrap
 _MIN_TRAJECTORIES = 4
 _MIN_GIVEN_ROWS = 100  # of RBD-FAST, which sums ten harmonics
@@ -24,7 +28,6 @@ _ROUNDING = 1e-12  # relative difference of values that count as equal
 # Mean resultant length of angles below which they lie so far around the circle that a cut matters.
 _SPREAD = 0.5
 _OWN_SET = "the job's own values"
-
 COLUMNS = ("method", "output", "parameter", "index", "value", "confidence", "rows", "unit", "note")
 # The index by which parameters are sorted, and the others, by method.
 INDICES = {
@@ -33,6 +36,89 @@ INDICES = {
     "sobol": ("ST", "S1"),
     "rbd_fast": ("S1", "ST"),
 }
+
+
+@dataclasses.dataclass(frozen=True)
+class SensitivityDesign:
+    """Sets of parameters.
+
+    `sets` (n,) by name; `shares` (n, parameters) of their ranges, from 0 to 1, for morris and sobol;
+    `places`, for one_at_a_time, the rows of each parameter's low end, middle and high end. Row 0 of
+    one_at_a_time is the job itself.
+    """
+
+    method: Method
+    sets: dict[str, Float[np.ndarray, " sets"]]
+    shares: Float[np.ndarray, "sets parameters"] | None = None
+    places: dict[str, tuple[int, int, int]] | None = None
+
+    @property
+    def n_rows(self) -> int:
+        """Number of sets, each a row of the table."""
+        return next(iter(self.sets.values())).size
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the parameters."""
+        return list(self.sets)
+
+
+def design_of(
+    method: Method, n: int | None, seed: int, ranges: Mapping[str, FreeParameter], base: Mapping[str, float]
+) -> SensitivityDesign:
+    """Return the sets of a method.
+
+    Args:
+        method: one of METHODS.
+        n: trajectories (morris), or base points (sobol); None for one_at_a_time.
+        seed: seed of all random numbers.
+        ranges: range of each parameter.
+        base: the job's own values.
+
+    Raises:
+        ArgumentError: morris or sobol without n.
+    """
+    if method == "one_at_a_time":
+        return _one_at_a_time(ranges, base)
+    if n is None:
+        raise ArgumentError(f"{method} needs n, its number of trajectories or of base points.")
+    cube = unit_cube(len(ranges))
+    if method == "morris":
+        from SALib.sample import morris
+
+        # trajectories: each of their points is a step of one parameter from the last
+        shares = morris.sample(cube, n, num_levels=LEVELS, seed=seed)
+    else:
+        from SALib.sample import sobol
+
+        # for each base point A: A, A with each coordinate of another one, B, in turn, and B
+        shares = sobol.sample(cube, n, calc_second_order=False, seed=seed)
+    return SensitivityDesign(method, sets_at(ranges, shares), shares=shares)
+
+
+def unit_cube(dimension: int) -> dict[str, object]:
+    """Return SALib's description of ranges from 0 to 1."""
+    names = [f"x{i}" for i in range(dimension)]
+    return {"num_vars": dimension, "names": names, "bounds": [[0.0, 1.0]] * dimension}
+
+
+def _one_at_a_time(ranges: Mapping[str, FreeParameter], base: Mapping[str, float]) -> SensitivityDesign:
+    """Return the job itself, then the ends and the middle of each range that differ from the job's value."""
+    rows = [dict(base)]
+
+    def row_with(name: str, value: float) -> int:
+        """Return the row of the job with this value of a parameter; add it if it differs from the job's."""
+        if np.isclose(value, base[name], rtol=1e-12, atol=0.0):
+            return 0
+        rows.append({**base, name: value})
+        return len(rows) - 1
+
+    places = {}
+    for name, parameter in ranges.items():
+        low, middle, high = parameter.at(np.array([0.0, 0.5, 1.0])).tolist()
+        places[name] = (row_with(name, low), row_with(name, middle), row_with(name, high))
+    sets = {name: np.array([row[name] for row in rows]) for name in ranges}
+    return SensitivityDesign("one_at_a_time", sets, places=places)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -1,14 +1,11 @@
-"""Return map of a model at given parameters: images, derivative, fixed points and branches."""
+"""Return map of a model: images, derivative, multipliers, events, phase response and rare falls."""
 
 from __future__ import annotations
 
-import abc
-import warnings
-from collections.abc import Callable, Mapping, Sequence
-from functools import cached_property, partial
+from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any, overload
 
-import jax
 import numpy as np
 import pandas as pd
 from jaxtyping import Float, Inexact
@@ -16,294 +13,20 @@ from numpy.typing import ArrayLike
 
 from gaitsweep import near_miss
 from gaitsweep.analysis.basins.fractions import LEVEL
-from gaitsweep.analysis.continuation.continuation import LevelMap, continuation
 from gaitsweep.analysis.continuation.floquet_multipliers import multipliers
-from gaitsweep.analysis.continuation.newton import FixedPoints, newton
+from gaitsweep.analysis.continuation.newton import FixedPoints
 from gaitsweep.analysis.phase_response import phase_response
 from gaitsweep.analysis.rare_falls import SCALES, Draws, RareFalls, TooFewFallsError, rare_falls
 from gaitsweep.analysis.records import names_in
-from gaitsweep.api.keywords import AnyModel, job_of
+from gaitsweep.api.fixed_points import FixedPointsOfModel, SectionPoints, job_of_map
+from gaitsweep.api.keywords import AnyModel
 from gaitsweep.contract import HybridModel
-from gaitsweep.engine.poincare.maps import Map, Points
-from gaitsweep.engine.poincare.model_map import ModelMap
+from gaitsweep.engine.poincare.maps import Points
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
-from gaitsweep.engine.poincare.stationary_map import StationaryMap
 from gaitsweep.engine.pushed_model import flow_places
 from gaitsweep.engine.solver.methods import derivative_refusal
 from gaitsweep.errors import ArgumentError
 from gaitsweep.job import Job
-from gaitsweep.kinds import ReturnMap
-from gaitsweep.kinds.columns import AT_REST, gaits, quantities_of
-from gaitsweep.kinds.fixed_points import gait_numbers
-
-# Points of the section: their coordinates, start values by name, or what these methods return.
-SectionPoints = Points | FixedPoints | Mapping[str, Any]
-
-
-class FixedPointsOfModel(abc.ABC):
-    """Fixed points of a map of a model's states, and their branches.
-
-    Args:
-        job: the job whose parameters and starts the map has.
-        without_start: the start values that were not given.
-        map_of: makes the map, as `map_of(model, settings)`.
-        period: how often the map is applied from a point to its image.
-    """
-
-    def __init__(
-        self,
-        job: Job,
-        without_start: Sequence[str],
-        map_of: Callable[..., ModelMap],
-        period: int = 1,
-    ) -> None:
-        design = job.design
-        names = [quantity.name for quantity in design.model.parameters]
-        parameters, starts = design.values(0, design.n_rows)
-        moving = {name for name in names if design.spans(name)}
-        settings = {}
-        for name in names:
-            if name in design.derived:  # stays a formula, so that a branch moves it too
-                settings[name] = design.derived[name]
-            else:
-                settings[name] = 0.0 if name in moving else design.settings[name]
-        self.model = design.model
-        self._once = map_of(design.model, tuple(settings.items()))
-        self._period = period
-        self.mapping: Map = self._once.iterated(period)
-        self._values = {name: parameters[name] for name in moving if name not in design.derived}
-        self._parameters = parameters
-        self._without_start = tuple(without_start)
-        self._starts = {
-            name: value
-            for name, value in starts.items()
-            if name not in without_start and not np.isnan(value).all()
-        }
-
-    def __repr__(self) -> str:
-        moving = f" over {', '.join(self._values)}" if self._values else ""
-        return f"{type(self).__name__}({self.model.name}: {', '.join(self.coordinates)}{moving})"
-
-    @property
-    def coordinates(self) -> list[str]:
-        """Names of the coordinates, in their order."""
-        return [quantity.name for quantity in self.mapping.coordinates]
-
-    @property
-    def conserved(self) -> list[str]:
-        """Names of the conserved quantities."""
-        return [quantity.name for quantity in self.mapping.conserved]
-
-    def fixed_points(
-        self,
-        x: SectionPoints | ArrayLike,
-        *,
-        fix: str | Sequence[str] | None = None,
-        tolerance: float = 1e-9,
-        most: int = 20,
-    ) -> FixedPoints:
-        """Find fixed points near points, stable or not, by Newton's method.
-
-        Args:
-            x: start points of the searches.
-            fix: conserved quantities that are held; all of `conserved` by default.
-            tolerance: residual of a fixed point, relative to the size of each coordinate.
-            most: Newton steps.
-
-        Returns:
-            For each point: `converged`, `outcome`, `points` (`points.at` are coordinates), `residual`,
-            `iterations`, `images` with their derivatives.
-
-        Raises:
-            ArgumentError: the map has no derivative, or `fix` names a quantity that it does not conserve.
-
-        Example:
-            In the hopper's 1:1 gait its oscillator turns once a hop, so the launch is pi g / omega:
-
-            >>> import numpy as np, gaitsweep as gs
-            >>> from gaitsweep.examples.hopper import Hopper
-            >>> gait = gs.return_map(Hopper(), omega=3.7).fixed_points([0.4, 8.3])
-            >>> gait.converged.tolist(), gait.points.at.round(4).tolist()
-            ([True], [[0.3971, 8.3295]])
-            >>> round(np.pi * 9.81 / 3.7, 4)
-            8.3295
-        """
-        self._require_fixed_points()
-        points = self._points(x)[0]
-        conserved = self.conserved if fix is None else names_in(fix)
-        return newton(self.mapping, points, self._values, fix=conserved, tolerance=tolerance, most=most)
-
-    def continue_(
-        self,
-        x: SectionPoints | ArrayLike,
-        parameter: str,
-        within: Sequence[float],
-        *,
-        towards: int | None = None,
-        fix: str | Sequence[str] | None = None,
-    ) -> pd.DataFrame:
-        """Follow the branches of fixed points through points along a parameter, around folds.
-
-        Args:
-            x: points near fixed points at the map's own value of the parameter.
-            parameter: name of a parameter, or of a quantity in `conserved`: then the family of gaits is
-                followed along it.
-            within: its range, two numbers.
-            towards: 1 or -1, the direction in which a branch begins; both by default.
-            fix: conserved quantities that are held; all of `conserved` by default.
-
-        Returns:
-            One record a point of a branch, as of `analysis.continuation.continuation`; `row` is the place of
-            its start, `direction` that of the branch at its start, and `gait` its gait.
-            `gs.plot.continuation` draws it.
-
-        Raises:
-            ArgumentError: the map has no derivative, the parameter is not the model's, its value is outside
-                the range, or the range is not two numbers.
-
-        Example:
-            The hopper's 1:1 gait, with a launch of pi g / omega, ends in a fold. There its leg adds all of
-            `push` to replace the speed that a landing takes, (1 - restitution) launch:
-
-            >>> import numpy as np, gaitsweep as gs
-            >>> from gaitsweep.examples.hopper import Hopper
-            >>> branch = gs.return_map(Hopper(), omega=3.7).continue_([0.4, 8.3], "omega", (3.5, 3.7))
-            >>> branch.loc[branch["special"] == "fold", "omega"].round(4).tolist()
-            [3.556]
-            >>> round((1.0 - 0.7) * np.pi * 9.81 / 2.6, 4)
-            3.556
-        """
-        self._require_fixed_points()
-        points = self._points(x)[0]
-        begin = self._begin(points, parameter)
-        if isinstance(within, str) or len(within) != 2 or not min(within) < max(within):
-            raise ArgumentError(f"within is {within!r}, but must be two different numbers.")
-        low, high = min(within), max(within)
-        if not (low <= begin.min() and begin.max() <= high):
-            raise ArgumentError(
-                f"{parameter} is {begin[0]:g} at the map's points, but the range is from {low:g} to {high:g}."
-            )
-        mapping: Map = self.mapping
-        fixed = self.conserved if fix is None else names_in(fix)
-        constrained: Sequence[str] | dict[str, float | None] = fixed
-        if parameter in self.conserved:
-            mapping = LevelMap(mapping, parameter)
-            constrained = {**dict.fromkeys(fixed), parameter: 0.0}
-        values = {name: value for name, value in self._values.items() if name != parameter}
-        tables = []
-        for direction in (1, -1) if towards is None else (towards,):
-            end = high if direction > 0 else low
-            if towards is None and np.all(begin == end):
-                continue
-            branches = continuation(
-                mapping,
-                points,
-                values,
-                parameter=parameter,
-                within=within,
-                begin=np.broadcast_to(begin, (len(points),)),
-                towards=direction,
-                fix=constrained,
-                with_points=isinstance(self._once, StationaryMap),
-            )
-            tables.append(branches.assign(direction=direction))
-        table = pd.concat(tables, ignore_index=True)
-        return self._described(table.assign(gait=self._gaits(table)), parameter)
-
-    def _begin(self, points: Points, parameter: str) -> Float[np.ndarray, " begin"]:
-        """The values of a parameter or a conserved quantity at points: one each, or one for all."""
-        if parameter in self.conserved:
-            images = self.mapping.linearised(points, self._values)
-            return images.conserved_values[:, self.conserved.index(parameter)]
-        if parameter not in self._parameters:
-            self.mapping.complete({parameter: 0.0}, 1)  # refuses names that the model does not have
-        values = self._parameters[parameter]
-        return values if parameter in self._values else values[:1]
-
-    def _gaits(self, table: pd.DataFrame) -> pd.Categorical:
-        """The gait at each record of a table of branches, as in the table of a job."""
-        if isinstance(self._once, StationaryMap):
-            return pd.Categorical([AT_REST] * len(table))
-        has_point = table["stable"].notna().to_numpy()
-        codes = np.full(len(table), -1)
-        if has_point.any():
-            points = table.loc[has_point]
-            row = points["row"].to_numpy(np.int64)
-            values = {name: column[row] for name, column in self._values.items()}
-            values |= {name: points[name].to_numpy(float) for name in self._parameters if name in points}
-            # observables have other names where another column has theirs
-            names = {
-                q.name: f"{q.name}_n" if f"{q.name}_n" in points else q.name for q in self.model.observables
-            }
-            observed = {name: points[column].to_numpy(float) for name, column in names.items()}
-            codes[has_point] = gait_numbers(self._once, values, observed, len(points))
-        return gaits(self.model, codes)
-
-    def _described(self, table: pd.DataFrame, parameter: str) -> pd.DataFrame:
-        """A table of branches with its coordinates, and with what figures read of a job's table."""
-        if "at" in table:  # not every variable of a flow is an observable
-            known = np.flatnonzero(table["at"].notna())
-            for k, name in enumerate(self.coordinates):
-                table.loc[known, name] = [point.points.at[0, k] for point in table["at"].iloc[known]]
-            table = table.drop(columns="at")
-        table.attrs["job"] = {"run": {"kind": "continuation", "parameter": parameter}}
-        names = (*self.coordinates, *(quantity.name for quantity in self.model.observables))
-        recorded = [name for name in dict.fromkeys(names) if name in table]
-        table.attrs |= {"quantities": quantities_of(self.model), "recorded": recorded}
-        return table
-
-    def _points(self, x: Any) -> tuple[Points, bool]:
-        """Return points, and whether they were one array of coordinates (size,); refuse no points."""
-        points, single = self._any_points(x)
-        if not len(points):
-            raise ArgumentError("x has no points: give at least one.")
-        return points, single
-
-    def _any_points(self, x: Any) -> tuple[Points, bool]:
-        """As `_points`, of any number of points."""
-        if isinstance(x, FixedPoints):
-            return x.points, False
-        if isinstance(x, Points):
-            return x, False
-        if isinstance(x, Mapping):
-            return self._settled(x, 0), False
-        at = np.asarray(x, np.float64)
-        size = len(self.coordinates)
-        if at.ndim not in (1, 2) or at.shape[-1] != size:
-            raise ArgumentError(
-                f"Points have the shape {at.shape}, but the map has {size} coordinates: give (n, {size})."
-            )
-        rows = np.atleast_2d(at)
-        like = jax.tree.map(lambda leaf: np.repeat(leaf[:1], len(rows), axis=0), self._start.modes)
-        return Points(rows, like), at.ndim == 1 and not self._values
-
-    @cached_property
-    def _start(self) -> Points:
-        """The points of the map's own start values."""
-        return self._settled({}, 0)
-
-    @abc.abstractmethod
-    def _require_fixed_points(self) -> None:
-        """Raise ArgumentError if the map has no isolated fixed points, or no derivative."""
-
-    def _settled(self, starts: Mapping[str, Any], cycles: int) -> Points:
-        """The points of start values after a number of applications of the map."""
-        known = [quantity.name for quantity in self.model.initial_conditions]
-        for name in starts:
-            if name not in known:
-                near = near_miss.suggestion(name, known)
-                raise ArgumentError(f"{name} is not a start value of {self.model.name}{near}")
-        start_values = {**self._starts, **starts}
-        missing = [name for name in self._without_start if name not in start_values]
-        if missing:
-            raise ArgumentError(f"{missing[0]} of {self.model.name} has no default: give this start value.")
-        points, halts = self._once.settled(start_values, self._values, cycles * self._period)
-        failed = int(np.count_nonzero(halts))
-        if failed:
-            warnings.warn(
-                f"{failed} of {len(points)} starts did not cross the section {cycles} times.", stacklevel=2
-            )
-        return points
 
 
 class PoincareMap(FixedPointsOfModel):
@@ -460,13 +183,15 @@ class PoincareMap(FixedPointsOfModel):
         assert isinstance(self.model, HybridModel)  # others have no derivative
         places = flow_places(self.model)
         push = names_in(push)
+        if not push:
+            raise ArgumentError(f"push is empty: name a variable of the flow. {near_miss.allowing(places)}")
         for name in push:
             if name not in places:
                 near = near_miss.suggestion(name, places)
                 raise ArgumentError(f"{name} is no variable of the flow of {self.model.name}{near}")
         shares = np.arange(phases) / phases if isinstance(phases, int) else np.asarray(phases, np.float64)
-        if shares.ndim != 1 or not np.all((shares >= 0.0) & (shares < 1.0)):
-            raise ArgumentError("phases are a whole number, or numbers (n,) from 0 to below 1.")
+        if shares.ndim != 1 or not shares.size or not np.all((shares >= 0.0) & (shares < 1.0)):
+            raise ArgumentError("phases are a whole number above 0, or numbers (n,) from 0 to below 1.")
         points = self._points(x)[0]
         if len(points) != 1:
             raise ArgumentError(f"x has {len(points)} points: give one gait.")
@@ -616,7 +341,7 @@ def return_map(
         values: parameters, and default start values of points.
 
     Raises:
-        ArgumentError: a name that the model does not have.
+        ArgumentError: a name that the model does not have, or a period that is no whole number from 1 on.
         JobError: all other errors.
 
     Example:
@@ -631,29 +356,7 @@ def return_map(
         >>> np.allclose(hops([0.0, 2.5]), [phase, 0.7 * 2.5 + 2.6 * (1.0 + np.cos(phase)) / 2.0])
         True
     """
+    if not isinstance(period, int | np.integer) or period < 1:
+        raise ArgumentError(f"period is {period!r}, but must be a whole number from 1 on.")
     job, without_start = job_of_map(model, params, start, values, numerics=numerics, engine=engine)
     return PoincareMap(job, period, without_start)
-
-
-def job_of_map(
-    model: AnyModel,
-    params: Mapping[str, Any] | None,
-    start: Mapping[str, Any] | None,
-    values: Mapping[str, Any],
-    **fields: Any,
-) -> tuple[Job, list[str]]:
-    """Return the job of a map, and the start values that nothing gives.
-
-    Args:
-        model, params, start, values, fields: as of `return_map`.
-
-    Returns:
-        The job, and the names of initial conditions without a default, to which no value is given.
-    """
-    run = ReturnMap(crossings=1)
-    job = job_of(model, values, run=run, params=params, start=start, any_start=True, **fields)
-    for caveat in job.design.model.caveats():
-        warnings.warn(caveat, stacklevel=3)
-    given = {*values, *(start or {})}
-    without_default = [q.name for q in job.design.model.initial_conditions if q.default is None]
-    return job, [name for name in without_default if name not in given]

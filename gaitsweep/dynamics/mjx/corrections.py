@@ -1,8 +1,11 @@
-"""Contacts of capsules, boxes and cylinders with a plane, and of capsules with others, as in MuJoCo C.
+"""Contacts and the Runge-Kutta step of MuJoCo C, where MJX's own differ.
 
-MJX's own functions choose other friction axes below a steep capsule and other points of boxes and cylinders,
-and round the points of capsules to a millionth, so that bodies land otherwise than in MuJoCo C. These
-functions take their places in MJX's table.
+MJX chooses other friction axes below a steep capsule and other points of boxes and cylinders, and rounds the
+points of capsules to a millionth, so that bodies land otherwise than in MuJoCo C. The functions of contacts
+take their places in MJX's table.
+
+Its step of order 4 averages the angular velocities of the stages as if turns could be added, which is of
+order 2 for a body that turns about changing axes.
 """
 
 # MuJoCo's compiled modules come without types.
@@ -12,6 +15,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -20,13 +24,15 @@ import numpy as np
 
 with contextlib.redirect_stdout(io.StringIO()):  # MJX prints that Warp is not installed
     from mujoco import mjx as mjx  # the other modules take it from here
-from mujoco.mjx._src import collision_driver, collision_primitive, math
+from mujoco.mjx._src import collision_driver, collision_primitive, forward, math, scan
 from mujoco.mjx._src.collision_primitive import collider
 from mujoco.mjx._src.collision_types import GeomInfo
 from mujoco.mjx._src.types import GeomType
 
 Contacts = tuple[jax.Array, jax.Array, jax.Array]  # distances (k,), positions (k, 3), frames (k, 3, 3)
 
+_STAGES = (0.5, 0.5, 1.0)  # shares of the step at the second to the fourth stage
+_WEIGHTS = np.array([1.0, 2.0, 2.0, 1.0]) / 6.0
 _SIGNS = np.array([[1.0 if i >> axis & 1 else -1.0 for axis in range(3)] for i in range(8)])
 
 
@@ -117,7 +123,7 @@ def _touching(one: jax.Array, radius: jax.Array, other: jax.Array, radius_of_oth
     return distance, place, math.make_frame(normal)
 
 
-def register() -> None:
+def replace_contacts() -> None:
     """Put these functions into MJX's table, for the whole process."""
     for shapes, function in (
         ((GeomType.PLANE, GeomType.CAPSULE), _plane_capsule),
@@ -127,3 +133,62 @@ def register() -> None:
         ((GeomType.CAPSULE, GeomType.CAPSULE), _capsule_capsule),
     ):
         collision_driver._COLLISION_FUNC[shapes] = function
+
+
+def runge_kutta(model: Any, data: Any) -> Any:
+    """MJX's data one step later by a Runge-Kutta step of order 4, also for turns of free and ball joints.
+
+    Args:
+        model: an mjx.Model.
+        data: MJX's data at the beginning of the step, after `mjx.forward`.
+    """
+    start = data
+    turns = _turns(model)
+    rates = data.qvel, data.qacc, data.act_dot
+    stages = [rates]
+    for share in _STAGES:
+        dt = share * model.opt.timestep
+        change_of_q, change_of_v, change_of_act = (dt * rate for rate in rates)
+        q = scan.flat(model, _moved, "jqv", "q", model.jnt_type, start.qpos, change_of_q)
+        v = start.qvel + change_of_v
+        data = data.replace(qpos=q, qvel=v, act=start.act + change_of_act, time=start.time + dt)
+        data = forward.forward(model, data)
+        rates = _rate(change_of_q, v, turns), data.qacc, data.act_dot
+        stages.append(rates)
+    v, qacc, act = (
+        sum(weight * rate for weight, rate in zip(_WEIGHTS, rates_of_stages, strict=True))
+        for rates_of_stages in zip(*stages, strict=True)
+    )
+    data = data.replace(qpos=start.qpos, qvel=start.qvel, act=start.act, time=start.time)
+    return forward._advance(model, data, act, qacc, v)
+
+
+def _moved(joints: Any, q: jax.Array, change: jax.Array) -> jax.Array:
+    """Positions after a change in the directions of the velocities."""
+    return forward._integrate_pos(joints, q, change, dt=1.0)
+
+
+def _turns(model: Any) -> np.ndarray:
+    """The degrees of freedom (n, 3) of the turns of free and ball joints."""
+    first = [
+        address + (3 if kind == mujoco.mjtJoint.mjJNT_FREE else 0)
+        for kind, address in zip(model.jnt_type.tolist(), model.jnt_dofadr.tolist(), strict=True)
+        if kind in (mujoco.mjtJoint.mjJNT_FREE, mujoco.mjtJoint.mjJNT_BALL)
+    ]
+    return np.array(first, int)[:, None] + np.arange(3)
+
+
+def _rate(change: jax.Array, v: jax.Array, turns: np.ndarray) -> jax.Array:
+    """The rate (nv,) of a change of positions (nv,) from its value and the velocities there.
+
+    For a turn u this is the inverse of the derivative of the exponential map: w + u x w / 2 + ...
+    (Munthe-Kaas 1998, BIT 38:92).
+    """
+    u = change[turns]
+    w = v[turns]
+    square = jnp.sum(u * u, axis=1, keepdims=True)
+    small = square < 1e-4
+    half = 0.5 * jnp.sqrt(jnp.where(small, 1.0, square))
+    factor = jnp.where(small, 1.0 / 12.0 + square / 720.0, (1.0 - half / jnp.tan(half)) / (4.0 * half * half))
+    across = jnp.cross(u, w)
+    return v.at[turns].set(w + 0.5 * across + factor * jnp.cross(u, across))

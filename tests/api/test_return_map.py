@@ -89,6 +89,8 @@ def test_refusals() -> None:
         reduced.continue_(starts, "beta", (0.7, 0.9))
     with pytest.raises(gs.ArgumentError, match="psi_1 of multilegged_reduced has no default"):
         reduced(np.zeros(3))
+    in_params = gs.return_map(gs.models.MultileggedReduced(N=3), params=starts)
+    np.testing.assert_array_equal(in_params.settled().at, reduced.settled(starts).at)
     mapping = gs.return_map(TOY, kick=KICK)
     with pytest.raises(gs.ArgumentError, match=r"shape \(7,\), but the map has"):
         mapping(np.zeros(7))
@@ -96,6 +98,14 @@ def test_refusals() -> None:
         mapping.settled({"lanch_1": 1.0})
     with pytest.raises(gs.ArgumentError, match=r"kick is 0\.3 at the map's points, but the range is"):
         mapping.continue_({"launch_1": 1.0}, "kick", (1, 2))
+    with pytest.raises(gs.ArgumentError, match="towards is 0, but must be 1, -1"):
+        mapping.continue_({"launch_1": 1.0}, "kick", (0.1, 2), towards=0)
+    with pytest.raises(gs.ArgumentError, match="must be two different numbers"):
+        mapping.continue_({"launch_1": 1.0}, "kick", ("a", "b"))  # pyright: ignore[reportArgumentType]
+    with pytest.raises(gs.ArgumentError, match="cycles is -1, but"):
+        mapping.settled(cycles=-1)
+    with pytest.raises(gs.ArgumentError, match="period is 0, but"):
+        gs.return_map(TOY, kick=KICK, period=0)
     with pytest.raises(gs.ArgumentError, match="kik is not a parameter of toy; did you mean kick"):
         mapping.continue_({"launch_1": 1.0}, "kik", (1, 2))
     with pytest.raises(gs.ArgumentError, match="lunch is neither a parameter nor a start value"):

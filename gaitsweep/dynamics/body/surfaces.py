@@ -1,0 +1,222 @@
+"""Surfaces of the ground in an MJCF, planes, boxes and height fields: distance and normal of a point."""
+
+# MuJoCo's compiled modules come without types.
+# pyright: reportAttributeAccessIssue=false
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any, ClassVar, TypeAlias
+
+import jax
+import jax.numpy as jnp
+import mujoco
+import numpy as np
+from jaxtyping import Float
+
+from gaitsweep.dynamics.ground import MOST_POINTS, ROUNDING, Ground, Profile
+from gaitsweep.dynamics.tree import Array, Scalar
+
+_DUST = 1e-15  # rounding errors of constants that should be zero
+
+
+@dataclasses.dataclass(frozen=True)
+class Plane:
+    """A plane of the world, with its `normal` (3,) and a point `origin` (3,) m."""
+
+    description: ClassVar[str] = "a plane"
+
+    normal: Float[np.ndarray, " 3"]
+    origin: Float[np.ndarray, " 3"]
+
+    @property
+    def is_level(self) -> bool:
+        """Whether the plane is level, so that uneven ground lies on it."""
+        return bool(self.normal[2] == 1.0)
+
+    @property
+    def is_along_y(self) -> bool:
+        """Whether the surface is the same along y."""
+        return bool(self.normal[1] == 0.0)
+
+    def below(self, point: Array, ground: Ground) -> tuple[Array, Scalar]:
+        """The normal (3,) that a point (3,) m meets, and the height (m) of the point above the surface.
+
+        On uneven `ground`, which lies on level planes, they are those of its tangent plane below the point.
+        """
+        if ground.kind == "even" or not self.is_level:
+            return self.normal, self.normal @ (point - self.origin)
+        height, slope = ground.height_and_slope(point[0])
+        return _above_tangent(point[2] - self.origin[2] - height, slope)
+
+    def top(self, x: Array, y: Array) -> Array:
+        """The height (m) of a level plane at places x, y (m); NaN of an inclined one."""
+        return jnp.full_like(x + y, self.origin[2] if self.is_level else jnp.nan)
+
+
+@dataclasses.dataclass(frozen=True)
+class Box:
+    """A box of the world: `centre` (3,) m, `axes` (3, 3) in columns, `half` (3,) m lengths, `margin` m."""
+
+    description: ClassVar[str] = "a box"
+
+    centre: Float[np.ndarray, " 3"]
+    axes: Float[np.ndarray, "3 3"]
+    half: Float[np.ndarray, " 3"]
+    margin: float
+
+    @property
+    def is_along_y(self) -> bool:
+        """Whether the faces are along y or across it."""
+        return bool((np.abs(self.axes[1]) == 1.0).any())
+
+    def below(self, point: Array, _ground: Ground) -> tuple[Array, Scalar]:
+        """The normal (3,) from the box to a point (3,) m, and the signed distance (m) of both.
+
+        Outside, the normal is continuous; inside, it is that of the nearest face.
+        """
+        local = self.axes.T @ (point - self.centre)
+        beyond = jnp.abs(local) - self.half
+        side = jnp.where(local < 0.0, -1.0, 1.0)
+        outside = jnp.maximum(beyond, 0.0)
+        square = outside @ outside
+        is_outside = square > 0.0
+        # the root of 0 has no derivative
+        distance = jnp.sqrt(jnp.where(is_outside, square, 1.0))
+        along_x = (beyond[0] >= beyond[1]) & (beyond[0] >= beyond[2])
+        along_y = ~along_x & (beyond[1] >= beyond[2])
+        nearest = jnp.stack([along_x, along_y, ~(along_x | along_y)])
+        normal = side * jnp.where(is_outside, outside / distance, jnp.where(nearest, 1.0, 0.0))
+        depth = jnp.maximum(jnp.maximum(beyond[0], beyond[1]), beyond[2])
+        return self.axes @ normal, jnp.where(is_outside, distance, depth) - self.margin
+
+    def distance_of_segment(self, begin: Array, end: Array) -> Scalar:
+        """The distance (m) of the nearest point of a segment from `begin` to `end`, (3,) m; 0 inside.
+
+        The derivative of the squared distance along the segment rises, in straight lines between the places
+        where a coordinate passes a face.
+        """
+        start = self.axes.T @ (begin - self.centre)
+        along = self.axes.T @ (end - begin)
+        per = 1.0 / jnp.where(along == 0.0, 1.0, along)
+        breaks = [(sign * self.half - start) * per for sign in (-1.0, 1.0)]
+        shares = jnp.clip(jnp.concatenate([jnp.array([0.0, 1.0]), *breaks]), 0.0, 1.0)
+        slopes = jnp.stack([along @ self._excess(start + share * along) for share in shares])
+        low = jnp.max(jnp.where(slopes <= 0.0, shares, 0.0))
+        high = jnp.min(jnp.where(slopes >= 0.0, shares, 1.0))
+        fall = jnp.max(jnp.where(slopes <= 0.0, slopes, -jnp.inf))
+        rise = jnp.min(jnp.where(slopes >= 0.0, slopes, jnp.inf))
+        crosses = (slopes[0] <= 0.0) & (slopes[1] >= 0.0) & (rise > fall)
+        share = low - jnp.where(crosses, (high - low) * fall / jnp.where(crosses, rise - fall, 1.0), 0.0)
+        share = jnp.where(slopes[0] > 0.0, 0.0, jnp.where(slopes[1] < 0.0, 1.0, share))
+        excess = self._excess(start + share * along)
+        square = excess @ excess
+        # the root of 0 has no derivative
+        return jnp.where(square > 0.0, jnp.sqrt(jnp.where(square > 0.0, square, 1.0)), 0.0)
+
+    def _excess(self, local: Array) -> Array:
+        """The vector (3,) m from the nearest point of the box to a point, both in its axes."""
+        return local - jnp.clip(local, -self.half, self.half)
+
+    def top(self, x: Array, y: Array) -> Array:
+        """The height (m) of the upper side of the box at places x, y (m); NaN beside it."""
+        low = jnp.full_like(x + y, -jnp.inf)
+        high = jnp.full_like(x + y, jnp.inf)
+        for axis, half in zip(self.axes.T, self.half, strict=True):
+            # the vertical line is between both faces of this axis from `low` to `high`
+            offset = axis[0] * (x - self.centre[0]) + axis[1] * (y - self.centre[1])
+            if axis[2] == 0.0:
+                low = jnp.where(jnp.abs(offset) > half, jnp.inf, low)
+                continue
+            ends = [(sign * half - offset) / axis[2] for sign in (-1.0, 1.0)]
+            low = jnp.maximum(low, jnp.minimum(*ends))
+            high = jnp.minimum(high, jnp.maximum(*ends))
+        return jnp.where(low <= high, self.centre[2] + high, jnp.nan)
+
+
+@dataclasses.dataclass(frozen=True)
+class Relief:
+    """A height field of the world that varies along x alone: a profile whose bends are rounded.
+
+    `centre` (3,) m is its place, `half` (2,) m are half its lengths along x and y, `first` (m) is the height
+    of the profile's first point above the centre, `margin` (m) that of the contact.
+    """
+
+    description: ClassVar[str] = "a height field"
+
+    centre: Float[np.ndarray, " 3"]
+    half: Float[np.ndarray, " 2"]
+    first: float
+    profile: Profile
+    margin: float
+
+    is_along_y: ClassVar[bool] = True  # the heights vary along x alone
+
+    def below(self, point: Array, _ground: Ground) -> tuple[Array, Scalar]:
+        """The normal (3,) of the tangent plane below a point (3,) m, and the point's height (m) over it."""
+        x = point[0] - self.centre[0]
+        height, slope = jax.jvp(self._height, (x,), (jnp.ones_like(x),))
+        normal, above = _above_tangent(point[2] - height, slope)
+        return normal, above - self.margin
+
+    def beyond(self, point: Array) -> Scalar:
+        """The distance (m) of a point (3,) m beyond the nearest end of the field; negative within it."""
+        past = jnp.abs(point[:2] - self.centre[:2]) - self.half
+        return jnp.maximum(past[0], past[1])
+
+    def top(self, x: Array, y: Array) -> Array:
+        """The height (m) of the field at places x, y (m); NaN beside it."""
+        inside = (jnp.abs(x - self.centre[0]) <= self.half[0]) & (jnp.abs(y - self.centre[1]) <= self.half[1])
+        return jnp.where(inside, self._height(x - self.centre[0]), jnp.nan)
+
+    def _height(self, x: Array) -> Array:
+        return self.centre[2] + self.first + self.profile.height(jnp.asarray(x), ROUNDING)
+
+
+Surface: TypeAlias = Plane | Box | Relief
+
+
+def surface_of(m: Any, data: Any, geom: int, margin: float) -> Surface:
+    """The surface of a plane, box or height field of the world.
+
+    Args:
+        m: the compiled MJCF.
+        data: its data, with the places of geoms.
+        geom: the geom's number.
+        margin: the distance (m) from which on MuJoCo's contact is stretched.
+
+    Raises:
+        ValueError: the height field is turned, varies along y, or has too many points.
+    """
+    centre = np.array(data.geom_xpos[geom])
+    axes = cleaned(data.geom_xmat[geom].reshape(3, 3))
+    if m.geom_type[geom] == mujoco.mjtGeom.mjGEOM_PLANE:
+        return Plane(axes[:, 2], centre + margin * axes[:, 2])
+    if m.geom_type[geom] == mujoco.mjtGeom.mjGEOM_BOX:
+        return Box(centre, axes, np.array(m.geom_size[geom]), margin)
+    field = int(m.geom_dataid[geom])
+    rows, columns = int(m.hfield_nrow[field]), int(m.hfield_ncol[field])
+    begin = int(m.hfield_adr[field])
+    elevations = np.asarray(m.hfield_data[begin : begin + rows * columns], float).reshape(rows, columns)
+    name = f"Geom '{m.geom(geom).name or f'geom {geom}'}' is a height field"
+    if not np.array_equal(axes, np.eye(3)):
+        raise ValueError(f"{name} that is turned, but located contacts have it along x and y of the world.")
+    if (elevations != elevations[0]).any():
+        raise ValueError(f"{name} that varies along y, but located contacts have heights along x alone.")
+    if columns > MOST_POINTS:
+        raise ValueError(f"{name} of {columns} columns, but located contacts have at most {MOST_POINTS}.")
+    half_x, half_y, tallest, _ = m.hfield_size[field].tolist()
+    heights = tallest * elevations[0]
+    profile = Profile(tuple(np.linspace(-half_x, half_x, columns).tolist()), tuple(heights.tolist()))
+    return Relief(centre, np.array([half_x, half_y]), float(heights[0]), profile, margin)
+
+
+def cleaned(values: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
+    """The values with zeros in place of rounding errors, so that constants keep their zeros."""
+    return np.where(np.abs(values) < _DUST, 0.0, values)
+
+
+def _above_tangent(above: Scalar, slope: Array) -> tuple[Array, Scalar]:
+    """The normal (3,) of ground with a slope (1), and the distance (m) of a point `above` (m) it."""
+    cosine = 1.0 / jnp.sqrt(1.0 + slope * slope)
+    return jnp.stack([-slope * cosine, jnp.zeros_like(cosine), cosine]), cosine * above

@@ -1,0 +1,294 @@
+"""The base of models of a body in an MJCF: its file, starts by joint names, signals, drawing."""
+
+# MuJoCo's compiled modules come without types.
+# pyright: reportAttributeAccessIssue=false
+
+from __future__ import annotations
+
+import abc
+import dataclasses
+import sys
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, ClassVar, Literal
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float, Real
+
+from gaitsweep.contract import Model, Quantity, Rates
+from gaitsweep.dynamics.mjcf.source import (
+    Stamps,
+    compiled,
+    compiled_content,
+    content_digest,
+    identifier,
+    keyframe_number,
+    portable_xml,
+    stamps_of_mjcf,
+)
+from gaitsweep.skeleton import Skeleton
+
+_ANGLES = ("roll", "pitch", "yaw")
+
+
+@dataclasses.dataclass(frozen=True)
+class OfMjcf(Model):
+    """A model whose body is described by an MJCF, and whose actuators it controls.
+
+    Starts are the positions and velocities of slides and hinges by the joints' names, `JOINT_0` and
+    `JOINT_rate_0`; the place and velocity of a free joint, `JOINT_x_0` and `JOINT_x_rate_0`; and the
+    orientation of a free or ball joint, `JOINT_roll_0`, `JOINT_pitch_0` and `JOINT_yaw_0`, with the angular
+    velocity about the body's axes, `JOINT_w_x_0`, ... Their defaults are those of a keyframe, or of the
+    joints where the MJCF has none. Signals are `q_0`, `q_1`, ..., MuJoCo's qpos, and those that are declared.
+    """
+
+    body_file: ClassVar[str]  # the MJCF: a path from the folder of the model's module, or the XML itself
+    keyframe: ClassVar[str] = ""  # the name of the keyframe of a start; the first one by default
+
+    @abc.abstractmethod
+    def control(self, params: Any, state: Any, /) -> Float[Any, " nu"]:
+        """The controls (nu,) of the MJCF's actuators, in their order."""
+
+    @abc.abstractmethod
+    def positions(self, state: Any) -> Float[Any, " nq"]:
+        """MuJoCo's qpos (nq,) of a state."""
+
+    @property
+    def keyframe_ctrl(self) -> Float[Any, " nu"]:
+        """The controls (nu,) of the keyframe of a start; zeros where the MJCF has none."""
+        m = compiled_mjcf(type(self))
+        number = keyframe_number(m, self.keyframe)
+        return jnp.zeros(m.nu) if number is None else jnp.asarray(m.key_ctrl[number])
+
+    def rates(self, params: Any, state: Any, /) -> Rates:
+        """Time derivatives of the declared variables, by name."""
+        return {}
+
+    @property
+    def initial_conditions(self) -> tuple[Quantity, ...]:
+        return (*super().initial_conditions, *(start.quantity for start in _joint_starts(type(self))))
+
+    @property
+    def signals(self) -> tuple[Quantity, ...]:
+        count = compiled_mjcf(type(self)).nq
+        return (
+            *super().signals,
+            *(Quantity(f"q_{i}", "1", f"qpos[{i}] of MuJoCo") for i in range(count)),
+        )
+
+    def signal(self, params: Any, state: Any, /) -> dict[str, Real[Any, ""]]:
+        q = self.positions(state)
+        return {**super().signal(params, state), **{f"q_{i}": q[i] for i in range(q.shape[0])}}
+
+    def started_at(self, start: Mapping[str, Any]) -> tuple[Float[Any, " nq"], Float[Any, " nv"]]:
+        """MuJoCo's qpos (nq,) and qvel (nv,) of a start.
+
+        Args:
+            start: the initial conditions by name.
+        """
+        qpos, qvel = (list(numbers) for numbers in start_places(type(self)))
+        for joint_start in _joint_starts(type(self)):
+            number = start[joint_start.quantity.name]
+            if joint_start.field == "qpos":
+                qpos[joint_start.place] = number
+            elif joint_start.field == "qvel":
+                qvel[joint_start.place] = number
+        for place, joint in _oriented(compiled_mjcf(type(self))):
+            angles = [start[f"{joint}_{angle}_0"] for angle in _ANGLES]
+            qpos[place : place + 4] = quaternion_of_angles(*angles)
+        q = jnp.stack([jnp.asarray(number, float) for number in qpos])
+        v = jnp.stack([jnp.asarray(number, float) for number in qvel])
+        return q, v
+
+    def checked_control(self, params: Any, state: Any) -> Float[Any, " nu"]:
+        """Values of `control`, (nu,).
+
+        Raises:
+            ValueError: it has another shape.
+        """
+        control = jnp.asarray(self.control(params, state), float)
+        m = compiled_mjcf(type(self))
+        if control.shape != (m.nu,):
+            names = ", ".join(m.actuator(i).name or f"actuator {i}" for i in range(m.nu)) or "none"
+            raise ValueError(
+                f"control returns the shape {control.shape}, but must return ({m.nu},), a number for each "
+                f"actuator of the MJCF ({names})."
+            )
+        return control
+
+    @property
+    def data_digest(self) -> str:
+        """A digest of the compiled MJCF, with its meshes."""
+        return content_digest(*content_key(type(self)))
+
+    def mjcf(self, values: Mapping[str, float]) -> str:
+        return source_of(type(self))
+
+    def skeleton(self, values: Mapping[str, float], signals: Mapping[str, np.ndarray]) -> Skeleton:
+        """The geoms of the MJCF, and limbs if it has a site foot_1, ... for each signal contact_1, ..."""
+        from gaitsweep.dynamics.mjcf.drawing import skeleton
+
+        feet = sum(name.startswith("contact_") for name in signals)
+        return skeleton(compiled(self.mjcf(values)), signals, feet, self.limbs)
+
+
+def source_of(kind: type[OfMjcf]) -> str:
+    """The XML of a model's body, which compiles in any folder: the paths of meshes and textures are absolute.
+
+    Raises:
+        ValueError: MuJoCo refuses it.
+        FileNotFoundError: there is no such file.
+    """
+    if kind.body_file.lstrip().startswith("<"):
+        return kind.body_file
+    return portable_xml(mjcf_path(kind))
+
+
+def mjcf_path(kind: type[OfMjcf]) -> Path:
+    """The file of a model's body, from the folder of the class that names it."""
+    owner = next(base for base in kind.__mro__ if "body_file" in vars(base))
+    file = getattr(sys.modules.get(owner.__module__), "__file__", None)
+    folder = Path() if file is None else Path(file).parent
+    return folder / kind.body_file
+
+
+def content_key(kind: type[OfMjcf]) -> tuple[str, Stamps]:
+    """The source of a model's body, and the stamps of its files: a key of what is made of it."""
+    if kind.body_file.lstrip().startswith("<"):
+        return kind.body_file, ()
+    path = mjcf_path(kind)
+    return str(path), stamps_of_mjcf(path)
+
+
+def compiled_mjcf(kind: type[OfMjcf]) -> Any:
+    """MuJoCo's compiled model of a body, made once for each content of its files.
+
+    Raises:
+        ValueError: MuJoCo refuses it.
+        FileNotFoundError: there is no such file.
+    """
+    return compiled_content(*content_key(kind))
+
+
+def start_places(kind: type[OfMjcf]) -> tuple[np.ndarray, np.ndarray]:
+    """The qpos and qvel of the keyframe of a start, or of the joints where there is no keyframe."""
+    m = compiled_mjcf(kind)
+    number = keyframe_number(m, kind.keyframe)
+    if number is None:
+        return np.array(m.qpos0), np.zeros(m.nv)
+    return np.array(m.key_qpos[number]), np.array(m.key_qvel[number])
+
+
+@dataclasses.dataclass(frozen=True)
+class _StartOfJoint:
+    """A start of a joint: a number of qpos or of qvel, or an angle of the quaternion that begins there.
+
+    `field` is the array that has the number, or "angle"; `place` is the place there, of an angle in qpos.
+    """
+
+    field: Literal["qpos", "qvel", "angle"]
+    place: int
+    quantity: Quantity
+
+
+def quaternion_of_angles(roll: Any, pitch: Any, yaw: Any) -> list[Any]:
+    """The quaternion (w, x, y, z) of a yaw about z, a pitch about the new y, a roll about the new x.
+
+    Args:
+        roll, pitch, yaw: angles, rad; the body's x axis points at (cos yaw cos pitch, sin yaw cos pitch,
+            -sin pitch).
+    """
+    half_angles = [0.5 * angle for angle in (roll, pitch, yaw)]
+    a, b, c = (jnp.cos(half) for half in half_angles)
+    r, p, y = (jnp.sin(half) for half in half_angles)
+    return [a * b * c + r * p * y, r * b * c - a * p * y, a * p * c + r * b * y, a * b * y - r * p * c]
+
+
+def angles_of_quaternion(quaternion: Float[np.ndarray, " 4"]) -> tuple[float, float, float]:
+    """Roll, pitch and yaw (rad) of a quaternion, as `quaternion_of_angles` takes them."""
+    w, x, y, z = quaternion / np.linalg.norm(quaternion)
+    sine_of_pitch = 2.0 * (w * y - z * x)
+    pitch = float(np.arcsin(np.clip(sine_of_pitch, -1.0, 1.0)))
+    if abs(sine_of_pitch) > 1.0 - 1e-12:  # only the difference of roll and yaw matters
+        return 2.0 * float(np.arctan2(x, w)), pitch, 0.0
+    roll = float(np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y)))
+    return roll, pitch, float(np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)))
+
+
+def _oriented(m: Any) -> list[tuple[int, str]]:
+    """The place in qpos of the quaternion of each free or ball joint, and the joint's name."""
+    import mujoco
+
+    # a free joint's position comes before its quaternion
+    place_of_quaternion = {int(mujoco.mjtJoint.mjJNT_FREE): 3, int(mujoco.mjtJoint.mjJNT_BALL): 0}
+    oriented: list[tuple[int, str]] = []
+    for j in range(m.njnt):
+        kind = int(m.jnt_type[j])
+        if kind in place_of_quaternion:
+            oriented.append((int(m.jnt_qposadr[j]) + place_of_quaternion[kind], _joint_name(m, j)))
+    return oriented
+
+
+def _joint_name(m: Any, joint: int) -> str:
+    """The name of a joint in quantities, from its number."""
+    return identifier(m.jnt(joint).name or f"joint_{joint + 1}")
+
+
+def _joint_starts(kind: type[OfMjcf]) -> list[_StartOfJoint]:
+    """The starts of joints."""
+    import mujoco
+
+    m = compiled_mjcf(kind)
+    qpos, qvel = start_places(kind)
+    oriented = {name: place for place, name in _oriented(m)}
+    starts: list[_StartOfJoint] = []
+    for j in range(m.njnt):
+        name = _joint_name(m, j)
+        joint_type = int(m.jnt_type[j])
+        q = int(m.jnt_qposadr[j])
+        v = int(m.jnt_dofadr[j])
+        if joint_type == mujoco.mjtJoint.mjJNT_FREE:
+            starts += _starts_of_place(name, q, v, qpos, qvel)
+            v += 3
+        if name in oriented:
+            starts += _starts_of_orientation(name, oriented[name], v, qpos, qvel)
+        else:
+            unit = "rad" if joint_type == mujoco.mjtJoint.mjJNT_HINGE else "m"
+            position = f"position of joint {name} at the start"
+            velocity = f"velocity of joint {name} at the start"
+            starts.append(_start("qpos", q, qpos, f"{name}_0", unit, position))
+            starts.append(_start("qvel", v, qvel, f"{name}_rate_0", f"{unit}/s", velocity))
+    return starts
+
+
+def _start(
+    field: Literal["qpos", "qvel"], place: int, numbers: np.ndarray, name: str, unit: str, meaning: str
+) -> _StartOfJoint:
+    """The start of one number, with its default among `numbers`."""
+    return _StartOfJoint(field, place, Quantity(name, unit, meaning, float(numbers[place])))
+
+
+def _starts_of_place(
+    name: str, q: int, v: int, qpos: np.ndarray, qvel: np.ndarray
+) -> Iterator[_StartOfJoint]:
+    """The starts of the place of a free joint and of its velocity; they begin at `q` and `v`."""
+    for k, axis in enumerate("xyz"):
+        place = f"{axis} of {name} at the start"
+        velocity = f"velocity along {axis} of {name} at the start"
+        yield _start("qpos", q + k, qpos, f"{name}_{axis}_0", "m", place)
+        yield _start("qvel", v + k, qvel, f"{name}_{axis}_rate_0", "m/s", velocity)
+
+
+def _starts_of_orientation(
+    name: str, q: int, v: int, qpos: np.ndarray, qvel: np.ndarray
+) -> Iterator[_StartOfJoint]:
+    """The starts of the angles of a free or ball joint, and of its angular velocity."""
+    angles = angles_of_quaternion(qpos[q : q + 4])
+    for angle, default in zip(_ANGLES, angles, strict=True):
+        # the sum turns -0.0 into 0.0
+        quantity = Quantity(f"{name}_{angle}_0", "rad", f"{angle} of {name} at the start", default + 0.0)
+        yield _StartOfJoint("angle", q, quantity)
+    for k, axis in enumerate("xyz"):
+        meaning = f"angular velocity of {name} about the body's {axis} at the start"
+        yield _start("qvel", v + k, qvel, f"{name}_w_{axis}_0", "rad/s", meaning)

@@ -1,0 +1,300 @@
+"""The ground that an MJCF draws: distances against MuJoCo C, motions over it against SciPy, its bounds."""
+
+# MuJoCo's compiled modules come without types.
+# pyright: reportAttributeAccessIssue=false
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import mujoco
+import numpy as np
+import pytest
+import scipy
+
+import gaitsweep as gs
+from gaitsweep.dynamics.body.mechanics import Contact, LocatedBody
+from gaitsweep.dynamics.ground import heights_of_model, is_uneven
+
+RADIUS, STIFFNESS, DAMPING, FRICTION, GRIP = 0.05, 2e4, 20.0, 0.4, 30.0
+SOFT: dict[str, Any] = {
+    "ball_contact_stiffness": STIFFNESS, "ball_contact_damping": DAMPING, "ball_friction": FRICTION,
+    "ball_grip": GRIP,
+}  # fmt: skip
+EXACT = {"method": "tsit5", "rtol": 1e-11, "atol": 1e-12}
+FLOOR = '<geom name="floor" type="plane" size="9 9 .1"/>'
+# the upper face is 10 cm high, and ends at x = 0.3
+STEP = '<geom name="step" type="box" pos="-.7 0 0" size="1 1 .1"/>'
+HILLS = """<geom name="hills" type="hfield" hfield="h" pos=".5 0 .02"/>"""
+# points at x = -1, -0.5, ..., 2, 0.1 m high at 1
+ELEVATION = (0.0, 0.0, 0.2, 0.6, 1.0, 0.3, 0.5)
+HEIGHTS = 0.1 * np.array(np.array(ELEVATION, np.float32), float) + 0.02
+ASSET = f"""<asset><hfield name="h" nrow="2" ncol="7" size="1.5 1 .1 .1"
+  elevation="{" ".join(map(str, 2 * ELEVATION))}"/></asset>"""
+PLANAR = """<body name="body"><joint name="x" type="slide" axis="1 0 0"/>
+  <joint name="z" type="slide" axis="0 0 1"/><joint name="turn" axis="0 1 0"/>{geom}</body>"""
+BALL = '<geom name="ball" size=".05" mass="1" conaffinity="0"/>'
+Place = Callable[[float, float], tuple[np.ndarray, float]]
+
+
+def world(ground: str, body: str) -> str:
+    """The MJCF of a ground and a body."""
+    return f"<mujoco>{ASSET}<worldbody>{ground}{body}</worldbody></mujoco>"
+
+
+def planar(ground: str, geom: str = BALL) -> str:
+    """The MJCF of a ground and a body of one geom in a vertical plane."""
+    return world(ground, PLANAR.format(geom=geom))
+
+
+class Ball(gs.BodyModel):
+    """A body in a vertical plane, without actuators."""
+
+    body_file = planar(FLOOR + STEP)
+
+    def control(self, p: Any, s: Any) -> Any:
+        return np.zeros(0)
+
+    @gs.observable("m", "height", scale=0.1)
+    def height(self, p: Any, s: Any) -> Any:
+        return s.q[1]
+
+    def period(self, p: Any) -> Any:
+        return 1.0
+
+
+def of(xml: str) -> Any:
+    """The model of this MJCF."""
+    return type("Body", (Ball,), {"body_file": xml})()
+
+
+def compiled(xml: str) -> tuple[mujoco.MjModel, mujoco.MjData, LocatedBody, Any]:
+    """MuJoCo's model and data, the located body, and a function of positions to its contacts and bounds."""
+    m = mujoco.MjModel.from_xml_string(xml)
+    body = LocatedBody(m)
+    values: Any = {quantity.name: quantity.default for quantity in body.parameters}
+
+    def contacts(q: Any) -> Any:
+        stops = body.stretches(body.geometry(values), values, q, jnp.zeros(body.nv))
+        touching = [stop for stop in stops if isinstance(stop, Contact)]
+        depths = jnp.stack([jnp.asarray(contact.stretch) for contact in touching])
+        normals = jnp.stack([jnp.asarray(contact.normal) for contact in touching])
+        return depths, normals, body.bounds(values, q)
+
+    return m, mujoco.MjData(m), body, jax.jit(contacts)
+
+
+@pytest.mark.parametrize("shape", ['type="sphere" size=".1"', 'type="capsule" size=".1 .2"'])
+def test_distances_to_a_box_are_those_of_c(shape: str) -> None:
+    """A turned box and random poses, where MuJoCo C has one nearest pair; a side that touches is a bound."""
+    box = '<geom name="box" type="box" pos=".3 .2 .1" euler="10 20 30" size=".5 .4 .3" contype="1"/>'
+    body = f'<body name="b"><freejoint/><geom name="g" {shape} conaffinity="0"/></body>'
+    m, data, _, contacts = compiled(world(box, body))
+    rng = np.random.default_rng(0)
+    exact = 0
+    sides = 0
+    fromto = np.zeros(6)
+    for _ in range(200):
+        data.qpos[:3] = rng.uniform(-1.0, 1.0, 3)
+        data.qpos[3:] = rng.normal(size=4)
+        data.qpos[3:] /= np.linalg.norm(data.qpos[3:])
+        mujoco.mj_kinematics(m, data)
+        distance = mujoco.mj_geomDistance(m, data, 0, 1, 10.0, fromto)
+        depths, normals, bounds = contacts(data.qpos)
+        own = -float(depths.max())
+        if own < -0.1:  # the axis is in the box, where C takes other pairs of faces
+            continue
+        if shape.startswith('type="capsule"') and own - distance > 1e-9:
+            sides += 1
+            assert (bounds[0] > 0.0) == (distance < -1e-9)
+            assert bounds[0] == pytest.approx(-distance, rel=0.0, abs=2e-9) or distance < -1e-9
+            continue
+        exact += 1
+        assert (bounds <= 0.0).all()
+        assert own == pytest.approx(distance, rel=0.0, abs=1e-12)
+        between = np.sign(distance) * (fromto[3:] - fromto[:3]) / np.linalg.norm(fromto[3:] - fromto[:3])
+        np.testing.assert_allclose(normals[int(depths.argmax())], between, rtol=0.0, atol=1e-12)
+    assert exact > 100
+    assert sides > 20 or shape.startswith('type="sphere"')
+
+
+@pytest.mark.parametrize("axis", ["across", "along"])
+def test_cylinders_of_planar_bodies_meet_a_plane_as_in_c(axis: str) -> None:
+    """A disc, and a rectangle; C adds points between for its solver, so the deepest ones are compared."""
+    euler = 'euler="90 0 0"' if axis == "across" else 'euler="0 35 0"'
+    geom = f'<geom name="g" type="cylinder" {euler} size=".1 .06" pos=".05 0 .02" conaffinity="0"/>'
+    plane = '<geom type="plane" size="9 9 .1" euler="0 12 0" pos="0 0 .1"/>'
+    m, data, _, contacts = compiled(planar(plane, geom))
+    m.geom_margin[:] = 10.0
+    for q in np.random.default_rng(1).uniform(-1.0, 1.0, (60, 3)) * [0.3, 0.3, np.pi]:
+        data.qpos = q
+        mujoco.mj_kinematics(m, data)
+        mujoco.mj_collision(m, data)
+        depths, normals, _ = contacts(q)
+        assert -data.contact.dist.min() == pytest.approx(float(depths.max()), rel=0.0, abs=1e-12)
+        np.testing.assert_allclose(normals[0], data.contact.frame[0, :3], rtol=0.0, atol=1e-12)
+
+
+def floor(x: float, z: float) -> tuple[np.ndarray, float]:
+    """The normal of the floor, and the height over it."""
+    return np.array([0.0, 1.0]), z
+
+
+def step(x: float, z: float) -> tuple[np.ndarray, float]:
+    """The normal and the distance of the step's upper and right sides."""
+    away = np.array([max(x - 0.3, 0.0), z - 0.1])
+    return away / np.hypot(*away), float(np.hypot(*away))
+
+
+def hills(x: float, z: float) -> tuple[np.ndarray, float]:
+    """The normal of the hills, whose bends are parabolas 1 cm to both sides, and the distance."""
+    places = np.linspace(-1.0, 2.0, 7)
+    slopes = np.diff(HEIGHTS) / 0.5
+    changes = np.diff(slopes)
+    share = np.clip((x - places[1:-1] + 0.01) / 0.02, 0.0, 1.0)
+    slope = slopes[0] + changes @ share
+    bent = changes @ (0.01 * share**2 + np.maximum(x - places[1:-1] - 0.01, 0.0))
+    height = HEIGHTS[0] + slopes[0] * (x + 1.0) + bent
+    normal = np.array([-slope, 1.0]) / np.hypot(slope, 1.0)
+    return normal, normal[1] * (z - height)
+
+
+def rolled(surfaces: list[Place], start: list[float], duration: float) -> tuple[Any, int]:
+    """The end (x, z, turn, rates) of a ball's motion by SciPy, and how often it met or left a surface."""
+
+    def contact(surface: Place, y: Any) -> Any:
+        """Depth and its rate, normal, place of the contact from the centre, and the ball's velocity there."""
+        normal, distance = surface(y[0], y[1])
+        depth = RADIUS - distance
+        place = -normal * (RADIUS - 0.5 * depth)
+        speed = np.array([y[3] + y[5] * place[1], y[4] - y[5] * place[0]])
+        return depth, -normal @ speed, normal, place, speed
+
+    def flow(_: float, y: Any) -> list[float]:
+        force = np.array([0.0, -9.81])
+        torque = 0.0
+        for surface, touches in zip(surfaces, touching, strict=True):
+            if touches:
+                depth, rate, normal, place, speed = contact(surface, y)
+                limit = FRICTION * (STIFFNESS * depth + DAMPING * rate)
+                slip = speed + rate * normal
+                push = limit / FRICTION * normal
+                push = push - limit * slip / np.sqrt(slip @ slip + (limit / GRIP) ** 2 + 1e-8)
+                force = force + push
+                torque += place[1] * push[0] - place[0] * push[1]
+        return [*y[3:], *force, torque / (0.4 * RADIUS**2)]
+
+    def event(k: int) -> Any:
+        def pushes(_: float, y: Any) -> float:
+            depth, rate = contact(surfaces[k], y)[:2]
+            return min(depth, depth + DAMPING / STIFFNESS * rate)
+
+        pushes.terminal = True  # type: ignore[attr-defined]
+        pushes.direction = -1.0 if touching[k] else 1.0  # type: ignore[attr-defined]
+        return pushes
+
+    t: Any = 0.0
+    y, events = np.array(start), 0
+    touching = [event_height > 0.0 for event_height in (RADIUS - s(y[0], y[1])[1] for s in surfaces)]
+    while True:
+        piece = scipy.integrate.solve_ivp(
+            flow, (t, duration), y, "DOP853", rtol=1e-11, atol=1e-12, max_step=2e-3,
+            events=[event(k) for k in range(len(surfaces))],
+        )  # fmt: skip
+        t, y = piece.t[-1], piece.y[:, -1]
+        fired = [k for k, times in enumerate(piece.t_events) if len(times)]
+        if not fired:
+            return y, events
+        for k in fired:
+            touching[k] = not touching[k]
+        events += len(fired)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("ground", ["step", "hills"])
+def test_a_ball_rolls_as_in_scipy(ground: str) -> None:
+    """Down a step's edge, whose normal turns, or over the crest of hills at 1 m."""
+    drawn, surfaces, x, speed, end_x = {
+        "step": (FLOOR + STEP, [floor, step], 0.1, 0.4, 0.45),
+        "hills": (HILLS, [hills], 0.7, 1.0, 1.05),
+    }[ground]
+    start = {"x_0": x, "z_0": 0.16, "x_rate_0": speed, "turn_rate_0": 8.0}
+    options: dict[str, Any] = {**start, **SOFT, "duration": 1.2, "every": 1.2, "numerics": EXACT}
+    trace = gs.simulate(of(planar(drawn)), **options)
+    expected, events = rolled(surfaces, [x, 0.16, 0.0, speed, 0.0, 8.0], 1.2)
+    assert events > 5
+    assert expected[0] > end_x
+    end = trace[["q_0", "q_1", "q_2"]].to_numpy()[-1]
+    np.testing.assert_allclose(end * [1.0, 1.0, RADIUS], expected[:3] * [1.0, 1.0, RADIUS], rtol=0, atol=1e-8)
+
+
+def test_heights_of_the_ground_are_those_of_rays_of_c() -> None:
+    """Vertical rays onto a turned box, a floor and hills, away from bends; a movie draws these heights."""
+    ramp = '<geom name="ramp" type="box" pos="-3 .1 0" euler="0 -10 25" size=".8 .5 .2"/>'
+    m, data, body, _ = compiled(planar(FLOOR + HILLS + STEP + ramp))
+    mujoco.mj_kinematics(m, data)
+    places = np.random.default_rng(2).uniform([-4.5, -1.3], [3.0, 1.3], (300, 2))
+    bends = np.abs(places[:, :1] - np.linspace(-1.0, 2.0, 7)).min(axis=1) < 0.011
+    heights = np.asarray(body.ground_height(*places.T))
+    down = np.array([0.0, 0.0, -1.0])
+    geom = np.zeros(1, np.int32)
+    # rays from the ball's body on leave it out
+    rays = [mujoco.mj_ray(m, data, np.append(p, 5.0), down, None, 1, 1, geom) for p in places]
+    np.testing.assert_allclose(heights[~bends], 5.0 - np.array(rays)[~bends], rtol=0.0, atol=1e-12)
+    model = of(planar(FLOOR + STEP))
+    assert heights_of_model(model, {}, np.array([0.0, 0.5])) == pytest.approx([0.1, 0.0])
+    # without a floor, there is none beside the step
+    over_void = heights_of_model(of(planar(STEP)), {}, np.array([0.0, 0.5]))
+    np.testing.assert_array_equal(over_void, [0.1, np.nan])
+    assert not is_uneven(of(planar(FLOOR)))
+
+
+def test_no_fixed_point_is_sought_over_steps() -> None:
+    """The place along the ground is a coordinate there, which it is not on a plane."""
+    over_steps = of(planar(FLOOR + STEP)).body.joints
+    on_a_plane = of(planar(FLOOR)).body.joints
+    assert [place for _, _, place, _ in over_steps] == [0, 1, 2]
+    assert [place for _, _, place, _ in on_a_plane] == [None, 1, 2]
+    with pytest.raises(gs.ArgumentError, match="no step repeats another"):
+        gs.return_map(of(planar(FLOOR + STEP))).fixed_points([0.1, 0.2, 0.0, 0.0, 0.0, 0.0])
+
+
+ROD = '<geom name="rod" type="capsule" size=".05" fromto="-.5 0 0 .5 0 0" mass="1" conaffinity="0"/>'
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("ground", "geom", "start", "bound", "beyond"),
+    [
+        # a rod that falls onto the edge between its ends
+        (
+            FLOOR + STEP,
+            ROD,
+            {"x_0": 0.3, "z_0": 0.3, "turn_0": 0.4},
+            "rod meets a box with its side",
+            {"z_0": 0.145},
+        ),
+        # a ball that rolls off the end of the hills at x = 2
+        (
+            HILLS,
+            BALL,
+            {"x_0": 1.9, "z_0": 0.13, "x_rate_0": 1.0},
+            "ball meets a height field beyond",
+            {"x_0": 2.1, "z_0": 0.1},
+        ),
+    ],
+)
+def test_rows_end_where_a_contact_is_not_covered(
+    ground: str, geom: str, start: dict[str, Any], bound: str, beyond: dict[str, Any]
+) -> None:
+    model = of(planar(ground, geom))
+    run = gs.Trace(duration=1.0, every=0.02)
+    with pytest.warns(UserWarning, match=f"ends as not_a_number.*{bound}"):
+        table = gs.sweep(model, **start, run=run, verify=0).table
+    assert set(table["status"]) == {"not_a_number"}
+    assert 0.05 < table["t"].to_numpy().max() < 0.5
+    with pytest.raises(gs.ArgumentError, match=f"not covered at its start .*{bound}"):
+        gs.simulate(model, start={**start, **beyond}, duration=1.0, every=1.0)
