@@ -33,10 +33,10 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 import pandas as pd
-from gaitsweep.api.return_map import PoincareMap
 
 import gaitsweep as gs
 from gaitsweep.api.keywords import job_of
+from gaitsweep.api.return_map import PoincareMap
 from gaitsweep.engine.solver.methods import METHODS
 from gaitsweep.errors import UserError
 
