@@ -260,15 +260,15 @@ class _Search:
         self.optimiser.tell(batch_scores, misses)
         self.best = min(self.best, float(batch_scores.min()))
 
-    def _report(self, running: list[SweepProgress]) -> None:
+    def _report(self, batches: list[SweepProgress]) -> None:
         """Report an upper estimate of the progress, since rows that are not needed are left out."""
         total = self.directory.layout.rows
         rows_per_set = self.population.rows_of_a_set
         new = self.directory.rows_done - self.sets_before
-        new += sum(int(now.share * now.rows / rows_per_set) for now in running)
+        new += sum(int(now.share * now.rows / rows_per_set) for now in batches)
         rate = new / max(time.perf_counter() - self.began, 1e-9)
         best = f"best score {self.best:.3g}, " if np.isfinite(self.best) else ""
-        steps_per_second = sum(now.attempts / max(now.seconds, 1e-9) for now in running)
+        steps_per_second = sum(now.attempts / max(now.seconds, 1e-9) for now in batches)
         done = min(self.sets_before + new, total)
         note = f"{best}{steps_per_second / 1e6:.1f} million steps/s"
         self.on_progress(done, total, rate, done / total, note)

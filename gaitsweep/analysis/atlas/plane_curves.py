@@ -176,14 +176,12 @@ def plane_curves(
     Returns:
         One record a point, as of `BranchAtlas.follow_curves`.
     """
-    candidates = [
-        (branch, place)
-        for branch in branches
-        for place in _new_places(mapping, branches, branch)
-        if branch.records[place]["special"] in MARKS
-        and branch.records[place]["special"] != "corner"
-        and not branch.records[place]["end"]
-    ]
+    candidates = []
+    for branch in branches:
+        for place in _new_places(mapping, branches, branch):
+            special, end = (branch.records[place][name] for name in ("special", "end"))
+            if special in MARKS and special != "corner" and not end:
+                candidates.append((branch, place))
     followed = in_lockstep(
         [
             curve_through(

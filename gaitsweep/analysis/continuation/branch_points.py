@@ -50,9 +50,9 @@ class Crossing:
     """A branch point on one branch.
 
     `kind` is transcritical, supercritical_pitchfork, subcritical_pitchfork, or branch_point where the
-    quadratic and cubic terms do not tell; `point` (1,), with the tangent of the branch that came
-    there; `aside` (k,) points close by on the halves of branches that cross, each with the tangent away from
-    there: two, or fewer where halves were not found.
+    quadratic and cubic terms do not tell; `point` (1,) has the tangent of the branch that came there; `aside`
+    (k,) are points close by on the halves of branches that cross, each with the tangent away from there: two,
+    or fewer where halves were not found.
     """
 
     kind: str
