@@ -61,7 +61,7 @@ nitpick_ignore_regex = [
     # Names of unions in signatures, which the text beside them explains.
     (
         r"py:class",
-        r"AnyModel|ArrayLike|Rows|Scalar|SectionPoints|(gaitsweep\..*)?(Progress|ModelT|T|FigureKind|Angles|Kind|_Profile)",
+        r"AnyModel|ArrayLike|Rows|Scalar|SectionPoints|(gaitsweep\..*)?(Progress|ModelT|T|FigureKind|Angles|Kind|Profile)",
     ),
 ]
 napoleon_numpy_docstring = False

@@ -317,7 +317,7 @@ def main(arguments: list[str] | None = None) -> int:
         "--family", action="append", choices=[family.name for family in FAMILIES], default=[]
     )
     options.add_argument("--engine", default="auto", choices=["auto", "kernel", "xla"])
-    options.add_argument("--method", default="auto", choices=METHODS)
+    options.add_argument("--method", default="auto", choices=("auto", *METHODS))
     options.add_argument("--workers", type=int, default=2, help="processes, a family each at a time")
     options.add_argument("--most", type=int, default=2, help="models listed of each family and outcome")
     options.add_argument("--list", action="store_true", help="say what the families are, and stop")

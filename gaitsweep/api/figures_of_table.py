@@ -9,7 +9,7 @@ from typing import Concatenate, ParamSpec
 import pandas as pd
 from matplotlib.figure import Figure
 
-from gaitsweep import plot
+from gaitsweep import near_miss, plot
 
 Spec = ParamSpec("Spec")
 
@@ -35,7 +35,7 @@ class FiguresOfTable:
     def __getattr__(self, name: str) -> Callable[..., Figure]:
         """Return the function of a kind of figure of an extension."""
         if name not in plot.FIGURES:
-            raise AttributeError(f"there is no kind of figure {name!r}")
+            raise AttributeError(f"{name} is not a kind of figure{near_miss.suggestion(name, plot.FIGURES)}")
         return functools.partial(plot.drawing_function(plot.FIGURES[name]), self.table)
 
     def __dir__(self) -> list[str]:

@@ -1,9 +1,10 @@
 """Models by declaration, and the mechanics and oscillators that models share.
 
 `declared_model` is the class of models with a flow, `map_model` that of maps; `declarations` and
-`event_declarations` are what they declare, `declared` and `section_coordinates` what is built from it,
-`event_surface` one surface of an event. `footfalls`, `sliding`, `noise`, `random_numbers` and `ground` are
-parts of models. `body` is a body of an MJCF with located contacts, on an articulated `tree`; `mjx` one that
+`event_declarations` are what they declare, `declared` what is built from it, `event_surface` one surface of
+an event, `section_coordinates` the coordinates of return maps. `footfalls`, `sliding`, `noise`,
+`random_numbers`, `ground`, `compliant_foot` and `matsuoka` are parts of models; `single_precision` evaluates
+one in float32. `body` is a body of an MJCF with located contacts, on an articulated `tree`; `mjx` one that
 MuJoCo steps; `mjcf` reads the file; `controllers` move its legs.
 """
 

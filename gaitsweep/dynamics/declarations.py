@@ -258,7 +258,7 @@ def faults_of_quantity(quantity: Quantity, start: bool) -> Iterator[str]:
         yield f"whose {name} has the scale {quantity.scale:g}, which must be above 0."
 
 
-def _quantity(unit: str, meaning: str, *others: Any, **more: Any) -> Quantity:
+def _quantity(unit: str, meaning: str, **others: Any) -> Quantity:
     """A quantity that has no name yet.
 
     Raises:
@@ -269,7 +269,7 @@ def _quantity(unit: str, meaning: str, *others: Any, **more: Any) -> Quantity:
             example = 'parameter("m/s2", "gravitational acceleration", 9.81)'
             order = f"write the unit, the meaning, then a number, as in {example}"
             raise TypeError(f"The {field} of a declaration is {text!r}, but must be text: {order}.")
-    return Quantity("", unit, meaning, *others, **more)
+    return Quantity("", unit, meaning, **others)
 
 
 def parameter(
@@ -314,7 +314,10 @@ def parameter(
     """
     several = None if default is None or isinstance(default, (int, float, str)) else tuple(default)
     first = default if several is None else next(iter(several), None)
-    quantity = _quantity(unit, meaning, first, low, high, open_ends, circular, symbol, source, whole=whole)
+    bounds = {"low": low, "high": high, "open_ends": open_ends}
+    quantity = _quantity(
+        unit, meaning, default=first, **bounds, circular=circular, symbol=symbol, source=source, whole=whole
+    )
     return Parameter(count, quantity, several)
 
 
@@ -364,9 +367,12 @@ def variable(
         >>> [quantity.name for quantity in Rotor().signals]
         ['phase', 'turned']
     """
-    quantity = _quantity(unit, meaning, None, low, high, open_ends, circular, symbol, "", scale)
+    bounds = {"low": low, "high": high, "open_ends": open_ends}
+    quantity = _quantity(unit, meaning, **bounds, circular=circular, symbol=symbol, scale=scale)
+    if observed is None:
+        observed = start is not None
     start_value = start if start is None or isinstance(start, (int, float, str)) else tuple(start)
-    return Variable(count, quantity, start_value, start is not None if observed is None else observed, signal)
+    return Variable(count, quantity, start_value, observed, signal)
 
 
 def time() -> Any:
@@ -393,7 +399,7 @@ def time() -> Any:
         0.2
     """
     quantity = _quantity("s", "time since the start")
-    return Time(None, quantity, None, False, False)
+    return Time(None, quantity, start=None, observed=False, signal=False)
 
 
 def mode(start: bool | int | Sequence[bool | int], meaning: str, *, count: int | str | None = None) -> Any:
@@ -428,7 +434,7 @@ def observable(
         signal: whether traces record it too.
     """
     quantity = _quantity(unit, meaning, circular=circular, symbol=symbol, scale=scale)
-    return lambda function: Reading(count, quantity, function, True, signal)
+    return lambda function: Reading(count, quantity, function, observed=True, signal=signal)
 
 
 def signal(
@@ -442,7 +448,7 @@ def signal(
         circular, symbol: as of `Quantity`.
     """
     quantity = _quantity(unit, meaning, circular=circular, symbol=symbol)
-    return lambda function: Reading(count, quantity, function, False, True)
+    return lambda function: Reading(count, quantity, function, observed=False, signal=True)
 
 
 def energy(
@@ -466,4 +472,6 @@ def energy(
             (`fix`), and follows them along it (`continue_`).
     """
     quantity = _quantity(unit, meaning, symbol=symbol, scale=scale)
-    return lambda function: Reading(None, quantity, function, observed, True, True, conserved)
+    return lambda function: Reading(
+        None, quantity, function, observed, signal=True, is_energy=True, is_conserved=conserved
+    )

@@ -249,7 +249,7 @@ def instants(
         if after:
             raise TypeError(f"The instants {name!r} have after= without every=: add it to the times of at=.")
         times = np.asarray(at, float)
-        return Event(lambda model, p, s: s.t - times, name, section, during, True, len(times))
+        return Event(lambda model, p, s: s.t - times, name, section, during, rising=True, count=len(times))
 
     def phase(model: Model, params: Any, state: Any) -> Float[Array, ""]:
         return jnp.sin(2.0 * jnp.pi * (state.t - after) / every(params))
@@ -257,4 +257,4 @@ def instants(
     def has_begun(params: Any, state: Any) -> Bool[Array, ""]:
         return state.t > after + 0.5 * every(params)
 
-    return Event(phase, name, section, during, True, when=has_begun)
+    return Event(phase, name, section, during, rising=True, when=has_begun)

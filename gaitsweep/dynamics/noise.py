@@ -99,18 +99,22 @@ class StochasticSteps(FixedStepDynamics):
         rates = self.model.flow(params, state)
         gains = self.diffusion.function(self.model, params, state)
         path = state.noise_path
-        kicks = {name: self._kick(params, path.steps, dt, share, name, state) for name in gains}
-        noise = {name: gain * kicks[name] for name, gain in gains.items()}
-        moved = {name: getattr(state, name) + dt * rate for name, rate in rates.items()}
-        for name, kick in noise.items():
-            moved[name] = moved.get(name, getattr(state, name)) + kick
-        at_end = self.model.flow(params, state.replace(**moved))
-        moved = {
-            name: getattr(state, name) + 0.5 * dt * (rate + at_end[name]) for name, rate in rates.items()
+        noise = {
+            name: gain * self._kick(params, path.steps, dt, share, name, state)
+            for name, gain in gains.items()
         }
-        for name, kick in noise.items():
-            moved[name] = moved.get(name, getattr(state, name)) + kick
-        return state.replace(**moved, noise_path=NoisePath(path.steps + 1, dt))
+
+        def moved(drift: Rates) -> dict[str, Any]:
+            """The variables after these changes by the drift, and the noise."""
+            values = {name: getattr(state, name) + change for name, change in drift.items()}
+            for name, kick in noise.items():
+                values[name] = values.get(name, getattr(state, name)) + kick
+            return values
+
+        predicted = state.replace(**moved({name: dt * rate for name, rate in rates.items()}))
+        at_end = self.model.flow(params, predicted)
+        drift = {name: 0.5 * dt * (rate + at_end[name]) for name, rate in rates.items()}
+        return state.replace(**moved(drift), noise_path=NoisePath(path.steps + 1, dt))
 
     def _kick(
         self, params: Any, steps: Int[Array, ""], dt: Float[Array, ""], share: Any, name: str, state: Any

@@ -7,7 +7,7 @@ These are the defaults of a job.
 from __future__ import annotations
 
 import dataclasses
-from typing import Literal, TypeVar, get_args
+from typing import TypeVar, get_args
 
 import jax
 import jax.numpy as jnp
@@ -17,7 +17,7 @@ from gaitsweep.contract import HybridModel, Model, Params
 from gaitsweep.engine.carry import Number
 from gaitsweep.engine.content import cached_by_content, stored
 from gaitsweep.engine.leaves import shapes_of
-from gaitsweep.engine.solver.methods import METHODS, fixed_step_scheme
+from gaitsweep.engine.solver.methods import METHODS, Precision, fixed_step_scheme
 from gaitsweep.engine.solver.taylor import lacking_recurrence
 from gaitsweep.engine.switches import may_switch, moving_operations
 from gaitsweep.errors import ArgumentError
@@ -41,8 +41,6 @@ MIN_STEPS_PER_PERIOD = 8.0
 # Relative tolerance, and functions in the flow, with which taylor is faster than tsit5 (docs/performance.md).
 FINE_TOLERANCE = 1e-10
 _CIRCULAR = {"sin", "cos"}
-
-Precision = Literal["float64", "float32", "mixed"]
 
 
 @dataclasses.dataclass(frozen=True)

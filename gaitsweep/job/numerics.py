@@ -7,7 +7,8 @@ from typing import Annotated, Any, Literal, get_args
 from pydantic import Field, PlainValidator, WithJsonSchema
 
 from gaitsweep.contract import Model
-from gaitsweep.engine.numerics import Numerics, Precision, ResolvedNumerics
+from gaitsweep.engine.numerics import Numerics, ResolvedNumerics
+from gaitsweep.engine.solver.methods import Precision
 from gaitsweep.engine.sweep.sweep_spec import RequestedEngine
 from gaitsweep.schema import former_names
 from gaitsweep.schema.numbers import Count, Flag, LaneCount, Positive, checked, read_real, read_whole, word

@@ -17,7 +17,7 @@ from pydantic import Field
 
 from gaitsweep import near_miss
 from gaitsweep.analysis.continuation.branch_follower import ArclengthSteps
-from gaitsweep.analysis.continuation.flows import OF_FLOW, OF_MAP
+from gaitsweep.analysis.continuation.branch_table import OF_FLOW, OF_MAP
 from gaitsweep.analysis.continuation.newton import newton
 from gaitsweep.analysis.continuation.stable_ranges import MARKS
 from gaitsweep.contract import Model

@@ -156,19 +156,21 @@ def _require_event_functions(model: Declared, params: Any, state: Any) -> None:
         if (kind := _kind_of_numbers(result)) != "real numbers":
             required = "a real number that rises through zero: s.x - 2.0, not s.x > 2.0"
             raise _returns(name, kind, required)
-        conditions = {"during": (event.during, (state,)), "when": (event.when, (params, state))}
-        for which, (condition, arguments) in conditions.items():
-            if condition is None:
-                continue
-            name = f"{which}= of the event {event.name!r}"
-            result = _traced_result(name, condition, *arguments)
-            if _kind_of_numbers(result) != "booleans" or jnp.shape(result) not in (
-                (),
-                event.counted.shape(model),
-            ):
-                raise _returns(
-                    name, f"{_kind_of_numbers(result)} {jnp.shape(result)}", "a condition, such as s.x > 0.0"
-                )
+        shapes = ((), event.counted.shape(model))
+        if event.during is not None:
+            _require_condition(f"during= of the event {event.name!r}", event.during, shapes, state)
+        if event.when is not None:
+            _require_condition(f"when= of the event {event.name!r}", event.when, shapes, params, state)
+
+
+def _require_condition(
+    name: str, condition: Callable[..., Any], shapes: tuple[tuple[int, ...], ...], *arguments: Any
+) -> None:
+    """Refuse a condition that does not return truth values of one of these shapes."""
+    result = _traced_result(name, condition, *arguments)
+    if _kind_of_numbers(result) != "booleans" or jnp.shape(result) not in shapes:
+        returned = f"{_kind_of_numbers(result)} {jnp.shape(result)}"
+        raise _returns(name, returned, "a condition, such as s.x > 0.0")
 
 
 def _refuse_functions_of_init(model: Any, params: Any, state: Any) -> None:

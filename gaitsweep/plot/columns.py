@@ -80,6 +80,18 @@ def moved_parameter(table: pd.DataFrame) -> str | None:
     return table.attrs.get("job", {}).get("run", {}).get("parameter")
 
 
+def branch_parameter(table: pd.DataFrame) -> str:
+    """The parameter along the branches of a table, which its job moves.
+
+    Raises:
+        PlotError: the table has no job that moves one, as a table that another program has written.
+    """
+    parameter = moved_parameter(table)
+    if parameter is None:
+        raise PlotError("The table's job moves no parameter: load the result of such a job by gs.load(DIR).")
+    return parameter
+
+
 def is_drawn(table: pd.DataFrame, name: str) -> bool:
     """Whether the table's job draws the values of a column: at random, or from a Sobol sequence."""
     for form, group in written_groups(table.attrs.get("job", {}).get("vary")):

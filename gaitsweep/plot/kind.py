@@ -9,7 +9,7 @@ import dataclasses
 import functools
 import inspect
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from typing import (
     TYPE_CHECKING,
     Any,
@@ -172,7 +172,7 @@ class FigureKind(FigureStyle):
             yield ("colours",), f"{idle} Remove it."
         if self._optional("hue") not in TEXT_COLUMNS - _OUTCOME_COLUMNS:
             yield from StyleNames.of_model(table.model, table.columns).unknown(self)
-        yield from self._axis_refusals(table)
+        yield from self._axis_refusals(dict(self), table.columns, TEXT_COLUMNS)
         yield from self.check(table)
 
     def needs(self, table: PlannedTable, what: str) -> Refusal:
@@ -183,14 +183,22 @@ class FigureKind(FigureStyle):
         )
         return ("kind",), f"{text} has no such column."
 
-    def _axis_refusals(self, table: PlannedTable) -> Iterator[Refusal]:
-        """Errors of the columns along axes: one that is not numeric, or is along another axis, too."""
+    @classmethod
+    def _axis_refusals(
+        cls, fields: Mapping[str, Any], columns: Iterable[str], texts: Collection[str]
+    ) -> Iterator[Refusal]:
+        """Errors of the columns along axes: one that is not numeric, or is along another axis, too.
+
+        Args:
+            fields: the figure's fields.
+            columns: the columns of its table.
+            texts: those that are not numeric.
+        """
         field_of: dict[str, str] = {}
-        for field in self.axis_fields:
-            column = getattr(self, field)
-            if column in TEXT_COLUMNS:
-                numeric = [name for name in table.columns if name not in TEXT_COLUMNS]
-                allowed = near_miss.allowing(numeric)
+        for field in cls.axis_fields:
+            column = fields.get(field)
+            if column in texts:
+                allowed = near_miss.allowing(name for name in columns if name not in texts)
                 yield (field,), f"is {column}, which is not numeric and cannot be an axis. {allowed}"
             elif column in field_of:
                 yield (field,), f"is {column}, like {field_of[column]}: name another column."
@@ -294,22 +302,17 @@ def drawing_function(kind: type[FigureKind]) -> Callable[..., Figure]:
 
 
 def _check_axes(kind: type[FigureKind], table: pd.DataFrame, fields: Mapping[str, Any]) -> None:
-    """Refuse columns along axes that are not numeric, or are along another axis, too.
+    """Refuse columns along axes as in a job, and observables whose column has texts.
 
     Raises:
         PlotError: a column is not numeric, or is named twice.
     """
-    field_of: dict[str, str] = {}
-    for field in (*kind.axis_fields, *kind.observable_fields):
-        name = fields.get(field)
-        if not isinstance(name, str):
-            continue
-        recorded = {f"{name}_end", f"{name}_n"} & set(table.columns)
-        if name in table.columns and not recorded and not pd.api.types.is_numeric_dtype(table[name]):
-            raise PlotError(f"{field} is {name}, which is not numeric and cannot be an axis.")
-        if name in field_of and field in kind.axis_fields:
-            raise PlotError(f"{field} is {name}, like {field_of[name]}: name another column.")
-        field_of[name] = field
+    texts = [name for name in map(str, table) if not pd.api.types.is_numeric_dtype(table[name])]
+    wrong = [*kind._axis_refusals(fields, map(str, table), texts)]
+    for field in kind.observable_fields:
+        if fields.get(field) in texts:
+            wrong.append(((field,), f"is {fields[field]}, which is not numeric and cannot be an axis."))
+    _refuse(wrong)
 
 
 def _check_names(table: pd.DataFrame, own: FigureStyle, shared: FigureStyle) -> None:
@@ -324,7 +327,11 @@ def _check_names(table: pd.DataFrame, own: FigureStyle, shared: FigureStyle) -> 
     from gaitsweep.plot.limbs import model_of  # jobs are read without Matplotlib
 
     names = StyleNames.of_table(table, model_of(table))
-    wrong = [*names.unknown(own), *names.unknown(shared, shared=True)]
+    _refuse([*names.unknown(own), *names.unknown(shared, shared=True)])
+
+
+def _refuse(wrong: Sequence[Refusal]) -> None:
+    """Raise PlotError with all errors, if there are any."""
     if wrong:
         raise PlotError("\n".join(str(Diagnostic(path, text)) for path, text in wrong))
 

@@ -155,8 +155,26 @@ def test_the_theory_needs_no_table(capsys: pytest.CaptureFixture[str]) -> None:
     assert "B, k = 3" in printed
     assert "psi_4 from 1.256637 to 5.165092 rad on section 4" in printed  # eq. (25)
     assert "eigenvalues  1, 0.666667 (2), 0.5" in printed  # eq. (22), set A
-    assert main(["analyse", "multilegged-theory", "--set", "m1=0.85"]) == 2
-    assert "did you mean m_1" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("setting", "message"),
+    [
+        ("m1=0.85", "did you mean m_1"),
+        ("beta=1.5", "beta is 1.5, but must be between 0 and 1"),
+        ("kappa=-1", "kappa is -1, but must be above 0"),
+    ],
+)
+def test_wrong_parameters_of_the_theory_are_refused(
+    setting: str, message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["analyse", "multilegged-theory", "--set", setting]) == 2
+    assert message in capsys.readouterr().err
+
+
+def test_pairs_are_of_all_rows(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["analyse", "loading-rule", "results/any", "--pairs", "--split", "k2"]) == 2
+    assert "leave out --split and --predict" in capsys.readouterr().err
 
 
 def test_basins_are_measured(show: Show) -> None:

@@ -238,6 +238,11 @@ def test_a_model_file_is_the_class_that_one_would_write() -> None:
             "L: {foot: foot_l}",
             r"line 9: controller\.legs\.L has no joint, .* hip, knee: JOINT",
         ),
+        (
+            f"{PHASES}\n",
+            "{kind: matsuoka, rise: 0.05, adaptation: 0.5, inhibited: [[L, L]]}\n",
+            r"line 4: controller\.oscillators\.inhibited has L and L as a pair: give two different legs",
+        ),
         (f"{PHASES}\n", f"{MATSUOKA}\n", r"line 9: controller\.legs\.L has no hip, .* write hip: JOINT"),
     ],
 )

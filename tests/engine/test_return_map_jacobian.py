@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -18,7 +19,7 @@ from gaitsweep.engine.advance import advance
 from gaitsweep.engine.carry import Halt, start
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.poincare.maps import Points
-from gaitsweep.engine.poincare.poincare_return import PoincareReturn, ReturnStatus, crossing_of
+from gaitsweep.engine.poincare.poincare_return import PoincareReturn, ReturnEngine, ReturnStatus, crossing_of
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
 from gaitsweep.papers.ambe2021.multilegged.reduced import MultileggedReduced
@@ -66,14 +67,14 @@ def settled(chain: BatchedReturnMap) -> Points:
     return points
 
 
-def masses(engine: str = "kernel") -> BatchedReturnMap:
+def masses(engine: ReturnEngine = "kernel") -> BatchedReturnMap:
     """Two bouncing masses."""
     return BatchedReturnMap(Toy(2), numerics=Numerics(dt=1e-3, method="rk4"), engine=engine)
 
 
 @pytest.mark.slow("xla")
 @pytest.mark.parametrize("engine", ["xla", "kernel"])
-def test_saltation_of_a_bouncing_mass(engine: str) -> None:
+def test_saltation_of_a_bouncing_mass(engine: ReturnEngine) -> None:
     """Two masses bounce, the section is mass 1's landing: all entries in closed form.
 
     A launch speed u flies for T(u) = 2/w atan(u/(w d)) and lands with speed u; mass 2, launched at that time
@@ -298,8 +299,9 @@ def test_no_derivative_in_steps_of_fixed_length() -> None:
 def test_unknown_names_are_refused() -> None:
     with pytest.raises(ValueError, match="did you mean beta"):
         BatchedReturnMap(Multilegged(), (("betta", 0.8),)).complete({}, 1)
+    engine: Any = "gpu"
     with pytest.raises(ValueError, match="Allowed: auto, kernel, xla"):
-        crossing_of(Multilegged(), Numerics().resolve(Multilegged()), "gpu")
+        crossing_of(Multilegged(), Numerics().resolve(Multilegged()), engine)
     with pytest.raises(ValueError, match="did you mean psi_1"):
         BatchedReturnMap(Multilegged()).settled({"psi1": [0.5]}, {}, 0)
 

@@ -24,6 +24,8 @@ from tests.support.plot_tables import AXES, crossing_table, rendered, settle_tab
         ("basin", {"x": "psi_1", "y": "gait"}, "y is gait, which is not numeric and cannot be an axis"),
         ("gait_map", {"x": "psi_1", "y": "psi_1"}, "y is psi_1, like x: name another column"),
         ("orbit", {"x": "psi_1", "y": "gait"}, "y is gait, which is not numeric"),
+        ("continuation", {"y": "psi_1"}, "job moves no parameter"),
+        ("road_map", {}, "job moves no parameter"),
         ("cycles", {"y": []}, "y is empty: name at least one observable"),
     ],
 )

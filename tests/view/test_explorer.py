@@ -647,6 +647,7 @@ def test_what_cannot_be_explored_is_refused_in_a_sentence(wells: Path, monkeypat
         return str(message.exception)
 
     assert "is not a column of this table" in said("--x", "x_00")
+    assert "Both axes would be x_0" in said("--x", "x_0", "--y", "x_0")
     assert "--max-size is 0.5 MB" in said("--max-size", "0.5")
     job = gs.Job(
         name="trace", model="double_well:DoubleWell", verify=0,

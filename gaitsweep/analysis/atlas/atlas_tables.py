@@ -12,7 +12,7 @@ from gaitsweep.analysis.atlas.order_changes import event_columns
 from gaitsweep.analysis.atlas.periodic_orbits import OrbitSearch, polished, rows_of, with_images
 from gaitsweep.analysis.atlas.plane_curves import renamed_apart
 from gaitsweep.analysis.continuation.arclength_step import BranchPoints
-from gaitsweep.analysis.continuation.flows import in_terms_of_flow
+from gaitsweep.analysis.continuation.branch_table import in_terms_of_flow
 from gaitsweep.engine.poincare.maps import Points
 
 Mask = Bool[np.ndarray, " records"]

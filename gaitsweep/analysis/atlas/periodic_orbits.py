@@ -255,7 +255,13 @@ class OrbitSearch:
 
 
 def with_images(mapping: Map, points: Points, values: Values) -> list[Points]:
-    """Points (n,) and their images (n,) under each symmetry of a map."""
+    """Points (n,) and their images (n,) under each symmetry of a map.
+
+    Args:
+        mapping: the map.
+        points: the points.
+        values: parameters, numbers or one for each point (n,).
+    """
     return [points, *mapping.mirrored(points, values).values()]
 
 
@@ -268,6 +274,14 @@ def polished(
     fix: Sequence[str] | Mapping[str, object] = (),
 ) -> list[Orbit | None]:
     """The orbits through n points that are nearly fixed by the map iterated `period` times.
+
+    Args:
+        mapping: the map, not iterated.
+        points: the points.
+        rows: the row (n,) of each.
+        values: parameters, numbers or one for each point (n,).
+        period: the period.
+        fix: conserved quantities to constrain, as for `newton`.
 
     Returns:
         The orbits with their least periods; None where a point is on no orbit after all. The error of an
@@ -297,7 +311,14 @@ def polished(
 
 
 def orbits_of(mapping: Map, points: Points, values: Values, period: int) -> list[Points | None]:
-    """The points of the orbits of n points, each with its least period; None where a point has no image."""
+    """The points of the orbits of n points, each with its least period; None where a point has no image.
+
+    Args:
+        mapping: the map, not iterated.
+        points: the points.
+        values: parameters, numbers or one for each point (n,).
+        period: crossings after which each point repeats, not always its least period.
+    """
     crossings, sound = [points], np.ones(len(points), bool)
     least = np.full(len(points), period)
     for count in range(1, period):

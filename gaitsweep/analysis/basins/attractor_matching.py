@@ -104,7 +104,12 @@ def follow_attractors(
 def attractor_distance(
     space: Space, one: Float[np.ndarray, "states coordinates"], other: Float[np.ndarray, "others coordinates"]
 ) -> float:
-    """The modified Hausdorff distance of two attractors, given states (m, d) of each."""
+    """The modified Hausdorff distance of two attractors, given states (m, d) of each.
+
+    Args:
+        space: the space of the states.
+        one, other: the states; of more than 2000, every second, third, ... one is used.
+    """
     a, b = (states[:: math.ceil(len(states) / _MOST_STATES)] for states in (one, other))
     return float(max(space.nearest_distance(a, b).mean(), space.nearest_distance(b, a).mean()))
 

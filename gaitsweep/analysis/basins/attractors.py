@@ -189,7 +189,16 @@ def with_attractors(table: pd.DataFrame, **grouping: Any) -> pd.DataFrame:
 
 
 def agreement(table: pd.DataFrame, column: pd.Series, label: str = "gait") -> float:
-    """The share of rows whose label is the most frequent one of their attractor; NaN if there are no rows."""
+    """The share of rows whose label is the most frequent one of their attractor; NaN if there are no rows.
+
+    Args:
+        table: a settle table.
+        column: the attractor of each row, as `Attractors.column`.
+        label: the column of the labels.
+
+    Raises:
+        AnalysisError: the table does not have the column.
+    """
     require(table, label)
     counts = pd.crosstab(column.astype(object), table[label].astype(object))
     total = counts.to_numpy().sum()

@@ -126,7 +126,13 @@ def _of_each(pair: Trajectories, count: int, what: str) -> Trajectories:
 
 
 def advanced(mapping: Map, points: Points, values: dict[str, Float[np.ndarray, " points"]]) -> MapEvaluation:
-    """The images of points (n,), n > 0, in a batch of at least `FEWEST`."""
+    """The images of points (n,), n > 0, in a batch of at least `FEWEST`.
+
+    Args:
+        mapping: the map.
+        points: the points.
+        values: parameters (n,) by name.
+    """
     n = len(points)
     order = np.minimum(np.arange(max(n, FEWEST)), n - 1)
     images = mapping.images(points[order], {name: column[order] for name, column in values.items()})

@@ -22,7 +22,7 @@ from gaitsweep.analysis.basins.grid import BasinGrid, find_grid
 from gaitsweep.analysis.basins.state_space import Space
 from gaitsweep.analysis.records import AnalysisError, in_order, names_in, outcome_labels, panels_of, require
 
-# What the column `recovery` says of a gait that is lost.
+# Values of the column `recovery` of a gait that is lost.
 FATAL = ("elsewhere", "fell", "failed")
 _PANEL_COLUMNS = [
     *("rows", "grid", "basin_entropy", "boundary_entropy", "crossed"),

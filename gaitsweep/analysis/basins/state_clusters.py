@@ -37,7 +37,13 @@ class Cells:
 
 
 def cells(space: Space, points: StateArray, grain: float) -> Cells:
-    """Bin states (n, d) into cells of side `grain`, doubled until there are at most `MOST_CELLS`."""
+    """Bin states (n, d) into cells of side `grain`, doubled until there are at most `MOST_CELLS`.
+
+    Args:
+        space: the space of the states.
+        points: the states.
+        grain: the first side, in units of the scales.
+    """
     side = grain
     while True:
         count = np.maximum(np.round(space.periods / side), 1.0)

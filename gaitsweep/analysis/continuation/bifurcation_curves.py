@@ -103,7 +103,11 @@ def step(
 ) -> Computation[CriticalPoint | None]:
     """The point of a curve one arclength step ahead; None where the corrections do not converge.
 
-    With `pinned` the unknown of this number is moved by `length`, and not the arclength.
+    Args:
+        equations: of the bifurcation, in two parameters.
+        before: the point from which the step begins.
+        length: the arclength, or the change of the unknown `pinned`.
+        pinned: number of an unknown that is moved by `length` in place of the arclength.
     """
     normal = before.tangent
     if pinned is not None:

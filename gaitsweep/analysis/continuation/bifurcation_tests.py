@@ -137,7 +137,18 @@ def located(
 def located_on_branch(
     problem: ContinuationProblem, before: BranchPoints, length: float, test: Test, ends: tuple[float, float]
 ) -> tuple[BranchPoints, float] | None:
-    """The zero of a test function on a step of one branch from `before`, as by `located`."""
+    """The zero of a test function on a step of one branch from `before`, as by `located`.
+
+    Args:
+        problem: the continuation problem, of one branch.
+        before: the point (1,) from which the step begins.
+        length: the length of the step.
+        test: the test function.
+        ends: its values at both ends of the step.
+
+    Returns:
+        The point and its arclength; None where no point is found.
+    """
 
     def point_at(arclength: float) -> Computation[BranchPoints | None]:
         point, converged = problem.step(before, np.array([arclength]))
@@ -174,14 +185,14 @@ def pair_kind(problem: ContinuationProblem, at_zero: BranchPoints) -> str:
 
 @dataclasses.dataclass(frozen=True)
 class Special:
-    """A bifurcation on a step: its `kind`, its `arclength` from the step's start, the point `here` (1,).
+    """A bifurcation on a step: its `kind`, its `arclength` from the step's start, its `point` (1,).
 
     `aside` (k,): points on the halves of branches that cross, as in `Crossing`.
     """
 
     kind: str
     arclength: float
-    here: BranchPoints
+    point: BranchPoints
     aside: BranchPoints | None = None
 
 
@@ -220,11 +231,18 @@ def bifurcations(
     first: TestValues,
     last: TestValues,
 ) -> list[list[Special] | None]:
-    """The bifurcations on a step of each of n branches, from `before` to `after`, in order.
+    """The bifurcations on a step of each of n branches, in order.
 
-    `first` and `last` (n, tests) are the values of the test functions there. None where the step must be
-    shorter: it led from one branch to another that passes close by, or the bifurcations do not explain how
-    many multipliers crossed the unit circle.
+    Args:
+        problem: the continuation problem.
+        before, after: the points at both ends of the steps.
+        length: the lengths (n,) of the steps.
+        first, last: the values (n, tests) of the test functions at both ends.
+
+    Returns:
+        For each branch its bifurcations. None where the step must be shorter: it led from one branch to
+        another that passes close by, or the bifurcations do not explain how many multipliers crossed the
+        unit circle.
     """
     ends = {test: (first[:, k], last[:, k]) for k, test in enumerate(TESTS)}
     # a test function may be zero at the end of a step: then it changes sign on one of the two steps there
@@ -237,102 +255,146 @@ def bifurcations(
     for k in steps:
         signs = {test: (ends[test][0][k], ends[test][1][k]) for test in TESTS if changed[test][k]}
         only = np.array([k])
-        searches.append(_on_step(problem[only], before[only], after[only], length[k], signs))
+        searches.append(_BranchStep(problem[only], before[only], after[only], length[k]).specials(signs))
     for k, on_step in zip(steps, in_lockstep(searches), strict=True):
         specials[k] = on_step
     return specials
 
 
-def _on_step(
-    problem: ContinuationProblem,
-    before: BranchPoints,
-    after: BranchPoints,
-    length: float,
-    changed: dict[Test, tuple[float, float]],
-) -> Computation[list[Special] | None]:
-    """The bifurcations on a step of one branch, as in `bifurcations`, by the tests that `changed` sign."""
-    specials: list[Special] = []
-    tests = [test for test in (fold_test, flip_test, pair_test) if test in changed]
-    if branch_test in changed:
-        ends = changed[branch_test]
-        crossing, beta, zero = _crossing_on_step(problem, before, after, length, ends)
-        if crossing is not None:
-            if abs(beta) > IMPERFECT:
-                return None
-            along = ahead(problem, before, crossing.here)
-            specials.append(Special(crossing.kind, along, crossing.here, crossing.aside))
-            # a pitchfork where the branch itself turns is not a fold
-            if _turns(problem, crossing.here):
-                tests = [test for test in tests if test is not fold_test]
-        elif zero is not None and abs(branch_test(problem, zero[0])[0]) < SMALL * np.max(np.abs(ends)):
-            at_corner = cornered(problem, zero[0], both_sides(problem, zero[0]))
-            if at_corner is None:
-                at_corner = Crossing("branch_point", zero[0], None)
-            specials.append(Special(at_corner.kind, zero[1], at_corner.here, at_corner.aside))
-    for test in tests:
-        special = yield from _zero_on_step(problem, before, after, length, test, changed[test])
-        if special is not None:
-            specials.append(special)
-            if special.kind == "corner":  # multipliers jump there
-                return specials
-    specials = sorted(specials, key=lambda special: special.arclength)
-    return specials if _explained(problem, before, after, specials) else None
+@dataclasses.dataclass(frozen=True)
+class _BranchStep:
+    """A step of one branch: its problem, the points `before` and `after` it (1,), and its length."""
 
+    problem: ContinuationProblem
+    before: BranchPoints
+    after: BranchPoints
+    length: float
 
-def _crossing_on_step(
-    problem: ContinuationProblem,
-    before: BranchPoints,
-    after: BranchPoints,
-    length: float,
-    ends: tuple[float, float],
-) -> tuple[Crossing | None, float, tuple[BranchPoints, float] | None]:
-    """The branch point on a step of one branch, if there is one on which `branch_test` changes sign.
+    def specials(self, changed: dict[Test, tuple[float, float]]) -> Computation[list[Special] | None]:
+        """The bifurcations on the step, as in `bifurcations`, by the tests that `changed` sign."""
+        specials: list[Special] = []
+        tests = [test for test in (fold_test, flip_test, pair_test) if test in changed]
+        if branch_test in changed:
+            ends = changed[branch_test]
+            crossing, beta, zero = self._crossing(ends)
+            if crossing is not None:
+                if abs(beta) > IMPERFECT:
+                    return None
+                along = ahead(self.problem, self.before, crossing.point)
+                specials.append(Special(crossing.kind, along, crossing.point, crossing.aside))
+                # a pitchfork where the branch itself turns is not a fold
+                if _turns(self.problem, crossing.point):
+                    tests = [test for test in tests if test is not fold_test]
+            elif zero is not None and abs(branch_test(self.problem, zero[0])[0]) < SMALL * np.max(
+                np.abs(ends)
+            ):
+                at_corner = cornered(self.problem, zero[0], both_sides(self.problem, zero[0]))
+                if at_corner is None:
+                    at_corner = Crossing("branch_point", zero[0], None)
+                specials.append(Special(at_corner.kind, zero[1], at_corner.point, at_corner.aside))
+        for test in tests:
+            special = yield from self._zero(test, changed[test])
+            if special is not None:
+                specials.append(special)
+                if special.kind == "corner":  # multipliers jump there
+                    return specials
+        specials = sorted(specials, key=lambda special: special.arclength)
+        return specials if self._explained(specials) else None
 
-    Args:
-        problem, before, after, length: as for `bifurcations`, of one branch.
-        ends: the values of `branch_test` at both ends of the step.
+    def _crossing(
+        self, ends: tuple[float, float]
+    ) -> tuple[Crossing | None, float, tuple[BranchPoints, float] | None]:
+        """The branch point on the step, if there is one on which `branch_test` changes sign.
 
-    Returns:
-        The branch point on the step or None; its scaled beta; and the zero of the test function with its
-        arclength, if that had to be located.
-    """
-    crossing, beta = branch_point(problem, _between(problem, before, after, ends[0] / (ends[0] - ends[1])))
-    if _is_on_step(problem, before, crossing, length):
-        return crossing, beta, None
-    zero = located_on_branch(problem, before, length, branch_test, ends)
-    if zero is None:
-        return None, np.nan, None
-    crossing, beta = branch_point(problem, zero[0])
-    return crossing if _is_on_step(problem, before, crossing, length) else None, beta, zero
+        Args:
+            ends: the values of `branch_test` at both ends of the step.
 
+        Returns:
+            The branch point on the step or None; its scaled beta; and the zero of the test function with its
+            arclength, if that had to be located.
+        """
+        crossing, beta = branch_point(self.problem, self._chord_zero(ends))
+        if self._contains(crossing):
+            return crossing, beta, None
+        zero = located_on_branch(self.problem, self.before, self.length, branch_test, ends)
+        if zero is None:
+            return None, np.nan, None
+        crossing, beta = branch_point(self.problem, zero[0])
+        return crossing if self._contains(crossing) else None, beta, zero
 
-def _zero_on_step(
-    problem: ContinuationProblem,
-    before: BranchPoints,
-    after: BranchPoints,
-    length: float,
-    test: Test,
-    ends: tuple[float, float],
-) -> Computation[Special | None]:
-    """The bifurcation at the zero of a test function on a step of one branch, if it is one.
+    def _zero(self, test: Test, ends: tuple[float, float]) -> Computation[Special | None]:
+        """The bifurcation at the zero of a test function, not that of branch points, if it is one.
 
-    Args:
-        problem, before, after, length: as for `bifurcations`, of one branch.
-        test: the test function, not that of branch points.
-        ends: its values at both ends of the step.
-    """
-    near = _between(problem, before, after, ends[0] / (ends[0] - ends[1]))
-    direct = yield from _direct(problem, before, near, length, test)
-    if direct is not None:
-        return direct
-    zero = located_on_branch(problem, before, length, test, ends)
-    if zero is None:
-        return None
-    kind = _kind_at_zero(problem, zero[0], test)
-    if not kind:
-        return None
-    exact = yield from _exact(problem, zero[0], kind)
-    return Special(kind, zero[1], zero[0] if exact is None else exact)
+        `ends` are the values of the test function at both ends of the step.
+        """
+        direct = yield from self._direct(self._chord_zero(ends), test)
+        if direct is not None:
+            return direct
+        zero = located_on_branch(self.problem, self.before, self.length, test, ends)
+        if zero is None:
+            return None
+        kind = _kind_at_zero(self.problem, zero[0], test)
+        if not kind:
+            return None
+        exact = yield from _exact(self.problem, zero[0], kind)
+        return Special(kind, zero[1], zero[0] if exact is None else exact)
+
+    def _direct(self, near: BranchPoints, test: Test) -> Computation[Special | None]:
+        """The bifurcation by its own equations, from a point `near` it (1,).
+
+        None where they lead elsewhere, or where the test function does not tell the kind.
+        """
+        if test not in (fold_test, flip_test):
+            return None
+        kind = "fold" if test is fold_test else "flip"
+        exact = yield from _exact(self.problem, near, kind)
+        if exact is None:
+            return None
+        along = ahead(self.problem, self.before, exact)
+        inside = self.problem.low <= exact.parameter[0] <= self.problem.high
+        if not (0.0 <= along <= self.length and inside):
+            return None
+        critical = min(abs(multipliers_of(self.problem, exact)[0] - (1.0 if kind == "fold" else -1.0)))
+        sound = critical < TOGETHER and (kind == "flip" or _turns(self.problem, exact))
+        return Special(kind, along, exact) if sound else None
+
+    def _chord_zero(self, ends: tuple[float, float]) -> BranchPoints:
+        """The point of the step's chord where a function with these values at its ends is zero.
+
+        Its tangent is the mean of those at the ends.
+        """
+        before, after, share = self.before, self.after, ends[0] / (ends[0] - ends[1])
+        change = self.problem.mapping.difference(after.points.at, before.points.at)
+        return dataclasses.replace(
+            before,
+            points=Points(before.points.at + share * change, before.points.modes),
+            drift=before.drift + share * (after.drift - before.drift),
+            parameter=before.parameter + share * (after.parameter - before.parameter),
+            tangent=0.5 * (before.tangent + after.tangent),
+            corrections=after.corrections,
+        )
+
+    def _contains(self, crossing: Crossing | None) -> bool:
+        """Whether a branch point lies on the step."""
+        if crossing is None:
+            return False
+        return -EDGE <= ahead(self.problem, self.before, crossing.point) / self.length <= 1.0 + EDGE
+
+    def _explained(self, specials: list[Special]) -> bool:
+        """Whether bifurcations explain the change of the number of multipliers outside the unit circle."""
+        kinds = [special.kind for special in specials]
+        if "corner" in kinds or "branch_point" in kinds:  # where several may cross, or jump
+            return True
+        sizes = [np.abs(multipliers_of(self.problem, point)) for point in (self.before, self.after)]
+        outside = [[int(np.sum(size > 1.0 + sign * EDGE)) for sign in (1.0, -1.0)] for size in sizes]
+        # multipliers at the unit circle count as on either side of it
+        least, most = outside[1][0] - outside[0][1], outside[1][1] - outside[0][0]
+        crossed = sum(2 if kind == "neimark_sacker" else 1 for kind in kinds)
+        # the multiplier of the branch that turns at a pitchfork is 1 there, and on one side before and after
+        crossed -= sum(
+            special.kind in PITCHFORKS and _turns(self.problem, special.point) for special in specials
+        )
+        return any(abs(k) <= crossed and (crossed - k) % 2 == 0 for k in range(least, most + 1))
 
 
 def _kind_at_zero(problem: ContinuationProblem, at_zero: BranchPoints, test: Test) -> str:
@@ -340,44 +402,6 @@ def _kind_at_zero(problem: ContinuationProblem, at_zero: BranchPoints, test: Tes
     if test is fold_test:
         return turn_kind(problem, at_zero)
     return "flip" if test is flip_test else pair_kind(problem, at_zero)
-
-
-def _explained(
-    problem: ContinuationProblem, before: BranchPoints, after: BranchPoints, specials: list[Special]
-) -> bool:
-    """Whether bifurcations explain the change of the number of multipliers outside the unit circle."""
-    kinds = [special.kind for special in specials]
-    if "corner" in kinds or "branch_point" in kinds:  # where several may cross, or jump
-        return True
-    magnitudes = [np.abs(multipliers_of(problem, point)) for point in (before, after)]
-    outside = [[int(np.sum(sizes > 1.0 + sign * EDGE)) for sign in (1.0, -1.0)] for sizes in magnitudes]
-    # multipliers at the unit circle count as on either side of it
-    least, most = outside[1][0] - outside[0][1], outside[1][1] - outside[0][0]
-    crossed = sum(2 if kind == "neimark_sacker" else 1 for kind in kinds)
-    # the multiplier of the branch that turns at a pitchfork is 1 there, and on one side before and after
-    crossed -= sum(special.kind in PITCHFORKS and _turns(problem, special.here) for special in specials)
-    return any(abs(k) <= crossed and (crossed - k) % 2 == 0 for k in range(least, most + 1))
-
-
-def _direct(
-    problem: ContinuationProblem, before: BranchPoints, near: BranchPoints, length: float, test: Test
-) -> Computation[Special | None]:
-    """The bifurcation on a step of one branch by its own equations, from a point `near` it (1,).
-
-    None where they lead elsewhere, or where the test function does not tell the kind.
-    """
-    if test not in (fold_test, flip_test):
-        return None
-    kind = "fold" if test is fold_test else "flip"
-    exact = yield from _exact(problem, near, kind)
-    if exact is None:
-        return None
-    along = ahead(problem, before, exact)
-    if not (0.0 <= along <= length and problem.low <= exact.parameter[0] <= problem.high):
-        return None
-    critical = min(abs(multipliers_of(problem, exact)[0] - (1.0 if kind == "fold" else -1.0)))
-    sound = critical < TOGETHER and (kind == "flip" or _turns(problem, exact))
-    return Special(kind, along, exact) if sound else None
 
 
 def _exact(problem: ContinuationProblem, near: BranchPoints, kind: str) -> Computation[BranchPoints | None]:
@@ -400,33 +424,14 @@ def _exact(problem: ContinuationProblem, near: BranchPoints, kind: str) -> Compu
     )
 
 
-def _between(
-    problem: ContinuationProblem, before: BranchPoints, after: BranchPoints, share: float
-) -> BranchPoints:
-    """The point at a share of the chord of a step, with the mean of the tangents at its ends."""
-    change = problem.mapping.difference(after.points.at, before.points.at)
-    return dataclasses.replace(
-        before,
-        points=Points(before.points.at + share * change, before.points.modes),
-        drift=before.drift + share * (after.drift - before.drift),
-        parameter=before.parameter + share * (after.parameter - before.parameter),
-        tangent=0.5 * (before.tangent + after.tangent),
-        corrections=after.corrections,
-    )
-
-
 def ahead(problem: ContinuationProblem, before: BranchPoints, after: BranchPoints) -> float:
-    """The length from `before` to `after` along the tangent at `before`."""
+    """The length from `before` to `after` along the tangent at `before`.
+
+    Args:
+        problem: the continuation problem, of one branch.
+        before, after: points (1,) of the branch.
+    """
     size = before.points.at.shape[1]
     weighted = (problem.weights * before.tangent)[0]
     change = problem.mapping.difference(after.points.at, before.points.at)[0]
     return float(weighted[:size] @ change + weighted[-1] * (after.parameter - before.parameter)[0])
-
-
-def _is_on_step(
-    problem: ContinuationProblem, before: BranchPoints, crossing: Crossing | None, length: float
-) -> bool:
-    """Whether a branch point lies on a step of this length."""
-    if crossing is None:
-        return False
-    return -EDGE <= ahead(problem, before, crossing.here) / length <= 1.0 + EDGE

@@ -223,9 +223,9 @@ class BranchFollower:
         crossing, beta = branch_point(problem, before)
         if crossing is None or not abs(beta) <= IMPERFECT:
             return
-        if 0.0 <= ahead(problem, before, crossing.here) <= STEPS_TO_END * self.steps.shortest:
-            self.table.write(self.names[row], problem, crossing.here, [crossing.kind], tolerance=TOGETHER)
-            self.crossings.append((int(row[0]), crossing.here, crossing.aside))
+        if 0.0 <= ahead(problem, before, crossing.point) <= STEPS_TO_END * self.steps.shortest:
+            self.table.write(self.names[row], problem, crossing.point, [crossing.kind], tolerance=TOGETHER)
+            self.crossings.append((int(row[0]), crossing.point, crossing.aside))
 
     def _accept(
         self, rows: Int[np.ndarray, " rows"], after: BranchPoints, specials: list[list[Special]]
@@ -257,12 +257,12 @@ class BranchFollower:
         for row, on_step, at_values in zip(rows, specials, passed, strict=True):
             problem = self.problem[np.array([row])]
             for special in sorted([*on_step, *at_values], key=lambda special: special.arclength):
-                if not problem.low <= special.here.parameter[0] <= problem.high:
+                if not problem.low <= special.point.parameter[0] <= problem.high:
                     continue
                 name = self.names[[row]]
-                self.table.write(name, problem, special.here, [special.kind], tolerance=TOGETHER)
+                self.table.write(name, problem, special.point, [special.kind], tolerance=TOGETHER)
                 if special.kind in CROSSINGS:
-                    self.crossings.append((int(row), special.here, special.aside))
+                    self.crossings.append((int(row), special.point, special.aside))
 
     def _leave_range(self, rows: Int[np.ndarray, " rows"], beyond: BranchPoints) -> None:
         """Record where the branches `rows` leave the range of the parameter, and end them."""

@@ -50,13 +50,13 @@ class Crossing:
     """A branch point on one branch.
 
     `kind` is transcritical, supercritical_pitchfork, subcritical_pitchfork, or branch_point where the
-    quadratic and cubic terms do not tell; `here` (1,) the point, with the tangent of the branch that came
+    quadratic and cubic terms do not tell; `point` (1,), with the tangent of the branch that came
     there; `aside` (k,) points close by on the halves of branches that cross, each with the tangent away from
     there: two, or fewer where halves were not found.
     """
 
     kind: str
-    here: BranchPoints
+    point: BranchPoints
     aside: BranchPoints | None
 
 
@@ -142,6 +142,11 @@ def cornered(problem: ContinuationProblem, at: BranchPoints, sides: list[Side]) 
 
     One branch lies in the corner and goes through; of the other one there is a half on each side. None where
     neither side has a branch point there.
+
+    Args:
+        problem: the continuation problem, of one branch.
+        at: the branch point.
+        sides: the sides of the corner that have a branch point there, as `both_sides` returns them.
     """
     if not sides:
         return None

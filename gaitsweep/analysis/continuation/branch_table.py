@@ -1,4 +1,4 @@
-"""The table of branches of fixed points: one record for each point of a branch."""
+"""Tables of branches: a record for each point of a branch; of stationary points, in the terms of the flow."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from jaxtyping import Complex, Float, Int
 
 from gaitsweep.analysis.continuation.arclength_step import BranchPoints, ContinuationProblem
 from gaitsweep.analysis.continuation.bifurcation_tests import multipliers_of
-from gaitsweep.analysis.continuation.flows import in_terms_of_flow
 from gaitsweep.analysis.continuation.newton import ConservedConstraints
 from gaitsweep.analysis.continuation.normal_forms import coefficient, critical_multiplier
 from gaitsweep.engine.poincare.maps import Map
@@ -22,6 +21,18 @@ _OF_POINT = (
     *("multiplier", "multiplier_re", "multiplier_im", "unstable", "stable"),
     *("special", "corrections", "end"),
 )
+# Bifurcations of the flow, by those of fixed points of its map.
+FLOW_NAMES = {
+    "neimark_sacker": "hopf",
+    "resonance_1_1": "bogdanov_takens",
+    "fold_neimark_sacker": "fold_hopf",
+    "double_neimark_sacker": "double_hopf",
+    "pitchfork_neimark_sacker": "pitchfork_hopf",
+    "chenciner": "generalized_hopf",
+}
+# Columns of stationary points, and those that have the step of the map in them.
+OF_FLOW = ("eigenvalue_re", "eigenvalue_im", "coefficient", "hopf_frequency", "hopf_period")
+OF_MAP = ("multiplier", "multiplier_re", "multiplier_im", "time")
 
 
 class BranchTable:
@@ -81,7 +92,13 @@ class BranchTable:
             self._records[row][-1]["end"] = reason
 
     def failed(self, row: int, parameter: float, reason: str) -> None:
-        """Add the only record of a branch that has no first point, with the reason."""
+        """Add the only record of a branch that has no first point, with the reason.
+
+        Args:
+            row: the row of the branch.
+            parameter: the value of the continuation parameter there.
+            reason: why there is no point.
+        """
         self._records[row].append({**self._head(row, parameter), "end": reason})
 
     def _head(self, name: int, parameter: float) -> dict[str, Any]:
@@ -102,7 +119,15 @@ class BranchTable:
         *,
         tolerance: float = 0.0,
     ) -> None:
-        """Add a record for each of n branches; multipliers outside by `tolerance` count as unstable."""
+        """Add a record for each of n branches.
+
+        Args:
+            rows: the branches (n,), by their numbers in this table.
+            problem: the continuation problem of the branches.
+            branch_points: a point of each.
+            special: the bifurcation (n,) at each point, or "".
+            tolerance: distance outside the unit circle from which multipliers count as unstable.
+        """
         if not len(rows):
             return
         factors = multipliers_of(problem, branch_points)
@@ -159,3 +184,29 @@ def _of_flow(
         pair = np.array([critical_multiplier(factors, special)])
         record["hopf_frequency"] = float(np.imag(eigenvalues(pair, at.images.observed["time"]))[0])
     return record
+
+
+def in_terms_of_flow(mapping: Map, table: pd.DataFrame) -> pd.DataFrame:
+    """A table of fixed points or of curves of them; of stationary points, in the terms of the flow.
+
+    The eigenvalue with the largest real part (1/s), or on a curve the critical one, is in place of the
+    multiplier; `hopf_frequency` (rad/s) and `hopf_period` (s) are those of the cycles that begin there.
+    """
+    if not isinstance(mapping, StationaryMap) or "time" not in table:
+        return table
+    multipliers = table["multiplier_re" if "multiplier_re" in table else "multiplier"].to_numpy(complex)
+    if "multiplier_im" in table:
+        multipliers = multipliers + 1j * table["multiplier_im"].to_numpy(float)
+    step = table["time"].to_numpy(float)
+    with np.errstate(invalid="ignore"):  # of records without a point
+        factors = eigenvalues(multipliers, step)
+    renamed = {name: table[name].replace(FLOW_NAMES) for name in ("special", "end", "kind") if name in table}
+    table = table.assign(**renamed, eigenvalue_re=np.real(factors), eigenvalue_im=np.imag(factors))
+    if "kind" in table:
+        table["hopf_frequency"] = np.where(table["kind"] == "hopf", np.abs(np.imag(factors)), np.nan)
+    if "hopf_frequency" in table:
+        table["hopf_period"] = 2.0 * np.pi / table["hopf_frequency"]
+    if "coefficient" in table:
+        # those of the map x + h a x^2, of the flow x' = a x^2
+        table["coefficient"] /= np.where(table["special"] == "hopf", 1.0, step)
+    return table.drop(columns=[name for name in OF_MAP if name in table])

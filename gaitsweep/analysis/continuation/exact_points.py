@@ -84,7 +84,13 @@ def equations_at(
 def located_exactly(
     problem: ContinuationProblem, at: BranchPoints, special: str
 ) -> Computation[CriticalPoint | None]:
-    """The bifurcation next to a bracketed one (1,), to the precision of the map; None if not found."""
+    """The bifurcation next to a bracketed one (1,), to the precision of the map; None if not found.
+
+    Args:
+        problem: the continuation problem of the branch.
+        at: the bracketed bifurcation.
+        special: fold, flip, neimark_sacker, or a kind of branch point.
+    """
     equations, unknowns = equations_at(problem, at, special)
     first = unknowns
     border = yield from equations.first_border(at.points, unknowns)

@@ -121,7 +121,15 @@ class FixedPoints:
 def residuals(
     mapping: Map, points: Points, drift: Drifts, images: MapEvaluation, constraints: ConservedConstraints
 ) -> Unknowns:
-    """The residuals of Newton's equations, (n, size + k): zero at a fixed point."""
+    """The residuals of Newton's equations, (n, size + k): zero at a fixed point.
+
+    Args:
+        mapping: the map.
+        points: the points (n,).
+        drift: the drifts (n, k) of the constrained quantities.
+        images: the images of the points, with derivatives.
+        constraints: those of conserved quantities.
+    """
     moved = mapping.difference(images.points.at, points.at)
     spread = along(images.conserved_jacobian[:, constraints.which])
     return np.concatenate(

@@ -1,4 +1,4 @@
-"""Coefficients of the normal forms of bifurcations of fixed points: super- or subcritical.
+"""Coefficients of the normal forms of bifurcations, super- or subcritical, and the cycles of Hopf points.
 
 The quadratic and cubic terms of the map come from Jacobians beside the bifurcation: B(u, h) is the derivative
 of J h along u, and C(u, u, h) the second one.
@@ -12,6 +12,7 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
+import pandas as pd
 from jaxtyping import Complex, Float
 
 from gaitsweep.analysis.continuation.arclength_step import BranchPoints, ContinuationProblem
@@ -23,6 +24,8 @@ Vector = Float[np.ndarray, " coordinates"]
 ComplexVector = Complex[np.ndarray, " coordinates"]
 # Step of the differences of Jacobians, in coordinates relative to their scales.
 BESIDE = 1e-3
+# Displacement of a parameter, relative to its size, for the rate of an eigenvalue along a branch.
+PARAMETER_STEP = 1e-5
 # Largest length of the left critical vector, which is infinite where two multipliers are critical with one
 # direction.
 LARGEST_LEFT = 1e6
@@ -62,6 +65,11 @@ def coefficient(problem: ContinuationProblem, at: BranchPoints, kind: str) -> fl
     - pitchfork: c of x -> x + c x^3; supercritical where c < 0.
     - neimark_sacker: d of |x| -> |x| (1 + d |x|^2); supercritical where d < 0. At a Hopf point of a flow, the
       first Lyapunov coefficient instead, as of `HopfForm`.
+
+    Args:
+        problem: the continuation problem of the branch.
+        at: the bifurcation.
+        kind: its kind.
 
     Returns:
         NaN for other kinds, where the map has a corner beside the point, and where conserved quantities are
@@ -105,7 +113,13 @@ def coefficient(problem: ContinuationProblem, at: BranchPoints, kind: str) -> fl
 
 
 def flip_coefficient(J: Matrix, q: Vector, p: Vector, first: Matrix, second: Matrix) -> float:
-    """The coefficient of a flip, from the first and second derivative of the Jacobian along q; p . q = 1."""
+    """The coefficient of a flip, from the first and second derivative of the Jacobian along q; p . q = 1.
+
+    Args:
+        J: the Jacobian, (size, size).
+        q, p: its right and left critical vectors, (size,).
+        first, second: first and second derivative of the Jacobian along q, (size, size).
+    """
     inner = np.linalg.solve(np.eye(len(J)) - J, first @ q)
     return float(p @ (second @ q / 6.0 + 0.5 * first @ inner))
 
@@ -113,9 +127,14 @@ def flip_coefficient(J: Matrix, q: Vector, p: Vector, first: Matrix, second: Mat
 def circle_coefficient(
     J: Matrix, q: ComplexVector, p: ComplexVector, factor: complex, first: list[Matrix], second: list[Matrix]
 ) -> float:
-    """The coefficient of a Neimark-Sacker bifurcation with the multiplier `factor`; p . q = 1.
+    """The coefficient of a Neimark-Sacker bifurcation.
 
-    `first` and `second` are derivatives of the Jacobian along the real and the imaginary part of q.
+    Args:
+        J: the Jacobian, (size, size).
+        q, p: its right and left critical vectors, (size,), p . q = 1.
+        factor: the critical multiplier.
+        first, second: first and second derivatives of the Jacobian along the real and the imaginary part of
+            q, (size, size) each.
     """
     unit = factor / abs(factor)
     B, conjugate = first[0] + 1j * first[1], first[0] - 1j * first[1]
@@ -153,7 +172,13 @@ class HopfForm:
 
 
 def hopf_form(mapping: StationaryMap, at: Points, values: Values) -> HopfForm:
-    """The normal form at a Hopf point (1,), by exact derivatives of the flow."""
+    """The normal form at a Hopf point (1,), by exact derivatives of the flow.
+
+    Args:
+        mapping: the map of the flow's stationary points.
+        at: the Hopf point.
+        values: the parameters there.
+    """
     values_at = {name: column[0] for name, column in mapping.complete(values, 1).items()}
     hopf_point = values_at, at.at[0], at[0].modes
     J = np.asarray(linearised_flow(mapping)(*hopf_point)[1])
@@ -176,3 +201,45 @@ def hopf_form(mapping: StationaryMap, at: Points, values: Values) -> HopfForm:
     (a_11, b_11, a_r, b_i, a_i, b_r), _ = bent(*((u, v, u) for u, v in pairs))
     cubic = aaa + abb + 1j * (aab + bbb) + 2.0 * (a_11 + 1j * b_11) + a_r + b_i + 1j * (a_i - b_r)
     return HopfForm(frequency, q, p, float((p @ cubic).real / (2.0 * frequency)), h11, h20)
+
+
+def hopf_cycle(
+    mapping: StationaryMap, at: Points, values: Values, parameter: str, amplitude: float, count: int
+) -> pd.DataFrame:
+    """The cycle of an amplitude that begins at a Hopf point (1,), to second order.
+
+    Args:
+        mapping: the map.
+        at: the Hopf point.
+        values: the parameters there.
+        parameter: the parameter that moves away from there.
+        amplitude: the largest displacement of the cycle, in the units of the coordinates.
+        count: the number of its points.
+
+    Returns:
+        One record a point: time (s), the coordinates, the parameter's value at which the cycle has this
+        amplitude, and its period (s).
+    """
+    form, program = hopf_form(mapping, at, values), linearised_flow(mapping)
+    values_at = {name: column[0] for name, column in mapping.complete(values, 1).items()}
+    x, modes, value = at.at[0], at[0].modes, values_at[parameter]
+
+    def linearised(
+        share: float, x: Float[np.ndarray, " coordinates"]
+    ) -> tuple[Float[np.ndarray, " coordinates"], Float[np.ndarray, "coordinates coordinates"]]:
+        rates, jacobian = program({**values_at, parameter: value + share}, x, modes)
+        return np.asarray(rates), np.asarray(jacobian)
+
+    small = PARAMETER_STEP * (1.0 + abs(value))
+    slope = (linearised(small, x)[0] - linearised(-small, x)[0]) / (2.0 * small)
+    along = np.linalg.solve(-linearised(0.0, x)[1], slope)
+    ahead, behind = (linearised(d, x + d * along)[1] for d in (small, -small))
+    growth = np.real(form.p @ (ahead - behind) @ form.q) / (2.0 * small)
+    size = amplitude / np.max(np.abs(form.q)) / 2.0
+    change = -form.frequency * form.l1 * size**2 / growth
+    period = 2.0 * np.pi / form.frequency
+    time = period * np.arange(count) / count
+    z = size * np.exp(1j * form.frequency * time)[:, None]
+    points = x + change * along + 2.0 * (z * form.q).real + np.abs(z) ** 2 * form.h11 + (z**2 * form.h20).real
+    columns = {quantity.name: points[:, k] for k, quantity in enumerate(mapping.coordinates)}
+    return pd.DataFrame({"time": time, **columns, parameter: value + change, "period": period})

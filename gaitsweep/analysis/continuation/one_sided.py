@@ -87,7 +87,12 @@ def multiplier_rate(
 ) -> float:
     """A number with the sign of d(multiplier)/d(parameter) on the branch that goes `through`.
 
-    `w`, `null` and `bent` are as in `branch_points`; the `eigenvector` is that of the multiplier 1.
+    Args:
+        w, null, bent: as in `branch_points`.
+        through: the tangent (m,) of the branch, in scaled unknowns.
+        eigenvector: the eigenvector (m,) of the multiplier 1, in scaled unknowns.
+        points: the branch point (1,).
+        scale: the scales (m,) of the unknowns.
     """
     change = (null @ through) @ (bent @ eigenvector)
     return float(change * (_projection(w, points) @ (scale * eigenvector)) * np.sign(through[-1]))

@@ -358,7 +358,7 @@ class _Remainder(NamedTuple):
 
 
 def _remains(drift: Drift, near: PointFlags, away: PerPoint, width: float) -> _Remainder | None:
-    """What the points `near` a zero, all on one side, leave there; None if they are too few for a line."""
+    """The remainder of the points `near` a zero, all on one side; None if they are too few for a line."""
     if not near.any():
         return None
     _, change, row, share = (values[near] for values in drift.points)

@@ -164,7 +164,14 @@ def irregular_passes(
 
 
 def courses(table: pd.DataFrame, observable: str, parameter: str) -> Iterator[Course]:
-    """The rows of a ramp or staircase table with at least two records; NaN and falls are left out."""
+    """The rows of a ramp or staircase table with at least two records; NaN and falls are left out.
+
+    Args:
+        table, observable, parameter: as for `jumps`.
+
+    Raises:
+        AnalysisError: the table does not have a column, or its values are not numbers.
+    """
     name = section_column(table, observable)
     stairs = "stair" in table.columns
     order = "stair" if stairs else "crossing"

@@ -206,9 +206,8 @@ class BodyModel(OfMjcf, DeclaredModel):
             state = state.replace(q=jnp.where(at_rest.standing == Standing.stands, at_rest.q, jnp.nan))
         # a part that begins in the ground is pushed from the start
         heights = self.body.heights(params.body, state.q, state.v, params.ground)
-        return self._within_bounds(
-            state.replace(pushing=heights > 0.0), self.body.bounds(params.body, state.q) > 0.0
-        )
+        state = state.replace(pushing=heights > 0.0)
+        return self._within_bounds(state, self._bounds(params, state) > 0.0)
 
     def without_start(self, params: Any, state: Any, /) -> dict[str, Bool[Array, ""]]:
         has_no_rest = jnp.isnan(state.q[0])
@@ -217,11 +216,15 @@ class BodyModel(OfMjcf, DeclaredModel):
             reasons[_BEYOND.format("; ".join(dict.fromkeys(names)))] = jnp.isnan(state.v[0]) & ~has_no_rest
         return reasons
 
+    def _bounds(self, params: Any, state: Any) -> Float[Array, " bounds"]:
+        """The lengths (m) by which contacts are beyond what is covered; else negative."""
+        return self.body.bounds(params.body, state.q) if self.body.bound_names else jnp.zeros((0,))
+
     def _within_bounds(self, state: Any, beyond: Bool[Array, " bounds"]) -> Any:
         """The state, with velocities that are not numbers where a contact is beyond what is covered."""
-        return (
-            state.replace(v=jnp.where(jnp.any(beyond), jnp.nan, state.v)) if self.body.bound_names else state
-        )
+        if not self.body.bound_names:
+            return state
+        return state.replace(v=jnp.where(jnp.any(beyond), jnp.nan, state.v))
 
     def flow(self, params: Any, state: Any, /) -> Rates:
         from gaitsweep.dynamics.tree import rates
@@ -240,8 +243,8 @@ class BodyModel(OfMjcf, DeclaredModel):
 
         height = self.body.heights(params.body, state.q, state.v, params.ground)
         of_stops = jnp.where(state.pushing, -height - RELEASE, height)
-        bounds = self.body.bounds(params.body, state.q)
-        return jnp.concatenate([super().guards(params, state), of_stops, bounds])
+        declared = super().guards(params, state)
+        return jnp.concatenate([declared, of_stops, self._bounds(params, state)])
 
     @property
     def guard_names(self) -> tuple[str, ...]:
@@ -255,8 +258,9 @@ class BodyModel(OfMjcf, DeclaredModel):
     def jump(self, params: Any, state: Any, fired: Bool[Array, " events"], /) -> Any:
         declared = len(super().guard_names)
         before = super().jump(params, state, fired[:declared])
-        of_stops, of_bounds = jnp.split(fired[declared:], [self.stops])
-        after = self._within_bounds(before.replace(pushing=before.pushing ^ of_stops), of_bounds)
+        bounds_from = declared + self.stops
+        pushing = before.pushing ^ fired[declared:bounds_from]
+        after = self._within_bounds(before.replace(pushing=pushing), fired[bounds_from:])
         return self._stepped(params, before, after, jnp.zeros(()))  # declared footfalls
 
     def caveats(self) -> list[str]:

@@ -10,7 +10,7 @@ import functools
 import itertools
 import math
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -90,16 +90,18 @@ def touches(m: Any) -> list[Touch]:
             )
         surface = surface_of(m, data, ground, _margin(m, ground, geom))
         _refuse_shape(m, data, geom, ground, surface)
-        friction, solref, solimp, condim = _mixed(m, ground, geom)
-        if condim not in (1, 3):
+        mixed = _mixed(m, ground, geom)
+        if mixed.condim not in (1, 3):
             raise ValueError(
-                f"{named(m, 'geom', geom)} has condim {condim}, torsional or rolling friction, which located "
-                "contacts do not have. Allowed: 1, 3."
+                f"{named(m, 'geom', geom)} has condim {mixed.condim}, torsional or rolling friction, which "
+                "located contacts do not have. Allowed: 1, 3."
             )
         body = int(m.geom_bodyid[geom])
-        softness = _softness(m, solref, solimp, float(m.body_invweight0[body, 0]), weight)
+        inverse_mass = float(m.body_invweight0[body, 0])
+        softness = _softness(m, mixed.solref, mixed.solimp, inverse_mass, weight)
         points, radius = _points(m, data, geom)
-        result.append(Touch(geom, body, points, radius, surface, softness, friction if condim == 3 else None))
+        friction = mixed.friction if mixed.condim == 3 else None
+        result.append(Touch(geom, body, points, radius, surface, softness, friction))
     _refuse_different_friction(m, result)
     return result
 
@@ -186,12 +188,21 @@ def _pairs(m: Any) -> Iterator[tuple[int, int]]:
             yield one, other
 
 
-def _mixed(m: Any, one: int, other: int) -> tuple[float, np.ndarray, np.ndarray, int]:
-    """Sliding friction, solref, solimp and condim of a contact, mixed as by MuJoCo."""
+class _MixedNumbers(NamedTuple):
+    """Sliding friction, solref, solimp and condim of a contact."""
+
+    friction: float
+    solref: np.ndarray
+    solimp: np.ndarray
+    condim: int
+
+
+def _mixed(m: Any, one: int, other: int) -> _MixedNumbers:
+    """The numbers of a contact of two geoms, mixed as by MuJoCo."""
     first, second = sorted((one, other), key=lambda i: -m.geom_priority[i])
     if m.geom_priority[first] > m.geom_priority[second]:
-        return (
-            m.geom_friction[first, 0],
+        return _MixedNumbers(
+            float(m.geom_friction[first, 0]),
             m.geom_solref[first],
             m.geom_solimp[first],
             int(m.geom_condim[first]),
@@ -203,7 +214,7 @@ def _mixed(m: Any, one: int, other: int) -> tuple[float, np.ndarray, np.ndarray,
     refs = m.geom_solref[[one, other]]
     solref = share * refs[0] + (1.0 - share) * refs[1] if (refs[:, 0] > 0.0).all() else refs.min(axis=0)
     solimp = share * m.geom_solimp[one] + (1.0 - share) * m.geom_solimp[other]
-    return float(friction), solref, solimp, condim
+    return _MixedNumbers(float(friction), solref, solimp, condim)
 
 
 def _margin(m: Any, one: int, other: int) -> float:

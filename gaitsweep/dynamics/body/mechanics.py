@@ -29,7 +29,7 @@ from gaitsweep.dynamics.body.body_parameters import (
     is_velocity_servo,
 )
 from gaitsweep.dynamics.body.coverage import Touch, limits, refusals, touches
-from gaitsweep.dynamics.body.surfaces import Box, Plane, Relief
+from gaitsweep.dynamics.body.surfaces import Plane, Relief
 from gaitsweep.dynamics.ground import Ground
 from gaitsweep.dynamics.mjcf.source import identifier
 from gaitsweep.dynamics.tree import (
@@ -44,6 +44,7 @@ from gaitsweep.dynamics.tree import (
     tree_of,
     velocity_at,
 )
+from gaitsweep.dynamics.tree.kinematics import Place
 from gaitsweep.near_miss import suggestion
 
 Values = Mapping[str, Scalar]
@@ -140,7 +141,8 @@ class LocatedBody:
     """A body of an MJCF with located stops.
 
     `values` of its functions are the numbers of `parameters` by name, `ground` is added to the heights of
-    level planes. `depths_and_forces`, `heights` and `accelerations` are the compiled methods of these names.
+    level planes. `depths_and_forces`, `heights`, `bounds` and `accelerations` are the compiled methods of
+    these names.
 
     Args:
         m: the compiled MJCF.
@@ -178,13 +180,13 @@ class LocatedBody:
             ),
             *(f"joint {joint} meets or leaves its {end} limit" for joint, end in ends),
         )
-        # JAX then traces each once for a body, however often a program calls it; with `jax.jit` as a
-        # decorator of methods, its memory would keep every body alive
         self.bound_names = tuple(
             f"{self.elements.name_of_geom(touch.geom)} meets {touch.surface.description} {place}"
             for touch in self._touches
             for place in _bounds_of(touch)
         )
+        # JAX then traces each once for a body, however often a program calls it; with `jax.jit` as a
+        # decorator of methods, its memory would keep every body alive
         self.depths_and_forces = jax.jit(self._depths_and_forces)
         self.heights = jax.jit(self._heights)
         self.bounds = jax.jit(self._bounds)
@@ -320,12 +322,10 @@ class LocatedBody:
         for touch in self._touches:
             name = self.elements.name_of_geom(touch.geom)
             link = self.elements.link_of_body(touch.body)
-            size = values[f"{self.elements.name_of_body(touch.body)}_size"]
-            radius = size * values[f"{name}_radius"] if touch.radius else 0.0
+            centres, radius = self._points(touch, values, placed)
             damper = values[f"{name}_contact_damping"]
             has_friction = touch.friction is not None
-            for point in touch.points:
-                centre = placed[link].position(size * point)
+            for centre in centres:
                 normal, above = touch.surface.below(centre, ground)
                 depth = radius - above
                 # between the lowest point and the surface, as in MuJoCo
@@ -381,23 +381,25 @@ class LocatedBody:
         placed = places(self.tree, self.geometry(values), q)
         bounds: list[Scalar] = []
         for touch in self._touches:
-            size = values[f"{self.elements.name_of_body(touch.body)}_size"]
-            radius = (
-                size * values[f"{self.elements.name_of_geom(touch.geom)}_radius"] if touch.radius else 0.0
-            )
-            place = placed[self.elements.link_of_body(touch.body)]
-            points = [place.position(size * point) for point in touch.points]
-            depths = [radius - touch.surface.below(point, EVEN)[1] for point in points]
-            if isinstance(touch.surface, Relief):
-                bounds += [
-                    jnp.minimum(depth, touch.surface.beyond(point))
-                    for depth, point in zip(depths, points, strict=True)
-                ]
-            elif isinstance(touch.surface, Box) and touch.has_side:
-                depth = radius + touch.surface.margin - touch.surface.distance_of_segment(*points)
-                deepest = jnp.maximum(*depths)
-                bounds.append(jnp.minimum(depth, depth - deepest - RELEASE))
+            surface = touch.surface
+            if isinstance(surface, Plane):
+                continue
+            points, radius = self._points(touch, values, placed)
+            depths = [radius - surface.below(point, EVEN)[1] for point in points]
+            if isinstance(surface, Relief):
+                pairs = zip(depths, points, strict=True)
+                bounds += [jnp.minimum(depth, surface.beyond(point)) for depth, point in pairs]
+            elif touch.has_side:
+                depth = radius + surface.margin - surface.distance_of_segment(*points)
+                bounds.append(jnp.minimum(depth, depth - jnp.maximum(*depths) - RELEASE))
         return _row(bounds) if bounds else jnp.zeros((0,))
+
+    def _points(self, touch: Touch, values: Values, placed: Sequence[Place]) -> tuple[list[Array], Scalar]:
+        """Places (3,) m in the world, and the radius (m), of the points of a geom that may touch ground."""
+        size = values[f"{self.elements.name_of_body(touch.body)}_size"]
+        radius = size * values[f"{self.elements.name_of_geom(touch.geom)}_radius"] if touch.radius else 0.0
+        place = placed[self.elements.link_of_body(touch.body)]
+        return [place.position(size * point) for point in touch.points], radius
 
     def _accelerations(
         self,

@@ -110,7 +110,9 @@ class Box:
         share = low - jnp.where(crosses, (high - low) * fall / jnp.where(crosses, rise - fall, 1.0), 0.0)
         share = jnp.where(slopes[0] > 0.0, 0.0, jnp.where(slopes[1] < 0.0, 1.0, share))
         excess = self._excess(start + share * along)
-        return jnp.sqrt(excess @ excess)
+        square = excess @ excess
+        # the root of 0 has no derivative
+        return jnp.where(square > 0.0, jnp.sqrt(jnp.where(square > 0.0, square, 1.0)), 0.0)
 
     def _excess(self, local: Array) -> Array:
         """The vector (3,) m from the nearest point of the box to a point, both in its axes."""

@@ -215,11 +215,16 @@ def _legs(document: Document, controller: Controller, m: Any) -> list[Leg]:
         raise _error(document, "needs either joints: or path:.", "controller")
     legs = [_leg(document, controller, m, name) for name in controller.legs]
     _refuse_shared(document, controller)
-    for field, names in controller.oscillators.named_legs.items():
-        for name in names:
-            if name not in controller.legs:
-                text = f"has {name}, which is not a leg{suggestion(name, controller.legs)}"
-                raise _error(document, text, "controller", "oscillators", field)
+    for field, groups in controller.oscillators.named_legs.items():
+        place = ("controller", "oscillators", field)
+        for names in groups:
+            for name in names:
+                if name not in controller.legs:
+                    text = f"has {name}, which is not a leg{suggestion(name, controller.legs)}"
+                    raise _error(document, text, *place)
+            if len(set(names)) < len(names):
+                text = f"has {' and '.join(names)} as a pair: give two different legs."
+                raise _error(document, text, *place)
     return legs
 
 

@@ -50,8 +50,8 @@ class Oscillators(StrictModel, abc.ABC):
 
     @property
     @abc.abstractmethod
-    def named_legs(self) -> dict[str, list[str]]:
-        """The legs that fields name, by the field."""
+    def named_legs(self) -> dict[str, list[tuple[str, ...]]]:
+        """The groups of different legs that fields name, by the field."""
 
     @property
     @abc.abstractmethod
@@ -122,8 +122,8 @@ class _Rhythm(Oscillators):
         return self.reset is not None
 
     @property
-    def named_legs(self) -> dict[str, list[str]]:
-        return {"phases": list(self.phases)}
+    def named_legs(self) -> dict[str, list[tuple[str, ...]]]:
+        return {"phases": [(leg,) for leg in self.phases]}
 
     @property
     def roles_of_feedback(self) -> tuple[str, ...]:
@@ -289,8 +289,8 @@ class MatsuokaOscillators(Oscillators):
         return False
 
     @property
-    def named_legs(self) -> dict[str, list[str]]:
-        return {"inhibited": [leg for pair in self.inhibited for leg in pair]}
+    def named_legs(self) -> dict[str, list[tuple[str, ...]]]:
+        return {"inhibited": [*self.inhibited]}
 
     @property
     def roles_of_feedback(self) -> tuple[str, ...]:

@@ -1,4 +1,4 @@
-"""Rules of primitives that rearrange and index arrays, without arithmetic but for dot_general and sort.
+"""Rules of primitives that rearrange and index arrays; only dot_general, sort and scatters compute.
 
 An index that is computed at run time becomes a selection among all possible indices.
 """

@@ -14,7 +14,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Hashable
 from functools import partial
-from typing import Any
+from typing import Any, Literal, get_args
 
 import jax
 import jax.numpy as jnp
@@ -37,6 +37,7 @@ MAX_PERIODS = 4.0
 
 Returned = tuple[Float[Array, ""], State, Int[Array, ""]]  # the time (s), the state, and the `ReturnStatus`
 Crossing = Callable[[Params, State], Returned]
+ReturnEngine = Literal["auto", "kernel", "quick", "xla"]
 
 
 # Stages of the next evaluation: `FIRST` to `LAST` are those after the rates at the state, then the trial
@@ -218,7 +219,7 @@ class PoincareReturn:
         return jnp.where(sound, crossed, ReturnStatus.lost).astype(jnp.int32)
 
 
-def crossing(model: Model, numerics: ResolvedNumerics, engine: str = "auto") -> Crossing:
+def crossing(model: Model, numerics: ResolvedNumerics, engine: ReturnEngine = "auto") -> Crossing:
     """The function `(params, state) -> (t, state, status)` up to the next crossing.
 
     `t` is the time that it takes (s), `state` the state just after the crossing's jump, `status` the
@@ -235,7 +236,7 @@ def crossing(model: Model, numerics: ResolvedNumerics, engine: str = "auto") -> 
         ArgumentError: the engine is unknown.
         UnsupportedError: a kernel is required, but the model uses operations that no kernel has.
     """
-    if engine not in ("auto", "kernel", "quick", "xla"):
+    if engine not in get_args(ReturnEngine):
         raise ArgumentError(f"engine is {engine}. Allowed: auto, kernel, xla.")
     functions = PoincareReturn(model, numerics)
 

@@ -24,7 +24,7 @@ from gaitsweep.engine.numerics import Numerics, ResolvedNumerics
 from gaitsweep.engine.poincare.map_derivatives import BATCH_SIZES, in_batches
 from gaitsweep.engine.poincare.maps import Coordinates, Events, Points, Values
 from gaitsweep.engine.poincare.model_map import ModelMap
-from gaitsweep.engine.poincare.poincare_return import Returned, crossing, crossing_of
+from gaitsweep.engine.poincare.poincare_return import Returned, ReturnEngine, crossing, crossing_of
 from gaitsweep.engine.solver.methods import fixed_step_scheme
 from gaitsweep.engine.tangents import chart_of
 
@@ -65,7 +65,7 @@ class BatchedReturnMap(ModelMap):
     """
 
     numerics: Numerics | ResolvedNumerics = dataclasses.field(default_factory=Numerics)
-    engine: str = "auto"
+    engine: ReturnEngine = "auto"
 
     @cached_property
     def integration(self) -> ResolvedNumerics:
@@ -135,7 +135,7 @@ def _recorder(mapping: BatchedReturnMap) -> Callable[..., EventRecord]:
 
 
 def _recorded_return(
-    model: HybridModel, numerics: ResolvedNumerics, engine: str
+    model: HybridModel, numerics: ResolvedNumerics, engine: ReturnEngine
 ) -> Callable[[Params, State], EventRecord]:
     """The function `(params, state) -> EventRecord` of the return from a state, in JAX.
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Literal
 
 from gaitsweep.contract import FixedStepDynamics, HybridModel, Model
 from gaitsweep.dynamics.ground import is_uneven
@@ -14,6 +14,9 @@ from gaitsweep.engine.solver.rosenbrock import MAX_VARIABLES, rodas5p
 from gaitsweep.engine.solver.runge_kutta import Step, euler_update, rk4, tsit5
 from gaitsweep.engine.solver.taylor import lacking_recurrence, taylor
 from gaitsweep.errors import ArgumentError
+
+# The dtype of states and times; mixed: they are float64, and steps are passed to the model as float32.
+Precision = Literal["float64", "float32", "mixed"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -73,7 +76,16 @@ METHODS: dict[str, Method] = {
 # The methods that take the steps of the model itself.
 _OWN = ", ".join(name for name, method in METHODS.items() if method.step is None)
 
-__all__ = ["METHODS", "Method", "Step", "derivative_refusal", "euler_update", "fixed_step_scheme", "refusal"]
+__all__ = [
+    "METHODS",
+    "Method",
+    "Precision",
+    "Step",
+    "derivative_refusal",
+    "euler_update",
+    "fixed_step_scheme",
+    "refusal",
+]
 
 
 def fixed_step_scheme(name: str, model: Model) -> FixedStepDynamics | None:
@@ -94,13 +106,13 @@ def fixed_step_scheme(name: str, model: Model) -> FixedStepDynamics | None:
     return model.fixed_step_scheme() if METHODS[name].step is None else None
 
 
-def refusal(name: str, model: Model, precision: str) -> str | None:
+def refusal(name: str, model: Model, precision: Precision) -> str | None:
     """The reason why a method does not suit a model and a precision, or None; it follows the field's name.
 
     Args:
         name: a name of `METHODS`.
         model: the model.
-        precision: float64, float32 or mixed.
+        precision: that of the states and times.
     """
     if not isinstance(model, HybridModel) and METHODS[name].step is not None:
         return f"is {name}, which needs a flow, but {model.name} has only steps. Allowed: {_OWN}."
@@ -130,7 +142,7 @@ def _allowed(model: Model, *, linear: bool) -> str:
     return ", ".join(names)
 
 
-def _refusal_of_linear_method(name: str, model: Model, precision: str) -> str | None:
+def _refusal_of_linear_method(name: str, model: Model, precision: Precision) -> str | None:
     """The reason why a method for linear flows does not suit a model and a precision, or None."""
     general = _allowed(model, linear=False)
     if not (isinstance(model, HybridModel) and model.linear):
@@ -142,7 +154,7 @@ def _refusal_of_linear_method(name: str, model: Model, precision: str) -> str | 
     return None
 
 
-def _adaptive_refusal(name: str, model: HybridModel, precision: str) -> str | None:
+def _adaptive_refusal(name: str, model: HybridModel, precision: Precision) -> str | None:
     """The `refusal` of a method with step control."""
     if METHODS[name].series and (lacking := lacking_recurrence(model)):
         return f"is {name}, which has no recurrence for {lacking} in {model.name}: use tsit5."

@@ -105,18 +105,29 @@ def multilegged_theory(
 
 
 def _chain_of_settings(settings: Iterable[str]) -> Chain:
-    """The chain of Table 1 with the parameters that the options `--set NAME=VALUE` give."""
+    """The chain of Table 1 with the parameters that the options `--set NAME=VALUE` give.
+
+    Raises:
+        ArgumentError: a name is not a parameter of the chain, or a value is out of its bounds.
+        ExpressionError: a value cannot be evaluated.
+    """
     from gaitsweep import ArgumentError, near_miss
     from gaitsweep.expression import evaluate
+    from gaitsweep.papers.ambe2021.multilegged.parameters import PARAMETERS
     from gaitsweep.papers.ambe2021.theory.chain import Chain
 
+    bounds = {quantity.name: (quantity.low, quantity.high) for quantity in PARAMETERS}
     values = {}
     for setting in settings:
         name, _, value = setting.partition("=")
         if name not in Chain._fields:
             near = near_miss.suggestion(name, Chain._fields)
             raise ArgumentError(f"{name} is not a parameter of the chain{near}")
-        values[name] = evaluate(value, {})
+        values[name] = float(evaluate(value, {}))
+        low, high = bounds[name]
+        if not low < values[name] < high:
+            allowed = f"above {low:g}" if math.isinf(high) else f"between {low:g} and {high:g}"
+            raise ArgumentError(f"{name} is {values[name]:g}, but must be {allowed}.")
     return Chain(**values)
 
 

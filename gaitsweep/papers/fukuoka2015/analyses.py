@@ -96,6 +96,8 @@ def loading_rule(
     from gaitsweep.papers.fukuoka2015.analysis import loading_rule as rule
     from gaitsweep.papers.fukuoka2015.analysis.pair_loads import pairs_in
 
+    if pairs and (predict or split is not None):
+        raise gs.ArgumentError("--pairs lists the pairs of all rows: leave out --split and --predict.")
     table = gs.load(directory)
     if pairs:
         judged = pairs_in(table)

@@ -19,7 +19,7 @@ from gaitsweep.plot.bifurcations.branch_lines import WORDS, draw_branch, key, pi
 from gaitsweep.plot.column_labels import described
 from gaitsweep.plot.columns import (
     PlotError,
-    moved_parameter,
+    branch_parameter,
     origin_of,
     recorded_column,
     require_columns,
@@ -89,7 +89,7 @@ def road_map(
     Raises:
         PlotError: the table lacks a column, or the row.
     """
-    x = moved_parameter(table) or "parameter"
+    x = branch_parameter(table)
     require_columns(table, x, "part", "number", "period", "stable", "special")
     name = recorded_column(table, y)
     of_row = _of_row(table, row)
@@ -150,7 +150,7 @@ def atlas(
     run = table.attrs.get("job", {}).get("run", {})
     if not run.get("second"):
         raise PlotError("This atlas has no second parameter: give run.second, such as {m_H: [5, 20]}.")
-    x = moved_parameter(table) or "parameter"
+    x = branch_parameter(table)
     y = next(iter(run["second"]))
     require_columns(table, x, y, "part", "number", "period", "unstable", "special", "point")
     of_row = _of_row(table, row)
@@ -290,7 +290,7 @@ def orbit_family(
     Raises:
         PlotError: the table lacks a column or the branch, or the model has no events.
     """
-    x = moved_parameter(table) or "parameter"
+    x = branch_parameter(table)
     require_columns(table, x, "row", "part", "number", "point", "time", "stable", "special")
     branches = rows_where(table, (table["row"] == row) & (table["part"] == "branch"))
     family = rows_where(branches, branches["number"] == branch).sort_values("point")

@@ -20,7 +20,7 @@ from gaitsweep.plot.arguments import Column, Observable, Title
 from gaitsweep.plot.bifurcations import branch_lines
 from gaitsweep.plot.bifurcations.branch_lines import draw_branch, style_of_range
 from gaitsweep.plot.column_labels import described, symbol
-from gaitsweep.plot.columns import PlotError, moved_parameter, origin_of, recorded_column, require_columns
+from gaitsweep.plot.columns import PlotError, branch_parameter, origin_of, recorded_column, require_columns
 from gaitsweep.plot.kind import figure_kind
 from gaitsweep.schema.numbers import Real, Text
 
@@ -58,7 +58,7 @@ def continuation(
         if len(ends) != 2:
             raise PlotError(f"intervals.{label} has {len(ends)} numbers, but must be [low, high].")
     name = recorded_column(table, y)
-    x = x or moved_parameter(table) or "parameter"
+    x = x or branch_parameter(table)
     require_columns(table, x, "row", "point", "stable", "special", hue)
     # the two directions in which a map follows a branch begin at one point
     of_branch = [name_of_part for name_of_part in ("row", "direction") if name_of_part in table]

@@ -20,7 +20,7 @@ from gaitsweep.plot import theme
 from gaitsweep.plot.arguments import AlongAxis, GaitColumn, Title
 from gaitsweep.plot.bifurcations.branch_lines import MARKERS, WORDS
 from gaitsweep.plot.column_labels import described
-from gaitsweep.plot.columns import PlotError, log_axes, moved_parameter, require_columns
+from gaitsweep.plot.columns import PlotError, branch_parameter, log_axes, require_columns
 from gaitsweep.plot.kind import figure_kind
 
 _STRIPES = {"hatch": "\\\\\\", "facecolor": "none", "lw": 0.0}  # of the second gait over the first
@@ -49,7 +49,7 @@ def stable_ranges(
     Raises:
         PlotError: a column is missing, y is not numeric, or a gait's ranges at one value of y are disjoint.
     """
-    x = x or moved_parameter(table) or "parameter"
+    x = x or branch_parameter(table)
     require_columns(table, x, y, hue, "row", "point", "stable", "special", "end")
     with theme.canvas(theme.COLUMN + 1.2, 3.5, title) as figure:
         axes = figure.subplots()

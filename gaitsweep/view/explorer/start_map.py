@@ -81,7 +81,7 @@ def map_of(table: pd.DataFrame, job: Job, x: str | None, y: str | None, most: in
         most: largest number of records on the page.
 
     Raises:
-        PlotError: a column is missing.
+        PlotError: a column is missing, has no numbers, or is along both axes.
     """
     x, y = _axes(table, job, x, y)
     outcomes, outcome = _outcomes(table)
@@ -188,6 +188,8 @@ def _axes(table: pd.DataFrame, job: Job, x: str | None, y: str | None) -> tuple[
             raise PlotError(f"{name} is not a column of this table.")
         if not pd.api.types.is_numeric_dtype(table[name]):
             raise PlotError(f"{name} has no numbers for an axis.")
+    if chosen[0] == chosen[1]:
+        raise PlotError(f"Both axes would be {chosen[0]}: name another column by x or y.")
     return chosen
 
 
