@@ -84,6 +84,20 @@ def suggestion(word: str, allowed: Iterable[str]) -> str:
     return f"{question} {allowing(names)}"
 
 
+def column_suggestion(word: str, columns: Iterable[str]) -> str:
+    """The end of an error message about an unknown column: as `suggestion`, and where an observable stands.
+
+    Args:
+        word: the name that is no column.
+        columns: the columns of the table.
+    """
+    names = list(columns)
+    meanings = {f"{word}_n": "at each section crossing", f"{word}_end": "where a row ended"}
+    explained = [f"{name} is its value {where}" for name, where in meanings.items() if name in names]
+    text = suggestion(word, names)
+    return f"{text} {', and '.join(explained)}." if explained else text
+
+
 def allowing(names: Iterable[str]) -> str:
     """The list of allowed names as a sentence, shortened to `_LONGEST_LIST` names."""
     listed = list(names)

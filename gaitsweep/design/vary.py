@@ -12,7 +12,7 @@ from pydantic import TypeAdapter
 from gaitsweep import near_miss
 from gaitsweep.contract import Quantity
 from gaitsweep.design.axes import AXIS_KINDS, MAX_LISTED, Axis, RangeAxis, Sample, Values
-from gaitsweep.schema.diagnostics import Diagnostic, Path, quoted, read_model, unknown_field
+from gaitsweep.schema.diagnostics import VARY_GROUPS, Diagnostic, Path, quoted, read_model, unknown_field
 
 MAX_ROWS = 10**9
 MAX_DRAWN = 2 * 10**7  # numbers of random and sobol points, which are in memory while a job runs
@@ -88,7 +88,7 @@ def read_vary(raw: Any, quantities: Mapping[str, Quantity], refuse: Callable[[st
         return vary
     for name, value in raw.items():
         path: Path = ("vary", str(name))
-        if name in ("zip", "sample"):
+        if name in VARY_GROUPS:
             read = _read_zip if name == "zip" else _read_sample
             if isinstance(value, list):
                 vary.plain[name] = [read(item, (*path, place), vary) for place, item in enumerate(value)]
@@ -259,7 +259,7 @@ def written_groups(vary: Any) -> Iterator[tuple[str, Mapping[str, Any]]]:
     if not isinstance(vary, Mapping):
         return
     for name, value in vary.items():
-        if name not in ("zip", "sample"):
+        if name not in VARY_GROUPS:
             yield "axis", {str(name): value}
             continue
         for group in value if isinstance(value, list) else [value]:

@@ -280,7 +280,11 @@ def _check_figure(
     """Return errors about the columns and observables of a figure, or else about what it refuses."""
     observables = [quantity.name for quantity in table.model.observables]
     unknown = [
-        unknown_name((*path, field), column, "a column of this job's table", columns)
+        Diagnostic(
+            (*path, field),
+            f"is {column}, which is not a column of this job's table"
+            + near_miss.column_suggestion(column, columns),
+        )
         for field, column in figure.columns().items()
         if column not in columns
     ]

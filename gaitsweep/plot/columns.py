@@ -36,7 +36,7 @@ def column(table: pd.DataFrame, name: str, suffixes: Sequence[str] = ("",)) -> s
         if name + suffix in table.columns:
             return name + suffix
     raise PlotError(
-        f"{name} is not a column of this table{near_miss.suggestion(name, map(str, table.columns))}"
+        f"{name} is not a column of this table{near_miss.column_suggestion(name, map(str, table.columns))}"
     )
 
 

@@ -66,13 +66,15 @@ class ConcurrentSelfCheck:
         def on_sweep_progress(now: SweepProgress) -> None:
             task = now.note or f"{now.rows} reruns of rows"
             seconds = time.perf_counter() - began
-            on_progress(total, total, 0.0, 1.0, f"self-check for {seconds:.0f} s: {now.share:.0%} of {task}")
+            note = f"self-check for {seconds:.0f} s (`verify: 0` turns it off): {now.share:.0%} of {task}"
+            on_progress(total, total, 0.0, 1.0, note)
 
         if self._begun is None:
             check, rerun = self_check(self._context, self._rows, on_sweep_progress)
         else:
             while not self._begun.done():
-                on_progress(total, total, 0.0, 1.0, "self-check")  # where Ctrl-C is obeyed
+                # a call at which Ctrl-C is obeyed
+                on_progress(total, total, 0.0, 1.0, "self-check (`verify: 0` turns it off)")
                 wait([self._begun], timeout=0.1)
             check, rerun = self._begun.result()
         if check is not None and rerun is not None:

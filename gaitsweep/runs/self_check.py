@@ -26,9 +26,11 @@ from gaitsweep.engine.poincare.maps import wrap_difference
 from gaitsweep.engine.poincare.return_map import REFINED
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.fixed_time import FixedTimeRecorder, end_values
+from gaitsweep.engine.recorders.perturb import PerturbRecorder
 from gaitsweep.engine.recorders.recorder import Recorder
 from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.engine.recorders.staircase import StepRecorder
+from gaitsweep.engine.recorders.states import StateRecorder
 from gaitsweep.engine.recorders.trace import TraceRecorder
 from gaitsweep.engine.solver.methods import fixed_step_scheme
 from gaitsweep.engine.sweep.sweep import sweep
@@ -194,8 +196,13 @@ class _DifferingEnds:
 
 def _tolerance(recorder: Recorder) -> Float[np.ndarray, ...]:
     """The tolerance on a change, a share of an observable's size: that of settling, if rows settle."""
-    settle = getattr(recorder, "settle", getattr(recorder, "base", recorder))
-    return np.asarray(settle.tolerance if isinstance(settle, SettleRecorder) else TOLERANCE)
+    match recorder:
+        case StateRecorder(base=SettleRecorder() as settle) | PerturbRecorder(settle=settle):
+            return np.asarray(settle.tolerance)
+        case SettleRecorder():
+            return np.asarray(recorder.tolerance)
+        case _:
+            return np.asarray(TOLERANCE)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -19,6 +19,9 @@ from gaitsweep.schema.strict_model import ModelT, StrictModel
 
 Path = tuple[str | int, ...]  # of a field in a job: ("vary", "psi_1", "linspace", 0)
 
+# Keys of `vary` that are no names of quantities.
+VARY_GROUPS = ("zip", "sample")
+
 _MAX_ERRORS = 5  # in a message
 _TEXT_LIMIT = 60  # characters of a quoted value
 _LONGEST_WORD = 150  # characters
@@ -280,6 +283,8 @@ def _place_of(field: str, section: SchemaSection, sections: Mapping[str, SchemaS
         for key, other in sections.items()
         if field not in ("kind", "name") and other is not section and field in other.fields
     }
+    if field in VARY_GROUPS:
+        return "under vary"
     if "" in homes:
         return "at the top of the job"
     for other in homes.values():

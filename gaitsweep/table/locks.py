@@ -23,6 +23,7 @@ from gaitsweep.table.atomic_files import TableError
 
 LOCK_NAME = ".lock"
 BLOCK_LOCKS = ".blocks"
+# Errors of a file system that has no locks.
 _NO_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.ENOTSUP, errno.EINVAL)
 _RECORD = 128  # bytes
 
@@ -129,12 +130,17 @@ class BlockLocks:
         Args:
             number: the block.
             process: the name of the process in messages.
+
+        Raises:
+            OSError: the block cannot be locked for another reason.
         """
         try:
             self._lock(fcntl.F_WRLCK, number)
         except OSError as error:
             if error.errno in (errno.EAGAIN, errno.EACCES):
                 return False
+            if error.errno not in _NO_LOCKS:
+                raise
         self._write_record(number, self.unfinished_starts(number).starts, process)
         return True
 

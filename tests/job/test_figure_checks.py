@@ -141,6 +141,8 @@ def test_one_error_does_not_hide_another() -> None:
         Job.model_validate({**fields, "style": {"shares": False}})
     with pytest.raises(JobError, match="width is not a field of a job: it belongs under style"):
         Job.model_validate({**fields, "width": "column"})
+    with pytest.raises(JobError, match="sample is not a field of a job: it belongs under vary"):
+        Job.model_validate({**fields, "sample": {"n": 3}})
     assert wrong(verify=-1, params={"m_B": -1.0}) == {"verify", *figures, "params.m_B"}
     # what follows from an error is not one of its own
     assert wrong(params={"bta": 1.0, "m_B": -1.0}) == {"params.bta", *figures}
