@@ -1,6 +1,7 @@
 """Run kinds: the tasks that a job can give to each of its rows. A kind is one class in one file.
 
-`run_kind` is their interface, and decides the order of a table's columns, which `columns` declares.
+`RUN_KINDS` in this file lists them; `runs/prepare.py` asks the kind of a job for its recorder. `run_kind` is
+their interface, and decides the order of a table's columns, which `columns` declares.
 `fixed_points` is shared by the kinds that follow fixed points, `drawn_starts` and `atlas_block` serve the
 atlas. `register` adds a kind from another package before its jobs are read; it is usable as a decorator:
 

@@ -8,8 +8,8 @@ the figure of a sensitivity analysis. `kind.py` is the interface of a kind, `arg
 its arguments, and `kinds.py` imports all kinds and draws any of them.
 
 Looks: `figure_style.py` is the style that users give, `style_names.py` checks its names; `theme.py` has
-sizes, panels and legends, with `figure_layout.py`, `value_axes.py` and `gait_looks.py`; `limbs.py` has the
-looks of limbs, `provenance_marks.py` the remarks on a doubtful table. `columns.py` and `column_labels.py`
+sizes, panels and legends, with `figure_layout.py` and `value_axes.py`; `gait_looks.py` has the colours,
+markers and hatches of gaits and other outcomes, `limbs.py` those of limbs, `provenance_marks.py` the remarks on a doubtful table. `columns.py` and `column_labels.py`
 read columns of tables and label them.
 """
 

@@ -1,6 +1,6 @@
 """Conversion of text to checked values: documents, numbers, strict models, and diagnostics.
 
 `yaml_document` reads a file with the line of each field, `numbers` has the validators of scalars,
-`strict_model` classes with fields and their registries, `diagnostics` the error messages, `former_names`
-renamed fields.
+`strict_model` classes with fields and their registries, `diagnostics` the error messages (with the nearest
+name by `gaitsweep/near_miss.py`), `former_names` renamed fields.
 """

@@ -1,1 +1,5 @@
-"""MJCF files of models: `source` compiles a file, `of_mjcf` is the base of models, `drawing` draws a body."""
+"""MJCF files of models.
+
+`source` compiles a file, `of_mjcf` is the base of models (`BodyModel` in `body`, `MjcfModel` in `mjx`),
+`drawing` draws a body.
+"""

@@ -2,6 +2,6 @@
 
 `sweep` is its main loop, `lane_scheduler` assigns rows to lanes, `engines` chooses the engine, `lane` has the
 functions of one trajectory, `xla` runs them by XLA. `blocks_of_rows` splits a table into blocks, which bound
-its memory, and `polls_per_chunk` the work between two returns to the host. `labels` computes gaits of rows,
+its memory, and `polls_per_chunk` the work between two returns to the host. `labels` asks the model for gaits,
 `boundary_cells` selects the cells of a refined grid, `sweep_spec` is what a sweep needs to know.
 """
