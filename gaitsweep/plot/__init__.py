@@ -9,8 +9,8 @@ its arguments, and `kinds.py` imports all kinds and draws any of them.
 
 Looks: `figure_style.py` is the style that users give, `style_names.py` checks its names; `theme.py` has
 sizes, panels and legends, with `figure_layout.py` and `value_axes.py`; `gait_looks.py` has the colours,
-markers and hatches of gaits and other outcomes, `limbs.py` those of limbs, `provenance_marks.py` the remarks on a doubtful table. `columns.py` and `column_labels.py`
-read columns of tables and label them.
+markers and hatches of gaits and other outcomes, `limbs.py` those of limbs, `provenance_marks.py` the remarks
+on a doubtful table. `columns.py` and `column_labels.py` read columns of tables and label them.
 """
 
 from __future__ import annotations

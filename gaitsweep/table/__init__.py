@@ -7,7 +7,8 @@ so on.
 
 `directory` writes one, `shared_writer` parts of one beside other processes, `memory` a table without files;
 `reading` reads them. `manifest`, `parquet_parts`, `digests` and `locks` have the names and formats of their
-files, `atomic_files` the names of parts; it writes any file whole or not at all, `examination` verifies these, `frames` joins parts.
+files, `atomic_files` the names of parts; it writes any file whole or not at all. `examination` verifies
+these, `frames` joins parts.
 """
 
 from __future__ import annotations
