@@ -357,8 +357,10 @@ def _parse(text: str, *, condition: bool = False) -> ast.expr:
 
 
 def _hint(text: str) -> str:
-    """The end of a message about text in which a number stands directly before a name or a parenthesis."""
-    if product := re.search(r"(?<![\w.])(\d+\.?\d*)\s*([A-Za-z_]\w*|\()", text):
+    """The end of a message about a single =, or about a number directly before a name or a parenthesis."""
+    if re.search(r"(?<![=<>!])=(?!=)", text):
+        return "; equality is written =="
+    if product := re.search(r"(?<![\w.])(\d+\.?\d*)\s*((?!(?:and|or)\b|e[-+]?\d)[A-Za-z_]\w*|\()", text):
         return f"; a product needs a star, and a number has no unit: {product[1]}*{product[2]}"
     return ""
 

@@ -248,7 +248,10 @@ def _stiffness(model: HybridModel, values: Values) -> list[str]:
     start.
     """
     defaults = {name: float(column[0]) for name, column in values.items()}
-    rate_at_defaults = _fastest_rate(model, defaults)
+    try:
+        rate_at_defaults = _fastest_rate(model, defaults)
+    except np.linalg.LinAlgError:
+        return ["At the defaults a derivative of the flow is infinite or NaN, so its stiffness is unknown."]
     sentences = []
     if rate_at_defaults.per_period > STIFF:
         sentences.append(f"At the defaults the flow is stiff: its {rate_at_defaults}.")

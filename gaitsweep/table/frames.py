@@ -159,7 +159,8 @@ def same_categories(*tables: pd.DataFrame) -> list[pd.DataFrame]:
     Of columns with other categories `pandas.concat` and `merge` make plain text, whose order is alphabetical.
 
     Args:
-        tables: tables of results; units and provenance in their `.attrs` stay.
+        tables: tables of results. Each keeps its units and provenance in `.attrs`; `pandas.concat` keeps only
+            those that are equal in all of its tables.
 
     Returns:
         The tables. Their categories are those of the first one, then new ones of the others; outcomes that

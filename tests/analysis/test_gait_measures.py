@@ -113,6 +113,11 @@ def test_a_row_that_keeps_its_gait_has_no_transition() -> None:
     assert np.all(result["rows"] == 0)
     with pytest.raises(AnalysisError, match="no passes"):
         speed_transitions(crossings_of("trot"))
+    table = ramp_of([("trot", 30)], [("trot", 30)])
+    with pytest.raises(AnalysisError, match="cycles is 0"):
+        speed_transitions(table, cycles=0)
+    with pytest.raises(AnalysisError, match="t"):
+        speed_transitions(table.drop(columns="t"))
 
 
 def test_rows_without_a_bout_count_among_all_rows() -> None:

@@ -12,7 +12,15 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from gaitsweep.expression import FUNCTIONS, ExpressionError, evaluate, fulfilled, functions_of, names_in
+from gaitsweep.expression import (
+    FUNCTIONS,
+    ExpressionError,
+    evaluate,
+    fulfilled,
+    functions_of,
+    names_in,
+    read_condition,
+)
 
 NAMES = {"beta": 0.8, "kappa": 100.0, "m_B": 0.9}
 
@@ -268,3 +276,17 @@ def test_a_condition_selects_records(condition: str, expected: list[int]) -> Non
 def test_only_conditions_are_evaluated(text: str) -> None:
     with pytest.raises(ExpressionError):
         fulfilled(text, COLUMNS)
+
+
+@pytest.mark.parametrize(
+    ("text", "hint"),
+    [
+        ("speed < 1 and gait = 'trot'", "equality is written =="),
+        ("speed < 2 m", "2*m"),
+        ("speed < 1e5 and", "is not a condition."),
+    ],
+)
+def test_the_hint_about_a_condition_is_that_of_its_slip(text: str, hint: str) -> None:
+    with pytest.raises(ExpressionError, match=re.escape(hint)) as raised:
+        read_condition(text)
+    assert "*and" not in str(raised.value)

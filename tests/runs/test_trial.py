@@ -362,6 +362,14 @@ def test_check_model_warns_of_a_section_that_is_not_crossed_and_of_stiff_default
     assert "Warning: At the defaults the flow is stiff: its fastest rate is 1e+04 1/s" in message
     assert "far from its default" not in message
 
+    class Drains(Stays):
+        """A derivative that is infinite at the default start."""
+
+        def flow(self, p, s):
+            return super().flow(p, s) | {"phase": jnp.sqrt(jnp.abs(s.phase)) + 1.0}
+
+    assert "a derivative of the flow is infinite or NaN" in " ".join(trial(Drains).remarks)
+
 
 class Rooted(Unlabelled):
     def flow(self, p, s):

@@ -33,7 +33,7 @@ def gaits_along(
 
     Args:
         table: a trace or a table of crossings, as for `gaits_in`.
-        cycles: number of cycles in a window.
+        cycles: number of cycles in a window, 1 or more.
         signals, level, falling, thresholds: as for `gaits_in`.
 
     Returns:
@@ -42,8 +42,10 @@ def gaits_along(
         the moving parameter and the pass.
 
     Raises:
-        AnalysisError: the table does not have a column.
+        AnalysisError: the table does not have a column, or `cycles` is below 1.
     """
+    if cycles < 1:
+        raise AnalysisError(f"cycles is {cycles}, but a window has at least 1 cycle.")
     onsets = onsets_of(table, signals=signals, level=level, falling=falling)
     windows, inside = _windows(onsets.sort_values(["row", "t"], kind="stable", ignore_index=True), cycles)
     along = windows.assign(t=0.5 * (windows["begin"] + windows["end"]))
@@ -180,7 +182,7 @@ def speed_transitions(table: pd.DataFrame, by: str | Sequence[str] = (), cycles:
         AnalysisError: the table does not have a column, or has no passes up and down.
     """
     by = [by] if isinstance(by, str) else list(by)
-    require(table, "row", *by)
+    require(table, "row", "t", *by)
     if "pass" not in table.columns:
         raise AnalysisError(
             "These rows have no passes up and down: use a ramp, or a trace with run.parameter."
