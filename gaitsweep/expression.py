@@ -27,7 +27,8 @@ __all__ = ["ExpressionError", "evaluate", "names_in"]
 CONSTANTS: Mapping[str, float] = {"pi": math.pi, "e": math.e}
 FUNCTIONS = ("sqrt", "sin", "cos", "tan", "exp", "log", "abs", "floor", "min", "max")
 # Names that no quantity may have: those of formulas, and the fields of `vary` that are not axes.
-RESERVED = frozenset({*CONSTANTS, *FUNCTIONS, "zip", "sample"})
+VARY_GROUPS = ("zip", "sample")  # keys of `vary` that move several quantities together
+RESERVED = frozenset({*CONSTANTS, *FUNCTIONS, *VARY_GROUPS})
 
 _LONGEST = 500  # characters
 _DEEPEST = 60  # operations inside each other

@@ -15,6 +15,7 @@ from pydantic import BaseModel
 from gaitsweep import models, near_miss
 from gaitsweep.contract import Model, Quantity
 from gaitsweep.errors import ArgumentError
+from gaitsweep.expression import VARY_GROUPS
 from gaitsweep.job import Job
 from gaitsweep.job.model_spec import ModelSpec, read_model_spec
 from gaitsweep.schema.strict_model import plain
@@ -23,8 +24,6 @@ from gaitsweep.shipped import BUILTIN
 AnyModel = Model | type[Model] | str
 # Keywords of the API's functions. A quantity with such a name is set by `params={}` or `start={}`.
 RESERVED = ("out", "engine", "numerics", "params", "start", "verify", "client", "run")
-# Groups of `vary` that move several names together.
-_GROUPS = ("zip", "sample")
 
 
 def job_of(model: AnyModel, values: Mapping[str, Any], **fields: Any) -> Job:
@@ -74,9 +73,9 @@ def fields_of(
     for key, value in settings.items():
         if key in structure:
             continue
-        if key not in _GROUPS:
+        if key not in VARY_GROUPS:
             _check_name(key, spec)
-        if key in _GROUPS or _is_axis(key, value):
+        if key in VARY_GROUPS or _is_axis(key, value):
             vary[key] = plain(value)
         else:
             constants["params" if key in spec.parameters else "start"][key] = plain(value)

@@ -12,7 +12,7 @@ import pandas as pd
 from pydantic import BeforeValidator, Field
 
 from gaitsweep.column_meanings import COLUMNS
-from gaitsweep.schema.numbers import Positive, Real, Stem, Text, checked, read_text
+from gaitsweep.schema.numbers import Flag, Positive, Real, Stem, Text, checked, read_text
 
 
 class Role(enum.Enum):
@@ -50,6 +50,7 @@ Panels = Annotated[Column | None, "column whose values have a panel each"]
 Name = Annotated[
     Stem | None, Field(description="name of the figure's file without ending; by default its kind")
 ]
+Shares = Annotated[Flag, "whether to write the share of each outcome, above panels or in the legend"]
 Title = Annotated[
     str | None,
     BeforeValidator(checked(read_title)),

@@ -189,7 +189,9 @@ def table_in_memory(
 
 
 def _optimisation_takes_longer(context: RunContext) -> bool:
-    """Return whether optimising the kernel is likely to take more time than the rows gain by it."""
+    """Return whether optimising a kernel for the CPU is likely to take more time than the rows gain by it."""
+    if context.engine != "kernel" or _rows_leave_the_host_idle(context):
+        return False
     likely = context.job.run.cost(context.design, 1.0, nominal_period(context.design)).likely
     return context.design.n_rows * likely <= _CYCLES_OF_QUICK_KERNEL
 

@@ -248,9 +248,8 @@ def _stiffness(model: HybridModel, values: Values) -> list[str]:
     start.
     """
     defaults = {name: float(column[0]) for name, column in values.items()}
-    try:
-        rate_at_defaults = _fastest_rate(model, defaults)
-    except np.linalg.LinAlgError:
+    rate_at_defaults = _fastest_rate(model, defaults)
+    if math.isnan(rate_at_defaults.per_second):
         return ["At the defaults a derivative of the flow is infinite or NaN, so its stiffness is unknown."]
     sentences = []
     if rate_at_defaults.per_period > STIFF:
@@ -261,10 +260,7 @@ def _stiffness(model: HybridModel, values: Values) -> list[str]:
         for bound, end_of_tried in ((quantity.low, np.min(tried)), (quantity.high, np.max(tried))):
             is_bounded = math.isfinite(bound) and not quantity.open_ends
             end = bound if is_bounded else float(end_of_tried)
-            try:
-                rate = _fastest_rate(model, {**defaults, name: end})
-            except np.linalg.LinAlgError:  # rates that are no numbers
-                continue
+            rate = _fastest_rate(model, {**defaults, name: end})
             if rate.per_period > max(STIFF, STIFFER * rate_at_defaults.per_period):
                 sentences.append(
                     f"{name} = {end:.4g}, far from its default {defaults[name]:.4g}, makes the flow stiff: "
@@ -287,10 +283,16 @@ class _FastestRate:
 
 
 def _fastest_rate(model: HybridModel, numbers: Mapping[str, float]) -> _FastestRate:
-    """The fastest rate of the flow at the start of a row with these parameters and starts."""
+    """The fastest rate of the flow at the start of a row with these parameters and starts.
+
+    It is NaN where a derivative of the flow is infinite or NaN.
+    """
     row = {name: jnp.asarray(number, float) for name, number in numbers.items()}
     params = model.params(row)
-    rates = np.abs(flow_eigenvalues(model, params, model.init(params, row)))
+    try:
+        rates = np.abs(flow_eigenvalues(model, params, model.init(params, row)))
+    except np.linalg.LinAlgError:
+        return _FastestRate(math.nan, math.nan)
     fastest = float(rates.max(initial=0.0))
     return _FastestRate(fastest, fastest * float(model.period(params)))
 

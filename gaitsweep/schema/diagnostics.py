@@ -14,13 +14,11 @@ from pydantic_core import ErrorDetails
 
 from gaitsweep import near_miss
 from gaitsweep.errors import UserError
+from gaitsweep.expression import VARY_GROUPS
 from gaitsweep.schema import former_names
 from gaitsweep.schema.strict_model import ModelT, StrictModel
 
 Path = tuple[str | int, ...]  # of a field in a job: ("vary", "psi_1", "linspace", 0)
-
-# Keys of `vary` that are no names of quantities.
-VARY_GROUPS = ("zip", "sample")
 
 _MAX_ERRORS = 5  # in a message
 _TEXT_LIMIT = 60  # characters of a quoted value

@@ -23,6 +23,7 @@ from gaitsweep.examples.hopper import Hopper
 from gaitsweep.examples.slip_runner import SlipRunner
 from gaitsweep.job import JobError
 from tests.support.host_card import HostCard, compiler
+from tests.support.planar_body import planar_body
 from tests.support.sweeping import run_rows, same
 
 WIDTH = 0.4
@@ -276,20 +277,7 @@ PROFILE = "0,0\n0.3,0\n0.8,0.05\n1.2,-0.01\n"
 EXACT = {"method": "tsit5", "rtol": 1e-11, "atol": 1e-12}
 
 
-class Ball(gs.BodyModel):
-    """A ball in a vertical plane."""
-
-    body_file = BALL
-
-    def control(self, p: Any, s: Any) -> Any:
-        return np.zeros(0)
-
-    @gs.observable("m", "height", scale=0.1)
-    def height(self, p: Any, s: Any) -> Any:
-        return s.q[1]
-
-    def period(self, p: Any) -> Any:
-        return 1.0
+Ball = planar_body(BALL)
 
 
 def relief(kind: str) -> Any:
@@ -398,9 +386,9 @@ def test_a_slope_of_the_ground_is_gravity_that_is_turned() -> None:
 
 def test_uneven_ground_needs_a_level_plane_and_located_contacts() -> None:
     inclined = BALL.replace('pos="0 0 .02"/>', 'pos="0 0 .02" euler="0 20 0"/>', 1)
-    assert type("Inclined", (Ball,), {"body_file": inclined})().parameters
+    assert planar_body(inclined)().parameters
     with pytest.raises(ValueError, match="ground is rough, which lies on level planes"):
-        _ = type("Inclined", (Ball,), {"body_file": inclined})(ground="rough").parameters
+        _ = planar_body(inclined)(ground="rough").parameters
     job = {"name": "g", "run": {"kind": "fixed_time", "duration": 1}, "ground": "rough"}
     stepped = "gaitsweep.examples.mujoco_hopper:MujocoHopper"
     with pytest.raises(JobError, match=r"moves in steps.*dynamics: located"):

@@ -18,6 +18,7 @@ import scipy
 import gaitsweep as gs
 from gaitsweep.dynamics.body.mechanics import Contact, LocatedBody
 from gaitsweep.dynamics.ground import heights_of_model, is_uneven
+from tests.support.planar_body import planar_body
 
 RADIUS, STIFFNESS, DAMPING, FRICTION, GRIP = 0.05, 2e4, 20.0, 0.4, 30.0
 SOFT: dict[str, Any] = {
@@ -50,25 +51,9 @@ def planar(ground: str, geom: str = BALL) -> str:
     return world(ground, PLANAR.format(geom=geom))
 
 
-class Ball(gs.BodyModel):
-    """A body in a vertical plane, without actuators."""
-
-    body_file = planar(FLOOR + STEP)
-
-    def control(self, p: Any, s: Any) -> Any:
-        return np.zeros(0)
-
-    @gs.observable("m", "height", scale=0.1)
-    def height(self, p: Any, s: Any) -> Any:
-        return s.q[1]
-
-    def period(self, p: Any) -> Any:
-        return 1.0
-
-
 def of(xml: str) -> Any:
     """The model of this MJCF."""
-    return type("Body", (Ball,), {"body_file": xml})()
+    return planar_body(xml)()
 
 
 def compiled(xml: str) -> tuple[mujoco.MjModel, mujoco.MjData, LocatedBody, Any]:

@@ -39,8 +39,9 @@ def chunk() -> Chunk:
 
 def compiled(chunk: Chunk) -> tuple[Callable[..., None], int]:
     """The function that runs a chunk, and the slots of a lane."""
-    tile = cpu_program.Tile(chunk, cpu_program.TILE, contraction=True)
-    return cpu_program.running(tile.layout, tile.source, tile.module), tile.slots
+    return cpu_program.compiled(
+        lambda: chunk, lambda _, compute, *others: compute(), contraction=True, quick=False
+    )
 
 
 @pytest.fixture

@@ -55,6 +55,23 @@ _LOADED: dict[str, Callable[..., None]] = {}
 _LOCK = threading.Lock()
 
 
+def compiled(
+    chunk: Callable[[], Chunk], stored: Callable[..., Any], *, contraction: bool, quick: bool
+) -> tuple[Callable[[Any, Any, int], None], int]:
+    """The function `run` of `running` for a chunk, and the slots of a lane.
+
+    Args:
+        chunk: traces the program.
+        stored: `stored(name, compute, *others)`, the result of `compute`, kept as by `content.stored`.
+        contraction: whether a product and a sum may become one instruction, which rounds once.
+        quick: as of `llvm_code.machine_code`.
+    """
+    tile = functools.cache(lambda: Tile(chunk(), TILE, contraction=contraction))
+    # the processor decides which instructions a tile is written for
+    layout, source = stored("tile", lambda: (tile().layout, tile().source), *llvm_code.processor())
+    return running(tuple(layout), source, lambda: tile().module(), quick=quick), layout[1]
+
+
 def running(
     layout: tuple[int, ...], source: str, module: Callable[[], ir.Module], *, quick: bool = False
 ) -> Callable[[Any, Any, int], None]:

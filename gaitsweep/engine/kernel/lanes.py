@@ -6,7 +6,6 @@ Rows are opened by a kernel, or by XLA if a model has operations that no kernel 
 from __future__ import annotations
 
 import abc
-import functools
 import math
 from collections.abc import Callable, Mapping
 from functools import cached_property, lru_cache
@@ -23,7 +22,6 @@ from gaitsweep.engine.devices import host_device
 from gaitsweep.engine.kernel import cpu_program
 from gaitsweep.engine.kernel.chunk import Chunk, Leaf, chunk_of
 from gaitsweep.engine.kernel.cpu_program import TILE
-from gaitsweep.engine.kernel.llvm_code import processor
 from gaitsweep.engine.kernel.row_kernel import RowKernel, row_kernel, running
 from gaitsweep.engine.kernel.trace import UnsupportedError, traced_function
 from gaitsweep.engine.numerics import STEP_FACTOR, ResolvedNumerics
@@ -233,10 +231,7 @@ def _compiled(
     kernel: Kernel, *, contraction: bool, quick: bool
 ) -> tuple[Callable[[Any, Any, int], None], int]:
     """The kernel on a CPU, and the slots of its lanes."""
-    tile = functools.cache(lambda: cpu_program.Tile(kernel.chunk, TILE, contraction=contraction))
-    # the processor decides which instructions a tile is written for
-    layout, source = kernel.stored("tile", lambda: (tile().layout, tile().source), *processor())
-    return cpu_program.running(tuple(layout), source, lambda: tile().module(), quick=quick), layout[1]
+    return cpu_program.compiled(lambda: kernel.chunk, kernel.stored, contraction=contraction, quick=quick)
 
 
 @final

@@ -23,7 +23,6 @@ from gaitsweep.engine.content import stored
 from gaitsweep.engine.devices import usable_cores
 from gaitsweep.engine.kernel import cpu_program
 from gaitsweep.engine.kernel.chunk import Chunk, Leaf, chunk_of
-from gaitsweep.engine.kernel.llvm_code import processor
 from gaitsweep.engine.leaves import float_leaves, split_like, tangent_of, vector, with_float_leaves
 from gaitsweep.engine.poincare.poincare_return import PoincareReturn, Returned, ReturnState
 from gaitsweep.status import Status
@@ -179,29 +178,26 @@ class _Kernel:
     def __init__(self, crossing: PoincareReturn, constants: Any, carry: Any, *, quick: bool) -> None:
         self._crossing = crossing
         self._opened = (constants, carry)
-        deciding = (crossing.numerics, repr(self._opened), *processor())
-        layout, source, leaves = stored("return", crossing.model, deciding, self._printed)
-        self._run = cpu_program.running(tuple(layout), source, lambda: self._tile.module(), quick=quick)
-        self._slots = layout[1]
+        leaves = self._stored("leaves", self._read_leaves)
+        self._run, self._slots = cpu_program.compiled(
+            lambda: self._chunk, self._stored, contraction=crossing.numerics.contraction, quick=quick
+        )
         slots = [Leaf(first, tuple(shape)) for first, shape in leaves]
         self.lane_state: _LaneState = jax.tree.unflatten(jax.tree.structure(carry), slots)
+
+    def _stored(self, name: str, compute: Callable[[], Any], *others: Any) -> Any:
+        """As `content.stored`, for this return."""
+        deciding = (self._crossing.numerics, repr(self._opened), *others)
+        return stored(f"return_{name}", self._crossing.model, deciding, compute)
 
     @cached_property
     def _chunk(self) -> Chunk:
         """The program of a return."""
         return chunk_of(_Lane(self._crossing), *self._opened)  # type: ignore[arg-type]
 
-    @cached_property
-    def _tile(self) -> cpu_program.Tile:
-        """The program for the lanes of a vector register."""
-        return cpu_program.Tile(
-            self._chunk, cpu_program.TILE, contraction=self._crossing.numerics.contraction
-        )
-
-    def _printed(self) -> tuple[tuple[int, ...], str, list[tuple[int, tuple[int, ...]]]]:
-        """The layout and the source of the tile, and the first slot and shape of each leaf of a lane."""
-        leaves = [(leaf.first, leaf.shape) for leaf in jax.tree.leaves(self._chunk.carry)]
-        return self._tile.layout, self._tile.source, leaves
+    def _read_leaves(self) -> list[tuple[int, tuple[int, ...]]]:
+        """The first slot and the shape of each number of a lane."""
+        return [(leaf.first, leaf.shape) for leaf in jax.tree.leaves(self._chunk.carry)]
 
     def __call__(
         self, read: Int[np.ndarray, "... read"], slots: Float[Array, " ..."] | Float[np.ndarray, " ..."]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -17,7 +17,7 @@ from matplotlib.patches import Patch
 from gaitsweep.analysis.records import in_order
 from gaitsweep.column_meanings import COLUMNS
 from gaitsweep.plot import theme
-from gaitsweep.plot.arguments import Horizontal, Hue, Panels, Title, Vertical
+from gaitsweep.plot.arguments import Horizontal, Hue, Panels, Shares, Title, Vertical
 from gaitsweep.plot.basins.cells import cell_grid, check_cells, colour_cells, hatch_cells
 from gaitsweep.plot.column_labels import axis_label, described, written
 from gaitsweep.plot.columns import (
@@ -31,7 +31,6 @@ from gaitsweep.plot.columns import (
 )
 from gaitsweep.plot.figure_style import current
 from gaitsweep.plot.kind import figure_kind
-from gaitsweep.schema.numbers import Flag
 from gaitsweep.status import Outcome, Status
 
 _PANELS_A_ROW = 4
@@ -50,9 +49,7 @@ def basin(
     y: Vertical,
     hue: Hue = "gait",
     panels: Panels = None,
-    shares: Annotated[
-        Flag, "whether to write the share of each outcome, above panels or in the legend"
-    ] = True,
+    shares: Shares = True,
     title: Title = None,
 ) -> Figure:
     """Cells coloured by the outcome of each start, with the share of each outcome in each panel.

@@ -11,13 +11,21 @@ from matplotlib.figure import Figure
 
 from gaitsweep.analysis.basins.measures import basins, least_fatal_push
 from gaitsweep.engine.pushed_model import PREFIX
-from gaitsweep.plot.arguments import TEXT_COLUMNS, AlongAxis, Column, Horizontal, Panels, Title, Vertical
+from gaitsweep.plot.arguments import (
+    TEXT_COLUMNS,
+    AlongAxis,
+    Column,
+    Horizontal,
+    Panels,
+    Shares,
+    Title,
+    Vertical,
+)
 from gaitsweep.plot.basins.basin import basin
 from gaitsweep.plot.basins.cells import check_cells
 from gaitsweep.plot.column_labels import unit_of
 from gaitsweep.plot.columns import require_columns, rows_where
 from gaitsweep.plot.kind import PlannedTable, Refusal, figure_kind
-from gaitsweep.schema.numbers import Flag
 from gaitsweep.status import Outcome, Status
 
 
@@ -28,9 +36,7 @@ def recovery(
     x: Horizontal,
     y: Vertical,
     panels: Panels = None,
-    shares: Annotated[
-        Flag, "whether to write the share of each outcome, above panels or in the legend"
-    ] = True,
+    shares: Shares = True,
     title: Title = None,
 ) -> Figure:
     """Cells coloured by whether a row recovers from its push, with the share of each outcome.
