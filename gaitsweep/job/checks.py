@@ -208,7 +208,7 @@ def _check_path(design: Design, spec: ModelSpec, run: RunKind, movement: Movemen
     turns = movement.values
     quantity = spec.parameters[moving]
     diagnostics = [
-        Diagnostic((*movement.valued, index), f"is {value:g}, but {requirement(quantity)}.")
+        Diagnostic((*movement.values_path, index), f"is {value:g}, but {requirement(quantity)}.")
         for index, value in enumerate(turns)
         if not inside(np.array(value), quantity)
     ]

@@ -165,7 +165,7 @@ def _refusal_to_vary(
 
 def _unknown_movements(run: RunKind, spec: ModelSpec) -> list[Diagnostic]:
     """Return errors about parameters that a run moves and the model does not have."""
-    names = {movement.named: movement.parameter for movement in run.movements}
+    names = {movement.name_path: movement.parameter for movement in run.movements}
     reasons = {path: spec.unknown(name, "params") for path, name in names.items()}
     return [
         Diagnostic(path, f"is {names[path]}, which {reason}")
@@ -322,7 +322,7 @@ def _check_whole(design: Design, spec: ModelSpec, job: Job, numerics: ResolvedNu
                     f"is {parameter}{follows}: {name} is compiled into the body of a row "
                     "and cannot move while the row runs."
                 )
-                diagnostics.append(Diagnostic(movement.named, text))
+                diagnostics.append(Diagnostic(movement.name_path, text))
     diagnostics += run.check(design, numerics.method)
     diagnostics += check_numerics(spec.model, job.numerics, numerics)
     diagnostics += _check_columns(design, run)

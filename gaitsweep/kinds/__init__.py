@@ -1,7 +1,7 @@
 """Run kinds: the tasks that a job can give to each of its rows. A kind is one class in one file.
 
 `RUN_KINDS` in this file lists them; `runs/prepare.py` asks the kind of a job for its recorder. `run_kind` is
-their interface, and decides the order of a table's columns, which `columns` declares.
+their interface, and `columns` declares the columns of their tables.
 `fixed_points` is shared by the kinds that follow fixed points, `drawn_starts` and `atlas_block` serve the
 atlas. `register` adds a kind from another package before its jobs are read; it is usable as a decorator:
 
@@ -41,7 +41,11 @@ import_all("run_kinds")
 def parameter_written(run: Any) -> object:
     """The parameter that a run moves, as written in a job that is not checked yet, or None."""
     kind = kind_written(run)
-    return run.get("parameter") if kind is not None and kind.moves() else None
+    return (
+        run.get("parameter")
+        if kind is not None and {"parameter", "path"} <= kind.model_fields.keys()
+        else None
+    )
 
 
 def kind_written(run: Any) -> type[RunKind] | None:

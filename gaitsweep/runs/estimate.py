@@ -17,7 +17,7 @@ from gaitsweep.engine.sweep.labels import labelled
 from gaitsweep.engine.sweep.lane_scheduler import LaneScheduler
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.job import Job
-from gaitsweep.kinds.run_kind import table_columns
+from gaitsweep.kinds.run_kind import TableRunKind, table_columns
 from gaitsweep.runs.prepare import RunContext, nominal_period, prepare
 from gaitsweep.status import Status
 from gaitsweep.table.parquet_parts import part_bytes
@@ -80,7 +80,7 @@ def estimate(job: Job) -> Estimate:
     context = prepare(job)
     spec = context.spec
     pace = _measured(context)
-    if job.run.makes_tables:  # the directions of derivatives fill its lanes
+    if isinstance(job.run, TableRunKind):  # the directions of derivatives fill its lanes
         compile_s = job.run.compile_time(context.design, spec)
         pace = dataclasses.replace(pace, at_a_time=1, compile_s=compile_s)
     cost = job.run.cost(context.design, pace.attempts / pace.crossings, 1.0 / pace.crossings)
@@ -202,7 +202,7 @@ def _host_s(context: RunContext, pool: LaneScheduler) -> float:
 
     It is 0 for a kind that makes its own table, where this work is part of the steps.
     """
-    if context.job.run.makes_tables:
+    if isinstance(context.job.run, TableRunKind):
         return 0.0
     group = pool.groups[0]
     block = next(iter(pool.open.values()))
