@@ -56,7 +56,7 @@ def test_records_and_disk_within_a_factor_of_three(name: str, tmp_path: Path) ->
 
 def test_an_estimate_that_fails_ends_its_lanes(monkeypatch: pytest.MonkeyPatch) -> None:
     ended: list[LaneScheduler] = []
-    monkeypatch.setattr(LaneScheduler, "end", ended.append)
+    monkeypatch.setattr(LaneScheduler, "end", lambda pool: ended.append(pool))
     monkeypatch.setattr(LaneScheduler, "advance_all", lambda *_: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         estimate(Job(name="x", model="toy_model:Toy", run={"kind": "settle"}, vary=GRID))
