@@ -273,12 +273,15 @@ def _wrong_arguments(claim: Claim) -> str | None:
         return f"does not fit the measure {claim.measure}: {error}."
     hints = typing.get_type_hints(measure, include_extras=True)
     for name, value in claim.with_.items():
+        hint = hints.get(name, Any)
+        refused = f"has {name}: {quoted(value)}, which the measure {claim.measure} does not accept"
+        if typing.get_origin(hint) is Literal and value not in (words := typing.get_args(hint)):
+            return refused + near_miss.suggestion(str(value), map(str, words))
         try:
-            TypeAdapter(hints.get(name, Any)).validate_python(value, strict=True)
+            TypeAdapter(hint).validate_python(value, strict=True)
         except ValidationError as error:
             first = error.errors()[0]
-            reason = first.get("ctx", {}).get("error") or f"{first['msg'].rstrip('.')}."
-            return f"has {name}: {quoted(value)}, which the measure {claim.measure} does not accept: {reason}"
+            return f"{refused}: {first.get('ctx', {}).get('error') or first['msg'].rstrip('.') + '.'}"
     return None
 
 
