@@ -33,8 +33,9 @@ from gaitsweep.job.reading import read_job
 from gaitsweep.kinds import RUN_KINDS, RunKind
 from gaitsweep.plot.figure_style import STYLE_FIELDS, FigureStyle
 from gaitsweep.plot.kind import FIGURES, FigureKind
-from gaitsweep.schema.diagnostics import Diagnostic, JobError, SchemaSection, from_pydantic
+from gaitsweep.schema.diagnostics import Diagnostic, JobError
 from gaitsweep.schema.numbers import Stem, Text, VerifyCount
+from gaitsweep.schema.pydantic_errors import SchemaSection, from_pydantic
 from gaitsweep.schema.strict_model import OneOf, StrictModel
 
 _KINDS = list(RUN_KINDS)

@@ -10,7 +10,7 @@ from gaitsweep.contract import Model
 from gaitsweep.engine.numerics import Numerics, ResolvedNumerics
 from gaitsweep.engine.solver.methods import Precision
 from gaitsweep.engine.sweep.sweep_spec import RequestedEngine
-from gaitsweep.schema import former_names
+from gaitsweep.schema.diagnostics import FORMER_METHODS
 from gaitsweep.schema.numbers import Count, Flag, LaneCount, Positive, checked, read_real, read_whole, word
 from gaitsweep.schema.strict_model import StrictModel
 
@@ -34,7 +34,7 @@ class NumericsSpec(StrictModel):
 
     method: Annotated[
         MethodName,
-        word(*get_args(MethodName), former=former_names.METHODS),
+        word(*get_args(MethodName), former=FORMER_METHODS),
     ] = Field(
         default="auto",
         description="auto: the method that the model recommends, or else tsit5 (taylor where it is faster, "

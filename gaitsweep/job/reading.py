@@ -23,9 +23,10 @@ from gaitsweep.kinds import kind_written, parameter_written
 from gaitsweep.kinds.fixed_points import FollowsFixedPoints
 from gaitsweep.kinds.run_kind import RunKind, table_columns
 from gaitsweep.plot.kind import FigureKind
-from gaitsweep.schema.diagnostics import Diagnostic, JobError, SchemaSection, from_pydantic, quoted
+from gaitsweep.schema.diagnostics import Diagnostic, JobError, quoted
 from gaitsweep.schema.diagnostics import Path as FieldPath
 from gaitsweep.schema.numbers import SCOPE, Scope
+from gaitsweep.schema.pydantic_errors import SchemaSection, from_pydantic
 
 if TYPE_CHECKING:
     from gaitsweep.job.job import Job

@@ -21,7 +21,8 @@ from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.errors import ArgumentError
 from gaitsweep.kinds.columns import Column, Records, row_number
 from gaitsweep.row_outcome import RowOutcome
-from gaitsweep.schema.diagnostics import Diagnostic, Path, SchemaSection, from_pydantic
+from gaitsweep.schema.diagnostics import Diagnostic, Path
+from gaitsweep.schema.pydantic_errors import SchemaSection, from_pydantic
 from gaitsweep.schema.strict_model import StrictModel, kind_of, plain
 
 
