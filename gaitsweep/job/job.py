@@ -195,11 +195,10 @@ class Job(StrictModel):
         dumped["start"] = {name: setting for name, setting in settings.items() if name not in parameters}
         dumped["engine"] |= {"name": engine or self.engine.name, "block": self.block}
         dumped["numerics"] |= {"method": self.integration.method}
-        for name in ("rtol", "atol"):
-            if self.integration.adaptive:
-                dumped["numerics"][name] = getattr(self.integration, name)
-            else:
-                del dumped["numerics"][name]
+        if self.integration.adaptive:
+            dumped["numerics"] |= {"rtol": self.integration.rtol, "atol": self.integration.atol}
+        else:
+            del dumped["numerics"]["rtol"], dumped["numerics"]["atol"]
         dumped["figures"] = [_without_style(figure) for figure in dumped["figures"]]
         dumped["style"] = _without_style(dumped["style"])
         if not dumped["style"]:

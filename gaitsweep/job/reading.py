@@ -14,11 +14,12 @@ from gaitsweep.design.design import Design
 from gaitsweep.design.vary import Group, read_vary
 from gaitsweep.engine.numerics import ResolvedNumerics
 from gaitsweep.expression import ExpressionError, evaluate, names_in
-from gaitsweep.job.checks import check_figures, check_names, check_ranges, path_of_value
 from gaitsweep.job.config import Config
+from gaitsweep.job.figure_checks import check_figures
 from gaitsweep.job.model_spec import ModelSpec, read_model_spec, read_settings
-from gaitsweep.job.step_lengths import check_numerics, check_steps
-from gaitsweep.job.stiffness import suited_to_stiffness
+from gaitsweep.job.numerics import check_numerics, suited_to_stiffness
+from gaitsweep.job.step_lengths import check_steps
+from gaitsweep.job.value_checks import check_names, check_ranges, path_of_value
 from gaitsweep.kinds import kind_written, parameter_written
 from gaitsweep.kinds.fixed_points import FollowsFixedPoints
 from gaitsweep.kinds.run_kind import RunKind, table_columns

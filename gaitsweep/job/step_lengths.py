@@ -1,4 +1,4 @@
-"""Step lengths of a job's rows, and checks of `numerics.dt`."""
+"""Step lengths of a job's rows, and the check of `numerics.dt`."""
 
 from __future__ import annotations
 
@@ -27,9 +27,8 @@ from gaitsweep.engine.numerics import (
     recommended_step,
     unknown_step,
 )
-from gaitsweep.engine.solver.methods import METHODS, fixed_step_scheme, refusal
+from gaitsweep.engine.solver.methods import METHODS
 from gaitsweep.expression import functions_of, resolve
-from gaitsweep.job.numerics import NumericsSpec
 from gaitsweep.kinds import RunKind
 from gaitsweep.schema.diagnostics import Diagnostic, JobError
 
@@ -46,42 +45,8 @@ MAX_RECOMMENDED = 65_536
 MAX_COSTLY_SETS = 64
 _CHUNK = 65_536  # rows that are evaluated at a time
 _DIGEST_ROWS = 1024  # of which the steps are in a digest
-# The largest tolerance on event times, as a share of the nominal period: well below the longest step.
-LARGEST_EVENT_TOLERANCE = 1e-3
 # A step may be longer by rounding.
 _ROUNDING = 1.0 + 1e-9
-
-
-def check_numerics(model: Model, numerics: NumericsSpec, resolved: ResolvedNumerics) -> list[Diagnostic]:
-    """Return errors about numerics that do not suit a model.
-
-    Args:
-        model: the model.
-        numerics: the numerics as written in the job.
-        resolved: the same, completed by the model's recommendations.
-    """
-    diagnostics = []
-    if numerics.event_tolerance > LARGEST_EVENT_TOLERANCE:
-        most = f"at most {LARGEST_EVENT_TOLERANCE:g} of a period"
-        text = f"is {numerics.event_tolerance:g}, but must be {most}."
-        diagnostics.append(Diagnostic(("numerics", "event_tolerance"), text))
-    if numerics.precision not in model.precisions:
-        allowed = ", ".join(model.precisions)
-        text = f"is {numerics.precision}, which is not accurate enough for {model.name}. Allowed: {allowed}."
-        diagnostics.append(Diagnostic(("numerics", "precision"), text))
-    unfit = refusal(resolved.method, model, numerics.precision)
-    if unfit is not None:
-        diagnostics.append(Diagnostic(("numerics", "method"), unfit))
-        return diagnostics
-    steps = fixed_step_scheme(resolved.method, model)
-    if resolved.dt is not None and steps is not None and steps.is_return_map:
-        text = f"is set, but {model.name} is a map, which has no steps in time: remove it."
-        diagnostics.append(Diagnostic(("numerics", "dt"), text))
-    for name in ("rtol", "atol"):
-        if getattr(numerics, name) is not None and not resolved.adaptive:
-            text = f"is set, but {resolved.method} has no step control by tolerances: remove it."
-            diagnostics.append(Diagnostic(("numerics", name), text))
-    return diagnostics
 
 
 @dataclasses.dataclass(frozen=True)
