@@ -6,7 +6,7 @@ import dataclasses
 import functools
 from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from pydantic import BaseModel, ValidationError
 
@@ -40,10 +40,25 @@ _DECIDING_VALUES = ("config", "model", "structure", "ground", "params", "start",
 _READ_HERE = ("params", "start", "vary", "structure", "ground")
 
 
+class ReadJob(NamedTuple):
+    """A job with its rows and its numerics."""
+
+    job: Job
+    design: Design
+    numerics: ResolvedNumerics
+
+
+class _SoundJob(NamedTuple):
+    """A job without its refused fields, None where it must have one, and the numbers of its figures."""
+
+    job: Job | None
+    figure_numbers: list[int]
+
+
 def read_job(
     data: Any, folder: Path, handler: Callable[[Any], Job], sections: dict[str, SchemaSection]
-) -> tuple[Job, Design, ResolvedNumerics]:
-    """Read a job; return it with its rows and its numerics.
+) -> ReadJob:
+    """Read a job, its rows and its numerics.
 
     Model, structure, params, start and vary come first, since expressions in the other parts use them.
 
@@ -85,7 +100,7 @@ def read_job(
     if job.numerics.method == "auto":
         numerics = suited_to_stiffness(design, job.run, numerics)
     config.refuse(check_steps(design, job.run, numerics))
-    return job, design, numerics
+    return ReadJob(job, design, numerics)
 
 
 def _written_fields(data: Any) -> dict[str, Any]:
@@ -201,13 +216,9 @@ def _further_diagnostics(
 
 def _without_refused(
     fields: Mapping[str, Any], wrong: Sequence[Diagnostic], handler: Callable[[Any], Job]
-) -> tuple[Job | None, list[int]]:
-    """Return the job without the fields that pydantic refused, and the numbers of its figures as written.
-
-    The job is None where it must have such a field.
-    """
+) -> _SoundJob:
+    """Read the job without its refused fields; a wrong figure is left out alone."""
     refused = {diagnostic.path[:2] for diagnostic in wrong}
-    # a wrong figure is left out alone, of other fields the whole
     names = {path[0] for path in refused if path and (len(path) == 1 or path[0] != "figures")}
     sound_fields = {"name": "job", **{name: value for name, value in fields.items() if name not in names}}
     figures = fields.get("figures")
@@ -217,9 +228,9 @@ def _without_refused(
             numbers = [number for number in range(len(figures)) if ("figures", number) not in refused]
         sound_fields["figures"] = [figures[number] for number in numbers]
     try:
-        return handler(sound_fields), numbers
+        return _SoundJob(handler(sound_fields), numbers)
     except ValidationError:
-        return None, []
+        return _SoundJob(None, [])
 
 
 def _plain(value: Any) -> Any:
