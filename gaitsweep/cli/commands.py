@@ -200,7 +200,7 @@ def _size_of(job_file: Path) -> str:
         JobError: the job is not valid.
     """
     from gaitsweep.job import load_job
-    from gaitsweep.job.checks import remarks_on_rows
+    from gaitsweep.job.row_remarks import remarks_on_rows
     from gaitsweep.schema.yaml_document import read_document
 
     fields = read_document(job_file).data

@@ -8,7 +8,7 @@ import graphlib
 import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -30,6 +30,13 @@ MAX_FEW_VALUES = 4  # distinct values of an axis without equal steps that figure
 
 RowNumbers = Int[np.ndarray, " rows"]
 Columns = dict[str, Float[np.ndarray, " rows"]]  # the values of rows by name
+
+
+class RowValues(NamedTuple):
+    """All parameters and all starts of some rows: float64 arrays (n,) by name."""
+
+    parameters: Columns
+    starts: Columns
 
 
 @dataclasses.dataclass(frozen=True)
@@ -92,8 +99,8 @@ class Design:
         """
         return self.at(self._rows(start, stop), self.names)
 
-    def values(self, start: int, stop: int) -> tuple[Columns, Columns]:
-        """Return all parameters and all starts in rows start..stop-1: float64 arrays (stop - start,) by name.
+    def values(self, start: int, stop: int) -> RowValues:
+        """Return the values in rows start..stop-1.
 
         Raises:
             IndexError: the job does not have these rows.
@@ -102,8 +109,8 @@ class Design:
         """
         return self.values_in(self._rows(start, stop))
 
-    def values_in(self, rows: RowNumbers) -> tuple[Columns, Columns]:
-        """Return all parameters and all starts in some rows, as `values` does.
+    def values_in(self, rows: RowNumbers) -> RowValues:
+        """Return the values in some rows, as `values` does.
 
         Args:
             rows: the rows (n,), int64.
@@ -115,7 +122,7 @@ class Design:
         starts = [quantity.name for quantity in self.model.initial_conditions]
         values = self.at(rows, [*parameters, *starts])
         self._check_block(rows, values)
-        return {name: values[name] for name in parameters}, {name: values[name] for name in starts}
+        return RowValues({name: values[name] for name in parameters}, {name: values[name] for name in starts})
 
     def at(self, rows: RowNumbers, wanted: Iterable[str]) -> Columns:
         """Return the values of names in some rows.
@@ -303,10 +310,8 @@ def row_params(design: Design, row: int) -> Params:
     Raises:
         IndexError: the design does not have this row.
     """
-    values, _ = design.values(row, row + 1)
-    return design.model.params(
-        {name: jnp.asarray(value[0]) for name, value in design.model.on_host(values).items()}
-    )
+    values = design.model.on_host(design.values(row, row + 1).parameters)
+    return design.model.params({name: jnp.asarray(value[0]) for name, value in values.items()})
 
 
 def inside(values: Float[np.ndarray, " *rows"], quantity: Quantity) -> np.ndarray:

@@ -25,8 +25,9 @@ from gaitsweep.fitting.optimisers import METHODS, RULE_OF_RESTARTS, Method, miss
 from gaitsweep.fitting.robustness import ROBUST, Robust, check_robust, own_constants, robust_target
 from gaitsweep.fitting.targets import MISS, Target, TargetValue
 from gaitsweep.runs.prepare import RunContext
-from gaitsweep.schema.diagnostics import Diagnostic, JobError, quoted, read_model, refuse
+from gaitsweep.schema.diagnostics import Diagnostic, JobError, quoted, refuse
 from gaitsweep.schema.numbers import Count, CountOrZero, Positive, Seed, Text, word
+from gaitsweep.schema.pydantic_errors import read_model
 from gaitsweep.schema.strict_model import StrictModel, plain
 from gaitsweep.table import TableError, load
 

@@ -32,7 +32,7 @@ from gaitsweep.kinds.fixed_points import (
     rising,
     unknowns,
 )
-from gaitsweep.kinds.run_kind import BlockProgress, Cost
+from gaitsweep.kinds.run_kind import BlockProgress, Cost, Movement
 from gaitsweep.schema.diagnostics import Diagnostic
 from gaitsweep.schema.numbers import Count, CountOrZero, Real, Text
 from gaitsweep.table import TableError, load
@@ -186,6 +186,12 @@ class Atlas(FollowsFixedPoints):
         wider = self.model_copy(update={**fields, "after": after})
         wider._before = table if has_points and path is None else None
         return wider
+
+    @property
+    def movements(self) -> tuple[Movement, ...]:
+        paths = {name: ("run", "second", name) for name in self.second}
+        second = (Movement(name, tuple(self.second[name]), path, path) for name, path in paths.items())
+        return (*super().movements, *second)
 
     @property
     def place(self) -> float:

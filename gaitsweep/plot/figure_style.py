@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 from pydantic import BeforeValidator, Field, ValidationError
 
 from gaitsweep.errors import UserError
-from gaitsweep.schema.diagnostics import SchemaSection, from_pydantic, quoted
+from gaitsweep.schema.diagnostics import quoted
 from gaitsweep.schema.numbers import (
     Count,
     Flag,
@@ -24,6 +24,7 @@ from gaitsweep.schema.numbers import (
     read_text,
     word,
 )
+from gaitsweep.schema.pydantic_errors import SchemaSection, from_pydantic
 from gaitsweep.schema.strict_model import StrictModel
 
 if TYPE_CHECKING:

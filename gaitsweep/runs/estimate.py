@@ -17,13 +17,13 @@ from gaitsweep.engine.sweep.labels import labelled
 from gaitsweep.engine.sweep.lane_scheduler import LaneScheduler
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.job import Job
-from gaitsweep.kinds.run_kind import table_columns
+from gaitsweep.kinds.run_kind import TableRunKind, table_columns
 from gaitsweep.runs.prepare import RunContext, nominal_period, prepare
 from gaitsweep.status import Status
 from gaitsweep.table.parquet_parts import part_bytes
 
-# Located events add some attempts to the steps of a cycle; the chain's 33 events a cycle add 2 %.
-EVENTS_SHARE = 1.05
+# Attempts for each step: those at located events are more; the chain's 33 events a cycle add 2 %.
+ATTEMPTS_A_STEP = 1.05
 # Share of the rows of a refined grid that are simulated; the chain's slices of 99 x 99 need 0.15.
 REFINED_SHARE = 0.2
 BYTES_A_NUMBER = 8
@@ -79,8 +79,12 @@ def estimate(job: Job) -> Estimate:
     """
     context = prepare(job)
     spec = context.spec
-    pace = _measured(context)
-    if job.run.makes_tables:  # the directions of derivatives fill its lanes
+    pool = LaneScheduler(spec, range(math.ceil(spec.n_rows / spec.block)))
+    try:
+        pace = _measured(context, pool)
+    finally:
+        pool.end()
+    if isinstance(job.run, TableRunKind):  # the directions of derivatives fill its lanes
         compile_s = job.run.compile_time(context.design, spec)
         pace = dataclasses.replace(pace, at_a_time=1, compile_s=compile_s)
     cost = job.run.cost(context.design, pace.attempts / pace.crossings, 1.0 / pace.crossings)
@@ -164,11 +168,10 @@ class Measured:
         return max(steps_s, host_s)
 
 
-def _measured(context: RunContext) -> Measured:
+def _measured(context: RunContext, pool: LaneScheduler) -> Measured:
     """Run a chunk of the first rows, and measure its speed and the simulated time."""
     spec = context.spec
     began = time.perf_counter()
-    pool = LaneScheduler(spec, range(math.ceil(spec.n_rows / spec.block)))
     pool.begin()
     compile_s = time.perf_counter() - began
     began = time.perf_counter()
@@ -177,7 +180,6 @@ def _measured(context: RunContext) -> Measured:
     at_a_time = sum(group.lanes.at_a_time for group in pool.groups)
     rate = at_a_time * POLL_INTERVAL * polls_per_chunk(spec) / seconds
     host_s = _host_s(context, pool)
-    pool.end()
     lanes_in_use = sum(int(np.count_nonzero(group.block_of >= 0)) for group, _ in outputs)
 
     def total(number: str) -> float:
@@ -192,7 +194,7 @@ def _measured(context: RunContext) -> Measured:
         attempts = total("attempts") / simulated
         crossings = crossings / simulated
     else:
-        attempts = EVENTS_SHARE / float(np.min(context.steps.dt))
+        attempts = ATTEMPTS_A_STEP / float(np.min(context.steps.dt))
         crossings = nominal
     return Measured(at_a_time, host_s, rate, compile_s, attempts, crossings)
 
@@ -202,7 +204,7 @@ def _host_s(context: RunContext, pool: LaneScheduler) -> float:
 
     It is 0 for a kind that makes its own table, where this work is part of the steps.
     """
-    if context.job.run.makes_tables:
+    if isinstance(context.job.run, TableRunKind):
         return 0.0
     group = pool.groups[0]
     block = next(iter(pool.open.values()))

@@ -17,7 +17,7 @@ from gaitsweep.engine.content import held_contents
 from gaitsweep.engine.sweep.sweep import Timings
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.job import Job
-from gaitsweep.job.checks import remarks_on_rows
+from gaitsweep.job.row_remarks import remarks_on_rows
 from gaitsweep.kinds.run_kind import RunKind
 from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.runs.concurrent_self_check import ConcurrentSelfCheck

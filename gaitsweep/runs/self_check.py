@@ -36,7 +36,7 @@ from gaitsweep.engine.solver.methods import fixed_step_scheme
 from gaitsweep.engine.sweep.sweep import sweep
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.kinds.columns import gaits
-from gaitsweep.kinds.run_kind import RunKind, StartingPoints
+from gaitsweep.kinds.run_kind import StartingPoints, TableRunKind
 from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.runs.observable_changes import changes, counted, sizes
 from gaitsweep.runs.prepare import RunContext, nominal_period
@@ -99,11 +99,11 @@ def self_check(
     if context.spec.numerics.adaptive:
         check.finer = f"tolerances {1.0 / tolerance_scale(finer):.0f} times finer"
     comparison = _Comparison(context, on_progress)
-    points = context.job.run.starting_points(context.design, context.spec, rows, 1.0, finer)
-    if points:
-        return check, comparison.compare_starting_points(rows, points[0], points[1], check)
+    if isinstance(run := context.job.run, TableRunKind):
+        once, refined = run.starting_points(context.design, context.spec, rows, 1.0, finer)
+        return check, comparison.compare_starting_points(rows, once, refined, check)
     rerun = None
-    if context.job.run.compared in ("settled", "ends"):
+    if run.compared in ("settled", "ends"):
         rerun, resting = comparison.compare_ends(rows, check)
         rows = rows[~resting]
     if rows.size:
@@ -131,6 +131,7 @@ def compare_stored(
     run = context.job.run
     comparison = _Comparison(context, on_progress)
     if isinstance(rerun.result, StartingPoints):
+        assert isinstance(run, TableRunKind)
         records = stored(rerun.rows)
         differs = _other_beginnings(context.model, run, rerun.result, rerun.rows, records)
         if differs.any():
@@ -447,12 +448,14 @@ class _Comparison:
         Infinite if no row has a period and the run has no end.
         """
         period = nominal_period(self.context.design)
-        longest = getattr(self.context.spec.recorder, "duration", None) or math.inf
+        recorder = self.context.spec.recorder
+        ends = isinstance(recorder, CrossingRecorder | FixedTimeRecorder | TraceRecorder)
+        longest = (recorder.duration if ends else None) or math.inf
         return longest if math.isnan(period) else min(CROSSINGS * period, longest)
 
 
 def _other_beginnings(
-    model: Model, run: RunKind, once: StartingPoints, rows: Rows, stored: pd.DataFrame
+    model: Model, run: TableRunKind, once: StartingPoints, rows: Rows, stored: pd.DataFrame
 ) -> RowMask:
     """Return a mask of the rows (n,) whose branches begin at another fixed point, or at none."""
     first = stored.drop_duplicates("row").set_index("row").reindex(rows)

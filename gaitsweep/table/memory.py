@@ -11,7 +11,7 @@ import pandas as pd
 import pyarrow as pa
 
 from gaitsweep import near_miss
-from gaitsweep.schema.former_names import renamed
+from gaitsweep.schema.diagnostics import renamed
 from gaitsweep.table.atomic_files import TableError
 from gaitsweep.table.frames import PartRecords, joined_parts
 from gaitsweep.table.manifest import Layout, json_value, new_manifest, sealed, with_shared_lists

@@ -15,7 +15,7 @@ import pyarrow as pa
 import yaml
 from numpy.typing import ArrayLike
 
-from gaitsweep.schema.former_names import renamed
+from gaitsweep.schema.diagnostics import renamed
 from gaitsweep.table.atomic_files import TableError, read_file, reason
 from gaitsweep.table.digests import digest_of
 from gaitsweep.table.examination import Examination

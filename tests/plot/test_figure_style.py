@@ -21,7 +21,7 @@ from gaitsweep.cli import main
 from gaitsweep.plot.column_labels import described
 from gaitsweep.plot.columns import PlotError
 from gaitsweep.plot.figure_layout import wrapped
-from gaitsweep.plot.figure_style import FORMATS, StyleError
+from gaitsweep.plot.figure_style import FORMATS, FigureStyle, StyleError, styled
 from gaitsweep.plot.theme import angle_axis, angle_ticks, in_pi
 from gaitsweep.runs.figures import draw_figures
 from gaitsweep.table import Snapshot
@@ -248,6 +248,10 @@ def test_a_figure_of_one_panel_goes_into_given_axes() -> None:
     assert not left.has_data()
     with pytest.raises(PlotError, match="3 panels, but ax is one"):
         plot.draw("basin", settle_table(), **BASIN, ax=left)
+    with styled(FigureStyle(), left), plot.theme.canvas(3.0, 2.0) as one_panel:
+        assert one_panel.axes == [left]
+        with pytest.raises(PlotError, match="leave ax out"):
+            one_panel.supylabel("beside the panel")
     plt.close(figure)
 
 

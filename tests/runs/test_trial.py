@@ -17,7 +17,7 @@ from gaitsweep.cli import show
 from gaitsweep.design.design import Design
 from gaitsweep.examples.compass_walker import CompassWalker
 from gaitsweep.examples.slip_runner import STANCE, SlipRunner
-from gaitsweep.job.checks import _some_rows, remarks_on_rows
+from gaitsweep.job.row_remarks import _some_rows, remarks_on_rows
 from gaitsweep.models.conformity import idle_starts
 from gaitsweep.models.value_faults import faults
 from gaitsweep.runs.model_trial import _with_rates, trial

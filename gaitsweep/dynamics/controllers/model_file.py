@@ -47,8 +47,9 @@ from gaitsweep.dynamics.mjcf.of_mjcf import compiled_mjcf
 from gaitsweep.dynamics.mjcf.source import Stamps, keyframe_number, stamps_of_mjcf
 from gaitsweep.dynamics.mjx.mjcf_model import MjcfModel
 from gaitsweep.near_miss import suggestion
-from gaitsweep.schema.diagnostics import Diagnostic, JobError, SchemaSection, from_pydantic, wrong_kind
+from gaitsweep.schema.diagnostics import Diagnostic, JobError, wrong_kind
 from gaitsweep.schema.numbers import NotNegative, Real, Text, word
+from gaitsweep.schema.pydantic_errors import SchemaSection, from_pydantic
 from gaitsweep.schema.strict_model import OneOf, StrictModel
 from gaitsweep.schema.yaml_document import Document, read_document
 
