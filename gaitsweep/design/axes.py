@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float, Int, UInt
 from pydantic import BeforeValidator, Field
 
-from gaitsweep.expression import ExpressionError, evaluate, names_in
+from gaitsweep.expression import ExpressionError, evaluate, names_used
 from gaitsweep.schema.diagnostics import quoted
 from gaitsweep.schema.numbers import InvalidValue, Number, PointCount, Seed, Text, checked, word
 from gaitsweep.schema.strict_model import StrictModel
@@ -148,7 +148,7 @@ class ListAxis:
             formula = self._formula_at[place]
             mask = index == place
             used = {}
-            for name in names_in(formula):
+            for name in names_used(formula):
                 value = names[name]
                 used[name] = value if np.ndim(value) == 0 else value[mask]
             points[mask] = evaluate(formula, used)
@@ -246,8 +246,8 @@ class RangeAxis:
         Raises:
             ExpressionError: an end of a logarithmic axis is not above 0.
         """
-        low = evaluate(self.low, {name: names[name] for name in names_in(self.low)})
-        high = evaluate(self.high, {name: names[name] for name in names_in(self.high)})
+        low = evaluate(self.low, {name: names[name] for name in names_used(self.low)})
+        high = evaluate(self.high, {name: names[name] for name in names_used(self.high)})
         fraction = self.fraction(index)
         if not self.logarithmic:
             between = low + (high - low) * fraction

@@ -20,7 +20,7 @@ from pydantic import BeforeValidator, PlainValidator, WithJsonSchema
 from pydantic_core import PydanticCustomError
 
 from gaitsweep import near_miss
-from gaitsweep.expression import CONSTANTS, ExpressionError, evaluate, names_in
+from gaitsweep.expression import CONSTANTS, ExpressionError, evaluate, names_used
 from gaitsweep.schema.diagnostics import Diagnostic, JobError, quoted
 
 
@@ -82,7 +82,7 @@ def read_number(value: Any) -> float | str:
             if len(value) <= _LONGEST_AMBIGUOUS and pattern.match(value):
                 raise InvalidValue(f"is {quoted(value)}, {sentence}.")
         try:
-            return "".join(value.split()) if names_in(value) else evaluate(value, {})
+            return "".join(value.split()) if names_used(value) else evaluate(value, {})
         except ExpressionError as error:
             raise InvalidValue(f"is not a number: {error}") from None
     if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, float, np.integer, np.floating)):
@@ -105,7 +105,7 @@ def read_fixed(value: Any) -> float | None:
     scope = SCOPE.get() or Scope()
     if not scope.known:
         return None
-    for name in sorted(names_in(number)):
+    for name in sorted(names_used(number)):
         if name in scope.moving:
             raise InvalidValue(
                 f'is "{number}", but {name} {scope.moving[name]}, and this field has one value for all rows.'
