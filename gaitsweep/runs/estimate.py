@@ -169,7 +169,7 @@ def _measured(context: RunContext) -> Measured:
     spec = context.spec
     began = time.perf_counter()
     pool = LaneScheduler(spec, range(math.ceil(spec.n_rows / spec.block)))
-    pool.begin()
+    pool.open_first_rows()
     compile_s = time.perf_counter() - began
     began = time.perf_counter()
     outputs = pool.advance_all(polls_per_chunk(spec))
@@ -177,7 +177,7 @@ def _measured(context: RunContext) -> Measured:
     at_a_time = sum(group.lanes.at_a_time for group in pool.groups)
     rate = at_a_time * POLL_INTERVAL * polls_per_chunk(spec) / seconds
     host_s = _host_s(context, pool)
-    pool.end()
+    pool.shut_down()
     lanes_in_use = sum(int(np.count_nonzero(group.block_of >= 0)) for group, _ in outputs)
 
     def total(number: str) -> float:
@@ -210,7 +210,7 @@ def _host_s(context: RunContext, pool: LaneScheduler) -> float:
     seconds_a_row = 0.0
     for _ in range(2):  # the first time programs are compiled
         began = time.perf_counter()
-        group.open_again()
+        group.reopen_all()
         opened = time.perf_counter()
         frame = context.table(labelled(context.spec, block))
         part_bytes(frame, block.number, context.job_hash, {})
