@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, PlainValidator, WithJsonSchema
 
@@ -11,7 +11,7 @@ from gaitsweep.engine.numerics import Numerics, ResolvedNumerics
 from gaitsweep.engine.solver.methods import Precision
 from gaitsweep.engine.sweep.sweep_spec import RequestedEngine
 from gaitsweep.schema import former_names
-from gaitsweep.schema.numbers import Count, Flag, LaneCount, Positive, checked, read_real, read_whole, word
+from gaitsweep.schema.numbers import Count, Flag, LaneCount, Positive, Word, checked, read_real, read_whole
 from gaitsweep.schema.strict_model import StrictModel
 
 MethodName = Literal[
@@ -34,7 +34,7 @@ class NumericsSpec(StrictModel):
 
     method: Annotated[
         MethodName,
-        word(*get_args(MethodName), former=former_names.METHODS),
+        Word(former_names.METHODS),
     ] = Field(
         default="auto",
         description="auto: the method that the model recommends, or else tsit5 (taylor where it is faster, "
@@ -63,7 +63,7 @@ class NumericsSpec(StrictModel):
         default=None,
         description="absolute tolerance of a step's error, with step control; by default the model's",
     )
-    precision: Annotated[Precision, word(*get_args(Precision))] = Field(
+    precision: Annotated[Precision, Word()] = Field(
         default="float64",
         description="float64; or, if the model allows it, float32 or mixed: forces in float32, state "
         "and time in float64",
@@ -86,7 +86,7 @@ class NumericsSpec(StrictModel):
 class EngineChoice(StrictModel):
     """Engine and devices that compute the rows."""
 
-    name: Annotated[RequestedEngine, word(*get_args(RequestedEngine))] = Field(
+    name: Annotated[RequestedEngine, Word()] = Field(
         default="auto",
         description="kernel: compiled scalar kernels, the fastest; xla: JAX's compiler; auto: kernel if the "
         "model and the machine allow it",

@@ -13,11 +13,11 @@ import unicodedata
 from collections.abc import Callable, Mapping
 from contextvars import ContextVar
 from dataclasses import dataclass, field
-from typing import Annotated, Any
+from typing import Annotated, Any, get_args
 
 import numpy as np
-from pydantic import BeforeValidator, PlainValidator, WithJsonSchema
-from pydantic_core import PydanticCustomError
+from pydantic import GetCoreSchemaHandler, PlainValidator, WithJsonSchema
+from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 from gaitsweep import near_miss
 from gaitsweep.expression import CONSTANTS, ExpressionError, evaluate, names_used
@@ -305,6 +305,12 @@ Stem = Annotated[str, PlainValidator(checked(read_stem)), _TEXT]
 Flag = Annotated[bool, PlainValidator(checked(read_flag)), WithJsonSchema({"type": "boolean"})]
 
 
-def word(*allowed: str, former: Mapping[str, str] | None = None) -> BeforeValidator:
-    """Return the validator of a Literal, for its error message; `former` maps older words to new ones."""
-    return BeforeValidator(checked(read_word, allowed=allowed, former=former))
+@dataclass(frozen=True)
+class Word:
+    """Annotation of a Literal, for the message about another word; `former` maps older words to new ones."""
+
+    former: Mapping[str, str] | None = None
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        read = checked(read_word, allowed=get_args(source), former=self.former)
+        return core_schema.no_info_before_validator_function(read, handler(source))
