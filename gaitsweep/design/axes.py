@@ -12,9 +12,9 @@ import numpy as np
 from jaxtyping import Float, Int, UInt
 from pydantic import BeforeValidator, Field
 
-from gaitsweep.expression import ExpressionError, evaluate, names_in
+from gaitsweep.expression import ExpressionError, evaluate, names_used
 from gaitsweep.schema.diagnostics import quoted
-from gaitsweep.schema.numbers import InvalidValue, Number, PointCount, Seed, Text, checked, word
+from gaitsweep.schema.numbers import InvalidValue, Number, PointCount, Seed, Text, Word, checked
 from gaitsweep.schema.strict_model import StrictModel
 
 MAX_LISTED = 10**6  # points of a list; more follow from a rule
@@ -33,7 +33,7 @@ _ENDS_AND_COUNT = BeforeValidator(checked(_check_length, length=3, words="[first
 _ENDS = BeforeValidator(checked(_check_length, length=2, words="[low, high]"))
 EndsAndCount = Annotated[tuple[Number, Number, PointCount], _ENDS_AND_COUNT]
 Ends = Annotated[tuple[Number, Number], _ENDS]
-At = Annotated[Literal["ends", "centre"], word("ends", "centre")]
+At = Annotated[Literal["ends", "centre"], Word()]
 _AT_WORDS = "ends: both ends are points; centre: the points are the centres of equal cells"
 _SEED = "seed of the points, combined with the name of the axis"
 
@@ -99,7 +99,7 @@ class Sample(StrictModel):
 
     n: PointCount = Field(description="number of points")
     seed: Seed = Field(default=0, description=_SEED)
-    method: Annotated[Literal["random", "sobol"], word("random", "sobol")] = Field(
+    method: Annotated[Literal["random", "sobol"], Word()] = Field(
         default="random",
         description="random: independent uniform points; sobol: one joint Sobol sequence, which covers the "
         "box evenly, in place of Latin hypercube sampling",
@@ -148,7 +148,7 @@ class ListAxis:
             formula = self._formula_at[place]
             mask = index == place
             used = {}
-            for name in names_in(formula):
+            for name in names_used(formula):
                 value = names[name]
                 used[name] = value if np.ndim(value) == 0 else value[mask]
             points[mask] = evaluate(formula, used)
@@ -246,8 +246,8 @@ class RangeAxis:
         Raises:
             ExpressionError: an end of a logarithmic axis is not above 0.
         """
-        low = evaluate(self.low, {name: names[name] for name in names_in(self.low)})
-        high = evaluate(self.high, {name: names[name] for name in names_in(self.high)})
+        low = evaluate(self.low, {name: names[name] for name in names_used(self.low)})
+        high = evaluate(self.high, {name: names[name] for name in names_used(self.high)})
         fraction = self.fraction(index)
         if not self.logarithmic:
             between = low + (high - low) * fraction

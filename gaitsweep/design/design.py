@@ -17,7 +17,7 @@ from jaxtyping import Float, Int
 from gaitsweep.contract import Model, Params, Quantity
 from gaitsweep.design.axes import LinearSpacing, ListAxis, RangeAxis
 from gaitsweep.design.vary import Group
-from gaitsweep.expression import names_in, resolve
+from gaitsweep.expression import names_used, resolve
 from gaitsweep.schema.diagnostics import Diagnostic, JobError
 from gaitsweep.schema.numbers import bound
 
@@ -178,7 +178,7 @@ class Design:
             settings: tuple[float | str, ...] = self.groups[self._places[name]].axes[name].formulas
         else:
             settings = (self.settings[name],)
-        return {used for setting in settings for used in names_in(setting)} - set(self.sizes)
+        return {used for setting in settings for used in names_used(setting)} - set(self.sizes)
 
     @functools.cached_property
     def order(self) -> tuple[str, ...]:

@@ -14,7 +14,7 @@ from pydantic import Field, PlainValidator, WithJsonSchema
 
 from gaitsweep import near_miss
 from gaitsweep.contract import Model, names_gait
-from gaitsweep.expression import ExpressionError, evaluate, functions_of, names_in
+from gaitsweep.expression import ExpressionError, evaluate, functions_of, names_used
 from gaitsweep.kinds import FixedTime, Settle
 from gaitsweep.kinds.run_kind import RunKind
 from gaitsweep.schema.numbers import InvalidValue, checked, read_real, read_text
@@ -142,7 +142,7 @@ def error_of_column(formula: str, columns: Sequence[str]) -> FieldError:
     if formula in numeric_columns:
         return None
     try:
-        names = names_in(formula)
+        names = names_used(formula)
     except ExpressionError as error:
         return "of", f"is neither a column nor a formula: {error}"
     if not names:
@@ -275,7 +275,7 @@ def column(formula: str, rows: SetRows) -> Float[np.ndarray, "sets conditions"]:
     name_at_end = _end(formula, rows)
     if name_at_end in rows:
         return rows[name_at_end].astype(float)
-    used = {name: rows[_end(name, rows)].astype(float) for name in names_in(formula)}
+    used = {name: rows[_end(name, rows)].astype(float) for name in names_used(formula)}
     with np.errstate(all="ignore"):
         values = evaluate(formula, used, functions_of(np))
     return np.broadcast_to(values, rows["status"].shape)

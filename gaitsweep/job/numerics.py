@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field, PlainValidator, WithJsonSchema
@@ -17,7 +17,7 @@ from gaitsweep.engine.sweep.sweep_spec import RequestedEngine
 from gaitsweep.expression import functions_of, resolve
 from gaitsweep.kinds import RunKind
 from gaitsweep.schema.diagnostics import FORMER_METHODS, Diagnostic
-from gaitsweep.schema.numbers import Count, Flag, LaneCount, Positive, checked, read_real, read_whole, word
+from gaitsweep.schema.numbers import Count, Flag, LaneCount, Positive, Word, checked, read_real, read_whole
 from gaitsweep.schema.strict_model import StrictModel
 
 # The largest tolerance on event times, as a share of the nominal period: well below the longest step.
@@ -44,7 +44,7 @@ class NumericsSpec(StrictModel):
 
     method: Annotated[
         MethodName,
-        word(*get_args(MethodName), former=FORMER_METHODS),
+        Word(FORMER_METHODS),
     ] = Field(
         default="auto",
         description="auto: the method that the model recommends, or else tsit5 (taylor where it is faster, "
@@ -73,7 +73,7 @@ class NumericsSpec(StrictModel):
         default=None,
         description="absolute tolerance of a step's error, with step control; by default the model's",
     )
-    precision: Annotated[Precision, word(*get_args(Precision))] = Field(
+    precision: Annotated[Precision, Word()] = Field(
         default="float64",
         description="float64; or, if the model allows it, float32 or mixed: forces in float32, state "
         "and time in float64",
@@ -96,7 +96,7 @@ class NumericsSpec(StrictModel):
 class EngineChoice(StrictModel):
     """Engine and devices that compute the rows."""
 
-    name: Annotated[RequestedEngine, word(*get_args(RequestedEngine))] = Field(
+    name: Annotated[RequestedEngine, Word()] = Field(
         default="auto",
         description="kernel: compiled scalar kernels, the fastest; xla: JAX's compiler; auto: kernel if the "
         "model and the machine allow it",

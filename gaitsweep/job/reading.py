@@ -13,7 +13,7 @@ from pydantic import BaseModel, ValidationError
 from gaitsweep.design.design import Design
 from gaitsweep.design.vary import Group, read_vary
 from gaitsweep.engine.numerics import ResolvedNumerics
-from gaitsweep.expression import ExpressionError, evaluate, names_in
+from gaitsweep.expression import ExpressionError, evaluate, names_used
 from gaitsweep.job.config import Config
 from gaitsweep.job.figure_checks import check_figures
 from gaitsweep.job.model_spec import ModelSpec, read_model_spec, read_settings
@@ -312,11 +312,11 @@ def _scope(design: Design | None, spec: ModelSpec | None, moved: str | None) -> 
         if name in moving or name not in spec.parameters:
             continue
         setting = design.settings[name]
-        if any(used in moving for used in names_in(setting)):
+        if any(used in moving for used in names_used(setting)):
             moving[name] = "depends on a parameter that varies or moves"
             continue
         try:
-            fixed[name] = evaluate(setting, {used: fixed[used] for used in names_in(setting)})
+            fixed[name] = evaluate(setting, {used: fixed[used] for used in names_used(setting)})
         except ExpressionError:  # which `check_ranges` reports
             moving[name] = "has no value"
     return Scope(fixed, moving)

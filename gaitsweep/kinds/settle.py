@@ -50,9 +50,9 @@ from gaitsweep.schema.numbers import (
     Positive,
     PositiveOrEach,
     Text,
+    Word,
     checked,
     read_whole,
-    word,
 )
 from gaitsweep.status import Status
 
@@ -174,7 +174,7 @@ class Settle(SettlesRows):
         description="whether the table has the state where each row settled, modes included, from which a "
         "run of kind perturb continues: columns state_...",
     )
-    refine: Annotated[Literal["boundary"], word("boundary")] | None = Field(
+    refine: Annotated[Literal["boundary"], Word()] | None = Field(
         default=None,
         description="boundary: simulate only the cells of a grid that border on another gait, and infer the "
         "others",

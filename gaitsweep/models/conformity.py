@@ -149,7 +149,7 @@ def _bare_state(model: Declared) -> Any:
 
 def _require_event_functions(model: Declared, params: Any, state: Any) -> None:
     """Refuse event functions that do not return one real number, by the events' names."""
-    for event in model.declared_events():
+    for event in model.declarations.events:
         name = f"for the event {event.name!r}"
         result = _traced_result(name, lambda p, s, event=event: event.function(model, p, s), params, state)
         _require_shape(name, result, event.counted.shape(model))
@@ -184,7 +184,7 @@ def _refuse_functions_of_init(model: Any, params: Any, state: Any) -> None:
 
 def _require_jump_functions(model: Declared, params: Any, state: Any) -> None:
     """Refuse jumps of events that do not return a state, by the events' names."""
-    for event in model.declared_events():
+    for event in model.declarations.events:
         if event.effect is None:
             continue
         name = f"for the jump of {event.name!r}"

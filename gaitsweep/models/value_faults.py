@@ -317,7 +317,7 @@ def _range_faults(model: Model, at_starts: _AtStarts, points: tuple[Any, Any], w
             differ = f"{events} lead to different states in two jumps and in one{at}"
             yield f'whose simultaneous is "independent", but {differ}: remove it.'
     # an armed event cannot fire twice without leaving its surface
-    armed = isinstance(model, Declared) and all(event.rising for event in model.declared_events())
+    armed = isinstance(model, Declared) and all(event.rising for event in model.declarations.events)
     if armed or not np.any(guards >= 0.0):
         return
     fires = _endless_guards(model, *_states(model)(*points))

@@ -83,7 +83,7 @@ def estimate(job: Job) -> Estimate:
     try:
         pace = _measured(context, pool)
     finally:
-        pool.end()
+        pool.shut_down()
     if isinstance(job.run, TableRunKind):  # the directions of derivatives fill its lanes
         compile_s = job.run.compile_time(context.design, spec)
         pace = dataclasses.replace(pace, at_a_time=1, compile_s=compile_s)
@@ -172,7 +172,7 @@ def _measured(context: RunContext, pool: LaneScheduler) -> Measured:
     """Run a chunk of the first rows, and measure its speed and the simulated time."""
     spec = context.spec
     began = time.perf_counter()
-    pool.begin()
+    pool.open_first_rows()
     compile_s = time.perf_counter() - began
     began = time.perf_counter()
     outputs = pool.advance_all(polls_per_chunk(spec))
@@ -212,7 +212,7 @@ def _host_s(context: RunContext, pool: LaneScheduler) -> float:
     seconds_a_row = 0.0
     for _ in range(2):  # the first time programs are compiled
         began = time.perf_counter()
-        group.open_again()
+        group.reopen_all()
         opened = time.perf_counter()
         frame = context.table(labelled(context.spec, block))
         part_bytes(frame, block.number, context.job_hash, {})

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import tracemalloc
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -17,6 +17,9 @@ from gaitsweep.expression import evaluate
 from gaitsweep.job import JobError
 from tests.support.toy_jobs import EVERY, columns_of, toy
 from toy_model import Toy
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
 PINNED_RANDOM = [1.7545246278695097, 1.1632804305752058, 1.7360300467738945]
 PINNED_SOBOL = [1.7545246281661093, 1.2545246281661093, 1.0045246281661093, 1.5045246281661093]
@@ -178,6 +181,20 @@ def test_formulas_may_use_the_structure() -> None:
 @dataclasses.dataclass(frozen=True)
 class Shifted(Toy):
     c: float = dataclasses.field(default=-2.0, metadata={"low": -9.0})
+    n: int = dataclasses.field(default=4, metadata={"later": True})
+    spacing: float = dataclasses.field(default_factory=lambda: 0.5)
+    lookup: Sequence[int] | None = None  # a name that only type checkers know
+
+
+def test_formulas_may_use_later_fields_at_their_default_and_defaults_of_factories() -> None:
+    job = toy(model=f"{__name__}:Shifted", params={"mass": "n*spacing"})
+    assert job.design.values(0, 1)[0]["mass"].tolist() == [2.0]
+    assert "n" not in job.structure
+
+
+def test_a_field_of_a_type_that_jobs_cannot_write_is_refused() -> None:
+    with pytest.raises(JobError, match=r"structure.lookup has the type Sequence.*int, float or str"):
+        toy(model=f"{__name__}:Shifted", structure={"lookup": 3})
 
 
 def test_a_negative_number_of_the_structure_keeps_its_sign_in_a_formula() -> None:

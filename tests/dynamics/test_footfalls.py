@@ -194,7 +194,7 @@ def test_a_model_with_footfalls_has_names_limbs_and_contacts() -> None:
 
 def test_a_leg_that_does_not_step_once_a_stride_has_no_gait() -> None:
     """The same lags, but the second leg lands twice as often, or has stopped in the air."""
-    feet = Biped._feet()
+    feet = Biped.declarations.feet
     assert feet is not None
     at = {"stride_1": 1.0, "stride_2": 1.0, "lag_2": np.pi, "duty_1": 0.6, "duty_2": 0.6}
     names = [

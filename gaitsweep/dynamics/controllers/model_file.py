@@ -48,7 +48,7 @@ from gaitsweep.dynamics.mjcf.source import Stamps, keyframe_number, stamps_of_mj
 from gaitsweep.dynamics.mjx.mjcf_model import MjcfModel
 from gaitsweep.near_miss import suggestion
 from gaitsweep.schema.diagnostics import Diagnostic, JobError, wrong_kind
-from gaitsweep.schema.numbers import NotNegative, Real, Text, word
+from gaitsweep.schema.numbers import NotNegative, Real, Text, Word
 from gaitsweep.schema.pydantic_errors import SchemaSection, from_pydantic
 from gaitsweep.schema.strict_model import OneOf, StrictModel
 from gaitsweep.schema.yaml_document import Document, read_document
@@ -86,9 +86,7 @@ class ModelFile(StrictModel):
     """A body of an MJCF and its controller."""
 
     body: Text = Field(description="the MJCF, from the folder of this file")
-    dynamics: Annotated[
-        Literal["located", "stepped"], word("located", "stepped", former={"mjx": "stepped"})
-    ] = Field(
+    dynamics: Annotated[Literal["located", "stepped"], Word({"mjx": "stepped"})] = Field(
         default="located",
         description="located: contacts as events, in the kernels (BodyModel); stepped: MuJoCo's steps and "
         "contacts (MjcfModel)",

@@ -24,7 +24,7 @@ from gaitsweep.engine.poincare.maps import Coordinates, Image, Points, Values
 from gaitsweep.engine.poincare.poincare_return import Returned, ReturnStatus
 from gaitsweep.engine.poincare.symmetry_group import group_of
 from gaitsweep.errors import ArgumentError
-from gaitsweep.expression import functions_of, names_in, resolve
+from gaitsweep.expression import functions_of, names_used, resolve
 
 
 @dataclasses.dataclass(frozen=True)
@@ -167,7 +167,7 @@ class ModelMap(FollowedMap):
     @cached_property
     def _order(self) -> tuple[str, ...]:
         """The parameters, each after those that its formula uses."""
-        uses = {name: sorted(names_in(text)) for name, text in self._written.items()}
+        uses = {name: sorted(names_used(text)) for name, text in self._written.items()}
         return tuple(graphlib.TopologicalSorter(uses).static_order())
 
 

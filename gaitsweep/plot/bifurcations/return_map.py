@@ -18,7 +18,7 @@ from gaitsweep.plot.arguments import Bandwidth, Observed, Panels, Title
 from gaitsweep.plot.column_labels import described, symbol, unit_of, written
 from gaitsweep.plot.columns import PlotError, column, origin_of, require_columns, rows_where
 from gaitsweep.plot.kind import figure_kind
-from gaitsweep.schema.numbers import word
+from gaitsweep.schema.numbers import Word
 
 _PANELS_A_ROW = 3
 _MOST_PANELS = 24
@@ -37,7 +37,7 @@ def return_map(
     y: Observed,
     panels: Panels = None,
     form: Annotated[
-        Annotated[Form, word(*FORMS)] | None,
+        Annotated[Form, Word()] | None,
         "change: y's change over y; next: the next y over y; by default next, but change where all points "
         "lie near the diagonal",
     ] = None,
