@@ -11,8 +11,9 @@ from jaxtyping import Complex, Float, Int
 
 from gaitsweep.analysis.continuation.arclength_step import BranchPoints, ContinuationProblem
 from gaitsweep.analysis.continuation.bifurcation_tests import multipliers_of
+from gaitsweep.analysis.continuation.floquet_multipliers import critical_multiplier
 from gaitsweep.analysis.continuation.newton import ConservedConstraints
-from gaitsweep.analysis.continuation.normal_forms import coefficient, critical_multiplier
+from gaitsweep.analysis.continuation.normal_forms import coefficient
 from gaitsweep.engine.poincare.maps import Map
 from gaitsweep.engine.poincare.stationary_map import StationaryMap, eigenvalues
 

@@ -20,12 +20,12 @@ import numpy as np
 from jaxtyping import Complex, Float, Inexact
 
 from gaitsweep.analysis.continuation.floquet_multipliers import multipliers
+from gaitsweep.analysis.continuation.hopf_cycles import hopf_form
 from gaitsweep.analysis.continuation.lockstep import Computation, Request
 from gaitsweep.analysis.continuation.newton import ConservedConstraints, matrices, residuals
 from gaitsweep.analysis.continuation.normal_forms import (
-    circle_coefficient,
     flip_coefficient,
-    hopf_form,
+    neimark_sacker_coefficient,
 )
 from gaitsweep.engine.poincare.maps import Map, MapEvaluation, Points
 from gaitsweep.engine.poincare.stationary_map import StationaryMap
@@ -319,7 +319,7 @@ class CriticalEquations:
             tests |= {"flip_neimark_sacker": flips, "double_neimark_sacker": pairs}
             if unconstrained:
                 p = w / (w @ v)
-                tests["chenciner"] = circle_coefficient(
+                tests["chenciner"] = neimark_sacker_coefficient(
                     jacobian, v, p, self.critical(unknowns), first, near.second
                 )
             return tests

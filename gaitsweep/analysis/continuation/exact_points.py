@@ -12,8 +12,8 @@ from gaitsweep.analysis.continuation.critical_points import (
     CriticalPoint,
     Vector,
 )
+from gaitsweep.analysis.continuation.floquet_multipliers import critical_multiplier
 from gaitsweep.analysis.continuation.lockstep import Computation
-from gaitsweep.analysis.continuation.normal_forms import critical_multiplier
 from gaitsweep.engine.poincare.maps import sizes
 
 # Most Newton steps to a bifurcation.
