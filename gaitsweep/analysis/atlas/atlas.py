@@ -34,11 +34,12 @@ from gaitsweep.analysis.atlas.periodic_orbits import (
     orbits_of,
     rows_of,
 )
-from gaitsweep.analysis.atlas.plane_curves import SecondParameter, plane_curves
+from gaitsweep.analysis.atlas.plane_curves import plane_curves
 from gaitsweep.analysis.continuation.arclength_step import BranchPoints, ContinuationProblem
 from gaitsweep.analysis.continuation.branch_follower import ArclengthSteps, BranchFollower
 from gaitsweep.analysis.continuation.branch_points import CROSSINGS, FLAT, beside
 from gaitsweep.analysis.continuation.branch_table import in_terms_of_flow
+from gaitsweep.analysis.continuation.exact_points import SecondParameter
 from gaitsweep.analysis.continuation.newton import ConservedConstraints, newton
 from gaitsweep.analysis.continuation.normal_forms import coefficient, doubled_direction
 from gaitsweep.analysis.continuation.stable_ranges import MARKS

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from gaitsweep.analysis.continuation.arclength_step import BranchPoints, ContinuationProblem
@@ -28,6 +30,14 @@ SLOWER = 0.3
 MOST_MOVED = 0.05
 
 
+class SecondParameter(NamedTuple):
+    """The second parameter of a plane: its name, and its range."""
+
+    name: str
+    low: float
+    high: float
+
+
 def critical_kind(special: str) -> CriticalKind:
     """The kind of equations of a bifurcation on a branch: those of all branch points are the same.
 
@@ -44,7 +54,7 @@ def equations_at(
     problem: ContinuationProblem,
     at: BranchPoints,
     special: str,
-    second: tuple[str, float, float, float] | None = None,
+    second: SecondParameter | None = None,
 ) -> tuple[CriticalEquations, Vector]:
     """The equations of a bifurcation that was located on one branch (1,), and its unknowns.
 
@@ -52,7 +62,7 @@ def equations_at(
         problem: the continuation problem of the branch.
         at: the bifurcation.
         special: fold, flip, neimark_sacker, or a kind of branch point.
-        second: name, lowest, highest and present value of a second parameter.
+        second: a second parameter, one of the problem's other parameters.
 
     Returns:
         The equations, and the unknowns at the bifurcation.
@@ -63,8 +73,8 @@ def equations_at(
     parameters = [(problem.parameter, problem.low, problem.high, float(at.parameter[0]))]
     values = {name: column[:1] for name, column in problem.values.items()}
     if second is not None:
-        parameters.append(second)
-        values.pop(second[0], None)
+        present_value = float(values.pop(second.name)[0])
+        parameters.append((second.name, second.low, second.high, present_value))
     names = tuple(name for name, *_ in parameters)
     low, high, present = np.array([numbers for _, *numbers in parameters]).T
     width = high - low

@@ -16,7 +16,7 @@ from gaitsweep.analysis.continuation.bifurcation_tests import branch_test, fold_
 from gaitsweep.analysis.continuation.branch_follower import ArclengthSteps
 from gaitsweep.analysis.continuation.branch_table import in_terms_of_flow
 from gaitsweep.analysis.continuation.critical_points import CriticalEquations, CriticalPoint
-from gaitsweep.analysis.continuation.exact_points import equations_at
+from gaitsweep.analysis.continuation.exact_points import SecondParameter, equations_at
 from gaitsweep.analysis.continuation.lockstep import alone
 from gaitsweep.analysis.continuation.newton import ConservedConstraints, NewtonOutcome, newton
 from gaitsweep.engine.poincare.maps import Map, Points, Values
@@ -131,7 +131,7 @@ def _first_fold(
                 turns = fold_test(problem, before)[0], fold_test(problem, after)[0]
                 fold = located_on_branch(problem, before, lengths[k][0], fold_test, turns)
                 if fold is not None:
-                    return _on_curve(problem, fold[0], parameters, within, values)
+                    return _on_curve(problem, fold[0], parameters, within)
                 ends[k] = "lost"
             else:
                 ahead[k] = after
@@ -143,11 +143,10 @@ def _on_curve(
     fold: BranchPoints,
     parameters: Sequence[str],
     within: Mapping[str, Sequence[float]],
-    values: dict[str, Float[np.ndarray, " 1"]],
 ) -> tuple[tuple[CriticalEquations, CriticalPoint] | None, str]:
     """The equations of a fold's curve, and the fold as its first point."""
     name = parameters[1]
-    second = name, float(min(within[name])), float(max(within[name])), float(values[name][0])
+    second = SecondParameter(name, float(min(within[name])), float(max(within[name])))
     equations, unknowns = equations_at(problem, fold, "fold", second)
     first = alone(equations.first(fold.points, unknowns))
     return (None, "lost") if first is None else ((equations, first), "")
