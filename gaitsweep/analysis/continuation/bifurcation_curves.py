@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 
 from gaitsweep.analysis.continuation.arclength_step import BranchPoints, ContinuationProblem
-from gaitsweep.analysis.continuation.bifurcation_tests import located
+from gaitsweep.analysis.continuation.bifurcation_tests import ZeroOnStep, located
 from gaitsweep.analysis.continuation.branch_follower import JUMPS, ArclengthSteps
-from gaitsweep.analysis.continuation.critical_points import CriticalEquations, CriticalPoint, Vector
+from gaitsweep.analysis.continuation.critical_points import Border, CriticalEquations, CriticalPoint, Vector
 from gaitsweep.analysis.continuation.exact_points import SecondParameter, equations_at
 from gaitsweep.analysis.continuation.lockstep import Computation
 from gaitsweep.engine.poincare.maps import Points
@@ -208,7 +208,7 @@ def step(
     guess = before.tangent * (length / (normal @ before.tangent))
     matrix = np.concatenate([before.matrix, normal[None]])
     change, moved, like = guess.copy(), np.zeros_like(guess), before.point
-    border, norm, m = (before.v, before.w), np.inf, equations.m
+    border, norm, m = Border(before.v, before.w), np.inf, equations.m
     for number in range(1, MOST_CORRECTIONS + 1):
         unknowns = before.unknowns + change
         miss, full, images = yield from equations.evaluated(like, unknowns[None])
@@ -242,7 +242,7 @@ def _degenerate(
     equations: CriticalEquations, before: CriticalPoint, after: CriticalPoint, length: float
 ) -> Computation[list[CurvePoint]]:
     """The bifurcations of codimension 2 on a step, in order."""
-    points: list[tuple[float, CurvePoint]] = []
+    points: list[ZeroOnStep[CurvePoint]] = []
     for name, value in before.tests.items():
         later = after.tests.get(name, np.nan)
         if not value * later < 0.0:
@@ -256,10 +256,10 @@ def _degenerate(
             SHORTEST_INTERVAL,
         )
         # where the test jumps, there is no such point
-        is_zero = zero is not None and abs(zero[0].tests[name]) < 1e-3 * max(abs(value), abs(later))
-        if zero is not None and is_zero and equations.is_critical(name, zero[0]):
-            points.append((zero[1], CurvePoint(zero[0], name)))
-    return [point for _, point in sorted(points, key=lambda pair: pair[0])]
+        is_zero = zero is not None and abs(zero.point.tests[name]) < 1e-3 * max(abs(value), abs(later))
+        if zero is not None and is_zero and equations.is_critical(name, zero.point):
+            points.append(ZeroOnStep(CurvePoint(zero.point, name), zero.arclength))
+    return [zero.point for zero in sorted(points, key=lambda zero: zero.arclength)]
 
 
 def _at_edge(

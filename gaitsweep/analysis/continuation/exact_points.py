@@ -9,6 +9,7 @@ import numpy as np
 from gaitsweep.analysis.continuation.arclength_step import BranchPoints, ContinuationProblem
 from gaitsweep.analysis.continuation.branch_points import CROSSINGS
 from gaitsweep.analysis.continuation.critical_points import (
+    Border,
     CriticalEquations,
     CriticalKind,
     CriticalPoint,
@@ -120,5 +121,5 @@ def located_exactly(
             return None
         if size < LAST_STEP or (size > SLOWER * last and size < NEARLY_LAST_STEP):
             return point
-        unknowns, border, last = unknowns + step, (point.v, point.w), size
+        unknowns, border, last = unknowns + step, Border(point.v, point.w), size
     return None
