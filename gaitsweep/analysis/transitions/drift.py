@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy
-from jaxtyping import Bool, Float, Real
+from jaxtyping import Bool, Float, Int, Real
 
 from gaitsweep.analysis.transitions.smoothing import PerPoint, PointFlags, Smooth, breaks, local_polynomial
 from gaitsweep.angles import TURN, unwrap_from
@@ -32,6 +32,8 @@ _OUTSIDE = 0.02  # bandwidths; largest distance of a rest state outside the data
 # least value at a zero of the line through the points of one side, if the curve bridges a jump there:
 _BRIDGED_ERRORS = 3.0  # standard errors
 _BRIDGED_SHARE = 0.5  # shares of the mean drift on that side
+_ERROR_SHARE = 0.5  # largest standard error of these lines that shows that there is no jump, in such shares
+_NEAR_ZERO_SHARE = 0.5  # largest of the least drift beside a zero with too few points for lines, likewise
 
 
 class MapPairs(NamedTuple):
@@ -149,7 +151,7 @@ def _closed(points: MapPairs, bandwidth: float, step: float) -> Drift:
     count = int(np.ceil(TURN / step))
     smooth = _followed(points, low + TURN * np.arange(count) / count, bandwidth)
     # begin at the most significant sign, so that no zero is at the ends
-    sure = np.abs(smooth.value) / np.maximum(smooth.value_error, 1e-300)
+    sure = np.abs(smooth.value) / np.maximum(smooth.value_error, _AT_REST * bandwidth)
     around_once = np.arange(count + 1) + int(np.argmax(np.nan_to_num(sure)))
     smooth = Smooth(*(values[around_once % count] for values in smooth))
     smooth = smooth._replace(at=smooth.at + TURN * (around_once // count))
@@ -165,17 +167,20 @@ def _followed(points: MapPairs, at: Float[np.ndarray, " positions"], bandwidth: 
         closer = local_polynomial(*points, at[wrong], width, widen=False)
         for values, better in zip(smooth, closer, strict=True):
             values[wrong] = better
-        wrong = wrong[_astray(points, closer, width, bandwidth, unknown=True)]
+        wrong = wrong[_astray(points, closer, width, bandwidth, strict=True)]
     smooth.value[wrong] = np.nan
     return smooth
 
 
 def _astray(
-    points: MapPairs, smooth: Smooth, width: float, bandwidth: float, unknown: bool = False
+    points: MapPairs, smooth: Smooth, width: float, bandwidth: float, strict: bool = False
 ) -> Bool[np.ndarray, " positions"]:
-    """Whether the points' mean deviation exceeds their scatter, bool (k,); `unknown` if they are few."""
+    """Whether the points' mean deviation exceeds their scatter, bool (k,).
+
+    `strict`: at half as many standard errors, and also where there are too few points for the test.
+    """
     value, change, _, share = points
-    wrong = np.full(len(smooth.at), unknown)
+    wrong = np.full(len(smooth.at), strict)
     near = width / POINTS_PER_BANDWIDTH
     low, high = np.searchsorted(value, smooth.at - near), np.searchsorted(value, smooth.at + near, "right")
     for k in np.flatnonzero(np.isfinite(smooth.value) & (high - low >= _LEAST_WEIGHT)):
@@ -188,7 +193,7 @@ def _astray(
         effective = float(weight.sum()) ** 2 / float((weight**2).sum())
         error = np.sqrt(np.average((residual - mean) ** 2, weights=weight) / (effective - 1.0))
         off = abs(mean) / np.hypot(1.0, 1.0 + smooth.slope[k])  # distance normal to the map
-        errors = (0.5 if unknown else 1.0) * _ASTRAY_ERRORS
+        errors = 0.5 * _ASTRAY_ERRORS if strict else _ASTRAY_ERRORS
         wrong[k] = off > _ASTRAY_BANDWIDTHS * bandwidth and abs(mean) > errors * error
     return wrong
 
@@ -255,15 +260,16 @@ def once_a_place(value: PerPoint, row: RowOfPoint, step: float) -> PerPoint:
 
 
 class Zero(NamedTuple):
-    """A zero of the drift: its position, the curve there, and whether the drift falls with the value.
+    """A zero of the drift: its position with its error, the curve there, and whether the drift falls there.
 
-    `within` is half the distance between the significant values on its two sides.
+    `error` is the standard error of the position, at most half the distance between the significant values on
+    its two sides.
     """
 
     place: float
+    error: float
     smooth: Smooth
     falls: bool
-    within: float
 
 
 def zeros_of(drift: Drift) -> list[Zero]:
@@ -272,10 +278,9 @@ def zeros_of(drift: Drift) -> list[Zero]:
     Noise may split a zero into several: the middle one with the right direction is used. Zeros that the
     points do not confirm (`_confirmed`) are left out.
     """
-    at, value, error = drift.smooth.at, drift.smooth.value, drift.smooth.value_error
-    sure = np.flatnonzero(np.isfinite(value) & (np.abs(value) > SURE * error))
+    at, value = drift.smooth.at, drift.smooth.value
     zeros = []
-    for i, j in itertools.pairwise(sure):
+    for i, j in itertools.pairwise(_significant(drift)):
         if value[i] * value[j] > 0 or not np.isfinite(value[i : j + 1]).all():
             continue
         sides = value[i : j + 1] > 0
@@ -288,14 +293,30 @@ def zeros_of(drift: Drift) -> list[Zero]:
             place, smooth = nearer, drift.at(nearer)
         falls = bool(value[i] > 0)
         if np.isfinite(smooth.slope[0]) and _confirmed(drift, place, falls):
-            zeros.append(Zero(place, smooth, falls, float(at[j] - at[i]) / 2))
+            zeros.append(_zero(place, smooth, falls, float(at[j] - at[i]) / 2))
     return [*_rest_at_ends(drift, zeros), *zeros]
+
+
+def _significant(drift: Drift) -> Int[np.ndarray, " positions"]:
+    """The indices of values that are significant, and larger than the drift of rows at rest.
+
+    The drift of rows at rest is that of rounding, which may be larger than its standard error.
+    """
+    _, value, _, error, *_ = drift.smooth
+    least = np.maximum(SURE * error, _AT_REST * drift.bandwidth)
+    return np.flatnonzero(np.isfinite(value) & (np.abs(value) > least))
+
+
+def _zero(place: float, smooth: Smooth, falls: bool, most: float) -> Zero:
+    """The zero at a place, whose error is at most `most`."""
+    error = float(smooth.value_error[0]) / max(abs(float(smooth.slope[0])), 1e-12)
+    return Zero(place, min(error, most), smooth, falls)
 
 
 def _rest_at_ends(drift: Drift, between: list[Zero]) -> list[Zero]:
     """States that rows reach from one side only: the end of a piece where its rows are at rest."""
-    at, value, error = drift.smooth.at, drift.smooth.value, drift.smooth.value_error
-    sure = np.flatnonzero(np.isfinite(value) & (np.abs(value) > SURE * error))
+    at, value = drift.smooth.at, drift.smooth.value
+    sure = _significant(drift)
     if drift.begin is not None or not sure.size:
         return []
     zeros = []
@@ -308,7 +329,7 @@ def _rest_at_ends(drift: Drift, between: list[Zero]) -> list[Zero]:
         nearest = min((abs(place - zero.place) for zero in between), default=np.inf)
         if abs(beyond) <= _OUTSIDE * drift.bandwidth < nearest:
             falls = bool(outward * value[inner] > 0)
-            zeros.append(Zero(place, smooth, falls, abs(float(at[inner]) - place)))
+            zeros.append(_zero(place, smooth, falls, abs(float(at[inner]) - place)))
     return zeros
 
 
@@ -337,13 +358,13 @@ def _confirmed(drift: Drift, place: float, falls: bool) -> bool:
         if below is None or above is None:
             if width == drift.bandwidth:  # too few for lines: then some of them lie near the diagonal
                 sizes = np.abs(change[np.abs(away) <= reach])
-                return bool(sizes.min() < _BRIDGED_SHARE * sizes.mean())
+                return bool(sizes.min() < _NEAR_ZERO_SHARE * sizes.mean())
             break
         bridges = all(
             side_sign * remain.value > max(_BRIDGED_ERRORS * remain.error, _BRIDGED_SHARE * remain.size)
             for side_sign, remain in ((sign, below), (-sign, above))
         )
-        if not bridges and below.error + above.error < _BRIDGED_SHARE * (below.size + above.size):
+        if not bridges and below.error + above.error < _ERROR_SHARE * (below.size + above.size):
             return True
         bridged |= bridges
     return not bridged
@@ -369,10 +390,18 @@ def _remains(drift: Drift, near: PointFlags, away: PerPoint, width: float) -> _R
     return _Remainder(float(smooth.value[0]), float(smooth.value_error[0]), size)
 
 
-def ghosts_of(drift: Drift, near: float) -> list[tuple[float, float, float]]:
-    """Places, drifts and their standard errors where the size of the drift has a minimum of at most `near`.
+class Ghost(NamedTuple):
+    """A minimum of the size of the drift: its position, and the drift there with its standard error."""
 
-    A minimum is one where the drift is larger by two standard errors of the difference on both sides of it.
+    place: float
+    drift: float
+    error: float
+
+
+def ghosts_of(drift: Drift, near: float) -> list[Ghost]:
+    """The ghosts of at most the drift `near`, in the order of their positions.
+
+    The drift is larger by two standard errors of the difference on both sides of a ghost.
     """
     at, value, error = drift.smooth.at, drift.smooth.value, drift.smooth.value_error
     ghosts = []
@@ -390,5 +419,5 @@ def ghosts_of(drift: Drift, near: float) -> list[tuple[float, float, float]]:
                 aside = 0.5 * (value[k - 1] - value[k + 1]) / bend if bend else 0.0
                 place = float(at[k] + aside * (at[k + 1] - at[k]))
                 smooth = drift.at(place)
-                ghosts.append((place, float(smooth.value[0]), float(smooth.value_error[0])))
+                ghosts.append(Ghost(place, float(smooth.value[0]), float(smooth.value_error[0])))
     return sorted(ghosts)

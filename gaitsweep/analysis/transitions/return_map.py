@@ -122,13 +122,13 @@ def fixed_points(
     columns = [*names_in(by or ()), "value", "value_error", "slope", "slope_error", "stable", "count"]
     records = []
     for panel, _, curve in _drifts(table, observable, by, bandwidth):
-        for value, smooth, falls, within in zeros_of(curve):
-            slope, error = float(smooth.slope[0]), float(smooth.value_error[0])
+        for value, error, smooth, falls in zeros_of(curve):
+            slope = float(smooth.slope[0])
             records.append(
                 {
                     **panel,
                     "value": np.mod(value, TURN) if curve.circular else value,
-                    "value_error": min(error / max(abs(slope), 1e-12), within),
+                    "value_error": error,
                     "slope": 1.0 + slope,
                     "slope_error": float(smooth.slope_error[0]),
                     "stable": falls and slope > -2.0,
