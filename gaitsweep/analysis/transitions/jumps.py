@@ -170,13 +170,21 @@ def courses(table: pd.DataFrame, observable: str, parameter: str) -> Iterator[Co
         table, observable, parameter: as for `jumps`.
 
     Raises:
-        AnalysisError: the table does not have a column, or its values are not numbers.
+        AnalysisError: the table does not have a column, its values are not numbers, or rows of several tables
+            have the same number.
     """
     name = section_column(table, observable)
     stairs = "stair" in table.columns
     order = "stair" if stairs else "crossing"
     require(table, "row", "pass", order)
     require_numbers(table, name, parameter)
+    repeated = table.duplicated(["row", order]).to_numpy()
+    if repeated.any():
+        row, number = table.iloc[int(repeated.argmax())][["row", order]]
+        raise AnalysisError(
+            f"Row {row} has several records of {order} {number}, as after pandas.concat of tables whose rows "
+            "have the same numbers: join results by gs.concat."
+        )
     table = table.sort_values(["row", order], kind="stable")
     circular = is_circular(table, name)
     table = table.loc[sound(table, name, parameter)]

@@ -14,7 +14,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from gaitsweep.analysis.records import in_order
+from gaitsweep.analysis.records import axes_of, in_order
 from gaitsweep.column_meanings import COLUMNS
 from gaitsweep.plot import theme
 from gaitsweep.plot.arguments import Horizontal, Hue, Panels, Shares, Title, Vertical
@@ -202,10 +202,7 @@ def _cells(
             axes.scatter(starts[x], starts[y], c=colour[name], marker=marker[name], s=size, linewidths=0.6)
         return axes.scatter(part[x], part[y], c=values, s=size, **scale) if scale else None
     if part.duplicated([x, y]).any():
-        raise PlotError(
-            f"Several rows have the same {x} and {y}, since another quantity varies too. Name it as "
-            "`panels`, or keep one of its values in the table."
-        )
+        raise PlotError(_why_repeated(part, x, y))
     image = None
     if scale:
         image = axes.pcolormesh(*grid.edges, grid.placed(part, values), rasterized=True, **scale)
@@ -216,6 +213,22 @@ def _cells(
         if hatch[name]:
             hatch_cells(axes, grid, part, shown == name, hatch[name], theme.line_on(colour[name]))
     return image
+
+
+def _why_repeated(part: pd.DataFrame, x: str, y: str) -> str:
+    """The sentence about a panel's cells with several rows: the quantities that vary too, if any do."""
+    begin = f"Several rows have the same {x} and {y}"
+    others = [name for name in axes_of(part) if name not in (x, y) and len(part[name].unique()) > 1]
+    if not others and axes_of(part):
+        return f"{begin}: the table has the same start more than once, as after joining a table with itself."
+    varying = " and ".join(others) or "another quantity"
+    verb = "vary" if len(others) > 1 else "varies"
+    one = others[0] if others else "its column"
+    value = part[others[0]].iloc[0] if others else "VALUE"
+    return (
+        f"{begin}, since {varying} {verb} too. Name {one} as `panels`, or keep one of its values: "
+        f'table[table["{one if others else "NAME"}"] == {value}].'
+    )
 
 
 def _legend(
