@@ -46,7 +46,6 @@ REFUSED: list[tuple[dict[str, Any], dict[str, Any], Any, str, str]] = [
     ({"kind": "basin", **PSI, "title": "$\\foo$"}, SETTLE, GRID, "", "title is .*cannot typeset"),
     ({"kind": "gait_map", "x": "psi_1", "y": "psi_1"}, SETTLE, GRID, "", "y is psi_1, like x"),
     ({"kind": "gait_map", "x": "gait", "y": "psi_1"}, SETTLE, GRID, "", "x is gait, which is not numeric"),
-    ({"kind": "basin_measures"}, SETTLE, BOTH, "", "needs one unit for the distance"),
     ({"kind": "basin_measures", "panels": "m_B"}, SETTLE, MASSES, "", "axes is missing: besides panels"),
     ({"kind": "basin_measures", "axes": ["gait"]}, SETTLE, GRID, "", r"axes\[0\] is gait, which is not"),
     ({"kind": "basin_measures", "hue": "attractor"}, REFINED, GRID, "", "hue is attractor"),
