@@ -332,7 +332,7 @@ def test_axes_of_different_units_need_scales() -> None:
     pd.testing.assert_frame_equal(unscaled.panels, basins(table, scales={"psi_2": 1.0}).panels)
     assert unscaled.fractions["fraction"].tolist() == [0.5, 0.5]
     with pytest.raises(AnalysisError, match=r"psi_1 in rad, psi_2 in m: give scales"):
-        minimal_fatal_shock(table, ["psi_1", "psi_2"], table["gait"])
+        minimal_fatal_shock(table, ["psi_1", "psi_2"], pd.Series(table["gait"]))
     scaled = basins(table, scales={"psi_1": TURN / 6, "psi_2": 0.1})
     assert np.min(scaled.rows["shock"]) == pytest.approx(1.0)
 

@@ -35,11 +35,11 @@ class Basins:
     """The measures of the basins in a table.
 
     `rows`: the table with the columns outcome (category), shock (distance to the nearest start with another
-    outcome; NaN where the axes have different units and no scale) and shock_to (that outcome). `fractions`: one record for each panel and outcome (rows, of,
-    fraction, low, high, interval, shock_median, shock_mean of its starts). `panels`: one record a panel
-    (rows, grid: whether its starts form a grid, basin_entropy, boundary_entropy, crossed, exponent,
-    exponent_low, exponent_high, boundary_dimension). `uncertainty`: one record for each panel and eps (steps,
-    eps, uncertain).
+    outcome; NaN where the axes have different units and no scale) and shock_to (that outcome). `fractions`:
+    one record for each panel and outcome (rows, of, fraction, low, high, interval, shock_median, shock_mean
+    of its starts). `panels`: one record a panel (rows, grid: whether its starts form a grid, basin_entropy,
+    boundary_entropy, crossed, exponent, exponent_low, exponent_high, boundary_dimension). `uncertainty`: one
+    record for each panel and eps (steps, eps, uncertain).
     """
 
     rows: pd.DataFrame
