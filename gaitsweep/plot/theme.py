@@ -9,7 +9,7 @@ from __future__ import annotations
 import contextlib
 import math
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, TypeVar, cast
 
 import matplotlib as mpl
@@ -92,6 +92,8 @@ _INK = (
     "axes3d.xaxis.panecolor", "axes3d.yaxis.panecolor", "axes3d.zaxis.panecolor",
 )  # fmt: skip
 _PAPER: dict[Any, Any] = {key: mpl.rcParamsDefault[key] for key in _INK}
+PAGE_HEIGHT = 7.0  # inches: of all panels above each other, so that a figure is about 200 mm high at most
+_TOO_HIGH = 11.0  # inches: an A4 page is 11.7 high
 _BELOW = 0.4  # inches: height of a legend below panels
 _LINE = 0.13  # inches: height of another line in a legend
 _TITLE_POINTS = 9.5
@@ -193,6 +195,12 @@ def canvas(width: float, height: float, title: str | None = None) -> Iterator[Fi
                 break_lines(figure)  # broken labels may have made other panels narrower
             if requested.height is not None:
                 check_height(figure, height)
+        if figure.get_figheight() > _TOO_HIGH and requested.height is None:
+            warnings.warn(
+                f"This figure is {INCH * figure.get_figheight():.0f} mm high, more than a page: give it a "
+                "width of page, panel_columns or a height, or draw fewer panels, from a selection of rows.",
+                stacklevel=2,
+            )
 
 
 def width_of(natural: float) -> float:
@@ -203,7 +211,15 @@ def width_of(natural: float) -> float:
     return (MILLIMETRES[width] if isinstance(width, str) else width) / INCH
 
 
-def shape(panels: int, natural: float, least: float, most: int | None = None) -> tuple[int, int]:
+def shape(
+    panels: int,
+    natural: float,
+    least: float,
+    most: int | None = None,
+    *,
+    height_of: Callable[[int], float] | None = None,
+    narrowest: float = 1.5,
+) -> tuple[int, int]:
     """The rows and columns of a grid of panels, at least one of each.
 
     Args:
@@ -211,9 +227,20 @@ def shape(panels: int, natural: float, least: float, most: int | None = None) ->
         natural: natural width of the figure, inches.
         least: least width of a panel with its labels, inches, unless the style has `panel_columns`.
         most: the most panels in a row, likewise; by default all.
+        height_of: height of a row of panels, inches, by the number of columns. Where the figure would be
+            higher than a page there are more columns.
+        narrowest: least width of a panel there, inches.
     """
-    columns = current().panel_columns or min(most or panels, int(width_of(natural) / least))
-    columns = max(1, min(panels, columns))
+    if current().panel_columns:
+        columns = max(1, min(panels, current().panel_columns or 1))
+        return _rows_of(panels, columns), columns
+    width = width_of(natural)
+    columns = max(1, min(panels, most or panels, int(width / least)))
+    widest = min(panels, int(width / narrowest))
+    while height_of is not None and columns < widest:
+        if _rows_of(panels, columns) * height_of(columns) <= PAGE_HEIGHT:
+            break
+        columns += 1
     return _rows_of(panels, columns), columns
 
 

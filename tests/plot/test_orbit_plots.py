@@ -52,7 +52,7 @@ def test_without_exponents_there_are_no_lower_axes() -> None:
 
 
 def test_values_without_crossings_say_why() -> None:
-    """An undecided row leaves its value open, beside failed ones too; rest is an attractor without crossings."""
+    """An undecided row leaves its value open, beside failed ones too; at rest there are no crossings."""
     table = pd.DataFrame({"a": [1.0, 2.0, 2.0, 3.0, 4.0, 4.0], "x_end": 0.1})
     table["status"] = ["settled", "cycle_limit", "fell", "fell", "at_rest", "fell"]
     figure: Any = plot.orbit(table, x="a", y="x")

@@ -67,10 +67,16 @@ def basin(
     require_columns(table, x, y, hue, panels)
     values = sorted(table[panels].dropna().unique()) if panels else [None]
     values, title = theme.first_of(values, _MOST_PANELS, title)
-    rows, columns = theme.shape(len(values), theme.PAGE, 1.6, _PANELS_A_ROW)
     numeric = pd.api.types.is_numeric_dtype(table[hue])
-    width = theme.width_of(theme.COLUMN + 0.4 if columns == 1 else min(theme.PAGE, 2.4 * columns))
-    side = (width - (1.3 if numeric else 0.6)) / columns
+
+    def side_of(columns: int) -> float:
+        width = theme.width_of(theme.COLUMN + 0.4 if columns == 1 else min(theme.PAGE, 2.4 * columns))
+        return (width - (1.3 if numeric else 0.6)) / columns
+
+    # a square panel with headings of one or two lines
+    high: dict[str, Any] = {"height_of": lambda columns: side_of(columns) + 0.5, "narrowest": 1.0}
+    rows, columns = theme.shape(len(values), theme.PAGE, 1.6, _PANELS_A_ROW, **high)
+    side = side_of(columns)
     parts = [table if value is None else rows_where(table, table[panels] == value) for value in values]
     shown = outcome(table, hue)
     # a row that has not settled may be named twice: by the hue, and by its outcome
@@ -85,6 +91,7 @@ def basin(
     # without shares the legend has no caption, and more names beside each other
     legend = 0.75 if shares else 0.3 + 0.15 * math.ceil(len(key) / _NAMES_A_LINE)
     height = rows * (side + 0.35 + 0.14 * lines) + (0.35 if numeric else legend)
+    width = theme.COLUMN + 0.4 if columns == 1 else min(theme.PAGE, 2.4 * columns)
     with theme.canvas(width, height, title) as figure:
         if not len(table):
             theme.message(figure.add_subplot(), "no rows yet")

@@ -63,7 +63,7 @@ def return_map(
     values = sorted(table[panels].dropna().unique()) if panels else []
     values, title = theme.first_of(values or [None], _MOST_PANELS, title)
     form = form or ("change" if _near_the_diagonal(table, name) else "next")
-    down, across = theme.shape(len(values), theme.PAGE, 2.0, _PANELS_A_ROW)
+    down, across = theme.shape(len(values), theme.PAGE, 2.0, _PANELS_A_ROW, height_of=lambda _: 2.0)
     width = theme.PAGE if len(values) > 1 else theme.COLUMN + 1.2
     height = 2.3 if across > 1 else 1.7
     if len(values) == 1:
