@@ -6,8 +6,10 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+import pytest
 
 from gaitsweep import plot
+from gaitsweep.plot import PlotError
 
 
 def diagram_table() -> pd.DataFrame:
@@ -49,6 +51,15 @@ def test_without_exponents_there_are_no_lower_axes() -> None:
     table = diagram_table().drop(columns=["lyapunov_1", "lyapunov_1_error"])
     assert len(plot.orbit(table, x="a", y="x").axes) == 1
     assert len(plot.orbit(table.iloc[:0], x="a", y="x").axes) == 1
+
+
+def test_rows_of_another_parameter_are_not_drawn_over_each_other() -> None:
+    """Points of two systems look like one that has two attractors."""
+    table = pd.DataFrame({"row": [0, 1], "a": [1.0, 1.0], "b": [0.2, 0.3], "status": "settled", "x_end": 0.1})
+    table.attrs["job"] = {"model": "gaitsweep.examples.henon:Henon"}
+    with pytest.raises(PlotError, match=r'differ in b, too, .*table\[table\["b"\] == 0\.2\]'):
+        plot.orbit(table, x="a", y="x")
+    assert len(plot.orbit(table.iloc[:1], x="a", y="x").axes) == 1
 
 
 def test_values_without_crossings_say_why() -> None:

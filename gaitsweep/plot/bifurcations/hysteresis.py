@@ -26,17 +26,14 @@ from gaitsweep.plot.bifurcations.passes import (
     DOWN,
     LINES,
     MARKER,
-    MOST_PANELS,
     UP,
     Columns,
     Panel,
     draw_passes,
     draw_strip,
     irregular_parted,
-    is_compared,
     panels_of,
     panels_of_second,
-    too_many_panels,
     while_moving,
 )
 from gaitsweep.plot.column_labels import described, symbol, written
@@ -44,6 +41,7 @@ from gaitsweep.plot.columns import PlotError, column, moved_parameter, origin_of
 from gaitsweep.plot.figure_style import current
 from gaitsweep.plot.kind import PlannedTable, Refusal, figure_kind
 from gaitsweep.plot.provenance_marks import STRIP
+from gaitsweep.plot.varying_parameters import MOST_PANELS, is_compared, too_many_panels
 from gaitsweep.schema.numbers import Positive, Real, Text
 
 _PANELS_A_ROW = 3

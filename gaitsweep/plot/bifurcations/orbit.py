@@ -16,7 +16,8 @@ from gaitsweep.plot import theme
 from gaitsweep.plot.arguments import AlongAxis, Observed, Title
 from gaitsweep.plot.column_labels import described
 from gaitsweep.plot.columns import column, is_angle, log_axes, require_columns, rows_where
-from gaitsweep.plot.kind import check_parameter, figure_kind
+from gaitsweep.plot.kind import figure_kind
+from gaitsweep.plot.varying_parameters import check_one_parameter, require_one_system
 from gaitsweep.status import Outcome, Status
 
 _EXPONENT = "lyapunov_1"
@@ -32,7 +33,7 @@ _ERRORS = 2.0  # standard errors of the exponent that are drawn
 _MANY = 200  # rows from which on points are smaller
 
 
-@figure_kind("settle", check=check_parameter, coloured="none")
+@figure_kind("settle", check=check_one_parameter, coloured="none")
 def orbit(
     table: pd.DataFrame,
     *,
@@ -55,6 +56,7 @@ def orbit(
     """
     name = column(table, y, ("_end", ""))
     require_columns(table, x, "status")
+    require_one_system(table, x)
     exponents = _EXPONENT in table and bool(np.isfinite(table[_EXPONENT].to_numpy(float)).any())
     with theme.canvas(theme.COLUMN + 1.6, 4.6 if exponents else 3.4, title) as figure:
         heights = [2.2, 1.0] if exponents else [1.0]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.patches import FancyArrowPatch, Patch
 from matplotlib.transforms import ScaledTranslation
 
-from gaitsweep.analysis.records import axes_of, sound
+from gaitsweep.analysis.records import sound
 from gaitsweep.analysis.transitions.jumps import (
     LEAST_JUMP,
     STEEPER,
@@ -26,14 +26,13 @@ from gaitsweep.angles import unwrap_from
 from gaitsweep.plot import theme
 from gaitsweep.plot.column_labels import symbol, unit_of, written
 from gaitsweep.plot.columns import PlotError, column, rows_where
-from gaitsweep.plot.limbs import model_of
 from gaitsweep.plot.provenance_marks import remarks
+from gaitsweep.plot.varying_parameters import MOST_PANELS, too_many_panels, varying_parameters
 from gaitsweep.table import TableError, load
 
 UP, DOWN = "#E69F00", "#0072B2"  # distinct for colour-blind readers, and in lightness
 LINES: dict[str, Any] = {UP: "-", DOWN: (0, (4, 2))}
 MARKER: dict[str, Any] = {"ms": 5.0, "mew": 0.9}  # points: large enough to be seen as hollow in 85 mm
-MOST_PANELS = 12
 _GRID = 201  # values of the parameter at which two passes are compared
 _MOST_NAMED = 5  # jumps of one direction in the legend
 _FAINT = 4  # rows: more are drawn fainter
@@ -81,40 +80,13 @@ def panels_of(table: pd.DataFrame, panels: str | None, *, beside: bool) -> list[
     combinations = table.drop_duplicates(names).dropna(subset=names).sort_values(names)
     values = [{name: record[name] for name in names} for record in combinations.to_dict("records")]
     if len(values) > MOST_PANELS and names != [panels]:
-        raise PlotError(too_many_panels(names, len(values), f"{values[-1][names[-1]]}"))
+        raise PlotError(too_many_panels(names, len(values), values[-1][names[-1]]))
     several = []
     for of_panel in values:
         of_values = (table[names] == pd.Series(of_panel)).all(axis=1)
         heading = ", ".join(written(table, name, value) for name, value in of_panel.items())
         several.append(Panel(heading + pace, rows_where(table, of_values)))
     return several or [Panel("", table)]
-
-
-def varying_parameters(table: pd.DataFrame) -> list[str]:
-    """The parameters of a table's model that differ between its rows, without the seeds of an ensemble.
-
-    Rows that differ in starts and seeds are passes of one system, and belong into one panel; rows that differ
-    in a parameter do not. A table without a known model has none.
-    """
-    model = model_of(table)
-    parameters = {quantity.name for quantity in model.parameters} if model is not None else set()
-    return [
-        name for name in axes_of(table) if is_compared(name, parameters) and len(table[name].unique()) > 1
-    ]
-
-
-def is_compared(name: str, parameters: Collection[str]) -> bool:
-    """Whether an axis is one of the parameters, whose values have a panel each, and no seed."""
-    return name in parameters and not name.endswith("seed")
-
-
-def too_many_panels(names: Sequence[str], count: int, value: str) -> str:
-    """The sentence about a figure whose rows differ in parameters with too many combinations."""
-    differ = " and ".join(names)
-    return (
-        f"The rows differ in {differ}, in {count} combinations, and each has a panel, of which a figure has "
-        f'{MOST_PANELS} at most: keep some of the rows, such as table[table["{names[-1]}"] == {value}].'
-    )
 
 
 def panels_of_second(
