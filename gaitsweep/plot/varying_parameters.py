@@ -73,8 +73,8 @@ def check_one_system(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
         yield (
             (field,),
             (
-                f"leaves out {differ}, in which the rows differ, too: fix its value under params, or draw the figure "
-                "in Python from the rows of one value."
+                f"leaves out {differ}, in which the rows differ, too: fix its value under params, or draw "
+                "the figure in Python from the rows of one value."
             ),
         )
 

@@ -101,7 +101,7 @@ def jumps(
 
 
 def largest_jumps(
-    table: pd.DataFrame, observable: str, parameter: str, least: float = LEAST_JUMP
+    table: pd.DataFrame, observable: str, parameter: str, least: float | None = LEAST_JUMP
 ) -> pd.DataFrame:
     """The largest of the `jumps` of each row and pass, in the same columns, without `irregular_passes`.
 
@@ -112,7 +112,10 @@ def largest_jumps(
         AnalysisError: the table does not have a column.
     """
     all_jumps = jumps(table, observable, parameter, least)
-    irregular = _irregular(all_jumps, table, observable, parameter, least)
+    if least is None:  # as in `jump_intervals`
+        irregular = irregular_passes(table, observable, parameter)
+    else:
+        irregular = _irregular(all_jumps, table, observable, parameter, least)
     steady = _without_passes(all_jumps, irregular)
     largest = steady.assign(height=steady["size"].abs()).sort_values("height", kind="stable")
     return largest.drop_duplicates(["row", "pass"], keep="last").drop(columns="height").sort_index()
