@@ -31,6 +31,7 @@ from gaitsweep.plot.figure_style import MILLIMETRES, current, given_axes
 # Widths of figures in a paper, inches.
 COLUMN = MILLIMETRES["column"] / INCH
 PAGE = MILLIMETRES["page"] / INCH
+_TOO_HIGH = 11.0  # inches: an A4 page is 11.7 high
 _SIZES = {
     "axes.titlesize": 8.5,
     "axes.labelsize": 8.5,
@@ -169,6 +170,12 @@ def canvas(width: float, height: float, title: str | None = None) -> Iterator[Fi
                 break_lines(figure)  # broken labels may have made other panels narrower
             if requested.height is not None:
                 check_height(figure, height)
+        if figure.get_figheight() > _TOO_HIGH and requested.height is None:
+            warnings.warn(
+                f"This figure is {INCH * figure.get_figheight():.0f} mm high, more than a page: give it a "
+                "width of page, panel_columns or a height, or draw fewer panels, from a selection of rows.",
+                stacklevel=2,
+            )
 
 
 def width_of(natural: float) -> float:

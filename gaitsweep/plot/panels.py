@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, TypeVar, cast
 
 import matplotlib as mpl
@@ -14,10 +14,19 @@ from gaitsweep.plot.canvas import width_of
 from gaitsweep.plot.figure_layout import wrapped
 from gaitsweep.plot.figure_style import current
 
+PAGE_HEIGHT = 7.0  # inches: of all panels above each other, so that a figure is about 200 mm high at most
 Panel = TypeVar("Panel")
 
 
-def shape(panels: int, natural: float, least: float, most: int | None = None) -> tuple[int, int]:
+def shape(
+    panels: int,
+    natural: float,
+    least: float,
+    most: int | None = None,
+    *,
+    height_of: Callable[[int], float] | None = None,
+    narrowest: float = 1.5,
+) -> tuple[int, int]:
     """The rows and columns of a grid of panels, at least one of each.
 
     Args:
@@ -25,9 +34,20 @@ def shape(panels: int, natural: float, least: float, most: int | None = None) ->
         natural: natural width of the figure, inches.
         least: least width of a panel with its labels, inches, unless the style has `panel_columns`.
         most: the most panels in a row, likewise; by default all.
+        height_of: height of a row of panels, inches, by the number of columns. Where the figure would be
+            higher than a page there are more columns.
+        narrowest: least width of a panel there, inches.
     """
-    columns = current().panel_columns or min(most or panels, int(width_of(natural) / least))
-    columns = max(1, min(panels, columns))
+    if requested := current().panel_columns:
+        columns = max(1, min(panels, requested))
+        return rows_of(panels, columns), columns
+    width = width_of(natural)
+    columns = max(1, min(panels, most or panels, int(width / least)))
+    widest = min(panels, int(width / narrowest))
+    while height_of is not None and columns < widest:
+        if rows_of(panels, columns) * height_of(columns) <= PAGE_HEIGHT:
+            break
+        columns += 1
     return rows_of(panels, columns), columns
 
 

@@ -27,6 +27,7 @@ from gaitsweep.plot.gait_looks import ordered as ordered
 from gaitsweep.plot.legend import grow as grow
 from gaitsweep.plot.legend import legend as legend
 from gaitsweep.plot.legend import percent as percent
+from gaitsweep.plot.panels import PAGE_HEIGHT as PAGE_HEIGHT
 from gaitsweep.plot.panels import first_of as first_of
 from gaitsweep.plot.panels import label_panels as label_panels
 from gaitsweep.plot.panels import message as message

@@ -23,7 +23,6 @@ from gaitsweep.table.atomic_files import (
     writing,
 )
 from gaitsweep.table.directory import ResultDirectory
-from gaitsweep.table.frames import same_categories
 from gaitsweep.table.memory import MemoryTable
 from gaitsweep.table.parquet_parts import EncodedPart
 from gaitsweep.table.reading import Snapshot, load, load_parts, load_with_snapshot
@@ -45,6 +44,5 @@ __all__ = [
     "read_file",
     "reason",
     "replace_file",
-    "same_categories",
     "writing",
 ]

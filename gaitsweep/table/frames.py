@@ -153,44 +153,6 @@ def _categories(names: tuple[str, ...]) -> pd.CategoricalDtype:
     return pd.CategoricalDtype(list(names))
 
 
-def same_categories(*tables: pd.DataFrame) -> list[pd.DataFrame]:
-    """Return tables in which columns of one name, such as `gait`, have the same categories in the same order.
-
-    Of columns with other categories `pandas.concat` and `merge` make plain text, whose order is alphabetical.
-
-    Args:
-        tables: tables of results. Each keeps its units and provenance in `.attrs`; `pandas.concat` keeps only
-            those that are equal in all of its tables.
-
-    Returns:
-        The tables. Their categories are those of the first one, then new ones of the others; outcomes that
-        are no gaits are the last.
-
-    Example:
-        >>> import pandas as pd, gaitsweep as gs
-        >>> slow = pd.DataFrame({"gait": pd.Categorical(["walk"], ["walk", "trot", "none"])})
-        >>> fast = pd.DataFrame({"gait": pd.Categorical(["gallop"], ["walk", "gallop", "none"])})
-        >>> pd.concat(gs.same_categories(slow, fast))["gait"].cat.categories.tolist()
-        ['walk', 'trot', 'gallop', 'none']
-    """
-    joined: dict[str, dict[str, None]] = {}
-    for name in dict.fromkeys(name for table in tables for name in table.columns):
-        columns = [table[name] for table in tables if name in table.columns]
-        if any(isinstance(column.dtype, pd.CategoricalDtype) for column in columns):
-            for column in columns:
-                of_column = getattr(column.dtype, "categories", None)
-                found = column.dropna().unique() if of_column is None else of_column
-                joined.setdefault(name, {}).update(dict.fromkeys(found))
-    dtypes = {
-        name: pd.CategoricalDtype(sorted(found, key=lambda value: value in set(Outcome)))
-        for name, found in joined.items()
-    }
-    return [
-        table.astype({name: dtype for name, dtype in dtypes.items() if name in table.columns})
-        for table in tables
-    ]
-
-
 def _near_column(path: Path, name: str) -> str:
     """Return the end of the message about an unknown column."""
     file = next(iter(sorted((path / TABLE).glob("part-*.parquet"))))

@@ -28,6 +28,7 @@ from gaitsweep.table import Snapshot
 from tests.support import ROOT
 from tests.support.hysteresis_tables import map_table, staircase_table
 from tests.support.plot_tables import legend_texts, rendered, settle_table
+from tests.support.text_boxes import text_problems
 
 BASIN = {"x": "psi_1", "y": "psi_2", "panels": "psi_3"}
 JOB: dict[str, Any] = {
@@ -141,6 +142,19 @@ def test_periods_of_an_atlas_have_colours_and_no_gait_has() -> None:
         plot.draw("atlas", ball, colours={"none": "red"})
     with pytest.raises(PlotError, match=r"names no gait .*did you mean period"):
         plot.draw("road_map", ball, y="phase", colours={"period 7": "red"})
+
+
+def test_letters_stand_above_headings_that_leave_them_no_room() -> None:
+    """A heading wider than its panel reaches over the letter's place, so all letters are above it."""
+    narrow: dict[str, Any] = {"width": "column", "panel_columns": 3}
+    figure = plot.draw("basin", settle_table(), **BASIN, panel_letters=True, **narrow)
+    assert text_problems(figure) == []
+    for axes in figure.axes[:3]:
+        (letter,) = axes.texts
+        assert letter.get_window_extent().y0 >= axes.title.get_window_extent().y1
+    wide = plot.draw("basin", settle_table(), **BASIN, panel_letters=True, shares=False, width="page")
+    wide.draw_without_rendering()
+    assert wide.axes[0].texts[0].get_window_extent().y0 < wide.axes[0].title.get_window_extent().y1
 
 
 def test_letters_of_one_panel_and_letters_that_are_chosen() -> None:

@@ -101,7 +101,7 @@ def jumps(
 
 
 def largest_jumps(
-    table: pd.DataFrame, observable: str, parameter: str, least: float = LEAST_JUMP
+    table: pd.DataFrame, observable: str, parameter: str, least: float | None = LEAST_JUMP
 ) -> pd.DataFrame:
     """The largest of the `jumps` of each row and pass, in the same columns, without `irregular_passes`.
 
@@ -112,7 +112,10 @@ def largest_jumps(
         AnalysisError: the table does not have a column.
     """
     all_jumps = jumps(table, observable, parameter, least)
-    irregular = _irregular(all_jumps, table, observable, parameter, least)
+    if least is None:  # as in `jump_intervals`
+        irregular = irregular_passes(table, observable, parameter)
+    else:
+        irregular = _irregular(all_jumps, table, observable, parameter, least)
     steady = _without_passes(all_jumps, irregular)
     largest = steady.assign(height=steady["size"].abs()).sort_values("height", kind="stable")
     return largest.drop_duplicates(["row", "pass"], keep="last").drop(columns="height").sort_index()
@@ -170,13 +173,21 @@ def courses(table: pd.DataFrame, observable: str, parameter: str) -> Iterator[Co
         table, observable, parameter: as for `jumps`.
 
     Raises:
-        AnalysisError: the table does not have a column, or its values are not numbers.
+        AnalysisError: the table does not have a column, its values are not numbers, or rows of several tables
+            have the same number.
     """
     name = section_column(table, observable)
     stairs = "stair" in table.columns
     order = "stair" if stairs else "crossing"
     require(table, "row", "pass", order)
     require_numbers(table, name, parameter)
+    repeated = table.duplicated(["row", order]).to_numpy()
+    if repeated.any():
+        row, number = table.iloc[int(repeated.argmax())][["row", order]]
+        raise AnalysisError(
+            f"Row {row} has several records of {order} {number}, as after pandas.concat of tables whose rows "
+            "have the same numbers: join results by gs.concat."
+        )
     table = table.sort_values(["row", order], kind="stable")
     circular = is_circular(table, name)
     table = table.loc[sound(table, name, parameter)]
