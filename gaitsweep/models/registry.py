@@ -22,6 +22,7 @@ from gaitsweep.own_modules import Stamp, data_files, installed, line_of, modules
 from gaitsweep.schema.diagnostics import JobError
 from gaitsweep.shipped import EXAMPLES
 
+_MOST_DESCRIBED = 3  # members that a class lacks, each with its meaning in the message
 _OWN_MODEL_HINT = "write your own model as package.module:attribute, or as the path of a model file (.yaml)"
 # classes that no module gives, such as those of a notebook's cells, by the name that a job has for them
 _SESSION_CLASSES: weakref.WeakValueDictionary[str, type[Model]] = weakref.WeakValueDictionary()
@@ -221,8 +222,10 @@ def _as_model(name: str, member: object) -> type[Model]:
     if not inspect.isclass(member) or not issubclass(member, (HybridModel, SteppedModel)):
         raise ModelError(f"is {name}, which is not a model: derive it from HybridModel or SteppedModel.")
     if inspect.isabstract(member):
-        missing = "; ".join(_described_member(member, key) for key in sorted(member.__abstractmethods__))
-        raise ModelError(f"is {name}, which is not a complete model: it lacks {missing}.")
+        missing = sorted(member.__abstractmethods__)
+        few = len(missing) <= _MOST_DESCRIBED
+        lacks = "; ".join(_described_member(member, key) for key in missing) if few else ", ".join(missing)
+        raise ModelError(f"is {name}, which is not a complete model: it lacks {lacks}.")
     return member
 
 
