@@ -155,12 +155,21 @@ app.add_typer(analyse.app, name="analyse")
 
 
 @app.command()
-def info(directory: Directory) -> None:
+def info(
+    directory: Directory,
+    columns: Annotated[
+        bool, typer.Option("--columns", help="Print the unit and the meaning of each column instead.")
+    ] = False,
+) -> None:
     """Print the contents of a result directory and its provenance."""
     from gaitsweep.cli import show
     from gaitsweep.table import Snapshot
 
-    print(show.directory(Snapshot.of(directory)))
+    snapshot = Snapshot.of(directory)
+    if columns:
+        show.columns_of(snapshot)
+    else:
+        print(show.directory(snapshot))
 
 
 app.command()(examples)
@@ -243,11 +252,13 @@ def cite(
     """Print BibTeX entries and a sentence on methods."""
     from gaitsweep.runs.citation import citation_of, tool_entry
 
-    if directory is None:
-        print(tool_entry())
-        return
-    text, missing = citation_of(directory)
+    text, missing = (tool_entry(), []) if directory is None else citation_of(directory)
     print(text)
+    if "howpublished" in text:
+        print_message(
+            "gaitsweep has no DOI and no public address: the entry has its version, and the commit if known. "
+            "Name your source of it, if your journal asks for one."
+        )
     for sentence in missing:
         print_message(sentence)
 

@@ -56,6 +56,7 @@ def examples(
     if name is None:
         _list(known)
         return
+    name = name.removeprefix(BUILTIN)
     chosen = [example for example in known if name in (example.name, example.kind)]
     if not chosen:
         near = near_miss.suggestion(name, [*KINDS, *(example.name for example in known)])
@@ -80,11 +81,15 @@ def known_examples() -> list[Example]:
 
 def _with_its_files(job: Path) -> tuple[Path, ...]:
     """The model of an example's job, its MJCF file if it has one, and the job."""
-    files = [job.with_suffix(suffix) for suffix in (".py", ".xml", ".yaml")]
-    if of_file := re.search(r"^model: *(walkers/\w+\.yaml)", job.read_text(encoding="utf-8"), re.MULTILINE):
+    text = job.read_text(encoding="utf-8")
+    of_module = re.search(r"^model: *gaitsweep\.examples\.(\w+):", text, re.MULTILINE)
+    files = (
+        [job.with_name(of_module[1]).with_suffix(suffix) for suffix in (".py", ".xml")] if of_module else []
+    )
+    if of_file := re.search(r"^model: *(walkers/\w+\.yaml)", text, re.MULTILINE):
         model_file = job.parent / of_file[1]
         files += [model_file.with_suffix(".xml"), model_file]
-    return tuple(file for file in files if file.is_file())
+    return tuple(file for file in (*files, job) if file.is_file())
 
 
 def _list(known: list[Example]) -> None:

@@ -28,7 +28,8 @@ from gaitsweep.runs.sentences import (
     unsettled,
 )
 from gaitsweep.status import Status
-from gaitsweep.table import Snapshot
+from gaitsweep.table import Snapshot, TableError
+from gaitsweep.table.atomic_files import PARTS
 
 if TYPE_CHECKING:
     from gaitsweep.runs.estimate import Estimate
@@ -150,6 +151,21 @@ def directory(snapshot: Snapshot) -> str:
     for number, figure in enumerate(snapshot.figures):
         lines["figures" if number == 0 else " " * (8 + number)] = str(figure)
     return aligned(lines)
+
+
+def columns_of(snapshot: Snapshot) -> None:
+    """Print the unit and the meaning of each column of a run on disk."""
+    import pyarrow.parquet as pq  # which loads slowly
+
+    snapshot.require_sound()
+    if not snapshot.files.footers:
+        raise TableError(f"{snapshot.path} has no complete part yet: run its job further.")
+    schema = pq.read_schema(snapshot.files.folder / PARTS.name(min(snapshot.files.footers)))
+    described = [(field.name, field.metadata or {}) for field in schema]
+    rows = [
+        (name, *(known.get(key, b"").decode() for key in (b"unit", b"meaning"))) for name, known in described
+    ]
+    _print_table("", ("name", "unit", "meaning"), rows)
 
 
 def _of_manifest(manifest: Mapping[str, Any]) -> dict[str, str]:

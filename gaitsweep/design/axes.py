@@ -94,15 +94,18 @@ class Sobol(StrictModel):
         return RangeAxis(*self.sobol, RandomAxis(box, name))
 
 
+SampleMethod = Literal["random", "latin_hypercube", "sobol"]
+
+
 class Sample(StrictModel):
     """Points of a box that are drawn together."""
 
     n: PointCount = Field(description="number of points")
     seed: Seed = Field(default=0, description=_SEED)
-    method: Annotated[Literal["random", "sobol"], Word()] = Field(
+    method: Annotated[SampleMethod, Word()] = Field(
         default="random",
-        description="random: independent uniform points; sobol: one joint Sobol sequence, which covers the "
-        "box evenly, in place of Latin hypercube sampling",
+        description="random: independent uniform points; latin_hypercube: one point in each of n equal parts "
+        "of each range; sobol: one joint Sobol sequence, which covers the box evenly",
     )
     of: dict[Text, Ends] = Field(min_length=1, description="[low, high] by name")
 
@@ -192,7 +195,7 @@ class SampleBox:
     names: tuple[str, ...]
     count: int
     seed: int
-    method: Literal["random", "sobol"]
+    method: SampleMethod
 
     @cached_property
     def points(self) -> dict[str, Float[np.ndarray, " points"]]:
@@ -201,6 +204,8 @@ class SampleBox:
             # 53 of the 64 bits of each word, which are the bits of a float in [0, 1)
             shift = np.uint64(11)
             return {name: (_bits(self.seed, name, self.count) >> shift) * 2.0**-53 for name in self.names}
+        if self.method == "latin_hypercube":
+            return {name: _one_in_each_part(self.seed, name, self.count) for name in self.names}
         return _sobol(self.seed, list(self.names), self.count)
 
 
@@ -228,7 +233,7 @@ class RangeAxis:
 
     @property
     def drawn(self) -> bool:
-        """Whether its points are random or form a Sobol sequence; others have equal steps or ratios."""
+        """Whether its points are drawn from a sample; others have equal steps or ratios."""
         return isinstance(self.fraction, RandomAxis)
 
     @property
@@ -271,6 +276,14 @@ def _bits(seed: int, name: str, count: int) -> UInt[np.ndarray, " points"]:
     """Draw random 64-bit words, which no version of NumPy changes; each name has its own stream."""
     key = int.from_bytes(hashlib.sha256(f"{seed} {name}".encode()).digest()[:16], "big")
     return np.asarray(np.random.Philox(key=key).random_raw(count))
+
+
+def _one_in_each_part(seed: int, name: str, count: int) -> Float[np.ndarray, " points"]:
+    """Draw a point in each of `count` equal parts of [0, 1), in random order."""
+    bits = _bits(seed, name, 2 * count)
+    # 28 bits, so that a sum with the number of a part has no rounding error and stays below its end
+    within = (bits[:count] >> np.uint64(36)) * 2.0**-28
+    return (np.argsort(bits[count:], kind="stable") + within) / count
 
 
 def _sobol(seed: int, names: list[str], count: int) -> dict[str, Float[np.ndarray, " points"]]:

@@ -28,6 +28,7 @@ from gaitsweep.engine.kernel.trace import Tracer, UnsupportedError
 from gaitsweep.engine.leaves import dependences
 from gaitsweep.mathtext import can_be_set
 from gaitsweep.models.traced_program import unrepeatable
+from gaitsweep.own_modules import line_of
 
 _SCALAR = jax.ShapeDtypeStruct((), float)
 _NOT_TEX = "which Matplotlib cannot set: write TeX that it knows, and \\$ for a dollar."
@@ -95,6 +96,7 @@ def _trace_functions(model: Model) -> None:
         _require_event_functions(
             model, params, _bare_state(model)
         )  # before `init`, which takes their derivatives
+        _traced_result("period", model.period, params)  # which `init` reads, too
     try:
         state = _traced_result("init", model.init, params, start)
     except _Fault:
@@ -234,7 +236,8 @@ def _traced_result(name: str, function: Callable[..., Any], *args: Any) -> Any:
         advice = ""
         if isinstance(error, jax.errors.ConcretizationTypeError | jax.errors.TracerArrayConversionError):
             advice = " Use jnp.where instead of if, and jnp instead of math and numpy."
-        raise _Fault(f"{name} raises {type(error).__name__}: {reason.rstrip('.')}.{advice}") from error
+        kind = f"{type(error).__name__}{line_of(error)}"
+        raise _Fault(f"{name} raises {kind}: {reason.rstrip('.')}.{advice}") from error
 
 
 def _require_image(state: Any, image: Any) -> None:

@@ -18,10 +18,11 @@ from gaitsweep.contract import HybridModel, Model, SteppedModel
 from gaitsweep.engine.content import held_result
 from gaitsweep.errors import UserError
 from gaitsweep.extension import model_paths
-from gaitsweep.own_modules import Stamp, data_files, installed, modules_beside, modules_in, stamp_of
+from gaitsweep.own_modules import Stamp, data_files, installed, line_of, modules_beside, modules_in, stamp_of
 from gaitsweep.schema.diagnostics import JobError
 from gaitsweep.shipped import EXAMPLES
 
+_MOST_DESCRIBED = 3  # members that a class lacks, each with its meaning in the message
 _OWN_MODEL_HINT = "write your own model as package.module:attribute, or as the path of a model file (.yaml)"
 # classes that no module gives, such as those of a notebook's cells, by the name that a job has for them
 _SESSION_CLASSES: weakref.WeakValueDictionary[str, type[Model]] = weakref.WeakValueDictionary()
@@ -221,9 +222,21 @@ def _as_model(name: str, member: object) -> type[Model]:
     if not inspect.isclass(member) or not issubclass(member, (HybridModel, SteppedModel)):
         raise ModelError(f"is {name}, which is not a model: derive it from HybridModel or SteppedModel.")
     if inspect.isabstract(member):
-        missing = ", ".join(sorted(member.__abstractmethods__))
-        raise ModelError(f"is {name}, which is not a complete model: it lacks {missing}.")
+        missing = sorted(member.__abstractmethods__)
+        few = len(missing) <= _MOST_DESCRIBED
+        lacks = "; ".join(_described_member(member, key) for key in missing) if few else ", ".join(missing)
+        raise ModelError(f"is {name}, which is not a complete model: it lacks {lacks}.")
     return member
+
+
+def _described_member(model_class: type, name: str) -> str:
+    """A member that a class lacks, as "period(self, params), the nominal period of a cycle (s)"."""
+    member = inspect.getattr_static(model_class, name)
+    arguments = "" if isinstance(member, property) else f"({', '.join(inspect.signature(member).parameters)})"
+    about = (inspect.getdoc(member) or "").partition("\n")[0]
+    if not about:
+        return f"{name}{arguments}"
+    return f"{name}{arguments}, {about[0].lower()}{about[1:].partition(';')[0].rstrip('.')}"
 
 
 def _import(name: str, module_name: str, folders: list[Path]) -> object:
@@ -247,8 +260,8 @@ def _import(name: str, module_name: str, folders: list[Path]) -> object:
 
 
 def _reason_raised(error: BaseException) -> str:
-    """Format an exception by its type and message."""
-    return f"{type(error).__name__}: {str(error).rstrip('.')}."
+    """Format an exception by its type, its line in a user's file, and its message."""
+    return f"{type(error).__name__}{line_of(error)}: {str(error).rstrip('.')}."
 
 
 def _reason_not_found(module_name: str, missing: str | None, folders: list[Path]) -> str | None:

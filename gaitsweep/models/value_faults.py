@@ -17,6 +17,7 @@ from jaxtyping import Array, Bool, Float, Int, Shaped
 from gaitsweep.contract import FixedStepDynamics, HybridModel, Model, Quantity
 from gaitsweep.dynamics.declared import Declared
 from gaitsweep.dynamics.declared_model import ARMING
+from gaitsweep.dynamics.footfalls import Footfalls
 from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.kernel.row_functions import over_rows
 from gaitsweep.expression import ExpressionError, resolve
@@ -278,6 +279,7 @@ def _faults_of_begun(model: Model, at_starts: _AtStarts, where: Where) -> Iterat
     }
     for name, values in numbers.items():
         yield from _non_finite_faults(name, values, where)
+    yield from _clock_faults(model, at_starts, where)
     for field, old in at_starts.state.items():
         new = at_starts.still[field]
         row = _first_row((np.asarray(old) != new) & ~(np.isnan(old) & np.isnan(new)))
@@ -286,6 +288,19 @@ def _faults_of_begun(model: Model, at_starts: _AtStarts, where: Where) -> Iterat
             yield f"{text}: use jnp.where(fired[i], ...)."
     if (row := _first_row(at_starts.closes)) is not None:
         yield f"but its function section closes a cycle although no event has fired{where(row)}."
+
+
+def _clock_faults(model: Model, at_starts: _AtStarts, where: Where) -> Iterator[str]:
+    """A rate other than 1 of the clock of footfalls, whose strides it would scale."""
+    rates = at_starts.rates
+    declarations = model.original.declarations if isinstance(model.original, Declared) else {}
+    for feet in declarations.values():
+        if rates is None or not isinstance(feet, Footfalls) or feet.clock not in rates:
+            continue
+        rate = np.asarray(rates[feet.clock])
+        if (row := _first_row(np.isfinite(rate) & (rate != 1.0))) is not None:
+            clock = f"the rate {rate[row]:g} of {feet.clock}{where(row)}"
+            yield f"but its function flow returns {clock}, the clock of its footfalls: return 1.0."
 
 
 def _range_faults(model: Model, at_starts: _AtStarts, points: tuple[Any, Any], where: Where) -> Iterator[str]:

@@ -17,7 +17,7 @@ from jaxtyping import Float
 from gaitsweep import models
 from gaitsweep.angles import wrapped_difference
 from gaitsweep.contract import HybridModel, Model, Params, State
-from gaitsweep.dynamics.declarations import mode, observable
+from gaitsweep.dynamics.declarations import Variable, mode, observable
 from gaitsweep.dynamics.declared_model import DeclaredModel
 from gaitsweep.dynamics.event_declarations import SingleEvent
 from gaitsweep.errors import UserError
@@ -183,12 +183,20 @@ class _TriedRows:
 
     def _events_that_never_happened(self) -> list[str]:
         """Return a sentence about the events that happened in no row, or about an uncrossed section."""
-        if not self._crossed_section:
-            return ["No row crossed the section: look at the sign of its function, and at the starts."]
         model = self.model
         first_row = {name: jnp.asarray(column[0]) for name, column in self.values.items()}
         params = model.params(first_row)
         start = model.init(params, first_row)
+        if not self._crossed_section:
+            advice = "look at the sign of its function, and at the starts"
+            declared = model.declarations.items() if isinstance(model, DeclaredModel) else ()
+            rates = model.flow(params, start) if isinstance(model, DeclaredModel) else {}
+            at_rest = [
+                name for name, quantity in declared if isinstance(quantity, Variable) and name not in rates
+            ]
+            if at_rest:
+                advice += f"; flow returns no rate of {', '.join(at_rest)}"
+            return [f"No row crossed the section: {advice}."]
         never = []
         for number, event in enumerate(_counted_events(model), 1):
             counts = self.table[f"{_COUNT}_{number}_end"].to_numpy(float)

@@ -154,6 +154,8 @@ def status_sentence(status: str, job: Mapping[str, Any], periods: Mapping[str, i
         ]
         return f"The state at the section repeats: {', '.join(orbits)}."
     sentence = Status[status].sentence if status in Status.__members__ else ""
+    if status == Status.complete.name and run.get("kind") == "staircase":
+        return "All stairs were recorded; the column `settled` says at the end of which the gait had settled."
     if status == Status.time_limit.name:
         of_job, _, otherwise = sentence.removesuffix(".").partition(", or ")
         limit = run.get("max_time")

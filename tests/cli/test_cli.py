@@ -450,6 +450,9 @@ def test_info_describes_a_directory(finished: Path, capsys: Capture) -> None:
         "figures/basin.png",
     ):
         assert piece in text
+    assert main(["info", str(finished), "--columns"]) == 0
+    lines = [line.split() for line in capsys.readouterr().out.splitlines()]
+    assert ["status", "how", "the", "row", "ended"] in lines
     (finished / "table" / "part-00001.parquet").write_bytes(b"PAR1")
     assert main(["info", str(finished)]) == 0
     text = capsys.readouterr().out
@@ -466,6 +469,7 @@ def test_statuses_name_the_limits_of_the_job_and_the_periods() -> None:
         == "The row reached run.max_cycles, 150 cycles, without settling."
     )
     assert said("time_limit", {"max_time": 12.5}) == "The row reached run.max_time, 12.5 s."
+    assert "the column `settled`" in said("complete", {"kind": "staircase"})
     by_period = said("time_limit", {"max_time": None})
     assert by_period == "The row reached four nominal periods for each allowed cycle."
     fixed = said("settled", {}, periods={"1": 47})

@@ -96,14 +96,19 @@ def test_whole_steps_are_whole(count: int) -> None:
 
 
 @pytest.mark.slow
-@given(st.sampled_from(["random", "sobol"]), st.integers(0, 1000), st.integers(1, 300))
+@given(st.sampled_from(["random", "latin_hypercube", "sobol"]), st.integers(0, 1000), st.integers(1, 300))
 def test_drawn_points_fill_their_box(method: str, seed: int, count: int) -> None:
     of = {"mass": [1, 2], "preload": [3, 7]}
     columns = columns_of(toy(vary={"sample": {"n": count, "seed": seed, "method": method, "of": of}}))
     assert all(((low <= columns[name]) & (columns[name] < high)).all() for name, (low, high) in of.items())
     swapped = dict(reversed(of.items()))
     again = columns_of(toy(vary={"sample": {"n": count, "seed": seed, "method": method, "of": swapped}}))
-    if method == "random":  # each name has a stream of its own, whatever stands beside it
+    if method == "latin_hypercube":
+        parts = [
+            np.floor((columns[name] - low) / (high - low) * count + 1e-9) for name, (low, high) in of.items()
+        ]
+        assert all(sorted(part) == list(range(count)) for part in parts)
+    if method != "sobol":  # each name has a stream of its own, whatever stands beside it
         assert all(np.array_equal(columns[name], again[name]) for name in of)
 
 
@@ -123,7 +128,7 @@ def test_draws_depend_on_the_name_and_the_seed() -> None:
     assert drawn("mass", 0) != drawn("mass", 1)
 
 
-def test_sobol_is_more_even_than_random() -> None:
+def test_sobol_and_latin_hypercube_are_more_even_than_random() -> None:
     def discrepancy(method: str) -> float:
         of = {"mass": [1, 2], "preload": [1, 2]}
         columns = columns_of(toy(vary={"sample": {"n": 256, "method": method, "of": of}}))
@@ -131,6 +136,7 @@ def test_sobol_is_more_even_than_random() -> None:
 
     # About 4e-5 against 1e-3 at 256 points of a square: a broken shift would lose the factor of ten.
     assert discrepancy("sobol") < 0.1 * discrepancy("random")
+    assert discrepancy("latin_hypercube") < 0.5 * discrepancy("random")
 
 
 def test_memory_does_not_grow_with_the_rows() -> None:

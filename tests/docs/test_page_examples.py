@@ -48,20 +48,17 @@ def test_references_in_pages_are_the_packages() -> None:
 
 
 @pytest.mark.slow
-def test_observables_and_hysteresis_of_an_own_class(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The classes and the job of docs/own_model.md, in files with the names in their first lines."""
+def test_observables_of_own_classes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The classes of docs/own_model.md, in files with the names in their first lines."""
     for block in FENCE.findall((ROOT / "docs" / "own_model.md").read_text()):
-        if name := re.match(r"# (counted\.py|ordered\.py|history\.yaml)\n", block):
+        if name := re.match(r"# (counted\.py|ordered\.py)\n", block):
             (tmp_path / name[1]).write_text(block)
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)
-    history = gs.run("history.yaml", "history", overrides=["verify=0", "figures=[]", "run.dwell=40"]).table
-    points = gs.hysteresis(history, "turns").transition_points
-    assert points["direction"].tolist() == ["falling"]  # it does not come back
-    np.testing.assert_allclose(points["size"], -1.0, atol=0.01)
-    assert history.loc[history["pass"] == 1, "gait"].eq("1:1").all()
-    ordered = gs.Job(
-        name="x", model="ordered:Ordered", start=dict.fromkeys(("psi_1", "psi_2", "psi_3"), 0.0),
-        run=gs.FixedTime(duration=1e-3), verify=0,
-    )  # fmt: skip
-    assert "order_end" in gs.run(ordered, "ordered").table.columns
+    start = {"launch_0": 5.1, "phase_0": 1.5}
+    job = gs.Job(name="x", model="counted:Counted", start=start, run=gs.Settle(max_cycles=200), verify=0)
+    np.testing.assert_allclose(gs.run(job, "counted").table["turns_end"], 2.0, atol=1e-3)
+    at_zero = {f"psi_{i}": 0.0 for i in (1, 2, 3)}
+    job = gs.Job(name="x", model="ordered:Ordered", start=at_zero, run=gs.FixedTime(duration=1e-3), verify=0)
+    ordered = gs.run(job, "ordered")
+    assert "order_end" in ordered.table.columns

@@ -24,6 +24,7 @@ from gaitsweep.dynamics.footfalls import (
     support_patterns,
 )
 from gaitsweep.models.conformity import fault
+from gaitsweep.models.value_faults import faults
 
 # Touchdowns as shares of a stride, in the order of `LEGS`, and the duty factor, of gaits as their sources
 # describe them. Fours are LF, RF, LH, RH; sixes L1, R1, L2, R2, L3, R3.
@@ -237,6 +238,17 @@ def test_footfalls_that_have_no_names_are_refused() -> None:
         feet = footfalls("time", legs=LEGS[4])(lambda self, p, s: s.down.astype(float))
 
     assert "must return (4,) of bool, one for each of LF, RF, LH, RH" in (fault(Numbers()) or "")
+
+
+def test_a_clock_of_another_rate_is_a_fault() -> None:
+    """Its strides would be twice as long."""
+
+    class Doubled(Quadruped):
+        def flow(self, p, s):
+            return {"phase": p.omega * jnp.ones(4), "time": 2.0}
+
+    (message,) = faults(Doubled)
+    assert "flow returns the rate 2 of time" in message
 
 
 def test_contacts_of_a_step_or_two_do_not_count() -> None:
