@@ -14,10 +14,10 @@ import pandas as pd
 from gaitsweep.engine.sweep.sweep import OpenRows, Timings, sweep
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.runs.prepare import RunContext
+from gaitsweep.runs.progress import COMPILING
 from gaitsweep.table import ResultDirectory
 
 Part = TypeVar("Part")  # an encoded block
-COMPILING = "compiling"  # the note until something is measured
 
 
 def compute_blocks(
