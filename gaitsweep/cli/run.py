@@ -250,7 +250,9 @@ def running(
     from gaitsweep.cli.progress import stoppable_progress
 
     try:
-        with stoppable_progress(unit) as on_progress, contextlib.ExitStack() as stack:
+        # the processes of workers would outlive this one
+        stopped = (lambda: _stopped(name, out)) if cluster is None else None
+        with stoppable_progress(unit, stopped) as on_progress, contextlib.ExitStack() as stack:
             workers = None
             if cluster is not None:
                 from gaitsweep.runs.cluster.cluster_option import connection_to

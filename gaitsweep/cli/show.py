@@ -51,6 +51,10 @@ def estimate(needs: Estimate) -> str:
         records += f", {needs.records_longer} if each branch folds twice"
     if needs.seconds_most > 1.05 * needs.seconds:
         time += f", at most {duration(needs.seconds_most)} (measured on the first rows)"
+    if needs.self_check_s > 0.05 * needs.seconds:
+        rows = f"{needs.self_check_rows} row{'s' * (needs.self_check_rows != 1)}"
+        check = f"about {duration(needs.self_check_s)} for the self-check of {rows}"
+        time += f"; of these {check} (`verify: 0` turns it off)"
     refined = f", about {needs.simulated} of them simulated" if needs.simulated < needs.rows else ""
     lines = {"rows": f"{needs.rows} in {needs.blocks} block{'s' * (needs.blocks != 1)}{refined}"}
     if needs.records > needs.rows:

@@ -28,6 +28,7 @@ import numpy as np
 from jaxlib.version import __version__ as jaxlib_version
 
 from gaitsweep.cache_folder import cache_folder, load_cached, store_cached
+from gaitsweep.compilation import compiling
 from gaitsweep.contract import Model, SteppedModel
 from gaitsweep.engine.content_reader import ContentReader, is_user_module
 from gaitsweep.own_modules import modules_beside
@@ -214,12 +215,14 @@ def stored(name: str, model: Model, others: tuple[Any, ...], compute: Callable[[
     content = lasting_content(model, name, *others)
     folder = None if content is None else cache_folder("programs")
     if folder is None:
-        return json.loads(json.dumps(compute()))
+        with compiling():
+            return json.loads(json.dumps(compute()))
     key = repr((content, _SOURCES, _VERSIONS, _settings()))
     file = folder / f"{name}_{hashlib.sha256(key.encode()).hexdigest()[:32]}"
     text = load_cached(file)
     if text is None:
-        text = json.dumps(compute()).encode()
+        with compiling():
+            text = json.dumps(compute()).encode()
         # files that tracing reads are known only afterwards, and change the content
         if lasting_content(model, name, *others) == content:
             store_cached(file, text)

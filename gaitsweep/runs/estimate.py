@@ -19,6 +19,7 @@ from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.job import Job
 from gaitsweep.kinds.run_kind import TableRunKind, table_columns
 from gaitsweep.runs.prepare import RunContext, nominal_period, prepare
+from gaitsweep.runs.sampled_rows import finer_share, is_checked, rows_to_repeat
 from gaitsweep.status import Status
 from gaitsweep.table.parquet_parts import part_bytes
 
@@ -44,7 +45,7 @@ class Estimate:
         blocks: the number of parts.
         memory_bytes: the largest memory of this process.
         disk_bytes: the size of the table.
-        seconds: the likely time, as all times with `compile_s`.
+        seconds: the likely time, as all times with `compile_s` and `self_check_s`.
         seconds_longer: that of rows whose branches fold.
         seconds_most: the time if all rows run to their limits.
         lanes: trajectories at a time.
@@ -52,6 +53,8 @@ class Estimate:
         engine: the engine's name.
         steps: the attempts of all rows.
         compile_s: the time of compilation (s).
+        self_check_s: the time of the self-check (s), which the others include.
+        self_check_rows: the rows that it reruns.
     """
 
     rows: int
@@ -69,6 +72,8 @@ class Estimate:
     engine: str
     steps: float
     compile_s: float
+    self_check_s: float
+    self_check_rows: int
 
 
 def estimate(job: Job) -> Estimate:
@@ -77,13 +82,16 @@ def estimate(job: Job) -> Estimate:
     Raises:
         RunError: a device or an engine that the job asks for is not available.
     """
-    context = prepare(job)
+    began = time.perf_counter()
+    context = prepare(job)  # which traces the model
+    traced_s = time.perf_counter() - began
     spec = context.spec
     pool = LaneScheduler(spec, range(math.ceil(spec.n_rows / spec.block)))
     try:
         pace = _measured(context, pool)
     finally:
         pool.shut_down()
+    pace = dataclasses.replace(pace, compile_s=pace.compile_s + traced_s)
     if isinstance(job.run, TableRunKind):  # the directions of derivatives fill its lanes
         compile_s = job.run.compile_time(context.design, spec)
         pace = dataclasses.replace(pace, at_a_time=1, compile_s=compile_s)
@@ -93,6 +101,14 @@ def estimate(job: Job) -> Estimate:
     # fewer rows than run at a time leave lanes idle, and take as long as these
     timed_rows = max(simulated, pace.at_a_time)
     timed_rows_most = max(spec.n_rows, pace.at_a_time)
+    self_check_rows = rows_to_repeat(context) if is_checked(context) else 0
+    self_check_s = 0.0
+    if self_check_rows:
+        # its programs for the states and the crossings of rows take about as long to compile as the run's own
+        attempts = cost.likely * (1.0 + 1.0 / finer_share(context))
+        timed_rows_again = max(self_check_rows, pace.at_a_time)
+        self_check_s = pace.compile_s + pace.seconds(timed_rows_again, attempts, spec)
+    fixed_s = pace.compile_s + self_check_s
     columns = table_columns(context.design, job.run)
     records_longer = cost.records if cost.longer_records is None else cost.longer_records
     block_bytes = min(spec.block, spec.n_rows) * records_longer * len(columns) * BYTES_A_NUMBER
@@ -108,14 +124,16 @@ def estimate(job: Job) -> Estimate:
         blocks=blocks,
         memory_bytes=int(_peak_memory() + 2 * block_bytes),
         disk_bytes=int(simulated_bytes + inferred_bytes + part_headers),
-        seconds=pace.compile_s + pace.seconds(timed_rows, cost.likely, spec),
-        seconds_longer=pace.compile_s + pace.seconds(timed_rows, cost.longer or cost.likely, spec),
-        seconds_most=pace.compile_s + pace.seconds(timed_rows_most, cost.most, spec),
+        seconds=fixed_s + pace.seconds(timed_rows, cost.likely, spec),
+        seconds_longer=fixed_s + pace.seconds(timed_rows, cost.longer or cost.likely, spec),
+        seconds_most=fixed_s + pace.seconds(timed_rows_most, cost.most, spec),
         lanes=spec.lanes,
         device=context.device,
         engine=context.engine,
         steps=simulated * cost.likely,
         compile_s=pace.compile_s,
+        self_check_s=self_check_s,
+        self_check_rows=self_check_rows,
     )
 
 

@@ -16,10 +16,10 @@ from gaitsweep.engine.sweep.sweep import Timings, sweep
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.kinds.run_kind import TableRunKind
 from gaitsweep.runs.prepare import RunContext
+from gaitsweep.runs.progress import COMPILING
 from gaitsweep.table import ResultDirectory
 
 Part = TypeVar("Part")  # an encoded block
-COMPILING = "compiling"  # the note until something is measured
 
 
 def compute_blocks(

@@ -19,7 +19,7 @@ from gaitsweep.job import Job
 from gaitsweep.runs.execute import RESULTS, run_job
 from gaitsweep.runs.executor import compute_blocks
 from gaitsweep.runs.prepare import RunContext, RunError, naming_the_file, prepare
-from gaitsweep.runs.progress import Progress
+from gaitsweep.runs.progress import COMPILING, Progress
 from gaitsweep.runs.provenance import check_program, continue_directory, differing
 from gaitsweep.runs.summary import describe
 from gaitsweep.table import ResultDirectory
@@ -174,5 +174,5 @@ def _run_missing(
             rate = now.share * rows / max(now.seconds, 1e-9)
             on_progress(now.done, rows, rate, now.share, f"of {total} rows")
 
-        on_progress(0, rows, 0.0, 0.0, "compiling")
+        on_progress(0, rows, 0.0, 0.0, COMPILING)
         compute_blocks(context, missing, encode, write, on_sweep_progress)

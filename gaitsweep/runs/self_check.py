@@ -40,7 +40,7 @@ from gaitsweep.kinds.run_kind import StartingPoints, TableRunKind
 from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.runs.observable_changes import changes, counted, sizes
 from gaitsweep.runs.prepare import RunContext, nominal_period
-from gaitsweep.runs.sampled_rows import CROSSINGS, LEAST_ROWS, finer_share, sample_rows
+from gaitsweep.runs.sampled_rows import CROSSINGS, LEAST_ROWS, finer_share, is_checked, sample_rows
 from gaitsweep.runs.self_check_result import SelfCheck
 from gaitsweep.runs.unstable_rests import unstable_rests
 from gaitsweep.status import RECURRENT, Status
@@ -88,9 +88,7 @@ def self_check(
         The result, None if the self-check is off or nothing is integrated; and the rows rerun with the same
         steps, for `compare_stored`.
     """
-    steps = fixed_step_scheme(context.spec.numerics.method, context.model)
-    exact = steps is not None and steps.is_return_map
-    if count == 0 or exact or not context.job.run.integrates:
+    if count == 0 or not is_checked(context):
         return None, None
     rows = sample_rows(context.design, count)
     check = SelfCheck(rows=rows.size, of=context.design.n_rows)

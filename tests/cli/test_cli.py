@@ -9,8 +9,10 @@ import json
 import os
 import re
 import resource
+import signal
 import subprocess
 import sys
+import time
 import types
 from collections.abc import Callable
 from pathlib import Path
@@ -27,6 +29,7 @@ from gaitsweep.cli import main
 from gaitsweep.cli.commands import app
 from gaitsweep.cli.progress import shown_progress
 from gaitsweep.cli.show import axes, duration, size
+from gaitsweep.compilation import compiling
 from gaitsweep.errors import Terminated, UserError
 from gaitsweep.job import Job
 from gaitsweep.runs.progress import progress_lines
@@ -110,6 +113,7 @@ class FakeRunner(types.ModuleType):
             seconds=185.0,
             seconds_longer=185.0,
             seconds_most=185.0,
+            self_check_s=0.0,
             lanes=256,
             device="cpu",
             engine="xla",
@@ -352,6 +356,42 @@ def test_the_bar_shows_rows_rate_and_note() -> None:
         assert piece in shown
     assert "2.4 million steps/s; 2048 rows so far: 1500 trot" in shown
     assert max(len(line) for line in re.sub(r"\x1b\[[0-9;?]*[A-Za-z]|\r", "\n", shown).splitlines()) <= 80
+
+
+def test_the_bar_says_that_the_main_thread_compiles(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("gaitsweep.cli.progress._SHOWN_AFTER", 0.0)
+    screen = io.StringIO()
+    with shown_progress(console=Console(file=screen, force_terminal=True, width=80)) as bar:
+        with compiling():
+            time.sleep(0.3)  # before the first progress
+        bar(0, 10, 0.0, 0.0, "0.1 million steps/s")
+    assert "compiling for 0 s" in screen.getvalue()
+    assert "0.1 million steps/s" in screen.getvalue()
+
+
+# Python's own handlers of signals wait for the end of such a function, as for LLVM's and XLA's.
+STOPPED_IN_COMPILED_CODE = """
+import hashlib, signal, time
+from gaitsweep.cli.progress import stoppable_progress
+from gaitsweep.compilation import compiling
+
+signal.signal(signal.SIGINT, signal.default_int_handler)
+with stoppable_progress("rows", lambda: "Stopped: 3 of 8 rows are safe."):
+    with compiling():
+        print("begun", flush=True)
+        hashlib.pbkdf2_hmac("sha256", b"", b"", 200_000_000)
+"""
+
+
+@pytest.mark.parametrize(("sent", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_stop_does_not_wait_for_a_compilation(sent: signal.Signals, code: int) -> None:
+    command = [sys.executable, "-c", STOPPED_IN_COMPILED_CODE]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    assert process.stdout.readline() == "begun\n"
+    process.send_signal(sent)
+    _, errors = process.communicate(timeout=20)
+    assert (process.returncode, errors) == (code, "Stopped: 3 of 8 rows are safe.\n")
 
 
 def test_without_a_terminal_progress_is_a_line_every_half_minute(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -131,8 +131,11 @@ class Tracer:
 
     def each(self, function: Callable[..., int], *arrays: Nodes) -> Nodes:
         """`function` of nodes, element by element, with broadcasting."""
-        shape = np.broadcast_shapes(*(a.shape for a in arrays))
-        columns = [np.broadcast_to(a, shape).ravel().tolist() for a in arrays]
+        shape = arrays[0].shape
+        if any(a.shape != shape for a in arrays):
+            shape = np.broadcast_shapes(*(a.shape for a in arrays))
+            arrays = tuple(np.broadcast_to(a, shape) for a in arrays)
+        columns = [a.ravel().tolist() for a in arrays]
         return np.array([function(*row) for row in zip(*columns, strict=True)], np.int64).reshape(shape)
 
     def apply(self, op: str, *arrays: Nodes) -> Nodes:

@@ -91,7 +91,10 @@ class ModelMap(FollowedMap):
 
     def follow(self, values: Values, at: Coordinates, modes: State) -> Image:
         params = self.params(values)
-        t, state, status = self.state(params, self.chart.from_coordinates(params, at, modes))
+        return self.ended(params, *self.state(params, self.chart.from_coordinates(params, at, modes)))
+
+    def ended(self, params: Params, t: Float[Array, ""], state: State, status: Integer) -> Image:
+        """The image of a point from the time (s), the state and the `ReturnStatus` of `state`, in JAX."""
         crossed = status == ReturnStatus.crossed
         status = jnp.where(crossed & ~self.chart.covers(params, state), ReturnStatus.elsewhere, status)
         status = jnp.where(crossed & self.model.failed(params, state), ReturnStatus.fell, status)

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Int
 
+from gaitsweep.compilation import compiling
 from gaitsweep.engine.recorders.recorder import RunningRows
 from gaitsweep.engine.sweep.blocks_of_rows import Block
 from gaitsweep.engine.sweep.engines import groups_on
@@ -108,7 +109,9 @@ class LaneScheduler:
         # consecutive rows go to different groups, so that a few rows use all devices
         order = np.lexsort((group_of, lanes))
         self._fill(group_of[order], lanes[order])
-        for group, output in self.advance_all(0):
+        with compiling():
+            outputs = self.advance_all(0)
+        for group, output in outputs:
             self._collect(group, output)
 
     def advance_all(self, polls: int) -> list[tuple[LaneGroup, ChunkOutput]]:
