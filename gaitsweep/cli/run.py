@@ -38,7 +38,11 @@ Engine = Annotated[
     typer.Option("--engine", metavar="NAME", help="auto, xla or kernel; by default the job's."),
 ]
 Strict = Annotated[
-    bool, typer.Option("--strict", help=f"Exit with code {EXIT_STRICT} if the self-check warns.")
+    bool,
+    typer.Option(
+        "--strict",
+        help=f"Exit with code {EXIT_STRICT} if the self-check warns; `--set verify=0` switches it off.",
+    ),
 ]
 RowRange = Annotated[
     str | None,
