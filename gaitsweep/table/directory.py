@@ -20,8 +20,6 @@ import yaml
 
 from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.table.atomic_files import (
-    OPEN_ROWS,
-    PARTS,
     TableError,
     WriteError,
     own_folder,
@@ -55,13 +53,14 @@ from gaitsweep.table.manifest import (
     new_manifest,
     sealed,
 )
+from gaitsweep.table.open_rows import OPEN_ROWS, open_bytes
 from gaitsweep.table.parquet_parts import (
+    PARTS,
     DamagedPart,
     EncodedPart,
     Footer,
     checked_part,
     missing_blocks,
-    open_bytes,
     read_footer,
     readable,
     unreadable,
@@ -340,7 +339,7 @@ class ResultDirectory:
         expected = (number, self.layout.job_hash, self.layout.rows_in([number]))
         if (footer.part, footer.job_hash, footer.rows) != expected:
             raise DamagedPart(f"it is not part {number} of this table")
-        self.write_encoded(number, (data, footer))
+        self.write_encoded(number, EncodedPart(data, footer))
 
     def take_parts(self, numbers: Sequence[int]) -> list[int]:
         """Read parts that other processes have written.

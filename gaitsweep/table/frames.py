@@ -1,4 +1,4 @@
-"""Data frames of the records of parts, and their categorical columns."""
+"""Data frames of the records of parts, their categorical columns, and the long lists of their `.attrs`."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
+import yaml
 from numpy.typing import ArrayLike
 
 from gaitsweep import near_miss
@@ -23,6 +24,8 @@ from gaitsweep.table.parquet_parts import Footer
 
 # Columns of tables with one record a row from which `outcome` follows, where their parts are older than it.
 _SOURCES = ("cycles", "gait", "status")
+_LONG = 64  # items of a list that copies of a table share
+_IMMUTABLE = {int, float, str, bool, type(None)}
 
 
 @dataclasses.dataclass
@@ -151,6 +154,32 @@ def categorical(codes: ArrayLike, names: Sequence[str]) -> pd.Categorical:
 def _categories(names: tuple[str, ...]) -> pd.CategoricalDtype:
     """Return the type of a column with these categories."""
     return pd.CategoricalDtype(list(names))
+
+
+class SharedList(list[Any]):
+    """A long list of numbers and words, which copies of a table share.
+
+    pandas copies `.attrs` deeply in each operation on a table: the values of a long axis, number by number,
+    took more time than the operation.
+    """
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> SharedList:
+        return self
+
+
+# a job in `.attrs` can be written as YAML
+yaml.representer.SafeRepresenter.add_representer(SharedList, yaml.representer.SafeRepresenter.represent_list)
+
+
+def with_shared_lists(value: Any) -> Any:
+    """Return a JSON value whose long lists of numbers and words are a `SharedList`."""
+    if isinstance(value, dict):
+        return {name: with_shared_lists(item) for name, item in value.items()}
+    if not isinstance(value, list):
+        return value
+    if len(value) > _LONG and set(map(type, value)) <= _IMMUTABLE:
+        return SharedList(value)
+    return [with_shared_lists(item) for item in value]
 
 
 def _near_column(path: Path, name: str) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import tracemalloc
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -74,16 +74,18 @@ def test_lists_of_groups_multiply() -> None:
 @pytest.mark.slow
 @given(st.floats(0.1, 10), st.floats(0.1, 10), st.integers(2, 40))
 def test_spread_axes_are_numpys(low: float, high: float, count: int) -> None:
-    def points(axis: dict[str, Any]) -> np.ndarray:
-        return columns_of(toy(vary={"mass": axis}))["mass"]
-
-    ends = points({"linspace": [low, high, count]})
+    axis = [low, high, count]
+    spread = {
+        "mass": {"linspace": axis},
+        "stiffness": {"linspace": axis, "at": "centre"},
+        "preload": {"logspace": axis},
+    }
+    columns = columns_of(toy(vary={"zip": spread}))
+    ends, centre, ratios = (columns[name] for name in spread)
     assert ends == pytest.approx(np.linspace(low, high, count), rel=1e-14)
     assert (ends[0], ends[-1]) == (low, high)
     edges = np.linspace(low, high, count + 1)
-    centre = points({"linspace": [low, high, count], "at": "centre"})
     assert centre == pytest.approx((edges[1:] + edges[:-1]) / 2, rel=1e-14)
-    ratios = points({"logspace": [low, high, count]})
     assert ratios == pytest.approx(np.geomspace(low, high, count), rel=1e-12)
     assert (ratios[0], ratios[-1]) == (low, high)
 

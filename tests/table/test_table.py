@@ -482,14 +482,14 @@ def test_a_killed_writer_keeps_all_written_parts(tmp_path: Path) -> None:
     root = Path(__file__).parents[2]
     path = tmp_path / "toy"
     finished = 0
-    for attempt in range(12):
+    for attempt in range(10):
         writer = subprocess.Popen(
             [sys.executable, "-c", WRITER, str(path)], cwd=root, stdout=subprocess.PIPE, text=True
         )
         assert writer.stdout is not None
         assert writer.stdout.readline() == "ready\n"
-        if attempt < 4:
-            time.sleep(0.02 + 0.07 * attempt)
+        if attempt < 2:
+            time.sleep(0.02 + 0.14 * attempt)
             writer.send_signal(signal.SIGKILL)
         rest = writer.stdout.read()
         writer.wait()
