@@ -18,8 +18,9 @@ from gaitsweep.expression import CONSTANTS, ExpressionError
 from gaitsweep.job.model_spec import ModelSpec
 from gaitsweep.kinds import RUN_KINDS, RunKind
 from gaitsweep.kinds.run_kind import Movement, table_columns
-from gaitsweep.models.conformity import idle_starts, sets_starts
-from gaitsweep.models.value_faults import MAX_NAMED, faults_of_rows
+from gaitsweep.models.idle_starts import idle_starts, sets_starts
+from gaitsweep.models.sampled_points import MAX_NAMED
+from gaitsweep.models.value_faults import faults_of_rows
 from gaitsweep.plot.figure_style import FigureStyle
 from gaitsweep.plot.kind import FIGURES, FigureKind, PlannedTable, kinds_with_gait_colours
 from gaitsweep.plot.style_names import StyleNames

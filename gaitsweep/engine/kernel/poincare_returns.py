@@ -19,12 +19,12 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from gaitsweep.contract import Params, State
-from gaitsweep.engine.content import stored
 from gaitsweep.engine.devices import usable_cores
 from gaitsweep.engine.kernel import cpu_program
 from gaitsweep.engine.kernel.chunk import Chunk, Leaf, chunk_of
 from gaitsweep.engine.leaves import float_leaves, split_like, tangent_of, vector, with_float_leaves
 from gaitsweep.engine.poincare.poincare_return import PoincareReturn, Returned, ReturnState
+from gaitsweep.engine.stored_traces import stored
 from gaitsweep.status import Status
 
 # Polls in one call of the kernel: every return ends long before.
