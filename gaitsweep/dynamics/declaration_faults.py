@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 import inspect
+import math
 from collections.abc import Collection, Iterator, Mapping
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 from gaitsweep.column_meanings import COLUMNS, time_column
-from gaitsweep.dynamics.declarations import Symmetry, Variable, faults_of_quantity
+from gaitsweep.contract import Quantity
+from gaitsweep.dynamics.declarations import Symmetry, Variable
 from gaitsweep.dynamics.noise import Diffusion
 from gaitsweep.dynamics.sliding import Sliding
 from gaitsweep.expression import RESERVED
@@ -149,3 +151,33 @@ def _faults(model: type[Declared], sizes: Mapping[str, Any]) -> Iterator[str]:
             yield f"with a quantity {name}, but tables have a column {column}: {remedy}. {page}."
     for quantity in (*settable, *signals, *observables):
         yield from faults_of_quantity(quantity, quantity in starts)
+
+
+def faults_of_quantity(quantity: Quantity, start: bool) -> Iterator[str]:
+    """Faults of a quantity's unit, meaning, bounds, default and scale, as ends of sentences.
+
+    Args:
+        quantity: with its name.
+        start: whether it is an initial condition, whose default may be NaN: then the model decides it.
+    """
+    name = quantity.name
+    low = quantity.low
+    high = quantity.high
+    for field in ("unit", "meaning"):
+        if not getattr(quantity, field):
+            unit = ' ("1" for a number without one)' if field == "unit" else ""
+            yield f"whose {name} has no {field}, which tables and figures show{unit}."
+    if quantity.circular and quantity.unit not in ("rad", ""):
+        yield f"whose {name} is circular in {quantity.unit}, but only angles in rad can be circular."
+    if not low <= high or (low == high and quantity.open_ends):
+        yield f"whose {name} has bounds that allow no value: low is {low:g}, high is {high:g}."
+    elif isinstance(quantity.default, int | float):
+        undecided = start and math.isnan(quantity.default)  # a start that the model itself decides
+        inside = low < quantity.default < high if quantity.open_ends else low <= quantity.default <= high
+        if not undecided and not (inside and math.isfinite(quantity.default)):
+            excluded = ", both excluded" if quantity.open_ends else ""
+            bounds = f"within its bounds, {low:g} and {high:g}{excluded}"
+            must = "a finite number" if inside or math.isnan(quantity.default) else bounds
+            yield f"whose {name} has the default {quantity.default:g}, which must be {must}."
+    if quantity.scale is not None and not quantity.scale > 0.0:
+        yield f"whose {name} has the scale {quantity.scale:g}, which must be above 0."

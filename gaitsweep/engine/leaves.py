@@ -18,7 +18,8 @@ from jax.extend.core import Literal
 from jaxtyping import Array, Float
 
 from gaitsweep.contract import Chart, HybridModel, Model, Params, Quantity, State
-from gaitsweep.engine.content import cached_by_content, stored
+from gaitsweep.engine.content import cached_by_content
+from gaitsweep.engine.stored_traces import stored
 
 
 def shapes_of(model: Model) -> tuple[Params, State]:

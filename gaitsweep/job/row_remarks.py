@@ -7,8 +7,9 @@ from jaxtyping import Int
 
 from gaitsweep.design.design import Design
 from gaitsweep.expression import ExpressionError
-from gaitsweep.models.conformity import idle_starts, sets_starts
-from gaitsweep.models.value_faults import MAX_NAMED, faults_of_rows
+from gaitsweep.models.idle_starts import idle_starts, sets_starts
+from gaitsweep.models.sampled_points import MAX_NAMED
+from gaitsweep.models.value_faults import faults_of_rows
 from gaitsweep.schema.diagnostics import JobError
 
 # Rows at which a model's functions are evaluated before a job runs, and axes whose corners are among them.

@@ -24,8 +24,9 @@ from gaitsweep.errors import UserError
 from gaitsweep.job import Job
 from gaitsweep.kinds import Settle, Trace
 from gaitsweep.kinds.columns import UNKNOWN_GAIT
-from gaitsweep.models.conformity import idle_starts, sets_starts
-from gaitsweep.models.value_faults import sample, surface_value, written
+from gaitsweep.models.idle_starts import idle_starts, sets_starts
+from gaitsweep.models.sampled_points import sampled_points, written
+from gaitsweep.models.value_faults import surface_value
 from gaitsweep.runs.energy_rates import change_of_energy, energies_of, with_rates
 from gaitsweep.runs.execute import table_in_memory
 from gaitsweep.runs.sentences import MISLABELLED, STARTS_BEYOND, remarks
@@ -61,7 +62,7 @@ def trial(model_class: type[Model], on_message: Callable[[str], None] = lambda _
     """
     model = model_class()
     costly = model.host_parameters or not isinstance(model, HybridModel)
-    parameters, starts = sample(model, ROWS // 8 if costly else ROWS)
+    parameters, starts = sampled_points(model, ROWS // 8 if costly else ROWS)
     values = {**starts, **parameters}  # sentences name the first ones
     rows = np.size(next(iter(values.values()), 0))
     on_message(f"Compiling the model, and running {rows} rows for {CYCLES} cycles.")

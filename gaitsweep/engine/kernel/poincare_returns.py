@@ -21,7 +21,6 @@ from jaxtyping import Array, Float, Int
 
 from gaitsweep.contract import Model, Params, State
 from gaitsweep.engine.carry import Carry
-from gaitsweep.engine.content import stored
 from gaitsweep.engine.devices import usable_cores
 from gaitsweep.engine.kernel import cpu_program
 from gaitsweep.engine.kernel.chunk import Chunk, Leaf, chunk_of
@@ -29,6 +28,7 @@ from gaitsweep.engine.kernel.row_functions import over_rows
 from gaitsweep.engine.leaves import float_leaves, split_like, tangent_of, vector, with_float_leaves
 from gaitsweep.engine.numerics import ResolvedNumerics
 from gaitsweep.engine.poincare.poincare_return import PoincareReturn, Returned, ReturnState
+from gaitsweep.engine.stored_traces import stored
 from gaitsweep.status import Status
 
 # Polls in one call of the kernel: every return ends long before.

@@ -16,10 +16,10 @@ import numpy as np
 from jaxtyping import Float
 
 from gaitsweep.contract import Model
-from gaitsweep.engine.content import stored
 from gaitsweep.engine.devices import host_device
 from gaitsweep.engine.kernel.operations import OPERATIONS
 from gaitsweep.engine.kernel.trace import UnsupportedError, traced_function
+from gaitsweep.engine.stored_traces import stored
 
 # Rows that are computed at a time, since the values of all nodes are in memory.
 _ROWS_AT_A_TIME = 4096
