@@ -9,6 +9,7 @@ import pandas as pd
 
 from gaitsweep.api.result import Result
 from gaitsweep.errors import ArgumentError
+from gaitsweep.expression import evaluate, names_in
 from gaitsweep.status import Outcome
 from gaitsweep.table.manifest import self_check_warned
 
@@ -165,17 +166,32 @@ def _with_differing_constants(
                 raise ArgumentError(
                     f"{name} is a column or a constant of another table, but table {number} lacks it."
                 )
-            if isinstance(of_job[name], str) and name not in jobs[number - 1].get("structure", {}):
-                raise ArgumentError(
-                    f'{name} is the formula "{of_job[name]}" in the job of table {number}, and no number: '
-                    "add a column with its values."
-                )
+        structure = jobs[number - 1].get("structure") or {}
         place = int("row" in frame.columns)
         order = [*frame.columns[:place], *missing, *frame.columns[place:]]
-        with_columns = frame.assign(**{name: of_job[name] for name in missing})[order]
+        with_columns = frame.assign(
+            **{
+                # a text of the structure, such as the kind of ground, is no formula
+                name: of_job[name] if name in structure else _value_of(name, frame, of_job)
+                for name in missing
+            }
+        )[order]
         with_columns.attrs = frame.attrs
         completed.append(with_columns)
     return completed
+
+
+def _value_of(name: str, frame: pd.DataFrame, constants: Mapping[str, Any]) -> Any:
+    """The value of a constant in the rows of a table, from its formula over columns and other constants."""
+    value = constants[name]
+    if not isinstance(value, str):
+        return value
+    values = {
+        each: frame[each].to_numpy() if each in frame.columns else _value_of(each, frame, constants)
+        for each in names_in(value)
+        if each in frame.columns or each in constants
+    }
+    return evaluate(value, values)
 
 
 def _of(job: Mapping[str, Any], part: str) -> Iterable[tuple[str, Any]]:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import jax
@@ -153,13 +153,27 @@ def compare_stored(
         rests["row"] = records["row"]
         if run.moved is not None:
             rests[run.moved] = records[run.moved]
-        check.unstable = unstable_rests(
+        unstable = unstable_rests(
             context,
             rests,
             comparison.observed_at_starts(np.unique(records["row"].to_numpy(np.int64))),
             lambda rows, recorder: comparison.repeated(recorder, [(rows, 1.0, 0.0)])[0],
             comparison.on_following,
-        ).size
+        )
+        check.unstable = len(unstable)
+        if check.unstable:
+            check.unstable_first = _place_of(context, unstable.iloc[:1].to_dict("records")[0])
+
+
+def _place_of(context: RunContext, record: Mapping[Any, Any]) -> dict[str, float]:
+    """The row of a record, with the moving parameter there, or the row's values of the axes."""
+    row = int(record["row"])
+    moved = context.job.run.moved
+    if moved is not None:
+        return {"row": row, moved: float(record[moved])}
+    parameters, starts = context.design.values_in(np.array([row]))
+    values = {**starts, **parameters}
+    return {"row": row} | {name: float(values[name][0]) for name in context.design.names if name in values}
 
 
 @cached_by_content(maxsize=16)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -17,6 +18,8 @@ WITHOUT_START = "without_start"  # rows whose start the model could not make
 WITHOUT_STRIDES = "without_strides"  # rows of a model with footfalls of which no row has a stride
 WITHOUT_PERIOD = "without_period"  # rows whose nominal period is not a positive time
 # Settled rows that repeat after one crossing.
+_OF_ONE = {"their": "its", "rest": "rests", "lie": "lies", "are": "is"}
+_MOST_VALUES = 4  # of a row that a sentence names
 _AT = {"1": "at a fixed point"}
 # The finer steps in manifests of older versions, which halved the step.
 HALF_THE_STEP = "half the step"
@@ -39,13 +42,35 @@ def self_check_sentence(check: dict[str, Any]) -> str:
         among = f", {sensitive} of them on a boundary or sensitive" if sensitive else ""
         if check.get(BY_STEP):
             among += f", but {check[BY_STEP]} {BY_STEP_WORDS.sentence}"
-        return f"{rerun} kept their gait{among}; {change}."
-    wrong = [f"{check[name]} {words.sentence}" for name, words in DIFFERENCES.items() if check.get(name)]
+        return f"{rerun} kept {'its' if rows == 1 else 'their'} gait{among}; {change}."
+    wrong = [
+        _counted(check[name], words.sentence) + (_first_unstable(check) if name == UNSTABLE else "")
+        for name, words in DIFFERENCES.items()
+        if check.get(name)
+    ]
     if sensitive:
-        wrong.append(f"{sensitive} lie on a boundary or are sensitive")
+        wrong.append(_counted(sensitive, "lie on a boundary or are sensitive"))
     if check.get(BY_STEP):
         wrong.append(f"{check[BY_STEP]} {BY_STEP_WORDS.sentence}")
     return f"{rerun}: {', '.join(wrong)}; {change}."
+
+
+def _counted(count: int, words: str) -> str:
+    """A number of rows with what they do; the words are those of several rows."""
+    if count == 1:
+        for several, one in _OF_ONE.items():
+            words = re.sub(rf"\b{several}\b", one, words)
+    return f"{count} {words}"
+
+
+def _first_unstable(check: dict[str, Any]) -> str:
+    """Name the first row on an unstable gait, with the moving parameter or the axes there, if known."""
+    first = dict(check.get("unstable_first") or {})
+    if not first:
+        return ""
+    row = first.pop("row")
+    values = ", ".join(f"{name} = {value:.6g}" for name, value in list(first.items())[:_MOST_VALUES])
+    return f" (first row {row}{' at ' if values else ''}{values})"
 
 
 def _finer(check: dict[str, Any]) -> str:
@@ -78,8 +103,9 @@ def advice(check: dict[str, Any], dt: float | None) -> str:
     if wrong == [UNSTABLE]:
         return (
             "Such rows begin on that gait, or their legs are alike to the last digit, from the start or once "
-            "they have merged, and stay alike: let a parameter of one leg differ a little, or compare with "
-            "kind: continuation, which tells stability."
+            "they have merged, and stay alike: let a parameter of one leg differ a little, or by more if it "
+            "does already, so that the gait is left within a row or a dwell, or make these longer. "
+            "kind: continuation tells stability."
         )
     if dt is not None:
         return f"The table depends on the step: make numerics.dt shorter than {dt:g} s, or leave it out."

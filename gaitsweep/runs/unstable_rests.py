@@ -75,7 +75,7 @@ def unstable_rests(
     begun: Float[np.ndarray, "rows observables"],
     rerun: Callable[[Int[np.ndarray, " rows"], StateRecorder], RowOutcome],
     on_progress: Callable[[float], None] = lambda _: None,
-) -> Int[np.ndarray, " unstable"]:
+) -> pd.DataFrame:
     """Find the rows that rest on an unstable gait.
 
     Args:
@@ -88,18 +88,19 @@ def unstable_rests(
         on_progress: called with the share of the displaced states that is followed.
 
     Returns:
-        The numbers of the rows. Rows whose rerun does not rest where they do are among them.
+        The first such record of each row: `row`, its number `sample` there, and the moving parameter. Rows
+        whose rerun does not rest where they do are among them.
     """
     model, numerics = context.model, context.spec.numerics
     in_fixed_steps = fixed_step_scheme(numerics.method, model) is not None
     if in_fixed_steps and model.host_parameters:
-        return np.zeros(0, np.int64)  # a map has no parameters that the host computes
+        return records.iloc[:0]  # a map has no parameters that the host computes
     rows, place = np.unique(records["row"].to_numpy(np.int64), return_inverse=True)
     ahead = _changes_ahead(model, records)
     records = records.assign(place=place, sample=records.groupby("row").cumcount(), ahead=ahead)
     suspects = _suspects(model, records, begun)
     if not len(suspects):
-        return rows[:0]
+        return suspects
     # a crossing of a simulator takes long: the least number suffices for one state
     min_budget = MAX_CROSSINGS * COPIES if in_fixed_steps else MIN_BUDGET
     crossings = np.asarray(records.groupby("row")["crossing"].max(), np.int64)
@@ -113,7 +114,7 @@ def unstable_rests(
     rerun_places = np.unique(suspects["place"])
     outcome = rerun(rows[rerun_places], recorder)
     samples, same = _samples(recorder, outcome, np.searchsorted(rerun_places, suspects["place"]), suspects)
-    not_reproduced = suspects["place"][~same]
+    not_reproduced = suspects.iloc[np.flatnonzero(~same)]
     suspects = suspects.iloc[np.flatnonzero(same)]
 
     moving = context.job.run.moved
@@ -130,7 +131,8 @@ def unstable_rests(
     points = _points(mapping, values, states, follow, deciding, at_section=at_section)
     displaced = _DisplacedStates(mapping, follow, points, values, suspects, smooth=not in_fixed_steps)
     leaves = displaced.follow(budget, on_progress)
-    return rows[np.unique(np.concatenate([not_reproduced, suspects["place"][leaves]]))]
+    unstable = pd.concat([not_reproduced, suspects.iloc[np.flatnonzero(leaves)]])
+    return unstable.sort_values(["row", "sample"]).drop_duplicates("row")
 
 
 def _suspects(

@@ -78,9 +78,10 @@ def test_constants_that_cannot_be_filled_in_are_refused() -> None:
     swept.attrs["job"]["start"] = {"lag_0": 0.5}
     with pytest.raises(gs.ArgumentError, match=r"lag_0 is .* table 2 lacks it"):
         gs.concat(swept, other)
-    other.attrs["job"]["start"] = {"lag_0": 0.5, "phase_0": "pi * mass"}
-    with pytest.raises(gs.ArgumentError, match=r'phase_0 is the formula "pi \* mass" in the job of table 2'):
-        gs.concat(swept, other)
+    other.attrs["job"]["start"] = {"lag_0": 0.5, "phase_0": "pi * stiffness + x_0"}
+    other.attrs["job"]["params"]["stiffness"] = swept.attrs["job"]["params"]["stiffness"] = "2 * k"
+    filled = gs.concat(swept, other)  # k is 2, and x_0 of the only row 0
+    assert filled["phase_0"].tolist() == pytest.approx([0.1, 0.2, 4.0 * np.pi])
     other.attrs["job"]["start"] = {"lag_0": 0.5, "phase_0": 0.3}
     assert gs.concat(swept, other)["phase_0"].tolist() == [0.1, 0.2, 0.3]
 

@@ -7,8 +7,10 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 import yaml
 
@@ -62,3 +64,20 @@ def test_observables_of_own_classes(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     job = gs.Job(name="x", model="ordered:Ordered", start=at_zero, run=gs.FixedTime(duration=1e-3), verify=0)
     ordered = gs.run(job, "ordered")
     assert "order_end" in ordered.table.columns
+
+
+def test_the_page_on_rows_in_pandas_runs_as_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Counts, open rows, joined results and figures, of the gallery's table of the same job."""
+    page = (ROOT / "docs/start.md").read_text().partition("### Count, select")[2]
+    stored = pd.read_parquet(ROOT / "docs/gallery/basin.parquet")  # the columns that its picture needs
+    rows = {"row": range(len(stored)), **{name: stored[name] for name in ("psi_3", "psi_2", "psi_1")}}
+    table = pd.DataFrame({**rows, "status": "settled", "cycles": 50, "gait": stored["gait"]})
+    table["outcome"], table.attrs = stored["gait"], stored.attrs
+    light = table.assign(gait="retrograde", outcome="retrograde")
+    light.attrs["job"]["params"] = {**light.attrs["job"]["params"], "m_1": 0.7}
+    monkeypatch.setattr(gs, "load", lambda _: light, raising=False)
+    names: dict[str, Any] = {"gs": gs, "table": table}
+    exec(FENCE.findall(page)[0], names)
+    assert names["counts"].to_numpy().sum() == len(table) == names["shares"]["rows"].sum()
+    assert len(names["open_rows"]) == len(names["failed"]) == 0
+    assert names["heads"].groupby("m_1").sum().to_dict() == {0.7: len(table), 0.9: len(table)}

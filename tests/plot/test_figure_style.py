@@ -339,6 +339,24 @@ def test_a_job_has_a_style_that_its_figures_may_replace(
     assert "width is" in capsys.readouterr().err
     assert main(["plot", str(result.path), "--colour", "direkt=crimson"]) != 0
     assert "did you mean direct?" in capsys.readouterr().err
+    reset = [
+        "--set",
+        "shares=false",
+        "--set",
+        "title=none",
+        "--set",
+        "labels.psi_1=lag",
+        "--panel-columns",
+        "1",
+    ]
+    assert main(["plot", str(result.path), *reset, "--format", "svg", "--out", str(tmp_path / "own")]) == 0
+    assert "source" in (own := (tmp_path / "own/basin.svg").read_text())
+    assert "%" not in own  # the fonts are outlines, but the comments have the texts
+    assert "<!-- lag -->" in own
+    assert main(["plot", str(result.path), "--set", "sharse=false"]) == 2
+    assert "did you mean shares?" in capsys.readouterr().err
+    assert main(["plot", str(result.path), "--set", "shares=maybe"]) == 2
+    assert "shares" in capsys.readouterr().err
     assert main(["plot", str(result.path), "--height", "10"]) != 0
     assert "needs at least" in capsys.readouterr().err
     assert {file.suffix[1:] for file in draw_figures(result.path)} == set(FORMATS)
