@@ -95,4 +95,6 @@ def _unsuited(figure: FigureKind, path: Path, table: PlannedTable) -> Diagnostic
         f"is {figure.kind_name}, which needs a run of kind {suited_runs}, not {run.kind_name}. "
         f"Figures of {run.kind_name} for {table.model.name}: {', '.join(suited_figures)}."
     )
+    if "orbit" in suited_figures:
+        text += " An observable over a parameter is an orbit: x: PARAMETER, y: OBSERVABLE."
     return Diagnostic((*path, "kind"), text)

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from jaxtyping import Int
 
 from gaitsweep.design.design import Design
+from gaitsweep.dynamics.mjcf.of_mjcf import OfMjcf
 from gaitsweep.expression import ExpressionError
 from gaitsweep.models.idle_starts import idle_starts, sets_starts
 from gaitsweep.models.sampled_points import MAX_NAMED
+from gaitsweep.models.starts_in_ground import starts_in_ground
 from gaitsweep.models.value_faults import faults_of_rows
 from gaitsweep.schema.diagnostics import JobError
 
@@ -29,6 +33,27 @@ def remarks_on_rows(design: Design, name: str) -> list[str]:
         name: the name of the model in the job.
     """
     model = design.model
+    if isinstance(model.original, OfMjcf) and not model.host_parameters:
+        return [*_remarks_on_starts_in_ground(design), *_remarks_on_own_model(design, name)]
+    return _remarks_on_own_model(design, name)
+
+
+def _remarks_on_starts_in_ground(design: Design) -> list[str]:
+    """Return a sentence if the body of an MJCF begins in the ground in some of the rows."""
+    rows = np.unique(_some_rows(design))
+    try:
+        values, starts = design.values_in(rows)
+        in_words = _words_of_rows(design, rows)
+    except (ExpressionError, JobError):
+        return []
+    return [
+        f"{text[0].upper()}{text[1:]}" for text in starts_in_ground(design.model, values, starts, in_words)
+    ]
+
+
+def _remarks_on_own_model(design: Design, name: str) -> list[str]:
+    """As `remarks_on_rows`, of the faults of a user's model."""
+    model = design.model
     if model.host_parameters or type(model.original).__module__.startswith("gaitsweep."):
         return []
     idle = [
@@ -38,9 +63,16 @@ def remarks_on_rows(design: Design, name: str) -> list[str]:
     rows = _some_rows(design)
     try:
         values, starts = design.values_in(rows)
-        varied = design.at(rows, design.names[:MAX_NAMED])
+        in_words = _words_of_rows(design, rows)
     except (ExpressionError, JobError):
         return idle
+    faults = faults_of_rows(model, values, starts, in_words)
+    return idle + [f"The model is {name}, {words}" for words in faults]
+
+
+def _words_of_rows(design: Design, rows: Int[np.ndarray, " rows"]) -> Callable[[int], str]:
+    """Return the function from the place of a row to words such as " at the start of row 3 (x = 1)"."""
+    varied = design.at(rows, design.names[:MAX_NAMED])
 
     def in_words(place: int) -> str:
         """Describe the row at a place."""
@@ -51,8 +83,7 @@ def remarks_on_rows(design: Design, name: str) -> list[str]:
         more = ", ..." if len(design.names) > MAX_NAMED else ""
         return f"{words} ({point}{more})"
 
-    faults = faults_of_rows(model, values, starts, in_words)
-    return idle + [f"The model is {name}, {words}" for words in faults]
+    return in_words
 
 
 def _idle_starts(design: Design) -> list[str]:

@@ -26,6 +26,7 @@ from gaitsweep.kinds import Settle, Trace
 from gaitsweep.kinds.columns import UNKNOWN_GAIT
 from gaitsweep.models.idle_starts import idle_starts, sets_starts
 from gaitsweep.models.sampled_points import sampled_points, written
+from gaitsweep.models.starts_in_ground import starts_in_ground
 from gaitsweep.models.value_faults import surface_value
 from gaitsweep.runs.energy_rates import change_of_energy, energies_of, with_rates
 from gaitsweep.runs.execute import table_in_memory
@@ -128,6 +129,10 @@ class _TriedRows:
     def warnings(self) -> list[str]:
         """Sentences about what the author of a model hardly wants."""
         sentences = self._constant_observables() if self._crossed_section else []
+        if not self.model.host_parameters:
+            defaults = {name: column[:1] for name, column in self.values.items()}
+            in_ground = starts_in_ground(self.model, defaults, defaults, lambda _: " at the default start")
+            sentences += [f"{text[0].upper()}{text[1:]}" for text in in_ground]
         sentences += self._events_that_never_happened()
         model = self.model
         if isinstance(model, HybridModel) and model.locates_events and not model.host_parameters:

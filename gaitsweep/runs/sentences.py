@@ -221,13 +221,28 @@ def remarks(manifest: Mapping[str, Any]) -> list[str]:
             f"Warning: the model's function label gave gait {label} in {_rows(about)}, which is not an index "
             f"of its gaits; their gait is {name!r} in the table."
         )
-    for model in manifest.get(WITHOUT_STRIDES) or {}:
-        sentences.append(
-            f"No foot of {model} has a stride in any row: feet stand, have not landed twice, or `feet` "
-            "changes between events, where touchdowns are not counted. Footfalls need a function `feet` that "
-            "changes only at events or by modes."
-        )
+    sentences += [
+        _without_strides(model, about) for model, about in (manifest.get(WITHOUT_STRIDES) or {}).items()
+    ]
     return sentences
+
+
+def _without_strides(model: str, about: Mapping[str, Any]) -> str:
+    """Format which feet of a model have no stride in any row, and what may be the cause."""
+    feet = about.get("feet") or []
+    subject = f"Foot {', '.join(feet)} of {model} has" if feet else f"No foot of {model} has"
+    if about.get("body"):
+        landed = "it has" if len(feet) == 1 else "they have"
+        return (
+            f"{subject} {'no' if feet else 'a'} stride in any row: {landed} not landed twice, so "
+            "there are no lags and no names of gaits. Look at the movie, at the height of the start, and at "
+            "contype and conaffinity of foot and floor in the MJCF."
+        )
+    return (
+        f"{subject} {'no' if feet else 'a'} stride in any row: feet stand, have not landed twice, or `feet` "
+        "changes between events, where touchdowns are not counted. Footfalls need a function `feet` that "
+        "changes only at events or by modes."
+    )
 
 
 def plain(value: object) -> str:

@@ -181,7 +181,7 @@ def symmetric(
     for i, quantity in enumerate(model.observables):
         if quantity.circular:
             alike |= np.abs(observed[:, i] - part * np.round(observed[:, i] / part)) < ALIKE
-    shared = strides_of_feet(model)
+    shared = set(strides_of_feet(model))
     for i, k in itertools.combinations(range(len(model.observables)), 2):
         if {model.observables[i].name, model.observables[k].name} <= shared:
             continue
@@ -193,12 +193,16 @@ def symmetric(
     return alike
 
 
-def strides_of_feet(model: Model) -> set[str]:
-    """The strides of declared footfalls, which all legs have alike on every periodic gait."""
+def strides_of_feet(model: Model) -> dict[str, str]:
+    """The leg of each stride of declared footfalls, which all legs have alike on every periodic gait."""
     original = model.original
     declarations = original.declarations.values() if isinstance(original, Declared) else ()
     footfalls = [declared for declared in declarations if isinstance(declared, Footfalls)]
-    return {name for declared in footfalls for name in declared.stride_names}
+    return {
+        name: leg
+        for declared in footfalls
+        for name, leg in zip(declared.stride_names, declared.legs, strict=True)
+    }
 
 
 def _near(

@@ -25,6 +25,7 @@ from gaitsweep.dynamics.footfalls import (
 )
 from gaitsweep.models.conformity import fault
 from gaitsweep.models.value_faults import faults
+from gaitsweep.runs.sentences import remarks
 
 # Touchdowns as shares of a stride, in the order of `LEGS`, and the duty factor, of gaits as their sources
 # describe them. Fours are LF, RF, LH, RH; sixes L1, R1, L2, R2, L3, R3.
@@ -128,6 +129,23 @@ class Unheard(Stepper):
     """Its feet come down and lift between the sections, at no event."""
 
     feet = footfalls("time", legs=LEGS[2])(lambda self, p, s: (s.phase > 2.0) & (s.phase < 4.0))
+
+
+class Lame(Stepper):
+    """Its right foot never comes down."""
+
+    feet = footfalls("time", legs=LEGS[2])(lambda self, p, s: s.down & jnp.array([True, False]))
+
+
+@pytest.mark.slow
+def test_a_foot_that_lands_in_no_row_is_named() -> None:
+    with pytest.warns(UserWarning, match="Foot R of .* has no stride in any row"):
+        manifest = gs.sweep(Lame(N=2), run=gs.Settle(max_cycles=8), verify=0).manifest
+    (about,) = manifest["without_strides"].values()
+    assert about["feet"] == ["R"]
+    assert not about["body"]
+    of_body = {"rows": 3, "row": 0, "body": True}
+    assert "contype and conaffinity" in remarks({"without_strides": {"biped": of_body}})[0]
 
 
 @pytest.mark.slow

@@ -224,6 +224,13 @@ def _legs(document: Document, controller: Controller, m: Any) -> list[Leg]:
             if len(set(names)) < len(names):
                 text = f"has {' and '.join(names)} as a pair: give two different legs."
                 raise _error(document, text, *place)
+    phases = [name for (name,) in controller.oscillators.named_legs.get("phases", [])]
+    if phases and (missing := [name for name in controller.legs if name not in phases]):
+        text = (
+            f"has no phase of {' and '.join(missing)}: give each leg one, such as {missing[0]}: pi, or leave "
+            "phases out for legs that are evenly spread over a turn."
+        )
+        raise _error(document, text, "controller", "oscillators", "phases")
     return legs
 
 
