@@ -90,15 +90,6 @@ class Design:
             if isinstance(setting, str)
         }
 
-    def columns(self, start: int, stop: int) -> Columns:
-        """Return the values of the axes in rows start..stop-1: a float64 array (stop - start,) by name.
-
-        Raises:
-            IndexError: the job does not have these rows.
-            ExpressionError: an expression has no value in one of these rows.
-        """
-        return self.at(self._rows(start, stop), self.names)
-
     def values(self, start: int, stop: int) -> RowValues:
         """Return the values in rows start..stop-1.
 
@@ -107,7 +98,9 @@ class Design:
             ExpressionError: an expression has no value in one of these rows.
             JobError: the model does not allow a value; only for names that are not `checkable`.
         """
-        return self.values_in(self._rows(start, stop))
+        if not 0 <= start <= stop <= self.n_rows:
+            raise IndexError(f"Rows {start} to {stop} are out of range: the job has {self.n_rows} rows.")
+        return self.values_in(np.arange(start, stop, dtype=np.int64))
 
     def values_in(self, rows: RowNumbers) -> RowValues:
         """Return the values in some rows, as `values` does.
@@ -286,12 +279,6 @@ class Design:
     def _places(self) -> dict[str, int]:
         """Position of the group of each name that varies."""
         return {name: place for place, group in enumerate(self.groups) for name in group.axes}
-
-    def _rows(self, start: int, stop: int) -> RowNumbers:
-        """Return the numbers of rows start..stop-1."""
-        if not 0 <= start <= stop <= self.n_rows:
-            raise IndexError(f"Rows {start} to {stop} are out of range: the job has {self.n_rows} rows.")
-        return np.arange(start, stop, dtype=np.int64)
 
 
 def _operand(number: float) -> str:

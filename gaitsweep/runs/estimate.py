@@ -21,7 +21,7 @@ from gaitsweep.kinds.run_kind import TableRunKind, table_columns
 from gaitsweep.runs.prepare import RunContext, nominal_period, prepare
 from gaitsweep.runs.sampled_rows import finer_share, is_checked, rows_to_repeat
 from gaitsweep.status import Status
-from gaitsweep.table.parquet_parts import part_bytes
+from gaitsweep.table.parquet_parts import arrow_part
 
 # Attempts for each step: those at located events are more; the chain's 33 events a cycle add 2 %.
 ATTEMPTS_A_STEP = 1.05
@@ -233,7 +233,7 @@ def _host_s(context: RunContext, pool: LaneScheduler) -> float:
         group.reopen_all()
         opened = time.perf_counter()
         frame = context.table(labelled(context.spec, block))
-        part_bytes(frame, block.number, context.job_hash, {})
+        arrow_part(frame, block.number, context.job_hash, {}).encoded()
         written = time.perf_counter()
         seconds_a_row = (opened - began) / group.size + (written - opened) / block.rows
     return seconds_a_row

@@ -31,7 +31,7 @@ from gaitsweep.runs.sentences import advice, self_check_sentence
 from gaitsweep.runs.summary import describe, sum_up, summed_up, tallied_column
 from gaitsweep.table import MemoryTable, ResultDirectory, Table, TableError, load
 from gaitsweep.table.atomic_files import temporary_folder
-from gaitsweep.table.parquet_parts import part_bytes
+from gaitsweep.table.parquet_parts import arrow_part
 from gaitsweep.table.self_check_words import self_check_warned
 
 if TYPE_CHECKING:
@@ -135,7 +135,7 @@ def _write_tables(context: RunContext, directory: ResultDirectory) -> None:
     for name, part in kind.tables(table).items():
         file = f"{name}.parquet"
         if directory.read_beside(file) is None:
-            data, _ = part_bytes(part, 0, context.job_hash, {}, context.quantities)
+            data = arrow_part(part, 0, context.job_hash, {}, context.quantities).encoded().data
             directory.write_beside(file, data)
 
 

@@ -59,7 +59,7 @@ from gaitsweep.table.parquet_parts import (
     DamagedPart,
     EncodedPart,
     Footer,
-    checked_part,
+    checked_records,
     missing_blocks,
     read_footer,
     readable,
@@ -303,7 +303,7 @@ class ResultDirectory:
         Raises:
             ValueError: the frame does not belong to the block.
         """
-        return checked_part(frame, number, self.layout, self.manifest.get("quantities"))
+        return checked_records(frame, number, self.layout, self.manifest.get("quantities")).encoded()
 
     def write_encoded(self, number: int, part: EncodedPart) -> None:
         """Write a part that `encoded` has made; it is on disk when this returns.
@@ -325,7 +325,7 @@ class ResultDirectory:
         self._has_part(number, footer)
 
     def write_part_bytes(self, number: int, data: bytes) -> None:
-        """Write a part that another process has encoded, by `checked_part`.
+        """Write a part that another process has encoded.
 
         Args:
             number: the block.

@@ -14,6 +14,7 @@ from typing import Annotated, Any
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 import gaitsweep
+from gaitsweep.schema.diagnostics import clipped
 from gaitsweep.table.atomic_files import TableError, is_partial, read_file, reason
 from gaitsweep.table.locks import LOCK_NAME
 
@@ -91,7 +92,7 @@ def read_manifest(path: Path) -> dict[str, Any]:
         _check_fields(file, manifest)
     if manifest["format"] not in FORMATS or isinstance(manifest["format"], bool):
         raise TableError(
-            f"{path} has format {_short(manifest['format'])}, but this version of gaitsweep reads only "
+            f"{path} has format {clipped(str(manifest['format']))}, but this version of gaitsweep reads only "
             f"formats up to {FORMAT}. Use the version named in its manifest."
         )
     if manifest["format"] >= FORMAT and manifest.get(SEAL) != sealed(manifest)[SEAL]:
@@ -121,12 +122,6 @@ def _missing(path: Path) -> TableError:
     return TableError(f"{path} {'is not a directory' if path.exists() else 'does not exist'}.")
 
 
-def _short(value: object) -> str:
-    """Write a value in at most about 40 characters."""
-    text = str(value)
-    return text if len(text) <= 40 else f"{text[:40]}..."
-
-
 def _check_fields(file: Path, manifest: Mapping[str, Any]) -> None:
     """Refuse a manifest in which a field that readers use has a wrong value."""
     try:
@@ -134,7 +129,7 @@ def _check_fields(file: Path, manifest: Mapping[str, Any]) -> None:
     except ValidationError as error:
         name = str(error.errors()[0]["loc"][0])
         raise DamagedManifest(
-            f"{file}: {name} is {_short(json.dumps(manifest[name]))}, but must be "
+            f"{file}: {name} is {clipped(json.dumps(manifest[name]))}, but must be "
             f"{_Fields.model_fields[name].description}",
             file.parent,
         ) from None

@@ -71,6 +71,24 @@ class ArrowPart(NamedTuple):
     records: pa.Table
     footer: Footer
 
+    def encoded(self) -> EncodedPart:
+        """Encode the part as parquet with a checksum for each page, and its `Footer` in the metadata.
+
+        Categories are text, which parquet encodes with its own dictionary; their order is in the footer. So
+        any other reader of parquet sees plain text, and finds the unit and the meaning of a column in the
+        metadata of its arrow field, under the keys `unit` and `meaning`.
+        """
+        metadata = {_KEY: json.dumps(dataclasses.asdict(self.footer)).encode()}
+        file = io.BytesIO()
+        pq.write_table(
+            self.records.replace_schema_metadata(metadata),
+            file,
+            compression="zstd",
+            use_dictionary=list(self.footer.categories),  # pyright: ignore[reportArgumentType] (its stub: bool)
+            write_page_checksum=True,
+        )
+        return EncodedPart(file.getvalue(), self.footer)
+
 
 class DamagedPart(Exception):
     """A part differs from what was written; the message gives the evidence."""
@@ -113,34 +131,20 @@ def _check_frame(frame: pd.DataFrame, start: int, stop: int) -> None:
         raise ValueError(f"The rows of a part must be in order, from {start} to {stop - 1}.")
 
 
-def checked_part(
-    frame: pd.DataFrame,
-    number: int,
-    layout: Layout,
-    quantities: Mapping[str, Mapping[str, Any]] | None = None,
-) -> EncodedPart:
-    """Encode a block's records as `part_bytes` does, after a check that no row is missing.
-
-    Args:
-        frame, number, quantities: as for `part_bytes`.
-        layout: that of the table.
-
-    Raises:
-        ValueError: the frame does not belong to the block.
-    """
-    return _encoded(*checked_records(frame, number, layout, quantities))
-
-
 def checked_records(
     frame: pd.DataFrame,
     number: int,
     layout: Layout,
     quantities: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> ArrowPart:
-    """Convert a block's records to Arrow, with the footer of their part.
+    """Convert a block's records to Arrow as `arrow_part` does, after a check that no row is missing.
 
     Args:
-        frame, number, layout, quantities: as for `checked_part`, whose errors it raises.
+        frame, number, quantities: as for `arrow_part`.
+        layout: that of the table.
+
+    Raises:
+        ValueError: the frame does not belong to the block.
     """
     if number not in layout.blocks:
         raise ValueError(f"Block {number} does not exist: the blocks are 0 to {layout.blocks[-1]}.")
@@ -151,21 +155,17 @@ def checked_records(
         raise ValueError(
             f"The statuses of part {number} count {sum(counts.values())} rows, not {stop - start}."
         )
-    return _records(frame, number, layout.job_hash, counts, quantities)
+    return arrow_part(frame, number, layout.job_hash, counts, quantities)
 
 
-def part_bytes(
+def arrow_part(
     frame: pd.DataFrame,
     number: int,
     job_hash: str,
     counts: Mapping[str, int],
     quantities: Mapping[str, Mapping[str, Any]] | None = None,
-) -> EncodedPart:
-    """Encode a block's records as parquet with a checksum for each page and a `Footer` in the metadata.
-
-    Categories are stored as text, which parquet encodes with its own dictionary; their order is stored in
-    the footer. So any other reader of parquet sees plain text, and finds the unit and the meaning of a column
-    in the metadata of its arrow field, under the keys `unit` and `meaning`.
+) -> ArrowPart:
+    """Convert a block's records to Arrow, with the footer of their part.
 
     Args:
         frame: the records, in the order of their rows.
@@ -175,17 +175,6 @@ def part_bytes(
         quantities: `unit` and `meaning` by the name of the column, as in the manifest; of the columns that
             are not there, those that run kinds add have theirs.
     """
-    return _encoded(*_records(frame, number, job_hash, counts, quantities))
-
-
-def _records(
-    frame: pd.DataFrame,
-    number: int,
-    job_hash: str,
-    counts: Mapping[str, int],
-    quantities: Mapping[str, Mapping[str, Any]] | None = None,
-) -> ArrowPart:
-    """Convert the records of a part to Arrow, with its footer; arguments as for `part_bytes`."""
     categories: dict[str, list[str]] = {}
     fields = []
     arrays = []
@@ -211,20 +200,6 @@ def _unit_and_meaning(column: str, quantities: Mapping[str, Mapping[str, Any]]) 
     quantity = quantities.get(observed) or added
     described = {name: quantity[name] for name in ("unit", "meaning") if quantity.get(name)}
     return described or None
-
-
-def _encoded(records: pa.Table, footer: Footer) -> EncodedPart:
-    """Encode the records of a part as parquet."""
-    metadata = {_KEY: json.dumps(dataclasses.asdict(footer)).encode()}
-    file = io.BytesIO()
-    pq.write_table(
-        records.replace_schema_metadata(metadata),
-        file,
-        compression="zstd",
-        use_dictionary=list(footer.categories),  # pyright: ignore[reportArgumentType] (its stub says bool only)
-        write_page_checksum=True,
-    )
-    return EncodedPart(file.getvalue(), footer)
 
 
 def _text(codes: np.ndarray, names: list[str]) -> pa.Array:

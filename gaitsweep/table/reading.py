@@ -180,10 +180,9 @@ class Selection:
         if self.rows is None or not row.size:
             return table
         if isinstance(self.rows, range):
-            first = self.rows.start
-            stop = self.rows.stop
-            step = self.rows.step
-            selected = (row >= first) & (row < stop) & ((row - first) % step == 0)
+            wanted = self.rows
+            selected = (row >= wanted.start) & (row < wanted.stop)
+            selected &= (row - wanted.start) % wanted.step == 0
         else:
             of_part = slice(*np.searchsorted(self.rows, [row[0], row[-1] + 1]))
             selected = np.isin(row, self.rows[of_part])

@@ -27,10 +27,10 @@ PINNED_SOBOL = [1.7545246281661093, 1.2545246281661093, 1.0045246281661093, 1.50
 
 def test_no_vary_is_one_row() -> None:
     design = toy().design
-    assert (design.n_rows, design.columns(0, 1), design.groups) == (1, {}, ())
+    assert (design.n_rows, design.at(np.arange(1), design.names), design.groups) == (1, {}, ())
     assert design.values(0, 1)[1]["launch_1"].tolist() == [1.0]
     with pytest.raises(IndexError):
-        design.columns(0, 2)
+        design.values(0, 2)
 
 
 LENGTHS = st.lists(st.integers(1, 5), min_size=1, max_size=4)
@@ -51,7 +51,7 @@ def test_slices_equal_the_whole(one: int, other: int) -> None:
     start, stop = sorted((one, other))
     design = EVERY.design
     assert design.n_rows == 4 * 3 * 3 * 5 * 2
-    whole, part = design.columns(0, 360), design.columns(start, stop)
+    whole, part = design.at(np.arange(360), design.names), design.at(np.arange(start, stop), design.names)
     assert list(part) == ["restitution", "mass", "stiffness", "launch_1", "launch_2", "preload", "ceiling"]
     assert all(np.array_equal(part[name], whole[name][start:stop]) for name in whole)
     for all_rows, some in zip(design.values(0, 360), design.values(start, stop), strict=True):
@@ -145,7 +145,7 @@ def test_memory_does_not_grow_with_the_rows() -> None:
     vary = {name: {"linspace": [1, 2, 1000]} for name in ("mass", "stiffness", "launch_1")}
     tracemalloc.start()
     design = toy(vary=vary).design
-    part = design.columns(10**9 - 3, 10**9)
+    part = design.at(np.arange(10**9 - 3, 10**9), design.names)
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert design.n_rows == 10**9
