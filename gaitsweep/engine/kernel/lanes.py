@@ -146,7 +146,7 @@ class Kernel:
         return chunk_of(self.lane, *self.shapes)
 
     def stored(self, name: str, compute: Callable[[], Any], *others: Any) -> Any:
-        """As `content.stored`, for this run."""
+        """As `stored_traces.stored`, for this run."""
         lane = self.lane
         return stored(name, lane.model, (lane.recorder, lane.numerics, lane.drive, *others), compute)
 
