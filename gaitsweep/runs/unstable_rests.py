@@ -18,7 +18,7 @@ from jaxtyping import Bool, Float, Int
 from gaitsweep.contract import Model, State
 from gaitsweep.dynamics.declared import Declared
 from gaitsweep.dynamics.footfalls import Footfalls
-from gaitsweep.engine.leaves import AllVariables
+from gaitsweep.engine.all_variables import AllVariables
 from gaitsweep.engine.poincare.maps import MapEvaluation, Points, sizes
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.engine.recorders.staircase import StepRecorder
