@@ -15,7 +15,8 @@ from gaitsweep.engine.dependences import dependences
 from gaitsweep.engine.devices import Device
 from gaitsweep.engine.kernel import gpu_program
 from gaitsweep.engine.kernel.cuda_device import CudaDevice, DeviceArray
-from gaitsweep.engine.kernel.lanes import Kernel, KernelLanes, OpenedRows
+from gaitsweep.engine.kernel.lanes import Kernel, KernelLanes
+from gaitsweep.engine.kernel.opening import OpenedRows
 from gaitsweep.engine.recorders.recorder import BUFFER
 from gaitsweep.engine.sweep.lane import ChunkOutput, Values
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
