@@ -16,10 +16,10 @@ from jaxtyping import Bool, Float, Int
 from gaitsweep.contract import HybridModel, Model
 from gaitsweep.design.design import Design
 from gaitsweep.engine.content import cached_by_content
+from gaitsweep.engine.dependences import dependences
 from gaitsweep.engine.devices import see_all_cores
 from gaitsweep.engine.flow_spectrum import slowest_limit
 from gaitsweep.engine.kernel.row_functions import over_rows
-from gaitsweep.engine.leaves import dependences
 from gaitsweep.engine.numerics import (
     MIN_STEPS_PER_PERIOD,
     ResolvedNumerics,

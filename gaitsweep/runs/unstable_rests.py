@@ -20,8 +20,8 @@ from jaxtyping import Bool, Float, Int
 from gaitsweep.contract import Model, Params, State
 from gaitsweep.dynamics.declared import Declared
 from gaitsweep.dynamics.footfalls import Footfalls
+from gaitsweep.engine.all_variables import AllVariables
 from gaitsweep.engine.kernel.row_functions import over_rows
-from gaitsweep.engine.leaves import AllVariables
 from gaitsweep.engine.poincare.maps import Points, sizes
 from gaitsweep.engine.poincare.poincare_return import Returned, ReturnStatus
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap

@@ -63,7 +63,7 @@ def compiled(
 
     Args:
         chunk: traces the program.
-        stored: `stored(name, compute, *others)`, the result of `compute`, kept as by `content.stored`.
+        stored: `stored(name, compute, *others)`, the result of `compute`, kept as by `stored_traces.stored`.
         contraction: whether a product and a sum may become one instruction, which rounds once.
         quick: as of `llvm_code.machine_code`.
     """

@@ -192,7 +192,7 @@ class _Kernel:
         self.lane_state: _LaneState = jax.tree.unflatten(jax.tree.structure(carry), slots)
 
     def _stored(self, name: str, compute: Callable[[], Any], *others: Any) -> Any:
-        """As `content.stored`, for this return."""
+        """As `stored_traces.stored`, for this return."""
         deciding = (self._crossing.numerics, repr(self._opened), *others)
         return stored(f"return_{name}", self._crossing.model, deciding, compute)
 

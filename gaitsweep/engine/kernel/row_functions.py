@@ -42,7 +42,7 @@ def over_rows(
     Args:
         function: a JAX function of one row, from pytrees to a pytree of arrays; XLA computes it where it has
             operations that a scalar program lacks.
-        name, model, others: what a program is stored by (`content.stored`). Its results are then
+        name, model, others: what a program is stored by (`stored_traces.stored`). Its results are then
             mappings and lists of arrays. Without a model it is traced in each process.
         all_rows: compute by a kernel, for a function that a run calls with all its rows.
     """
