@@ -47,11 +47,11 @@ def pytest_configure(config: pytest.Config) -> None:
         from tests.support.shapes import check_shapes
 
         check_shapes()
-    from gaitsweep.engine import content  # after the hook that checks shapes
+    from gaitsweep.engine import stored_traces  # after the hook that checks shapes
     from gaitsweep.engine.kernel import cpu_program, row_kernel
 
     # tests replace parts of the engine, and the programs of one would be given to another
-    content.cache_folder = lambda _: None
+    stored_traces.cache_folder = lambda _: None
     # tests compile more than a thousand kernels, most of them for a few rows
     cpu_program.loaded_once = row_kernel.loaded_once = _compiled_quickly(cpu_program.loaded_once)
 

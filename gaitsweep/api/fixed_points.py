@@ -15,7 +15,8 @@ from jaxtyping import Float
 from numpy.typing import ArrayLike
 
 from gaitsweep import near_miss
-from gaitsweep.analysis.continuation.continuation import LevelMap, continuation
+from gaitsweep.analysis.continuation.continuation import continuation
+from gaitsweep.analysis.continuation.level_map import LevelMap
 from gaitsweep.analysis.continuation.newton import FixedPoints, newton
 from gaitsweep.analysis.records import names_in
 from gaitsweep.api.keywords import AnyModel, job_of

@@ -9,9 +9,9 @@ import pandas as pd
 
 from gaitsweep.api.result import Result
 from gaitsweep.errors import ArgumentError
-from gaitsweep.expression import evaluate, names_in
+from gaitsweep.expression import evaluate, names_used
 from gaitsweep.status import Outcome
-from gaitsweep.table.manifest import self_check_warned
+from gaitsweep.table.self_check_words import self_check_warned
 
 _CONSTANTS = ("structure", "params", "start")  # the parts of a job that hold constants of all its rows
 Tables = pd.DataFrame | Result | Sequence[pd.DataFrame | Result]
@@ -188,7 +188,7 @@ def _value_of(name: str, frame: pd.DataFrame, constants: Mapping[str, Any]) -> A
         return value
     values = {
         each: frame[each].to_numpy() if each in frame.columns else _value_of(each, frame, constants)
-        for each in names_in(value)
+        for each in names_used(value)
         if each in frame.columns or each in constants
     }
     return evaluate(value, values)

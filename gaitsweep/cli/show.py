@@ -29,7 +29,7 @@ from gaitsweep.runs.sentences import (
 )
 from gaitsweep.status import Status
 from gaitsweep.table import Snapshot, TableError
-from gaitsweep.table.atomic_files import PARTS
+from gaitsweep.table.parquet_parts import PARTS
 
 if TYPE_CHECKING:
     from gaitsweep.runs.estimate import Estimate

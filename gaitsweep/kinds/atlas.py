@@ -14,7 +14,7 @@ from pydantic import Field, PrivateAttr
 from gaitsweep import near_miss
 from gaitsweep.analysis.atlas.atlas_tables import atlas_tables
 from gaitsweep.analysis.atlas.branch import points_of
-from gaitsweep.analysis.atlas.periodic_orbits import OrbitSearch, SearchOptions
+from gaitsweep.analysis.atlas.periodic_orbits import OrbitSearch, OrbitSearchOptions
 from gaitsweep.column_meanings import time_column
 from gaitsweep.contract import HybridModel, Model, Quantity
 from gaitsweep.design import Design
@@ -285,7 +285,7 @@ class Atlas(FollowsFixedPoints):
         row_of_start = np.repeat(np.arange(count), CHECKED)
         starts = DrawnStarts(mapped, self.ranges, self.seed)
         drawn = starts.points(row_of_start, 0, CHECKED)
-        search = OrbitSearch(mapped.mapping, mapped.values, starts.levels(self.fix), SearchOptions())
+        search = OrbitSearch(mapped.mapping, mapped.values, starts.levels(self.fix), OrbitSearchOptions())
         search.add(drawn, row_of_start)
         first = [search.of_row(row)[:1] for row in range(count)]
         points = [

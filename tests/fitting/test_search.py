@@ -386,6 +386,13 @@ def test_wrong_searches_are_refused(change: dict[str, Any], sentence: str, tmp_p
     assert not (tmp_path / "out").exists()
 
 
+def test_a_constant_of_zero_has_no_share_to_change_by(tmp_path: Path) -> None:
+    asked = job(robust={**ROBUST, "constants": ["kicking"]})
+    asked["params"] = {**asked["params"], "kicking": 0.0}
+    with pytest.raises(JobError, match=r"constants\[0\] is kicking, whose value is 0.*other than 0"):
+        searched(asked, tmp_path / "out")
+
+
 @pytest.mark.parametrize(
     ("change", "sentence"),
     [

@@ -28,12 +28,7 @@ from gaitsweep.analysis.atlas.branch import (
     record_of,
 )
 from gaitsweep.analysis.atlas.order_changes import with_order_changes
-from gaitsweep.analysis.atlas.periodic_orbits import (
-    Orbit,
-    OrbitSearch,
-    orbits_of,
-    rows_of,
-)
+from gaitsweep.analysis.atlas.periodic_orbits import Orbit, OrbitSearch, orbits_of, rows_of
 from gaitsweep.analysis.atlas.plane_curves import plane_curves
 from gaitsweep.analysis.continuation.arclength_step import BranchPoints, ContinuationProblem
 from gaitsweep.analysis.continuation.branch_follower import ArclengthSteps, BranchFollower

@@ -251,12 +251,7 @@ def _set_groups(space: Space, table: pd.DataFrame, columns: Sequence[str], statu
 
 
 def _orbit_groups(
-    space: Space,
-    table: pd.DataFrame,
-    columns: Sequence[str],
-    period: int,
-    grain: float,
-    link: float | None,
+    space: Space, table: pd.DataFrame, columns: Sequence[str], period: int, grain: float, link: float | None
 ) -> list[_Group]:
     """The rows on each orbit of `period` crossings, the most frequent first, and its states."""
     rows = np.flatnonzero(_periods(table) == period)

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-import itertools
 from collections.abc import Sequence
 
 import numpy as np
 import pandas as pd
 import scipy
 
-from gaitsweep.analysis.basins.state_space import Space, StateArray
+from gaitsweep.analysis.basins.state_space import Space, StateArray, crossing_columns
 
 # Largest ratio of the mean distance of crossings from a sampled set, to that between the crossings within it.
 NEAR = 3.0
@@ -67,10 +66,11 @@ def sampled_sets(space: Space, table: pd.DataFrame, columns: Sequence[str], stat
         columns: the columns of the state.
         status: chaotic or quasi_periodic.
     """
-    later = itertools.takewhile(lambda k: f"{columns[0]}_{k}" in table, itertools.count(2))
-    names = [list(columns), *([f"{name}_{k}" for name in columns] for k in later)]
     rows = np.flatnonzero((table["status"].astype(str) == status).to_numpy())
-    crossings = np.stack([space.points(table.iloc[rows], at_crossing) for at_crossing in names], axis=1)
+    crossings = np.stack(
+        [space.points(table.iloc[rows], at_crossing) for at_crossing in crossing_columns(table, columns)],
+        axis=1,
+    )
     known = np.isfinite(crossings).all(axis=(1, 2))
     sets: list[SampledSet] = []
     for row, states in zip(rows[known].tolist(), crossings[known], strict=True):

@@ -176,11 +176,6 @@ def located_on_branch(
     return alone(search)
 
 
-def turn_kind(problem: ContinuationProblem, at_turn: BranchPoints) -> str:
-    """The kind of one turn of the parameter: "fold" where smooth, "corner" where the map has a kink."""
-    return "fold" if _turns(problem, at_turn) else "corner"
-
-
 def _turns(problem: ContinuationProblem, at: BranchPoints) -> bool:
     """Whether the parameter turns smoothly at a point of one branch."""
     return bool(abs(fold_test(problem, at)[0]) < FLAT * (problem.high - problem.low))
@@ -408,7 +403,7 @@ class _BranchStep:
 def _kind_at_zero(problem: ContinuationProblem, at_zero: BranchPoints, test: Test) -> str:
     """The kind of bifurcation at a zero of a test function; empty if it is none."""
     if test is fold_test:
-        return turn_kind(problem, at_zero)
+        return "fold" if _turns(problem, at_zero) else "corner"  # where the map has a kink
     return "flip" if test is flip_test else pair_kind(problem, at_zero)
 
 

@@ -295,10 +295,7 @@ def _both_ways(points: Points, tangent: Vector) -> list[Way]:
 
 
 def beside(
-    problem: ContinuationProblem,
-    at: BranchPoints,
-    ways: list[Way],
-    length: float = ASIDE,
+    problem: ContinuationProblem, at: BranchPoints, ways: list[Way], length: float = ASIDE
 ) -> BranchPoints | None:
     """Points (k,) beside a branch point, one step of `length` ahead on the branches that begin there.
 

@@ -172,10 +172,7 @@ class BranchTable:
 
 
 def _of_flow(
-    problem: ContinuationProblem,
-    at: BranchPoints,
-    factors: Complex[np.ndarray, " multipliers"],
-    special: str,
+    problem: ContinuationProblem, at: BranchPoints, factors: Complex[np.ndarray, " multipliers"], special: str
 ) -> dict[str, float]:
     """Columns of one stationary point (1,): the normal form's coefficient, and a Hopf point's frequency."""
     if not isinstance(problem.mapping, StationaryMap):

@@ -23,10 +23,7 @@ from gaitsweep.analysis.continuation.floquet_multipliers import multipliers
 from gaitsweep.analysis.continuation.hopf_cycles import hopf_form
 from gaitsweep.analysis.continuation.lockstep import Computation, Request
 from gaitsweep.analysis.continuation.newton import ConservedConstraints, matrices, residuals
-from gaitsweep.analysis.continuation.normal_forms import (
-    flip_coefficient,
-    neimark_sacker_coefficient,
-)
+from gaitsweep.analysis.continuation.normal_forms import flip_coefficient, neimark_sacker_coefficient
 from gaitsweep.engine.poincare.maps import Map, MapEvaluation, Points
 from gaitsweep.engine.poincare.stationary_map import StationaryMap
 

@@ -52,10 +52,7 @@ def critical_kind(special: str) -> CriticalKind:
 
 
 def equations_at(
-    problem: ContinuationProblem,
-    at: BranchPoints,
-    special: str,
-    second: SecondParameter | None = None,
+    problem: ContinuationProblem, at: BranchPoints, special: str, second: SecondParameter | None = None
 ) -> tuple[CriticalEquations, Vector]:
     """The equations of a bifurcation that was located on one branch (1,), and its unknowns.
 

@@ -100,8 +100,7 @@ def largest_growth(jacobians: Sequence[Matrix]) -> float:
 
 
 def _restricted(
-    matrix: Matrix,
-    gradients: Float[np.ndarray, "constrained coordinates"],
+    matrix: Matrix, gradients: Float[np.ndarray, "constrained coordinates"]
 ) -> Float[np.ndarray, "directions directions"]:
     """The matrix restricted to the directions normal to all gradients."""
     k = len(gradients)
