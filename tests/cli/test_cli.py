@@ -95,7 +95,9 @@ class FakeRunner(types.ModuleType):
         self.draw_figures(path)
         return path
 
-    def draw_figures(self, path: Path, style: object = None, folder: Path | None = None) -> list[Path]:
+    def draw_figures(
+        self, path: Path, style: object = None, folder: Path | None = None, fields: object = ()
+    ) -> list[Path]:
         figure = (folder or Path(path) / "figures") / "basin.png"
         figure.parent.mkdir(exist_ok=True)
         figure.write_bytes(PNG)
@@ -257,7 +259,7 @@ def test_a_signal_has_its_own_code(job_file: Path, runner: FakeRunner) -> None:
 def test_a_figure_that_fails_leaves_the_others(
     finished: Path, runner: FakeRunner, monkeypatch: pytest.MonkeyPatch, capsys: Capture
 ) -> None:
-    def refuse(path: Path, style: object, folder: object) -> list[Path]:
+    def refuse(path: Path, style: object, folder: object, fields: object) -> list[Path]:
         raise runner.FigureError("figures[1] (shock): no.")
 
     monkeypatch.setattr(runner, "draw_figures", refuse)

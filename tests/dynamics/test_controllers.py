@@ -26,8 +26,8 @@ from gaitsweep.dynamics.controllers.oscillators import (
     MatsuokaOscillators,
     PhaseOscillators,
 )
+from gaitsweep.models.sampled_points import sampled_points
 from gaitsweep.models.starts_in_ground import starts_in_ground
-from gaitsweep.models.value_faults import sample
 from gaitsweep.schema.diagnostics import JobError
 from gaitsweep.shipped import EXAMPLES
 
@@ -575,7 +575,9 @@ def test_a_body_that_begins_in_the_ground_is_remarked(tmp_path: Path, dynamics: 
     """At its pose in the file the biped's feet touch the floor, so z_0 is minus their depth."""
     model = walker(tmp_path, file=("fallen", f"dynamics: {dynamics}\nfallen"))
     # the first ones are the defaults
-    values, starts = ({name: column[[0, 0]] for name, column in group.items()} for group in sample(model, 1))
+    values, starts = (
+        {name: column[[0, 0]] for name, column in group.items()} for group in sampled_points(model, 1)
+    )
 
     def remarked(z: float) -> list[str]:
         columns = {**starts, "z_0": np.array([0.5, z])}

@@ -8,11 +8,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from gaitsweep import near_miss
 from gaitsweep.angles import wrapped_difference
 from gaitsweep.contract import Model
 from gaitsweep.engine.carry import Integer, Observed
-from gaitsweep.errors import ArgumentError
 
 # Crossings over which a settled state must be constant.
 SETTLE_WINDOW = 10
@@ -35,18 +33,10 @@ def tolerances(model: Model, tolerance: float | Mapping[str, float]) -> float | 
     Args:
         model: the model.
         tolerance: one for all observables, which is returned, or those of some by name; others have
-            `TOLERANCE`.
-
-    Raises:
-        ArgumentError: a name is not an observable of the model.
+            `TOLERANCE`. Run kinds refuse a name that is no observable.
     """
     if not isinstance(tolerance, Mapping):
         return tolerance
-    names = [quantity.name for quantity in model.observables]
-    for name in tolerance:
-        if name not in names:
-            near = near_miss.suggestion(name, names)
-            raise ArgumentError(f"tolerance: {name} is not an observable of {model.name}{near}")
     return tuple(tolerance.get(quantity.name, TOLERANCE) for quantity in model.observables)
 
 
