@@ -21,7 +21,6 @@ from gaitsweep.engine.content import cached_by_content, stored
 from gaitsweep.engine.devices import host_device
 from gaitsweep.engine.kernel import cpu_program
 from gaitsweep.engine.kernel.chunk import Chunk, Leaf, chunk_of
-from gaitsweep.engine.kernel.cpu_program import TILE
 from gaitsweep.engine.kernel.row_kernel import RowKernel, row_kernel, running
 from gaitsweep.engine.kernel.trace import UnsupportedError, traced_function
 from gaitsweep.engine.numerics import STEP_FACTOR, ResolvedNumerics
@@ -159,7 +158,7 @@ class Kernel:
     def _opening(self) -> Callable[[Columns, Columns], OpenedRows]:
         """The function that opens rows: by a kernel, or by XLA if no kernel has the model's operations."""
         try:
-            opening = self.stored("opening", lambda: opening_of(self.lane, *self.shapes), TILE)
+            opening = self.stored("opening", lambda: opening_of(self.lane, *self.shapes), cpu_program.TILE)
         except UnsupportedError:
             return opened_by_xla(self.lane)
         kernel, slots = opening
@@ -241,19 +240,19 @@ class CpuLanes(KernelLanes):
     def __init__(self, spec: SweepSpec) -> None:
         super().__init__(spec)
         self._run, slots = _compiled(self.kernel, contraction=spec.numerics.contraction, quick=spec.quick)
-        tiles = -(-self.size // TILE)
-        self._slots = _aligned((tiles, slots, TILE))
+        tiles = -(-self.size // cpu_program.TILE)
+        self._slots = _aligned((tiles, slots, cpu_program.TILE))
         leaves = self.kernel.leaves
         width = self.kernel.width
         self._filled = leaves["filled"].first
         self._slots[:, leaves["status"].first] = Status.complete
-        self._buffers = np.zeros((tiles * TILE, BUFFER if width else 0, width))
+        self._buffers = np.zeros((tiles * cpu_program.TILE, BUFFER if width else 0, width))
 
     def fill(self, params: Values, starts: Values, fresh: Bool[np.ndarray, " lanes"]) -> None:
         self.open_rows(params, starts, fresh)
 
     def put(self, lanes: Int[np.ndarray, " opened"], opened: OpenedRows) -> None:
-        tile, lane = np.divmod(lanes, TILE)
+        tile, lane = np.divmod(lanes, cpu_program.TILE)
         self._slots[tile, : opened.slots.shape[1], lane] = opened.slots
         if self.kernel.width:
             self._buffers[lanes[opened.keeps], 0] = opened.samples[opened.keeps]
@@ -266,7 +265,7 @@ class CpuLanes(KernelLanes):
         def read(successive: slice) -> Real[np.ndarray, "slots lanes"]:
             # the count of lanes is given, since a model without events has leaves without slots
             count = successive.stop - successive.start
-            return slots[successive].reshape(count, tiles * TILE)[:, : self.size]
+            return slots[successive].reshape(count, tiles * cpu_program.TILE)[:, : self.size]
 
         output = self.output(read)
         self._slots[:, self._filled] = 0.0
