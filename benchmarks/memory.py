@@ -46,7 +46,8 @@ def make_up(path: Path, template: Path, points: int) -> None:
         for number in directory.missing_blocks():
             first, last = directory.layout.rows_of(number)
             frame = records.iloc[np.arange(first, last) % len(records)].reset_index(drop=True)
-            frame = frame.assign(row=np.arange(first, last), **context.design.columns(first, last))
+            rows = np.arange(first, last)
+            frame = frame.assign(row=rows, **context.design.at(rows, context.design.names))
             directory.write_part(number, frame)
         sum_up(context, directory, {})
 

@@ -105,6 +105,7 @@ html_theme_options = {
 
 # Words that readers search for, of pages that say it in other words.
 SEARCH_WORDS = {
+    "docs/guides": "sample, latin, hypercube, units, gaussian, restart, resume, floquet",
     "docs/reference": "cite, citation, bibtex, doi, version",
     "docs/own_figure": "colour, color, palette, colormap, style, size, font, pdf, svg",
     "docs/start": "csv, export, excel, dataframe, install",

@@ -13,6 +13,8 @@ from gaitsweep.api.atlas import Atlas as Atlas
 from gaitsweep.api.atlas import atlas as atlas
 from gaitsweep.api.fits import search as search
 from gaitsweep.api.fits import sensitivity as sensitivity
+from gaitsweep.api.joining import concat as concat
+from gaitsweep.api.joining import same_categories as same_categories
 from gaitsweep.api.quantifiers import quantifiers as quantifiers
 from gaitsweep.api.result import Result as Result
 from gaitsweep.api.return_map import PoincareMap as PoincareMap
@@ -74,7 +76,6 @@ from gaitsweep.skeleton import Skeleton as Skeleton
 from gaitsweep.status import Status as Status
 from gaitsweep.table import TableError as TableError
 from gaitsweep.table import load as load
-from gaitsweep.table import same_categories as same_categories
 from gaitsweep.view.row_movie import write_movie as write_movie
 from gaitsweep.view.row_movie import write_still as write_still
 

@@ -15,6 +15,8 @@ import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from gaitsweep.compilation import compiling
+
 _DIGEST = 32  # bytes before the content of a file
 
 
@@ -96,12 +98,14 @@ def compiled_once(suffix: str, key: Sequence[str], compile_: Callable[[], bytes]
     """
     folder = cache_folder("kernels")
     if folder is None:
-        return compile_()
+        with compiling():
+            return compile_()
     digest = hashlib.sha256("\n".join(key).encode()).hexdigest()
     file = folder / f"gaitsweep_kernel_{digest[:24]}.{suffix}"
     code = load_cached(file)
     if code is None:
-        code = compile_()
+        with compiling():
+            code = compile_()
         store_cached(file, code)
     return code
 

@@ -26,7 +26,7 @@ COLUMNS = {
     "phase_shift": ("1", "share of the gait's period by which the row is ahead for good"),
     "pass": ("1", "number of the pass along the parameter's path"),
     "stair": ("1", "number of the stair"),
-    "settled": ("1", "whether the stair settled"),
+    "settled": ("1", "whether the gait had settled at the end of the stair; status is that of the whole row"),
     "part": ("", "branch, or kind of the bifurcations along the curve"),
     "number": ("1", "number of the branch or curve in its row"),
     "branch": ("1", "number of the branch in its row"),

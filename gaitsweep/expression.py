@@ -1,9 +1,7 @@
-"""Arithmetic and conditions written in jobs, models and claims: checked by a short grammar, then evaluated.
+"""Arithmetic written in jobs, models and claims: checked by a short grammar, then evaluated.
 
 An expression is a number, or arithmetic with `+ - * / // % **` and parentheses over names, `pi`, `e` and the
-functions of `FUNCTIONS`. A condition compares expressions, or a column of text with texts in quotes, by
-`< <= > >= == !=` and `in [...]`, and joins comparisons by `and`, `or` and `not`. All other Python syntax is
-refused before anything is evaluated.
+functions of `FUNCTIONS`. All other Python syntax is refused before anything is evaluated.
 """
 
 from __future__ import annotations
@@ -22,12 +20,12 @@ import numpy as np
 from gaitsweep import near_miss
 from gaitsweep.errors import UserError
 
-__all__ = ["ExpressionError", "evaluate", "names_in"]
+__all__ = ["ExpressionError", "evaluate", "names_used"]
 
 CONSTANTS: Mapping[str, float] = {"pi": math.pi, "e": math.e}
 FUNCTIONS = ("sqrt", "sin", "cos", "tan", "exp", "log", "abs", "floor", "min", "max")
-# Names that no quantity may have: those of formulas, and the fields of `vary` that are not axes.
 VARY_GROUPS = ("zip", "sample")  # keys of `vary` that move several quantities together
+# Names that no quantity may have.
 RESERVED = frozenset({*CONSTANTS, *FUNCTIONS, *VARY_GROUPS})
 
 _LONGEST = 500  # characters
@@ -42,14 +40,6 @@ _OPERATORS: dict[type, Callable[..., Any]] = {
     ast.Pow: operator.pow,
     ast.USub: operator.neg,
     ast.UAdd: operator.pos,
-}
-_COMPARISONS: dict[type, Callable[..., Any]] = {
-    ast.Lt: operator.lt,
-    ast.LtE: operator.le,
-    ast.Gt: operator.gt,
-    ast.GtE: operator.ge,
-    ast.Eq: operator.eq,
-    ast.NotEq: operator.ne,
 }
 # Syntax that is refused, in words.
 _REFUSED_SYNTAX: dict[type, str] = {
@@ -71,6 +61,13 @@ _REFUSED_SYNTAX: dict[type, str] = {
     ast.NamedExpr: "an assignment",
     ast.Starred: "a star before an argument",
     ast.BitXor: "^ (a power is written **)",
+    ast.BitAnd: "&",
+    ast.BitOr: "|",
+    ast.LShift: "<<",
+    ast.RShift: ">>",
+    ast.MatMult: "@",
+    ast.Not: "not",
+    ast.Invert: "~",
     ast.Constant: "a parenthesis after a number (a product needs its star)",
 }
 
@@ -111,23 +108,23 @@ def evaluate(
     """
     if not isinstance(expression, str):
         return _number(expression)
-    tree = _parse(expression)
-    for name in names_in(expression):
+    tree = _parsed(expression)
+    for name in names_used(expression):
         if name not in names:
             allowed = [*names, *CONSTANTS]
-            raise _error_in(expression, f"{name} is not a known name{near_miss.suggestion(name, allowed)}")
+            raise error_in(expression, f"{name} is not a known name{near_miss.suggestion(name, allowed)}")
     if clash := sorted(set(names) & set(CONSTANTS)):
         raise ExpressionError(f"{clash[0]} is a constant and cannot be redefined.")
     if functions is not None:
-        return _evaluate_tree(expression, tree, {**CONSTANTS, **names}, functions, float)
+        return evaluate_tree(expression, tree, {**CONSTANTS, **names}, functions, float)
     # A lone number goes through the loops of arrays too: NumPy's scalar powers differ from them by an ulp.
-    used = {**CONSTANTS, **{name: names[name] for name in names_in(expression)}}
+    used = {**CONSTANTS, **{name: names[name] for name in names_used(expression)}}
     known = {name: np.atleast_1d(np.asarray(value, np.float64)) for name, value in used.items()}
     with np.errstate(divide="raise", over="raise", invalid="raise", under="ignore"):
-        result = _evaluate_tree(expression, tree, known, functions_of(np), lambda number: np.array([number]))
+        result = evaluate_tree(expression, tree, known, functions_of(np), lambda number: np.array([number]))
     if not np.all(np.isfinite(result)):
-        raise ExpressionError(f"{_quoted(expression)} is not a finite number.")
-    scalar = all(np.ndim(names[name]) == 0 for name in names_in(expression))
+        raise ExpressionError(f"{quoted(expression)} is not a finite number.")
+    scalar = all(np.ndim(names[name]) == 0 for name in names_used(expression))
     return float(result[0]) if scalar else result
 
 
@@ -139,7 +136,8 @@ def resolve(
     """`names` with the values of `settings`, numbers or expressions, each after those that it uses.
 
     Args:
-        settings: by name, in an order in which they can be evaluated.
+        settings: by name, in an order in which they can be evaluated. NaN, a start that the model itself
+            decides, stays NaN.
         names: the values that are known, as for `evaluate`.
         functions: as for `evaluate`.
 
@@ -148,107 +146,19 @@ def resolve(
     """
     known = dict(names)
     for name, setting in settings.items():
-        known[name] = evaluate(setting, known, functions) if isinstance(setting, str) else float(setting)
+        undecided = isinstance(setting, float) and math.isnan(setting)
+        known[name] = math.nan if undecided else evaluate(setting, known, functions)
     return known
 
 
-def read_condition(text: str) -> str:
-    """Return a condition unchanged if it is one, for a field of a file.
-
-    Raises:
-        ExpressionError: the text is not a condition, with a sentence that quotes it.
-    """
-    _parse(text, condition=True)
-    return text
-
-
-def fulfilled(
-    condition: str, columns: Mapping[str, Any], read: Callable[[Any], np.ndarray] = np.asarray
-) -> np.ndarray:
-    """Evaluate a condition on rows, (n,) of bool.
-
-    A missing number or text (NaN) is unequal to all others, and neither below nor above them.
-
-    Args:
-        condition: text such as `gait == 'trot' and 0.5 <= speed < 1`.
-        columns: arrays (n,) by name: numbers, texts (of dtype object) or truth values.
-        read: gives the array of a column; called for those that the condition names.
-
-    Raises:
-        ExpressionError: the text is not a condition, a name is unknown, or text is compared with a number.
-    """
-    tree = _parse(condition, condition=True)
-    used = _names_of(tree) - (set(CONSTANTS) - set(columns))
-    for name in used:
-        if name not in columns:
-            near = near_miss.suggestion(name, list(columns))
-            raise _error_in(condition, f"{name} is not a column{near}")
-    if not used:
-        raise ExpressionError(f"{_quoted(condition)} does not name a column.")
-    known = {name: read(columns[name]) for name in used}
-    with np.errstate(all="ignore"):
-        truth = _truth(condition, tree, known)
-    return np.array(np.broadcast_to(truth, np.shape(next(iter(known.values())))), bool)
-
-
-def _truth(text: str, node: ast.expr, columns: Mapping[str, np.ndarray]) -> Any:
-    """The truth values of a condition's part, which `_check_condition` has let through."""
-    match node:
-        case ast.BoolOp():
-            parts = [_truth(text, part, columns) for part in node.values]
-            join = np.logical_and if isinstance(node.op, ast.And) else np.logical_or
-            return functools.reduce(join, parts)
-        case ast.UnaryOp():
-            return np.logical_not(_truth(text, node.operand, columns))
-        case ast.Name():
-            if columns[node.id].dtype.kind != "b":
-                raise _error_in(text, f"{node.id} is a column of values, not of truth values: compare it.")
-            return columns[node.id]
-        case ast.Compare():
-            operands = [_operand(text, part, columns) for part in (node.left, *node.comparators)]
-            pairs = zip(operands, node.ops, operands[1:], strict=False)
-            return functools.reduce(np.logical_and, [_compared(text, *pair) for pair in pairs])
-    raise AssertionError(node)
-
-
-def _operand(text: str, node: ast.expr, columns: Mapping[str, np.ndarray]) -> Any:
-    """Numbers as float64, texts as str or an array of object, a list as a list of these."""
-    if isinstance(node, (ast.List, ast.Tuple)):
-        return [_operand(text, item, columns) for item in node.elts]
-    if isinstance(node, ast.Constant) and isinstance(node.value, str):
-        return node.value
-    if isinstance(node, ast.Name) and node.id in columns and columns[node.id].dtype.kind not in "biuf":
-        return columns[node.id].astype(object)
-    numbers: dict[str, Any] = {**CONSTANTS}
-    for name in _names_of(node) & set(columns):
-        if columns[name].dtype.kind not in "biuf":
-            raise _error_in(text, f"{name} is a column of text, not of numbers.")
-        numbers[name] = columns[name].astype(np.float64)
-    return _evaluate_tree(text, node, numbers, functions_of(np), np.float64)
-
-
-def _compared(text: str, left: Any, comparison: ast.cmpop, right: Any) -> Any:
-    """The truth values of one comparison of operands."""
-    if isinstance(right, list):
-        equal_to_items = [_compared(text, left, ast.Eq(), item) for item in right]
-        equal = functools.reduce(np.logical_or, equal_to_items, np.zeros(np.shape(left), bool))
-        return np.logical_not(equal) if isinstance(comparison, ast.NotIn) else equal
-    texts = [isinstance(item, str) or np.asarray(item).dtype.kind == "O" for item in (left, right)]
-    if texts[0] != texts[1]:
-        raise ExpressionError(f"{_quoted(text)} compares text with a number.")
-    if texts[0] and type(comparison) not in (ast.Eq, ast.NotEq):
-        raise ExpressionError(f"{_quoted(text)} orders texts, but only ==, != and in [...] can compare them.")
-    return np.asarray(_COMPARISONS[type(comparison)](left, right), bool)
-
-
-def names_in(expression: str | float) -> set[str]:
+def names_used(expression: str | float) -> set[str]:
     """The names that an expression uses, constants and functions left out; empty for a number."""
     if not isinstance(expression, str):
         return set()
-    return _names_of(_parse(expression)) - set(CONSTANTS)
+    return names_of_tree(_parsed(expression)) - set(CONSTANTS)
 
 
-def _names_of(tree: ast.expr) -> set[str]:
+def names_of_tree(tree: ast.expr) -> set[str]:
     """The names in a tree, without those of the functions that it calls."""
     called = {id(node.func) for node in ast.walk(tree) if isinstance(node, ast.Call)}
     return {node.id for node in ast.walk(tree) if isinstance(node, ast.Name) and id(node) not in called}
@@ -266,7 +176,8 @@ def functions_of(module: Any) -> dict[str, Callable[..., Any]]:
     return table
 
 
-def _quoted(text: str) -> str:
+def quoted(text: str) -> str:
+    """The text in quotes, shortened for a message."""
     return f'"{text}"' if len(text) <= 60 else f'"{text[:57]}..."'
 
 
@@ -283,7 +194,7 @@ def _number(value: Any) -> float:
     return number
 
 
-def _evaluate_tree(
+def evaluate_tree(
     text: str,
     tree: ast.expr,
     names: Mapping[str, Any],
@@ -303,7 +214,7 @@ def _evaluate_tree(
     def value(node: ast.expr) -> Any:
         match node:
             case ast.Constant():
-                return constant(node.value)  # pyright: ignore[reportArgumentType] (`_check` made it a float)
+                return constant(node.value)  # pyright: ignore[reportArgumentType] (`check_arithmetic` made it a float)
             case ast.Name():
                 return names[node.id]
             case ast.UnaryOp():
@@ -312,21 +223,21 @@ def _evaluate_tree(
                 return _OPERATORS[type(node.op)](value(node.left), value(node.right))
             case ast.Call(func=ast.Name(id=name)):
                 return functions[name](*map(value, node.args))
-        raise AssertionError(node)  # `_check` lets no other node through
+        raise AssertionError(node)  # `check_arithmetic` lets no other node through
 
     try:
         result = value(tree)
     except (ZeroDivisionError, OverflowError, FloatingPointError) as error:
-        raise ExpressionError(f"{_quoted(text)} is not a finite number ({_arithmetic(error)}).") from None
+        raise ExpressionError(f"{quoted(text)} is not a finite number ({_arithmetic(error)}).") from None
     if isinstance(result, complex):
-        raise ExpressionError(f"{_quoted(text)} is not a real number.")
+        raise ExpressionError(f"{quoted(text)} is not a real number.")
     return result
 
 
 def _arithmetic(error: Exception) -> str:
     """The reason of an error in arithmetic, from the message of Python or NumPy."""
     message = str(error)
-    if "divi" in message:
+    if "divi" in message or "remainder" in message:
         return "it divides by zero, or takes the logarithm of zero"
     if "overflow" in message or "too large" in message:
         return "it grows past 1.8e308"
@@ -334,27 +245,35 @@ def _arithmetic(error: Exception) -> str:
 
 
 @functools.lru_cache(maxsize=4096)
-def _parse(text: str, *, condition: bool = False) -> ast.expr:
-    """The tree of `text`, its numbers floats, checked to hold nothing but arithmetic, or a condition."""
-    needed = "a condition" if condition else "a number"
+def _parsed(expression: str) -> ast.expr:
+    """The tree of an expression, its numbers floats; raises ExpressionError if it is not arithmetic."""
+    tree = parse(expression, "a number", "a number or arithmetic")
+    check_arithmetic(expression, tree)
+    return tree
+
+
+def parse(text: str, needed: str, described: str) -> ast.expr:
+    """The tree of a text as Python's parser reads it; nothing in it is checked yet.
+
+    Args:
+        text: the text.
+        needed: what it should be, for the message about an empty text.
+        described: the same in more words, for the message about other text.
+
+    Raises:
+        ExpressionError: it is empty or too long, or Python's parser refuses it.
+    """
     if not text.strip():
         raise ExpressionError(f"the text is empty where {needed} is needed.")
     if len(text) > _LONGEST:
-        raise ExpressionError(f"{_quoted(text)} is longer than {_LONGEST} characters.")
+        raise ExpressionError(f"{quoted(text)} is longer than {_LONGEST} characters.")
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter(
-                "ignore", SyntaxWarning
-            )  # about calls of numbers and the like, refused below
-            body = ast.parse(text.strip(), mode="eval").body
+            # about calls of numbers and the like, which are refused later
+            warnings.simplefilter("ignore", SyntaxWarning)
+            return ast.parse(text.strip(), mode="eval").body
     except (SyntaxError, ValueError, MemoryError, RecursionError):
-        needed = needed if condition else f"{needed} or arithmetic"
-        raise ExpressionError(f"{_quoted(text)} is not {needed}{_hint(text)}.") from None
-    if condition:
-        _check_condition(text, body)
-    else:
-        _check(text, body)
-    return body
+        raise ExpressionError(f"{quoted(text)} is not {described}{_hint(text)}.") from None
 
 
 def _hint(text: str) -> str:
@@ -366,44 +285,13 @@ def _hint(text: str) -> str:
     return ""
 
 
-def _check_condition(text: str, node: ast.expr) -> None:
-    """Refuse text that is not a condition; its length limits the depth of the recursion."""
-    match node:
-        case ast.BoolOp():
-            for part in node.values:
-                _check_condition(text, part)
-        case ast.UnaryOp(op=ast.Not()):
-            _check_condition(text, node.operand)
-        case ast.Compare():
-            _check_operand(text, node.left)
-            for comparison, part in zip(node.ops, node.comparators, strict=True):
-                if type(comparison) in _COMPARISONS:
-                    _check_operand(text, part)
-                elif isinstance(comparison, (ast.In, ast.NotIn)) and isinstance(part, (ast.List, ast.Tuple)):
-                    for item in part.elts:
-                        _check_operand(text, item)
-                else:
-                    raise _error_in(text, "only < <= > >= == != and in [...] are comparisons.")
-        case ast.Name() if node.id not in FUNCTIONS:
-            pass
-        case _:
-            needed = "conditions compare columns and numbers, such as gait == 'trot' and speed < 1"
-            raise ExpressionError(f"{_quoted(text)} is not a condition: {needed}.")
-
-
-def _check_operand(text: str, node: ast.expr) -> None:
-    """Refuse an operand of a comparison that is neither text in quotes nor arithmetic."""
-    if not (isinstance(node, ast.Constant) and isinstance(node.value, str)):
-        _check(text, node)
-
-
-def _check(text: str, body: ast.expr) -> None:
+def check_arithmetic(text: str, body: ast.expr) -> None:
     """Refuse text that is not arithmetic, and make its numbers floats."""
     stack: list[tuple[ast.AST, int]] = [(body, 1)]
     while stack:
         node, depth = stack.pop()
         if depth > _DEEPEST:
-            raise ExpressionError(f"{_quoted(text)} is nested more than {_DEEPEST} deep.")
+            raise ExpressionError(f"{quoted(text)} is nested more than {_DEEPEST} deep.")
         if isinstance(node, ast.Constant):
             node.value = _constant(text, node.value)
         elif isinstance(node, ast.Call):
@@ -412,7 +300,7 @@ def _check(text: str, body: ast.expr) -> None:
             continue
         elif isinstance(node, ast.Name):
             if node.id in FUNCTIONS:
-                raise _error_in(text, f"{node.id} is a function: write {node.id}(...).")
+                raise error_in(text, f"{node.id} is a function: write {node.id}(...).")
         elif isinstance(node, (ast.BinOp, ast.UnaryOp)):
             if type(node.op) not in _OPERATORS:
                 raise _refusal(text, node.op)
@@ -424,11 +312,11 @@ def _check(text: str, body: ast.expr) -> None:
 def _constant(text: str, value: object) -> float:
     """A number that an expression has, as a float; raises ExpressionError for text and other constants."""
     if isinstance(value, str):
-        raise _error_in(text, "text in quotes is not allowed; only arithmetic is.")
+        raise error_in(text, "text in quotes is not allowed; only arithmetic is.")
     try:
         return _number(value)
     except ExpressionError as error:
-        raise _error_in(text, str(error)) from None
+        raise error_in(text, str(error)) from None
 
 
 def _check_call(text: str, node: ast.Call) -> None:
@@ -437,25 +325,25 @@ def _check_call(text: str, node: ast.Call) -> None:
         raise _refusal(text, node.func)
     name = node.func.id
     if name not in FUNCTIONS:
-        raise _error_in(text, f"{name} is not a known function{near_miss.suggestion(name, FUNCTIONS)}")
+        raise error_in(text, f"{name} is not a known function{near_miss.suggestion(name, FUNCTIONS)}")
     for argument in node.args:
         if isinstance(argument, (ast.Starred, ast.GeneratorExp)):
             raise _refusal(text, argument)
     if node.keywords:
-        raise _error_in(text, f"{name} has no named arguments.")
+        raise error_in(text, f"{name} has no named arguments.")
     if name in ("min", "max"):
         if len(node.args) < 2:
-            raise _error_in(text, f"{name} needs at least two numbers.")
+            raise error_in(text, f"{name} needs at least two numbers.")
     elif len(node.args) != 1:
-        raise _error_in(text, f"{name} needs exactly one number.")
+        raise error_in(text, f"{name} needs exactly one number.")
 
 
-def _error_in(text: str, reason: str) -> ExpressionError:
+def error_in(text: str, reason: str) -> ExpressionError:
     """The error in an expression, which it quotes."""
-    return ExpressionError(f"in {_quoted(text)}, {reason}")
+    return ExpressionError(f"in {quoted(text)}, {reason}")
 
 
 def _refusal(text: str, node: ast.AST) -> ExpressionError:
     """The error for syntax that is not arithmetic."""
     allowed = f"+ - * / // % ** and {', '.join(FUNCTIONS)}"
-    return _error_in(text, f"{_REFUSED_SYNTAX.get(type(node), 'this')} is not allowed; only {allowed} are.")
+    return error_in(text, f"{_REFUSED_SYNTAX.get(type(node), 'this')} is not allowed; only {allowed} are.")

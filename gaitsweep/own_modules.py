@@ -10,12 +10,13 @@ import sysconfig
 from collections.abc import Iterator
 from contextvars import ContextVar
 from pathlib import Path
-from types import ModuleType
+from types import ModuleType, TracebackType
 from typing import Any
 
 Stamp = tuple[int, int]  # modification time (ns) and size of a file
 
 _OURS = __name__.partition(".")[0]
+_HERE = Path(__file__).parent
 _CODE = (".py", ".pyc", ".so", ".pth")
 # files that this thread opens while a user's module is imported
 _OPENED: ContextVar[set[str] | None] = ContextVar("opened", default=None)
@@ -69,6 +70,25 @@ def folder_of_class(class_: type) -> Path | None:
     if module is None or installed(module):
         return None
     return _folder_of(module)
+
+
+def line_of(error: BaseException) -> str:
+    """The line of a user's file at which an exception was raised, as " (walker.py, line 12)".
+
+    It is the innermost line outside of gaitsweep and of installed packages; "" if there is none, and for an
+    exception that names a line itself.
+    """
+    if isinstance(error, SyntaxError):
+        return ""
+    innermost = ""
+    step: TracebackType | None = error.__traceback__
+    while step is not None:
+        file = Path(step.tb_frame.f_code.co_filename)
+        folders = file.parents
+        if file.is_file() and not (_HERE in folders or any(map(_installed, folders))):
+            innermost = f" ({file.name}, line {step.tb_lineno})"
+        step = step.tb_next
+    return innermost
 
 
 def _folder_of(module: ModuleType) -> Path | None:

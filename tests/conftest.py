@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import ctypes
+import functools
 import gc
 import os
 import sys
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 os.environ.setdefault("MPLBACKEND", "Agg")
 # JAX_PLATFORMS=cuda runs the suite, and the tests marked gpu, on a card
@@ -44,10 +47,24 @@ def pytest_configure(config: pytest.Config) -> None:
         from tests.support.shapes import check_shapes
 
         check_shapes()
-    from gaitsweep.engine import content  # after the hook that checks shapes
+    from gaitsweep.engine import stored_traces  # after the hook that checks shapes
+    from gaitsweep.engine.kernel import cpu_program, row_kernel
 
     # tests replace parts of the engine, and the programs of one would be given to another
-    content.cache_folder = lambda _: None
+    stored_traces.cache_folder = lambda _: None
+    # tests compile more than a thousand kernels, most of them for a few rows
+    cpu_program.loaded_once = row_kernel.loaded_once = _compiled_quickly(cpu_program.loaded_once)
+
+
+def _compiled_quickly(loaded_once: Callable[..., Any]) -> Callable[..., Any]:
+    """`cpu_program.loaded_once` without optimisation; a test of optimised kernels takes its `__wrapped__`."""
+
+    @functools.wraps(loaded_once)
+    def quickly(*args: Any, quick: bool = True) -> Callable[..., None]:
+        del quick
+        return loaded_once(*args, quick=True)
+
+    return quickly
 
 
 @pytest.hookimpl(tryfirst=True)

@@ -78,7 +78,7 @@ def check_one(mutant: Mutant) -> Answer:
     try:
         with _alarm(HANGS):
             job = load_job(mutant.path)
-            job.design.columns(0, min(job.design.n_rows, 3))
+            job.design.values(0, min(job.design.n_rows, 3))
             job.hash()
             good = True
     except UserError as error:

@@ -83,7 +83,12 @@ def _parameter(parameter: Any) -> tuple[str, str]:
     name = f"`{written}`" if option else f"`{parameter.metavar or parameter.name}`"
     default = parameter.default
     text = parameter.help or ""
-    if option and default not in (None, False, "", ()) and "default" not in text and not _infinite(default):
+    if (
+        option
+        and default not in (None, False, "", (), [])
+        and "default" not in text
+        and not _infinite(default)
+    ):
         text = f"{text} Default: {default}."
     return name, _escaped(text)
 

@@ -194,7 +194,7 @@ def _of_plain_steps(walk: _Walk, rounds: int, half: float) -> RareFalls:
     chance = float(chances.mean())
     error = float(chances.std(ddof=1)) / np.sqrt(rounds)
     width = scipy.stats.t.ppf(half, rounds - 1) * error / chance
-    undecided = sum(count.late for count in counts) / sum(count.tried for count in counts)
+    undecided = sum(count.undecided for count in counts) / sum(count.tried for count in counts)
     return RareFalls(
         chance=chance,
         low=chance * np.exp(-width),
@@ -215,7 +215,7 @@ def _way_out(windows: _Windows, steps: int) -> pd.DataFrame:
     return way_out.iloc[:-1]
 
 
-def _late(steps: int) -> range:
+def _counted_steps(steps: int) -> range:
     """The steps of a window whose falls count: before them the noise was enlarged for a while."""
     return range(steps // 2, steps)
 
@@ -224,7 +224,7 @@ def _hazard(chance: float, steps: int) -> float:
     """The chance p of a fall in a step, from the mean chance p (1 - p)^k to fall after k steps."""
     hazard = chance
     for _ in range(100):  # a contraction, since falls within a window are few
-        hazard = chance / float(np.mean((1.0 - hazard) ** np.array(_late(steps))))
+        hazard = chance / float(np.mean((1.0 - hazard) ** np.array(_counted_steps(steps))))
     return hazard
 
 
@@ -234,11 +234,12 @@ class _PlainSteps:
 
     tried: int = 0
     fell: int = 0
-    late: int = 0
+    undecided: int = 0
 
     def since(self, before: _PlainSteps) -> _PlainSteps:
         """The steps that are not among those of `before`."""
-        return _PlainSteps(self.tried - before.tried, self.fell - before.fell, self.late - before.late)
+        undecided = self.undecided - before.undecided
+        return _PlainSteps(self.tried - before.tried, self.fell - before.fell, undecided)
 
 
 class _Walk:
@@ -310,7 +311,8 @@ class _Walk:
                 "all rows fell within a few steps: count them in a run of kind fixed_time."
             )
         fell, late = (int((status == code).sum()) for code in (ReturnStatus.fell, ReturnStatus.late))
-        self.plain = _PlainSteps(self.plain.tried + ROWS, self.plain.fell + fell, self.plain.late + late)
+        before = self.plain
+        self.plain = _PlainSteps(before.tried + ROWS, before.fell + fell, before.undecided + late)
         alive = np.flatnonzero(~ended)
         sources = np.where(ended, alive[np.arange(ROWS) % alive.size], np.arange(ROWS))
         self._states = jax.tree.map(lambda leaf: np.asarray(leaf)[sources], moved)
@@ -326,7 +328,7 @@ class _Walk:
 
     def _window(self, scale: float) -> _Windows:
         """One window of each row, from its present state."""
-        late = _late(self.steps)
+        counted = _counted_steps(self.steps)
         states, walks, falling = self._states, np.ones(ROWS, bool), np.zeros(ROWS, bool)
         log_weights = np.zeros(ROWS)  # of the density of the noise itself over that of the larger noise
         draws = []
@@ -337,7 +339,7 @@ class _Walk:
             if (stuck := walks & ~falling & ~lost & (status != ReturnStatus.crossed)).any():
                 reason = ReturnStatus(int(status[stuck][0])).sentence
                 raise AnalysisError(f"{stuck.sum()} rows ended neither by a step nor by a fall: {reason}")
-            if step in late:
+            if step in counted:
                 chance += float(np.exp(log_weights[falling]).sum())
                 falls += int(falling.sum())
             undecided += float(np.exp(log_weights[lost]).sum())
@@ -345,7 +347,7 @@ class _Walk:
             walks &= status == ReturnStatus.crossed
             log_weights += np.where(walks, _log_quotient(numbers, scale), 0.0)
         return _Windows(
-            chances=np.array([chance / (ROWS * len(late))]),
+            chances=np.array([chance / (ROWS * len(counted))]),
             weights=np.exp(log_weights[falling]),
             draws=np.stack(draws, axis=1)[falling],
             falls=falls,

@@ -100,32 +100,15 @@ def search(
         RunError, TableError: the search cannot run here, or the directory cannot be used.
     """
     start_values, sobol_points = (start, None) if isinstance(start, Mapping) else (None, start)
+    own_fields = {"free": free, "targets": targets, "method": method, "budget": budget}
+    own_fields |= {"population": population, "side_by_side": side_by_side, "start": sobol_points}
+    own_fields |= {"first": first, "first_within": first_within, "known": known, "known_best": known_best}
+    own_fields |= {"width": width, "seed": seed, "finalists": finalists, "robust": robust}
+    of_run = {"run": run, "params": params, "numerics": numerics, "engine": engine}
     return _SEARCH.result(
         model,
-        own_fields={
-            "free": free,
-            "targets": targets,
-            "method": method,
-            "budget": budget,
-            "population": population,
-            "side_by_side": side_by_side,
-            "start": sobol_points,
-            "first": first,
-            "first_within": first_within,
-            "known": known,
-            "known_best": known_best,
-            "width": width,
-            "seed": seed,
-            "finalists": finalists,
-            "robust": robust,
-        },
-        job_fields={
-            "run": run,
-            "params": params,
-            "start": start_values,
-            "numerics": numerics,
-            "engine": engine,
-        },
+        own_fields=own_fields,
+        job_fields={**of_run, "start": start_values},
         values=values,
         out=out,
         overrides=overrides,

@@ -15,7 +15,8 @@ from jaxtyping import Float
 from numpy.typing import ArrayLike
 
 from gaitsweep import near_miss
-from gaitsweep.analysis.continuation.continuation import LevelMap, continuation
+from gaitsweep.analysis.continuation.continuation import continuation
+from gaitsweep.analysis.continuation.level_map import LevelMap
 from gaitsweep.analysis.continuation.newton import FixedPoints, newton
 from gaitsweep.analysis.records import names_in
 from gaitsweep.api.keywords import AnyModel, job_of
@@ -99,15 +100,16 @@ class FixedPointsOfModel(abc.ABC):
         Args:
             x: start points of the searches.
             fix: conserved quantities that are held; all of `conserved` by default.
-            tolerance: residual of a fixed point, relative to the size of each coordinate.
-            most: Newton steps.
+            tolerance: residual of a fixed point, relative to the size of each coordinate, above 0.
+            most: Newton steps, 1 or more.
 
         Returns:
             For each point: `converged`, `outcome`, `points` (`points.at` are coordinates), `residual`,
             `iterations`, `images` with their derivatives.
 
         Raises:
-            ArgumentError: the map has no derivative, or `fix` names a quantity that it does not conserve.
+            ArgumentError: the map has no derivative, `fix` names a quantity that it does not conserve, or a
+                number is outside its range.
 
         Example:
             In the hopper's 1:1 gait its oscillator turns once a hop, so the launch is pi g / omega:
@@ -121,6 +123,10 @@ class FixedPointsOfModel(abc.ABC):
             8.3295
         """
         self._require_fixed_points()
+        if not tolerance > 0.0:
+            raise ArgumentError(f"tolerance is {tolerance:g}, but must be above 0.")
+        if most < 1:
+            raise ArgumentError(f"most is {most} Newton steps, but must be 1 or more.")
         points = self._points(x)[0]
         conserved = self.conserved if fix is None else names_in(fix)
         return newton(self.mapping, points, self._values, fix=conserved, tolerance=tolerance, most=most)

@@ -99,21 +99,12 @@ def quantifiers(
         >>> quantified[["pull", "fraction", "resilience", "least_shock"]].round(2).to_numpy().tolist()
         [[0.2, 0.5, 0.51, 1.02], [0.2, 0.5, 0.51, 1.02], [0.4, 0.5, 1.61, 1.02], [0.4, 0.5, 1.61, 1.02]]
     """
+    amplifications = None
     if amplification:
         require(table, parameter, "row", "status", "cycles", "attractor_period")
-        return of_tables.quantifiers(
-            table,
-            parameter,
-            label=label,
-            within=within,
-            level=level,
-            scales=scales,
-            amplifications=_Amplifications(table, scales or {}),
-            **grouping,
-        )
-    return of_tables.quantifiers(
-        table, parameter, label=label, within=within, level=level, scales=scales, **grouping
-    )
+        amplifications = _Amplifications(table, scales or {})
+    options = {"label": label, "within": within, "level": level, "scales": scales, **grouping}
+    return of_tables.quantifiers(table, parameter, amplifications=amplifications, **options)
 
 
 class _Amplifications:

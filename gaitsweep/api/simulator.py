@@ -2,21 +2,34 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, final
+from typing import Any, NamedTuple, final
 
 import numpy as np
-import pandas as pd
 from jaxtyping import Float, Shaped
 from numpy.typing import ArrayLike
 
 from gaitsweep import near_miss
-from gaitsweep.analysis.records import names_in
+from gaitsweep.analysis.records import names_in, require_numbers
 from gaitsweep.api.run import run_in_memory
+from gaitsweep.column_meanings import COLUMNS
+from gaitsweep.contract import names_gait
 from gaitsweep.errors import ArgumentError
 from gaitsweep.job import Job, load_job
+from gaitsweep.kinds.run_kind import table_columns
 from gaitsweep.status import Status
+
+# A crossing of an orbit of several, such as `rate_end_2`, whose column only a table with such an orbit has.
+_OF_ORBIT = re.compile(r"(?<=_end)_[0-9]+$")
+
+
+class Simulated(NamedTuple):
+    """The columns (n, m) of the rows of n sets of values, NaN without a sound end, and the statuses (n,)."""
+
+    observed: Float[np.ndarray, "sets columns"]
+    statuses: Shaped[np.ndarray, " sets"]
 
 
 @final
@@ -40,13 +53,13 @@ class Simulator:
             ArgumentError: the values have another shape.
             JobError: a value is outside the bounds of its parameter.
         """
-        observed, _ = self.run(values)
+        observed = self.run(values).observed
         single = np.ndim(values) == 1
         result = observed[0] if single else observed
         return values.new_tensor(result) if hasattr(values, "new_tensor") else result
 
-    def run(self, values: ArrayLike) -> tuple[Float[np.ndarray, "sets columns"], Shaped[np.ndarray, " sets"]]:
-        """Simulate one row for each set of values (n, k); return the columns (n, m), the statuses (n,)."""
+    def run(self, values: ArrayLike) -> Simulated:
+        """Simulate one row for each set of values (n, k)."""
         sets = np.atleast_2d(np.asarray(values, np.float64))
         if sets.ndim != 2 or sets.shape[1] != len(self.parameters):
             raise ArgumentError(
@@ -54,29 +67,20 @@ class Simulator:
                 f"({', '.join(self.parameters)}) need (n, {len(self.parameters)})."
             )
         if not len(sets):
-            return np.empty((0, len(self.columns))), np.empty(0, object)
+            return Simulated(np.empty((0, len(self.columns))), np.empty(0, object))
         fields = dict(self._fields)
         for section in ("params", "start"):
             fields[section] = {k: v for k, v in fields[section].items() if k not in self.parameters}
         axes = {name: sets[:, place].tolist() for place, name in enumerate(self.parameters)}
         table = run_in_memory(Job.model_validate({**fields, "vary": {"zip": axes}, "verify": 0})).table
-        return self._read(table.sort_values("row"))
-
-    def _read(
-        self, table: pd.DataFrame
-    ) -> tuple[Float[np.ndarray, "sets columns"], Shaped[np.ndarray, " sets"]]:
-        """The columns and the statuses of a table."""
-        for name in self.columns:
-            if name not in table.columns:
-                near = near_miss.suggestion(name, list(table.columns))
-                raise ArgumentError(f"{name} is not a column of the job's table{near}")
-            if not pd.api.types.is_numeric_dtype(table[name]):
-                raise ArgumentError(f"The values of {name} are not numbers: name another column.")
-        status = table["status"].astype(str).to_numpy()
-        observed = table[self.columns].to_numpy(np.float64, copy=True)
+        table = table.sort_values("row")
+        columns = table.reindex(columns=self.columns)
+        require_numbers(columns, *self.columns)
+        statuses = table["status"].astype(str).to_numpy()
+        observed = columns.to_numpy(np.float64, copy=True)
         # a failed or undecided row has columns too, of the state in which it ended
-        observed[~Status.SOUND.among(status)] = np.nan
-        return observed, status
+        observed[~Status.SOUND.among(statuses)] = np.nan
+        return Simulated(observed, statuses)
 
 
 def simulator(
@@ -96,8 +100,8 @@ def simulator(
         columns: the m columns of its table that are compared with measurements, such as `rate_end`.
 
     Raises:
-        ArgumentError: the job varies something, its run has several records for a row, or a parameter is
-            unknown or named twice.
+        ArgumentError: the job varies something, its run has several records for a row, a parameter is unknown
+            or named twice, or a column is unknown or holds texts.
         JobError: an error in the job.
 
     Example:
@@ -129,4 +133,13 @@ def simulator(
             raise ArgumentError(f"{name} is not a parameter or start value of {job.design.model.name}{near}")
         if parameters.count(name) > 1:
             raise ArgumentError(f"{name} is named twice among the parameters.")
-    return Simulator(job, parameters, names_in(columns))
+    columns = names_in(columns)
+    of_table = [*parameters, *table_columns(job.design, job.run)]
+    for name in columns:
+        if _OF_ORBIT.sub("", name) not in of_table:
+            raise ArgumentError(
+                f"{name} is not a column of the job's table{near_miss.suggestion(name, of_table)}"
+            )
+        if names_gait(name) or (name in COLUMNS and not COLUMNS[name][0]):
+            raise ArgumentError(f"The values of {name} are not numbers: name another column.")
+    return Simulator(job, parameters, columns)

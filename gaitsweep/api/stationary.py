@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from gaitsweep import near_miss
 from gaitsweep.analysis.atlas.periodic_orbits import rows_of
-from gaitsweep.analysis.continuation.normal_forms import hopf_cycle
+from gaitsweep.analysis.continuation.hopf_cycles import hopf_cycle
 from gaitsweep.analysis.records import names_in
 from gaitsweep.api.fixed_points import FixedPointsOfModel, SectionPoints, job_of_map
 from gaitsweep.api.keywords import AnyModel
@@ -62,7 +62,7 @@ class StationaryPoints(FixedPointsOfModel):
 
         Returns:
             One record a point: time (s), the coordinates, the value of the parameter at which the cycle has
-            this amplitude, and its period (s).
+            this amplitude, and its period (s) there.
 
         Raises:
             ArgumentError: the record is of no Hopf point, or of one along another parameter; or a number is

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from typing import Annotated, Any, TypeVar, cast
+from typing import Annotated, Any, Literal, TypeVar, cast
 
 import numpy as np
 import pandas as pd
@@ -13,8 +13,9 @@ from pydantic import AfterValidator
 
 from gaitsweep import models
 from gaitsweep.analysis.records import AnalysisError
+from gaitsweep.condition import fulfilled, read_condition
 from gaitsweep.contract import Quantity
-from gaitsweep.expression import fulfilled, read_condition, resolve
+from gaitsweep.expression import resolve
 from gaitsweep.near_miss import suggestion
 
 # Selects the records of a table; a claim's is checked when its list is read.
@@ -76,8 +77,8 @@ def difference_of_shares(table: pd.DataFrame, *, where: Condition, of: Condition
     return share(table, where=where, of=of) - share(table, where=where, of=less)
 
 
-# What `value` takes of a column.
-_REDUCTIONS: dict[str, Callable[[pd.Series], float]] = {
+Reduction = Literal["min", "max", "median", "mean", "first", "last", "count"]
+_REDUCTIONS: dict[Reduction, Callable[[pd.Series], float]] = {
     "min": pd.Series.min,
     "max": pd.Series.max,
     "median": pd.Series.median,
@@ -89,14 +90,16 @@ _REDUCTIONS: dict[str, Callable[[pd.Series], float]] = {
 
 
 @measure
-def value(table: pd.DataFrame, *, column: str, where: Condition | None = None, take: str = "median") -> float:
+def value(
+    table: pd.DataFrame, *, column: str, where: Condition | None = None, take: Reduction = "median"
+) -> float:
     """One number from a column, in its unit.
 
     Args:
         table: a result table.
         column: the column.
         where: a condition that selects records; all by default.
-        take: min, max, median, mean, first, last or count.
+        take: the number that is taken of the column.
 
     Raises:
         MeasureError: no record fulfils `where`, or the table has no such column or `take` is not allowed.

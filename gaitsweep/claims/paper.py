@@ -18,15 +18,9 @@ from gaitsweep.analysis.records import names_in
 from gaitsweep.claims.measures import MEASURES
 from gaitsweep.errors import ArgumentError
 from gaitsweep.extension import ExtensionError, folders, import_all
-from gaitsweep.schema.diagnostics import (
-    Diagnostic,
-    JobError,
-    SchemaSection,
-    from_pydantic,
-    quoted,
-    unknown_name,
-)
+from gaitsweep.schema.diagnostics import Diagnostic, JobError, quoted, unknown_name
 from gaitsweep.schema.numbers import Stem
+from gaitsweep.schema.pydantic_errors import SchemaSection, from_pydantic
 from gaitsweep.schema.strict_model import StrictModel
 from gaitsweep.schema.yaml_document import read_document
 from gaitsweep.shipped import job_folders
@@ -273,12 +267,15 @@ def _wrong_arguments(claim: Claim) -> str | None:
         return f"does not fit the measure {claim.measure}: {error}."
     hints = typing.get_type_hints(measure, include_extras=True)
     for name, value in claim.with_.items():
+        hint = hints.get(name, Any)
+        refused = f"has {name}: {quoted(value)}, which the measure {claim.measure} does not accept"
+        if typing.get_origin(hint) is Literal and value not in (words := typing.get_args(hint)):
+            return refused + near_miss.suggestion(str(value), map(str, words))
         try:
-            TypeAdapter(hints.get(name, Any)).validate_python(value, strict=True)
+            TypeAdapter(hint).validate_python(value, strict=True)
         except ValidationError as error:
             first = error.errors()[0]
-            reason = first.get("ctx", {}).get("error") or f"{first['msg'].rstrip('.')}."
-            return f"has {name}: {quoted(value)}, which the measure {claim.measure} does not accept: {reason}"
+            return f"{refused}: {first.get('ctx', {}).get('error') or first['msg'].rstrip('.') + '.'}"
     return None
 
 

@@ -9,7 +9,7 @@ import time
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, NamedTuple
 
 import pandas as pd
 import yaml
@@ -119,6 +119,21 @@ def reproduce(
     return _PaperRun(paper, folder, quick, on_progress, on_message or (lambda sentence: None)).result()
 
 
+class _Judgement(NamedTuple):
+    """The value and the verdict of a claim, and a reason if it has no value or is not reproduced."""
+
+    value: Value | None
+    verdict: ClaimVerdict
+    reason: str
+
+
+class _JobSource(NamedTuple):
+    """The model of a job, and the file of its constants by name; empty texts if its file cannot be read."""
+
+    model: str
+    constants: str
+
+
 @dataclasses.dataclass
 class _PaperRun:
     """The jobs of a paper that have run, their tables, and the verdicts on its claims."""
@@ -132,8 +147,8 @@ class _PaperRun:
     _tables: dict[str, pd.DataFrame] = dataclasses.field(default_factory=dict)
 
     @functools.cached_property
-    def sources(self) -> dict[str, tuple[str, str]]:
-        """The model and the constants of each job."""
+    def sources(self) -> dict[str, _JobSource]:
+        """The model and the constants of each job by name."""
         return {name: _source(self.paper.job_file(name), job) for name, job in self.paper.jobs.items()}
 
     def result(self) -> Reproduction:
@@ -187,33 +202,37 @@ class _PaperRun:
             self._tables[name] = load(path)
         return self._tables[name]
 
-    def _judge(self, claim: Claim | None) -> tuple[Value | None, ClaimVerdict, str]:
-        """Measure a claim: its value, its verdict, and a reason if it has no value or is not reproduced."""
+    def _judge(self, claim: Claim | None) -> _Judgement:
+        """Measure a claim, and compare its value with the paper's."""
         if claim is None:
-            return None, ClaimVerdict.not_run, "--quick leaves this claim out"
+            return _Judgement(None, ClaimVerdict.not_run, "--quick leaves this claim out")
         for name in claim.of:
+            reason = None
             if name not in self.runs:
-                return None, ClaimVerdict.not_run, f"--quick leaves the job {name} out"
-            if self.runs[name].path is None:
-                return None, ClaimVerdict.not_run, f"the job {name} failed: {self.runs[name].failure}"
+                reason = f"--quick leaves the job {name} out"
+            elif self.runs[name].path is None:
+                reason = f"the job {name} failed: {self.runs[name].failure}"
+            if reason is not None:
+                return _Judgement(None, ClaimVerdict.not_run, reason)
         try:
             ours = MEASURES[claim.measure](*map(self._table, claim.of), **claim.with_)
         except ExpressionError as error:  # the question is wrong, not the answer
-            return None, ClaimVerdict.not_run, f"a condition cannot be evaluated: {error.sentence}"
+            reason = f"a condition cannot be evaluated: {error.sentence}"
+            return _Judgement(None, ClaimVerdict.not_run, reason)
         except (UserError, ArithmeticError, LookupError, ValueError) as error:
             # the tables exist but lack the value: rows that fell have no cycles for a mean
             missed = ClaimVerdict.open_constants if claim.open else ClaimVerdict.not_reproduced
             reason = error.sentence if isinstance(error, UserError) else f"{type(error).__name__}: {error}"
-            return None, missed, reason
+            return _Judgement(None, missed, reason)
         reason = f"finer steps change the verdict: {claim.step}" if claim.step else ""
-        return ours, verdict(claim, ours), reason
+        return _Judgement(ours, verdict(claim, ours), reason)
 
     def _row(self, written_claim: Claim, judged: Claim | None) -> dict[str, object]:
         """The verdict on a claim as a record; `judged` is the claim as `--quick` asks for it, if it does."""
         began = time.perf_counter()
-        ours, verdict, why = self._judge(judged)
-        if judged is not None and why and verdict is ClaimVerdict.not_run:
-            self.on_message(f"{judged.id} has no verdict: {why}")
+        ours, verdict, reason = self._judge(judged)
+        if judged is not None and reason and verdict is ClaimVerdict.not_run:
+            self.on_message(f"{judged.id} has no verdict: {reason}")
         seconds = time.perf_counter() - began
         claim = judged or written_claim
         first = claim.of[0] if claim.of else None
@@ -232,7 +251,7 @@ class _PaperRun:
             "unit": claim.unit,
             "allowed": allowed(claim),
             "verdict": verdict.value,
-            "why": why,
+            "why": reason,
             "because": claim.because,
             "chosen": claim.chosen,
             "definition": claim.definition,
@@ -241,8 +260,8 @@ class _PaperRun:
             "measure": claim.measure,
             "jobs": ", ".join(claim.of),
             "simulated": bool(claim.of),
-            "model": ", ".join(dict.fromkeys(self.sources[name][0] for name in claim.of)),
-            "constants": ", ".join(dict.fromkeys(self.sources[name][1] for name in claim.of)),
+            "model": ", ".join(dict.fromkeys(self.sources[name].model for name in claim.of)),
+            "constants": ", ".join(dict.fromkeys(self.sources[name].constants for name in claim.of)),
             "figure": "" if figure is None else str(figure),
             "command": command,
             "seconds": seconds,
@@ -259,16 +278,16 @@ def _short(file: Path) -> str:
     return f"sweeps/{file.name}" if file.parent.name == "sweeps" else str(file)
 
 
-def _source(file: Path, job: PaperJob) -> tuple[str, str]:
-    """The model of a job's file, and the file of its constants by name; empty texts if it cannot be read."""
+def _source(file: Path, job: PaperJob) -> _JobSource:
+    """The model and the constants that a job's file names."""
     try:
         data = {**read_document(file).data, **job.set_}
         if "config" not in data:
-            return str(data.get("model", "")), "defaults"
+            return _JobSource(str(data.get("model", "")), "defaults")
         config = file.parent / str(data["config"])
-        return str(read_document(config).data.get("model", "")), config.stem
+        return _JobSource(str(read_document(config).data.get("model", "")), config.stem)
     except UserError:  # its run reports the error, and fails alone
-        return "", ""
+        return _JobSource("", "")
 
 
 def written(value: Value) -> str:

@@ -231,19 +231,51 @@ def wada(directory: Directory, by: GroupColumns = None) -> None:
 
 
 @app.command()
-def hysteresis(directory: Directory, observable: Observable = None, parameter: Parameter = None) -> None:
+def hysteresis(
+    directory: Directory,
+    observable: Observable = None,
+    parameter: Parameter = None,
+    least: Annotated[
+        float | None,
+        typer.Option(
+            "--least",
+            metavar="X",
+            help="Least change that counts as a jump; by default as in the figure.",
+        ),
+    ] = None,
+    by: GroupColumns = None,
+) -> None:
     """Print jumps and hysteresis of a ramp or staircase.
 
-    Jumps are those between branches; loops have areas.
+    Jumps are those between branches, by default for each value of the parameters that differ between rows;
+    loops have areas.
     """
-    from gaitsweep.analysis.transitions.hysteresis import loop_area, transition_points
+    from gaitsweep.analysis.transitions.hysteresis import loop_area, transition_points, why_no_jump
+    from gaitsweep.plot.varying_parameters import varying_parameters
 
     table = result_table(directory)
     recorded = [str(name).removesuffix("_n") for name in table.columns if str(name).endswith("_n")]
     observable = observable or _from_job(table, "--observable", "hysteresis", "y", recorded)
     parameter = parameter or _from_job(table, "--parameter", "hysteresis", "parameter", [])
-    print_table(transition_points(table, observable, parameter))
-    print_table(loop_area(table, observable, parameter))
+    figures = table.attrs.get("job", {}).get("figures") or []
+    of_figures = {
+        figure.get("least")
+        for figure in figures
+        if (figure["kind"], figure.get("y")) == ("hysteresis", observable)
+    }
+    if least is None and len(of_figures) == 1:
+        least = of_figures.pop()
+    by = varying_parameters(table) if by is None else by
+    points = transition_points(table, observable, parameter, least, by)
+    if len(points):
+        print(f"Largest jump of {observable} in each pass, medians over the rows that jump:")
+        print_table(points)
+    else:
+        print(why_no_jump(table, observable, parameter, least))
+    loops = loop_area(table, observable, parameter)
+    if len(loops):
+        print(f"\nArea between a pass of {parameter} and the next, of each row:")
+        print_table(loops)
 
 
 @app.command()

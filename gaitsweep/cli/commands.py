@@ -77,6 +77,9 @@ def plot(
     colours: Annotated[
         list[str], typer.Option("--colour", metavar="GAIT=COLOUR", help="Colour of a gait; may be repeated.")
     ] = [],  # noqa: B006 - typer does not change it
+    panel_columns: Annotated[
+        int | None, typer.Option("--panel-columns", help="Number of panels beside each other.")
+    ] = None,
     panel_letters: Annotated[
         bool, typer.Option("--panel-letters", help="Write a, b, c, ... above panels.")
     ] = False,
@@ -87,6 +90,12 @@ def plot(
     no_marks: Annotated[
         bool, typer.Option("--no-marks", help="Omit the remark on an incomplete or doubtful table.")
     ] = False,
+    fields: Annotated[
+        list[str],
+        typer.Option(
+            "--set", metavar="FIELD=VALUE", help="Any other field of figures: title=none, shares=false, ..."
+        ),
+    ] = [],  # noqa: B006 - typer does not change it
     out: Annotated[
         Path | None,
         typer.Option("--out", metavar="FOLDER", help="Folder of the files (DIR/figures)."),
@@ -104,13 +113,14 @@ def plot(
         format=formats or None,
         dpi=dpi,
         colours=dict(map(_named_colour, colours)) or None,
+        panel_columns=panel_columns,
         panel_letters=panel_letters or None,
         hatches=hatches,
         marks=False if no_marks else None,
     )
     job = Snapshot.of(directory).job
     try:
-        paths = _drawn(directory, style, out, of_search="search" in job)
+        paths = _drawn(directory, style, fields, out, of_search="search" in job)
     except FigureError as error:
         for path in error.drawn:
             print(path)
@@ -119,21 +129,25 @@ def plot(
         print(path)
     print_links(paths, open_them=open_it)
     if not paths:
-        text = f"The job of {directory} has no figures: add `figures:` to it and run it again."
+        text = (
+            f"The job of {directory} has no figures: add `figures:` to {directory}/job.yaml, and plot again."
+        )
         if "sensitivity" in job:
             text = f"`gaitsweep sensitivity` draws the figures of {directory}: run it again."
         print_message(text)
 
 
-def _drawn(directory: Path, style: FigureStyle, out: Path | None, *, of_search: bool) -> list[Path]:
+def _drawn(
+    directory: Path, style: FigureStyle, fields: list[str], out: Path | None, *, of_search: bool
+) -> list[Path]:
     """Draw the figures of a result directory; those of a search have neither a style nor another folder."""
     if not of_search:
         from gaitsweep.runs.figures import draw_figures
 
-        return draw_figures(directory, style=style, folder=out)
+        return draw_figures(directory, style=style, folder=out, fields=fields)
     from gaitsweep.fitting.search import draw_again
 
-    options = {"--out": out, **{f"--{field}": value for field, value in style}}
+    options = {"--out": out, "--set": fields or None, **{f"--{field}": value for field, value in style}}
     for option, value in options.items():
         if value is not None:
             name = _OPTION_OF_FIELD.get(option, option.replace("_", "-"))
@@ -155,12 +169,21 @@ app.add_typer(analyse.app, name="analyse")
 
 
 @app.command()
-def info(directory: Directory) -> None:
+def info(
+    directory: Directory,
+    columns: Annotated[
+        bool, typer.Option("--columns", help="Print the unit and the meaning of each column instead.")
+    ] = False,
+) -> None:
     """Print the contents of a result directory and its provenance."""
     from gaitsweep.cli import show
     from gaitsweep.table import Snapshot
 
-    print(show.directory(Snapshot.of(directory)))
+    snapshot = Snapshot.of(directory)
+    if columns:
+        show.columns_of(snapshot)
+    else:
+        print(show.directory(snapshot))
 
 
 app.command()(examples)
@@ -200,7 +223,7 @@ def _size_of(job_file: Path) -> str:
         JobError: the job is not valid.
     """
     from gaitsweep.job import load_job
-    from gaitsweep.job.checks import remarks_on_rows
+    from gaitsweep.job.row_remarks import remarks_on_rows
     from gaitsweep.schema.yaml_document import read_document
 
     fields = read_document(job_file).data
@@ -243,11 +266,13 @@ def cite(
     """Print BibTeX entries and a sentence on methods."""
     from gaitsweep.runs.citation import citation_of, tool_entry
 
-    if directory is None:
-        print(tool_entry())
-        return
-    text, missing = citation_of(directory)
+    text, missing = (tool_entry(), []) if directory is None else citation_of(directory)
     print(text)
+    if "howpublished" in text:
+        print_message(
+            "gaitsweep has no DOI and no public address: the entry has its version, and the commit if known. "
+            "Name your source of it, if your journal asks for one."
+        )
     for sentence in missing:
         print_message(sentence)
 

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import dataclasses
-import os
 import re
 import shutil
 import textwrap
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from gaitsweep import near_miss
-from gaitsweep.errors import ArgumentError, UserError
+from gaitsweep.cli.new_files import add_files
+from gaitsweep.errors import ArgumentError
 from gaitsweep.extension import folders
 from gaitsweep.shipped import BUILTIN, EXAMPLES, portable_text, shipped
 
@@ -57,6 +56,7 @@ def examples(
     if name is None:
         _list(known)
         return
+    name = name.removeprefix(BUILTIN)
     chosen = [example for example in known if name in (example.name, example.kind)]
     if not chosen:
         near = near_miss.suggestion(name, [*KINDS, *(example.name for example in known)])
@@ -81,11 +81,15 @@ def known_examples() -> list[Example]:
 
 def _with_its_files(job: Path) -> tuple[Path, ...]:
     """The model of an example's job, its MJCF file if it has one, and the job."""
-    files = [job.with_suffix(suffix) for suffix in (".py", ".xml", ".yaml")]
-    if of_file := re.search(r"^model: *(walkers/\w+\.yaml)", job.read_text(encoding="utf-8"), re.MULTILINE):
+    text = job.read_text(encoding="utf-8")
+    of_module = re.search(r"^model: *gaitsweep\.examples\.(\w+):", text, re.MULTILINE)
+    files = (
+        [job.with_name(of_module[1]).with_suffix(suffix) for suffix in (".py", ".xml")] if of_module else []
+    )
+    if of_file := re.search(r"^model: *(walkers/\w+\.yaml)", text, re.MULTILINE):
         model_file = job.parent / of_file[1]
         files += [model_file.with_suffix(".xml"), model_file]
-    return tuple(file for file in files if file.is_file())
+    return tuple(file for file in (*files, job) if file.is_file())
 
 
 def _list(known: list[Example]) -> None:
@@ -113,61 +117,3 @@ def _title(file: Path) -> str:
     """The title of a notebook."""
     title = re.search(r'"# (.*?)(?:\\n)?"', file.read_text(encoding="utf-8"))
     return title.group(1) if title else ""
-
-
-class NewFilesError(UserError):
-    """New files would replace existing ones, or their name is not allowed; the message names them."""
-
-
-def write_folder(folder: Path, files: Mapping[str, str]) -> None:
-    """Write a new folder with these texts by file name.
-
-    Raises:
-        NewFilesError: the folder exists.
-        TableError: it cannot be written.
-    """
-    import tempfile  # which `--help` does not need
-
-    from gaitsweep.table import writing  # loads pandas
-
-    if folder.exists() or folder.is_symlink():
-        raise NewFilesError(f"{folder} exists already: choose another name, or another folder with --to DIR.")
-    with writing(f"{folder} could not be written"):
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(prefix=f".{folder.name}.", dir=folder.parent) as hidden:
-            new = Path(hidden, folder.name)
-            for name, text in files.items():
-                (new / name).parent.mkdir(parents=True, exist_ok=True)
-                (new / name).write_text(text, encoding="utf-8")
-            os.rename(new, folder)
-
-
-def add_files(folder: Path, files: Mapping[str, str]) -> list[Path]:
-    """Write new files into a folder, which is created if missing; existing identical files are left.
-
-    Args:
-        folder: the folder.
-        files: their texts by their paths in the folder.
-
-    Returns:
-        Their paths.
-
-    Raises:
-        NewFilesError: a file exists with different contents; then no file is written.
-        TableError: a file cannot be written.
-    """
-    from gaitsweep.table import replace_file, writing  # loads pandas
-
-    paths = {folder / name: text.encode() for name, text in files.items()}
-    for path, data in paths.items():
-        identical = path.is_file() and path.read_bytes() == data
-        if not identical and (path.exists() or path.is_symlink()):
-            raise NewFilesError(
-                f"{path} exists already with different contents: choose another folder with --to DIR."
-            )
-    for path, data in paths.items():
-        if not path.exists():
-            with writing(f"{path} could not be written"):
-                path.parent.mkdir(parents=True, exist_ok=True)
-                replace_file(path, lambda file, data=data: file.write(data))
-    return list(paths)

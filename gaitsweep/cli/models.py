@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gaitsweep.cli.examples import NewFilesError, write_folder
+from gaitsweep.cli.new_files import NewFilesError, write_folder
 from gaitsweep.cli.options import NewFolder, print_message
 from gaitsweep.errors import EXIT_REFUSED, ArgumentError
 from gaitsweep.shipped import EXAMPLES, portable_text

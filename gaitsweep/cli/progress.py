@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import signal
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator
 from types import FrameType
 from typing import Any
@@ -14,21 +16,37 @@ from rich.console import Console, RenderableType
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 from rich.text import Text
 
-from gaitsweep.errors import Terminated
+from gaitsweep.compilation import compiling_for
+from gaitsweep.errors import EXIT_STOPPED, EXIT_TERMINATED, Terminated
+from gaitsweep.runs.progress import COMPILING, percent, progress_lines
 from gaitsweep.runs.progress import Progress as RunProgress
-from gaitsweep.runs.progress import percent, progress_lines
 
 _BAR_STEPS = 1_000_000
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
+_SHOWN_AFTER = 1.0  # s of a compilation from which it is shown
+# Times (s) after a request to stop, from which this process does not wait for a compilation: while no row
+# runs, and after rows were stopped and stored while another thread compiles.
+_PATIENCE = 1.0
+_PATIENCE_WHILE_STORING = 10.0
 
 
 class _NoteBelow(Progress):
-    """A bar with its note on a line below, which a narrow terminal cuts at its end."""
+    """A bar with its note on a line below, which a narrow terminal cuts at its end.
+
+    While the main thread compiles, the note says so, also before the first progress is reported.
+    """
 
     def get_renderables(self) -> Iterator[RenderableType]:
+        compiling = _compiling_note()
         yield self.make_tasks_table(self.tasks)
-        for task in self.tasks:
-            yield Text(task.description, style="dim", no_wrap=True, overflow="ellipsis")
+        for note in [compiling] if compiling else [task.description for task in self.tasks]:
+            yield Text(note, style="dim", no_wrap=True, overflow="ellipsis")
+
+
+def _compiling_note() -> str:
+    """The note while the main thread compiles; empty if it does not, or has just begun."""
+    seconds = compiling_for(threading.main_thread().ident)
+    return f"{COMPILING} for {seconds:.0f} s" if seconds is not None and seconds > _SHOWN_AFTER else ""
 
 
 @contextlib.contextmanager
@@ -42,7 +60,8 @@ def shown_progress(unit: str = "rows", console: Console | None = None) -> Iterat
         console: another terminal.
     """
     if console is None and not sys.stderr.isatty():
-        yield progress_lines(unit)
+        with _lines_while_compiling(progress_lines(unit)) as lines:
+            yield lines
         return
     task: TaskID | None = None
     with _NoteBelow(
@@ -72,17 +91,72 @@ def shown_progress(unit: str = "rows", console: Console | None = None) -> Iterat
 
 
 @contextlib.contextmanager
-def stop_requests() -> Iterator[Callable[[], None]]:
+def _lines_while_compiling(lines: RunProgress) -> Iterator[RunProgress]:
+    """A context with a callback as `lines`, which prints lines while the main thread compiles, too."""
+    latest: tuple[int, int, float, float] = (0, 0, 0.0, 0.0)
+    lock = threading.Lock()
+    ended = threading.Event()
+
+    def update(done: int, total: int, rate: float, fraction: float, note: str) -> None:
+        nonlocal latest
+        with lock:
+            latest = done, total, rate, fraction
+            lines(*latest, note)
+
+    def watch() -> None:
+        while not ended.wait(1.0):
+            with lock:
+                if note := _compiling_note():
+                    lines(*latest, note)
+
+    watcher = threading.Thread(target=watch, daemon=True)
+    watcher.start()
+    try:
+        yield update
+    finally:
+        ended.set()
+        watcher.join()
+
+
+@contextlib.contextmanager
+def stop_requests(exit_at_once: Callable[[int], None] | None = None) -> Iterator[Callable[[], None]]:
     """A context that records the first SIGINT or SIGTERM; a second one raises at once.
 
     Its value is a function that raises KeyboardInterrupt or Terminated if a stop was requested. An exception
     raised by the signal handler itself could hit a library's callback, which may suppress it.
+
+    Args:
+        exit_at_once: ends this process with an exit code; called in a thread after a request while a
+            compilation, which nothing can interrupt, goes on. All files are written beside their place and
+            renamed, so none is left half written.
     """
     request: type[KeyboardInterrupt] | None = None
+    code: int | None = None  # the exit code, once a signal was noticed
+    raised_at: float | None = None
+    ended = threading.Event()
 
     def raise_request() -> None:
+        nonlocal raised_at
         if request is not None:
+            raised_at = raised_at or time.monotonic()
             raise request
+
+    def watch() -> None:
+        began: float | None = None
+        main_ident = threading.main_thread().ident
+        while not ended.wait(0.2):
+            if code is None:
+                continue
+            now = time.monotonic()
+            began = began or now
+            waits = now - began > _PATIENCE and compiling_for(main_ident) is not None
+            stored = raised_at is not None and now - raised_at > _PATIENCE_WHILE_STORING
+            if exit_at_once is not None and (waits or (stored and compiling_for() is not None)):
+                exit_at_once(code)
+
+    def notice(number: int) -> None:
+        nonlocal code
+        code = EXIT_TERMINATED if number == signal.SIGTERM else EXIT_STOPPED
 
     def record(number: int, frame: FrameType | None) -> None:
         nonlocal request
@@ -94,17 +168,62 @@ def stop_requests() -> Iterator[Callable[[], None]]:
     # only the main thread may handle signals; other threads keep Python's handlers
     main = threading.current_thread() is threading.main_thread()
     handlers = {number: signal.signal(number, record) for number in _SIGNALS} if main else {}
+    watcher = threading.Thread(target=watch, daemon=True)
     try:
-        yield raise_request
+        with _signals_noticed(notice) if main else contextlib.nullcontext():
+            watcher.start()
+            yield raise_request
     finally:
+        ended.set()
         for number, handler in handlers.items():
             signal.signal(number, handler)
 
 
 @contextlib.contextmanager
-def stoppable_progress(unit: str = "rows") -> Iterator[RunProgress]:
-    """A context that shows the progress of a run in rows or sets, and stops the run at Ctrl-C."""
-    with stop_requests() as raise_request, shown_progress(unit) as shown:
+def _signals_noticed(notice: Callable[[int], None]) -> Iterator[None]:
+    """A context in which a thread calls `notice` with the number of each SIGINT and SIGTERM.
+
+    A handler of Python waits until the main thread returns from compiled code, such as LLVM's.
+    """
+    reader, writer = os.pipe()
+    os.set_blocking(writer, False)
+    before = signal.set_wakeup_fd(writer, warn_on_full_buffer=False)
+
+    def read() -> None:
+        while number := os.read(reader, 1):
+            if number[0] in _SIGNALS:
+                notice(number[0])
+
+    thread = threading.Thread(target=read, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        signal.set_wakeup_fd(before)
+        os.close(writer)
+        thread.join()
+        os.close(reader)
+
+
+@contextlib.contextmanager
+def stoppable_progress(unit: str = "rows", stopped: Callable[[], str] | None = None) -> Iterator[RunProgress]:
+    """A context that shows the progress of a run in rows or sets, and stops the run at Ctrl-C.
+
+    Args:
+        unit: the unit of the counts.
+        stopped: returns the sentence with which a run ends that is stopped while it compiles; None: such a
+            run goes on until the compilation ends.
+    """
+
+    def exit_at_once(code: int) -> None:
+        if sys.stderr.isatty():
+            print("\033[?25h", end="", file=sys.stderr)  # the cursor, which a bar hides
+        assert stopped is not None
+        print(f"\n{stopped()}" if sys.stderr.isatty() else stopped(), file=sys.stderr, flush=True)
+        os._exit(code)
+
+    exit_now = None if stopped is None else exit_at_once
+    with stop_requests(exit_now) as raise_request, shown_progress(unit) as shown:
 
         def on_progress(done: int, total: int, rate: float, fraction: float, note: str) -> None:
             raise_request()

@@ -38,7 +38,11 @@ Engine = Annotated[
     typer.Option("--engine", metavar="NAME", help="auto, xla or kernel; by default the job's."),
 ]
 Strict = Annotated[
-    bool, typer.Option("--strict", help=f"Exit with code {EXIT_STRICT} if the self-check warns.")
+    bool,
+    typer.Option(
+        "--strict",
+        help=f"Exit with code {EXIT_STRICT} if the self-check warns; `--set verify=0` switches it off.",
+    ),
 ]
 RowRange = Annotated[
     str | None,
@@ -250,7 +254,9 @@ def running(
     from gaitsweep.cli.progress import stoppable_progress
 
     try:
-        with stoppable_progress(unit) as on_progress, contextlib.ExitStack() as stack:
+        # the processes of workers would outlive this one
+        stopped = (lambda: _stopped(name, out)) if cluster is None else None
+        with stoppable_progress(unit, stopped) as on_progress, contextlib.ExitStack() as stack:
             workers = None
             if cluster is not None:
                 from gaitsweep.runs.cluster.cluster_option import connection_to

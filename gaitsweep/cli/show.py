@@ -28,7 +28,8 @@ from gaitsweep.runs.sentences import (
     unsettled,
 )
 from gaitsweep.status import Status
-from gaitsweep.table import Snapshot
+from gaitsweep.table import Snapshot, TableError
+from gaitsweep.table.parquet_parts import PARTS
 
 if TYPE_CHECKING:
     from gaitsweep.runs.estimate import Estimate
@@ -50,6 +51,10 @@ def estimate(needs: Estimate) -> str:
         records += f", {needs.records_longer} if each branch folds twice"
     if needs.seconds_most > 1.05 * needs.seconds:
         time += f", at most {duration(needs.seconds_most)} (measured on the first rows)"
+    if needs.self_check_s > 0.05 * needs.seconds:
+        rows = f"{needs.self_check_rows} row{'s' * (needs.self_check_rows != 1)}"
+        check = f"about {duration(needs.self_check_s)} for the self-check of {rows}"
+        time += f"; of these {check} (`verify: 0` turns it off)"
     refined = f", about {needs.simulated} of them simulated" if needs.simulated < needs.rows else ""
     lines = {"rows": f"{needs.rows} in {needs.blocks} block{'s' * (needs.blocks != 1)}{refined}"}
     if needs.records > needs.rows:
@@ -152,6 +157,21 @@ def directory(snapshot: Snapshot) -> str:
     return aligned(lines)
 
 
+def columns_of(snapshot: Snapshot) -> None:
+    """Print the unit and the meaning of each column of a run on disk."""
+    import pyarrow.parquet as pq  # which loads slowly
+
+    snapshot.require_sound()
+    if not snapshot.files.footers:
+        raise TableError(f"{snapshot.path} has no complete part yet: run its job further.")
+    schema = pq.read_schema(snapshot.files.folder / PARTS.name(min(snapshot.files.footers)))
+    described = [(field.name, field.metadata or {}) for field in schema]
+    rows = [
+        (name, *(known.get(key, b"").decode() for key in (b"unit", b"meaning"))) for name, known in described
+    ]
+    _print_table("", ("name", "unit", "meaning"), rows)
+
+
 def _of_manifest(manifest: Mapping[str, Any]) -> dict[str, str]:
     """Format entries of a manifest as lines, by their titles."""
     lines = settings_of(manifest)
@@ -198,7 +218,7 @@ def extent_of(model: Model) -> str:
 
 def model(name: str, kind: type[Model]) -> None:
     """Print the quantities of a model that a job can set, and its outputs, under a name that jobs use."""
-    from gaitsweep.models.conformity import idle_starts  # which imports the engine
+    from gaitsweep.models.idle_starts import idle_starts  # which imports the engine
 
     instance = kind()
     summary = (kind.__doc__ or "").strip().partition("\n")[0]

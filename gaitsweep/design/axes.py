@@ -12,9 +12,9 @@ import numpy as np
 from jaxtyping import Float, Int, UInt
 from pydantic import BeforeValidator, Field
 
-from gaitsweep.expression import ExpressionError, evaluate, names_in
+from gaitsweep.expression import ExpressionError, evaluate, names_used
 from gaitsweep.schema.diagnostics import quoted
-from gaitsweep.schema.numbers import InvalidValue, Number, PointCount, Seed, Text, checked, word
+from gaitsweep.schema.numbers import InvalidValue, Number, PointCount, Seed, Text, Word, checked
 from gaitsweep.schema.strict_model import StrictModel
 
 MAX_LISTED = 10**6  # points of a list; more follow from a rule
@@ -33,7 +33,7 @@ _ENDS_AND_COUNT = BeforeValidator(checked(_check_length, length=3, words="[first
 _ENDS = BeforeValidator(checked(_check_length, length=2, words="[low, high]"))
 EndsAndCount = Annotated[tuple[Number, Number, PointCount], _ENDS_AND_COUNT]
 Ends = Annotated[tuple[Number, Number], _ENDS]
-At = Annotated[Literal["ends", "centre"], word("ends", "centre")]
+At = Annotated[Literal["ends", "centre"], Word()]
 _AT_WORDS = "ends: both ends are points; centre: the points are the centres of equal cells"
 _SEED = "seed of the points, combined with the name of the axis"
 
@@ -94,15 +94,18 @@ class Sobol(StrictModel):
         return RangeAxis(*self.sobol, RandomAxis(box, name))
 
 
+SampleMethod = Literal["random", "latin_hypercube", "sobol"]
+
+
 class Sample(StrictModel):
     """Points of a box that are drawn together."""
 
     n: PointCount = Field(description="number of points")
     seed: Seed = Field(default=0, description=_SEED)
-    method: Annotated[Literal["random", "sobol"], word("random", "sobol")] = Field(
+    method: Annotated[SampleMethod, Word()] = Field(
         default="random",
-        description="random: independent uniform points; sobol: one joint Sobol sequence, which covers the "
-        "box evenly, in place of Latin hypercube sampling",
+        description="random: independent uniform points; latin_hypercube: one point in each of n equal parts "
+        "of each range; sobol: one joint Sobol sequence, which covers the box evenly",
     )
     of: dict[Text, Ends] = Field(min_length=1, description="[low, high] by name")
 
@@ -148,7 +151,7 @@ class ListAxis:
             formula = self._formula_at[place]
             mask = index == place
             used = {}
-            for name in names_in(formula):
+            for name in names_used(formula):
                 value = names[name]
                 used[name] = value if np.ndim(value) == 0 else value[mask]
             points[mask] = evaluate(formula, used)
@@ -192,7 +195,7 @@ class SampleBox:
     names: tuple[str, ...]
     count: int
     seed: int
-    method: Literal["random", "sobol"]
+    method: SampleMethod
 
     @cached_property
     def points(self) -> dict[str, Float[np.ndarray, " points"]]:
@@ -201,6 +204,8 @@ class SampleBox:
             # 53 of the 64 bits of each word, which are the bits of a float in [0, 1)
             shift = np.uint64(11)
             return {name: (_bits(self.seed, name, self.count) >> shift) * 2.0**-53 for name in self.names}
+        if self.method == "latin_hypercube":
+            return {name: _one_in_each_part(self.seed, name, self.count) for name in self.names}
         return _sobol(self.seed, list(self.names), self.count)
 
 
@@ -228,7 +233,7 @@ class RangeAxis:
 
     @property
     def drawn(self) -> bool:
-        """Whether its points are random or form a Sobol sequence; others have equal steps or ratios."""
+        """Whether its points are drawn from a sample; others have equal steps or ratios."""
         return isinstance(self.fraction, RandomAxis)
 
     @property
@@ -246,8 +251,8 @@ class RangeAxis:
         Raises:
             ExpressionError: an end of a logarithmic axis is not above 0.
         """
-        low = evaluate(self.low, {name: names[name] for name in names_in(self.low)})
-        high = evaluate(self.high, {name: names[name] for name in names_in(self.high)})
+        low = evaluate(self.low, {name: names[name] for name in names_used(self.low)})
+        high = evaluate(self.high, {name: names[name] for name in names_used(self.high)})
         fraction = self.fraction(index)
         if not self.logarithmic:
             between = low + (high - low) * fraction
@@ -271,6 +276,14 @@ def _bits(seed: int, name: str, count: int) -> UInt[np.ndarray, " points"]:
     """Draw random 64-bit words, which no version of NumPy changes; each name has its own stream."""
     key = int.from_bytes(hashlib.sha256(f"{seed} {name}".encode()).digest()[:16], "big")
     return np.asarray(np.random.Philox(key=key).random_raw(count))
+
+
+def _one_in_each_part(seed: int, name: str, count: int) -> Float[np.ndarray, " points"]:
+    """Draw a point in each of `count` equal parts of [0, 1), in random order."""
+    bits = _bits(seed, name, 2 * count)
+    # 28 bits, so that a sum with the number of a part has no rounding error and stays below its end
+    within = (bits[:count] >> np.uint64(36)) * 2.0**-28
+    return (np.argsort(bits[count:], kind="stable") + within) / count
 
 
 def _sobol(seed: int, names: list[str], count: int) -> dict[str, Float[np.ndarray, " points"]]:

@@ -8,7 +8,7 @@ import graphlib
 import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -17,7 +17,7 @@ from jaxtyping import Float, Int
 from gaitsweep.contract import Model, Params, Quantity
 from gaitsweep.design.axes import LinearSpacing, ListAxis, RangeAxis
 from gaitsweep.design.vary import Group
-from gaitsweep.expression import names_in, resolve
+from gaitsweep.expression import names_used, resolve
 from gaitsweep.schema.diagnostics import Diagnostic, JobError
 from gaitsweep.schema.numbers import bound
 
@@ -30,6 +30,13 @@ MAX_FEW_VALUES = 4  # distinct values of an axis without equal steps that figure
 
 RowNumbers = Int[np.ndarray, " rows"]
 Columns = dict[str, Float[np.ndarray, " rows"]]  # the values of rows by name
+
+
+class RowValues(NamedTuple):
+    """All parameters and all starts of some rows: float64 arrays (n,) by name."""
+
+    parameters: Columns
+    starts: Columns
 
 
 @dataclasses.dataclass(frozen=True)
@@ -83,27 +90,20 @@ class Design:
             if isinstance(setting, str)
         }
 
-    def columns(self, start: int, stop: int) -> Columns:
-        """Return the values of the axes in rows start..stop-1: a float64 array (stop - start,) by name.
-
-        Raises:
-            IndexError: the job does not have these rows.
-            ExpressionError: an expression has no value in one of these rows.
-        """
-        return self.at(self._rows(start, stop), self.names)
-
-    def values(self, start: int, stop: int) -> tuple[Columns, Columns]:
-        """Return all parameters and all starts in rows start..stop-1: float64 arrays (stop - start,) by name.
+    def values(self, start: int, stop: int) -> RowValues:
+        """Return the values in rows start..stop-1.
 
         Raises:
             IndexError: the job does not have these rows.
             ExpressionError: an expression has no value in one of these rows.
             JobError: the model does not allow a value; only for names that are not `checkable`.
         """
-        return self.values_in(self._rows(start, stop))
+        if not 0 <= start <= stop <= self.n_rows:
+            raise IndexError(f"Rows {start} to {stop} are out of range: the job has {self.n_rows} rows.")
+        return self.values_in(np.arange(start, stop, dtype=np.int64))
 
-    def values_in(self, rows: RowNumbers) -> tuple[Columns, Columns]:
-        """Return all parameters and all starts in some rows, as `values` does.
+    def values_in(self, rows: RowNumbers) -> RowValues:
+        """Return the values in some rows, as `values` does.
 
         Args:
             rows: the rows (n,), int64.
@@ -115,7 +115,7 @@ class Design:
         starts = [quantity.name for quantity in self.model.initial_conditions]
         values = self.at(rows, [*parameters, *starts])
         self._check_block(rows, values)
-        return {name: values[name] for name in parameters}, {name: values[name] for name in starts}
+        return RowValues({name: values[name] for name in parameters}, {name: values[name] for name in starts})
 
     def at(self, rows: RowNumbers, wanted: Iterable[str]) -> Columns:
         """Return the values of names in some rows.
@@ -171,7 +171,7 @@ class Design:
             settings: tuple[float | str, ...] = self.groups[self._places[name]].axes[name].formulas
         else:
             settings = (self.settings[name],)
-        return {used for setting in settings for used in names_in(setting)} - set(self.sizes)
+        return {used for setting in settings for used in names_used(setting)} - set(self.sizes)
 
     @functools.cached_property
     def order(self) -> tuple[str, ...]:
@@ -280,12 +280,6 @@ class Design:
         """Position of the group of each name that varies."""
         return {name: place for place, group in enumerate(self.groups) for name in group.axes}
 
-    def _rows(self, start: int, stop: int) -> RowNumbers:
-        """Return the numbers of rows start..stop-1."""
-        if not 0 <= start <= stop <= self.n_rows:
-            raise IndexError(f"Rows {start} to {stop} are out of range: the job has {self.n_rows} rows.")
-        return np.arange(start, stop, dtype=np.int64)
-
 
 def _operand(number: float) -> str:
     """Format a number for a formula; a negative one in parentheses, since powers bind more than the minus."""
@@ -303,10 +297,8 @@ def row_params(design: Design, row: int) -> Params:
     Raises:
         IndexError: the design does not have this row.
     """
-    values, _ = design.values(row, row + 1)
-    return design.model.params(
-        {name: jnp.asarray(value[0]) for name, value in design.model.on_host(values).items()}
-    )
+    values = design.model.on_host(design.values(row, row + 1).parameters)
+    return design.model.params({name: jnp.asarray(value[0]) for name, value in values.items()})
 
 
 def inside(values: Float[np.ndarray, " *rows"], quantity: Quantity) -> np.ndarray:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from pydantic import TypeAdapter
@@ -13,7 +13,8 @@ from gaitsweep import near_miss
 from gaitsweep.contract import Quantity
 from gaitsweep.design.axes import AXIS_KINDS, MAX_LISTED, Axis, RangeAxis, Sample, Values
 from gaitsweep.expression import VARY_GROUPS
-from gaitsweep.schema.diagnostics import Diagnostic, Path, quoted, read_model, unknown_field
+from gaitsweep.schema.diagnostics import Diagnostic, Path, quoted, unknown_field
+from gaitsweep.schema.pydantic_errors import read_model
 
 MAX_ROWS = 10**9
 MAX_DRAWN = 2 * 10**7  # numbers of random and sobol points, which are in memory while a job runs
@@ -62,6 +63,13 @@ class Vary:
         self.diagnostics.append(Diagnostic(path, text))
 
 
+class _ReadAxis(NamedTuple):
+    """An axis, and its normal form in a job."""
+
+    axis: Axis
+    plain: dict[str, Any]
+
+
 def read_vary(raw: Any, quantities: Mapping[str, Quantity], refuse: Callable[[str], str | None]) -> Vary:
     """Read the groups of `vary`.
 
@@ -95,9 +103,9 @@ def read_vary(raw: Any, quantities: Mapping[str, Quantity], refuse: Callable[[st
                 vary.plain[name] = [read(item, (*path, place), vary) for place, item in enumerate(value)]
             else:
                 vary.plain[name] = read(value, path, vary)
-        elif (axis := _read_axis(str(name), value, path, vary)) is not None:
-            vary.groups.append(Group({str(name): axis[0]}, {str(name): path}))
-            vary.plain[str(name)] = axis[1]
+        elif (of_name := _read_axis(str(name), value, path, vary)) is not None:
+            vary.groups.append(Group({str(name): of_name.axis}, {str(name): path}))
+            vary.plain[str(name)] = of_name.plain
     _check_names(vary, refuse)
     _check_size(vary)
     return vary
@@ -119,8 +127,8 @@ def _check_size(vary: Vary) -> None:
         vary.refuse(("vary",), text)
 
 
-def _read_axis(name: str, value: Any, path: Path, vary: Vary) -> tuple[Axis, dict[str, Any]] | None:
-    """Read an axis; return it with its normal form, or None with a diagnostic."""
+def _read_axis(name: str, value: Any, path: Path, vary: Vary) -> _ReadAxis | None:
+    """Read an axis; None with a diagnostic in `vary` if it has errors."""
     fields = _axis_fields(value)
     if fields is None:
         text = f"is {quoted(value)}, but must be a list or one of {', '.join(AXIS_KINDS)}"
@@ -147,7 +155,7 @@ def _read_axis(name: str, value: Any, path: Path, vary: Vary) -> tuple[Axis, dic
         return None
     axis = written.axis(name)
     _check_order(axis, (*path, kind), vary)
-    return axis, written.model_dump(mode="json")
+    return _ReadAxis(axis, written.model_dump(mode="json"))
 
 
 def _axis_fields(value: Any) -> dict[str, Any] | None:
@@ -204,9 +212,9 @@ def _read_zip(value: Any, path: Path, vary: Vary) -> dict[str, Any]:
     axes: dict[str, Axis] = {}
     plain: dict[str, Any] = {}
     for name, written in value.items():
-        axis = _read_axis(str(name), written, (*path, str(name)), vary)
-        if axis is not None:
-            axes[str(name)], plain[str(name)] = axis
+        of_name = _read_axis(str(name), written, (*path, str(name)), vary)
+        if of_name is not None:
+            axes[str(name)], plain[str(name)] = of_name
     lengths = {name: axis.length for name, axis in axes.items()}
     if len(set(lengths.values())) > 1:
         listed = ", ".join(f"{name} has {length}" for name, length in lengths.items())

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import jax.numpy as jnp
@@ -226,36 +226,6 @@ def symmetry(meaning: str) -> Callable[[Callable[..., Any]], Any]:
         meaning: a few words, such as "left and right legs exchanged".
     """
     return lambda function: Symmetry(function, meaning)
-
-
-def faults_of_quantity(quantity: Quantity, start: bool) -> Iterator[str]:
-    """Faults of a quantity's unit, meaning, bounds, default and scale, as ends of sentences.
-
-    Args:
-        quantity: with its name.
-        start: whether it is an initial condition, whose default may be NaN: then the model decides it.
-    """
-    name = quantity.name
-    low = quantity.low
-    high = quantity.high
-    for field in ("unit", "meaning"):
-        if not getattr(quantity, field):
-            unit = ' ("1" for a number without one)' if field == "unit" else ""
-            yield f"whose {name} has no {field}, which tables and figures show{unit}."
-    if quantity.circular and quantity.unit not in ("rad", ""):
-        yield f"whose {name} is circular in {quantity.unit}, but only angles in rad can be circular."
-    if not low <= high or (low == high and quantity.open_ends):
-        yield f"whose {name} has bounds that allow no value: low is {low:g}, high is {high:g}."
-    elif isinstance(quantity.default, int | float):
-        undecided = start and math.isnan(quantity.default)  # a start that the model itself decides
-        inside = low < quantity.default < high if quantity.open_ends else low <= quantity.default <= high
-        if not undecided and not (inside and math.isfinite(quantity.default)):
-            excluded = ", both excluded" if quantity.open_ends else ""
-            bounds = f"within its bounds, {low:g} and {high:g}{excluded}"
-            must = "a finite number" if inside or math.isnan(quantity.default) else bounds
-            yield f"whose {name} has the default {quantity.default:g}, which must be {must}."
-    if quantity.scale is not None and not quantity.scale > 0.0:
-        yield f"whose {name} has the scale {quantity.scale:g}, which must be above 0."
 
 
 def _quantity(unit: str, meaning: str, **others: Any) -> Quantity:

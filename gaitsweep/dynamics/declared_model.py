@@ -86,15 +86,15 @@ class DeclaredModel(Declared, HybridModel):
 
     @classmethod
     def _other_fields(cls) -> list[str]:
-        return [ARMING] if any(event.rising for event in cls.declared_events()) else []
+        return [ARMING] if any(event.rising for event in cls.declarations.events) else []
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
         for name in cls.section_coordinates:
-            if name not in cls._named(Variable):
-                near = suggestion(name, cls._named(Variable))
+            if name not in cls.declarations.of_kind(Variable):
+                near = suggestion(name, cls.declarations.of_kind(Variable))
                 raise TypeError(f"{cls.__name__}.section_coordinates has {name}, no variable{near}")
-        for event in cls.declared_events():
+        for event in cls.declarations.events:
             if event.resting is not None and event.effect is None:
                 raise TypeError(
                     f"{cls.__name__} declares a rest after the event {event.name!r}, which has no jump: "
@@ -103,10 +103,10 @@ class DeclaredModel(Declared, HybridModel):
 
     @property
     def locates_events(self) -> bool:
-        return self._diffusion() is None
+        return self.declarations.diffusion is None
 
     def fixed_step_scheme(self) -> FixedStepDynamics | None:
-        noise = self._diffusion()
+        noise = self.declarations.diffusion
         return None if noise is None else StochasticSteps(self, noise)
 
     @property
@@ -127,14 +127,14 @@ class DeclaredModel(Declared, HybridModel):
 
     def _on_its_side(self, params: Any, state: Any) -> Any:
         """The state with the mode of sliding that follows from its variables."""
-        for surface in self._named(Sliding).values():
+        for surface in self.declarations.of_kind(Sliding).values():
             meets, _ = surface.events
             rounding = Surfaces(self, params, state).of(SingleEvent(meets)).rounding
             state = surface.begun(self, params, state, rounding)
         return state
 
     def section_variables(self) -> list[tuple[str, Variable]]:
-        variables = self._named(Variable)
+        variables = self.declarations.of_kind(Variable)
         chosen = [(name, variables[name]) for name in self.section_coordinates]
         return chosen or super().section_variables()
 
@@ -202,7 +202,9 @@ class DeclaredModel(Declared, HybridModel):
     def jump(self, params: Any, state: Any, fired: Bool[Array, " events"], /) -> Any:
         after = state
         rates = {}
-        of_sliding = {event for surface in self._named(Sliding).values() for event in surface.events}
+        of_sliding = {
+            event for surface in self.declarations.of_kind(Sliding).values() for event in surface.events
+        }
         displaced = jnp.asarray(False)
         for place, (event, flags) in zip(self._places(), self._flags(fired), strict=True):
             if not event.jumps:
@@ -345,7 +347,7 @@ class DeclaredModel(Declared, HybridModel):
         return passed & (surface.height > surface.rounding)
 
     def energies(self, params: Any, state: Any, /) -> dict[str, Float[Array, ""]]:
-        readings = self._named(Reading)
+        readings = self.declarations.of_kind(Reading)
         return {
             name: reading.function(self, params, state)
             for name, reading in readings.items()
@@ -357,7 +359,7 @@ class DeclaredModel(Declared, HybridModel):
             # events are armed by where the image lies and moves
             return lambda params, state: self._begun(params, declared.function(self, params, state))
 
-        return {name: image(declared) for name, declared in self._named(Symmetry).items()}
+        return {name: image(declared) for name, declared in self.declarations.of_kind(Symmetry).items()}
 
     def chart(self) -> Chart:
         return SectionCoordinates(self)

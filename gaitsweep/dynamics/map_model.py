@@ -106,7 +106,7 @@ class MapModel(Declared, SteppedModel):
         def bound(declared: Symmetry) -> Callable[[Params, State], State]:
             return lambda params, state: declared.function(self, params, state)
 
-        return {name: bound(declared) for name, declared in self._named(Symmetry).items()}
+        return {name: bound(declared) for name, declared in self.declarations.of_kind(Symmetry).items()}
 
     def chart(self) -> Chart | None:
         return SectionCoordinates(self)

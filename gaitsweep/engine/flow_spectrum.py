@@ -16,11 +16,13 @@ from jaxtyping import Array, Bool, Float, Inexact
 from gaitsweep.contract import HybridModel, Params, State
 from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.kernel.row_functions import over_rows
-from gaitsweep.engine.leaves import counts_of_state
+from gaitsweep.engine.model_shapes import counts_of_state
 from gaitsweep.engine.solver.methods import METHODS
 
 # Largest number of flags whose combinations are evaluated; each flag doubles the number of combinations.
 MAX_FLAGS = 8
+# Combinations of flags, of one row or of several, that are evaluated at a time.
+_MODES_AT_A_TIME = 256
 # Rates of a flow, in nominal periods, from which on it is stiff: explicit methods take as many steps a cycle.
 STIFF = 2000.0
 
@@ -48,21 +50,57 @@ def decay_per_period(
         model: the model.
         values, starts: the parameters and the initial conditions of the rows, (n,) each.
     """
-    _, flags = counts_of_state(model)
-    count = min(flags, MAX_FLAGS)
-    rows = len(next(iter(values.values())))  # every model has a parameter
-    modes = np.array(list(itertools.product((False, True), repeat=count)), bool).reshape(2**count, count)
-    in_modes = (
-        {name: np.repeat(column, len(modes)) for name, column in values.items()},
-        {name: np.repeat(column, len(modes)) for name, column in starts.items()},
-        np.tile(modes, (rows, 1)),
-    )
-    matrices, periods = _matrices_of_rows(model)(*in_modes)
+    matrices, periods = _in_all_modes(model, values, starts)
     finite = np.all(np.isfinite(matrices), axis=(1, 2)) & np.isfinite(periods)
     if not finite.any() or matrices.shape[-1] == 0:
         return 0.0
     rates = -np.linalg.eigvals(matrices[finite]).real
     return float(np.max(rates.max(axis=1) * periods[finite]))
+
+
+def fastest_rates(
+    model: HybridModel, values: Mapping[str, Float[np.ndarray, " rows"]], starts: Mapping[str, Any]
+) -> tuple[Float[np.ndarray, " rows"], Float[np.ndarray, " rows"]]:
+    """The fastest rate (1/s) of the flow at the starts of rows, and their nominal periods (s), (rows,) each.
+
+    A rate is NaN where a derivative of the flow is infinite or NaN.
+
+    Args:
+        model: the model.
+        values, starts: the parameters and the initial conditions of the rows, (n,) each.
+    """
+    rows = len(next(iter(values.values())))
+    rates = np.full(rows, np.nan)
+    periods = np.empty(rows)
+    # the matrices of all combinations of flags are in memory, with all that they are computed from
+    at_a_time = max(1, _MODES_AT_A_TIME >> min(counts_of_state(model)[1], MAX_FLAGS))
+    for first in range(0, rows, at_a_time):
+        part = range(first, min(first + at_a_time, rows))
+        columns = [{name: column[part] for name, column in group.items()} for group in (values, starts)]
+        matrices, of_modes = _in_all_modes(model, *columns)
+        modes = len(of_modes) // len(part)
+        for place, row in enumerate(part):
+            of_row = matrices[place * modes : (place + 1) * modes]
+            periods[row] = of_modes[place * modes]
+            if np.all(np.isfinite(of_row)):
+                rates[row] = np.max(np.abs(np.linalg.eigvals(of_row)), initial=0.0)
+    return rates, periods
+
+
+def _in_all_modes(
+    model: HybridModel, values: Mapping[str, Float[np.ndarray, " rows"]], starts: Mapping[str, Any]
+) -> tuple[Float[np.ndarray, "modes fields fields"], Float[np.ndarray, " modes"]]:
+    """The flow's matrices and the periods (s) of rows, each with all combinations of the flags, in turn."""
+    _, flags = counts_of_state(model)
+    count = min(flags, MAX_FLAGS)
+    rows = len(next(iter(values.values())))  # every model has a parameter
+    modes = np.array(list(itertools.product((False, True), repeat=count)), bool).reshape(2**count, count)
+    matrices, periods = _matrices_of_rows(model)(
+        {name: np.repeat(column, len(modes)) for name, column in values.items()},
+        {name: np.repeat(column, len(modes)) for name, column in starts.items()},
+        np.tile(modes, (rows, 1)),
+    )
+    return matrices, periods
 
 
 @cached_by_content(maxsize=64)

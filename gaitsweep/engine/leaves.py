@@ -1,60 +1,17 @@
-"""The leaves of a pytree: floats, which have derivatives, and modes (bools, integers), which have none.
-
-`dependences` finds which leaves a function reads for each of its results.
-"""
+"""The leaves of a pytree: floats, which have derivatives, and modes (bools, integers), which have none."""
 
 from __future__ import annotations
 
 import dataclasses
 import functools
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.extend.core import Literal
 from jaxtyping import Array, Float
-
-from gaitsweep.contract import Chart, HybridModel, Model, Params, Quantity, State
-from gaitsweep.engine.content import cached_by_content, stored
-
-
-def shapes_of(model: Model) -> tuple[Params, State]:
-    """The shapes of a model's parameters and of its state, traced without values."""
-    number = jax.ShapeDtypeStruct((), jnp.float64)
-    values = {q.name: number for q in model.parameters}
-    if model.host_parameters:
-        values = _shapes_on_host(model)
-    params = jax.eval_shape(model.params, values)
-    return params, jax.eval_shape(model.init, params, {q.name: number for q in model.initial_conditions})
-
-
-def _shapes_on_host(model: Model) -> dict[str, jax.ShapeDtypeStruct]:
-    """The shapes of what the host computes from a model's parameters, here from their defaults."""
-    row: dict[str, np.ndarray] = {}
-    for quantity in model.parameters:
-        default = quantity.default if isinstance(quantity.default, int | float) else 1.0
-        row[quantity.name] = np.full(1, default)
-    columns = model.on_host(row)
-    return {name: jax.ShapeDtypeStruct(np.shape(column)[1:], jnp.float64) for name, column in columns.items()}
-
-
-@cached_by_content(maxsize=64)
-def counts_of_state(model: HybridModel) -> tuple[int, int]:
-    """The number of numbers that the flow of a model moves, and that of the flags of its state."""
-
-    def counts() -> tuple[int, int]:
-        params, state = shapes_of(model)
-        moving = [getattr(state, name) for name in jax.eval_shape(model.flow, params, state)]
-        leaves = jax.tree.leaves(state)
-        flags = [leaf for leaf in leaves if jnp.issubdtype(leaf.dtype, jnp.bool_)]
-        return sum(leaf.size for leaf in moving), sum(leaf.size for leaf in flags)
-
-    # stored, since every job that leaves the method open asks for them
-    variables, flags = stored("counts_of_state", model, (), counts)
-    return variables, flags
 
 
 def is_float(array: Any) -> bool:
@@ -108,54 +65,3 @@ def extended_type(kind: type, names: tuple[str, ...]) -> type:
 def element_names(field: str, shape: tuple[int, ...]) -> list[str]:
     """The names of the elements of a state's field: `angle` of a number, `phi_1`, `phi_2` of an array."""
     return ["_".join([field, *(str(i + 1) for i in place)]) for place in np.ndindex(*shape)]
-
-
-def dependences(function: Callable[..., Any], *inputs: Any) -> list[frozenset[str]]:
-    """The names of the arguments on which each array that a function returns depends.
-
-    A result of an inner function (of `jax.jit`, or a branch) counts as dependent on all arguments of that
-    function.
-
-    Args:
-        function: of mappings of arrays by name.
-        inputs: shapes and dtypes of its arguments, each a mapping.
-    """
-    program = jax.make_jaxpr(function)(*inputs).jaxpr
-    paths = [path for path, _ in jax.tree_util.tree_flatten_with_path(inputs)[0]]
-    names = {
-        variable: frozenset({path[-1].key}) for variable, path in zip(program.invars, paths, strict=True)
-    }
-
-    def names_of(*atoms: Any) -> frozenset[str]:
-        variables = (atom for atom in atoms if not isinstance(atom, Literal))
-        return frozenset[str]().union(*(names.get(variable, ()) for variable in variables))
-
-    for equation in program.eqns:
-        names.update(dict.fromkeys(equation.outvars, names_of(*equation.invars)))
-    return [names_of(atom) for atom in program.outvars]
-
-
-@dataclasses.dataclass(frozen=True)
-class AllVariables(Chart):
-    """All float variables of a state as coordinates, for models without a chart; `names` are their names."""
-
-    names: tuple[str, ...]
-
-    @classmethod
-    def of(cls, state: State) -> AllVariables:
-        """The chart of states like this one."""
-        names: list[str] = []
-        for path, leaf in jax.tree_util.tree_leaves_with_path(state):
-            if is_float(leaf):
-                names += element_names(jax.tree_util.keystr(path, simple=True, separator="_"), np.shape(leaf))
-        return cls(tuple(names))
-
-    @property
-    def coordinates(self) -> tuple[Quantity, ...]:
-        return tuple(Quantity(name, "", f"{name} of the state") for name in self.names)
-
-    def to_coordinates(self, params: Params, state: State) -> Float[Array, " coordinates"]:
-        return jnp.concatenate([jnp.ravel(leaf).astype(jnp.float64) for leaf in float_leaves(state)])
-
-    def from_coordinates(self, params: Params, at: Float[Array, " coordinates"], modes: State) -> State:
-        return with_float_leaves(modes, split_like(at, float_leaves(modes)))

@@ -15,10 +15,11 @@ import jax.numpy as jnp
 from gaitsweep import near_miss
 from gaitsweep.contract import HybridModel, Model, Params
 from gaitsweep.engine.carry import Number
-from gaitsweep.engine.content import cached_by_content, stored
-from gaitsweep.engine.leaves import shapes_of
+from gaitsweep.engine.content import cached_by_content
+from gaitsweep.engine.model_shapes import shapes_of
 from gaitsweep.engine.solver.methods import METHODS, Precision, fixed_step_scheme
 from gaitsweep.engine.solver.taylor import lacking_recurrence
+from gaitsweep.engine.stored_traces import stored
 from gaitsweep.engine.switches import may_switch, moving_operations
 from gaitsweep.errors import ArgumentError
 

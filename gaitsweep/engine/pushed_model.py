@@ -22,7 +22,8 @@ from jaxtyping import Array, Bool, Float, Real
 from gaitsweep.contract import HybridModel, Params, Quantity, Rates, Recommended, State
 from gaitsweep.engine.carry import Flag, Number, select
 from gaitsweep.engine.content import cached_by_content
-from gaitsweep.engine.leaves import element_names, extended_type, shapes_of, split_like
+from gaitsweep.engine.leaves import element_names, extended_type, split_like
+from gaitsweep.engine.model_shapes import shapes_of
 from gaitsweep.engine.recorders.states import state_names
 from gaitsweep.engine.solver.methods import METHODS
 

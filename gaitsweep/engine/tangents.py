@@ -18,8 +18,10 @@ from jaxtyping import Array, Float
 
 from gaitsweep.contract import Chart, Model, Params, State
 from gaitsweep.engine.advance import Advance
+from gaitsweep.engine.all_variables import AllVariables
 from gaitsweep.engine.carry import Carry, Number
-from gaitsweep.engine.leaves import AllVariables, float_leaves, shapes_of, with_float_leaves
+from gaitsweep.engine.leaves import float_leaves, with_float_leaves
+from gaitsweep.engine.model_shapes import shapes_of
 
 Directions = list[Float[Array, " coordinates"]]  # orthonormal directions on the section
 

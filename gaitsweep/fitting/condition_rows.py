@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Int, Shaped
@@ -35,10 +36,18 @@ def group_by_names(conditions: Sequence[Condition]) -> dict[tuple[str, ...], lis
     return numbers_by_names
 
 
+class RowsOfSets(NamedTuple):
+    """Parameters and starts of the rows of sets, set by set, and the reasons why sets are refused, or ""."""
+
+    params: Values
+    starts: Values
+    refused: Reasons
+
+
 def row_values_of(
     context: RunContext, constants: Values, conditions: Sequence[Condition], n: int
-) -> tuple[Values, Values, Reasons]:
-    """Return parameters and starts of the rows of n sets, set by set, and the reason of a refusal, or "".
+) -> RowsOfSets:
+    """Return parameters and starts of the rows of n sets.
 
     Args:
         context: context of the job of a set.
@@ -68,7 +77,7 @@ def row_values_of(
             _refuse_sets(refused, is_outside, len(numbers), f"{quantity.name} out of range")
         too_long = too_long_steps(design, context.job.run, context.spec.numerics)
         _refuse_sets(refused, too_long, len(numbers), "steps too long")
-    return params, starts, refused
+    return RowsOfSets(params, starts, refused)
 
 
 def _refuse_sets(refused: Reasons, wrong: Bool[np.ndarray, " rows"], per_set: int, why: str) -> None:

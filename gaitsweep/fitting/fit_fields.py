@@ -14,16 +14,9 @@ from gaitsweep.fitting.ramp_measures import GaitSequence, Transition
 from gaitsweep.fitting.row_measures import Coexistence, Edge, Failures, Order, Prominence, Share, Value
 from gaitsweep.job.overrides import read_with_overrides
 from gaitsweep.kinds.run_kind import RunKind
-from gaitsweep.schema.diagnostics import (
-    Diagnostic,
-    JobError,
-    SchemaSection,
-    quoted,
-    read_model,
-    unknown_field,
-    wrong_kind,
-)
+from gaitsweep.schema.diagnostics import Diagnostic, JobError, quoted, unknown_field, wrong_kind
 from gaitsweep.schema.diagnostics import Path as FieldPath
+from gaitsweep.schema.pydantic_errors import SchemaSection, read_model
 from gaitsweep.schema.strict_model import Registry, StrictModel, kind_of
 from gaitsweep.shipped import job_file
 

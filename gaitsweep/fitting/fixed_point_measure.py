@@ -13,7 +13,8 @@ from gaitsweep.analysis.continuation.newton import newton
 from gaitsweep.contract import Model
 from gaitsweep.engine.poincare.poincare_return import ReturnStatus
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
-from gaitsweep.fitting.measure import FieldError, Measure, Measured, SetRows, unknown_name
+from gaitsweep.fitting.measure import Measure, Measured, SetRows
+from gaitsweep.fitting.measure_fields import FieldError, unknown_name
 from gaitsweep.kinds.run_kind import RunKind
 from gaitsweep.schema.numbers import CountOrZero, Text
 

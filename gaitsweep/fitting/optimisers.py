@@ -22,7 +22,6 @@ PointArray = Float[np.ndarray, "points constants"]
 Scores = Float[np.ndarray, " points"]
 Misses = Float[np.ndarray, "points targets"]
 Method = Literal["sobol", "cma", "nsga3"]
-METHODS: tuple[Method, ...] = ("sobol", "cma", "nsga3")
 # Packages of the extra `search`.
 _PACKAGES = {"cma": "cma", "nsga3": "pymoo"}
 # Points of a strategy for each constant, at most: more points hardly improve a generation.
@@ -75,7 +74,7 @@ def optimiser(
     """Create the optimiser of a search.
 
     Args:
-        method: one of METHODS.
+        method: the method.
         dimension: the number of free constants.
         targets: the number of targets that count.
         start: points of a Sobol sequence with which `cma` begins.

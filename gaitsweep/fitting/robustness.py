@@ -13,7 +13,8 @@ from gaitsweep import near_miss
 from gaitsweep.contract import Model, Quantity
 from gaitsweep.fitting.fit_job import FitJob
 from gaitsweep.fitting.free_parameters import FreeParameter, Sets
-from gaitsweep.fitting.measure import Conditions, FieldError, Measure
+from gaitsweep.fitting.measure import Measure
+from gaitsweep.fitting.measure_fields import Conditions, FieldError
 from gaitsweep.fitting.targets import Target, TargetValue
 from gaitsweep.kinds import RunKind
 from gaitsweep.schema.diagnostics import Diagnostic, refuse
@@ -95,7 +96,7 @@ def own_constants(robust: Robust, fit: FitJob) -> dict[str, float]:
         fit: the job.
 
     Raises:
-        JobError: the model does not have a name, or its value is a formula.
+        JobError: the model does not have a name, or its value is a formula or 0.
     """
     job = fit.job_of(fit.structures[0])
     parameters = {quantity.name: quantity for quantity in job.design.model.parameters}
@@ -108,10 +109,11 @@ def own_constants(robust: Robust, fit: FitJob) -> dict[str, float]:
             wrong.append(Diagnostic(path, text))
             continue
         setting = job.design.settings.get(name, parameters[name].default)
-        if isinstance(setting, int | float):
+        if isinstance(setting, int | float) and setting != 0:
             values[name] = float(setting)
         else:
-            text = f"is {name}, whose value is {setting}: only a number can change by a share of itself."
+            numbers = "only a number other than 0 can change by a share of itself."
+            text = f"is {name}, whose value is {setting}: {numbers}"
             wrong.append(Diagnostic(path, text))
     refuse(wrong)
     return values

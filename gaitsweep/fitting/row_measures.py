@@ -12,21 +12,23 @@ from pydantic import Field
 
 from gaitsweep.contract import Model
 from gaitsweep.fitting.measure import (
-    AMONG,
-    FieldError,
-    Gaits,
     Measured,
-    Ranges,
     RowMeasure,
     SetRows,
     column,
+    unit_of,
+    unit_of_parameter,
+    within,
+)
+from gaitsweep.fitting.measure_fields import (
+    AMONG,
+    FieldError,
+    Gaits,
+    Ranges,
     error_of_column,
     error_of_gaits,
     error_of_list,
     error_of_ranges,
-    unit_of,
-    unit_of_parameter,
-    within,
 )
 from gaitsweep.schema.numbers import Text
 from gaitsweep.status import Status

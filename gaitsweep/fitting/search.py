@@ -21,10 +21,8 @@ import pandas as pd
 from jaxtyping import Bool, Shaped
 from matplotlib.figure import Figure
 
-from gaitsweep import near_miss
 from gaitsweep.contract import Model
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
-from gaitsweep.errors import ArgumentError
 from gaitsweep.fitting.concurrent_batches import ConcurrentBatches
 from gaitsweep.fitting.fit_directory import ClusterRows, describe, open_directory
 from gaitsweep.fitting.free_parameters import Sets, sets_at
@@ -33,7 +31,7 @@ from gaitsweep.fitting.measure import Measured, MeasuredByName
 from gaitsweep.fitting.optimisers import Optimiser, optimiser
 from gaitsweep.fitting.population import Population
 from gaitsweep.fitting.robustness import ROBUST, share_kept
-from gaitsweep.fitting.search_figures import FIGURES, draw_search, search_figure
+from gaitsweep.fitting.search_figures import draw_search, search_figure
 from gaitsweep.fitting.search_job import SearchJob, read_search_field
 from gaitsweep.fitting.targets import MISS, PerSet, scores
 from gaitsweep.kinds.columns import quantities_of
@@ -86,8 +84,6 @@ class SearchResult:
         Raises:
             ArgumentError: there is no figure of this name.
         """
-        if name not in FIGURES:
-            raise ArgumentError(f"{name} is not a figure of a search{near_miss.suggestion(name, FIGURES)}")
         return search_figure(name, self.job, self.table, self.identifiability)
 
 

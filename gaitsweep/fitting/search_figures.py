@@ -12,10 +12,12 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from gaitsweep.errors import ArgumentError
 from gaitsweep.fitting.free_parameters import FreeParameter
 from gaitsweep.fitting.identifiability import PARTS, Constant, Identifiability
 from gaitsweep.fitting.search_job import Search
 from gaitsweep.fitting.targets import FAILED_MISS, MISS
+from gaitsweep.near_miss import suggestion
 from gaitsweep.plot import theme
 from gaitsweep.plot.column_labels import described
 from gaitsweep.status import SetStatus
@@ -64,7 +66,12 @@ def search_figure(name: str, search: Search, table: pd.DataFrame, near: Identifi
     Args:
         name: one of FIGURES.
         search, table, near: as for `draw_search`.
+
+    Raises:
+        ArgumentError: there is no figure of this name.
     """
+    if name not in FIGURES:
+        raise ArgumentError(f"{name} is not a figure of a search{suggestion(name, FIGURES)}")
     if name == "convergence":
         return _convergence(table)
     if name == "constants":

@@ -21,12 +21,13 @@ from gaitsweep.errors import ArgumentError
 from gaitsweep.fitting.fit_fields import by_name, read_file, read_free, read_measure, read_settings
 from gaitsweep.fitting.fit_job import FitJob, read_fit_job
 from gaitsweep.fitting.free_parameters import FreeParameter
-from gaitsweep.fitting.optimisers import METHODS, RULE_OF_RESTARTS, Method, missing_package
+from gaitsweep.fitting.optimisers import RULE_OF_RESTARTS, Method, missing_package
 from gaitsweep.fitting.robustness import ROBUST, Robust, check_robust, own_constants, robust_target
 from gaitsweep.fitting.targets import MISS, Target, TargetValue
 from gaitsweep.runs.prepare import RunContext
-from gaitsweep.schema.diagnostics import Diagnostic, JobError, quoted, read_model, refuse
-from gaitsweep.schema.numbers import Count, CountOrZero, Positive, Seed, Text, word
+from gaitsweep.schema.diagnostics import Diagnostic, JobError, quoted, refuse
+from gaitsweep.schema.numbers import Count, CountOrZero, Positive, Seed, Text, Word
+from gaitsweep.schema.pydantic_errors import read_model
 from gaitsweep.schema.strict_model import StrictModel, plain
 from gaitsweep.table import TableError, load
 
@@ -44,7 +45,7 @@ _MAX_LANES = 2**20  # rows that a GPU is filled for
 class SearchOptions(StrictModel):
     """Settings by which a search chooses its sets."""
 
-    method: Annotated[Method, word(*METHODS)] = Field(
+    method: Annotated[Method, Word()] = Field(
         default="cma",
         description="sobol: points that fill the ranges; cma: evolution strategies with restarts (BIPOP), "
         "for one score; nsga3: a front, where targets conflict",

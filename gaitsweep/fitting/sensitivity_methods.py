@@ -17,7 +17,6 @@ from gaitsweep.errors import ArgumentError
 from gaitsweep.fitting.free_parameters import FreeParameter, sets_at
 
 Method = Literal["one_at_a_time", "morris", "sobol"]
-METHODS: tuple[Method, ...] = ("one_at_a_time", "morris", "sobol")
 LEVELS = 4  # of each range, on which Morris's trajectories run
 PerSet = Float[np.ndarray, " sets"]  # a number for each set
 LEVEL = 0.95  # of confidence intervals
@@ -69,7 +68,7 @@ def design_of(
     """Return the sets of a method.
 
     Args:
-        method: one of METHODS.
+        method: the method.
         n: trajectories (morris), or base points (sobol); None for one_at_a_time.
         seed: seed of all random numbers.
         ranges: range of each parameter.

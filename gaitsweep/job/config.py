@@ -11,8 +11,8 @@ from typing import Any
 
 from gaitsweep.design.vary import written_names
 from gaitsweep.kinds import parameter_written
-from gaitsweep.schema import diagnostics
 from gaitsweep.schema.diagnostics import Diagnostic, JobError, quoted, unknown_field
+from gaitsweep.schema.diagnostics import Path as FieldPath
 from gaitsweep.schema.yaml_document import Document, read_document
 from gaitsweep.shipped import config_file
 
@@ -33,7 +33,7 @@ class Config:
         self.raw = raw
         self.diagnostics: list[Diagnostic] = []
         self._document: Document | None = None
-        self._from_config: set[diagnostics.Path] = set()
+        self._from_config: set[FieldPath] = set()
         path = raw.get("config")
         if path is None:
             return

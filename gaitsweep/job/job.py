@@ -33,8 +33,9 @@ from gaitsweep.job.reading import read_job
 from gaitsweep.kinds import RUN_KINDS, RunKind
 from gaitsweep.plot.figure_style import STYLE_FIELDS, FigureStyle
 from gaitsweep.plot.kind import FIGURES, FigureKind
-from gaitsweep.schema.diagnostics import Diagnostic, JobError, SchemaSection, from_pydantic
+from gaitsweep.schema.diagnostics import Diagnostic, JobError
 from gaitsweep.schema.numbers import Stem, Text, VerifyCount
+from gaitsweep.schema.pydantic_errors import SchemaSection, from_pydantic
 from gaitsweep.schema.strict_model import OneOf, StrictModel
 
 _KINDS = list(RUN_KINDS)
@@ -194,11 +195,10 @@ class Job(StrictModel):
         dumped["start"] = {name: setting for name, setting in settings.items() if name not in parameters}
         dumped["engine"] |= {"name": engine or self.engine.name, "block": self.block}
         dumped["numerics"] |= {"method": self.integration.method}
-        for name in ("rtol", "atol"):
-            if self.integration.adaptive:
-                dumped["numerics"][name] = getattr(self.integration, name)
-            else:
-                del dumped["numerics"][name]
+        if self.integration.adaptive:
+            dumped["numerics"] |= {"rtol": self.integration.rtol, "atol": self.integration.atol}
+        else:
+            del dumped["numerics"]["rtol"], dumped["numerics"]["atol"]
         dumped["figures"] = [_without_style(figure) for figure in dumped["figures"]]
         dumped["style"] = _without_style(dumped["style"])
         if not dumped["style"]:

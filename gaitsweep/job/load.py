@@ -53,8 +53,14 @@ def stored_job(attrs: Mapping[Any, Any], *, trust: bool = False) -> Job:
             `gaitsweep.models.find_of_table`.
 
     Raises:
+        ArgumentError: the table is joined of several.
         JobError: the job cannot be read, or its model is not found.
     """
+    if "joined" in attrs:
+        raise ArgumentError(
+            f"This table is joined of {attrs['joined']} results by gs.concat, so no single job makes its "
+            "rows again: use one of the results."
+        )
     try:
         models.find_of_table(attrs, trust=trust)
     except models.ModelError as error:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import typing
 from collections.abc import Mapping, Sequence
 from pathlib import Path as FilePath
 from typing import Any, Literal
@@ -54,9 +53,7 @@ class ModelSpec:
     def sizes(self) -> dict[str, float]:
         """Numbers of the structure, which expressions may use: {"N": 3.0}."""
         return {
-            name: float(value)
-            for name, value in self.resolved_structure.items()
-            if isinstance(value, (int, float))
+            name: float(value) for name, value in self.structure.items() if isinstance(value, (int, float))
         }
 
     @property
@@ -66,7 +63,7 @@ class ModelSpec:
         Fields that were added to a model later thus change neither the hash nor the manifest of older jobs.
         """
         later = {
-            field.name: field.default
+            field.name: _default(field)
             for field in dataclasses.fields(self.model.original)  # type: ignore[arg-type]
             if field.metadata.get("later")
         }
@@ -86,8 +83,8 @@ class ModelSpec:
             return None
         if name in self.structure:
             cannot = "cannot vary" if field == "vary" else "cannot be a start value"
-            advice = "set it under structure or params, in one job for each value"
-            return f"decides the size of arrays and {cannot}: {advice}."
+            place = "as ground: KIND" if name == "ground" else "under structure or params"
+            return f"is part of the structure and {cannot}: set it {place}, in one job for each value."
         if name in self.quantities:
             noun, other = ("start value", "start") if field == "params" else ("parameter", "params")
             return f"is a {noun} of {self.model.name}: write it under {other}."
@@ -165,7 +162,7 @@ def _read_structure(
     Returns:
         The values of all fields, including the defaults.
     """
-    shape: dict[str, Any] = {key: field.default for key, field in fields.items()}
+    shape: dict[str, Any] = {key: _default(field) for key, field in fields.items()}
     first_values: dict[str, Any] = {}
     for path, key, value in written:
         if key not in fields:
@@ -176,7 +173,7 @@ def _read_structure(
             if key == "ground" and asks_for_ground(model_class):
                 shape[key] = _read_ground(value, folders)
             else:
-                shape[key] = _read_size(value, fields[key], typing.get_type_hints(model_class).get(key))
+                shape[key] = _read_size(value, fields[key])
         except InvalidValue as error:
             diagnostics.append(Diagnostic(path, str(error)))
             continue
@@ -212,19 +209,32 @@ def _items(mapping: Any) -> list[tuple[str, Any]]:
     return [(str(key), value) for key, value in mapping.items()]
 
 
-def _read_size(value: Any, field: dataclasses.Field, hint: Any) -> bool | str | float:
-    """Read the value of a field of the structure, by its type hint; raises InvalidValue."""
-    if hint is bool:
-        return read_flag(value)
-    if hint is str:
-        text = read_text(value)
-        allowed = field.metadata.get("allowed")
-        return text if allowed is None else read_word(text, allowed)
+def _default(field: dataclasses.Field) -> Any:
+    """Return the default of a field of the structure, or `dataclasses.MISSING`."""
+    if field.default_factory is not dataclasses.MISSING:
+        return field.default_factory()
+    return field.default
+
+
+def _read_size(value: Any, field: dataclasses.Field) -> bool | str | float:
+    """Read the value of a field of the structure, by its type; raises InvalidValue."""
+    # annotations may be text, whose other names need not exist while a program runs (TYPE_CHECKING)
+    hint = str(getattr(field.type, "__name__", field.type)).removesuffix(" | None")
     low = field.metadata.get("low")
     high = field.metadata.get("high")
-    if hint is float:
-        return read_real(value, -math.inf if low is None else low, math.inf if high is None else high)
-    return read_whole(value, _SMALLEST_SIZE if low is None else low, _LARGEST_SIZE if high is None else high)
+    match hint:
+        case "bool":
+            return read_flag(value)
+        case "str":
+            text = read_text(value)
+            allowed = field.metadata.get("allowed")
+            return text if allowed is None else read_word(text, allowed)
+        case "float":
+            return read_real(value, -math.inf if low is None else low, math.inf if high is None else high)
+        case "int":
+            smallest = _SMALLEST_SIZE if low is None else low
+            return read_whole(value, smallest, _LARGEST_SIZE if high is None else high)
+    raise InvalidValue(f"has the type {hint}, but a job can set only fields of type bool, int, float or str.")
 
 
 def _read_ground(value: Any, folders: Sequence[FilePath]) -> str:

@@ -1,18 +1,28 @@
-"""Sections `numerics` and `engine` of a job."""
+"""Sections `numerics` and `engine` of a job, their check, and the method of stiff rows."""
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal, get_args
+import dataclasses
+from typing import Annotated, Any, Literal
 
+import numpy as np
 from pydantic import Field, PlainValidator, WithJsonSchema
 
-from gaitsweep.contract import Model
+from gaitsweep.contract import HybridModel, Model
+from gaitsweep.design.design import Design
+from gaitsweep.engine.flow_spectrum import STIFF, decay_per_period
 from gaitsweep.engine.numerics import Numerics, ResolvedNumerics
-from gaitsweep.engine.solver.methods import Precision
+from gaitsweep.engine.solver.methods import Precision, fixed_step_scheme, refusal
 from gaitsweep.engine.sweep.sweep_spec import RequestedEngine
-from gaitsweep.schema import former_names
-from gaitsweep.schema.numbers import Count, Flag, LaneCount, Positive, checked, read_real, read_whole, word
+from gaitsweep.expression import functions_of, resolve
+from gaitsweep.kinds import RunKind
+from gaitsweep.schema.diagnostics import FORMER_METHODS, Diagnostic
+from gaitsweep.schema.numbers import Count, Flag, LaneCount, Positive, Word, checked, read_real, read_whole
 from gaitsweep.schema.strict_model import StrictModel
+
+# The largest tolerance on event times, as a share of the nominal period: well below the longest step.
+LARGEST_EVENT_TOLERANCE = 1e-3
+MAX_STIFFNESS_ROWS = 16  # whose flow is examined for stiffness
 
 MethodName = Literal[
     "auto", "tsit5", "taylor", "rodas5p", "rk4", "propagator6", "propagator", "semi_implicit"
@@ -34,7 +44,7 @@ class NumericsSpec(StrictModel):
 
     method: Annotated[
         MethodName,
-        word(*get_args(MethodName), former=former_names.METHODS),
+        Word(FORMER_METHODS),
     ] = Field(
         default="auto",
         description="auto: the method that the model recommends, or else tsit5 (taylor where it is faster, "
@@ -63,7 +73,7 @@ class NumericsSpec(StrictModel):
         default=None,
         description="absolute tolerance of a step's error, with step control; by default the model's",
     )
-    precision: Annotated[Precision, word(*get_args(Precision))] = Field(
+    precision: Annotated[Precision, Word()] = Field(
         default="float64",
         description="float64; or, if the model allows it, float32 or mixed: forces in float32, state "
         "and time in float64",
@@ -86,7 +96,7 @@ class NumericsSpec(StrictModel):
 class EngineChoice(StrictModel):
     """Engine and devices that compute the rows."""
 
-    name: Annotated[RequestedEngine, word(*get_args(RequestedEngine))] = Field(
+    name: Annotated[RequestedEngine, Word()] = Field(
         default="auto",
         description="kernel: compiled scalar kernels, the fastest; xla: JAX's compiler; auto: kernel if the "
         "model and the machine allow it",
@@ -108,3 +118,61 @@ class EngineChoice(StrictModel):
         description="whether kernels may compute a product and a sum in one instruction, which is faster and "
         "rounds once; without it they round twice, equally on a CPU and a GPU",
     )
+
+
+def check_numerics(model: Model, numerics: NumericsSpec, resolved: ResolvedNumerics) -> list[Diagnostic]:
+    """Return errors about numerics that do not suit a model.
+
+    Args:
+        model: the model.
+        numerics: the numerics as written in the job.
+        resolved: the same, completed by the model's recommendations.
+    """
+    diagnostics = []
+    if numerics.event_tolerance > LARGEST_EVENT_TOLERANCE:
+        most = f"at most {LARGEST_EVENT_TOLERANCE:g} of a period"
+        text = f"is {numerics.event_tolerance:g}, but must be {most}."
+        diagnostics.append(Diagnostic(("numerics", "event_tolerance"), text))
+    if numerics.precision not in model.precisions:
+        allowed = ", ".join(model.precisions)
+        text = f"is {numerics.precision}, which is not accurate enough for {model.name}. Allowed: {allowed}."
+        diagnostics.append(Diagnostic(("numerics", "precision"), text))
+    unfit = refusal(resolved.method, model, numerics.precision)
+    if unfit is not None:
+        diagnostics.append(Diagnostic(("numerics", "method"), unfit))
+        return diagnostics
+    steps = fixed_step_scheme(resolved.method, model)
+    if resolved.dt is not None and steps is not None and steps.is_return_map:
+        text = f"is set, but {model.name} is a map, which has no steps in time: remove it."
+        diagnostics.append(Diagnostic(("numerics", "dt"), text))
+    for name, tolerance in (("rtol", numerics.rtol), ("atol", numerics.atol)):
+        if tolerance is not None and not resolved.adaptive:
+            text = f"is set, but {resolved.method} has no step control by tolerances: remove it."
+            diagnostics.append(Diagnostic(("numerics", name), text))
+    return diagnostics
+
+
+def suited_to_stiffness(design: Design, run: RunKind, numerics: ResolvedNumerics) -> ResolvedNumerics:
+    """The numerics of a job that leaves the method open: those given, or rodas5p where some row is stiff.
+
+    A flow is stiff if some motion decays more than `STIFF` times in a nominal period, at the start of one of
+    `MAX_STIFFNESS_ROWS` evenly spaced rows. A method that the model recommends is kept.
+
+    Args:
+        design, run: the job's rows and their run kind.
+        numerics: the resolved numerics, of the method auto.
+    """
+    model = design.model
+    if not isinstance(model, HybridModel) or model.recommended.method != "auto" or model.host_parameters:
+        return numerics
+    if refusal("rodas5p", model, numerics.precision) is not None:
+        return numerics
+    count = min(design.n_rows, MAX_STIFFNESS_ROWS)
+    values, starts = design.values_in(np.linspace(0, design.n_rows - 1, count).astype(np.int64))
+    places = list(run.places())
+    for place in places[:: max(1, (len(places) - 1) // 2)]:  # both ends and the middle of a path
+        placed = {**values, **{name: np.full(count, at) for name, at in place.items()}}
+        placed = resolve(design.following(*place), placed, functions_of(np))
+        if decay_per_period(model, placed, starts) > STIFF:
+            return dataclasses.replace(numerics, method="rodas5p")
+    return numerics

@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from gaitsweep.schema.diagnostics import Diagnostic, JobError, quoted
+from gaitsweep.schema.diagnostics import Diagnostic, JobError, clipped, quoted
 from gaitsweep.schema.yaml_document import Document, read_document, read_value
-
-_LONGEST_SHOWN = 60  # characters of an override in a message
 
 
 def read_with_overrides(path: Path, overrides: str | Sequence[str]) -> Document:
@@ -30,8 +28,7 @@ def read_with_overrides(path: Path, overrides: str | Sequence[str]) -> Document:
 
 def _override(document: Document, override: str) -> None:
     """Set the field of an override "key=value"; fields that contain it are created as needed."""
-    shown = override if len(override) <= _LONGEST_SHOWN else f"{override[: _LONGEST_SHOWN - 3]}..."
-    origin = f"--set {shown}"
+    origin = f"--set {clipped(override)}"
     key, equals, written = override.partition("=")
     path = tuple(part.strip() for part in key.split("."))
     if not equals or not all(path):

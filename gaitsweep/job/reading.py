@@ -6,26 +6,28 @@ import dataclasses
 import functools
 from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from pydantic import BaseModel, ValidationError
 
 from gaitsweep.design.design import Design
 from gaitsweep.design.vary import Group, read_vary
 from gaitsweep.engine.numerics import ResolvedNumerics
-from gaitsweep.expression import ExpressionError, evaluate, names_in
-from gaitsweep.job.checks import check_figures, check_names, check_ranges, path_of_value
+from gaitsweep.expression import ExpressionError, evaluate, names_used
 from gaitsweep.job.config import Config
+from gaitsweep.job.figure_checks import check_figures
 from gaitsweep.job.model_spec import ModelSpec, read_model_spec, read_settings
-from gaitsweep.job.step_lengths import check_numerics, check_steps
-from gaitsweep.job.stiffness import suited_to_stiffness
+from gaitsweep.job.numerics import check_numerics, suited_to_stiffness
+from gaitsweep.job.step_lengths import check_steps
+from gaitsweep.job.value_checks import check_names, check_ranges, path_of_value
 from gaitsweep.kinds import kind_written, parameter_written
 from gaitsweep.kinds.fixed_points import FollowsFixedPoints
 from gaitsweep.kinds.run_kind import RunKind, table_columns
 from gaitsweep.plot.kind import FigureKind
-from gaitsweep.schema.diagnostics import Diagnostic, JobError, SchemaSection, from_pydantic, quoted
+from gaitsweep.schema.diagnostics import Diagnostic, JobError, quoted
 from gaitsweep.schema.diagnostics import Path as FieldPath
 from gaitsweep.schema.numbers import SCOPE, Scope
+from gaitsweep.schema.pydantic_errors import SchemaSection, from_pydantic
 
 if TYPE_CHECKING:
     from gaitsweep.job.job import Job
@@ -38,10 +40,25 @@ _DECIDING_VALUES = ("config", "model", "structure", "ground", "params", "start",
 _READ_HERE = ("params", "start", "vary", "structure", "ground")
 
 
+class ReadJob(NamedTuple):
+    """A job with its rows and its numerics."""
+
+    job: Job
+    design: Design
+    numerics: ResolvedNumerics
+
+
+class _SoundJob(NamedTuple):
+    """A job without its refused fields, None where it must have one, and the numbers of its figures."""
+
+    job: Job | None
+    figure_numbers: list[int]
+
+
 def read_job(
     data: Any, folder: Path, handler: Callable[[Any], Job], sections: dict[str, SchemaSection]
-) -> tuple[Job, Design, ResolvedNumerics]:
-    """Read a job; return it with its rows and its numerics.
+) -> ReadJob:
+    """Read a job, its rows and its numerics.
 
     Model, structure, params, start and vary come first, since expressions in the other parts use them.
 
@@ -83,7 +100,7 @@ def read_job(
     if job.numerics.method == "auto":
         numerics = suited_to_stiffness(design, job.run, numerics)
     config.refuse(check_steps(design, job.run, numerics))
-    return job, design, numerics
+    return ReadJob(job, design, numerics)
 
 
 def _written_fields(data: Any) -> dict[str, Any]:
@@ -165,7 +182,7 @@ def _refusal_to_vary(
 
 def _unknown_movements(run: RunKind, spec: ModelSpec) -> list[Diagnostic]:
     """Return errors about parameters that a run moves and the model does not have."""
-    names = {movement.named: movement.parameter for movement in run.movements}
+    names = {movement.name_path: movement.parameter for movement in run.movements}
     reasons = {path: spec.unknown(name, "params") for path, name in names.items()}
     return [
         Diagnostic(path, f"is {names[path]}, which {reason}")
@@ -199,13 +216,9 @@ def _further_diagnostics(
 
 def _without_refused(
     fields: Mapping[str, Any], wrong: Sequence[Diagnostic], handler: Callable[[Any], Job]
-) -> tuple[Job | None, list[int]]:
-    """Return the job without the fields that pydantic refused, and the numbers of its figures as written.
-
-    The job is None where it must have such a field.
-    """
+) -> _SoundJob:
+    """Read the job without its refused fields; a wrong figure is left out alone."""
     refused = {diagnostic.path[:2] for diagnostic in wrong}
-    # a wrong figure is left out alone, of other fields the whole
     names = {path[0] for path in refused if path and (len(path) == 1 or path[0] != "figures")}
     sound_fields = {"name": "job", **{name: value for name, value in fields.items() if name not in names}}
     figures = fields.get("figures")
@@ -215,9 +228,9 @@ def _without_refused(
             numbers = [number for number in range(len(figures)) if ("figures", number) not in refused]
         sound_fields["figures"] = [figures[number] for number in numbers]
     try:
-        return handler(sound_fields), numbers
+        return _SoundJob(handler(sound_fields), numbers)
     except ValidationError:
-        return None, []
+        return _SoundJob(None, [])
 
 
 def _plain(value: Any) -> Any:
@@ -299,11 +312,11 @@ def _scope(design: Design | None, spec: ModelSpec | None, moved: str | None) -> 
         if name in moving or name not in spec.parameters:
             continue
         setting = design.settings[name]
-        if any(used in moving for used in names_in(setting)):
+        if any(used in moving for used in names_used(setting)):
             moving[name] = "depends on a parameter that varies or moves"
             continue
         try:
-            fixed[name] = evaluate(setting, {used: fixed[used] for used in names_in(setting)})
+            fixed[name] = evaluate(setting, {used: fixed[used] for used in names_used(setting)})
         except ExpressionError:  # which `check_ranges` reports
             moving[name] = "has no value"
     return Scope(fixed, moving)
@@ -322,7 +335,7 @@ def _check_whole(design: Design, spec: ModelSpec, job: Job, numerics: ResolvedNu
                     f"is {parameter}{follows}: {name} is compiled into the body of a row "
                     "and cannot move while the row runs."
                 )
-                diagnostics.append(Diagnostic(movement.named, text))
+                diagnostics.append(Diagnostic(movement.name_path, text))
     diagnostics += run.check(design, numerics.method)
     diagnostics += check_numerics(spec.model, job.numerics, numerics)
     diagnostics += _check_columns(design, run)

@@ -1,4 +1,4 @@
-"""Step lengths of a job's rows, and checks of `numerics.dt`."""
+"""Step lengths of a job's rows, and the check of `numerics.dt`."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import dataclasses
 import hashlib
 import math
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -15,11 +15,11 @@ from jaxtyping import Bool, Float, Int
 
 from gaitsweep.contract import HybridModel, Model
 from gaitsweep.design.design import Design
-from gaitsweep.engine.content import cached_by_content, stored
+from gaitsweep.engine.content import cached_by_content
+from gaitsweep.engine.dependences import dependences
 from gaitsweep.engine.devices import see_all_cores
 from gaitsweep.engine.flow_spectrum import slowest_limit
 from gaitsweep.engine.kernel.row_functions import over_rows
-from gaitsweep.engine.leaves import dependences
 from gaitsweep.engine.numerics import (
     MIN_STEPS_PER_PERIOD,
     ResolvedNumerics,
@@ -27,16 +27,14 @@ from gaitsweep.engine.numerics import (
     recommended_step,
     unknown_step,
 )
-from gaitsweep.engine.solver.methods import METHODS, fixed_step_scheme, refusal
+from gaitsweep.engine.solver.methods import METHODS
+from gaitsweep.engine.stored_traces import stored
 from gaitsweep.expression import functions_of, resolve
-from gaitsweep.job.numerics import NumericsSpec
 from gaitsweep.kinds import RunKind
 from gaitsweep.schema.diagnostics import Diagnostic, JobError
 
 Rows = Int[np.ndarray, " rows"]  # numbers of rows
 PerRow = Float[np.ndarray, " rows"]  # a number for each row
-# Parameters by name -> the step and the longest accurate step.
-StepsAndLimits = Callable[[Any], tuple[jax.Array, jax.Array]]
 # Largest number of sets of parameters whose steps are checked before a job runs. Of more sets, so many evenly
 # spaced ones are checked then, and the step of each row when its block begins.
 MAX_SETS = 1_000_000
@@ -46,42 +44,15 @@ MAX_RECOMMENDED = 65_536
 MAX_COSTLY_SETS = 64
 _CHUNK = 65_536  # rows that are evaluated at a time
 _DIGEST_ROWS = 1024  # of which the steps are in a digest
-# The largest tolerance on event times, as a share of the nominal period: well below the longest step.
-LARGEST_EVENT_TOLERANCE = 1e-3
 # A step may be longer by rounding.
 _ROUNDING = 1.0 + 1e-9
 
 
-def check_numerics(model: Model, numerics: NumericsSpec, resolved: ResolvedNumerics) -> list[Diagnostic]:
-    """Return errors about numerics that do not suit a model.
+class _StepsAndLimits(NamedTuple):
+    """The steps of rows, and their longest accurate steps (s); NaN if unknown."""
 
-    Args:
-        model: the model.
-        numerics: the numerics as written in the job.
-        resolved: the same, completed by the model's recommendations.
-    """
-    diagnostics = []
-    if numerics.event_tolerance > LARGEST_EVENT_TOLERANCE:
-        most = f"at most {LARGEST_EVENT_TOLERANCE:g} of a period"
-        text = f"is {numerics.event_tolerance:g}, but must be {most}."
-        diagnostics.append(Diagnostic(("numerics", "event_tolerance"), text))
-    if numerics.precision not in model.precisions:
-        allowed = ", ".join(model.precisions)
-        text = f"is {numerics.precision}, which is not accurate enough for {model.name}. Allowed: {allowed}."
-        diagnostics.append(Diagnostic(("numerics", "precision"), text))
-    unfit = refusal(resolved.method, model, numerics.precision)
-    if unfit is not None:
-        diagnostics.append(Diagnostic(("numerics", "method"), unfit))
-        return diagnostics
-    steps = fixed_step_scheme(resolved.method, model)
-    if resolved.dt is not None and steps is not None and steps.is_return_map:
-        text = f"is set, but {model.name} is a map, which has no steps in time: remove it."
-        diagnostics.append(Diagnostic(("numerics", "dt"), text))
-    for name in ("rtol", "atol"):
-        if getattr(numerics, name) is not None and not resolved.adaptive:
-            text = f"is set, but {resolved.method} has no step control by tolerances: remove it."
-            diagnostics.append(Diagnostic(("numerics", name), text))
-    return diagnostics
+    dt: PerRow
+    longest: PerRow
 
 
 @dataclasses.dataclass(frozen=True)
@@ -137,7 +108,7 @@ def check_steps(design: Design, run: RunKind, numerics: ResolvedNumerics) -> lis
         design, run, numerics: as for `row_steps`.
     """
     if numerics.dt is None:
-        dt, _ = _steps(design, run, numerics, np.zeros(1, np.int64))
+        dt = _steps(design, run, numerics, np.zeros(1, np.int64)).dt
         if not np.isnan(dt).any() or numerics.adaptive:  # which is NaN only with the row's period
             return []
         return [Diagnostic(("numerics", "dt"), f"is missing: {unknown_step(design.model, numerics.method)}")]
@@ -206,17 +177,17 @@ def _rounded_down(value: float) -> float:
     return math.floor(value / digits) * digits
 
 
-def _steps(design: Design, run: RunKind, numerics: ResolvedNumerics, rows: Rows) -> tuple[PerRow, PerRow]:
-    """Return the steps of rows (n,), and their longest accurate steps."""
+def _steps(design: Design, run: RunKind, numerics: ResolvedNumerics, rows: Rows) -> _StepsAndLimits:
+    """Return the steps of rows (n,), for a moving parameter the shortest of its path."""
     if rows.size > _CHUNK:
         chunks = [rows[first : first + _CHUNK] for first in range(0, rows.size, _CHUNK)]
         parts = [_steps(design, run, numerics, chunk) for chunk in chunks]
-        return np.concatenate([dt for dt, _ in parts]), np.concatenate([longest for _, longest in parts])
+        return _StepsAndLimits(*map(np.concatenate, zip(*parts, strict=True)))
     # the first computation of most runs, which must not leave JAX with one core
     see_all_cores()
     model = design.model
     values = design.at(rows, [quantity.name for quantity in model.parameters])
-    steps_and_limits = _steps_and_limits(model, numerics)
+    of_parameters = _compiled_steps(model, numerics)
     steps_by_place: list[PerRow] = []
     limits_by_place: list[PerRow] = []
     n = rows.size
@@ -229,14 +200,14 @@ def _steps(design: Design, run: RunKind, numerics: ResolvedNumerics, rows: Rows)
             name: np.resize(np.broadcast_to(column, rows.shape).astype(float), size)
             for name, column in row_values.items()
         }
-        dt, longest = steps_and_limits(model.on_host(padded))
+        dt, longest = of_parameters(model.on_host(padded))
         steps_by_place.append(np.asarray(dt)[:n])
         limits_by_place.append(np.asarray(longest)[:n])
-    return np.min(steps_by_place, axis=0), np.min(limits_by_place, axis=0)
+    return _StepsAndLimits(np.min(steps_by_place, axis=0), np.min(limits_by_place, axis=0))
 
 
 @cached_by_content(maxsize=16)
-def _steps_and_limits(model: Model, numerics: ResolvedNumerics) -> StepsAndLimits:
+def _compiled_steps(model: Model, numerics: ResolvedNumerics) -> Callable[[Any], tuple[jax.Array, jax.Array]]:
     """Return the compiled function from parameters of many rows to their steps and longest steps."""
 
     def step_and_limit(values: dict[str, jax.Array]) -> tuple[jax.Array, jax.Array]:

@@ -1,9 +1,9 @@
-"""Run kinds: the tasks that a job can give to each of its rows. A kind is one class in one file.
+"""Run kinds: the tasks that a job can give to each of its rows. A kind is one class.
 
-`RUN_KINDS` in this file lists them; `runs/prepare.py` asks the kind of a job for its recorder. `run_kind` is
-their interface, and decides the order of a table's columns, which `columns` declares.
-`fixed_points` is shared by the kinds that follow fixed points, `drawn_starts` and `atlas_block` serve the
-atlas. `register` adds a kind from another package before its jobs are read; it is usable as a decorator:
+`run_kind` is their interface, and `columns` declares the columns of their tables. The file of a kind has its
+name, but `crossings` has `return_map` and `ramp`. `fixed_points` is shared by the kinds that follow fixed
+points, `drawn_starts` and `atlas_block` serve the atlas. `RUN_KINDS` lists the kinds. `register` adds one
+from another package before its jobs are read; it is usable as a decorator:
 
     @gaitsweep.kinds.register
     class Count(RunKind): ...
@@ -17,11 +17,10 @@ from typing import Any
 from gaitsweep.extension import import_all
 from gaitsweep.kinds.atlas import Atlas
 from gaitsweep.kinds.continuation import Continuation
+from gaitsweep.kinds.crossings import Ramp, ReturnMap
 from gaitsweep.kinds.fixed_time import FixedTime
 from gaitsweep.kinds.folds import Folds
 from gaitsweep.kinds.perturb import Perturb
-from gaitsweep.kinds.ramp import Ramp
-from gaitsweep.kinds.return_map import ReturnMap
 from gaitsweep.kinds.run_kind import RunKind
 from gaitsweep.kinds.settle import Settle
 from gaitsweep.kinds.staircase import Staircase
@@ -41,7 +40,11 @@ import_all("run_kinds")
 def parameter_written(run: Any) -> object:
     """The parameter that a run moves, as written in a job that is not checked yet, or None."""
     kind = kind_written(run)
-    return run.get("parameter") if kind is not None and kind.moves() else None
+    return (
+        run.get("parameter")
+        if kind is not None and {"parameter", "path"} <= kind.model_fields.keys()
+        else None
+    )
 
 
 def kind_written(run: Any) -> type[RunKind] | None:

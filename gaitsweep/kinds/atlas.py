@@ -14,7 +14,7 @@ from pydantic import Field, PrivateAttr
 from gaitsweep import near_miss
 from gaitsweep.analysis.atlas.atlas_tables import atlas_tables
 from gaitsweep.analysis.atlas.branch import points_of
-from gaitsweep.analysis.atlas.periodic_orbits import OrbitSearch, SearchOptions
+from gaitsweep.analysis.atlas.periodic_orbits import OrbitSearch, OrbitSearchOptions
 from gaitsweep.column_meanings import time_column
 from gaitsweep.contract import HybridModel, Model, Quantity
 from gaitsweep.design import Design
@@ -32,7 +32,7 @@ from gaitsweep.kinds.fixed_points import (
     rising,
     unknowns,
 )
-from gaitsweep.kinds.run_kind import BlockProgress, Cost
+from gaitsweep.kinds.run_kind import BlockProgress, Cost, Movement
 from gaitsweep.schema.diagnostics import Diagnostic
 from gaitsweep.schema.numbers import Count, CountOrZero, Real, Text
 from gaitsweep.table import TableError, load
@@ -188,6 +188,12 @@ class Atlas(FollowsFixedPoints):
         return wider
 
     @property
+    def movements(self) -> tuple[Movement, ...]:
+        paths = {name: ("run", "second", name) for name in self.second}
+        second = (Movement(name, tuple(self.second[name]), path, path) for name, path in paths.items())
+        return (*super().movements, *second)
+
+    @property
     def place(self) -> float:
         """The value of the parameter at which gaits are searched."""
         return self.path[0] if self.at is None else self.at
@@ -279,7 +285,7 @@ class Atlas(FollowsFixedPoints):
         row_of_start = np.repeat(np.arange(count), CHECKED)
         starts = DrawnStarts(mapped, self.ranges, self.seed)
         drawn = starts.points(row_of_start, 0, CHECKED)
-        search = OrbitSearch(mapped.mapping, mapped.values, starts.levels(self.fix), SearchOptions())
+        search = OrbitSearch(mapped.mapping, mapped.values, starts.levels(self.fix), OrbitSearchOptions())
         search.add(drawn, row_of_start)
         first = [search.of_row(row)[:1] for row in range(count)]
         points = [

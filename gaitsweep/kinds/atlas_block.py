@@ -14,7 +14,13 @@ from jaxtyping import Int
 from gaitsweep.analysis.atlas.atlas import BranchAtlas
 from gaitsweep.analysis.atlas.atlas_tables import atlas_table
 from gaitsweep.analysis.atlas.branch import points_of
-from gaitsweep.analysis.atlas.periodic_orbits import Orbit, OrbitSearch, SearchOptions, orbits_of, rows_of
+from gaitsweep.analysis.atlas.periodic_orbits import (
+    Orbit,
+    OrbitSearch,
+    OrbitSearchOptions,
+    orbits_of,
+    rows_of,
+)
 from gaitsweep.design import Design
 from gaitsweep.engine.poincare.maps import Points
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
@@ -184,7 +190,7 @@ class AtlasBlock:
             return drawn.points(row_of_start, drawn_before, count)
 
         periods = 1 if run.stationary else run.periods  # a point at rest has no other
-        options = SearchOptions(periods, run.budget, run.batch, run.patience, on_round)
+        options = OrbitSearchOptions(periods, run.budget, run.batch, run.patience, on_round)
         search = OrbitSearch(mapped.mapping, mapped.values, drawn.levels(run.fix), options)
         if before is not None:
             starts = before.groupby("row")["drawn_starts"].first().to_dict()

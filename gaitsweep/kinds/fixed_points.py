@@ -33,7 +33,7 @@ from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.errors import ArgumentError
 from gaitsweep.expression import ExpressionError
 from gaitsweep.kinds.columns import AT_REST, STATUSES, Column, gaits
-from gaitsweep.kinds.run_kind import BlockProgress, RunKind, StartingPoints, table_columns
+from gaitsweep.kinds.run_kind import BlockProgress, StartingPoints, TableRunKind, table_columns
 from gaitsweep.schema.diagnostics import Diagnostic, JobError, Path
 from gaitsweep.schema.numbers import Count, CountOrZero, Positive, Text
 from gaitsweep.status import Status
@@ -72,7 +72,7 @@ class MappedRows:
         return dataclasses.replace(self, values=others)
 
 
-class FollowsFixedPoints(RunKind):
+class FollowsFixedPoints(TableRunKind):
     """A run kind that begins at a fixed point of each row's return map and follows it by its arclength."""
 
     # time in which all programs of a return map are compiled, as a multiple of that of its settling

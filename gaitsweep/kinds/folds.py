@@ -20,7 +20,7 @@ from gaitsweep.design import Design
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.kinds.columns import Column, observed_at_crossings
 from gaitsweep.kinds.fixed_points import BeginsWhereRowsSettle, beginning_within, rising, unknowns
-from gaitsweep.kinds.run_kind import BlockProgress, Cost
+from gaitsweep.kinds.run_kind import BlockProgress, Cost, Movement
 from gaitsweep.schema.diagnostics import Diagnostic
 from gaitsweep.schema.numbers import Count, Positive, Real, Text
 
@@ -56,6 +56,15 @@ class Folds(BeginsWhereRowsSettle):
     most: Count = Field(
         default=100, description="largest number of points of a curve in each of its two directions"
     )
+
+    @property
+    def movements(self) -> tuple[Movement, ...]:
+        return tuple(
+            Movement(
+                name, tuple(self.within.get(name, ())), ("run", "parameters", k), ("run", "within", name)
+            )
+            for k, name in enumerate(self.parameters)
+        )
 
     def columns(self, model: Model) -> list[Column]:
         columns = [

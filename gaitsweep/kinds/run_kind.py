@@ -1,4 +1,4 @@
-"""The interface of a run kind: its fields, recorder, schedule, table, checks and cost."""
+"""The interface of a run kind, `RunKind`, and that of one that makes its own records, `TableRunKind`."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import abc
 import dataclasses
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, ClassVar, Literal, Protocol
+from typing import Any, ClassVar, Literal, Protocol, final, runtime_checkable
 
 import numpy as np
 import pandas as pd
@@ -21,18 +21,30 @@ from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.errors import ArgumentError
 from gaitsweep.kinds.columns import Column, Records, row_number
 from gaitsweep.row_outcome import RowOutcome
-from gaitsweep.schema.diagnostics import Diagnostic, Path, SchemaSection, from_pydantic
+from gaitsweep.schema.diagnostics import Diagnostic, Path
+from gaitsweep.schema.pydantic_errors import SchemaSection, from_pydantic
 from gaitsweep.schema.strict_model import StrictModel, kind_of, plain
 
 
 @dataclasses.dataclass(frozen=True)
 class Movement:
-    """A parameter that a run moves along `values`; `named` and `valued` are the paths of both in the job."""
+    """A parameter that a run moves along `values`, and the fields of the job with its name and its values."""
 
     parameter: str
     values: tuple[float, ...]
-    named: Path
-    valued: Path
+    name_path: Path
+    values_path: Path
+
+
+@runtime_checkable
+class MovesParameter(Protocol):
+    """The fields of a run kind that moves a parameter; None where this run moves none."""
+
+    @property
+    def parameter(self) -> str | None: ...
+
+    @property
+    def path(self) -> Sequence[float] | None: ...
 
 
 class BlockProgress(Protocol):
@@ -78,15 +90,13 @@ class RunKind(StrictModel, abc.ABC):
     """The task of each row of a job.
 
     1. A kind gives a field `kind: Literal["its_name"]`, `recorder`, `columns` and `cost`. A kind that moves a
-       parameter has the fields `parameter` and `path`; one that moves several has `parameters` and their
-       ranges `within`.
-    2. It may give the optional members: the class variables, `check`, `columns_of_block`; `model_of` where
-       its rows have parameters beside those of the model, `filled` where an earlier table gives values of
-       its rows; `schedule` where a parameter moves while a row runs; `refined` where only some rows are
-       simulated; `block_table` with `compile_time` where the sweep engine does not make its records,
-       `starting_points` where these begin at fixed points, and `findings` where a table has more to say than
-       the statuses of its rows.
-    3. The runner alone calls its functions.
+       parameter has the fields `parameter` and `path`.
+    2. It may give the class variables and the members that have a default: `check`; `columns_of_block`;
+       `model_of` where its rows have parameters beside those of the model; `filled` where an earlier table
+       gives values of its rows; `movements` where it moves several parameters; `schedule` where a parameter
+       moves while a row runs; `refined` where only some rows are simulated; `integrates`; `rests` where rows
+       rest; `findings` with `columns_of_findings` for sentences about a table, and `tables` for other files.
+    3. A kind whose records the sweep engine does not make derives from `TableRunKind`.
 
     In Python it is created without `kind`, as in `Settle(max_cycles=150)`; NumPy arrays and numbers are
     accepted.
@@ -99,7 +109,6 @@ class RunKind(StrictModel, abc.ABC):
     # settle, at their ends, or at their first crossings
     compared: ClassVar[Literal["settled", "ends", "crossings"]] = "crossings"
     one_a_row: ClassVar[bool] = False  # whether the table has one record for each row
-    stores_starting_points: ClassVar[bool] = False  # whether the first record of a row is its starting point
     figures: ClassVar[tuple[str, ...]] = ()  # kinds of figures of its table, beside those that name it
     # the fields without effect while the field of the key is not set: they are left out of the hash, so that
     # results that are older than these fields keep theirs
@@ -118,11 +127,6 @@ class RunKind(StrictModel, abc.ABC):
 
     # pydantic then does not call it while it reads a job, whose errors are reported together
     __init__.__pydantic_base_init__ = True  # pyright: ignore[reportFunctionMemberAccess]
-
-    @classmethod
-    def moves(cls) -> bool:
-        """Whether a run of this kind may move a parameter."""
-        return "parameter" in cls.model_fields
 
     @classmethod
     def model_of(cls, model: Model, written: Mapping[str, Any]) -> tuple[Model, list[Diagnostic]]:
@@ -145,34 +149,31 @@ class RunKind(StrictModel, abc.ABC):
         return dict(fields), []
 
     @property
+    @final
     def kind_name(self) -> str:
         """The value of the field `kind`."""
         return kind_of(type(self))
 
     @property
+    @final
     def moved(self) -> str | None:
-        """The parameter that moves, or None."""
-        return getattr(self, "parameter", None)
+        """The parameter that moves along `path`, or None."""
+        return self.parameter if isinstance(self, MovesParameter) else None
 
     @property
+    @final
     def turns(self) -> tuple[float, ...]:
         """The values between which the parameter moves, in order; empty if none moves."""
-        return tuple(getattr(self, "path", None) or ())
+        return tuple(self.path or ()) if isinstance(self, MovesParameter) else ()
 
     @property
     def movements(self) -> tuple[Movement, ...]:
-        """The parameters that move: those of the fields `parameter` and `second`, or of `parameters`."""
-        if self.moved is not None:
-            first = Movement(self.moved, self.turns, ("run", "parameter"), ("run", "path"))
-            second: Mapping[str, Sequence[float]] = getattr(self, "second", {})
-            others = [(name, tuple(values), ("run", "second", name)) for name, values in second.items()]
-            return (first, *(Movement(name, values, path, path) for name, values, path in others))
-        within: Mapping[str, Sequence[float]] = getattr(self, "within", {})
-        return tuple(
-            Movement(name, tuple(within.get(name, ())), ("run", "parameters", k), ("run", "within", name))
-            for k, name in enumerate(getattr(self, "parameters", ()))
-        )
+        """The parameters that move; by default that of the fields `parameter` and `path`."""
+        if self.moved is None:
+            return ()
+        return (Movement(self.moved, self.turns, ("run", "parameter"), ("run", "path")),)
 
+    @final
     def places(self) -> Iterator[Mapping[str, float]]:
         """Values of the moving parameters at which the length of steps is chosen."""
         names = [movement.parameter for movement in self.movements]
@@ -218,34 +219,10 @@ class RunKind(StrictModel, abc.ABC):
         """The grid of which only the boundaries between gaits are simulated; None: all rows are simulated."""
         return None
 
-    def block_table(
-        self, rows: Design, spec: SweepSpec, first: int, last: int, on_progress: BlockProgress
-    ) -> pd.DataFrame:
-        """The records of rows first..last-1; `on_progress` is called repeatedly meanwhile."""
-        raise NotImplementedError
-
     @property
     def integrates(self) -> bool:
         """Whether the table depends on the steps of an integration, which the self-check refines."""
         return True
-
-    @property
-    def makes_tables(self) -> bool:
-        """Whether `block_table` makes the records, and not the sweep engine."""
-        return type(self).block_table is not RunKind.block_table
-
-    def compile_time(self, rows: Design, spec: SweepSpec) -> float:
-        """Estimated time (s) in which the programs of `block_table` are compiled."""
-        return 0.0
-
-    def starting_points(
-        self, rows: Design, spec: SweepSpec, sample: Int[np.ndarray, " sampled"], *shares: float
-    ) -> list[StartingPoints]:
-        """The fixed points at which the records of some rows begin, for each of these shares of the step.
-
-        Empty: the rows begin at their starts.
-        """
-        return []
 
     def rests(self, model: Model, records: pd.DataFrame) -> pd.DataFrame | None:
         """The places where rows rest, from all records of some rows; None: rows of this kind do not rest.
@@ -269,16 +246,19 @@ class RunKind(StrictModel, abc.ABC):
         """The parts of a complete table that are files of their own beside it, by the name of the file."""
         return {}
 
+    @final
     def hashed(self, fields: Mapping[str, Any]) -> dict[str, Any]:
         """The fields that decide the numbers of the table."""
         idle = {name for key, names in self.idle_without.items() if not getattr(self, key) for name in names}
         return {name: value for name, value in fields.items() if name not in {*idle, *self.unhashed}}
 
+    @final
     def all_columns(self, model: Model) -> list[Column]:
         """The columns, and those of the recorder's numbers that have a quantity."""
         declared = (number.quantity for number in self.recorder(model).numbers if number.quantity is not None)
         return [*self.columns(model), *map(row_number, declared)]
 
+    @final
     def table(
         self, model: Model, axes: Mapping[str, Float[np.ndarray, " rows"]], block: RowOutcome
     ) -> pd.DataFrame:
@@ -298,6 +278,28 @@ class RunKind(StrictModel, abc.ABC):
         declared = [*self.all_columns(model), *self.columns_of_block(model, block)]
         columns |= {column.name: column.values(records) for column in declared}
         return pd.DataFrame(columns)
+
+
+class TableRunKind(RunKind):
+    """A run kind that makes the records of its rows itself, from fixed points at which these begin."""
+
+    stores_starting_points: ClassVar[bool] = False  # whether the first record of a row is its starting point
+
+    @abc.abstractmethod
+    def block_table(
+        self, rows: Design, spec: SweepSpec, first: int, last: int, on_progress: BlockProgress
+    ) -> pd.DataFrame:
+        """The records of rows first..last-1; `on_progress` is called repeatedly meanwhile."""
+
+    @abc.abstractmethod
+    def compile_time(self, rows: Design, spec: SweepSpec) -> float:
+        """Estimated time (s) in which the programs of `block_table` are compiled."""
+
+    @abc.abstractmethod
+    def starting_points(
+        self, rows: Design, spec: SweepSpec, sample: Int[np.ndarray, " sampled"], *shares: float
+    ) -> list[StartingPoints]:
+        """The fixed points at which the records of some rows begin, for each of these shares of the step."""
 
 
 def path_values(path: Sequence[float]) -> Iterator[float]:

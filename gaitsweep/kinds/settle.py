@@ -50,14 +50,19 @@ from gaitsweep.schema.numbers import (
     Positive,
     PositiveOrEach,
     Text,
+    Word,
     checked,
     read_whole,
-    word,
 )
 from gaitsweep.status import Status
 
 MOST_COARSE = 1024  # cells a side
 MOST_PERIOD = 64  # crossings of the longest orbits that may be asked for
+OrbitPeriod = Annotated[
+    int,
+    PlainValidator(checked(read_whole, low=1, high=MOST_PERIOD)),
+    WithJsonSchema({"type": "integer"}),
+]
 # Crossings after which an orbit settles at the earliest, in longest periods.
 SETTLING_PERIODS = FIRST_TEST + CONFIRMED_FOR
 # Mean share of the allowed cycles that a settling row takes; a chain of three modules takes 0.37.
@@ -71,11 +76,6 @@ def _power_of_two(value: Any) -> int:
         below = 1 << (number.bit_length() - 1)
         raise InvalidValue(f"is {number}, but must be a power of two; did you mean {below} or {2 * below}?")
     return number
-
-
-def _period(value: Any) -> int:
-    """Read a number of crossings from 1 to `MOST_PERIOD`."""
-    return read_whole(value, low=1, high=MOST_PERIOD)
 
 
 def tolerance_field(noun: str, default: float = TOLERANCE) -> Any:
@@ -99,9 +99,7 @@ class SettlesRows(RunKind):
     max_time: Positive | None = Field(
         default=None, description="simulated time after which a row is given up, in s"
     )
-    max_period: (
-        Annotated[int, PlainValidator(checked(_period)), WithJsonSchema({"type": "integer"})] | None
-    ) = Field(
+    max_period: OrbitPeriod | None = Field(
         default=None,
         description=f"crossings of the longest orbits that settle, at most {MOST_PERIOD}; by default "
         f"{MAX_PERIOD}. They settle after {SETTLING_PERIODS} times as many crossings at the earliest",
@@ -174,7 +172,7 @@ class Settle(SettlesRows):
         description="whether the table has the state where each row settled, modes included, from which a "
         "run of kind perturb continues: columns state_...",
     )
-    refine: Annotated[Literal["boundary"], word("boundary")] | None = Field(
+    refine: Annotated[Literal["boundary"], Word()] | None = Field(
         default=None,
         description="boundary: simulate only the cells of a grid that border on another gait, and infer the "
         "others",

@@ -11,7 +11,7 @@ from gaitsweep.design import Design
 from gaitsweep.engine.recorders.parameter_schedules import RampSchedule
 from gaitsweep.engine.recorders.trace import TraceRecorder
 from gaitsweep.kinds.columns import GAIT, STALLED_BY, STATUS, Column, signals
-from gaitsweep.kinds.ramp import moving_columns
+from gaitsweep.kinds.crossings import moving_columns
 from gaitsweep.kinds.run_kind import Cost, RunKind
 from gaitsweep.schema.diagnostics import Diagnostic
 from gaitsweep.schema.numbers import CountOrZero, NotNegative, Positive, Real, Text

@@ -1,4 +1,4 @@
-"""Tests of a model against the contract, by its quantities and the shapes of its functions' results.
+"""Tests of the shapes of a model's functions against the contract.
 
 `fault` runs before any job of a user's model; `value_faults` also evaluates the functions.
 """
@@ -6,9 +6,8 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 import jax
@@ -16,21 +15,21 @@ import jax.numpy as jnp
 import numpy as np
 
 from gaitsweep import near_miss
-from gaitsweep.contract import FixedStepDynamics, HybridModel, Model, Quantity
-from gaitsweep.dynamics.declarations import Mode, Variable, faults_of_quantity
+from gaitsweep.contract import FixedStepDynamics, HybridModel, Model
+from gaitsweep.dynamics.declarations import Mode, Variable
 from gaitsweep.dynamics.declared import STEPS, Declared
-from gaitsweep.dynamics.declared_model import ARMING, DeclaredModel
+from gaitsweep.dynamics.declared_model import ARMING
 from gaitsweep.dynamics.map_model import MapModel
 from gaitsweep.dynamics.sliding import Sliding
-from gaitsweep.engine.content import cached_by_content, held_result, stored
+from gaitsweep.engine.content import cached_by_content, held_result
 from gaitsweep.engine.kernel.program import Program
 from gaitsweep.engine.kernel.trace import Tracer, UnsupportedError
-from gaitsweep.engine.leaves import dependences
-from gaitsweep.mathtext import can_be_set
+from gaitsweep.engine.stored_traces import stored
+from gaitsweep.models.quantity_faults import quantity_faults
 from gaitsweep.models.traced_program import unrepeatable
+from gaitsweep.own_modules import line_of
 
 _SCALAR = jax.ShapeDtypeStruct((), float)
-_NOT_TEX = "which Matplotlib cannot set: write TeX that it knows, and \\$ for a dollar."
 
 
 class _Fault(Exception):
@@ -95,6 +94,7 @@ def _trace_functions(model: Model) -> None:
         _require_event_functions(
             model, params, _bare_state(model)
         )  # before `init`, which takes their derivatives
+        _traced_result("period", model.period, params)  # which `init` reads, too
     try:
         state = _traced_result("init", model.init, params, start)
     except _Fault:
@@ -149,7 +149,7 @@ def _bare_state(model: Declared) -> Any:
 
 def _require_event_functions(model: Declared, params: Any, state: Any) -> None:
     """Refuse event functions that do not return one real number, by the events' names."""
-    for event in model.declared_events():
+    for event in model.declarations.events:
         name = f"for the event {event.name!r}"
         result = _traced_result(name, lambda p, s, event=event: event.function(model, p, s), params, state)
         _require_shape(name, result, event.counted.shape(model))
@@ -184,7 +184,7 @@ def _refuse_functions_of_init(model: Any, params: Any, state: Any) -> None:
 
 def _require_jump_functions(model: Declared, params: Any, state: Any) -> None:
     """Refuse jumps of events that do not return a state, by the events' names."""
-    for event in model.declared_events():
+    for event in model.declarations.events:
         if event.effect is None:
             continue
         name = f"for the jump of {event.name!r}"
@@ -234,7 +234,8 @@ def _traced_result(name: str, function: Callable[..., Any], *args: Any) -> Any:
         advice = ""
         if isinstance(error, jax.errors.ConcretizationTypeError | jax.errors.TracerArrayConversionError):
             advice = " Use jnp.where instead of if, and jnp instead of math and numpy."
-        raise _Fault(f"{name} raises {type(error).__name__}: {reason.rstrip('.')}.{advice}") from error
+        kind = f"{type(error).__name__}{line_of(error)}"
+        raise _Fault(f"{name} raises {kind}: {reason.rstrip('.')}.{advice}") from error
 
 
 def _require_image(state: Any, image: Any) -> None:
@@ -295,40 +296,6 @@ def _refuse_forgotten_rates(
             raise _Fault(f"flow returns no rate of {name}, and no jump changes it: {constant}.")
 
 
-@cached_by_content(maxsize=64)
-def idle_starts(model: Model) -> tuple[str, ...]:
-    """The names of starts on which the state at t = 0 does not depend; of a model with a body, none."""
-    if model.host_parameters:
-        return ()
-    return tuple(stored("idle_starts", model, (), lambda: _idle_starts(model)))
-
-
-def _idle_starts(model: Model) -> list[str]:
-    """`idle_starts` of a model that has not been traced before."""
-    parameters = {quantity.name: _SCALAR for quantity in model.parameters}
-    shapes = (parameters, {quantity.name: _SCALAR for quantity in model.initial_conditions})
-
-    def begun(values: Any, start: Any) -> Any:
-        return model.init(model.params(values), start)
-
-    tracer = Tracer(Program())
-    inputs = tracer.inputs(shapes, 0, steady=False)
-    starts = jax.tree.unflatten(jax.tree.structure(shapes), inputs)[1]
-    try:
-        state = tracer.read(jax.make_jaxpr(begun)(*shapes), inputs)
-    except UnsupportedError:
-        read = frozenset[str]().union(*dependences(begun, *shapes))
-        return [name for name in starts if name not in read]
-    needed = set(tracer.program.needed(node for leaf in state for node in leaf.ravel().tolist()))
-    return [name for name, node in starts.items() if int(node) not in needed]
-
-
-def sets_starts(model: Model) -> str:
-    """The function that sets the starts in `idle_starts`."""
-    own = isinstance(model, DeclaredModel) and type(model).complete is not DeclaredModel.complete
-    return "complete" if own else "init"
-
-
 def _kind_of_numbers(array: Any) -> str:
     """The kind of numbers of an array."""
     kinds = {"b": "booleans", "i": "whole numbers", "u": "whole numbers", "f": "real numbers"}
@@ -376,50 +343,3 @@ def _require_names(name: str, returned: Any, kind: str, required: Iterable[str])
             outputs = ", ".join(map(str, names)) or "no names"
             raise _Fault(f"{name} does not return {wanted_name}, one of its {kind}; it returns {outputs}.")
         _require_scalar(f"{name}, {wanted_name},", returned[wanted_name])
-
-
-def quantity_faults(model: Model) -> Iterator[str]:
-    """Faults of names, units, symbols, bounds, defaults and scales, as ends of sentences."""
-    starts = {quantity.name for quantity in model.initial_conditions}
-    settable = [*model.parameters, *model.initial_conditions]
-    recorded = {
-        "observables": model.observables,
-        "signals": model.signals,
-        "label_fields": model.label_fields,
-    }
-    for where, quantities in {"parameters or initial_conditions": settable, **recorded}.items():
-        names = [quantity.name for quantity in quantities]
-        for name in dict.fromkeys(names):
-            if names.count(name) > 1:
-                yield f"whose {where} have the name {name} twice: rename one."
-            if not name.isidentifier():
-                must = "names must consist of letters, digits and underscores"
-                yield f"whose {where} have the name {name!r}: {must}."
-        for quantity in quantities:
-            yield from _faults_of_quantity(quantity, is_start=quantity.name in starts)
-    if all(quantity.scale == math.inf and not quantity.circular for quantity in model.observables):
-        yield "whose observables all have an infinite scale, so that each row would settle at once."
-    hidden = {quantity.name for quantity in settable} & {quantity.name for quantity in model.signals}
-    for name in sorted(hidden):
-        hides = "has the name of a parameter or start and would hide it in a trace"
-        yield f"whose signal {name} {hides}: rename it."
-    if not model.gaits or len(set(model.gaits)) < len(model.gaits):
-        yield f'whose gaits are {model.gaits}: there must be at least one name ("none"), without repetitions.'
-    named = {
-        "a gait": model.gaits,
-        "an event": model.guard_names if isinstance(model, HybridModel) else (),
-        "a limb": [limb.name for limb in model.limbs],
-    }
-    for what, names in named.items():
-        for name in names:
-            if isinstance(name, str) and not can_be_set(name):
-                yield f"which has {what} named {name!r}, {_NOT_TEX}"
-
-
-def _faults_of_quantity(quantity: Quantity, *, is_start: bool) -> Iterator[str]:
-    """Faults of one quantity, as ends of sentences."""
-    texts = {"symbol": f"${quantity.symbol}$", "unit": quantity.unit, "meaning": quantity.meaning}
-    for field, text in texts.items():
-        if getattr(quantity, field) and not can_be_set(text):
-            yield f"whose {quantity.name} has the {field} {getattr(quantity, field)!r}, {_NOT_TEX}"
-    yield from faults_of_quantity(quantity, is_start)

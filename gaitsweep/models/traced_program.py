@@ -17,8 +17,9 @@ import numpy as np
 
 from gaitsweep.contract import HybridModel, Model
 from gaitsweep.dynamics.mjx.mjcf_model import MjcfModel
-from gaitsweep.engine.content import cached_by_content, depends_on, stored
+from gaitsweep.engine.content import cached_by_content, depends_on
 from gaitsweep.engine.devices import see_all_cores
+from gaitsweep.engine.stored_traces import stored
 from gaitsweep.own_modules import data_files
 
 # JAX keeps traces of jitted functions and of the bodies of loops, by this context too

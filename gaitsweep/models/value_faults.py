@@ -6,33 +6,30 @@ import builtins
 import dataclasses
 import inspect
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, ClassVar, cast, get_origin
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any, ClassVar, get_origin
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, Shaped
 
-from gaitsweep.contract import FixedStepDynamics, HybridModel, Model, Quantity
+from gaitsweep.contract import FixedStepDynamics, HybridModel, Model
 from gaitsweep.dynamics.declared import Declared
 from gaitsweep.dynamics.declared_model import ARMING
+from gaitsweep.dynamics.footfalls import Footfalls
 from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.kernel.row_functions import over_rows
-from gaitsweep.expression import ExpressionError, resolve
-from gaitsweep.models.conformity import fault, quantity_faults, traced_fault
-
-if TYPE_CHECKING:
-    from _typeshed import DataclassInstance
+from gaitsweep.expression import ExpressionError
+from gaitsweep.models.conformity import fault, traced_fault
+from gaitsweep.models.quantity_faults import quantity_faults
+from gaitsweep.models.sampled_points import Columns, fields_of, sampled_points, written
 
 # Points over the ranges of parameters and starts at which functions are evaluated.
 _SAMPLE_POINTS = 64
 # Repeated jumps at one instant after which a guard that fires each time is taken to fire without end.
 _REPEATED_JUMPS = 16
-_WIDE_BOUNDS = 100.0  # times the reach about a default: bounds that are further apart only clip it
-MAX_NAMED = 8  # values that a sentence about a point names
 
-Columns = Mapping[str, Float[np.ndarray, " rows"]]
 _AnyArray = np.ndarray | Array
 _Values = Mapping[str, Shaped[_AnyArray, "..."]]
 Where = Callable[[int], str]  # words that say at which of some points something is
@@ -49,7 +46,7 @@ def faults(model_class: type[Model]) -> list[str]:
     """
     if (unread := _unread_structure(model_class)) is not None:
         return [unread]
-    missing = [field.name for field in _fields_of(model_class) if _has_no_default(field)]
+    missing = [field.name for field in fields_of(model_class) if _has_no_default(field)]
     if missing:
         return [f"which has no default for {', '.join(missing)}, which the test needs."]
     try:
@@ -93,11 +90,6 @@ def _is_class_variable(base: type[Model], hint: Any) -> bool:
         for attribute in attributes:
             hint = getattr(hint, attribute, None)
     return hint is ClassVar or get_origin(hint) is ClassVar
-
-
-def _fields_of(model_class: type[Model]) -> tuple[dataclasses.Field[Any], ...]:
-    """The fields of a class of models, which is a dataclass although `Model` itself is none."""
-    return dataclasses.fields(cast("type[DataclassInstance]", model_class))
 
 
 def _has_no_default(field: dataclasses.Field[Any]) -> bool:
@@ -194,7 +186,7 @@ def _value_faults(model: Model) -> Iterator[str]:
     """Faults at the defaults, then faults over the ranges of parameters and starts."""
     # a simulator has thousands of operations, and each set of its parameters is a body
     costly = model.host_parameters or not isinstance(model, HybridModel)
-    values, starts = sample(model, _SAMPLE_POINTS // 8 if costly else _SAMPLE_POINTS)
+    values, starts = sampled_points(model, _SAMPLE_POINTS // 8 if costly else _SAMPLE_POINTS)
     points = dict(model.on_host(values)), dict(starts)
     begun = _at_starts_of(model)(*points)
     known = {**starts, **values}  # starts are at fault more often, and a sentence names only the first values
@@ -278,6 +270,7 @@ def _faults_of_begun(model: Model, at_starts: _AtStarts, where: Where) -> Iterat
     }
     for name, values in numbers.items():
         yield from _non_finite_faults(name, values, where)
+    yield from _clock_faults(model, at_starts, where)
     for field, old in at_starts.state.items():
         new = at_starts.still[field]
         row = _first_row((np.asarray(old) != new) & ~(np.isnan(old) & np.isnan(new)))
@@ -286,6 +279,19 @@ def _faults_of_begun(model: Model, at_starts: _AtStarts, where: Where) -> Iterat
             yield f"{text}: use jnp.where(fired[i], ...)."
     if (row := _first_row(at_starts.closes)) is not None:
         yield f"but its function section closes a cycle although no event has fired{where(row)}."
+
+
+def _clock_faults(model: Model, at_starts: _AtStarts, where: Where) -> Iterator[str]:
+    """A rate other than 1 of the clock of footfalls, whose strides it would scale."""
+    rates = at_starts.rates
+    declarations = model.original.declarations if isinstance(model.original, Declared) else {}
+    for feet in declarations.values():
+        if rates is None or not isinstance(feet, Footfalls) or feet.clock not in rates:
+            continue
+        rate = np.asarray(rates[feet.clock])
+        if (row := _first_row(np.isfinite(rate) & (rate != 1.0))) is not None:
+            clock = f"the rate {rate[row]:g} of {feet.clock}{where(row)}"
+            yield f"but its function flow returns {clock}, the clock of its footfalls: return 1.0."
 
 
 def _range_faults(model: Model, at_starts: _AtStarts, points: tuple[Any, Any], where: Where) -> Iterator[str]:
@@ -317,7 +323,7 @@ def _range_faults(model: Model, at_starts: _AtStarts, points: tuple[Any, Any], w
             differ = f"{events} lead to different states in two jumps and in one{at}"
             yield f'whose simultaneous is "independent", but {differ}: remove it.'
     # an armed event cannot fire twice without leaving its surface
-    armed = isinstance(model, Declared) and all(event.rising for event in model.declared_events())
+    armed = isinstance(model, Declared) and all(event.rising for event in model.declarations.events)
     if armed or not np.any(guards >= 0.0):
         return
     fires = _endless_guards(model, *_states(model)(*points))
@@ -370,75 +376,6 @@ def _endless_guards(model: HybridModel, params: Any, state: Any) -> Bool[np.ndar
         return jax.lax.fori_loop(0, _REPEATED_JUMPS, jump, (state, always))[1]
 
     return np.asarray(jax.jit(jax.vmap(of_one))(params, state))
-
-
-def sample(model: Model, n: int) -> tuple[Columns, Columns]:
-    """Parameters and starts (n,) by name: the defaults, then random points over their ranges.
-
-    Whole numbers, such as seeds, and starts without a default have the same value at all points. A range is
-    that between a quantity's bounds. Where these are far apart or missing, a parameter goes from half to
-    twice its default, and a start by three times its default (by 3 where that is 0) to both sides.
-
-    Raises:
-        ExpressionError: a default has no value.
-    """
-    random = np.random.default_rng(0)
-    sizes: dict[str, Any] = {
-        field.name: float(size)
-        for field in _fields_of(type(model))
-        if isinstance(size := getattr(model, field.name), int | float)
-    }
-
-    def drawn(
-        quantities: Sequence[Quantity], numbers_before: Mapping[str, Any], *, is_start: bool
-    ) -> Columns:
-        formulas = {q.name: q.default for q in quantities if isinstance(q.default, str)}
-        numbers = {
-            q.name: _values_in_range(random, n, q, is_start=is_start)
-            for q in quantities
-            if q.name not in formulas
-        }
-        resolved = resolve(formulas, {**numbers_before, **numbers})
-        return {q.name: np.broadcast_to(np.asarray(resolved[q.name], float), (n,)) for q in quantities}
-
-    parameters = drawn(model.parameters, sizes, is_start=False)
-    return parameters, drawn(model.initial_conditions, {**sizes, **parameters}, is_start=True)
-
-
-def _values_in_range(
-    random: np.random.Generator, n: int, quantity: Quantity, *, is_start: bool
-) -> Float[np.ndarray, " rows"]:
-    """The default of a quantity, then n - 1 random values in its range."""
-    default = _typical_value(quantity)
-    if math.isnan(default) or quantity.whole:  # a start that the model itself decides, or a mode
-        return np.full(n, default)
-    reach = 3.0 * (abs(default) or 1.0)
-    if is_start:
-        low = default - reach
-        high = default + reach
-    else:
-        low, high = sorted((0.5 * default, 2.0 * default))
-    if quantity.high - quantity.low < _WIDE_BOUNDS * reach:
-        low = quantity.low
-        high = quantity.high
-    within = random.uniform(max(low, quantity.low), min(high, quantity.high), n - 1)
-    return np.append(default, within)
-
-
-def written(values: Columns, row: int) -> str:
-    """The values of a row that differ from the first: " at w = 2, x_0 = 2.4"; the first has the defaults."""
-    differ = [f"{name} = {column[row]:.6g}" for name, column in values.items() if column[row] != column[0]]
-    if not differ:
-        return " at the model's defaults"
-    return " at " + ", ".join(differ[:MAX_NAMED]) + (", ..." if len(differ) > MAX_NAMED else "")
-
-
-def _typical_value(quantity: Quantity) -> float:
-    """The default of a quantity that is a number; near 1 in its bounds where it has none."""
-    assert not isinstance(quantity.default, str)
-    if quantity.default is not None:
-        return float(quantity.default)
-    return float(np.clip(1.0, quantity.low, quantity.high))
 
 
 def _non_finite_faults(name: str, tree: Any, where: Where) -> Iterator[str]:

@@ -53,6 +53,6 @@ from gaitsweep.schema.numbers import Flag as Flag
 from gaitsweep.schema.numbers import Positive as Positive
 from gaitsweep.schema.numbers import Real as Real
 from gaitsweep.schema.numbers import Text as Text
-from gaitsweep.schema.numbers import word as word
+from gaitsweep.schema.numbers import Word as Word
 
 def __getattr__(name: str) -> Any: ...  # kinds of figures of extensions

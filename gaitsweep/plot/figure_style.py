@@ -11,19 +11,20 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 from pydantic import BeforeValidator, Field, ValidationError
 
 from gaitsweep.errors import UserError
-from gaitsweep.schema.diagnostics import SchemaSection, from_pydantic, quoted
+from gaitsweep.schema.diagnostics import quoted
 from gaitsweep.schema.numbers import (
     Count,
     Flag,
     InvalidValue,
     Positive,
     Text,
+    Word,
     checked,
     read_flag,
     read_real,
     read_text,
-    word,
 )
+from gaitsweep.schema.pydantic_errors import SchemaSection, from_pydantic
 from gaitsweep.schema.strict_model import StrictModel
 
 if TYPE_CHECKING:
@@ -81,7 +82,7 @@ def _as_list(value: Any) -> Any:
 _Width = Annotated[float | Literal["column", "page"], BeforeValidator(checked(_read_width))]
 _Colour = Annotated[str, BeforeValidator(checked(_read_colour))]
 _Letters = Annotated[bool | list[str], BeforeValidator(checked(_read_letters))]
-_Format = Annotated[_FormatName, word(*FORMATS)]
+_Format = Annotated[_FormatName, Word()]
 
 
 class FigureStyle(StrictModel):

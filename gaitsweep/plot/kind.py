@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import functools
 import inspect
@@ -42,6 +43,10 @@ if TYPE_CHECKING:
 Coloured = Literal["gaits", "periods", "none"]
 Refusal = tuple[Path, str]  # where in the figure, and the end of the sentence
 _OUTCOME_COLUMNS = frozenset({"gait", "outcome", "status"})  # whose texts are names of gaits and outcomes
+_LOST = (
+    "This table has no units and no job in .attrs, which pandas.concat and merge drop: join results by "
+    "gs.concat."
+)
 _TYPESET_FIELDS = ("title", "titles", "points", "intervals", "ticks")  # whose texts may have TeX
 
 
@@ -272,22 +277,28 @@ def drawing_function(kind: type[FigureKind]) -> Callable[..., Figure]:
     Its figures obey styles and carry remarks on their table. Type checkers see its own arguments, so that
     they find one that is missing; `plot.draw` and `plot.style` take a style in code that they check.
     """
+    takes_table = next(iter(inspect.signature(kind.draw).parameters), "") == "table"
 
     @functools.wraps(kind.draw)
     def drawn(*args: Any, ax: Axes | None = None, **spec: Any) -> Figure:
         style_fields = {name: spec.pop(name) for name in STYLE_FIELDS if name in spec}
+        args = tuple(map(_numbered, args))
+        spec = {name: _numbered(value) for name, value in spec.items()}
         table = args[0] if args else spec.get("table")
+        if takes_table and not isinstance(table, pd.DataFrame):
+            raise PlotError(_no_table(table))
         if spec.get("title") == "none":  # as in a job
             spec["title"] = ""
         own, shared = read_style(**style_fields), current()
         if isinstance(table, pd.DataFrame):
-            _check_names(table, own, shared)
-            _check_axes(kind, table, spec)
+            with _blaming_lost_units(table):
+                _check_names(table, own, shared)
+                _check_axes(kind, table, spec)
         if idle := kind.idle_colours(own.colours, spec):
             raise PlotError(f"colours {idle}")
         if shared.colours and not any(kind.colours_of(name, spec) for name in shared.colours):
             warnings.warn(f"colours of plot.style {kind.idle_colours(shared.colours, spec)}", stacklevel=2)
-        with styled(own, ax):
+        with styled(own, ax), _blaming_lost_units(table):
             figure = kind.draw(*args, **spec)
             panel = given_axes()
             figure = figure if panel is None else cast("Figure", panel.get_figure(root=True))
@@ -299,6 +310,38 @@ def drawing_function(kind: type[FigureKind]) -> Callable[..., Figure]:
         return figure
 
     return drawn
+
+
+def _numbered(value: Any) -> Any:
+    """A table with an index from 0, by which figures find its rows; other arguments as they are.
+
+    `pandas.concat` repeats index values, and a selection of rows leaves some out.
+    """
+    if isinstance(value, pd.DataFrame) and not isinstance(value.index, pd.RangeIndex):
+        return value.reset_index(drop=True)
+    return value
+
+
+def _no_table(value: object) -> str:
+    """The sentence about an argument that is no table."""
+    kind = type(value).__name__
+    hint = f": load it by gs.load({value!r})." if isinstance(value, str) else "."
+    if kind == "Result":
+        hint = ": give its .table, or write result.plot.KIND(...)."
+    return f"table is a {kind}, but must be a table{hint}"
+
+
+@contextlib.contextmanager
+def _blaming_lost_units(table: object) -> Iterator[None]:
+    """A context whose refusals say so if a table has lost its units and job, which may be the cause."""
+    lost = isinstance(table, pd.DataFrame) and not {"quantities", "job"} & set(table.attrs)
+    try:
+        yield
+    except PlotError as error:
+        of_table = any(word in str(error) for word in ("column", "gait", "job"))  # not of a height
+        if not lost or not of_table or str(error).endswith(_LOST):
+            raise
+        raise type(error)(f"{error}{'' if str(error).endswith('.') else '.'} {_LOST}") from None
 
 
 def _check_axes(kind: type[FigureKind], table: pd.DataFrame, fields: Mapping[str, Any]) -> None:

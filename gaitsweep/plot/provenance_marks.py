@@ -8,18 +8,20 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 
 from gaitsweep.plot.columns import PlotError
-from gaitsweep.table.manifest import BY_STEP, BY_STEP_WORDS, DIFFERENCES, self_check_warned
+from gaitsweep.table.self_check_words import BY_STEP, BY_STEP_WORDS, DIFFERENCES, self_check_warned
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.text import Annotation
 
 _BAND = 0.2  # inches: height of the band added on top of the figure, with one line of remarks
 _LINE = 0.13  # inches: height of each further line
 _MARGIN = 0.05  # inches: between the remarks and the figure's right edge
 _BOLD = 1.15  # width of bold letters, in widths of usual ones
-_TITLE = 0.22  # inches: height of the title
+_TITLE, _TITLE_LINE = 0.22, 0.16  # inches: height of the title, and of each further line
 _LETTERED = "panel with its letter"
+STRIP = "<strip>"  # the label of axes that belong to the panel above them, whose letter they have
 _SIZE = 7.5  # pt, of remarks
 _LOOK: dict[str, Any] = {
     "fontsize": _SIZE,
@@ -83,16 +85,41 @@ def letter_panels(axes_of_figure: Sequence[Axes], letters: Sequence[str] | bool)
     Raises:
         PlotError: there are fewer letters than panels.
     """
-    skipped = ("<colorbar>", _LETTERED)  # one figure may draw another
+    skipped = ("<colorbar>", STRIP, _LETTERED)  # one figure may draw another
     panels = [axes for axes in axes_of_figure if axes.get_visible() and axes.get_label() not in skipped]
     if not isinstance(letters, Sequence):
         letters = [_letter(number) for number in range(len(panels))]
     if len(letters) < len(panels):
         raise PlotError(f"panel_letters has {len(letters)} letters, but the figure has {len(panels)} panels.")
+    look: dict[str, Any] = {"xycoords": "axes fraction", "textcoords": "offset points", "weight": "bold"}
+    written = []
     for axes, letter in zip(panels, letters, strict=False):
-        look: dict[str, Any] = {"xycoords": "axes fraction", "textcoords": "offset points"}
-        axes.annotate(letter, (0.0, 1.0), (-4, 3), ha="right", va="bottom", weight="bold", **look)
+        written.append(axes.annotate(letter, (0.0, 1.0), (-4, 3), ha="right", va="bottom", **look))
         axes.set_label(_LETTERED)
+    if written:
+        _avoid_titles(panels, written)
+
+
+def _avoid_titles(panels: Sequence[Axes], letters: Sequence[Annotation]) -> None:
+    """Move the letters of panels above their titles if one of them lies over a title."""
+    # Matplotlib has no public names for titles at the sides
+    titles = [[axes.title, *(vars(axes)[f"_{side}_title"] for side in ("left", "right"))] for axes in panels]
+    titles = [[title for title in of_panel if title.get_text()] for of_panel in titles]
+    figure = panels[0].get_figure(root=True)
+    if figure is None or not any(titles):
+        return
+    figure.draw_without_rendering()
+    boxes = [[title.get_window_extent() for title in of_panel] for of_panel in titles]
+    spare = 1.5 * figure.dpi / 72  # by which the boxes of texts may overlap, whose letters do not touch
+    if not any(
+        box.overlaps(letter.get_window_extent().padded(-spare))
+        for of_panel, letter in zip(boxes, letters, strict=True)
+        for box in of_panel
+    ):
+        return
+    for axes, of_panel, letter in zip(panels, boxes, letters, strict=True):
+        top = max((box.y1 for box in of_panel), default=axes.bbox.y1)
+        letter.set_position((-4, 3 + 72 * (top - axes.bbox.y1) / figure.dpi))
 
 
 def mark(figure: Figure | Axes, notes: list[str]) -> None:
@@ -119,7 +146,7 @@ def mark(figure: Figure | Axes, notes: list[str]) -> None:
         title.set_y(1.0 - band)
         title.set_in_layout(False)
         title._autopos = False
-        above_panels += _TITLE / (height + added)
+        above_panels += (_TITLE + _TITLE_LINE * title.get_text().count("\n")) / (height + added)
     engine = figure.get_layout_engine()
     if engine is not None:
         left, low, share_of_width, _ = engine.get()["rect"]

@@ -57,7 +57,10 @@ class StyleNames:
             categorical = isinstance(values.dtype, pd.CategoricalDtype)
             texts += map(str, values.cat.categories if categorical else values.unique())
         periods = table["period"].unique() if names.periods else ()
-        return cls(names.gaits, names.columns, (*names.texts, *texts), period_names(sorted(periods)))
+        gaits = names.gaits
+        if model is None and "gait" in table.columns:  # the gaits of all extensions would say little
+            gaits = (*dict.fromkeys([*map(str, table["gait"].dropna().unique()), *map(str, Outcome), OTHER]),)
+        return cls(gaits, names.columns, (*names.texts, *texts), period_names(sorted(periods)))
 
     def unknown(self, style: FigureStyle, *, shared: bool = False) -> Iterator[Unknown]:
         """The names in a style's colours, order and labels that name nothing.

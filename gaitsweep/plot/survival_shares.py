@@ -16,10 +16,11 @@ from gaitsweep.plot.arguments import AlongAxis, Title
 from gaitsweep.plot.column_labels import described
 from gaitsweep.plot.columns import require_columns
 from gaitsweep.plot.kind import figure_kind
+from gaitsweep.plot.varying_parameters import check_one_system, require_one_system
 from gaitsweep.schema.numbers import Count
 
 
-@figure_kind("fixed_time", coloured="none")
+@figure_kind("fixed_time", check=check_one_system, coloured="none")
 def survival(
     table: pd.DataFrame,
     *,
@@ -42,6 +43,7 @@ def survival(
             fall, or rows ended in another way.
     """
     require_columns(table, x)
+    require_one_system(table, x)
     with theme.canvas(theme.COLUMN, 2.6, title) as figure:
         axes = figure.subplots()
         axes.set_xlabel(described(table, x, 40))

@@ -1,10 +1,11 @@
-"""Axes of angles, with ticks at multiples of pi, and of values over a parameter."""
+"""Axes of angles, with ticks at multiples of pi, and of values over a parameter; gaps of lines."""
 
 from __future__ import annotations
 
 from typing import Any, Literal
 
 import numpy as np
+from jaxtyping import Bool, Float
 from matplotlib.axes import Axes
 from matplotlib.ticker import FixedLocator, FuncFormatter, Locator, MultipleLocator
 
@@ -117,3 +118,11 @@ def in_pi(angle: float, *, fractions: bool = True) -> str:
         top = round(half_turns * bottom)
         return f"{'−' if top < 0 else ''}{'' if abs(top) == 1 else abs(top)}π/{bottom}"
     return f"{half_turns:.4g}π".replace("-", "−")
+
+
+def interrupted(
+    parted: Bool[np.ndarray, " gaps"], *lines: Float[np.ndarray, " points"]
+) -> list[Float[np.ndarray, " interrupted"]]:
+    """Insert NaN into lines (n,) between neighbours that are `parted` (n - 1,), where a line has a gap."""
+    gaps = np.flatnonzero(parted) + 1
+    return [np.insert(line, gaps, np.nan) for line in lines]

@@ -65,6 +65,8 @@ def tool_entry(made_by: str | None = None, commit: str | None = None) -> str:
         fields["doi"] = doi
     if url := facts.get("url") or facts.get("repository-code"):
         fields["url"] = url
+    if not (doi or url):  # styles that know no `version` print this field
+        fields["howpublished"] = f"Python package, version {cited}"
     fields["note"] = f"{facts['license']}, commit {commit}" if commit else facts["license"]
     return _entry("software", "gaitsweep", fields)
 

@@ -17,13 +17,14 @@ from gaitsweep.engine.sweep.labels import labelled
 from gaitsweep.engine.sweep.lane_scheduler import LaneScheduler
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.job import Job
-from gaitsweep.kinds.run_kind import table_columns
+from gaitsweep.kinds.run_kind import TableRunKind, table_columns
 from gaitsweep.runs.prepare import RunContext, nominal_period, prepare
+from gaitsweep.runs.sampled_rows import finer_share, is_checked, rows_to_repeat
 from gaitsweep.status import Status
-from gaitsweep.table.parquet_parts import part_bytes
+from gaitsweep.table.parquet_parts import arrow_part
 
-# Located events add some attempts to the steps of a cycle; the chain's 33 events a cycle add 2 %.
-EVENTS_SHARE = 1.05
+# Attempts for each step: those at located events are more; the chain's 33 events a cycle add 2 %.
+ATTEMPTS_A_STEP = 1.05
 # Share of the rows of a refined grid that are simulated; the chain's slices of 99 x 99 need 0.15.
 REFINED_SHARE = 0.2
 BYTES_A_NUMBER = 8
@@ -44,7 +45,7 @@ class Estimate:
         blocks: the number of parts.
         memory_bytes: the largest memory of this process.
         disk_bytes: the size of the table.
-        seconds: the likely time, as all times with `compile_s`.
+        seconds: the likely time, as all times with `compile_s` and `self_check_s`.
         seconds_longer: that of rows whose branches fold.
         seconds_most: the time if all rows run to their limits.
         lanes: trajectories at a time.
@@ -52,6 +53,8 @@ class Estimate:
         engine: the engine's name.
         steps: the attempts of all rows.
         compile_s: the time of compilation (s).
+        self_check_s: the time of the self-check (s), which the others include.
+        self_check_rows: the rows that it reruns.
     """
 
     rows: int
@@ -69,6 +72,8 @@ class Estimate:
     engine: str
     steps: float
     compile_s: float
+    self_check_s: float
+    self_check_rows: int
 
 
 def estimate(job: Job) -> Estimate:
@@ -77,10 +82,17 @@ def estimate(job: Job) -> Estimate:
     Raises:
         RunError: a device or an engine that the job asks for is not available.
     """
-    context = prepare(job)
+    began = time.perf_counter()
+    context = prepare(job)  # which traces the model
+    traced_s = time.perf_counter() - began
     spec = context.spec
-    pace = _measured(context)
-    if job.run.makes_tables:  # the directions of derivatives fill its lanes
+    pool = LaneScheduler(spec, range(math.ceil(spec.n_rows / spec.block)))
+    try:
+        pace = _measured(context, pool)
+    finally:
+        pool.shut_down()
+    pace = dataclasses.replace(pace, compile_s=pace.compile_s + traced_s)
+    if isinstance(job.run, TableRunKind):  # the directions of derivatives fill its lanes
         compile_s = job.run.compile_time(context.design, spec)
         pace = dataclasses.replace(pace, at_a_time=1, compile_s=compile_s)
     cost = job.run.cost(context.design, pace.attempts / pace.crossings, 1.0 / pace.crossings)
@@ -89,6 +101,14 @@ def estimate(job: Job) -> Estimate:
     # fewer rows than run at a time leave lanes idle, and take as long as these
     timed_rows = max(simulated, pace.at_a_time)
     timed_rows_most = max(spec.n_rows, pace.at_a_time)
+    self_check_rows = rows_to_repeat(context) if is_checked(context) else 0
+    self_check_s = 0.0
+    if self_check_rows:
+        # its programs for the states and the crossings of rows take about as long to compile as the run's own
+        attempts = cost.likely * (1.0 + 1.0 / finer_share(context))
+        timed_rows_again = max(self_check_rows, pace.at_a_time)
+        self_check_s = pace.compile_s + pace.seconds(timed_rows_again, attempts, spec)
+    fixed_s = pace.compile_s + self_check_s
     columns = table_columns(context.design, job.run)
     records_longer = cost.records if cost.longer_records is None else cost.longer_records
     block_bytes = min(spec.block, spec.n_rows) * records_longer * len(columns) * BYTES_A_NUMBER
@@ -104,14 +124,16 @@ def estimate(job: Job) -> Estimate:
         blocks=blocks,
         memory_bytes=int(_peak_memory() + 2 * block_bytes),
         disk_bytes=int(simulated_bytes + inferred_bytes + part_headers),
-        seconds=pace.compile_s + pace.seconds(timed_rows, cost.likely, spec),
-        seconds_longer=pace.compile_s + pace.seconds(timed_rows, cost.longer or cost.likely, spec),
-        seconds_most=pace.compile_s + pace.seconds(timed_rows_most, cost.most, spec),
+        seconds=fixed_s + pace.seconds(timed_rows, cost.likely, spec),
+        seconds_longer=fixed_s + pace.seconds(timed_rows, cost.longer or cost.likely, spec),
+        seconds_most=fixed_s + pace.seconds(timed_rows_most, cost.most, spec),
         lanes=spec.lanes,
         device=context.device,
         engine=context.engine,
         steps=simulated * cost.likely,
         compile_s=pace.compile_s,
+        self_check_s=self_check_s,
+        self_check_rows=self_check_rows,
     )
 
 
@@ -164,12 +186,11 @@ class Measured:
         return max(steps_s, host_s)
 
 
-def _measured(context: RunContext) -> Measured:
+def _measured(context: RunContext, pool: LaneScheduler) -> Measured:
     """Run a chunk of the first rows, and measure its speed and the simulated time."""
     spec = context.spec
     began = time.perf_counter()
-    pool = LaneScheduler(spec, range(math.ceil(spec.n_rows / spec.block)))
-    pool.begin()
+    pool.open_first_rows()
     compile_s = time.perf_counter() - began
     began = time.perf_counter()
     outputs = pool.advance_all(polls_per_chunk(spec))
@@ -177,7 +198,6 @@ def _measured(context: RunContext) -> Measured:
     at_a_time = sum(group.lanes.at_a_time for group in pool.groups)
     rate = at_a_time * POLL_INTERVAL * polls_per_chunk(spec) / seconds
     host_s = _host_s(context, pool)
-    pool.end()
     lanes_in_use = sum(int(np.count_nonzero(group.block_of >= 0)) for group, _ in outputs)
 
     def total(number: str) -> float:
@@ -192,7 +212,7 @@ def _measured(context: RunContext) -> Measured:
         attempts = total("attempts") / simulated
         crossings = crossings / simulated
     else:
-        attempts = EVENTS_SHARE / float(np.min(context.steps.dt))
+        attempts = ATTEMPTS_A_STEP / float(np.min(context.steps.dt))
         crossings = nominal
     return Measured(at_a_time, host_s, rate, compile_s, attempts, crossings)
 
@@ -202,7 +222,7 @@ def _host_s(context: RunContext, pool: LaneScheduler) -> float:
 
     It is 0 for a kind that makes its own table, where this work is part of the steps.
     """
-    if context.job.run.makes_tables:
+    if isinstance(context.job.run, TableRunKind):
         return 0.0
     group = pool.groups[0]
     block = next(iter(pool.open.values()))
@@ -210,10 +230,10 @@ def _host_s(context: RunContext, pool: LaneScheduler) -> float:
     seconds_a_row = 0.0
     for _ in range(2):  # the first time programs are compiled
         began = time.perf_counter()
-        group.open_again()
+        group.reopen_all()
         opened = time.perf_counter()
         frame = context.table(labelled(context.spec, block))
-        part_bytes(frame, block.number, context.job_hash, {})
+        arrow_part(frame, block.number, context.job_hash, {}).encoded()
         written = time.perf_counter()
         seconds_a_row = (opened - began) / group.size + (written - opened) / block.rows
     return seconds_a_row

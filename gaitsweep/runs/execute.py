@@ -17,7 +17,7 @@ from gaitsweep.engine.content import held_contents
 from gaitsweep.engine.sweep.sweep import Timings
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.job import Job
-from gaitsweep.job.checks import remarks_on_rows
+from gaitsweep.job.row_remarks import remarks_on_rows
 from gaitsweep.kinds.run_kind import RunKind
 from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.runs.concurrent_self_check import ConcurrentSelfCheck
@@ -31,8 +31,8 @@ from gaitsweep.runs.sentences import advice, self_check_sentence
 from gaitsweep.runs.summary import describe, sum_up, summed_up, tallied_column
 from gaitsweep.table import MemoryTable, ResultDirectory, Table, TableError, load
 from gaitsweep.table.atomic_files import temporary_folder
-from gaitsweep.table.manifest import self_check_warned
-from gaitsweep.table.parquet_parts import part_bytes
+from gaitsweep.table.parquet_parts import arrow_part
+from gaitsweep.table.self_check_words import self_check_warned
 
 if TYPE_CHECKING:
     from gaitsweep.runs.cluster.dispatch import Cluster
@@ -135,7 +135,7 @@ def _write_tables(context: RunContext, directory: ResultDirectory) -> None:
     for name, part in kind.tables(table).items():
         file = f"{name}.parquet"
         if directory.read_beside(file) is None:
-            data, _ = part_bytes(part, 0, context.job_hash, {}, context.quantities)
+            data = arrow_part(part, 0, context.job_hash, {}, context.quantities).encoded().data
             directory.write_beside(file, data)
 
 

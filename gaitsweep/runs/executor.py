@@ -11,13 +11,15 @@ from typing import Any, TypeVar
 
 import pandas as pd
 
-from gaitsweep.engine.sweep.sweep import OpenRows, Timings, sweep
+from gaitsweep.engine.sweep.open_rows import OpenRows
+from gaitsweep.engine.sweep.sweep import Timings, sweep
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
+from gaitsweep.kinds.run_kind import TableRunKind
 from gaitsweep.runs.prepare import RunContext
+from gaitsweep.runs.progress import COMPILING
 from gaitsweep.table import ResultDirectory
 
 Part = TypeVar("Part")  # an encoded block
-COMPILING = "compiling"  # the note until something is measured
 
 
 def compute_blocks(
@@ -43,8 +45,8 @@ def compute_blocks(
             itself end together, so a kill loses at most one such block.
     """
     timings = Timings() if timings is None else timings
-    if context.job.run.makes_tables:
-        for number, frame in _tables_of_kind(context, blocks, on_progress, timings):
+    if isinstance(kind := context.job.run, TableRunKind):
+        for number, frame in _tables_of_kind(kind, context, blocks, on_progress, timings):
             write(number, encode(number, frame))
         return
     sweep(
@@ -59,13 +61,13 @@ def compute_blocks(
 
 
 def _tables_of_kind(
+    kind: TableRunKind,
     context: RunContext,
     blocks: Sequence[int],
     on_progress: Callable[[SweepProgress], None],
     timings: Timings,
 ) -> Iterator[tuple[int, pd.DataFrame]]:
     """The numbers and the records of blocks whose run kind makes its tables itself."""
-    kind = context.job.run
     total = context.layout.rows_in(blocks)
     done = 0  # rows
     rows_of_block = 0

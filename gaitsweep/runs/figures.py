@@ -15,13 +15,13 @@ import numpy as np
 from jaxtyping import Int
 
 import gaitsweep
-from gaitsweep import plot
-from gaitsweep.errors import EXIT_FAILURE, UserError
+from gaitsweep import near_miss, plot
+from gaitsweep.errors import EXIT_FAILURE, ArgumentError, UserError
 from gaitsweep.job import JobError, read_figures
 from gaitsweep.plot.figure_style import STYLE_FIELDS, FigureStyle, StyleError, read_style
 from gaitsweep.plot.kind import kinds_with_gait_colours
 from gaitsweep.runs.progress import Progress
-from gaitsweep.schema.yaml_document import read_document
+from gaitsweep.schema.yaml_document import read_document, read_value
 from gaitsweep.table import (
     ResultDirectory,
     Snapshot,
@@ -133,6 +133,7 @@ def draw_figures(
     on_progress: Callable[[int], None] | None = None,
     style: FigureStyle | None = None,
     folder: Path | None = None,
+    fields: Sequence[str] = (),
 ) -> list[Path]:
     """Draw the figures of a result directory from its table, without simulating.
 
@@ -145,6 +146,7 @@ def draw_figures(
         on_progress: called before each figure with its number.
         style: style of all figures, over that of the job and of the figures.
         folder: folder of the files, made if it does not exist; by default `figures` of the directory.
+        fields: texts "field=value" with a YAML value, for all figures that have the field.
 
     Returns:
         The files, in the job's order.
@@ -160,7 +162,7 @@ def draw_figures(
     snapshot, table = load_with_snapshot(path, rows=None if selection is None else selection.rows)
     if selection is not None:
         table.attrs["thinned"] = selection.remark
-    specs, job_style = _figures_of(snapshot)
+    specs, job_style = _figures_of(snapshot, fields)
     if not specs:
         return []
     style = style or FigureStyle()
@@ -236,16 +238,47 @@ def _style_and_fields(
     return figure_style.model_copy(update={"colours": colours or None}), fields
 
 
-def _figures_of(snapshot: Snapshot) -> tuple[list[dict[str, Any]], FigureStyle]:
-    """The figures of a directory and their style, from `job.yaml` if it was edited."""
+def _figures_of(snapshot: Snapshot, fields: Sequence[str] = ()) -> tuple[list[dict[str, Any]], FigureStyle]:
+    """The figures of a directory and their style, from `job.yaml` if it was edited.
+
+    `fields` ("field=value") replace those of all figures that have them.
+    """
     file = snapshot.path / JOB
     try:
         asked: Mapping[str, Any] = snapshot.job
         if snapshot.written is not snapshot.job or "job" not in snapshot.manifest:
             asked = read_document(file).data if file.exists() else {}
-        return read_figures(asked, str(file))
+        return read_figures(_with_fields(asked, fields), str(file))
     except JobError as error:
         raise TableError(str(error)) from None
+
+
+def _with_fields(asked: Mapping[str, Any], fields: Sequence[str]) -> Mapping[str, Any]:
+    """A job in which fields ("field=value") of its figures have other values; a dot leads into a mapping.
+
+    Raises:
+        ArgumentError: a text is not of this form, or no figure has the field.
+    """
+    specs = [dict(spec) for spec in asked.get("figures") or []]
+    for text in fields:
+        path, equals, written = text.partition("=")
+        field, _, key = path.strip().partition(".")
+        if not equals:
+            raise ArgumentError(f"--set is {text}, but must be FIELD=VALUE, such as title=none.")
+        value = read_value(written, f"--set {text}")
+        allowed: dict[str, None] = {}
+        for spec in specs:
+            of_kind = plot.FIGURES[spec["kind"]].model_fields if spec.get("kind") in plot.FIGURES else {}
+            allowed |= dict.fromkeys(name for name in of_kind if name not in ("kind", "name"))
+            if key and not isinstance(spec.get(field) or {}, Mapping):
+                raise ArgumentError(f"--set {text}: {field} has no fields of its own.")
+            if field in of_kind:
+                spec[field] = {**(spec.get(field) or {}), key: value} if key else value
+        if specs and field not in allowed:
+            raise ArgumentError(
+                f"--set {field}: no figure has this field{near_miss.suggestion(field, allowed)}"
+            )
+    return {**asked, "figures": specs} if specs else asked
 
 
 @dataclasses.dataclass(frozen=True)

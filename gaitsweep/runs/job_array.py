@@ -19,13 +19,14 @@ from gaitsweep.job import Job
 from gaitsweep.runs.execute import RESULTS, run_job
 from gaitsweep.runs.executor import compute_blocks
 from gaitsweep.runs.prepare import RunContext, RunError, naming_the_file, prepare
-from gaitsweep.runs.progress import Progress
+from gaitsweep.runs.progress import COMPILING, Progress
 from gaitsweep.runs.provenance import check_program, continue_directory, differing
 from gaitsweep.runs.summary import describe
 from gaitsweep.table import ResultDirectory
-from gaitsweep.table.atomic_files import PARTS, TableError
+from gaitsweep.table.atomic_files import TableError
 from gaitsweep.table.locks import BlockLocks, BusyDirectory, Lock, this_process
 from gaitsweep.table.manifest import MANIFEST, TABLE, Layout, claim
+from gaitsweep.table.parquet_parts import PARTS
 from gaitsweep.table.shared_writer import SharedWriter
 
 # Others hold a directory for a moment when they make it, and while the last of them completes it (s).
@@ -174,5 +175,5 @@ def _run_missing(
             rate = now.share * rows / max(now.seconds, 1e-9)
             on_progress(now.done, rows, rate, now.share, f"of {total} rows")
 
-        on_progress(0, rows, 0.0, 0.0, "compiling")
+        on_progress(0, rows, 0.0, 0.0, COMPILING)
         compute_blocks(context, missing, encode, write, on_sweep_progress)

@@ -16,20 +16,22 @@ from jaxtyping import Float
 
 from gaitsweep import models
 from gaitsweep.angles import wrapped_difference
-from gaitsweep.contract import HybridModel, Model, Params, Quantity, State
-from gaitsweep.dynamics.declarations import mode, observable
+from gaitsweep.contract import HybridModel, Model, Params, State
+from gaitsweep.dynamics.declarations import Variable, mode, observable
 from gaitsweep.dynamics.declared_model import DeclaredModel
 from gaitsweep.dynamics.event_declarations import SingleEvent
-from gaitsweep.engine.flow_spectrum import STIFF, flow_eigenvalues
-from gaitsweep.engine.leaves import shapes_of
 from gaitsweep.errors import UserError
 from gaitsweep.job import Job
 from gaitsweep.kinds import Settle, Trace
 from gaitsweep.kinds.columns import UNKNOWN_GAIT
-from gaitsweep.models.conformity import idle_starts, sets_starts
-from gaitsweep.models.value_faults import sample, surface_value, written
+from gaitsweep.models.idle_starts import idle_starts, sets_starts
+from gaitsweep.models.sampled_points import sampled_points, written
+from gaitsweep.models.starts_in_ground import starts_in_ground
+from gaitsweep.models.value_faults import surface_value
+from gaitsweep.runs.energy_rates import change_of_energy, energies_of, with_rates
 from gaitsweep.runs.execute import table_in_memory
 from gaitsweep.runs.sentences import MISLABELLED, STARTS_BEYOND, remarks
+from gaitsweep.runs.stiff_ranges import stiff_ranges
 from gaitsweep.status import Status
 
 ROWS = 32
@@ -38,15 +40,7 @@ SAMPLES = 40  # of the rate of an energy in a cycle
 # Ends of rows are the same within this share of the observable's size, which is at least `_LEAST_SIZE`.
 _SAME = 1e-9
 _LEAST_SIZE = 1e-3
-# An energy whose rate is below this share of the power that its terms exchange is kept.
-KEPT = 1e-9
-# A flow is stiff if its fastest rate times the nominal period is above `STIFF`; an end of a range is reported
-# if that is also above `STIFFER` times its value at the defaults.
-STIFFER = 10.0
 Values = Mapping[str, Float[np.ndarray, " rows"]]
-# Ends of the names of signals: the rate of an energy, and the power that its terms exchange.
-_RATE = "_rate_of_change"
-_POWER = "_power"
 # The mode that counts the events of each kind, and the observables that show it.
 _TIMES = "times_of_events"
 _COUNT = "count_of_event"
@@ -69,7 +63,7 @@ def trial(model_class: type[Model], on_message: Callable[[str], None] = lambda _
     """
     model = model_class()
     costly = model.host_parameters or not isinstance(model, HybridModel)
-    parameters, starts = sample(model, ROWS // 8 if costly else ROWS)
+    parameters, starts = sampled_points(model, ROWS // 8 if costly else ROWS)
     values = {**starts, **parameters}  # sentences name the first ones
     rows = np.size(next(iter(values.values()), 0))
     on_message(f"Compiling the model, and running {rows} rows for {CYCLES} cycles.")
@@ -135,10 +129,14 @@ class _TriedRows:
     def warnings(self) -> list[str]:
         """Sentences about what the author of a model hardly wants."""
         sentences = self._constant_observables() if self._crossed_section else []
+        if not self.model.host_parameters:
+            defaults = {name: column[:1] for name, column in self.values.items()}
+            in_ground = starts_in_ground(self.model, defaults, defaults, lambda _: " at the default start")
+            sentences += [f"{text[0].upper()}{text[1:]}" for text in in_ground]
         sentences += self._events_that_never_happened()
         model = self.model
         if isinstance(model, HybridModel) and model.locates_events and not model.host_parameters:
-            sentences += _stiffness(model, self.values)
+            sentences += stiff_ranges(model, self.values)
         return sentences
 
     def _start_beyond(self, event: str, rows: int, first: int) -> str:
@@ -191,12 +189,20 @@ class _TriedRows:
 
     def _events_that_never_happened(self) -> list[str]:
         """Return a sentence about the events that happened in no row, or about an uncrossed section."""
-        if not self._crossed_section:
-            return ["No row crossed the section: look at the sign of its function, and at the starts."]
         model = self.model
         first_row = {name: jnp.asarray(column[0]) for name, column in self.values.items()}
         params = model.params(first_row)
         start = model.init(params, first_row)
+        if not self._crossed_section:
+            advice = "look at the sign of its function, and at the starts"
+            declared = model.declarations.items() if isinstance(model, DeclaredModel) else ()
+            rates = model.flow(params, start) if isinstance(model, DeclaredModel) else {}
+            at_rest = [
+                name for name, quantity in declared if isinstance(quantity, Variable) and name not in rates
+            ]
+            if at_rest:
+                advice += f"; flow returns no rate of {', '.join(at_rest)}"
+            return [f"No row crossed the section: {advice}."]
         never = []
         for number, event in enumerate(_counted_events(model), 1):
             counts = self.table[f"{_COUNT}_{number}_end"].to_numpy(float)
@@ -241,62 +247,6 @@ def _counting(model: Model) -> type[Model]:
     return type(model_class.__name__, (model_class,), members)
 
 
-def _stiffness(model: HybridModel, values: Values) -> list[str]:
-    """Return sentences about defaults, and ends of a parameter's range, with which the flow is stiff.
-
-    The range is that of the bounds, or of the values tried. Modes that are no flags have their values at the
-    start.
-    """
-    defaults = {name: float(column[0]) for name, column in values.items()}
-    rate_at_defaults = _fastest_rate(model, defaults)
-    if math.isnan(rate_at_defaults.per_second):
-        return ["At the defaults a derivative of the flow is infinite or NaN, so its stiffness is unknown."]
-    sentences = []
-    if rate_at_defaults.per_period > STIFF:
-        sentences.append(f"At the defaults the flow is stiff: its {rate_at_defaults}.")
-    for quantity in model.parameters:
-        name = quantity.name
-        tried = values[name]
-        for bound, end_of_tried in ((quantity.low, np.min(tried)), (quantity.high, np.max(tried))):
-            is_bounded = math.isfinite(bound) and not quantity.open_ends
-            end = bound if is_bounded else float(end_of_tried)
-            rate = _fastest_rate(model, {**defaults, name: end})
-            if rate.per_period > max(STIFF, STIFFER * rate_at_defaults.per_period):
-                sentences.append(
-                    f"{name} = {end:.4g}, far from its default {defaults[name]:.4g}, makes the flow stiff: "
-                    f"its {rate}. Bounds (low=, high=) keep rows from there."
-                )
-    return sentences
-
-
-@dataclasses.dataclass(frozen=True)
-class _FastestRate:
-    """The fastest rate (1/s) of a flow, and that per nominal period."""
-
-    per_second: float
-    per_period: float
-
-    def __str__(self) -> str:
-        return (
-            f"fastest rate is {self.per_second:.2g} 1/s, and a cycle takes about {self.per_period:.2g} steps"
-        )
-
-
-def _fastest_rate(model: HybridModel, numbers: Mapping[str, float]) -> _FastestRate:
-    """The fastest rate of the flow at the start of a row with these parameters and starts.
-
-    It is NaN where a derivative of the flow is infinite or NaN.
-    """
-    row = {name: jnp.asarray(number, float) for name, number in numbers.items()}
-    params = model.params(row)
-    try:
-        rates = np.abs(flow_eigenvalues(model, params, model.init(params, row)))
-    except np.linalg.LinAlgError:
-        return _FastestRate(math.nan, math.nan)
-    fastest = float(rates.max(initial=0.0))
-    return _FastestRate(fastest, fastest * float(model.period(params)))
-
-
 def _run(model_class: type[Model], values: Values, run: Settle | Trace) -> pd.DataFrame:
     """Run rows with these values in memory, without a self-check."""
     varied = {name: column.tolist() for name, column in values.items() if np.ptp(column) > 0.0}
@@ -326,65 +276,11 @@ def _numerics(model: Model, values: Values) -> dict[str, float]:
 
 
 def _energies(model: HybridModel, model_class: type[Model], values: Values) -> list[str]:
-    """Return a sentence for each energy of a model: its rate of change along the flow, between events.
-
-    The rate is that of the flow at states of a trajectory, not a difference of two states, so it includes
-    neither events nor integration errors. It is relative to the power that the energy's terms exchange: the
-    sum of the magnitudes of their rates, at its largest along the row.
-    """
-    watched = _with_rates(model_class)
-    names = [q.name.removesuffix(_RATE) for q in watched().signals if q.name.endswith(_RATE)]
-    if not names:
+    """Return a sentence for each energy of a model, from a row at the defaults."""
+    watched = with_rates(model_class)
+    if not (names := energies_of(watched())):
         return []
     defaults = {q.name: jnp.asarray(float(values[q.name][0])) for q in model.parameters}
     cycle = float(model.period(model.params(defaults)))
     table = _run(watched, values, Trace(duration=3 * cycle, every=cycle / SAMPLES))
-    sentences = []
-    for name in names:
-        rates = table[name + _RATE].to_numpy(float)
-        most = table.groupby("row")[name + _POWER].transform("max").to_numpy(float)
-        shares = np.divide(rates, most, out=np.zeros_like(rates), where=most > 0.0)[np.isfinite(rates)]
-        change = _change_of_energy(float(shares.min(initial=0.0)), float(shares.max(initial=0.0)))
-        sentences.append(
-            f"The energy {name} {change} the power that its terms exchange ({shares.size} states)."
-        )
-    return sentences
-
-
-def _change_of_energy(low: float, high: float) -> str:
-    """Words for the lowest and the highest rate of an energy, shares of the power that its terms exchange."""
-    largest = max(-low, high)
-    if largest < KEPT:
-        return f"is kept between events: its rate of change is at most {largest:.1e} of"
-    if high < KEPT:
-        direction = "only falls"
-    elif -low < KEPT:
-        direction = "only rises"
-    else:
-        direction = "rises and falls"
-    return f"is not kept between events: it {direction}, by up to {largest:.2g} of"
-
-
-def _with_rates(model_class: type[Model]) -> type[Model]:
-    """A class whose signals include the rate of each energy, and the power that its terms exchange."""
-
-    def signals(self: HybridModel) -> tuple[Quantity, ...]:
-        params, state = shapes_of(self)
-        names = jax.eval_shape(self.energies, params, state)
-        more = (Quantity(name + end, "1", "rate of an energy") for name in names for end in (_RATE, _POWER))
-        base: Any = super(watched, self)
-        return (*base.signals, *more)
-
-    def signal(self: HybridModel, params: Params, state: State) -> dict[str, jax.Array]:
-        with_rates = model_class.signal(self, params, state)
-        rates = self.flow(params, state)
-        at = {name: getattr(state, name) for name in rates}
-        gradients = jax.jacrev(lambda x: self.energies(params, dataclasses.replace(state, **x)))(at)
-        for name, gradient in gradients.items():
-            terms = jnp.concatenate([jnp.ravel(gradient[key] * rate) for key, rate in rates.items()])
-            with_rates |= {name + _RATE: jnp.sum(terms), name + _POWER: jnp.sum(jnp.abs(terms))}
-        return with_rates
-
-    members = {"signals": property(signals), "signal": signal, "name": model_class.name}
-    watched: type[Any] = type(model_class.__name__, (model_class,), members)
-    return watched
+    return [change_of_energy(table, name) for name in names]

@@ -7,6 +7,7 @@ import time
 from collections.abc import Mapping
 from typing import Protocol, TextIO
 
+COMPILING = "compiling"  # the note until something is measured
 INTERVAL = 30.0  # s between two lines
 _ENOUGH = 0.01  # share done before a time left is printed: from the first few steps it would be a guess
 _NAMES = 5  # of gaits in a remark
@@ -82,7 +83,7 @@ def progress_lines(unit: str = "rows", file: TextIO | None = None, interval: flo
         if now - printed_at < interval:
             return
         printed_at = now
-        parts = [f"{done}/{total} {unit}", percent(done, total, fraction)]
+        parts = [f"{done}/{total} {unit}", percent(done, total, fraction)] if total else []
         if rate > 0:
             parts.append(f"{rate:.3g} {unit}/s")
         if rise is not None and rise[1] + _ENOUGH <= fraction < 1:

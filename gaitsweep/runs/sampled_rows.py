@@ -26,6 +26,13 @@ def finer_share(context: RunContext) -> float:
     return 0.5 if steps is not None and steps.stochastic else FINER
 
 
+def is_checked(context: RunContext) -> bool:
+    """Return whether a run integrates something that finer steps would change."""
+    steps = fixed_step_scheme(context.spec.numerics.method, context.model)
+    exact = steps is not None and steps.is_return_map
+    return context.job.run.integrates and not exact
+
+
 def rows_to_repeat(context: RunContext) -> int:
     """Return the rows of the sample: as the job says, else at most 32 and `MOST_WORK` of the run's work."""
     job, design = context.job, context.design

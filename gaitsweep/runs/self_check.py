@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import jax
@@ -36,15 +36,15 @@ from gaitsweep.engine.solver.methods import fixed_step_scheme
 from gaitsweep.engine.sweep.sweep import sweep
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.kinds.columns import gaits
-from gaitsweep.kinds.run_kind import RunKind, StartingPoints
+from gaitsweep.kinds.run_kind import StartingPoints, TableRunKind
 from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.runs.observable_changes import changes, counted, sizes
 from gaitsweep.runs.prepare import RunContext, nominal_period
-from gaitsweep.runs.sampled_rows import CROSSINGS, LEAST_ROWS, finer_share, sample_rows
+from gaitsweep.runs.sampled_rows import CROSSINGS, LEAST_ROWS, finer_share, is_checked, sample_rows
 from gaitsweep.runs.self_check_result import SelfCheck
 from gaitsweep.runs.unstable_rests import unstable_rests
 from gaitsweep.status import RECURRENT, Status
-from gaitsweep.table.manifest import TOLERANCES
+from gaitsweep.table.self_check_words import TOLERANCES
 
 Rows = Int[np.ndarray, " rows"]  # numbers of rows
 RowMask = Bool[np.ndarray, " rows"]
@@ -88,9 +88,7 @@ def self_check(
         The result, None if the self-check is off or nothing is integrated; and the rows rerun with the same
         steps, for `compare_stored`.
     """
-    steps = fixed_step_scheme(context.spec.numerics.method, context.model)
-    exact = steps is not None and steps.is_return_map
-    if count == 0 or exact or not context.job.run.integrates:
+    if count == 0 or not is_checked(context):
         return None, None
     rows = sample_rows(context.design, count)
     check = SelfCheck(rows=rows.size, of=context.design.n_rows)
@@ -99,11 +97,11 @@ def self_check(
     if context.spec.numerics.adaptive:
         check.finer = f"tolerances {1.0 / tolerance_scale(finer):.0f} times finer"
     comparison = _Comparison(context, on_progress)
-    points = context.job.run.starting_points(context.design, context.spec, rows, 1.0, finer)
-    if points:
-        return check, comparison.compare_starting_points(rows, points[0], points[1], check)
+    if isinstance(run := context.job.run, TableRunKind):
+        once, refined = run.starting_points(context.design, context.spec, rows, 1.0, finer)
+        return check, comparison.compare_starting_points(rows, once, refined, check)
     rerun = None
-    if context.job.run.compared in ("settled", "ends"):
+    if run.compared in ("settled", "ends"):
         rerun, resting = comparison.compare_ends(rows, check)
         rows = rows[~resting]
     if rows.size:
@@ -131,6 +129,7 @@ def compare_stored(
     run = context.job.run
     comparison = _Comparison(context, on_progress)
     if isinstance(rerun.result, StartingPoints):
+        assert isinstance(run, TableRunKind)
         records = stored(rerun.rows)
         differs = _other_beginnings(context.model, run, rerun.result, rerun.rows, records)
         if differs.any():
@@ -154,13 +153,27 @@ def compare_stored(
         rests["row"] = records["row"]
         if run.moved is not None:
             rests[run.moved] = records[run.moved]
-        check.unstable = unstable_rests(
+        unstable = unstable_rests(
             context,
             rests,
             comparison.observed_at_starts(np.unique(records["row"].to_numpy(np.int64))),
             lambda rows, recorder: comparison.repeated(recorder, [(rows, 1.0, 0.0)])[0],
             comparison.on_following,
-        ).size
+        )
+        check.unstable = len(unstable)
+        if check.unstable:
+            check.unstable_first = _place_of(context, unstable.iloc[:1].to_dict("records")[0])
+
+
+def _place_of(context: RunContext, record: Mapping[Any, Any]) -> dict[str, float]:
+    """The row of a record, with the moving parameter there, or the row's values of the axes."""
+    row = int(record["row"])
+    moved = context.job.run.moved
+    if moved is not None:
+        return {"row": row, moved: float(record[moved])}
+    parameters, starts = context.design.values_in(np.array([row]))
+    values = {**starts, **parameters}
+    return {"row": row} | {name: float(values[name][0]) for name in context.design.names if name in values}
 
 
 @cached_by_content(maxsize=16)
@@ -447,12 +460,14 @@ class _Comparison:
         Infinite if no row has a period and the run has no end.
         """
         period = nominal_period(self.context.design)
-        longest = getattr(self.context.spec.recorder, "duration", None) or math.inf
+        recorder = self.context.spec.recorder
+        ends = isinstance(recorder, CrossingRecorder | FixedTimeRecorder | TraceRecorder)
+        longest = (recorder.duration if ends else None) or math.inf
         return longest if math.isnan(period) else min(CROSSINGS * period, longest)
 
 
 def _other_beginnings(
-    model: Model, run: RunKind, once: StartingPoints, rows: Rows, stored: pd.DataFrame
+    model: Model, run: TableRunKind, once: StartingPoints, rows: Rows, stored: pd.DataFrame
 ) -> RowMask:
     """Return a mask of the rows (n,) whose branches begin at another fixed point, or at none."""
     first = stored.drop_duplicates("row").set_index("row").reindex(rows)

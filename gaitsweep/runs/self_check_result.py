@@ -11,7 +11,7 @@ from jaxtyping import Float
 from gaitsweep.contract import Quantity
 from gaitsweep.errors import EXIT_STRICT, UserError
 from gaitsweep.runs.sentences import HALF_THE_STEP
-from gaitsweep.table.manifest import DIFFERENCES
+from gaitsweep.table.self_check_words import DIFFERENCES
 
 
 class SelfCheckError(UserError):
@@ -34,6 +34,7 @@ class SelfCheck:
         sensitive: rows on a boundary, or whose moved starts change as much.
         moved: rows of which an observable or the time of a crossing changes by more than is allowed.
         unstable: rows that rest on an unstable gait.
+        unstable_first: the first of them: its number, and the moving parameter or the axes there.
         by_step: rows of a model with a step of its own, of which an observable changes much with a finer one.
         largest: the largest change of each observable: of settled rows at their end, of others over their
             first crossings.
@@ -51,6 +52,7 @@ class SelfCheck:
     sensitive: int = 0
     moved: int = 0
     unstable: int = 0
+    unstable_first: dict[str, float] = dataclasses.field(default_factory=dict)
     by_step: int = 0
     largest: dict[str, float] = dataclasses.field(default_factory=dict)
     worst: dict[str, str] = dataclasses.field(default_factory=dict)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 from gaitsweep.kinds.columns import UNKNOWN_GAIT
 from gaitsweep.runs.provenance import NOT_INSTALLED
 from gaitsweep.status import SetStatus, Status
-from gaitsweep.table.manifest import BY_STEP, BY_STEP_WORDS, DIFFERENCES, STORED_DIFFERS, UNSTABLE
+from gaitsweep.table.self_check_words import BY_STEP, BY_STEP_WORDS, DIFFERENCES, STORED_DIFFERS, UNSTABLE
 
 # Fields of the manifest.
 MISLABELLED = "mislabelled"  # rows whose label is not the index of a gait
@@ -17,6 +18,8 @@ WITHOUT_START = "without_start"  # rows whose start the model could not make
 WITHOUT_STRIDES = "without_strides"  # rows of a model with footfalls of which no row has a stride
 WITHOUT_PERIOD = "without_period"  # rows whose nominal period is not a positive time
 # Settled rows that repeat after one crossing.
+_OF_ONE = {"their": "its", "rest": "rests", "lie": "lies", "are": "is"}
+_MOST_VALUES = 4  # of a row that a sentence names
 _AT = {"1": "at a fixed point"}
 # The finer steps in manifests of older versions, which halved the step.
 HALF_THE_STEP = "half the step"
@@ -39,13 +42,35 @@ def self_check_sentence(check: dict[str, Any]) -> str:
         among = f", {sensitive} of them on a boundary or sensitive" if sensitive else ""
         if check.get(BY_STEP):
             among += f", but {check[BY_STEP]} {BY_STEP_WORDS.sentence}"
-        return f"{rerun} kept their gait{among}; {change}."
-    wrong = [f"{check[name]} {words.sentence}" for name, words in DIFFERENCES.items() if check.get(name)]
+        return f"{rerun} kept {'its' if rows == 1 else 'their'} gait{among}; {change}."
+    wrong = [
+        _counted(check[name], words.sentence) + (_first_unstable(check) if name == UNSTABLE else "")
+        for name, words in DIFFERENCES.items()
+        if check.get(name)
+    ]
     if sensitive:
-        wrong.append(f"{sensitive} lie on a boundary or are sensitive")
+        wrong.append(_counted(sensitive, "lie on a boundary or are sensitive"))
     if check.get(BY_STEP):
         wrong.append(f"{check[BY_STEP]} {BY_STEP_WORDS.sentence}")
     return f"{rerun}: {', '.join(wrong)}; {change}."
+
+
+def _counted(count: int, words: str) -> str:
+    """A number of rows with what they do; the words are those of several rows."""
+    if count == 1:
+        for several, one in _OF_ONE.items():
+            words = re.sub(rf"\b{several}\b", one, words)
+    return f"{count} {words}"
+
+
+def _first_unstable(check: dict[str, Any]) -> str:
+    """Name the first row on an unstable gait, with the moving parameter or the axes there, if known."""
+    first = dict(check.get("unstable_first") or {})
+    if not first:
+        return ""
+    row = first.pop("row")
+    values = ", ".join(f"{name} = {value:.6g}" for name, value in list(first.items())[:_MOST_VALUES])
+    return f" (first row {row}{' at ' if values else ''}{values})"
 
 
 def _finer(check: dict[str, Any]) -> str:
@@ -78,8 +103,9 @@ def advice(check: dict[str, Any], dt: float | None) -> str:
     if wrong == [UNSTABLE]:
         return (
             "Such rows begin on that gait, or their legs are alike to the last digit, from the start or once "
-            "they have merged, and stay alike: let a parameter of one leg differ a little, or compare with "
-            "kind: continuation, which tells stability."
+            "they have merged, and stay alike: let a parameter of one leg differ a little, or by more if it "
+            "does already, so that the gait is left within a row or a dwell, or make these longer. "
+            "kind: continuation tells stability."
         )
     if dt is not None:
         return f"The table depends on the step: make numerics.dt shorter than {dt:g} s, or leave it out."
@@ -154,6 +180,8 @@ def status_sentence(status: str, job: Mapping[str, Any], periods: Mapping[str, i
         ]
         return f"The state at the section repeats: {', '.join(orbits)}."
     sentence = Status[status].sentence if status in Status.__members__ else ""
+    if status == Status.complete.name and run.get("kind") == "staircase":
+        return "All stairs were recorded; the column `settled` says at the end of which the gait had settled."
     if status == Status.time_limit.name:
         of_job, _, otherwise = sentence.removesuffix(".").partition(", or ")
         limit = run.get("max_time")
@@ -193,13 +221,28 @@ def remarks(manifest: Mapping[str, Any]) -> list[str]:
             f"Warning: the model's function label gave gait {label} in {_rows(about)}, which is not an index "
             f"of its gaits; their gait is {name!r} in the table."
         )
-    for model in manifest.get(WITHOUT_STRIDES) or {}:
-        sentences.append(
-            f"No foot of {model} has a stride in any row: feet stand, have not landed twice, or `feet` "
-            "changes between events, where touchdowns are not counted. Footfalls need a function `feet` that "
-            "changes only at events or by modes."
-        )
+    sentences += [
+        _without_strides(model, about) for model, about in (manifest.get(WITHOUT_STRIDES) or {}).items()
+    ]
     return sentences
+
+
+def _without_strides(model: str, about: Mapping[str, Any]) -> str:
+    """Format which feet of a model have no stride in any row, and what may be the cause."""
+    feet = about.get("feet") or []
+    subject = f"Foot {', '.join(feet)} of {model} has" if feet else f"No foot of {model} has"
+    if about.get("body"):
+        landed = "it has" if len(feet) == 1 else "they have"
+        return (
+            f"{subject} {'no' if feet else 'a'} stride in any row: {landed} not landed twice, so "
+            "there are no lags and no names of gaits. Look at the movie, at the height of the start, and at "
+            "contype and conaffinity of foot and floor in the MJCF."
+        )
+    return (
+        f"{subject} {'no' if feet else 'a'} stride in any row: feet stand, have not landed twice, or `feet` "
+        "changes between events, where touchdowns are not counted. Footfalls need a function `feet` that "
+        "changes only at events or by modes."
+    )
 
 
 def plain(value: object) -> str:

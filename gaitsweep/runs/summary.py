@@ -13,7 +13,8 @@ import numpy as np
 import pandas as pd
 
 from gaitsweep import models
-from gaitsweep.contract import Model, SteppedModel
+from gaitsweep.contract import Model
+from gaitsweep.dynamics.mjcf.of_mjcf import OfMjcf
 from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.kernel.row_functions import over_rows
 from gaitsweep.kinds.columns import AT_REST
@@ -165,9 +166,7 @@ def _summaries(context: RunContext, table: Table) -> dict[str, set[str]]:
     """Return the fields of the manifest that summarise records, with the columns that each needs."""
     columns = set(table_columns(context.design, context.job.run))
     counts = table.counts()
-    # a stepped model counts touchdowns at its steps, others at events alone
-    feet = set() if isinstance(context.model.original, SteppedModel) else strides_of_feet(context.model)
-    strides = columns & {f"{name}{end}" for name in feet for end in ("_n", "_end")}
+    strides = columns & set(_feet_by_stride(context))
     columns_of_rows = columns if context.job.run.one_a_row else set()
     names_gaits = tuple(context.model.gaits) != ("none",)
     needs = {
@@ -183,13 +182,20 @@ def _summaries(context: RunContext, table: Table) -> dict[str, set[str]]:
     return {field: names for field, (names, applies) in needs.items() if applies}
 
 
+def _feet_by_stride(context: RunContext) -> dict[str, str]:
+    """Return the foot of each column of strides that a table may have."""
+    strides = strides_of_feet(context.model)
+    return {f"{name}{end}": foot for name, foot in strides.items() for end in ("_n", "_end")}
+
+
 def _of_records(context: RunContext, table: Table) -> dict[str, Any]:
     """Summarise the records of a complete table, which are read part by part."""
     summaries = _summaries(context, table)
     if not summaries:
         return {}
     mislabelled: dict[str, dict[str, int]] = {}
-    has_stride = False
+    feet = _feet_by_stride(context)
+    without_stride = {feet[column] for column in summaries.get(WITHOUT_STRIDES, ())}
     stalls: dict[str, dict[str, Any]] = {}
     counts = {name: collections.Counter[str]() for name in _COUNTED if name in summaries}
     distances: list[tuple[float, int]] = []
@@ -198,7 +204,8 @@ def _of_records(context: RunContext, table: Table) -> dict[str, Any]:
         if MISLABELLED in summaries:
             _add_mislabelled(mislabelled, part, [*context.model.gaits, AT_REST])
         if WITHOUT_STRIDES in summaries:
-            has_stride |= bool(part[sorted(summaries[WITHOUT_STRIDES])].notna().to_numpy().any())
+            strides = part[sorted(summaries[WITHOUT_STRIDES])]
+            without_stride -= {feet[str(name)] for name in strides.columns[strides.notna().any()]}
         if "stalls" in summaries:
             _add_stalls(stalls, part)
         for name, counter in counts.items():
@@ -222,8 +229,15 @@ def _of_records(context: RunContext, table: Table) -> dict[str, Any]:
         fields["findings"] = context.job.run.findings(records)
     if mislabelled:
         fields[MISLABELLED] = mislabelled
-    if not has_stride:
-        fields[WITHOUT_STRIDES] = {context.model.name: {"rows": context.spec.n_rows, "row": 0}}
+    if without_stride:
+        about: dict[str, Any] = {
+            "rows": context.spec.n_rows,
+            "row": 0,
+            "body": isinstance(context.model.original, OfMjcf),
+        }
+        if without_stride != set(feet.values()):
+            about["feet"] = [foot for foot in dict.fromkeys(feet.values()) if foot in without_stride]
+        fields[WITHOUT_STRIDES] = {context.model.name: about}
     return {name: fields[name] for name in summaries if name in fields}
 
 

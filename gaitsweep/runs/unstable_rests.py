@@ -8,22 +8,26 @@ displaced and followed on.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Mapping
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
 import pandas as pd
 from jaxtyping import Bool, Float, Int
 
-from gaitsweep.contract import Model, State
+from gaitsweep.contract import Model, Params, State
 from gaitsweep.dynamics.declared import Declared
 from gaitsweep.dynamics.footfalls import Footfalls
-from gaitsweep.engine.leaves import AllVariables
-from gaitsweep.engine.poincare.maps import MapEvaluation, Points, sizes
+from gaitsweep.engine.all_variables import AllVariables
+from gaitsweep.engine.kernel.row_functions import over_rows
+from gaitsweep.engine.poincare.maps import Points, sizes
+from gaitsweep.engine.poincare.poincare_return import Returned, ReturnStatus
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.engine.recorders.staircase import StepRecorder
 from gaitsweep.engine.recorders.states import StateRecorder, state_size, states_of
-from gaitsweep.engine.solver.methods import fixed_step_scheme
+from gaitsweep.engine.solver.methods import derivative_refusal, fixed_step_scheme
 from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.runs.observable_changes import changes
 from gaitsweep.runs.prepare import RunContext
@@ -46,6 +50,12 @@ LEFT = 1e-3
 GROWN = 10.0
 FASTER = 2.5
 RETURNED = 1e-4
+# It stays where it is, along a neutral direction or within errors of integration, if after `STILL_AFTER`
+# crossings none of its displacements over the last `STILL_FOR` differs from the others by more than a share
+# `STILL` of the first one: an unstable direction would have to begin with 3e-5 of the displacement.
+STILL_AFTER = 80
+STILL_FOR = 20
+STILL = 5e-3
 # In steps of fixed length a crossing falls on a step's end: a state has left if it is `SCATTERED` times
 # farther away than successive crossings of the resting row are from each other, over the first crossings.
 SCATTERED = 10.0
@@ -65,7 +75,7 @@ def unstable_rests(
     begun: Float[np.ndarray, "rows observables"],
     rerun: Callable[[Int[np.ndarray, " rows"], StateRecorder], RowOutcome],
     on_progress: Callable[[float], None] = lambda _: None,
-) -> Int[np.ndarray, " unstable"]:
+) -> pd.DataFrame:
     """Find the rows that rest on an unstable gait.
 
     Args:
@@ -78,18 +88,19 @@ def unstable_rests(
         on_progress: called with the share of the displaced states that is followed.
 
     Returns:
-        The numbers of the rows. Rows whose rerun does not rest where they do are among them.
+        The first such record of each row: `row`, its number `sample` there, and the moving parameter. Rows
+        whose rerun does not rest where they do are among them.
     """
     model, numerics = context.model, context.spec.numerics
     in_fixed_steps = fixed_step_scheme(numerics.method, model) is not None
     if in_fixed_steps and model.host_parameters:
-        return np.zeros(0, np.int64)  # a map has no parameters that the host computes
+        return records.iloc[:0]  # a map has no parameters that the host computes
     rows, place = np.unique(records["row"].to_numpy(np.int64), return_inverse=True)
     ahead = _changes_ahead(model, records)
     records = records.assign(place=place, sample=records.groupby("row").cumcount(), ahead=ahead)
     suspects = _suspects(model, records, begun)
     if not len(suspects):
-        return rows[:0]
+        return suspects
     # a crossing of a simulator takes long: the least number suffices for one state
     min_budget = MAX_CROSSINGS * COPIES if in_fixed_steps else MIN_BUDGET
     crossings = np.asarray(records.groupby("row")["crossing"].max(), np.int64)
@@ -103,7 +114,7 @@ def unstable_rests(
     rerun_places = np.unique(suspects["place"])
     outcome = rerun(rows[rerun_places], recorder)
     samples, same = _samples(recorder, outcome, np.searchsorted(rerun_places, suspects["place"]), suspects)
-    not_reproduced = suspects["place"][~same]
+    not_reproduced = suspects.iloc[np.flatnonzero(~same)]
     suspects = suspects.iloc[np.flatnonzero(same)]
 
     moving = context.job.run.moved
@@ -114,10 +125,14 @@ def unstable_rests(
     engine = "quick" if context.spec.engine == "kernel" else context.spec.engine
     mapping = BatchedReturnMap(model, tuple(following.items()), numerics, engine)
     at_section = not isinstance(recorder.base, StepRecorder)
-    points = _points(mapping, values, states_of(samples[same], shape), at_section=at_section)
-    displaced = _DisplacedStates(mapping, points, values, suspects, smooth=not in_fixed_steps)
+    deciding = (mapping.settings, numerics, at_section)
+    follow = _following(mapping, deciding)
+    states = states_of(samples[same], shape)
+    points = _points(mapping, values, states, follow, deciding, at_section=at_section)
+    displaced = _DisplacedStates(mapping, follow, points, values, suspects, smooth=not in_fixed_steps)
     leaves = displaced.follow(budget, on_progress)
-    return rows[np.unique(np.concatenate([not_reproduced, suspects["place"][leaves]]))]
+    unstable = pd.concat([not_reproduced, suspects.iloc[np.flatnonzero(leaves)]])
+    return unstable.sort_values(["row", "sample"]).drop_duplicates("row")
 
 
 def _suspects(
@@ -166,7 +181,7 @@ def symmetric(
     for i, quantity in enumerate(model.observables):
         if quantity.circular:
             alike |= np.abs(observed[:, i] - part * np.round(observed[:, i] / part)) < ALIKE
-    shared = strides_of_feet(model)
+    shared = set(strides_of_feet(model))
     for i, k in itertools.combinations(range(len(model.observables)), 2):
         if {model.observables[i].name, model.observables[k].name} <= shared:
             continue
@@ -178,12 +193,16 @@ def symmetric(
     return alike
 
 
-def strides_of_feet(model: Model) -> set[str]:
-    """The strides of declared footfalls, which all legs have alike on every periodic gait."""
+def strides_of_feet(model: Model) -> dict[str, str]:
+    """The leg of each stride of declared footfalls, which all legs have alike on every periodic gait."""
     original = model.original
     declarations = original.declarations.values() if isinstance(original, Declared) else ()
     footfalls = [declared for declared in declarations if isinstance(declared, Footfalls)]
-    return {name for declared in footfalls for name in declared.stride_names}
+    return {
+        name: leg
+        for declared in footfalls
+        for name, leg in zip(declared.stride_names, declared.legs, strict=True)
+    }
 
 
 def _near(
@@ -242,6 +261,8 @@ def _points(
     mapping: BatchedReturnMap,
     values: Mapping[str, Float[np.ndarray, " states"]],
     states: State,
+    follow: _Follow,
+    deciding: Any,
     *,
     at_section: bool,
 ) -> Points:
@@ -249,23 +270,79 @@ def _points(
     # coordinates of a chart of all variables describe any state, so that the map itself leads to the section
     by_map = not at_section and isinstance(mapping.chart, AllVariables)
 
-    def point(values_of_state: Mapping[str, jax.Array], state: State) -> tuple[jax.Array, State]:
+    def point(values_of_state: Mapping[str, jax.Array], state: State) -> tuple[jax.Array, list[jax.Array]]:
         params = mapping.params(values_of_state)
         crossed = state if at_section or by_map else mapping.state(params, state)[1]
-        return mapping.chart.to_coordinates(params, crossed), crossed
+        return mapping.chart.to_coordinates(params, crossed), jax.tree.leaves(crossed)
 
-    complete = mapping.complete(values, len(jax.tree.leaves(states)[0]))
-    points = Points(*jax.tree.map(np.asarray, jax.jit(jax.vmap(point))(complete, states)))
-    return _images(mapping, points, values, COPIES * len(points)).points if by_map else points
+    leaves, structure = jax.tree.flatten(states)
+    complete = mapping.complete(values, len(leaves[0]))
+    if at_section or by_map:
+        at, crossed = over_rows(point, "resting_point", mapping.model, deciding)(complete, states)
+    else:
+        at, crossed = jax.jit(jax.vmap(point))(complete, states)
+    points = Points(np.asarray(at), jax.tree.unflatten(structure, map(np.asarray, crossed)))
+    return follow(points, values, COPIES * len(points)).points if by_map else points
 
 
-def _images(
-    mapping: BatchedReturnMap, points: Points, values: Mapping[str, Float[np.ndarray, " points"]], width: int
-) -> MapEvaluation:
-    """The images of points, in a batch of `width`: the map is compiled for each width of a batch."""
-    order = np.minimum(np.arange(width), len(points) - 1)
-    images = mapping.images(points[order], {name: column[order] for name, column in values.items()})
-    return images[: len(points)]
+class _Images(NamedTuple):
+    """The images of points, a mask of those that have one, and the observables there by name."""
+
+    points: Points
+    sound: Bool[np.ndarray, " points"]
+    observed: Mapping[str, Float[np.ndarray, " points"]]
+
+
+# The images of points (n,) with values (n,) of parameters, in a batch of the given width: XLA compiles a map
+# for each width of a batch.
+_Follow = Callable[[Points, Mapping[str, Float[np.ndarray, " points"]], int], _Images]
+
+
+def _following(mapping: BatchedReturnMap, deciding: Any) -> _Follow:
+    """The function that follows points to their images: by kernels alone where the map has some.
+
+    Args:
+        mapping: the return map.
+        deciding: what decides it besides its model and numerics.
+    """
+
+    def by_map(points: Points, values: Mapping[str, Float[np.ndarray, " points"]], width: int) -> _Images:
+        order = np.minimum(np.arange(width), len(points) - 1)
+        images = mapping.images(points[order], {name: column[order] for name, column in values.items()})
+        images = images[: len(points)]
+        return _Images(images.points, images.sound, images.observed)
+
+    model, numerics = mapping.model, mapping.integration
+    if mapping.engine != "quick" or derivative_refusal(numerics.method, model) is not None:
+        return by_map
+    from gaitsweep.engine.kernel.poincare_returns import ReturnsWithoutXla
+    from gaitsweep.engine.kernel.trace import UnsupportedError
+
+    def begin(values: Any, at: jax.Array, modes: State) -> tuple[Params, State]:
+        params = mapping.params(values)
+        return params, mapping.chart.from_coordinates(params, at, modes)
+
+    def end(params: Params, returned: Returned) -> Mapping[str, Any]:
+        at, state, status, observed = mapping.ended(params, *returned)
+        return {"at": at, "state": jax.tree.leaves(state), "status": status, "observed": observed}
+
+    returns = ReturnsWithoutXla(model, numerics, begin, end, deciding)
+    supported = True
+
+    def by_kernels(points: Points, values: Mapping[str, Float[np.ndarray, " points"]], width: int) -> _Images:
+        nonlocal supported
+        if supported:
+            try:
+                ends = returns(mapping.complete(values, len(points)), points.at, points.modes)
+            except UnsupportedError:
+                supported = False
+            else:
+                modes = jax.tree.unflatten(jax.tree.structure(points.modes), ends["state"])
+                sound = ends["status"] == ReturnStatus.crossed
+                return _Images(Points(ends["at"], modes), sound, ends["observed"])
+        return by_map(points, values, width)
+
+    return by_kernels
 
 
 class _DisplacedStates:
@@ -273,6 +350,7 @@ class _DisplacedStates:
 
     Args:
         mapping: the return map.
+        follow: follows points to their images under it.
         points: the points.
         values: their parameters.
         suspects: their records.
@@ -282,6 +360,7 @@ class _DisplacedStates:
     def __init__(
         self,
         mapping: BatchedReturnMap,
+        follow: _Follow,
         points: Points,
         values: Mapping[str, Float[np.ndarray, " points"]],
         suspects: pd.DataFrame,
@@ -290,6 +369,7 @@ class _DisplacedStates:
     ) -> None:
         n = len(points)
         self._mapping = mapping
+        self._follow = follow
         self._points = points
         self._values = values
         self._observed = suspects[[q.name for q in mapping.model.observables]].to_numpy(float)
@@ -313,6 +393,7 @@ class _DisplacedStates:
         batch = _with_copies(self._points)
         distances = [_from_first(self._mapping, batch.at.reshape(COPIES, n, -1))]
         previous = self._points.at  # the coordinates a period of the orbit ago
+        displacements: deque[Float[np.ndarray, "directions points coordinates"]] = deque(maxlen=STILL_FOR + 1)
         while followed.size and (number := len(distances)) <= MAX_CROSSINGS:
             on_progress(number / MAX_CROSSINGS)
             budget -= followed.size * COPIES
@@ -320,11 +401,12 @@ class _DisplacedStates:
                 break
             copies = np.tile(followed, COPIES)
             values = {name: column[copies] for name, column in self._values.items()}
-            images = _images(self._mapping, batch, values, COPIES * n)
+            images = self._follow(batch, values, COPIES * n)
             batch = images.points
             at = batch.at.reshape(COPIES, followed.size, -1)
             if number <= self._period:
-                self._rests |= _on_the_gait(self._mapping.model, images[:n], self._observed)
+                observed = {name: column[:n] for name, column in images.observed.items()}
+                self._rests |= _on_the_gait(self._mapping.model, observed, self._observed)
             if number <= self._scattered_until and number % self._period == 0:
                 scatter = SCATTERED * self._mapping.distance(previous, at[0])
                 self._left_at = np.maximum(self._left_at, scatter)
@@ -337,6 +419,11 @@ class _DisplacedStates:
             if number >= max(self._period, self._scattered_until):
                 self._left |= (distance > self._left_at).any(axis=0)
                 away = np.any(distance > RETURNED * distances[0], axis=0)
+                now = np.full((DIRECTIONS, n, at.shape[-1]), np.nan)
+                now[:, followed] = self._mapping.difference(at[1:], np.broadcast_to(at[0], at[1:].shape))
+                displacements.append(now)
+                if self._smooth and number >= STILL_AFTER:
+                    away &= ~_still(displacements, sizes(self._points.at), self._period)
                 undecided = np.flatnonzero((away & ~self._left)[followed])
                 batch = batch[(np.arange(COPIES)[:, None] * followed.size + undecided).ravel()]
                 followed = followed[undecided]
@@ -365,6 +452,19 @@ def _with_copies(points: Points) -> Points:
     return Points(np.concatenate([points.at, *displaced]), points[copies].modes)
 
 
+def _still(
+    displacements: Sequence[Float[np.ndarray, "directions points coordinates"]],
+    size: Float[np.ndarray, "points coordinates"],
+    period: int,
+) -> Bool[np.ndarray, " points"]:
+    """Mask of points whose displaced copies keep their displacement, at the same places of the orbit."""
+    last, *before = list(displacements)[::-period]
+    if not before:
+        return np.zeros(len(size), bool)
+    changes_of_one = np.max([np.abs(last - earlier) for earlier in before], axis=0) / size
+    return np.asarray(np.all(changes_of_one < STILL * DISPLACEMENT, axis=(0, 2)))
+
+
 def _from_first(
     mapping: BatchedReturnMap, at: Float[np.ndarray, "copies points coordinates"]
 ) -> Float[np.ndarray, "directions points"]:
@@ -373,11 +473,13 @@ def _from_first(
 
 
 def _on_the_gait(
-    model: Model, images: MapEvaluation, observed: Float[np.ndarray, "points observables"]
+    model: Model,
+    images: Mapping[str, Float[np.ndarray, " points"]],
+    observed: Float[np.ndarray, "points observables"],
 ) -> Bool[np.ndarray, " points"]:
-    """Mask of images with the observables of records that rest, or with those of a symmetric gait.
+    """Mask of observables of images, by name, that are those of records that rest, or of a symmetric gait.
 
     Records of earlier cycles, such as those of lifted feet, may differ on the same symmetric gait.
     """
-    reached = np.stack([images.observed[q.name] for q in model.observables], axis=1)
+    reached = np.stack([images[q.name] for q in model.observables], axis=1)
     return _near(model, reached, observed, SAME) | symmetric(model, reached)

@@ -2,5 +2,5 @@
 
 `yaml_document` reads a file with the line of each field, `numbers` has the validators of scalars,
 `strict_model` classes with fields and their registries, `diagnostics` the error messages (with the nearest
-name by `gaitsweep/near_miss.py`), `former_names` renamed fields.
+name by `gaitsweep/near_miss.py`), `pydantic_errors` those of strict models.
 """

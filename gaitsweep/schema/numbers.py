@@ -13,14 +13,14 @@ import unicodedata
 from collections.abc import Callable, Mapping
 from contextvars import ContextVar
 from dataclasses import dataclass, field
-from typing import Annotated, Any
+from typing import Annotated, Any, get_args
 
 import numpy as np
-from pydantic import BeforeValidator, PlainValidator, WithJsonSchema
-from pydantic_core import PydanticCustomError
+from pydantic import GetCoreSchemaHandler, PlainValidator, WithJsonSchema
+from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 from gaitsweep import near_miss
-from gaitsweep.expression import CONSTANTS, ExpressionError, evaluate, names_in
+from gaitsweep.expression import CONSTANTS, ExpressionError, evaluate, names_used
 from gaitsweep.schema.diagnostics import Diagnostic, JobError, quoted
 
 
@@ -82,7 +82,7 @@ def read_number(value: Any) -> float | str:
             if len(value) <= _LONGEST_AMBIGUOUS and pattern.match(value):
                 raise InvalidValue(f"is {quoted(value)}, {sentence}.")
         try:
-            return "".join(value.split()) if names_in(value) else evaluate(value, {})
+            return "".join(value.split()) if names_used(value) else evaluate(value, {})
         except ExpressionError as error:
             raise InvalidValue(f"is not a number: {error}") from None
     if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, float, np.integer, np.floating)):
@@ -105,7 +105,7 @@ def read_fixed(value: Any) -> float | None:
     scope = SCOPE.get() or Scope()
     if not scope.known:
         return None
-    for name in sorted(names_in(number)):
+    for name in sorted(names_used(number)):
         if name in scope.moving:
             raise InvalidValue(
                 f'is "{number}", but {name} {scope.moving[name]}, and this field has one value for all rows.'
@@ -305,6 +305,12 @@ Stem = Annotated[str, PlainValidator(checked(read_stem)), _TEXT]
 Flag = Annotated[bool, PlainValidator(checked(read_flag)), WithJsonSchema({"type": "boolean"})]
 
 
-def word(*allowed: str, former: Mapping[str, str] | None = None) -> BeforeValidator:
-    """Return the validator of a Literal, for its error message; `former` maps older words to new ones."""
-    return BeforeValidator(checked(read_word, allowed=allowed, former=former))
+@dataclass(frozen=True)
+class Word:
+    """Annotation of a Literal, for the message about another word; `former` maps older words to new ones."""
+
+    former: Mapping[str, str] | None = None
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        read = checked(read_word, allowed=get_args(source), former=self.former)
+        return core_schema.no_info_before_validator_function(read, handler(source))

@@ -18,8 +18,8 @@ from typing import Any, ClassVar
 import yaml
 
 from gaitsweep import near_miss
-from gaitsweep.schema import diagnostics
-from gaitsweep.schema.diagnostics import Diagnostic, JobError
+from gaitsweep.schema.diagnostics import Diagnostic, JobError, clipped, quoted
+from gaitsweep.schema.diagnostics import Path as FieldPath
 from gaitsweep.schema.numbers import control_character
 from gaitsweep.shipped import job_folders, shipped_as
 
@@ -120,8 +120,8 @@ class Document:
 
     file: str
     data: dict[str, Any]
-    places: dict[diagnostics.Path, int | str]
-    overridden: list[diagnostics.Path] = dataclasses.field(default_factory=list)
+    places: dict[FieldPath, int | str]
+    overridden: list[FieldPath] = dataclasses.field(default_factory=list)
 
     def locate(self, diagnostic: Diagnostic) -> Diagnostic:
         """Return the diagnostic with the file and line (or `--set`) of the nearest field in this document."""
@@ -135,7 +135,7 @@ class Document:
             text += " Write a value after =; to go without the field, remove it from the file."
         return dataclasses.replace(diagnostic, file=self.file, place=place, text=text)
 
-    def _place(self, path: diagnostics.Path) -> int | str | None:
+    def _place(self, path: FieldPath) -> int | str | None:
         """Return the line or the `--set` of the nearest field that contains a path, or None."""
         # an error in a field of the file that an override changed inside is located at the override
         for inner in self.overridden:  # few, where `places` may be many
@@ -175,7 +175,7 @@ def read_document(
         raise _refused(name, None, f"is empty: {noun} is a mapping ({example}).")
     data = reading.value(node, ())
     if not isinstance(data, dict):
-        text = f"holds {diagnostics.quoted(data)}, but {noun} must be a mapping (key: value)."
+        text = f"holds {quoted(data)}, but {noun} must be a mapping (key: value)."
         raise _refused(name, 1, text)
     return Document(name, data, reading.places)
 
@@ -186,7 +186,7 @@ def read_value(text: str, origin: str) -> Any:
     return None if node is None else _Reading(origin).value(node, ())
 
 
-def _refused(file: str, line: int | None, text: str, path: diagnostics.Path = ()) -> JobError:
+def _refused(file: str, line: int | None, text: str, path: FieldPath = ()) -> JobError:
     """Return the error of one field of a file, or of the file itself."""
     return JobError([Diagnostic(path, text, file=file, line=line)])
 
@@ -308,15 +308,15 @@ class _Reading:
 
     def __init__(self, file: str) -> None:
         self.file = file
-        self.places: dict[diagnostics.Path, int | str] = {}
+        self.places: dict[FieldPath, int | str] = {}
         self._open: set[int] = set()
         self._nodes = 0
 
-    def _refused(self, line: int, text: str, path: diagnostics.Path) -> JobError:
+    def _refused(self, line: int, text: str, path: FieldPath) -> JobError:
         """Return the error of a field of the file."""
         return _refused(self.file, line, text, path)
 
-    def value(self, node: yaml.Node, path: diagnostics.Path) -> Any:
+    def value(self, node: yaml.Node, path: FieldPath) -> Any:
         """Return the plain value of a node at a path.
 
         Raises:
@@ -347,7 +347,7 @@ class _Reading:
         finally:
             self._open.discard(id(node))
 
-    def _mapping(self, node: yaml.MappingNode, path: diagnostics.Path) -> dict[str, Any]:
+    def _mapping(self, node: yaml.MappingNode, path: FieldPath) -> dict[str, Any]:
         """Return the values of a mapping by key; duplicate and merge keys are refused."""
         result: dict[str, Any] = {}
         for key_node, value_node in node.value:
@@ -363,18 +363,18 @@ class _Reading:
             result[key] = self.value(value_node, (*path, key))
         return result
 
-    def _key(self, node: yaml.Node, line: int, path: diagnostics.Path) -> str:
+    def _key(self, node: yaml.Node, line: int, path: FieldPath) -> str:
         """Return the key of a mapping, which must be text."""
         if not isinstance(node, yaml.ScalarNode) or node.tag != f"{_CORE}str":
             key = "a list or mapping"
             if isinstance(node, yaml.ScalarNode):
-                key = diagnostics.clipped(node.value) or "(empty)"
+                key = clipped(node.value) or "(empty)"
             raise self._refused(line, f"has the key {key}, but a key must be text.", path)
         if (wrong := control_character(node.value)) is not None:
             raise self._refused(line, f"has a key that contains {wrong}, which is not allowed.", path)
         return node.value
 
-    def _scalar(self, tag: str, text: str, line: int, path: diagnostics.Path) -> Any:
+    def _scalar(self, tag: str, text: str, line: int, path: FieldPath) -> Any:
         """Return the value of a scalar by its tag."""
         if tag == "null":
             return None
@@ -388,5 +388,5 @@ class _Reading:
             if (wrong := control_character(text)) is not None:
                 raise self._refused(line, f"contains {wrong}, which is not allowed in text.", path)
             return text
-        message = f"is tagged !!{tag}, but {diagnostics.quoted(text)} is not of that type."
+        message = f"is tagged !!{tag}, but {quoted(text)} is not of that type."
         raise self._refused(line, message, path)

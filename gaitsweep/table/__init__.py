@@ -6,9 +6,9 @@ part that exists is complete; during a run, ended rows of other blocks are in `t
 so on.
 
 `directory` writes one, `shared_writer` parts of one beside other processes, `memory` a table without files;
-`reading` reads them. `manifest`, `parquet_parts`, `digests` and `locks` have the names and formats of their
-files, `atomic_files` the names of parts; it writes any file whole or not at all. `examination` verifies
-these, `frames` joins parts.
+`reading` reads them. `manifest`, `parquet_parts`, `open_rows`, `digests` and `locks` have the names and
+formats of their files, and `self_check_words` the differences in a manifest. `atomic_files` writes any file
+whole or not at all, `examination` verifies them, `frames` joins parts.
 """
 
 from __future__ import annotations
@@ -23,7 +23,6 @@ from gaitsweep.table.atomic_files import (
     writing,
 )
 from gaitsweep.table.directory import ResultDirectory
-from gaitsweep.table.frames import same_categories
 from gaitsweep.table.memory import MemoryTable
 from gaitsweep.table.parquet_parts import EncodedPart
 from gaitsweep.table.reading import Snapshot, load, load_parts, load_with_snapshot
@@ -45,6 +44,5 @@ __all__ = [
     "read_file",
     "reason",
     "replace_file",
-    "same_categories",
     "writing",
 ]

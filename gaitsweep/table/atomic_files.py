@@ -1,17 +1,16 @@
-"""Atomic replacement of files, and the names of a table's files."""
+"""Atomic replacement of files, and the errors of files that cannot be read or written."""
 
 from __future__ import annotations
 
 import contextlib
 import errno
 import os
-import re
 import secrets
 import stat
 import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import IO, BinaryIO, NamedTuple
+from typing import IO, BinaryIO
 
 from gaitsweep.errors import EXIT_FAILURE, UserError
 
@@ -182,25 +181,3 @@ def remove_partials(folder: Path) -> None:
         for path in folder.iterdir():
             if is_partial(path) and (path.is_symlink() or path.is_file()):
                 path.unlink(missing_ok=True)
-
-
-class Numbered(NamedTuple):
-    """Numbered names of one kind of files of a table, such as `part-00003.parquet`."""
-
-    kind: str
-
-    def name(self, number: int) -> str:
-        """Return the file name with a number."""
-        return f"{self.kind}-{number:05d}.parquet"
-
-    def number(self, name: str) -> int | None:
-        """Return the number in a file name, or None if it is not a file of this kind."""
-        match = re.fullmatch(rf"{self.kind}-([0-9]{{5,18}})\.parquet", name)
-        if match is None:
-            return None
-        number = int(match[1])
-        return number if self.name(number) == name else None
-
-
-PARTS = Numbered("part")
-OPEN_ROWS = Numbered("open")

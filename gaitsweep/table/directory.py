@@ -20,8 +20,6 @@ import yaml
 
 from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.table.atomic_files import (
-    OPEN_ROWS,
-    PARTS,
     TableError,
     WriteError,
     own_folder,
@@ -55,13 +53,14 @@ from gaitsweep.table.manifest import (
     new_manifest,
     sealed,
 )
+from gaitsweep.table.open_rows import OPEN_ROWS, open_bytes
 from gaitsweep.table.parquet_parts import (
+    PARTS,
     DamagedPart,
     EncodedPart,
     Footer,
-    checked_part,
+    checked_records,
     missing_blocks,
-    open_bytes,
     read_footer,
     readable,
     unreadable,
@@ -304,7 +303,7 @@ class ResultDirectory:
         Raises:
             ValueError: the frame does not belong to the block.
         """
-        return checked_part(frame, number, self.layout, self.manifest.get("quantities"))
+        return checked_records(frame, number, self.layout, self.manifest.get("quantities")).encoded()
 
     def write_encoded(self, number: int, part: EncodedPart) -> None:
         """Write a part that `encoded` has made; it is on disk when this returns.
@@ -326,7 +325,7 @@ class ResultDirectory:
         self._has_part(number, footer)
 
     def write_part_bytes(self, number: int, data: bytes) -> None:
-        """Write a part that another process has encoded, by `checked_part`.
+        """Write a part that another process has encoded.
 
         Args:
             number: the block.
@@ -340,7 +339,7 @@ class ResultDirectory:
         expected = (number, self.layout.job_hash, self.layout.rows_in([number]))
         if (footer.part, footer.job_hash, footer.rows) != expected:
             raise DamagedPart(f"it is not part {number} of this table")
-        self.write_encoded(number, (data, footer))
+        self.write_encoded(number, EncodedPart(data, footer))
 
     def take_parts(self, numbers: Sequence[int]) -> list[int]:
         """Read parts that other processes have written.

@@ -1,4 +1,4 @@
-"""Data frames of the records of parts, and their categorical columns."""
+"""Data frames of the records of parts, their categorical columns, and the long lists of their `.attrs`."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
+import yaml
 from numpy.typing import ArrayLike
 
 from gaitsweep import near_miss
@@ -23,6 +24,8 @@ from gaitsweep.table.parquet_parts import Footer
 
 # Columns of tables with one record a row from which `outcome` follows, where their parts are older than it.
 _SOURCES = ("cycles", "gait", "status")
+_LONG = 64  # items of a list that copies of a table share
+_IMMUTABLE = {int, float, str, bool, type(None)}
 
 
 @dataclasses.dataclass
@@ -153,42 +156,30 @@ def _categories(names: tuple[str, ...]) -> pd.CategoricalDtype:
     return pd.CategoricalDtype(list(names))
 
 
-def same_categories(*tables: pd.DataFrame) -> list[pd.DataFrame]:
-    """Return tables in which columns of one name, such as `gait`, have the same categories in the same order.
+class SharedList(list[Any]):
+    """A long list of numbers and words, which copies of a table share.
 
-    Of columns with other categories `pandas.concat` and `merge` make plain text, whose order is alphabetical.
-
-    Args:
-        tables: tables of results. Each keeps its units and provenance in `.attrs`; `pandas.concat` keeps only
-            those that are equal in all of its tables.
-
-    Returns:
-        The tables. Their categories are those of the first one, then new ones of the others; outcomes that
-        are no gaits are the last.
-
-    Example:
-        >>> import pandas as pd, gaitsweep as gs
-        >>> slow = pd.DataFrame({"gait": pd.Categorical(["walk"], ["walk", "trot", "none"])})
-        >>> fast = pd.DataFrame({"gait": pd.Categorical(["gallop"], ["walk", "gallop", "none"])})
-        >>> pd.concat(gs.same_categories(slow, fast))["gait"].cat.categories.tolist()
-        ['walk', 'trot', 'gallop', 'none']
+    pandas copies `.attrs` deeply in each operation on a table: the values of a long axis, number by number,
+    took more time than the operation.
     """
-    joined: dict[str, dict[str, None]] = {}
-    for name in dict.fromkeys(name for table in tables for name in table.columns):
-        columns = [table[name] for table in tables if name in table.columns]
-        if any(isinstance(column.dtype, pd.CategoricalDtype) for column in columns):
-            for column in columns:
-                of_column = getattr(column.dtype, "categories", None)
-                found = column.dropna().unique() if of_column is None else of_column
-                joined.setdefault(name, {}).update(dict.fromkeys(found))
-    dtypes = {
-        name: pd.CategoricalDtype(sorted(found, key=lambda value: value in set(Outcome)))
-        for name, found in joined.items()
-    }
-    return [
-        table.astype({name: dtype for name, dtype in dtypes.items() if name in table.columns})
-        for table in tables
-    ]
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> SharedList:
+        return self
+
+
+# a job in `.attrs` can be written as YAML
+yaml.representer.SafeRepresenter.add_representer(SharedList, yaml.representer.SafeRepresenter.represent_list)
+
+
+def with_shared_lists(value: Any) -> Any:
+    """Return a JSON value whose long lists of numbers and words are a `SharedList`."""
+    if isinstance(value, dict):
+        return {name: with_shared_lists(item) for name, item in value.items()}
+    if not isinstance(value, list):
+        return value
+    if len(value) > _LONG and set(map(type, value)) <= _IMMUTABLE:
+        return SharedList(value)
+    return [with_shared_lists(item) for item in value]
 
 
 def _near_column(path: Path, name: str) -> str:

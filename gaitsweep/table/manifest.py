@@ -9,12 +9,12 @@ import hashlib
 import json
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Annotated, Any, Final, NamedTuple
+from typing import Annotated, Any
 
-import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 import gaitsweep
+from gaitsweep.schema.diagnostics import clipped
 from gaitsweep.table.atomic_files import TableError, is_partial, read_file, reason
 from gaitsweep.table.locks import LOCK_NAME
 
@@ -27,48 +27,9 @@ FORMATS = (1, FORMAT)  # formats that can be read; format 1 has no digests
 SEAL = "sha256"  # the digest of all other fields
 IDENTITY = ("format", "job_hash", "rows", "block")  # the fields that every manifest has and that never change
 _LARGEST = 256 * 2**20  # bytes
-_LONG = 64  # items of a list that copies of a table share
-_IMMUTABLE = {int, float, str, bool, type(None)}
 
 _Count = Annotated[int, Field(ge=1, lt=2**63)]
 _CountOrZero = Annotated[int, Field(ge=0)]
-
-
-class Difference(NamedTuple):
-    """Words after a number of rows that a self-check found different: `mark` on a figure, else `sentence`."""
-
-    mark: str
-    sentence: str
-
-
-# A settled row may move by this many times the tolerance of settling.
-TOLERANCES: Final = 10.0
-STORED_DIFFERS: Final = "stored_differs"
-UNSTABLE: Final = "unstable"
-# Differences that a self-check counts, by their fields in the manifest.
-DIFFERENCES: Final = {
-    STORED_DIFFERS: Difference(
-        "not reproduced", "did not reproduce their stored records with the same steps"
-    ),
-    "status_differs": Difference("end otherwise", "ended with another status"),
-    "gait_differs": Difference("change gait", "ended with another gait"),
-    "count_differs": Difference("change their count", "ended with another count"),
-    "moved": Difference("depend on the step", f"moved by more than {TOLERANCES:g} tolerances"),
-    UNSTABLE: Difference(
-        "rest on unstable gaits", "rest on an unstable gait, which any small displacement leaves"
-    ),
-}
-# Rows whose observables change much with the step that is part of their model: marked, but no difference.
-BY_STEP: Final = "by_step"
-BY_STEP_WORDS: Final = Difference(
-    "depend on the model's step",
-    "changed by more than a tenth of an observable's size with the model's step",
-)
-
-
-def self_check_warned(check: object) -> bool:
-    """Return whether the self-check in a manifest warned; false for none."""
-    return isinstance(check, Mapping) and check.get("verdict") == "warned"
 
 
 class DamagedManifest(TableError):
@@ -93,32 +54,6 @@ def sealed(manifest: Mapping[str, Any]) -> dict[str, Any]:
 def json_value(value: Any) -> Any:
     """Convert values as JSON does: lists for tuples and arrays, Python's numbers for those of NumPy."""
     return json.loads(json.dumps(value, default=_plain))
-
-
-class SharedList(list[Any]):
-    """A long list of numbers and words, which copies of a table share.
-
-    pandas copies `.attrs` deeply in each operation on a table: the values of a long axis, number by number,
-    took more time than the operation.
-    """
-
-    def __deepcopy__(self, memo: dict[int, Any]) -> SharedList:
-        return self
-
-
-# a job in `.attrs` can be written as YAML
-yaml.representer.SafeRepresenter.add_representer(SharedList, yaml.representer.SafeRepresenter.represent_list)
-
-
-def with_shared_lists(value: Any) -> Any:
-    """Return a JSON value whose long lists of numbers and words are a `SharedList`."""
-    if isinstance(value, dict):
-        return {name: with_shared_lists(item) for name, item in value.items()}
-    if not isinstance(value, list):
-        return value
-    if len(value) > _LONG and set(map(type, value)) <= _IMMUTABLE:
-        return SharedList(value)
-    return [with_shared_lists(item) for item in value]
 
 
 def _plain(value: Any) -> Any:
@@ -157,7 +92,7 @@ def read_manifest(path: Path) -> dict[str, Any]:
         _check_fields(file, manifest)
     if manifest["format"] not in FORMATS or isinstance(manifest["format"], bool):
         raise TableError(
-            f"{path} has format {_short(manifest['format'])}, but this version of gaitsweep reads only "
+            f"{path} has format {clipped(str(manifest['format']))}, but this version of gaitsweep reads only "
             f"formats up to {FORMAT}. Use the version named in its manifest."
         )
     if manifest["format"] >= FORMAT and manifest.get(SEAL) != sealed(manifest)[SEAL]:
@@ -187,12 +122,6 @@ def _missing(path: Path) -> TableError:
     return TableError(f"{path} {'is not a directory' if path.exists() else 'does not exist'}.")
 
 
-def _short(value: object) -> str:
-    """Write a value in at most about 40 characters."""
-    text = str(value)
-    return text if len(text) <= 40 else f"{text[:40]}..."
-
-
 def _check_fields(file: Path, manifest: Mapping[str, Any]) -> None:
     """Refuse a manifest in which a field that readers use has a wrong value."""
     try:
@@ -200,7 +129,7 @@ def _check_fields(file: Path, manifest: Mapping[str, Any]) -> None:
     except ValidationError as error:
         name = str(error.errors()[0]["loc"][0])
         raise DamagedManifest(
-            f"{file}: {name} is {_short(json.dumps(manifest[name]))}, but must be "
+            f"{file}: {name} is {clipped(json.dumps(manifest[name]))}, but must be "
             f"{_Fields.model_fields[name].description}",
             file.parent,
         ) from None

@@ -8,14 +8,13 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
-import pyarrow as pa
 
 from gaitsweep import near_miss
-from gaitsweep.schema.former_names import renamed
+from gaitsweep.schema.diagnostics import renamed
 from gaitsweep.table.atomic_files import TableError
-from gaitsweep.table.frames import PartRecords, joined_parts
-from gaitsweep.table.manifest import Layout, json_value, new_manifest, sealed, with_shared_lists
-from gaitsweep.table.parquet_parts import Footer, checked_records, missing_blocks
+from gaitsweep.table.frames import PartRecords, joined_parts, with_shared_lists
+from gaitsweep.table.manifest import Layout, json_value, new_manifest, sealed
+from gaitsweep.table.parquet_parts import ArrowPart, checked_records, missing_blocks
 from gaitsweep.table.reading import Rows, Selection, add_counts
 
 
@@ -36,7 +35,7 @@ class MemoryTable:
     def __init__(self, job: Mapping[str, Any], layout: Layout) -> None:
         self.layout = layout
         self.manifest: dict[str, Any] = new_manifest(layout, job)
-        self._parts: dict[int, tuple[pa.Table, Footer]] = {}
+        self._parts: dict[int, ArrowPart] = {}
 
     @property
     def rows_done(self) -> int:
@@ -49,23 +48,23 @@ class MemoryTable:
 
     def counts(self) -> dict[str, int]:
         """Return the numbers of rows in complete blocks by status."""
-        return add_counts({number: footer for number, (_, footer) in list(self._parts.items())})
+        return add_counts({number: part.footer for number, part in list(self._parts.items())})
 
     def tally(self, column: str | None) -> dict[str, int]:
         """Count the values of a column of text in complete blocks; None: the statuses of the rows."""
         if column is None:
             return self.counts()
         tally: collections.Counter[str] = collections.Counter()
-        for records, _ in list(self._parts.values()):
-            for count in records.column(column).value_counts().to_pylist():
+        for part in list(self._parts.values()):
+            for count in part.records.column(column).value_counts().to_pylist():
                 tally[str(count["values"])] += count["counts"]
         return dict(tally.most_common())
 
-    def encoded(self, number: int, frame: pd.DataFrame) -> tuple[pa.Table, Footer]:
+    def encoded(self, number: int, frame: pd.DataFrame) -> ArrowPart:
         """Convert the records of a block, for `write_encoded`; threads may do so at the same time."""
         return checked_records(frame, number, self.layout)
 
-    def write_encoded(self, number: int, part: tuple[pa.Table, Footer]) -> None:
+    def write_encoded(self, number: int, part: ArrowPart) -> None:
         """Add a block that `encoded` has converted."""
         self._parts[number] = part
 

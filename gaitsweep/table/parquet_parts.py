@@ -1,10 +1,4 @@
-"""Files of a table: parts, and ended rows of incomplete blocks.
-
-A part is a parquet file with the rows of one block, and a footer that identifies it.
-`table/open-00003.parquet` is the third file of ended rows of incomplete blocks, which exists until the parts
-of the blocks are written. It contains the engine's exact results, without gaits, which are determined for
-whole blocks.
-"""
+"""Parts of a table: parquet files with the rows of one block each, and a footer that identifies it."""
 
 from __future__ import annotations
 
@@ -13,7 +7,7 @@ import io
 import json
 import re
 from collections.abc import Container, Iterable, Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -21,14 +15,32 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from gaitsweep.column_meanings import COLUMNS
-from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.table.manifest import Layout
 
-# Keys of the metadata of a part, and of a file of open rows.
-_KEY = b"gaitsweep"
-_OPEN_KEY = b"gaitsweep open rows"
+_KEY = b"gaitsweep"  # of the metadata of a part
 # Columns that are categorical even where a frame has them as text.
 _CATEGORICAL = ("status", "gait", "outcome")
+
+
+class Numbered(NamedTuple):
+    """Numbered names of one kind of files of a table, such as `part-00003.parquet`."""
+
+    kind: str
+
+    def name(self, number: int) -> str:
+        """Return the file name with a number."""
+        return f"{self.kind}-{number:05d}.parquet"
+
+    def number(self, name: str) -> int | None:
+        """Return the number in a file name, or None if it is not a file of this kind."""
+        match = re.fullmatch(rf"{self.kind}-([0-9]{{5,18}})\.parquet", name)
+        if match is None:
+            return None
+        number = int(match[1])
+        return number if self.name(number) == name else None
+
+
+PARTS = Numbered("part")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -46,8 +58,36 @@ class Footer:
         return sum(self.counts.values())
 
 
-# The bytes of a part, and its footer.
-EncodedPart = tuple[bytes, Footer]
+class EncodedPart(NamedTuple):
+    """The bytes of a part, and its footer."""
+
+    data: bytes
+    footer: Footer
+
+
+class ArrowPart(NamedTuple):
+    """The records of a part in Arrow, and its footer."""
+
+    records: pa.Table
+    footer: Footer
+
+    def encoded(self) -> EncodedPart:
+        """Encode the part as parquet with a checksum for each page, and its `Footer` in the metadata.
+
+        Categories are text, which parquet encodes with its own dictionary; their order is in the footer. So
+        any other reader of parquet sees plain text, and finds the unit and the meaning of a column in the
+        metadata of its arrow field, under the keys `unit` and `meaning`.
+        """
+        metadata = {_KEY: json.dumps(dataclasses.asdict(self.footer)).encode()}
+        file = io.BytesIO()
+        pq.write_table(
+            self.records.replace_schema_metadata(metadata),
+            file,
+            compression="zstd",
+            use_dictionary=list(self.footer.categories),  # pyright: ignore[reportArgumentType] (its stub: bool)
+            write_page_checksum=True,
+        )
+        return EncodedPart(file.getvalue(), self.footer)
 
 
 class DamagedPart(Exception):
@@ -91,34 +131,20 @@ def _check_frame(frame: pd.DataFrame, start: int, stop: int) -> None:
         raise ValueError(f"The rows of a part must be in order, from {start} to {stop - 1}.")
 
 
-def checked_part(
-    frame: pd.DataFrame,
-    number: int,
-    layout: Layout,
-    quantities: Mapping[str, Mapping[str, Any]] | None = None,
-) -> EncodedPart:
-    """Encode a block's records as `part_bytes` does, after a check that no row is missing.
-
-    Args:
-        frame, number, quantities: as for `part_bytes`.
-        layout: that of the table.
-
-    Raises:
-        ValueError: the frame does not belong to the block.
-    """
-    return _encoded(*checked_records(frame, number, layout, quantities))
-
-
 def checked_records(
     frame: pd.DataFrame,
     number: int,
     layout: Layout,
     quantities: Mapping[str, Mapping[str, Any]] | None = None,
-) -> tuple[pa.Table, Footer]:
-    """Convert a block's records to Arrow, with the footer of their part.
+) -> ArrowPart:
+    """Convert a block's records to Arrow as `arrow_part` does, after a check that no row is missing.
 
     Args:
-        frame, number, layout, quantities: as for `checked_part`, whose errors it raises.
+        frame, number, quantities: as for `arrow_part`.
+        layout: that of the table.
+
+    Raises:
+        ValueError: the frame does not belong to the block.
     """
     if number not in layout.blocks:
         raise ValueError(f"Block {number} does not exist: the blocks are 0 to {layout.blocks[-1]}.")
@@ -129,21 +155,17 @@ def checked_records(
         raise ValueError(
             f"The statuses of part {number} count {sum(counts.values())} rows, not {stop - start}."
         )
-    return _records(frame, number, layout.job_hash, counts, quantities)
+    return arrow_part(frame, number, layout.job_hash, counts, quantities)
 
 
-def part_bytes(
+def arrow_part(
     frame: pd.DataFrame,
     number: int,
     job_hash: str,
     counts: Mapping[str, int],
     quantities: Mapping[str, Mapping[str, Any]] | None = None,
-) -> EncodedPart:
-    """Encode a block's records as parquet with a checksum for each page and a `Footer` in the metadata.
-
-    Categories are stored as text, which parquet encodes with its own dictionary; their order is stored in
-    the footer. So any other reader of parquet sees plain text, and finds the unit and the meaning of a column
-    in the metadata of its arrow field, under the keys `unit` and `meaning`.
+) -> ArrowPart:
+    """Convert a block's records to Arrow, with the footer of their part.
 
     Args:
         frame: the records, in the order of their rows.
@@ -153,17 +175,6 @@ def part_bytes(
         quantities: `unit` and `meaning` by the name of the column, as in the manifest; of the columns that
             are not there, those that run kinds add have theirs.
     """
-    return _encoded(*_records(frame, number, job_hash, counts, quantities))
-
-
-def _records(
-    frame: pd.DataFrame,
-    number: int,
-    job_hash: str,
-    counts: Mapping[str, int],
-    quantities: Mapping[str, Mapping[str, Any]] | None = None,
-) -> tuple[pa.Table, Footer]:
-    """Convert the records of a part to Arrow, with its footer; arguments as for `part_bytes`."""
     categories: dict[str, list[str]] = {}
     fields = []
     arrays = []
@@ -179,7 +190,7 @@ def _records(
             arrays.append(pa.Array.from_pandas(values))
         fields.append(pa.field(column, arrays[-1].type, metadata=_unit_and_meaning(column, quantities or {})))
     footer = Footer(number, job_hash, dict(counts), categories)
-    return pa.Table.from_arrays(arrays, schema=pa.schema(fields)), footer
+    return ArrowPart(pa.Table.from_arrays(arrays, schema=pa.schema(fields)), footer)
 
 
 def _unit_and_meaning(column: str, quantities: Mapping[str, Mapping[str, Any]]) -> dict[str, str] | None:
@@ -189,20 +200,6 @@ def _unit_and_meaning(column: str, quantities: Mapping[str, Mapping[str, Any]]) 
     quantity = quantities.get(observed) or added
     described = {name: quantity[name] for name in ("unit", "meaning") if quantity.get(name)}
     return described or None
-
-
-def _encoded(records: pa.Table, footer: Footer) -> EncodedPart:
-    """Encode the records of a part as parquet."""
-    metadata = {_KEY: json.dumps(dataclasses.asdict(footer)).encode()}
-    file = io.BytesIO()
-    pq.write_table(
-        records.replace_schema_metadata(metadata),
-        file,
-        compression="zstd",
-        use_dictionary=list(footer.categories),  # pyright: ignore[reportArgumentType] (its stub says bool only)
-        write_page_checksum=True,
-    )
-    return file.getvalue(), footer
 
 
 def _text(codes: np.ndarray, names: list[str]) -> pa.Array:
@@ -261,78 +258,6 @@ def read_records(
     if not np.array_equal(different, np.arange(start, stop)):
         raise DamagedPart(f"its rows are not {start} to {stop - 1} in order")
     return table
-
-
-def open_bytes(rows: RowOutcome, job_hash: str) -> bytes:
-    """Encode ended rows of open blocks as parquet with a checksum for each page."""
-    arrays = {"row": rows.row, **rows.numbers, "kept": rows.kept, "samples": rows.samples}
-    columns: dict[str, pa.Array] = {}
-    widths: dict[str, int] = {}
-    for name, values in arrays.items():
-        if name == "samples":
-            widths[name] = values.shape[1]
-            ends = np.cumsum(rows.kept) * values.shape[1]
-            columns[name] = _lists(values, np.concatenate([[0], ends]))
-        elif values.ndim == 2:
-            widths[name] = values.shape[1]
-            columns[name] = _lists(values, np.arange(len(values) + 1) * values.shape[1])
-        else:
-            columns[name] = pa.array(values)
-    metadata = {_OPEN_KEY: json.dumps({"job_hash": job_hash, "widths": widths}).encode()}
-    file = io.BytesIO()
-    table = pa.table(columns).replace_schema_metadata(metadata)
-    pq.write_table(table, file, compression="zstd", use_dictionary=False, write_page_checksum=True)
-    return file.getvalue()
-
-
-def _lists(values: np.ndarray, ends: np.ndarray) -> pa.Array:
-    """Return numbers as lists, whose places in the flat array are between successive `ends`."""
-    flat = pa.array(np.ascontiguousarray(values).ravel())
-    return pa.LargeListArray.from_arrays(pa.array(ends.astype(np.int64)), flat)
-
-
-def read_open(data: bytes, job_hash: str, n_rows: int) -> RowOutcome:
-    """Read the rows of a file of open rows.
-
-    Args:
-        data: the file's bytes.
-        job_hash: the hash of the table's job.
-        n_rows: the number of rows of the table.
-
-    Raises:
-        DamagedPart: they cannot be decoded, or belong to another job or table.
-    """
-    try:
-        file = pq.ParquetFile(readable(data), page_checksum_verification=True)
-        table = file.read()
-        metadata: dict[str, Any] = json.loads((table.schema.metadata or {})[_OPEN_KEY])
-        arrays: dict[str, np.ndarray] = {}
-        for name in table.column_names:
-            column = table.column(name).combine_chunks()
-            if name in metadata["widths"]:
-                width = int(metadata["widths"][name])
-                flat = column.flatten().to_numpy()
-                count = flat.size // max(width, 1) if name == "samples" else len(column)
-                arrays[name] = flat.reshape(count, width)
-            else:
-                arrays[name] = column.to_numpy(zero_copy_only=False)
-        row = arrays.pop("row")
-        kept = arrays.pop("kept")
-        samples = arrays.pop("samples")
-        sound = (
-            row.dtype == np.int64
-            and bool(np.all((row >= 0) & (row < n_rows)))
-            and int(kept.sum()) == len(samples)
-            and all(len(values) == row.size for values in (kept, *arrays.values()))
-        )
-        hash_of_rows = str(metadata["job_hash"])
-    except unreadable() as error:
-        raise DamagedPart(f"it cannot be read ({on_one_line(error)})") from error
-    if hash_of_rows != job_hash:
-        raise DamagedPart(f"it belongs to another job (hash {hash_of_rows[:12]})")
-    if not sound:
-        raise DamagedPart("its rows do not belong to this table")
-    return RowOutcome(row, arrays, kept, samples)
 
 
 def readable(data: bytes) -> pa.BufferReader:

@@ -7,7 +7,7 @@ import dataclasses
 import warnings
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -15,12 +15,12 @@ import pyarrow as pa
 import yaml
 from numpy.typing import ArrayLike
 
-from gaitsweep.schema.former_names import renamed
+from gaitsweep.schema.diagnostics import renamed
 from gaitsweep.table.atomic_files import TableError, read_file, reason
 from gaitsweep.table.digests import digest_of
 from gaitsweep.table.examination import Examination
-from gaitsweep.table.frames import PartRecords, decoded_columns, joined_parts
-from gaitsweep.table.manifest import FIGURES, JOB, Layout, is_job, read_manifest, with_shared_lists
+from gaitsweep.table.frames import PartRecords, decoded_columns, joined_parts, with_shared_lists
+from gaitsweep.table.manifest import FIGURES, JOB, Layout, is_job, read_manifest
 from gaitsweep.table.parquet_parts import Footer
 
 Rows = slice | range | ArrayLike
@@ -57,7 +57,7 @@ class Snapshot:
 
     @classmethod
     def of(cls, path: str | Path) -> Snapshot:
-        """Select some columns and rows.
+        """Return the present contents of a directory.
 
         Raises:
             TableError: it is not a result directory, or its manifest or `job.yaml` cannot be read.
@@ -180,10 +180,9 @@ class Selection:
         if self.rows is None or not row.size:
             return table
         if isinstance(self.rows, range):
-            first = self.rows.start
-            stop = self.rows.stop
-            step = self.rows.step
-            selected = (row >= first) & (row < stop) & ((row - first) % step == 0)
+            wanted = self.rows
+            selected = (row >= wanted.start) & (row < wanted.stop)
+            selected &= (row - wanted.start) % wanted.step == 0
         else:
             of_part = slice(*np.searchsorted(self.rows, [row[0], row[-1] + 1]))
             selected = np.isin(row, self.rows[of_part])
@@ -195,7 +194,7 @@ def _snapshot(path: Path, parts: PartRecords | None = None, selection: Selection
     selection = selection or Selection()
     manifest = read_manifest(path)
     examined = Examination(path, Layout.of(manifest))
-    run, on_disk = _job_of(path, manifest, examined.digests.get(JOB))
+    run, on_disk = _jobs_of(path, manifest, examined.digests.get(JOB))
     job = renamed(run)
     written = job if on_disk is run else renamed(on_disk)
     for number, table in examined.parts(records=parts is not None, columns=selection.columns):
@@ -208,21 +207,26 @@ def _snapshot(path: Path, parts: PartRecords | None = None, selection: Selection
     return Snapshot(path, job, manifest, examined, waiting.size, written)
 
 
-def _job_of(
-    path: Path, manifest: dict[str, Any], digest: str | None
-) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return the job that was run, and the content of `job.yaml`: the same object if it was not edited."""
+class _Jobs(NamedTuple):
+    """The job that was run, and the content of `job.yaml`: the same object if it was not edited."""
+
+    run: dict[str, Any]
+    on_disk: dict[str, Any]
+
+
+def _jobs_of(path: Path, manifest: dict[str, Any], digest: str | None) -> _Jobs:
+    """Read the job of a directory."""
     file = path / JOB
     advice = f"Run the job of {path} again to rewrite it."
     known = manifest.get("job")
     try:
         data = read_file(file, _LARGEST_JOB)
         if known is not None and digest == digest_of(data):
-            return known, known
+            return _Jobs(known, known)
         written = _parsed(data.decode())
     except FileNotFoundError:
         job = known or {}
-        return job, job
+        return _Jobs(job, job)
     except OSError as error:
         raise TableError(f"{file} cannot be read: {reason(error)}.") from error
     except (ValueError, TypeError, OverflowError, RecursionError, yaml.YAMLError) as error:
@@ -231,8 +235,8 @@ def _job_of(
     if not is_job(written):
         raise TableError(f"{file} was changed and is not a job. {advice}")
     if known is None or (digest is None and written == known):
-        return written, written
-    return known, written
+        return _Jobs(written, written)
+    return _Jobs(known, written)
 
 
 def _parsed(text: str) -> Any:

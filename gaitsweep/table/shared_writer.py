@@ -11,11 +11,11 @@ from typing import Any
 
 import pandas as pd
 
-from gaitsweep.table.atomic_files import PARTS, writing
+from gaitsweep.table.atomic_files import writing
 from gaitsweep.table.digests import write_file
 from gaitsweep.table.examination import examined_parts
 from gaitsweep.table.manifest import TABLE, Layout
-from gaitsweep.table.parquet_parts import checked_part, missing_blocks
+from gaitsweep.table.parquet_parts import PARTS, checked_records, missing_blocks
 
 # No two processes have the same, also not two of different machines.
 WRITER = f"{socket.gethostname()}-{os.getpid()}-{secrets.token_hex(4)}"
@@ -56,7 +56,7 @@ class SharedWriter:
         Raises:
             ValueError: the frame does not belong to the block.
         """
-        return checked_part(frame, number, self.layout, quantities)[0]
+        return checked_records(frame, number, self.layout, quantities).encoded().data
 
     def write(self, number: int, data: bytes) -> None:
         """Write a part that `encoded` has made; it is on disk when this returns.

@@ -14,7 +14,7 @@ import gaitsweep as gs
 from gaitsweep.analysis.atlas.atlas import BranchAtlas
 from gaitsweep.analysis.atlas.atlas_tables import atlas_table
 from gaitsweep.analysis.atlas.order_curves import OrderChange
-from gaitsweep.analysis.atlas.periodic_orbits import OrbitSearch, Rows, SearchOptions
+from gaitsweep.analysis.atlas.periodic_orbits import OrbitSearch, OrbitSearchOptions, Rows
 from gaitsweep.analysis.continuation.branch_follower import ArclengthSteps
 from gaitsweep.analysis.continuation.plain_map import PlainMap
 from gaitsweep.engine.poincare.maps import Coordinates, Map, Points, Values
@@ -60,7 +60,7 @@ def searched(
     def draw(rows: Rows, begun: int) -> Points:
         return mapping.points(rng.uniform(low, high, (len(rows), len(low))))
 
-    search = OrbitSearch(mapping, values, {}, SearchOptions(periods, budget=starts, batch=starts // 2))
+    search = OrbitSearch(mapping, values, {}, OrbitSearchOptions(periods, budget=starts, batch=starts // 2))
     search.run(draw, [0])
     return search
 

@@ -18,7 +18,7 @@ from gaitsweep.job import JobError
 
 FIELDS: dict[str, Any] = {
     "parameter": "a", "path": (0.2, 1.0), "at": 0.5, "ranges": {"x_0": (-2.0, 2.0), "y_0": (-1.0, 1.0)},
-    "second": {"b": (0.2, 0.4)}, "periods": 2, "batch": 16, "verify": 0, "most": 60,
+    "second": {"b": (0.2, 0.4)}, "periods": 2, "batch": 16, "verify": 0, "most": 30,
 }  # fmt: skip
 EARLIER: dict[str, Any] = {"budget": 32, "patience": 9, "branches": 100, "depth": 0}
 WHOLE: dict[str, Any] = {"budget": 64, "patience": 18, "branches": 200, "depth": 1}
@@ -36,7 +36,7 @@ class Counts:
             return add(search, starts, rows, **drawn)
 
         def counted_follow(follower: BranchFollower) -> None:
-            self.branches += len(follower.names)
+            self.branches += len(follower.numbers)
             follow(follower)
 
         monkeypatch.setattr(OrbitSearch, "add", counted_add)

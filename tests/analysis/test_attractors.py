@@ -17,6 +17,7 @@ from scipy.spatial.distance import squareform
 import gaitsweep as gs
 from gaitsweep.analysis.basins.attractor_matching import follow_attractors
 from gaitsweep.analysis.basins.attractors import agreement, attractors, with_attractors
+from gaitsweep.analysis.basins.sampled_sets import MOST_STATES, SampledSet
 from gaitsweep.analysis.basins.state_clusters import (
     MOST_CELLS,
     cells,
@@ -293,6 +294,18 @@ def test_sets_without_a_period_are_told_apart_by_their_crossings(apart: float, n
     if number == 2:
         names = grouped.column.astype(str).to_numpy()
         assert len(set(names[:60])) == len(set(names[60:100])) == 1
+    with pytest.raises(AnalysisError, match="of 101 rows, but the table has 100"):
+        agreement(table.assign(gait="trot"), grouped.column)
+
+
+def test_a_sampled_set_is_joined_without_a_change_of_either() -> None:
+    rng = np.random.default_rng(3)
+    space = Space(np.zeros(2), np.ones(2))
+    large, small = (SampledSet.of(space, [k], rng.random((n, 2))) for k, n in enumerate((MOST_STATES, 5)))
+    for one, other in ((large, small), (small, small)):
+        before = [*one.rows]
+        assert sorted(one.joined(other, space).rows) == sorted([*before, *other.rows])
+        assert one.rows == before
 
 
 def test_sets_without_a_period_keep_their_names_along_a_parameter() -> None:

@@ -18,7 +18,7 @@ from gaitsweep.analysis.basins.fractal_boundaries import (
 )
 from gaitsweep.analysis.basins.fractions import fractions, one_a_cell, proportion_interval
 from gaitsweep.analysis.basins.grid import BasinGrid, find_grid
-from gaitsweep.analysis.basins.measures import basins
+from gaitsweep.analysis.basins.measures import basins, minimal_fatal_shock
 from gaitsweep.analysis.basins.quantifiers import quantifiers
 from gaitsweep.analysis.basins.wada import wada
 from gaitsweep.analysis.records import AnalysisError
@@ -327,8 +327,12 @@ def test_axes_of_different_units_need_scales() -> None:
         "psi_1": {"unit": "rad", "circular": True},
         "psi_2": {"unit": "m", "circular": False},
     }
-    with pytest.raises(AnalysisError, match="psi_1 in rad, psi_2 in m"):
-        basins(table)
+    unscaled = basins(table)
+    assert np.isnan(unscaled.rows["shock"]).all()
+    pd.testing.assert_frame_equal(unscaled.panels, basins(table, scales={"psi_2": 1.0}).panels)
+    assert unscaled.fractions["fraction"].tolist() == [0.5, 0.5]
+    with pytest.raises(AnalysisError, match=r"psi_1 in rad, psi_2 in m: give scales"):
+        minimal_fatal_shock(table, ["psi_1", "psi_2"], pd.Series(table["gait"]))
     scaled = basins(table, scales={"psi_1": TURN / 6, "psi_2": 0.1})
     assert np.min(scaled.rows["shock"]) == pytest.approx(1.0)
 

@@ -172,7 +172,7 @@ def test_two_feet_that_land_at_once() -> None:
         starts = chain.settled({"phi_2_0": 0.02}, cycles=60)
         table = continuation(
             chain.mapping, starts, {"c": c}, parameter="k", within=(-0.1, 0.1), begin=0.1, towards=-1,
-            crossing=True, steps=ArclengthSteps(most=20),
+            crossing=True, steps=ArclengthSteps(most=12),
         )  # fmt: skip
         at_zero = table[table["special"] != ""]
         assert at_zero["special"].tolist() == [kind]

@@ -233,6 +233,12 @@ def test_refusals() -> None:
         edge_states(SADDLE, u1, u1[:1], {})
     with pytest.raises(ValueError, match="resolution of float64"):
         EdgeLimits(bisection_distance=1e-15)
+    with pytest.raises(ValueError, match="residual_tolerance is -1, but must be above 0"):
+        EdgeLimits(residual_tolerance=-1.0)
+    with pytest.raises(ValueError, match="reach is 0, but must be above 0"):
+        ProximityMapper(SADDLE, np.eye(2), reach=0.0)
+    with pytest.raises(ValueError, match="after is -1 cycles, but must be 0 or more"):
+        LabelMapper(BatchedReturnMap(Landscape()), {}, after=-1)
     with pytest.raises(ValueError, match="cuts is 0"):
         EdgeLimits(cuts=0)
     with pytest.raises(ValueError, match="one label for each"):

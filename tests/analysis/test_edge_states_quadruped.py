@@ -76,7 +76,7 @@ def test_between_walk_and_trot_of_the_quadruped() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("dt", [3e-4, 1.5e-4])
 def test_narrow_attractors_between_walk_and_trot(dt: float) -> None:
-    """At f = 2.6 Hz two attractors between walk and trot keep their ranges for 200 cycles.
+    """At f = 2.6 Hz two attractors between walk and trot keep their ranges for 100 cycles.
 
     The unstable fixed points beside them, 2.5859, 2.5897 and 2.6370 rad, would let them go within 100 cycles
     of multiplier 1.07 from anywhere but the last thousandth of the way. Half the step gives the same ranges.
@@ -85,7 +85,7 @@ def test_narrow_attractors_between_walk_and_trot(dt: float) -> None:
     points, way = mapping.settled({"delta_13": np.array([2.6, 2.594])}, {"f": 2.6}, 80)
     assert np.all(way == ReturnStatus.crossed)
     course = []
-    for _ in range(200):
+    for _ in range(100):
         points = mapping.images(points, {"f": 2.6}).points
         course.append(points.at[:, 0])
     low, high = np.min(course, axis=0), np.max(course, axis=0)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-from scipy import special, stats
+from scipy import sparse, special, stats
 
 import gaitsweep as gs
 from gaitsweep.analyses import AnalysisError, steps_to_fall, survival
@@ -28,7 +28,7 @@ def by_matrix(roughness: float, cells: int, slope: float = SLOPE) -> float:
     middles = 0.5 * (edges[1:] + edges[:-1])
     share = np.clip((edges[None, :] - keeps * middles[:, None]) / size, -1.0, 1.0)
     below = special.ndtr((angle - np.arccos(share) - slope) / roughness)
-    return 1.0 / (1.0 - np.abs(np.linalg.eigvals(np.diff(below, axis=1))).max())
+    return 1.0 / (1.0 - float(sparse.linalg.eigs(np.diff(below, axis=1), 1)[0].real[0]))
 
 
 @pytest.mark.slow
@@ -54,13 +54,11 @@ def drawn(p, s):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("roughness", "rounds", "decade"), [(0.06, 16, 1), (0.03, 64, 4), (0.02, 200, 8), (0.018, 32, 9)]
-)
+@pytest.mark.parametrize(("roughness", "rounds", "decade"), [(0.03, 32, 4), (0.02, 200, 8), (0.018, 16, 9)])
 def test_rare_falls_of_a_wheel_are_those_of_its_transition_matrix(
     roughness: float, rounds: int, decade: int
 ) -> None:
-    """From tens of steps to ten thousand million: within 4 standard errors, and within 10 % up to 1e8."""
+    """From 10^4 steps to ten thousand million: within 4 standard errors, and within 10 % up to 1e8."""
     exact = by_matrix(roughness, 800)
     assert int(np.log10(exact)) == decade
     found = gs.return_map(RimlessWheel(), roughness=roughness).rare_falls("roughness", drawn, rounds=rounds)

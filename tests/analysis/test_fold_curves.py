@@ -107,7 +107,7 @@ def test_the_fold_of_the_trot_agrees_with_staircases() -> None:
     result = fold_curves(
         mapping.mapping, mapping.settled({"delta_13": 2.79}, cycles=60), {}, parameters=("f", "beta"),
         within={"f": (2.3, 3.0), "beta": (0.75, 0.754)}, begin={"f": 2.55, "beta": 0.7515},
-        steps=ArclengthSteps(first=0.1, longest=0.1, shortest=1e-3, most=4),
+        steps=ArclengthSteps(first=0.1, longest=0.1, shortest=1e-3, most=3),
     )  # fmt: skip
     f, beta = result["f"].to_numpy(float), result["beta"].to_numpy(float)
     assert np.all(np.diff(beta) > 0.0)

@@ -57,7 +57,7 @@ def test_the_orbits_of_lorenz_by_their_words() -> None:
     """
     lorenz = gs.atlas(
         Lorenz(), parameter="rho", path=(27.99, 28.01), at=28.0,
-        ranges={"x": (-20.0, 20.0), "y": (-25.0, 25.0)}, periods=5, budget=256, batch=256, depth=0,
+        ranges={"x": (-20.0, 20.0), "y": (-25.0, 25.0)}, periods=5, budget=128, batch=128, depth=0,
         longest=1.0, step=0.5, verify=0,
         numerics={"rtol": 1e-12, "atol": 1e-12},
     )  # fmt: skip

@@ -138,25 +138,22 @@ def test_boundaries_are_smooth_or_intermingled_and_shared_or_not() -> None:
 
 @pytest.mark.slow
 def test_deviations_of_a_gait_of_two_crossings_grow_as_simulated_ones() -> None:
-    """Deviations of 1e-6 in 720 directions at both crossings of a ball that bounces high and low in turns."""
+    """Deviations of 1e-6 in 180 directions at both crossings of a ball that bounces high and low in turns."""
     run = gs.Settle(max_cycles=400, tolerance=1e-6)
-    table = gs.sweep(BouncingBall(), G=[1.55, 1.6], run=run, phase_0=0.5, speed_0=3.6).table
-    assert table["attractor_period"].tolist() == [2, 2]
+    table = gs.sweep(BouncingBall(), G=[1.6], run=run, phase_0=0.5, speed_0=3.6).table
+    assert table["attractor_period"].tolist() == [2]
     labelled = table.assign(attractor="A")
     labelled.attrs = table.attrs
     quantified: Any = gs.quantifiers(labelled, "G", amplification=True)
-    angles = np.linspace(0.0, 2.0 * np.pi, 720, endpoint=False)
+    angles = np.linspace(0.0, 2.0 * np.pi, 180, endpoint=False)
     deviations = 1e-6 * np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    for record in quantified.itertuples():
-        bounces = gs.return_map(BouncingBall(), G=record.G, period=2)
-        gait = bounces.fixed_points([0.5, 3.6])
-        once = gs.return_map(BouncingBall(), G=record.G)
-        largest = 1.0
-        for crossing in bounces.orbit(gait)[0]:
-            centre, around = crossing[None], crossing + deviations
-            for _ in range(30):
-                centre, around = once(centre), once(around)
-                difference = (around - centre + np.pi) % (2.0 * np.pi) - np.pi
-                largest = max(largest, np.linalg.norm(difference, axis=1).max() / 1e-6)
-        assert largest > 1.5
-        assert record.amplification == pytest.approx(largest, rel=1e-3)
+    bounces, once = (gs.return_map(BouncingBall(), G=1.6, period=period) for period in (2, 1))
+    largest = 1.0
+    for crossing in bounces.orbit(bounces.fixed_points([0.5, 3.6]))[0]:
+        centre, around = crossing[None], crossing + deviations
+        for _ in range(30):
+            centre, around = once(centre), once(around)
+            difference = (around - centre + np.pi) % (2.0 * np.pi) - np.pi
+            largest = max(largest, np.linalg.norm(difference, axis=1).max() / 1e-6)
+    assert largest > 1.5
+    assert quantified["amplification"].tolist() == [pytest.approx(largest, rel=1e-3)]

@@ -192,6 +192,8 @@ def test_poor_tables() -> None:
         assert not len(ghosts(poor, "delta_13", by="f"))
         assert list(branches(poor, "delta_13", "f").columns)[-1] == "branch"
         assert "drift" in drift(poor, "delta_13").columns
+    with pytest.raises(AnalysisError, match="near is -1, but must be above 0"):
+        ghosts(table, "delta_13", near=-1.0)
     with pytest.raises(AnalysisError, match="beta is not a column"):
         fixed_points(table, "delta_13", by="beta")
     with pytest.raises(AnalysisError, match=r"did you mean delta_13_n\?"):

@@ -10,7 +10,8 @@ import pandas as pd
 import pytest
 
 from gaitsweep import plot
-from gaitsweep.analysis.transitions.drift import drifts_of, ghosts_of
+from gaitsweep.analysis.transitions.drift import drifts_of
+from gaitsweep.analysis.transitions.drift_zeros import ghosts_of
 from gaitsweep.analysis.transitions.return_map import branches, drift, fixed_points, ghosts
 from tests.support.hysteresis_tables import TURN, map_table
 
@@ -190,6 +191,10 @@ def test_rows_that_still_move_have_no_fixed_point() -> None:
     moving, rested = (crossings(iterated(towards, starts, count), "delta") for count in (15, 150))
     assert not len(fixed_points(moving, "delta"))
     assert fixed_points(rested, "delta")["value"].tolist() == [pytest.approx(2.9, abs=1e-4)]
+    # the drift at rest is that of rounding, with either sign
+    at_rest = crossings(iterated(lambda x: 0.37 + 0.5 * (x - 0.37), 0.37 - np.linspace(0.05, 1.05, 40), 400))
+    assert fixed_points(at_rest, "v")["stable"].tolist() == [True]
+    assert not len(ghosts(at_rest, "v"))
     message = drift(moving, "delta")["value"]
     assert np.max(message.to_numpy()) <= np.max(moving["delta_n"].to_numpy())
 

@@ -102,6 +102,10 @@ def test_refusals() -> None:
         mapping.continue_({"launch_1": 1.0}, "kick", (0.1, 2), towards=0)
     with pytest.raises(gs.ArgumentError, match="must be two different numbers"):
         mapping.continue_({"launch_1": 1.0}, "kick", ("a", "b"))  # pyright: ignore[reportArgumentType]
+    with pytest.raises(gs.ArgumentError, match="tolerance is -1, but must be above 0"):
+        mapping.fixed_points({"launch_1": 1.0}, tolerance=-1)
+    with pytest.raises(gs.ArgumentError, match="most is 0 Newton steps, but must be 1"):
+        mapping.fixed_points({"launch_1": 1.0}, most=0)
     with pytest.raises(gs.ArgumentError, match="cycles is -1, but"):
         mapping.settled(cycles=-1)
     with pytest.raises(gs.ArgumentError, match="period is 0, but"):

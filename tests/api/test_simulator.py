@@ -63,7 +63,8 @@ def test_a_posterior_by_rejection_is_calibrated() -> None:
 
 
 def test_one_set_and_tensors_have_their_own_shapes() -> None:
-    hops = gs.simulator({**HOPS, "start": {"launch_0": 2.5}}, "omega", ["launch_end", "t_end"])
+    launched = {**HOPS, "start": {"launch_0": 2.5}}
+    hops = gs.simulator(launched, "omega", ["launch_end", "t_end"])
 
     class Tensor(np.ndarray):
         """A tensor of torch, as far as a simulator sees it."""
@@ -77,6 +78,8 @@ def test_one_set_and_tensors_have_their_own_shapes() -> None:
     assert isinstance(several, Tensor)
     np.testing.assert_array_equal(several[0], one)
     assert hops(np.empty((0, 1))).shape == (0, 2)
+    # an orbit of one crossing has no second one
+    assert np.isnan(gs.simulator(launched, "omega", "launch_end_2")([12.0])).all()
     with pytest.raises(gs.ArgumentError, match=r"\(2, 3\), but 1 parameters"):
         hops(np.zeros((2, 3)))
 
@@ -88,6 +91,9 @@ def test_one_set_and_tensors_have_their_own_shapes() -> None:
         ({"run": {"kind": "return_map", "crossings": 3}}, ["omega"], ["launch_n"], "several records"),
         ({}, ["omga"], ["launch_end"], "did you mean omega"),
         ({}, ["omega", "omega"], ["launch_end"], "omega is named twice"),
+        ({}, ["omega"], ["launch_nd"], "did you mean launch_end"),
+        ({}, ["omega"], ["launch_n_2"], "launch_n_2 is not a column"),
+        ({}, ["omega"], ["launch_end", "status"], "status are not numbers"),
     ],
 )
 def test_a_job_that_is_no_simulator_is_refused(
@@ -95,11 +101,6 @@ def test_a_job_that_is_no_simulator_is_refused(
 ) -> None:
     with pytest.raises(gs.ArgumentError, match=reason):
         gs.simulator({**HOPS, **fields}, parameters, columns)
-
-
-def test_an_unknown_column_is_refused() -> None:
-    with pytest.raises(gs.ArgumentError, match="did you mean launch_end"):
-        gs.simulator(HOPS, "omega", "launch_nd")([12.0])
 
 
 @pytest.mark.slow

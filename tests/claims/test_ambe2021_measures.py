@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from gaitsweep import plot
+from gaitsweep import ArgumentError, plot
 from gaitsweep.claims.measures import MeasureError
 from gaitsweep.claims.paper import read_paper
 from gaitsweep.claims.verdicts import ClaimVerdict, verdict
@@ -70,6 +70,8 @@ def test_directions_and_order_of_a_wave(table: pd.DataFrame) -> None:
     sets = wave_measures.reset_set_numbers(table, row=1, k=2)
     assert sets == [2.0, 3.0, 6.0, 6.0, 6.0, 6.0, 6.0, 4.0, 3.0, 8.0]
     assert wave_measures.leads(table, row=0, links=[1, 2]) == pytest.approx([0.994942393] * 2, abs=1e-8)
+    with pytest.raises(ArgumentError, match=r"links has 0, but .* 1 to 9"):
+        wave_measures.leads(table, row=0, links=[0])
     assert wave_measures.neighbours_at_touchdown(table, row=2, k=6) == 1.0
     assert wave_measures.neighbours_at_touchdown(table, row=0, k=6) < 0.6
     assert wave_measures.one_swing_share(table, row=0, of=list(range(1, 10))) == 1.0

@@ -159,6 +159,7 @@ def test_a_job_without_its_config_does_not_affect_others(table_of_claims: Path, 
         ("\"status == 'settled'\"", "\"psi_1.to_csv('out')\"", "is not a condition"),
         ("\"status == 'settled'\"", "5", "where: 5"),
         ("with: {column: nothing}", "with: {column: [1]}", "column: a list (1)"),
+        ("with: {column: psi_1}", "with: {column: psi_1, take: medain}", "did you mean median?"),
         ("basins: {job", "../../basins: {job", "file name of letters"),
         ("basins: {job", '"a\\nb": {job', "file name of letters"),
         ("job: small.yaml", "job: ../small.yaml", "file name of letters"),
@@ -209,7 +210,7 @@ def test_general_measures() -> None:
     for wrong in (
         lambda: share(table, where="gait == 'walk'", of="speed > 9"),
         lambda: value(table, column="speeds"),
-        lambda: value(table, column="speed", take="mode"),
+        lambda: value(table, column="speed", take="mode"),  # pyright: ignore[reportArgumentType]
         lambda: texts(table, column="gait", where="speed > 9"),
     ):
         with pytest.raises(MeasureError):

@@ -12,8 +12,10 @@ import pytest
 import typer
 from typer.main import get_group
 
+import gaitsweep as gs
 import gaitsweep.table
 from gaitsweep import extension
+from gaitsweep.analysis.transitions.jumps import jump_intervals
 from gaitsweep.cli import analyse, main
 from tests.support.basin_tables import grid_table
 from tests.support.gait_traces import ends, traces
@@ -124,7 +126,21 @@ def test_hysteresis_has_points_and_areas(show: Show) -> None:
     printed = show(staircase_table(hold=200), "hysteresis", "--observable", "delta_13", "--parameter", "f")
     assert "rising" in printed
     assert "area" in printed
-    assert show(staircase_table(hold=200), "hysteresis") == printed  # both names from the job
+    table = staircase_table(hold=200)
+    assert show(table, "hysteresis") == printed  # both names from the job
+    without = show(table, "hysteresis", "--least", "5")
+    assert "No pass jumps: no change of delta_13 is 5 or more" in without
+    assert "area" in without
+    table.attrs["job"]["figures"] = [{"kind": "hysteresis", "y": "delta_13", "least": 5}]
+    assert show(table, "hysteresis") == without  # the size that counts is the figure's
+    small = table.assign(delta_13_n=table["delta_13_n"] * 0.01)
+    small.attrs["job"]["figures"] = []
+    points = gs.hysteresis(small, "delta_13").transition_points
+    intervals = jump_intervals(small, "delta_13", "f")  # what the figure shows
+    assert points[["direction", "low", "high"]].equals(intervals[["direction", "low", "high"]])
+    assert len(points) == 2  # jumps of 0.01 count, where the range is small
+    still = small.assign(delta_13_n=0.5)
+    assert "No pass jumps: no change of delta_13 is four times" in show(still, "hysteresis")
 
 
 def test_names_that_the_job_does_not_give_once_are_asked_for(

@@ -9,8 +9,10 @@ import json
 import os
 import re
 import resource
+import signal
 import subprocess
 import sys
+import time
 import types
 from collections.abc import Callable
 from pathlib import Path
@@ -27,6 +29,7 @@ from gaitsweep.cli import main
 from gaitsweep.cli.commands import app
 from gaitsweep.cli.progress import shown_progress
 from gaitsweep.cli.show import axes, duration, size
+from gaitsweep.compilation import compiling
 from gaitsweep.errors import Terminated, UserError
 from gaitsweep.job import Job
 from gaitsweep.runs.progress import progress_lines
@@ -92,7 +95,9 @@ class FakeRunner(types.ModuleType):
         self.draw_figures(path)
         return path
 
-    def draw_figures(self, path: Path, style: object = None, folder: Path | None = None) -> list[Path]:
+    def draw_figures(
+        self, path: Path, style: object = None, folder: Path | None = None, fields: object = ()
+    ) -> list[Path]:
         figure = (folder or Path(path) / "figures") / "basin.png"
         figure.parent.mkdir(exist_ok=True)
         figure.write_bytes(PNG)
@@ -110,6 +115,7 @@ class FakeRunner(types.ModuleType):
             seconds=185.0,
             seconds_longer=185.0,
             seconds_most=185.0,
+            self_check_s=0.0,
             lanes=256,
             device="cpu",
             engine="xla",
@@ -253,7 +259,7 @@ def test_a_signal_has_its_own_code(job_file: Path, runner: FakeRunner) -> None:
 def test_a_figure_that_fails_leaves_the_others(
     finished: Path, runner: FakeRunner, monkeypatch: pytest.MonkeyPatch, capsys: Capture
 ) -> None:
-    def refuse(path: Path, style: object, folder: object) -> list[Path]:
+    def refuse(path: Path, style: object, folder: object, fields: object) -> list[Path]:
         raise runner.FigureError("figures[1] (shock): no.")
 
     monkeypatch.setattr(runner, "draw_figures", refuse)
@@ -354,6 +360,42 @@ def test_the_bar_shows_rows_rate_and_note() -> None:
     assert max(len(line) for line in re.sub(r"\x1b\[[0-9;?]*[A-Za-z]|\r", "\n", shown).splitlines()) <= 80
 
 
+def test_the_bar_says_that_the_main_thread_compiles(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("gaitsweep.cli.progress._SHOWN_AFTER", 0.0)
+    screen = io.StringIO()
+    with shown_progress(console=Console(file=screen, force_terminal=True, width=80)) as bar:
+        with compiling():
+            time.sleep(0.3)  # before the first progress
+        bar(0, 10, 0.0, 0.0, "0.1 million steps/s")
+    assert "compiling for 0 s" in screen.getvalue()
+    assert "0.1 million steps/s" in screen.getvalue()
+
+
+# Python's own handlers of signals wait for the end of such a function, as for LLVM's and XLA's.
+STOPPED_IN_COMPILED_CODE = """
+import hashlib, signal, time
+from gaitsweep.cli.progress import stoppable_progress
+from gaitsweep.compilation import compiling
+
+signal.signal(signal.SIGINT, signal.default_int_handler)
+with stoppable_progress("rows", lambda: "Stopped: 3 of 8 rows are safe."):
+    with compiling():
+        print("begun", flush=True)
+        hashlib.pbkdf2_hmac("sha256", b"", b"", 200_000_000)
+"""
+
+
+@pytest.mark.parametrize(("sent", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_stop_does_not_wait_for_a_compilation(sent: signal.Signals, code: int) -> None:
+    command = [sys.executable, "-c", STOPPED_IN_COMPILED_CODE]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    assert process.stdout.readline() == "begun\n"
+    process.send_signal(sent)
+    _, errors = process.communicate(timeout=20)
+    assert (process.returncode, errors) == (code, "Stopped: 3 of 8 rows are safe.\n")
+
+
 def test_without_a_terminal_progress_is_a_line_every_half_minute(monkeypatch: pytest.MonkeyPatch) -> None:
     clock, log = iter([0.0, 1.0, 21.0, 31.0, 41.0, 71.0, 72.0, 105.0]), io.StringIO()
     monkeypatch.setattr("gaitsweep.runs.progress.time.monotonic", lambda: next(clock))
@@ -450,6 +492,9 @@ def test_info_describes_a_directory(finished: Path, capsys: Capture) -> None:
         "figures/basin.png",
     ):
         assert piece in text
+    assert main(["info", str(finished), "--columns"]) == 0
+    lines = [line.split() for line in capsys.readouterr().out.splitlines()]
+    assert ["status", "how", "the", "row", "ended"] in lines
     (finished / "table" / "part-00001.parquet").write_bytes(b"PAR1")
     assert main(["info", str(finished)]) == 0
     text = capsys.readouterr().out
@@ -466,6 +511,7 @@ def test_statuses_name_the_limits_of_the_job_and_the_periods() -> None:
         == "The row reached run.max_cycles, 150 cycles, without settling."
     )
     assert said("time_limit", {"max_time": 12.5}) == "The row reached run.max_time, 12.5 s."
+    assert "the column `settled`" in said("complete", {"kind": "staircase"})
     by_period = said("time_limit", {"max_time": None})
     assert by_period == "The row reached four nominal periods for each allowed cycle."
     fixed = said("settled", {}, periods={"1": 47})

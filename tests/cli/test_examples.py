@@ -50,7 +50,8 @@ def test_all_of_them_are_copied_and_work_where_they_are(capsys: Capture) -> None
     for kind in KINDS:
         assert main(["examples", kind, "--to", "here"]) == 0
     printed = capsys.readouterr().out.splitlines()
-    assert len(printed) == len(list(Path("here").iterdir())) == sum(len(e.files) for e in known_examples())
+    files = {file for example in known_examples() for file in example.files}
+    assert len(printed) == len(list(Path("here").iterdir())) == len(files)
     assert not [each for each in Path("here").glob("*.yaml") if "../configs" in each.read_text()]
     hashes = [gs.load_job(each).hash() for each in (Path("here/quick_basins.yaml"), "builtin:quick_basins")]
     assert hashes[0] == hashes[1]
@@ -64,6 +65,12 @@ def test_all_of_them_are_copied_and_work_where_they_are(capsys: Capture) -> None
     assert main(["examples", "hopper", "--to", "here"]) == 2
     assert "here/hopper.yaml exists already" in capsys.readouterr().err
     assert not Path("here/hopper.py").exists()
+
+
+def test_a_further_job_of_a_model_is_copied_with_the_model() -> None:
+    assert main(["examples", "builtin:slip_runner_atlas"]) == 0  # with the prefix that `run` takes, too
+    assert sorted(path.name for path in Path().iterdir()) == ["slip_runner.py", "slip_runner_atlas.yaml"]
+    assert "\nmodel: slip_runner:" in Path("slip_runner_atlas.yaml").read_text()
 
 
 def test_unknown_names_are_refused_with_the_near_miss(capsys: Capture) -> None:

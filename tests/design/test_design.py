@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import tracemalloc
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -18,16 +18,19 @@ from gaitsweep.job import JobError
 from tests.support.toy_jobs import EVERY, columns_of, toy
 from toy_model import Toy
 
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
 PINNED_RANDOM = [1.7545246278695097, 1.1632804305752058, 1.7360300467738945]
 PINNED_SOBOL = [1.7545246281661093, 1.2545246281661093, 1.0045246281661093, 1.5045246281661093]
 
 
 def test_no_vary_is_one_row() -> None:
     design = toy().design
-    assert (design.n_rows, design.columns(0, 1), design.groups) == (1, {}, ())
+    assert (design.n_rows, design.at(np.arange(1), design.names), design.groups) == (1, {}, ())
     assert design.values(0, 1)[1]["launch_1"].tolist() == [1.0]
     with pytest.raises(IndexError):
-        design.columns(0, 2)
+        design.values(0, 2)
 
 
 LENGTHS = st.lists(st.integers(1, 5), min_size=1, max_size=4)
@@ -48,7 +51,7 @@ def test_slices_equal_the_whole(one: int, other: int) -> None:
     start, stop = sorted((one, other))
     design = EVERY.design
     assert design.n_rows == 4 * 3 * 3 * 5 * 2
-    whole, part = design.columns(0, 360), design.columns(start, stop)
+    whole, part = design.at(np.arange(360), design.names), design.at(np.arange(start, stop), design.names)
     assert list(part) == ["restitution", "mass", "stiffness", "launch_1", "launch_2", "preload", "ceiling"]
     assert all(np.array_equal(part[name], whole[name][start:stop]) for name in whole)
     for all_rows, some in zip(design.values(0, 360), design.values(start, stop), strict=True):
@@ -71,16 +74,18 @@ def test_lists_of_groups_multiply() -> None:
 @pytest.mark.slow
 @given(st.floats(0.1, 10), st.floats(0.1, 10), st.integers(2, 40))
 def test_spread_axes_are_numpys(low: float, high: float, count: int) -> None:
-    def points(axis: dict[str, Any]) -> np.ndarray:
-        return columns_of(toy(vary={"mass": axis}))["mass"]
-
-    ends = points({"linspace": [low, high, count]})
+    axis = [low, high, count]
+    spread = {
+        "mass": {"linspace": axis},
+        "stiffness": {"linspace": axis, "at": "centre"},
+        "preload": {"logspace": axis},
+    }
+    columns = columns_of(toy(vary={"zip": spread}))
+    ends, centre, ratios = (columns[name] for name in spread)
     assert ends == pytest.approx(np.linspace(low, high, count), rel=1e-14)
     assert (ends[0], ends[-1]) == (low, high)
     edges = np.linspace(low, high, count + 1)
-    centre = points({"linspace": [low, high, count], "at": "centre"})
     assert centre == pytest.approx((edges[1:] + edges[:-1]) / 2, rel=1e-14)
-    ratios = points({"logspace": [low, high, count]})
     assert ratios == pytest.approx(np.geomspace(low, high, count), rel=1e-12)
     assert (ratios[0], ratios[-1]) == (low, high)
 
@@ -93,14 +98,19 @@ def test_whole_steps_are_whole(count: int) -> None:
 
 
 @pytest.mark.slow
-@given(st.sampled_from(["random", "sobol"]), st.integers(0, 1000), st.integers(1, 300))
+@given(st.sampled_from(["random", "latin_hypercube", "sobol"]), st.integers(0, 1000), st.integers(1, 300))
 def test_drawn_points_fill_their_box(method: str, seed: int, count: int) -> None:
     of = {"mass": [1, 2], "preload": [3, 7]}
     columns = columns_of(toy(vary={"sample": {"n": count, "seed": seed, "method": method, "of": of}}))
     assert all(((low <= columns[name]) & (columns[name] < high)).all() for name, (low, high) in of.items())
     swapped = dict(reversed(of.items()))
     again = columns_of(toy(vary={"sample": {"n": count, "seed": seed, "method": method, "of": swapped}}))
-    if method == "random":  # each name has a stream of its own, whatever stands beside it
+    if method == "latin_hypercube":
+        parts = [
+            np.floor((columns[name] - low) / (high - low) * count + 1e-9) for name, (low, high) in of.items()
+        ]
+        assert all(sorted(part) == list(range(count)) for part in parts)
+    if method != "sobol":  # each name has a stream of its own, whatever stands beside it
         assert all(np.array_equal(columns[name], again[name]) for name in of)
 
 
@@ -120,7 +130,7 @@ def test_draws_depend_on_the_name_and_the_seed() -> None:
     assert drawn("mass", 0) != drawn("mass", 1)
 
 
-def test_sobol_is_more_even_than_random() -> None:
+def test_sobol_and_latin_hypercube_are_more_even_than_random() -> None:
     def discrepancy(method: str) -> float:
         of = {"mass": [1, 2], "preload": [1, 2]}
         columns = columns_of(toy(vary={"sample": {"n": 256, "method": method, "of": of}}))
@@ -128,13 +138,14 @@ def test_sobol_is_more_even_than_random() -> None:
 
     # About 4e-5 against 1e-3 at 256 points of a square: a broken shift would lose the factor of ten.
     assert discrepancy("sobol") < 0.1 * discrepancy("random")
+    assert discrepancy("latin_hypercube") < 0.5 * discrepancy("random")
 
 
 def test_memory_does_not_grow_with_the_rows() -> None:
     vary = {name: {"linspace": [1, 2, 1000]} for name in ("mass", "stiffness", "launch_1")}
     tracemalloc.start()
     design = toy(vary=vary).design
-    part = design.columns(10**9 - 3, 10**9)
+    part = design.at(np.arange(10**9 - 3, 10**9), design.names)
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert design.n_rows == 10**9
@@ -178,6 +189,20 @@ def test_formulas_may_use_the_structure() -> None:
 @dataclasses.dataclass(frozen=True)
 class Shifted(Toy):
     c: float = dataclasses.field(default=-2.0, metadata={"low": -9.0})
+    n: int = dataclasses.field(default=4, metadata={"later": True})
+    spacing: float = dataclasses.field(default_factory=lambda: 0.5)
+    lookup: Sequence[int] | None = None  # a name that only type checkers know
+
+
+def test_formulas_may_use_later_fields_at_their_default_and_defaults_of_factories() -> None:
+    job = toy(model=f"{__name__}:Shifted", params={"mass": "n*spacing"})
+    assert job.design.values(0, 1)[0]["mass"].tolist() == [2.0]
+    assert "n" not in job.structure
+
+
+def test_a_field_of_a_type_that_jobs_cannot_write_is_refused() -> None:
+    with pytest.raises(JobError, match=r"structure.lookup has the type Sequence.*int, float or str"):
+        toy(model=f"{__name__}:Shifted", structure={"lookup": 3})
 
 
 def test_a_negative_number_of_the_structure_keeps_its_sign_in_a_formula() -> None:

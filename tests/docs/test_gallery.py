@@ -36,4 +36,4 @@ def test_tables_are_made_by_their_commands(kind: str) -> None:
 def test_no_text_of_a_figure_is_cut_overlaps_or_is_small(kind: str, width: str) -> None:
     table = pd.read_parquet(GALLERY["table_of"](kind))
     spec = {key: value for key, value in GALLERY["fields"](kind).items() if key not in ("kind", "name")}
-    assert text_problems(draw(kind, table, **spec, width=width)) == []
+    assert text_problems(draw(kind, table, **spec, width=width, panel_letters=True)) == []

@@ -7,8 +7,10 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 import yaml
 
@@ -48,20 +50,34 @@ def test_references_in_pages_are_the_packages() -> None:
 
 
 @pytest.mark.slow
-def test_observables_and_hysteresis_of_an_own_class(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The classes and the job of docs/own_model.md, in files with the names in their first lines."""
+def test_observables_of_own_classes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The classes of docs/own_model.md, in files with the names in their first lines."""
     for block in FENCE.findall((ROOT / "docs" / "own_model.md").read_text()):
-        if name := re.match(r"# (counted\.py|ordered\.py|history\.yaml)\n", block):
+        if name := re.match(r"# (counted\.py|ordered\.py)\n", block):
             (tmp_path / name[1]).write_text(block)
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)
-    history = gs.run("history.yaml", "history", overrides=["verify=0", "figures=[]", "run.dwell=40"]).table
-    points = gs.hysteresis(history, "turns").transition_points
-    assert points["direction"].tolist() == ["falling"]  # it does not come back
-    np.testing.assert_allclose(points["size"], -1.0, atol=0.01)
-    assert history.loc[history["pass"] == 1, "gait"].eq("1:1").all()
-    ordered = gs.Job(
-        name="x", model="ordered:Ordered", start=dict.fromkeys(("psi_1", "psi_2", "psi_3"), 0.0),
-        run=gs.FixedTime(duration=1e-3), verify=0,
-    )  # fmt: skip
-    assert "order_end" in gs.run(ordered, "ordered").table.columns
+    start = {"launch_0": 5.1, "phase_0": 1.5}
+    job = gs.Job(name="x", model="counted:Counted", start=start, run=gs.Settle(max_cycles=200), verify=0)
+    np.testing.assert_allclose(gs.run(job, "counted").table["turns_end"], 2.0, atol=1e-3)
+    at_zero = {f"psi_{i}": 0.0 for i in (1, 2, 3)}
+    job = gs.Job(name="x", model="ordered:Ordered", start=at_zero, run=gs.FixedTime(duration=1e-3), verify=0)
+    ordered = gs.run(job, "ordered")
+    assert "order_end" in ordered.table.columns
+
+
+def test_the_page_on_rows_in_pandas_runs_as_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Counts, open rows, joined results and figures, of the gallery's table of the same job."""
+    page = (ROOT / "docs/start.md").read_text().partition("### Count, select")[2]
+    stored = pd.read_parquet(ROOT / "docs/gallery/basin.parquet")  # the columns that its picture needs
+    rows = {"row": range(len(stored)), **{name: stored[name] for name in ("psi_3", "psi_2", "psi_1")}}
+    table = pd.DataFrame({**rows, "status": "settled", "cycles": 50, "gait": stored["gait"]})
+    table["outcome"], table.attrs = stored["gait"], stored.attrs
+    light = table.assign(gait="retrograde", outcome="retrograde")
+    light.attrs["job"]["params"] = {**light.attrs["job"]["params"], "m_1": 0.7}
+    monkeypatch.setattr(gs, "load", lambda _: light, raising=False)
+    names: dict[str, Any] = {"gs": gs, "table": table}
+    exec(FENCE.findall(page)[0], names)
+    assert names["counts"].to_numpy().sum() == len(table) == names["shares"]["rows"].sum()
+    assert len(names["open_rows"]) == len(names["failed"]) == 0
+    assert names["heads"].groupby("m_1").sum().to_dict() == {0.7: len(table), 0.9: len(table)}

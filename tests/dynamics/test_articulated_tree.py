@@ -319,7 +319,7 @@ def test_small_systems_are_solved() -> None:
         (
             '<joint name="hip"/>',
             '<tendon><fixed name="t"><joint joint="hip" coef="1"/></fixed></tendon>',
-            "a tendon",
+            "a tendon 't'",
         ),
         (
             '<joint name="hip"/>',

@@ -26,6 +26,8 @@ from gaitsweep.dynamics.controllers.oscillators import (
     MatsuokaOscillators,
     PhaseOscillators,
 )
+from gaitsweep.models.sampled_points import sampled_points
+from gaitsweep.models.starts_in_ground import starts_in_ground
 from gaitsweep.schema.diagnostics import JobError
 from gaitsweep.shipped import EXAMPLES
 
@@ -209,6 +211,11 @@ def test_a_model_file_is_the_class_that_one_would_write() -> None:
             "phases: {L: 0,",
             "phases: {LL: 0,",
             r"line 4: controller\.oscillators\.phases has LL.*did you mean L",
+        ),
+        (
+            "phases: {L: 0, R: pi}",
+            "phases: {L: 0}",
+            r"line 4: controller\.oscillators\.phases has no phase of R: .*R: pi",
         ),
         (
             "fallen: 0.47",
@@ -540,3 +547,52 @@ def test_angles_of_a_start_are_the_quaternion_of_mujoco() -> None:
     mujoco.mju_euler2Quat(true, np.array([0.5, 0.4, 0.3]), "zyx")
     np.testing.assert_allclose(q[3:], true, rtol=0, atol=1e-15)
     np.testing.assert_allclose(v, [0.0, 0.0, 0.0, 0.0, 2.0, 0.0])
+
+
+def walker(folder: Path, mjcf: tuple[str, str] = ("", ""), file: tuple[str, str] = ("", "")) -> Any:
+    """The model of the biped with a piece of its MJCF and one of its model file replaced."""
+    (folder / "biped.xml").write_text((WALKERS / "biped.xml").read_text().replace(*mjcf))
+    path = folder / "biped.yaml"
+    text = (WALKERS / "biped.yaml").read_text()
+    for old, new in zip(file[::2], file[1::2], strict=True):
+        text = text.replace(old, new)
+    path.write_text(text)
+    return model_of_file(path)()
+
+
+def test_legs_whose_names_give_no_gaits_are_remarked(tmp_path: Path) -> None:
+    assert walker(tmp_path).caveats() == []
+    renamed = ("L: {foot", "left: {foot", "R: {foot", "right: {foot", "{L: 0, R: pi}", "{left: 0, right: pi}")
+    (remark,) = walker(tmp_path, file=renamed).caveats()  # pyright: ignore[reportArgumentType]
+    assert "left, right have no lags" in remark
+    assert "L, R; LF, RF, LH, RH" in remark
+    assert "call left L, right R" in remark
+
+
+@pytest.mark.slow("located")
+@pytest.mark.parametrize("dynamics", ["located", "stepped"])
+def test_a_body_that_begins_in_the_ground_is_remarked(tmp_path: Path, dynamics: str) -> None:
+    """At its pose in the file the biped's feet touch the floor, so z_0 is minus their depth."""
+    model = walker(tmp_path, file=("fallen", f"dynamics: {dynamics}\nfallen"))
+    # the first ones are the defaults
+    values, starts = (
+        {name: column[[0, 0]] for name, column in group.items()} for group in sampled_points(model, 1)
+    )
+
+    def remarked(z: float) -> list[str]:
+        columns = {**starts, "z_0": np.array([0.5, z])}
+        return starts_in_ground(model, values, columns, lambda row: f" in row {row}")
+
+    assert remarked(0.0) == []
+    (sentence,) = remarked(-0.03)
+    assert "in row 1: foot_l 0.03 m, foot_r 0.03 m" in sentence
+    assert ("start: standing" in sentence) == (dynamics == "located")
+    lifted = re.search(r"`start: {z_0: ([-+.e0-9]+)}`", sentence)
+    assert lifted is not None
+    assert float(lifted[1]) == pytest.approx(0.0, abs=1e-9)
+    if dynamics == "located":
+        # one contact carries the body at weight / stiffness
+        weight = 9.81 * sum(mass[0] for name, mass in values.items() if name.endswith("_mass"))
+        at_rest = weight / values["foot_l_contact_stiffness"][0]
+        assert remarked(-0.99 * at_rest) == []
+        assert remarked(-1.01 * at_rest)

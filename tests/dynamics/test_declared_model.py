@@ -16,7 +16,7 @@ import gaitsweep as gs
 from gaitsweep import DeclaredModel, event, mode, observable, parameter, signal, variable
 from gaitsweep.column_meanings import COLUMNS
 from gaitsweep.contract import Quantity
-from gaitsweep.dynamics.declared import OF_TRACES
+from gaitsweep.dynamics.declaration_faults import OF_TRACES
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.examples.compass_walker import CompassWalker
 from gaitsweep.examples.hopper import Hopper
@@ -245,8 +245,8 @@ def test_an_event_of_a_subclass_replaces_that_of_its_base() -> None:
         def deep(self, p, s):
             return -10.0 - s.z
 
-    assert [declared_event.name for declared_event in Below.declared_events()] == ["lands below"]
-    assert [declared_event.name for declared_event in Falls.declared_events()] == ["ten below"]
+    assert [declared_event.name for declared_event in Below.declarations.events] == ["lands below"]
+    assert [declared_event.name for declared_event in Falls.declarations.events] == ["ten below"]
     lowest = gs.simulate(Below, duration=1.0, every=0.01)["z"].to_numpy(float).min()
     assert -0.5 <= lowest < -0.45  # 5 m/s at the floor: samples lie at most 5 cm apart
 
@@ -254,6 +254,25 @@ def test_an_event_of_a_subclass_replaces_that_of_its_base() -> None:
 def test_a_subclass_cannot_redefine_a_jump_alone() -> None:
     with pytest.raises(TypeError, match="bounce, the name of the jump of lands"):
         type("Other", (Ground,), {"bounce": lambda self, p, s: s})
+
+
+@pytest.mark.parametrize("name", ["lands", "g", "z"])
+def test_a_subclass_cannot_replace_a_declaration_by_a_plain_member(name: str) -> None:
+    """The event, parameter or variable would be gone without a word."""
+    with pytest.raises(TypeError, match=rf"Other defines {name}, .* or write {name} = None to remove it"):
+        type("Other", (Ground,), {name: lambda self, p, s: -s.z})
+
+
+def test_a_model_has_the_declarations_of_all_its_bases() -> None:
+    class Wind:
+        wind = parameter("m/s2", "push of the wind", 0.5)
+
+    class Windy(Ground, Wind):
+        def flow(self, p, s):
+            return {"z": s.v, "v": p.wind - p.g}
+
+    assert {quantity.name for quantity in Windy().parameters} >= {"g", "wind"}
+    assert fault(Windy()) is None
 
 
 def _flows(**rates):

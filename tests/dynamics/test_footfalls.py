@@ -24,6 +24,8 @@ from gaitsweep.dynamics.footfalls import (
     support_patterns,
 )
 from gaitsweep.models.conformity import fault
+from gaitsweep.models.value_faults import faults
+from gaitsweep.runs.sentences import remarks
 
 # Touchdowns as shares of a stride, in the order of `LEGS`, and the duty factor, of gaits as their sources
 # describe them. Fours are LF, RF, LH, RH; sixes L1, R1, L2, R2, L3, R3.
@@ -129,6 +131,23 @@ class Unheard(Stepper):
     feet = footfalls("time", legs=LEGS[2])(lambda self, p, s: (s.phase > 2.0) & (s.phase < 4.0))
 
 
+class Lame(Stepper):
+    """Its right foot never comes down."""
+
+    feet = footfalls("time", legs=LEGS[2])(lambda self, p, s: s.down & jnp.array([True, False]))
+
+
+@pytest.mark.slow
+def test_a_foot_that_lands_in_no_row_is_named() -> None:
+    with pytest.warns(UserWarning, match="Foot R of .* has no stride in any row"):
+        manifest = gs.sweep(Lame(N=2), run=gs.Settle(max_cycles=8), verify=0).manifest
+    (about,) = manifest["without_strides"].values()
+    assert about["feet"] == ["R"]
+    assert not about["body"]
+    of_body = {"rows": 3, "row": 0, "body": True}
+    assert "contype and conaffinity" in remarks({"without_strides": {"biped": of_body}})[0]
+
+
 @pytest.mark.slow
 def test_feet_that_change_between_events_are_remarked() -> None:
     with pytest.warns(UserWarning, match="No foot of .* has a stride in any row") as said:
@@ -194,7 +213,7 @@ def test_a_model_with_footfalls_has_names_limbs_and_contacts() -> None:
 
 def test_a_leg_that_does_not_step_once_a_stride_has_no_gait() -> None:
     """The same lags, but the second leg lands twice as often, or has stopped in the air."""
-    feet = Biped._feet()
+    feet = Biped.declarations.feet
     assert feet is not None
     at = {"stride_1": 1.0, "stride_2": 1.0, "lag_2": np.pi, "duty_1": 0.6, "duty_2": 0.6}
     names = [
@@ -237,6 +256,17 @@ def test_footfalls_that_have_no_names_are_refused() -> None:
         feet = footfalls("time", legs=LEGS[4])(lambda self, p, s: s.down.astype(float))
 
     assert "must return (4,) of bool, one for each of LF, RF, LH, RH" in (fault(Numbers()) or "")
+
+
+def test_a_clock_of_another_rate_is_a_fault() -> None:
+    """Its strides would be twice as long."""
+
+    class Doubled(Quadruped):
+        def flow(self, p, s):
+            return {"phase": p.omega * jnp.ones(4), "time": 2.0}
+
+    (message,) = faults(Doubled)
+    assert "flow returns the rate 2 of time" in message
 
 
 def test_contacts_of_a_step_or_two_do_not_count() -> None:

@@ -126,6 +126,12 @@ def test_a_wrong_ground_is_refused(model: str, ground: Any, reason: str) -> None
     assert "ground_seed" not in {quantity.name for quantity in Hopper().parameters}
 
 
+def test_the_ground_cannot_vary_in_a_job() -> None:
+    fields = {"name": "g", "model": "gaitsweep.examples.compass_walker:CompassWalker"}
+    with pytest.raises(JobError, match=r"vary.ground .*cannot vary: set it as ground: KIND"):
+        gs.Job.model_validate({**fields, "run": {"kind": "settle"}, "vary": {"ground": ["slope", "steps"]}})
+
+
 def test_no_fixed_point_is_sought_on_uneven_ground() -> None:
     gait = gs.return_map(CompassWalker(ground="rough"), ground_roughness=0.001)
     with pytest.raises(gs.ArgumentError, match="no step repeats another"):

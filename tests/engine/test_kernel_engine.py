@@ -266,7 +266,16 @@ def test_contraction_can_be_turned_off() -> None:
     assert "fma(" not in separate
 
 
-@pytest.mark.parametrize(("line", "named"), [("y += x", r"line `y \+= x"), ("y = [x]", r"expression `\[x\]")])
+@pytest.mark.parametrize(
+    ("line", "named"),
+    [
+        ("y += x", r"line `y \+= x"),
+        ("y = [x]", r"expression `\[x\]"),
+        ("y = x > 1.0", "expression `x > 1.0"),
+        ("y = x % 2.0", "expression `x % 2.0"),
+        ("y = z", "expression `z"),
+    ],
+)
 def test_unsupported_source_is_named(line: str, named: str) -> None:
     with pytest.raises(ValueError, match=rf"The {named}.*` of a kernel is not lowered\. Allowed: "):
         native(f"def one(s):\n    x = s[0]\n    {line}\n")

@@ -335,3 +335,26 @@ def test_whole_numbers_divide_exactly(a: int, b: int) -> None:
     assert quotient * b + rest == a
     assert abs(rest) < abs(b)
     assert rest == 0 or (rest < 0) == (a < 0)
+
+
+def _whole(a: Any, b: Any) -> tuple[Any, ...]:
+    """Arithmetic that leaves the range of a dtype; the last is a generator of random numbers."""
+    sums = a + b, a - b, -a, a + b + 1, a + b + a + b, jnp.sum(jnp.stack([a, b, a]))
+    return *sums, a * 77, (a - b) * 5, a.astype(jnp.int8) + jnp.int8(100), a * 22695 + 1
+
+
+@pytest.mark.parametrize("dtype", [np.int8, np.uint8, np.int16, np.uint16, np.int32, np.uint32])
+def test_whole_numbers_of_up_to_32_bits_wrap_as_in_jax(dtype: Any) -> None:
+    limits = np.iinfo(dtype)
+    edges = np.array(
+        [limits.min + 1, limits.min + 2, 0, 1, limits.max // 2, limits.max - 1, limits.max], dtype
+    )
+    a, b = (pair.ravel() for pair in np.meshgrid(edges, edges))
+    results = executable(traced_with(_whole, a[0], b[0]))(a.astype(np.float64), b.astype(np.float64))
+    for mine, right in zip(results, jax.vmap(_whole)(a, b), strict=True):
+        np.testing.assert_array_equal(mine, np.asarray(right).astype(np.float64))
+
+
+def test_counts_that_cannot_leave_their_dtype_are_not_wrapped() -> None:
+    traced = traced_with(lambda count: count + jnp.int32(1), np.int32(0))
+    assert [node.op for node in traced.program.nodes] == ["input", "constant", "add"]

@@ -213,9 +213,9 @@ X1 = jnp.asarray(0.5)
             "256 turns",
         ),
         (lambda x: x.astype(jnp.float16), (X1,), "float16"),
-        # 0 - 1 is 255 in JAX, and 3 * 100 is 44
-        (lambda x: x.astype(jnp.uint8) - jnp.uint8(1), (X1,), "'sub' of uint8"),
-        (lambda x: x.astype(jnp.int8) * jnp.int8(100), (X1,), "'mul' of int8"),
+        # a generator of random numbers, and 0 - 1, which is 2^64 - 1 in JAX
+        (lambda i: (1103515245 * i + 12345) % 2**31, (np.int64(1),), "'mul'"),
+        (lambda i: i - jnp.uint64(1), (np.uint64(1),), "uint64"),
         (lambda x: jnp.asarray(x, complex), (X1,), "complex128"),
         (lambda x, i: jnp.zeros(65).at[3].set(x)[i], (X1, np.int64(1)), "64 indices"),
         (lambda x, i: x * jnp.zeros(65).at[i].set(x), (X1, np.int64(1)), "64 indices"),

@@ -7,7 +7,7 @@ import pytest
 
 from gaitsweep.engine.kernel import cpu_program
 from gaitsweep.engine.kernel import lanes as kernel_lanes
-from gaitsweep.engine.kernel.chunk import contracted
+from gaitsweep.engine.kernel.contraction import contracted
 from gaitsweep.engine.kernel.lanes import kernel_of
 from gaitsweep.engine.kernel.operations import OPERATIONS
 from gaitsweep.engine.kernel.program import Program

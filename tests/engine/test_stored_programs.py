@@ -16,9 +16,10 @@ import pytest
 import gaitsweep as gs
 from gaitsweep.api.keywords import job_of
 from gaitsweep.cache_folder import cache_folder
-from gaitsweep.engine import content
-from gaitsweep.engine.content import depends_on, lasting_content, stored
+from gaitsweep.engine import stored_traces
+from gaitsweep.engine.content import depends_on, lasting_content
 from gaitsweep.engine.kernel.row_functions import over_rows
+from gaitsweep.engine.stored_traces import stored
 from gaitsweep.runs.prepare import prepare
 
 MODEL = """
@@ -51,7 +52,7 @@ _NUMBERS = itertools.count()
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder from which modules are imported, beside a cache."""
     monkeypatch.setenv("GAITSWEEP_CACHE", str(tmp_path / "cache"))
-    monkeypatch.setattr(content, "cache_folder", cache_folder)
+    monkeypatch.setattr(stored_traces, "cache_folder", cache_folder)
     monkeypatch.syspath_prepend(tmp_path)
     return tmp_path
 
@@ -107,7 +108,7 @@ def test_results_are_stored_by_what_decides_them(folder: Path, monkeypatch: pyte
     assert stored("name", model, (1.0,), work_out) == stored("name", model, (1.0,), work_out) == [0]
     assert stored("name", model, (2.0,), work_out) == [1]
     assert stored("other", model, (1.0,), work_out) == [2]
-    monkeypatch.setattr(content, "_SOURCES", "another version")
+    monkeypatch.setattr(stored_traces, "_SOURCES", "another version")
     assert stored("name", model, (1.0,), work_out) == [3]
 
 

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import jax
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from gaitsweep.engine.kernel import cpu_program
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.settle import SettleRecorder
@@ -50,9 +53,19 @@ def test_order_of_rows(whole) -> None:
     np.testing.assert_array_equal(whole.last[order], other.last)
 
 
-def test_a_quickly_compiled_kernel_gives_the_same_bits(whole) -> None:
+def test_a_quickly_compiled_kernel_gives_the_same_bits(whole, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Tests compile quickly; `quick=True` asks for a kernel of its own, which is optimised here."""
+    optimised = cpu_program.loaded_once.__wrapped__  # type: ignore[attr-defined]
+    asked = []
+
+    def loaded_once(*args: Any, quick: bool) -> Any:
+        asked.append(quick)
+        return optimised(*args, quick=False)
+
+    monkeypatch.setattr(cpu_program, "loaded_once", loaded_once)
     rows = {"launch_1": LAUNCH}
     same(whole, run_rows(Toy(), SettleRecorder(Toy()), rows, numerics=NUMERICS, lanes=4, quick=True))
+    assert asked == [True]
 
 
 @pytest.mark.slow

@@ -9,7 +9,7 @@ import os
 import re
 import shutil
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 import pandas as pd
@@ -22,7 +22,7 @@ import toy_model
 from gaitsweep.fitting import optimisers
 from gaitsweep.fitting.estimate import estimate_search
 from gaitsweep.fitting.free_parameters import sets_at
-from gaitsweep.fitting.optimisers import METHODS, Method, optimiser
+from gaitsweep.fitting.optimisers import Method, optimiser
 from gaitsweep.fitting.population import Population
 from gaitsweep.fitting.search import FINALISTS, SearchResult, run_search
 from gaitsweep.fitting.search_job import SearchOptions, load_search, read_search
@@ -242,7 +242,7 @@ def test_misses_are_the_distance_from_what_is_wanted(tmp_path: Path) -> None:
 
 @pytest.mark.slow("cma-3", "nsga3-3", "sobol-1")
 @pytest.mark.parametrize("side_by_side", [1, 3])
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", get_args(Method))
 def test_a_stopped_search_continues_to_the_same_bits(
     method: str, side_by_side: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -386,6 +386,13 @@ def test_wrong_searches_are_refused(change: dict[str, Any], sentence: str, tmp_p
     assert not (tmp_path / "out").exists()
 
 
+def test_a_constant_of_zero_has_no_share_to_change_by(tmp_path: Path) -> None:
+    asked = job(robust={**ROBUST, "constants": ["kicking"]})
+    asked["params"] = {**asked["params"], "kicking": 0.0}
+    with pytest.raises(JobError, match=r"constants\[0\] is kicking, whose value is 0.*other than 0"):
+        searched(asked, tmp_path / "out")
+
+
 @pytest.mark.parametrize(
     ("change", "sentence"),
     [
@@ -486,7 +493,7 @@ def test_a_start_without_default_is_required_of_every_measure(tmp_path: Path) ->
         searched(asked, tmp_path / "out")
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", get_args(Method))
 def test_one_constant_is_enough(method: str, tmp_path: Path) -> None:
     free = {"kick": [0.1, 3.0]}
     asked = job(free=free, method=method, budget=300)
@@ -495,7 +502,7 @@ def test_one_constant_is_enough(method: str, tmp_path: Path) -> None:
     assert best["kick"] == pytest.approx(KICK, rel=0.02)
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", get_args(Method))
 def test_a_search_whose_sets_all_fail_completes(method: str, tmp_path: Path) -> None:
     asked = job(method=method, budget=64)
     asked["params"]["ceiling"] = 1e-3
@@ -588,7 +595,7 @@ def test_batches_side_by_side_learn_too(method: str, tmp_path: Path) -> None:
     assert not found[chosen].equals(alone[chosen])
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", get_args(Method))
 def test_optimisers_stay_in_their_ranges_and_repeat(method: Method) -> None:
     def points(seed: int) -> np.ndarray:
         made = optimiser(method, dimension=3, targets=2, start=16, together=16, seed=seed)
@@ -755,7 +762,7 @@ def test_the_shipped_phases_are_a_set_of_the_shipped_search() -> None:
 def test_known_sets_are_measured_first(tmp_path: Path) -> None:
     """From a set near the planted one a strategy needs fewer sets than from Sobol points alone."""
     known = [{"kick": 0.79, "stiffness": 6.1}, {"kick": KICK}]
-    for method in METHODS:
+    for method in get_args(Method):
         few = job(method=method, budget=32, known=known, **({"start": 0} if method == "cma" else {}))
         table = searched(few, tmp_path / method).table
         assert table["kick"].tolist()[:2] == pytest.approx([0.79, KICK], rel=1e-12)

@@ -495,7 +495,7 @@ def test_an_override_that_is_wrong(tmp_path: Path, override: str, words: list[st
 
 
 MODELS = [
-    ("raise RuntimeError('no device')", ["cannot be imported: RuntimeError: no device"]),
+    ("raise RuntimeError('no device')", ["cannot be imported: RuntimeError (", ", line 1): no device"]),
     ("import nothing_of_that_name", ["cannot be imported", "nothing_of_that_name"]),
     ("def f(:", ["cannot be imported: SyntaxError"]),
     ("x = 1", ["has no Own"]),

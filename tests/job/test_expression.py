@@ -12,14 +12,14 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
+from gaitsweep.condition import fulfilled, read_condition
 from gaitsweep.expression import (
     FUNCTIONS,
     ExpressionError,
     evaluate,
-    fulfilled,
     functions_of,
-    names_in,
-    read_condition,
+    names_used,
+    resolve,
 )
 
 NAMES = {"beta": 0.8, "kappa": 100.0, "m_B": 0.9}
@@ -155,7 +155,7 @@ def test_tracers_keep_their_precision() -> None:
         ("log(x=1)", "no named arguments"),
         ("1/0", "divides by zero"),
         ("0**-1", "divides by zero"),
-        ("5 % 0", "not a finite number"),
+        ("5 % 0", "divides by zero"),
         ("1/(1e308*10)", "1.8e308"),
         ("10**400", "1.8e308"),
         ("1e999", "not a finite number"),
@@ -186,9 +186,11 @@ def test_tracers_keep_their_precision() -> None:
         ("1 if beta else 2", "if / else"),
         ("beta < 1", "a comparison"),
         ("beta and 1", "and / or"),
-        ("not beta", "not allowed"),
-        ("~1", "not allowed"),
-        ("1 << 3", "not allowed"),
+        ("not beta", "not is not allowed"),
+        ("~1", "~ is not allowed"),
+        ("1 << 3", "<< is not allowed"),
+        ("beta & 1", "& is not allowed"),
+        ("beta @ 1", "@ is not allowed"),
         ("(x := 3)", "an assignment"),
         ("min(*beta)", "a star"),
         ("__import__('os').system('true')", "a dot after a name"),
@@ -215,6 +217,9 @@ def test_refuses_with_a_sentence(text: str, words: str) -> None:
 def test_numbers_that_are_not_finite_are_refused(value: object) -> None:
     with pytest.raises(ExpressionError):
         evaluate(value, {})  # type: ignore[arg-type]
+    if not (isinstance(value, float) and math.isnan(value)):  # a start that the model decides
+        with pytest.raises(ExpressionError):
+            resolve({"beta": value}, {})  # type: ignore[dict-item]
 
 
 def test_a_refusal_in_one_row_refuses_the_array() -> None:
@@ -227,10 +232,10 @@ def test_constants_keep_their_meaning() -> None:
         evaluate("2*e", {"e": 0.5})
 
 
-def test_names_in() -> None:
-    assert names_in("2*(1-beta)*pi + sqrt(kappa/m_B) - max(beta, e)") == {"beta", "kappa", "m_B"}
-    assert names_in("2*pi") == set()
-    assert names_in(3.0) == set()
+def test_names_used() -> None:
+    assert names_used("2*(1-beta)*pi + sqrt(kappa/m_B) - max(beta, e)") == {"beta", "kappa", "m_B"}
+    assert names_used("2*pi") == set()
+    assert names_used(3.0) == set()
 
 
 # Conditions

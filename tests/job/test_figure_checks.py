@@ -16,6 +16,7 @@ from tests.support.job_tables import table_of
 
 GRID = {"psi_1": {"linspace": [1, 2, 4]}, "psi_2": {"linspace": [1, 1.5, 3]}}
 MASSES = {"m_B": {"values": [0.85, 0.9]}}
+TWO = {**MASSES, "omega": {"values": [0.4, 0.5]}}
 BOTH = {**GRID, **MASSES}
 SEEDS = {"seed": [1, 2]}
 PSI = {"x": "psi_1", "y": "psi_2"}
@@ -40,13 +41,13 @@ REFUSED: list[tuple[dict[str, Any], dict[str, Any], Any, str, str]] = [
     ({"kind": "shock", "x": "psi_1", "y": "m_B"}, SETTLE, BOTH, "", "psi_1 in rad and m_B in kg"),
     ({"kind": "shock", **PSI}, SETTLE, BOTH, "", "leaves out m_B, which varies"),
     ({"kind": "shock", "x": "psi_1", "y": "gait"}, SETTLE, GRID, "", "y is gait, which is not numeric"),
+    ({"kind": "orbit", "x": "m_B", "y": "psi_1"}, SETTLE, TWO, "", "x leaves out omega, in which"),
     ({"kind": "basin", **PSI}, SETTLE, BOTH, "", "leaves out m_B, which varies"),
     ({"kind": "basin", "x": "psi_1", "y": "status"}, SETTLE, GRID, "", "y is status, which is not numeric"),
     ({"kind": "basin", "x": "psi_1", "y": "psi_1"}, SETTLE, GRID, "", "y is psi_1, like x"),
     ({"kind": "basin", **PSI, "title": "$\\foo$"}, SETTLE, GRID, "", "title is .*cannot typeset"),
     ({"kind": "gait_map", "x": "psi_1", "y": "psi_1"}, SETTLE, GRID, "", "y is psi_1, like x"),
     ({"kind": "gait_map", "x": "gait", "y": "psi_1"}, SETTLE, GRID, "", "x is gait, which is not numeric"),
-    ({"kind": "basin_measures"}, SETTLE, BOTH, "", "needs one unit for the distance"),
     ({"kind": "basin_measures", "panels": "m_B"}, SETTLE, MASSES, "", "axes is missing: besides panels"),
     ({"kind": "basin_measures", "axes": ["gait"]}, SETTLE, GRID, "", r"axes\[0\] is gait, which is not"),
     ({"kind": "basin_measures", "hue": "attractor"}, REFINED, GRID, "", "hue is attractor"),

@@ -10,7 +10,7 @@ import pytest
 import gaitsweep as gs
 from gaitsweep.cli.main import main
 from gaitsweep.job import Job, JobError
-from gaitsweep.schema.former_names import renamed
+from gaitsweep.schema.diagnostics import renamed
 from gaitsweep.table import ResultDirectory, TableError
 from gaitsweep.table.manifest import Layout
 

@@ -16,7 +16,7 @@ from gaitsweep import models
 from gaitsweep.design import Design
 from gaitsweep.engine.sweep.blocks_of_rows import rows_of_a_block
 from gaitsweep.job import Job, JobError, load_job, schema
-from gaitsweep.kinds.ramp import Ramp
+from gaitsweep.kinds.crossings import Ramp
 from gaitsweep.kinds.settle import Settle
 from tests.support import MODELS
 from tests.support.toy_jobs import BASE, EVERY, EVERY_AXIS, TOY, columns_of, toy, written
@@ -48,7 +48,7 @@ def test_a_file_becomes_rows(tmp_path: Path) -> None:
         (("restitution",), 3),
         (("launch_1",), 4),
     ]
-    columns = design.columns(0, 12)
+    columns = design.at(np.arange(12), design.names)
     assert list(columns) == ["restitution", "launch_1"]
     assert columns["restitution"].tolist() == [0.0] * 4 + [0.25] * 4 + [0.5] * 4
     assert columns["launch_1"].tolist() == [
@@ -230,7 +230,8 @@ def test_the_schema_describes_every_field() -> None:
 def test_jobs_and_their_errors_travel_between_processes() -> None:
     again = pickle.loads(pickle.dumps(EVERY))
     assert again.hash() == EVERY.hash()
-    assert again.design.columns(0, 5)["launch_2"].tolist() == EVERY.design.columns(0, 5)["launch_2"].tolist()
+    one, other = (job.design.at(np.arange(5), ["launch_2"])["launch_2"] for job in (again, EVERY))
+    assert one.tolist() == other.tolist()
     with pytest.raises(JobError) as refused:
         toy(params={"mas": 1})
     assert str(pickle.loads(pickle.dumps(refused.value))) == str(refused.value)

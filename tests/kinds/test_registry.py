@@ -138,6 +138,16 @@ def test_every_kind_describes_itself(kind: str) -> None:
     assert part.__doc__
 
 
+def test_the_interface_names_its_optional_members() -> None:
+    described = kinds.RunKind.__doc__ or ""
+    members = [getattr(member, "fget", member) for member in vars(kinds.RunKind).values()]
+    members = [getattr(member, "__func__", member) for member in members]
+    own = [m for m in members if getattr(m, "__module__", "") == kinds.RunKind.__module__]
+    optional = {m.__name__ for m in own if not hasattr(m, "__final__")} - {"__init__"}
+    assert optional >= {"recorder", "check", "findings", "model_of", "movements"}
+    assert optional <= set(re.findall(r"`(\w+)`", described))
+
+
 def test_help_of_a_kind_is_its_fields_and_not_pydantics_methods() -> None:
     shown = pydoc.plain(pydoc.render_doc(kinds.RUN_KINDS["staircase"]))
     assert "Staircase(*, parameter, path, step, dwell, first_dwell=None, tolerance=0.001)" in shown

@@ -63,7 +63,8 @@ class FastestRecorder(Recorder):
 
     def begin(self, params: Params, carry: Carry) -> Beginning:
         record, sample, keep = self.settling.begin(params, carry)
-        return dataclasses.replace(record, numbers=self.unsampled(params, carry)[0].numbers), sample, keep
+        record = dataclasses.replace(record, numbers=self.unsampled(params, carry)[0].numbers)
+        return Beginning(record, sample, keep)
 
     def record(self, params: Params, carry: Carry, record: LaneRecord) -> PollResult:
         result = self.settling.record(params, carry, record)

@@ -37,7 +37,10 @@ def test_a_refined_run_has_the_full_runs_picture(coarse: pd.DataFrame, tmp_path:
     An edge takes a share of the cells in proportion to their size: 15 % at 99 x 99, thrice that at 33 x 33.
     """
     job = SWEEPS / "multilegged_refined_basins.yaml"
-    refined = run(job, tmp_path / "out", overrides=sliced(33, "run.coarse=4")).table
+    third = coarse["psi_3"] == coarse["psi_3"].iloc[0]
+    coarse = coarse.loc[third].reset_index(drop=True)
+    overrides = sliced(33, "run.coarse=4", f"vary.psi_3=[{float(coarse['psi_3'].iloc[0])}]")
+    refined = run(job, tmp_path / "out", overrides=overrides).table
     simulated = (refined["status"] == "settled").to_numpy()
     assert np.mean(refined["gait"] == coarse["gait"]) >= 0.995
     assert simulated.mean() < 0.45

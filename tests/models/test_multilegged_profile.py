@@ -61,11 +61,11 @@ def profile(N: int, seed: int = 3) -> tuple[Chain, dict[str, float]]:
 def test_a_profile_of_equal_values_is_the_uniform_chain(kind: type[Multilegged]) -> None:
     """Starts, crossings and labels are equal to the last bit."""
     ends = []
-    for model in (kind(N=4), kind(N=4, profile=True)):
+    for model in (kind(N=3), kind(N=3, profile=True)):
         recorder = SettleRecorder(model, max_cycles=40, tolerance=1e-3)
         numerics = STEPS if kind is MultileggedReduced else Numerics()
         run = run_rows(
-            model, recorder, columns(8, 4), params={"m_B": 0.85}, numerics=numerics, engine="kernel"
+            model, recorder, columns(8, 3), params={"m_B": 0.85}, numerics=numerics, engine="kernel"
         )
         ends.append((run.status, run.last, *run.labels.values()))
     for one, other in zip(*ends, strict=True):

@@ -15,6 +15,7 @@ from gaitsweep.job import Job, load_job
 from gaitsweep.own_modules import modules_beside
 from gaitsweep.runs import provenance
 from gaitsweep.runs.prepare import prepare
+from gaitsweep.schema.diagnostics import JobError
 
 MODEL = """\
 import dataclasses
@@ -148,8 +149,58 @@ def test_a_missing_module(folder: tuple[Path, str]) -> None:
     assert "did you mean" not in str(error.value)
     # not the model's module is missing, but one that it imports
     write(path / f"{package}_other.py", f"import {package}_numbers\n")
-    with pytest.raises(models.ModelError, match=f"ModuleNotFoundError: No module named '{package}_numbers'"):
+    where = rf"\({package}_other\.py, line 1\)"
+    with pytest.raises(
+        models.ModelError, match=f"ModuleNotFoundError {where}: No module named '{package}_numbers'"
+    ):
         models.find(f"{package}_other:Own", [path])
+
+
+CLOCKS = """\
+import gaitsweep as gs
+
+
+class NoPeriod(gs.DeclaredModel):
+    omega = gs.parameter("rad/s", "frequency", 6.0)
+    phase = gs.variable("rad", "phase", 0.0, circular=True)
+
+    def flow(self, p, s):
+        return {"phase": p.omega}
+
+    @gs.event("a turn ends", section=True)
+    def turn(self, p, s):
+        return s.phase - 6.0
+
+
+class NoRate(NoPeriod):
+    def flow(self, p, s):
+        speed = 2.0
+        return {"phase": speed * p.rate}
+
+    def period(self, p):
+        return 1.0
+
+
+class OtherPeriod(NoPeriod):
+    def period(self, p):
+        return 6.0 / p.frequency
+"""
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("NoPeriod", r"lacks period\(self, params\), the nominal period of a cycle \(s\)"),
+        ("NoRate", r"flow raises AttributeError \(\w+_clocks\.py, line 19\): .*no field rate"),
+        ("OtherPeriod", r"period raises AttributeError \(\w+_clocks\.py, line 27\): .*no field frequency"),
+    ],
+)
+def test_errors_name_what_is_missing_and_the_line(folder: tuple[Path, str], name: str, message: str) -> None:
+    path, package = folder
+    write(path / f"{package}_clocks.py", CLOCKS)
+    write(path / "job.yaml", f"name: a\nmodel: {package}_clocks:{name}\nrun: {{kind: settle}}\n")
+    with pytest.raises(JobError, match=message):
+        load_job(path / "job.yaml")
 
 
 def test_a_broken_edit_is_a_sentence(folder: tuple[Path, str]) -> None:

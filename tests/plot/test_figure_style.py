@@ -21,13 +21,14 @@ from gaitsweep.cli import main
 from gaitsweep.plot.column_labels import described
 from gaitsweep.plot.columns import PlotError
 from gaitsweep.plot.figure_layout import wrapped
-from gaitsweep.plot.figure_style import FORMATS, StyleError
+from gaitsweep.plot.figure_style import FORMATS, FigureStyle, StyleError, styled
 from gaitsweep.plot.theme import angle_axis, angle_ticks, in_pi
 from gaitsweep.runs.figures import draw_figures
 from gaitsweep.table import Snapshot
 from tests.support import ROOT
 from tests.support.hysteresis_tables import map_table, staircase_table
 from tests.support.plot_tables import legend_texts, rendered, settle_table
+from tests.support.text_boxes import text_problems
 
 BASIN = {"x": "psi_1", "y": "psi_2", "panels": "psi_3"}
 JOB: dict[str, Any] = {
@@ -143,6 +144,19 @@ def test_periods_of_an_atlas_have_colours_and_no_gait_has() -> None:
         plot.draw("road_map", ball, y="phase", colours={"period 7": "red"})
 
 
+def test_letters_stand_above_headings_that_leave_them_no_room() -> None:
+    """A heading wider than its panel reaches over the letter's place, so all letters are above it."""
+    narrow: dict[str, Any] = {"width": "column", "panel_columns": 3}
+    figure = plot.draw("basin", settle_table(), **BASIN, panel_letters=True, **narrow)
+    assert text_problems(figure) == []
+    for axes in figure.axes[:3]:
+        (letter,) = axes.texts
+        assert letter.get_window_extent().y0 >= axes.title.get_window_extent().y1
+    wide = plot.draw("basin", settle_table(), **BASIN, panel_letters=True, shares=False, width="page")
+    wide.draw_without_rendering()
+    assert wide.axes[0].texts[0].get_window_extent().y0 < wide.axes[0].title.get_window_extent().y1
+
+
 def test_letters_of_one_panel_and_letters_that_are_chosen() -> None:
     def letters(**look: Any) -> list[str]:
         table = settle_table()
@@ -248,6 +262,10 @@ def test_a_figure_of_one_panel_goes_into_given_axes() -> None:
     assert not left.has_data()
     with pytest.raises(PlotError, match="3 panels, but ax is one"):
         plot.draw("basin", settle_table(), **BASIN, ax=left)
+    with styled(FigureStyle(), left), plot.theme.canvas(3.0, 2.0) as one_panel:
+        assert one_panel.axes == [left]
+        with pytest.raises(PlotError, match="leave ax out"):
+            one_panel.supylabel("beside the panel")
     plt.close(figure)
 
 
@@ -321,6 +339,24 @@ def test_a_job_has_a_style_that_its_figures_may_replace(
     assert "width is" in capsys.readouterr().err
     assert main(["plot", str(result.path), "--colour", "direkt=crimson"]) != 0
     assert "did you mean direct?" in capsys.readouterr().err
+    reset = [
+        "--set",
+        "shares=false",
+        "--set",
+        "title=none",
+        "--set",
+        "labels.psi_1=lag",
+        "--panel-columns",
+        "1",
+    ]
+    assert main(["plot", str(result.path), *reset, "--format", "svg", "--out", str(tmp_path / "own")]) == 0
+    assert "source" in (own := (tmp_path / "own/basin.svg").read_text())
+    assert "%" not in own  # the fonts are outlines, but the comments have the texts
+    assert "<!-- lag -->" in own
+    assert main(["plot", str(result.path), "--set", "sharse=false"]) == 2
+    assert "did you mean shares?" in capsys.readouterr().err
+    assert main(["plot", str(result.path), "--set", "shares=maybe"]) == 2
+    assert "shares" in capsys.readouterr().err
     assert main(["plot", str(result.path), "--height", "10"]) != 0
     assert "needs at least" in capsys.readouterr().err
     assert {file.suffix[1:] for file in draw_figures(result.path)} == set(FORMATS)

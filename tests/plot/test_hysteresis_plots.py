@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from matplotlib.colors import to_hex, to_rgb
 from matplotlib.patches import FancyArrowPatch, Rectangle
@@ -200,3 +201,36 @@ def test_hysteresis_by_panels_and_of_many_rows() -> None:
     assert legend_texts(figure.axes[0])[0] == "$f$ rises: 0.3 to 0.4 Hz, 3 of 3 rows"
     with pytest.raises(PlotError, match="moves no parameter"):
         plot.hysteresis(map_table(starts=3), y="delta_13")
+
+
+def test_rows_of_several_parameter_values_have_a_panel_each() -> None:
+    """Rows that differ in starts alone stay in one panel; too many parameter values are refused."""
+    table = staircase_table(6, stairs=9, hold=1)
+    table.attrs["job"]["model"] = "waist_quadruped"
+    table.insert(1, "delta_13", table["row"] / 10.0)
+    assert len(plot.hysteresis(table, y="delta_13").axes) == 1
+    table.insert(1, "body_mass", 1.0 + table["row"] % 2)
+    table.insert(1, "body_length", 0.1 + 0.01 * (table["row"] // 4))
+    figure = plot.hysteresis(table, y="delta_13")
+    headings = [axes.get_title() for axes in figure.axes if axes.get_title()]
+    assert [heading.count("=") for heading in headings] == [2, 2, 2, 2]
+    assert "0.11" in headings[3]
+    assert legend_texts(figure.axes[0])[0].endswith("2 of 2 rows")  # of six
+    by_mass = plot.hysteresis(table.loc[table["row"] < 4], y="delta_13", panels="body_mass")
+    assert len(by_mass.axes) == 2
+    many = pd.concat([table.assign(row=table["row"] + 6 * n, body_mass=n) for n in range(13)])
+    many.attrs = table.attrs
+    sentence = (
+        r"body_length and body_mass, in 26 combinations.*12 at most.*table\[table\[\"body_mass\"\] == 12\]"
+    )
+    with pytest.raises(PlotError, match=sentence):
+        plot.hysteresis(many, y="delta_13")
+
+
+def test_a_figure_of_many_panels_is_low_enough_or_says_that_it_is_not() -> None:
+    table = staircase_table(8, stairs=9, hold=1)
+    table.insert(1, "mass", table["row"])
+    few = table.loc[table["row"] < 3]
+    assert plot.draw("hysteresis", few, y="delta_13", panels="mass", width="column").get_figheight() < 8.2
+    with pytest.warns(UserWarning, match=r"mm high, more than a page: .* width of page"):
+        plot.draw("hysteresis", table, y="delta_13", panels="mass", width="column")

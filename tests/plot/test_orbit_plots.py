@@ -6,8 +6,10 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+import pytest
 
 from gaitsweep import plot
+from gaitsweep.plot import PlotError
 
 
 def diagram_table() -> pd.DataFrame:
@@ -42,10 +44,32 @@ def test_all_crossings_are_drawn_with_the_exponent_below() -> None:
     marks = [line for line in above.lines if line.get_marker() == "|"]
     assert [line.get_xdata().tolist() for line in marks] == [[4.0]]
     words = [text.get_text() for legend in figure.legends for text in legend.get_texts()]
-    assert words == ["periodic", "chaotic", "no attractor"]
+    assert words == ["periodic", "chaotic", "not settled"]
 
 
 def test_without_exponents_there_are_no_lower_axes() -> None:
     table = diagram_table().drop(columns=["lyapunov_1", "lyapunov_1_error"])
     assert len(plot.orbit(table, x="a", y="x").axes) == 1
     assert len(plot.orbit(table.iloc[:0], x="a", y="x").axes) == 1
+
+
+def test_rows_of_another_parameter_are_not_drawn_over_each_other() -> None:
+    """Points of two systems look like one that has two attractors."""
+    table = pd.DataFrame({"row": [0, 1], "a": [1.0, 1.0], "b": [0.2, 0.3], "status": "settled", "x_end": 0.1})
+    table.attrs["job"] = {"model": "gaitsweep.examples.henon:Henon"}
+    with pytest.raises(PlotError, match=r'differ in b, too, .*table\[table\["b"\] == 0\.2\]'):
+        plot.orbit(table, x="a", y="x")
+    assert len(plot.orbit(table.iloc[:1], x="a", y="x").axes) == 1
+
+
+def test_values_without_crossings_say_why() -> None:
+    """An undecided row leaves its value open, beside failed ones too; at rest there are no crossings."""
+    table = pd.DataFrame({"a": [1.0, 2.0, 2.0, 3.0, 4.0, 4.0], "x_end": 0.1})
+    table["status"] = ["settled", "cycle_limit", "fell", "fell", "at_rest", "fell"]
+    figure: Any = plot.orbit(table, x="a", y="x")
+    marks = [line.get_xdata().tolist() for line in figure.axes[0].lines if line.get_marker() == "|"]
+    assert marks == [[2.0], [3.0, 4.0]]
+    words = [text.get_text() for legend in figure.legends for text in legend.get_texts()]
+    assert words == ["periodic", "not settled", "failed"]
+    at_rest: Any = plot.orbit(table.iloc[[4]], x="a", y="x")
+    assert [text.get_text() for legend in at_rest.legends for text in legend.get_texts()] == ["at rest"]

@@ -136,7 +136,7 @@ def test_basin_of_starts_on_no_grid_is_drawn_as_points() -> None:
 
 
 def test_basin_refuses_a_cell_of_several_rows() -> None:
-    with pytest.raises(PlotError, match="Name it as `panels`"):
+    with pytest.raises(PlotError, match="Name psi_3 as `panels`"):
         plot.basin(settle_table(), x="psi_1", y="psi_2")
 
 

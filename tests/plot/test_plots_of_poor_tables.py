@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+import io
+from pathlib import Path
+from typing import Any
+
 import numpy as np
 import pandas as pd
 import pytest
 
 from gaitsweep import plot
+from gaitsweep.errors import UserError
 from gaitsweep.plot import PlotError
 from tests.support import hysteresis_tables
 from tests.support.plot_tables import AXES, crossing_table, rendered, settle_table, trace_table
+
+ROOT = Path(__file__).parents[2]
 
 
 @pytest.mark.parametrize(
@@ -34,6 +41,57 @@ def test_what_is_not_there_is_refused_with_the_near_miss(kind: str, spec: dict, 
         plot.draw(kind, settle_table(), **spec)
     with pytest.raises(PlotError, match="contact_1"):
         plot.footprints(crossing_table().assign(t=0.0))
+
+
+def test_figures_follow_neither_the_index_nor_the_order_of_a_table() -> None:
+    """Repeated index values are those of pandas.concat, an order of its own that of a sort."""
+    settle, ball = settle_table(), pd.read_parquet(ROOT / "docs/gallery/road_map.parquet")
+    for kind, table, spec in (
+        ("basin", settle, {"x": "psi_1", "y": "psi_2", "panels": "psi_3"}),
+        ("road_map", ball, {"y": "phase"}),
+        ("atlas", ball, {}),
+    ):
+        sorted_otherwise = table.sample(frac=1.0, random_state=1).set_axis(np.arange(len(table)) // 3)
+        sorted_otherwise.attrs = table.attrs
+        images = []
+        for of_table in (table, sorted_otherwise):
+            file = io.BytesIO()
+            plot.draw(kind, of_table, **spec).savefig(file, format="rgba", dpi=60)
+            images.append(file.getvalue())
+        assert images[0] == images[1], kind
+
+
+def test_refusals_name_the_loss_of_units_by_pandas() -> None:
+    """A table with units is not blamed, nor a table of the user that is drawn."""
+    table = settle_table()
+    with pytest.raises(PlotError, match=r"psi1 is not a column.*pandas\.concat and merge drop.*gs\.concat"):
+        plot.basin(table, x="psi1", y="psi_2")
+    with pytest.raises(PlotError, match=r"stroll.*no gait of this table.*gs\.concat"):
+        plot.draw("basin", table, x="psi_1", y="psi_2", panels="psi_3", colours={"stroll": "red"})
+    table.attrs["quantities"] = {}
+    with pytest.raises(PlotError) as refusal:
+        plot.basin(table, x="psi1", y="psi_2")
+    assert "concat" not in str(refusal.value)
+
+
+def test_rows_that_would_share_a_cell_or_a_pass_are_refused_with_the_reason() -> None:
+    table = settle_table()
+    with pytest.raises(
+        PlotError, match=r"since psi_3 varies too. Name psi_3 as `panels`, or .*\[\"psi_3\"\]"
+    ):
+        plot.basin(table, x="psi_1", y="psi_2")
+    with pytest.raises(PlotError, match="the same start more than once"):
+        plot.basin(pd.concat([table, table]), x="psi_1", y="psi_2", panels="psi_3")
+    stairs = hysteresis_tables.staircase_table(stairs=9, hold=1)
+    stairs.attrs["job"] = {"run": {"parameter": "f"}}
+    with pytest.raises(UserError, match=r"Row 0 has several records of stair 0.*gs\.concat"):
+        plot.hysteresis(pd.concat([stairs, stairs]), y="delta_13")
+
+
+def test_what_is_no_table_is_refused() -> None:
+    basin: Any = plot.basin
+    with pytest.raises(PlotError, match=r"table is a str, but must be a table: load it by gs\.load\('DIR'\)"):
+        basin("DIR", x="psi_1", y="psi_2")
 
 
 @pytest.mark.parametrize("whole", ["none of its rows", "failed", "no numbers"])

@@ -8,7 +8,9 @@ from typing import Any
 import pyarrow.parquet as pq
 import pytest
 
+from gaitsweep.cli import show
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
+from gaitsweep.engine.sweep.lane_scheduler import LaneScheduler
 from gaitsweep.job import Job
 from gaitsweep.kinds.continuation import DERIVATIVE
 from gaitsweep.runs.estimate import estimate
@@ -50,7 +52,25 @@ def test_records_and_disk_within_a_factor_of_three(name: str, tmp_path: Path) ->
     assert 1 / 3 < needs.records / records < 3
     assert 1 / 3 < needs.disk_bytes / written < 3
     assert 0.0 < needs.seconds <= 1.01 * needs.seconds_most
+    assert (needs.self_check_rows, needs.self_check_s) == (0, 0.0)
     assert needs.simulated < needs.rows if name == "refine" else needs.simulated == needs.rows
+
+
+def test_an_estimate_that_fails_ends_its_lanes(monkeypatch: pytest.MonkeyPatch) -> None:
+    ended: list[LaneScheduler] = []
+    monkeypatch.setattr(LaneScheduler, "shut_down", lambda pool: ended.append(pool))
+    monkeypatch.setattr(LaneScheduler, "advance_all", lambda *_: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        estimate(Job(name="x", model="toy_model:Toy", run={"kind": "settle"}, vary=GRID))
+    assert len(ended) == 1
+
+
+def test_the_self_check_counts() -> None:
+    job = Job(name="x", model="toy_model:Toy", run={"kind": "settle"}, vary={"preload": [0.5, 0.7, 0.9]})
+    needs = estimate(job)
+    assert needs.self_check_rows == 3
+    assert needs.compile_s < needs.self_check_s < needs.seconds - needs.compile_s
+    assert "self-check of 3 rows" in show.estimate(needs)
 
 
 CUSP = {"kind": "continuation", "parameter": "r", "path": [-1.0, 1.0], "settle": 20}

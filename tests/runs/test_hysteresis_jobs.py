@@ -31,7 +31,7 @@ GOOD = [
         "{kind: hysteresis, y: launch_1, parameter: stiffness, with_table: a, least: 2/10, panels: mass}",
     ),
     (STAIRS, "{kind: hysteresis, y: launch_1, title: Up and down, name: loop}"),
-    (MAP, "{kind: return_map, y: launch_1}"),
+    (MAP, "{kind: return_map, y: launch_1, panels: mass}"),
     (MAP, "{kind: return_map, y: launch_1, panels: mass, form: next, bandwidth: 0.1}"),
     (MAP, "{kind: branches, y: launch_1, x: mass}"),
     (SETTLE, "{kind: gait_map, x: mass, y: launch_1}"),
@@ -56,6 +56,7 @@ BAD = [
     # the run of this name has crossings, its figure does not
     (MAP, "{kind: return_map, y: launch_1, crossings: 3}", ["figures[0].crossings", "a figure (return_map)"]),
     (MAP, "{kind: return_map}", ["figures[0].y is missing"]),
+    (MAP, "{kind: return_map, y: launch_1}", ["figures[0].panels leaves out mass"]),
     (MAP, "{kind: return_map, y: launch_1, form: both}", ["figures[0].form", "Allowed: change, next"]),
     (
         MAP,

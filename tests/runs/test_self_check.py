@@ -57,6 +57,11 @@ def test_a_step_that_does_not_matter_passes(tmp_path: Path) -> None:
     assert self_check_sentence(result).startswith(
         "Self-check: 4 of 20 rows rerun at 0.38 of the step kept their gait; x "
     )
+    one = self_check_sentence({**result, "rows": 1, "of": 1, "verdict": "warned", "unstable": 1})
+    assert one.startswith("Self-check: 1 row rerun at 0.38 of the step: 1 rests on an unstable gait, which")
+    assert "1 row rerun at 0.38 of the step kept its gait; x " in self_check_sentence(
+        {**result, "rows": 1, "of": 1}
+    )
     assert checked(tmp_path / "all", vary={"x_0": {"linspace": [-0.9, 0.9, 20]}}, verify=20)["rows"] == 20
 
 
@@ -453,7 +458,14 @@ def test_rows_that_stay_on_an_unstable_gait_are_marked(
     wrong = pytest.warns(UserWarning, match="unstable gait") if unstable else contextlib.nullcontext()
     with wrong:
         result = gs.sweep(model, run=run, verify=4, **axes)
-    assert result.manifest["self_check"]["unstable"] == unstable
+    check = result.manifest["self_check"]
+    assert check["unstable"] == unstable
+    if unstable and "K" in axes:
+        assert check["unstable_first"]["K"] == -0.2
+        assert "on an unstable gait" in self_check_sentence(check)
+        assert "(first row 0 at K = -0.2" in self_check_sentence(check)
+    elif unstable and model is TwoOscillators:  # stairs and ramps from K = 0.5 down, in phase
+        assert -0.3 < check["unstable_first"]["K"] <= 0.0
 
 
 class Dropped(gs.MjcfModel):

@@ -17,10 +17,11 @@ from gaitsweep.cli import show
 from gaitsweep.design.design import Design
 from gaitsweep.examples.compass_walker import CompassWalker
 from gaitsweep.examples.slip_runner import STANCE, SlipRunner
-from gaitsweep.job.checks import _some_rows, remarks_on_rows
-from gaitsweep.models.conformity import idle_starts
+from gaitsweep.job.row_remarks import _some_rows, remarks_on_rows
+from gaitsweep.models.idle_starts import idle_starts
 from gaitsweep.models.value_faults import faults
-from gaitsweep.runs.model_trial import _with_rates, trial
+from gaitsweep.runs.energy_rates import with_rates
+from gaitsweep.runs.model_trial import trial
 from tests.support.sweeping import scalars
 
 
@@ -392,7 +393,7 @@ def rate_and_power(
     kind: type[gs.HybridModel], move: Callable[..., Any], **start: float
 ) -> tuple[float, float]:
     """The rate of a model's energy at a start that is moved, and the power that its terms exchange."""
-    model = _with_rates(kind)()
+    model = with_rates(kind)()
     params = scalars(model)
     state = move(model.init(params, {name: jnp.asarray(value) for name, value in start.items()}))
     result = jax.jit(model.signal)(params, state)

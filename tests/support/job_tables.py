@@ -26,7 +26,7 @@ def table_of(job: Job, seed: int = 0) -> pd.DataFrame:
     model, moved = design.model, run.moved
     known: dict[str, Quantity] = {q.name: q for q in (*model.signals, *model.label_fields)}
     known |= {f"{q.name}_{end}": q for q in model.observables for end in ("end", "n")}
-    axes = design.columns(0, design.n_rows)
+    axes = design.at(np.arange(design.n_rows), design.names)
     columns: dict[str, object] = {}
     for name in table_columns(design, run):
         if name == "row":

@@ -22,7 +22,7 @@ def toy(**fields: Any) -> Job:
 def columns_of(job: Job) -> dict[str, np.ndarray]:
     """Return the varied columns of all rows of a job."""
     design = job.design
-    return design.columns(0, design.n_rows)
+    return design.at(np.arange(design.n_rows), design.names)
 
 
 def written(folder: Path, text: str, name: str = "job.yaml") -> Path:

@@ -8,7 +8,6 @@ import numpy as np
 import pandas as pd
 import pytest
 
-import gaitsweep as gs
 from gaitsweep.analysis.records import outcome_labels
 from gaitsweep.table import load, load_parts
 from gaitsweep.table.frames import outcomes
@@ -21,24 +20,6 @@ def test_an_outcome_is_a_gait_or_why_there_is_none() -> None:
     result = outcomes(gait, status)
     assert list(result) == ["trot", "none", "none", "not settled", "failed", "failed"]
     assert list(result.categories) == ["walk", "trot", "none", "not settled", "failed"]
-
-
-def test_joined_tables_keep_the_order_of_gaits() -> None:
-    """Gaits of the second table follow those of the first; without, pandas makes text of both columns."""
-    slow = pd.DataFrame({"v": [1, 2], "gait": pd.Categorical(["trot", "walk"], ["walk", "trot", "none"])})
-    fast = pd.DataFrame({"v": [1, 3], "gait": pd.Categorical(["trot", "gallop"], ["trot", "gallop", "none"])})
-    listed = pd.DataFrame({"gait": ["trot", "none", None], "share": [0.4, 0.1, 0.5]})
-    slow.attrs["quantities"] = {"v": "m/s"}
-    assert not isinstance(pd.concat([slow, fast])["gait"].dtype, pd.CategoricalDtype)
-    order = ["walk", "trot", "gallop", "none"]
-    joined = gs.same_categories(slow, fast, listed)
-    assert joined[0].attrs == slow.attrs
-    assert joined[2]["gait"].isna().tolist() == [False, False, True]
-    both = pd.concat(joined[:2])
-    assert both["gait"].cat.categories.tolist() == order
-    assert both.groupby("gait", observed=True).size().index.tolist() == ["walk", "trot", "gallop"]
-    assert pd.merge(joined[1], joined[2], on="gait")["gait"].cat.categories.tolist() == order
-    pd.testing.assert_frame_equal(gs.same_categories(slow)[0], slow)
 
 
 def test_outcomes_of_as_many_gaits_as_a_small_code_holds() -> None:

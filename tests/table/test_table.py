@@ -34,7 +34,7 @@ from gaitsweep.table import (
 )
 from gaitsweep.table.atomic_files import replace_file
 from gaitsweep.table.manifest import Layout
-from gaitsweep.table.parquet_parts import part_bytes, readable
+from gaitsweep.table.parquet_parts import arrow_part, readable
 from tests.support.toy_directories import GAITS, JOB, block_frame, files_of, fill, open_toy
 
 
@@ -79,7 +79,8 @@ def test_columns_carry_their_unit_and_meaning_in_the_parquet_field(tmp_path: Pat
 
 def test_columns_of_a_run_kind_carry_theirs_unless_the_model_has_a_quantity_of_that_name() -> None:
     frame = pd.DataFrame({"row": [0], "status": ["settled"], "t_end": [1.5], "cycles": [3], "t": [0.5]})
-    data, _ = part_bytes(frame, 0, "hash", {"settled": 1}, {"t": {"unit": "K", "meaning": "temperature"}})
+    quantities = {"t": {"unit": "K", "meaning": "temperature"}}
+    data = arrow_part(frame, 0, "hash", {"settled": 1}, quantities).encoded().data
     fields = pq.read_schema(pa.BufferReader(data))
     assert fields.field("t_end").metadata == {b"unit": b"s", b"meaning": b"time at the end of the row"}
     assert fields.field("t").metadata == {b"unit": b"K", b"meaning": b"temperature"}
@@ -482,14 +483,14 @@ def test_a_killed_writer_keeps_all_written_parts(tmp_path: Path) -> None:
     root = Path(__file__).parents[2]
     path = tmp_path / "toy"
     finished = 0
-    for attempt in range(12):
+    for attempt in range(10):
         writer = subprocess.Popen(
             [sys.executable, "-c", WRITER, str(path)], cwd=root, stdout=subprocess.PIPE, text=True
         )
         assert writer.stdout is not None
         assert writer.stdout.readline() == "ready\n"
-        if attempt < 4:
-            time.sleep(0.02 + 0.07 * attempt)
+        if attempt < 2:
+            time.sleep(0.02 + 0.14 * attempt)
             writer.send_signal(signal.SIGKILL)
         rest = writer.stdout.read()
         writer.wait()

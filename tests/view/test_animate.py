@@ -412,13 +412,15 @@ def test_mujoco_draws_an_mjcf_without_a_sky_on_white() -> None:
 
 
 def test_ground_of_one_colour_gets_squares() -> None:
-    """Two squares a repeat; a ground with a material of its own keeps it."""
-    floors = '<geom type="plane" size="0 0 1"/><geom type="plane" size="1 1 1" material="own"/>'
-    own = f'<asset><material name="own"/></asset><worldbody>{floors}<geom size="1"/></worldbody>'
-    model = mujoco_painter._staged(f"<mujoco>{own}</mujoco>", 0.1)
+    """Two squares a repeat; a ground with a material of its own keeps it, whatever its name."""
+    floors = '<geom type="plane" size="0 0 1"/><geom type="plane" size="1 1 1" material="squares"/>'
+    texture = '<texture name="squares" type="2d" builtin="flat" width="8" height="8"/>'
+    asset = f'<asset>{texture}<material name="squares" texture="squares"/></asset>'
+    world = f'<worldbody>{floors}<geom size="1"/></worldbody>'
+    model = mujoco_painter._staged(f"<mujoco>{asset}{world}</mujoco>", 0.1)
     names = [model.mat(i).name if i >= 0 else "" for i in model.geom_matid]
-    assert names == ["squares", "own", ""]
-    assert (model.mat("squares").texrepeat == 5.0).all()
+    assert names == ["gaitsweep/squares", "squares", ""]
+    assert (model.mat(names[0]).texrepeat == 5.0).all()
     assert {209, 237} <= set(model.tex_data)
 
 

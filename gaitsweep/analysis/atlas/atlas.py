@@ -28,17 +28,13 @@ from gaitsweep.analysis.atlas.branch import (
     record_of,
 )
 from gaitsweep.analysis.atlas.order_changes import with_order_changes
-from gaitsweep.analysis.atlas.periodic_orbits import (
-    Orbit,
-    OrbitSearch,
-    orbits_of,
-    rows_of,
-)
-from gaitsweep.analysis.atlas.plane_curves import SecondParameter, plane_curves
+from gaitsweep.analysis.atlas.periodic_orbits import Orbit, OrbitSearch, orbits_of, rows_of
+from gaitsweep.analysis.atlas.plane_curves import plane_curves
 from gaitsweep.analysis.continuation.arclength_step import BranchPoints, ContinuationProblem
 from gaitsweep.analysis.continuation.branch_follower import ArclengthSteps, BranchFollower
-from gaitsweep.analysis.continuation.branch_points import CROSSINGS, FLAT, beside
+from gaitsweep.analysis.continuation.branch_points import CROSSINGS, FLAT, Way, beside
 from gaitsweep.analysis.continuation.branch_table import in_terms_of_flow
+from gaitsweep.analysis.continuation.exact_points import SecondParameter
 from gaitsweep.analysis.continuation.newton import ConservedConstraints, newton
 from gaitsweep.analysis.continuation.normal_forms import coefficient, doubled_direction
 from gaitsweep.analysis.continuation.stable_ranges import MARKS
@@ -271,17 +267,16 @@ class BranchAtlas:
             return [[] for _ in starts]
         problem = ContinuationProblem.joined([starts[k].problem for k, _ in directed])
         first = BranchPoints.joined([_directed(starts[k].first, sign) for k, sign in directed])
-        names = np.arange(len(directed))
         table = branch_table(problem, first)
-        follower = BranchFollower(problem, first, names, table, self.steps)
+        follower = BranchFollower(problem, first, np.arange(len(directed)), table, self.steps)
         follower.follow()
         crossings: dict[int, list[BranchPoints | None]] = {}
-        for name, _, aside in follower.crossings:
-            crossings.setdefault(name, []).append(aside)
+        for crossing in follower.crossings:
+            crossings.setdefault(crossing.branch, []).append(crossing.aside)
         halves: list[list[HalfBranch]] = [[] for _ in starts]
-        for name, (k, _) in enumerate(directed):
-            of_half = problem[np.array([name])]
-            half = self._half(of_half, table.records(name), crossings.get(name, []), period)
+        for number, (k, _) in enumerate(directed):
+            of_half = problem[np.array([number])]
+            half = self._half(of_half, table.records(number), crossings.get(number, []), period)
             halves[k].append(half)
         return halves
 
@@ -368,7 +363,7 @@ def _doubled(problem: ContinuationProblem, flip: BranchPoints) -> BranchPoints |
     size = flip.points.at.shape[1]
     scale[:size] = doubled_direction(flip)
     for length in BESIDE_FLIP:
-        aside = beside(problem, flip, [(flip.points, scale)], length)
+        aside = beside(problem, flip, [Way(flip.points, scale)], length)
         if aside is not None:
             return aside
     return None

@@ -10,7 +10,7 @@ from gaitsweep.analysis.atlas.atlas import BranchAtlas
 from gaitsweep.analysis.atlas.branch import ON_BRANCH, Branch, Record, text_of
 from gaitsweep.analysis.atlas.order_changes import event_columns
 from gaitsweep.analysis.atlas.periodic_orbits import OrbitSearch, polished, rows_of, with_images
-from gaitsweep.analysis.atlas.plane_curves import renamed_apart
+from gaitsweep.analysis.atlas.plane_curves import with_suffixes
 from gaitsweep.analysis.continuation.arclength_step import BranchPoints
 from gaitsweep.analysis.continuation.branch_table import in_terms_of_flow
 from gaitsweep.engine.poincare.maps import Points
@@ -58,7 +58,7 @@ def atlas_table(atlas: BranchAtlas, search: OrbitSearch, at: float) -> pd.DataFr
             head |= {**of_branch, "symmetry": "", "change": change, **event_columns(record["events"])}
             head |= {"stored_point": text_of(record["at"], branch.asides.get(index))}
             numbers_of_point = {k: v for k, v in record.items() if k not in _NOT_COLUMNS}
-            head |= renamed_apart(numbers_of_point, head)
+            head |= with_suffixes(numbers_of_point, head)
             if record[atlas.parameter] == at and not record["special"]:
                 head |= _gait(atlas, search, branch, record["at"], listed.setdefault(branch.row, []))
             records.append(head)

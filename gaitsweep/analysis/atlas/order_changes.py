@@ -6,7 +6,7 @@ import dataclasses
 import itertools
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -152,13 +152,14 @@ def _marks_on_step(problem: ContinuationProblem, before: Record, after: Record) 
     for _ in range(MOST_CHANGES):
         if not changes_of_order(events_at_begin, after["events"]):
             return
-        located = _last_before(problem, begin, after["at"], events_at_begin)
+        located = _located_change(problem, begin, after["at"], events_at_begin)
         if located is None:
             after["changes"] = changes_of_order(events_at_begin, after["events"])
             return
-        (at, last), (begin, events_at_begin) = located
-        changes = changes_of_order(last, events_at_begin)
-        yield record_of(problem, at) | {"special": "order_change", "changes": changes, "events": last}
+        last, (begin, events_at_begin) = located
+        changes = changes_of_order(last.events, events_at_begin)
+        mark = {"special": "order_change", "changes": changes, "events": last.events}
+        yield record_of(problem, last.point) | mark
 
 
 def _changes_beyond(branch: Branch, at_end: int, inner: int, events: Events) -> tuple[str, ...]:
@@ -180,26 +181,37 @@ def _changes_beyond(branch: Branch, at_end: int, inner: int, events: Events) -> 
     return ()
 
 
-def _last_before(
-    problem: ContinuationProblem, begin: BranchPoints, end: BranchPoints, events: Events
-) -> tuple[tuple[BranchPoints, Events], tuple[BranchPoints, Events]] | None:
-    """The last point (1,) of a step with the order of events of its first, and the first point beyond it.
+class _PointWithEvents(NamedTuple):
+    """A point (1,) of a branch, and the events of its orbit."""
 
-    Each has its events; None if no point beyond it was found.
-    """
+    point: BranchPoints
+    events: Events
+
+
+class _LocatedChange(NamedTuple):
+    """The last point of a step with the order of events of its first, and the first point beyond it."""
+
+    last: _PointWithEvents
+    beyond: _PointWithEvents
+
+
+def _located_change(
+    problem: ContinuationProblem, begin: BranchPoints, end: BranchPoints, events: Events
+) -> _LocatedChange | None:
+    """The change of the order of events on a step by bisection; None if no point beyond it was found."""
     low, high = 0.0, float(ahead(problem, begin, end))
-    last = begin, events
+    last = _PointWithEvents(begin, events)
     beyond = None
     for _ in range(BISECTIONS):
         length = 0.5 * (low + high)
         near, converged = problem.step(begin, np.array([length]))
         events_near = _events(problem, near)[0] if converged[0] else []
         if events_near and not changes_of_order(events, events_near):
-            low, last = length, (near, events_near)
+            low, last = length, _PointWithEvents(near, events_near)
         else:
             high = length
-            beyond = (near, events_near) if events_near else None
-    return None if beyond is None else (last, beyond)
+            beyond = _PointWithEvents(near, events_near) if events_near else None
+    return None if beyond is None else _LocatedChange(last, beyond)
 
 
 def _events(problem: ContinuationProblem, at: BranchPoints) -> list[Events]:

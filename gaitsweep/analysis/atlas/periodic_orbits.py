@@ -36,7 +36,7 @@ POLISHING = 3
 
 
 @dataclasses.dataclass(frozen=True)
-class SearchOptions:
+class OrbitSearchOptions:
     """Extent of a search.
 
     Attributes:
@@ -97,7 +97,9 @@ class OrbitSearch:
         options: extent of the search.
     """
 
-    def __init__(self, mapping: Map, values: Values, fix: Mapping[str, Any], options: SearchOptions) -> None:
+    def __init__(
+        self, mapping: Map, values: Values, fix: Mapping[str, Any], options: OrbitSearchOptions
+    ) -> None:
         self.mapping, self.values, self.fix, self.options = mapping, values, fix, options
         self.orbits: list[Orbit] = []
         self._drawn: dict[int, int] = {}  # starts of each row that were drawn at random

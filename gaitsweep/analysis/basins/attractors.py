@@ -17,13 +17,13 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Bool, Float, Int
 
+from gaitsweep.analysis.basins.sampled_sets import sampled_sets
 from gaitsweep.analysis.basins.state_clusters import (
     box_dimension,
     cells,
     components,
     cut_at_corners,
     linking_distance,
-    sampled_sets,
     spanning_tree,
 )
 from gaitsweep.analysis.basins.state_space import Space, StateArray, extent, state_columns
@@ -193,13 +193,18 @@ def agreement(table: pd.DataFrame, column: pd.Series, label: str = "gait") -> fl
 
     Args:
         table: a settle table.
-        column: the attractor of each row, as `Attractors.column`.
+        column: the attractor of each row, as `Attractors.column` of this table.
         label: the column of the labels.
 
     Raises:
-        AnalysisError: the table does not have the column.
+        AnalysisError: the table does not have the column, or its rows are not those of the attractors.
     """
     require(table, label)
+    if not column.index.equals(table.index):
+        raise AnalysisError(
+            f"The attractors are of {len(column)} rows, but the table has {len(table)}, or others: give the "
+            "column of this table."
+        )
     counts = pd.crosstab(column.astype(object), table[label].astype(object))
     total = counts.to_numpy().sum()
     return float(counts.max(axis=1).sum() / total) if total else float("nan")
@@ -246,12 +251,7 @@ def _set_groups(space: Space, table: pd.DataFrame, columns: Sequence[str], statu
 
 
 def _orbit_groups(
-    space: Space,
-    table: pd.DataFrame,
-    columns: Sequence[str],
-    period: int,
-    grain: float,
-    link: float | None,
+    space: Space, table: pd.DataFrame, columns: Sequence[str], period: int, grain: float, link: float | None
 ) -> list[_Group]:
     """The rows on each orbit of `period` crossings, the most frequent first, and its states."""
     rows = np.flatnonzero(_periods(table) == period)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import jax
 import numpy as np
@@ -37,7 +38,8 @@ class ProximityMapper:
             relative to its magnitude at the attractors.
 
     Raises:
-        ArgumentError: the number of labels is not that of the points, or all labels are equal.
+        ArgumentError: the number of labels is not that of the points, all labels are equal, or `reach` is not
+            above 0.
     """
 
     def __init__(
@@ -47,6 +49,8 @@ class ProximityMapper:
         labels: Sequence[int] | None = None,
         reach: float = 0.1,
     ) -> None:
+        if not reach > 0.0:
+            raise ArgumentError(f"reach is {reach:g}, but must be above 0.")
         places = np.asarray(attractors, np.float64)
         self._mapping, self._places = mapping, places if places.ndim == 3 else places[None]
         k = self._places.shape[1]
@@ -82,12 +86,14 @@ class LabelMapper:
         only: gaits that count as attractors; other labels are undecided. By default all gaits count.
 
     Raises:
-        ArgumentError: the model does not have a gait in `only`.
+        ArgumentError: the model does not have a gait in `only`, or `after` is below 0.
     """
 
     def __init__(
         self, mapping: BatchedReturnMap, values: Values, after: int, only: Sequence[str] | None = None
     ) -> None:
+        if after < 0:
+            raise ArgumentError(f"after is {after} cycles, but must be 0 or more.")
         model = mapping.model
         for name in only or ():
             if name not in model.gaits:
@@ -139,6 +145,18 @@ def advanced(mapping: Map, points: Points, values: dict[str, Float[np.ndarray, "
     return images[np.arange(n)]
 
 
+class Fates(NamedTuple):
+    """The ends of n trajectories, (n,) each.
+
+    `labels`: of attractors, or `UNDECIDED`, or -1 - w of trajectories that ended by the `ReturnStatus` w;
+    `cycles`: the number of evaluations of the map; `last`: the coordinates (n, size) of the last points.
+    """
+
+    labels: Trajectories
+    cycles: Trajectories
+    last: Float[np.ndarray, "trajectories coordinates"]
+
+
 def fates(
     mapping: Map,
     points: Points,
@@ -146,7 +164,7 @@ def fates(
     pair: Int[np.ndarray, " points"],
     mapper: AttractorMapper,
     most: int,
-) -> tuple[Int[np.ndarray, " points"], Int[np.ndarray, " points"], Float[np.ndarray, "points coordinates"]]:
+) -> Fates:
     """Follow n trajectories to their attractors, those of each pair by one function.
 
     Args:
@@ -156,10 +174,6 @@ def fates(
         pair: (n,) the pair of each trajectory.
         mapper: assigns trajectories to attractors.
         most: the largest number of cycles; trajectories without an attractor then are `UNDECIDED`.
-
-    Returns:
-        Labels (n,) of attractors, or `UNDECIDED`, or -1 - w of trajectories that ended by the `ReturnStatus`
-        w; the number (n,) of evaluations of the map; and the coordinates (n, size) of the last points.
 
     Raises:
         ArgumentError: `mapper` does not give one label for each trajectory.
@@ -182,4 +196,4 @@ def fates(
         last_points[going[images.sound]] = images.points.at[images.sound]
         goes_on = images.sound & (reached < 0)
         points, going = images.points[goes_on], going[goes_on]
-    return labels, cycles, last_points
+    return Fates(labels, cycles, last_points)

@@ -86,6 +86,8 @@ class EdgeLimits:
                 f"bisection_distance is {near:g} and separation_distance is {far:g}. Allowed: "
                 "bisection_distance from 1e-13 on (resolution of float64), separation_distance above it."
             )
+        if not self.residual_tolerance > 0.0:
+            raise ArgumentError(f"residual_tolerance is {self.residual_tolerance:g}, but must be above 0.")
         values = dataclasses.asdict(self)
         for name in ("cuts", "max_cycles", "max_period", "max_rounds", "settle_cycles"):
             if values[name] < 1:
@@ -237,12 +239,12 @@ class Tracking:
         n = len(self.one)
         rows = np.tile(np.arange(n), 2)
         points, most = Points.joined([self.one, self.other]), self.limits.settle_cycles
-        labels, cycles, last_points = fates(self.mapping, points, self.values, rows, _undecided, most)
+        labels, cycles, last = fates(self.mapping, points, self.values, rows, _undecided, most)
         np.add.at(self.evaluations, rows, cycles)
         for trajectory in np.argsort(cycles, kind="stable"):
             if labels[trajectory] < UNDECIDED:
                 self._end(int(rows[trajectory]), int(labels[trajectory]))
-        attractors = last_points.reshape(2, n, -1).swapaxes(0, 1)
+        attractors = last.reshape(2, n, -1).swapaxes(0, 1)
         distance = self._distance(attractors[:, 1], attractors[:, 0])
         self.labels = np.where(self.going[:, None], np.array([0, 1]), UNDECIDED)
         self._stop(np.flatnonzero(self.going & (distance <= SAME)), EdgeOutcome.same)

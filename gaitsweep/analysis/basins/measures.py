@@ -35,11 +35,11 @@ class Basins:
     """The measures of the basins in a table.
 
     `rows`: the table with the columns outcome (category), shock (distance to the nearest start with another
-    outcome) and shock_to (that outcome). `fractions`: one record for each panel and outcome (rows, of,
-    fraction, low, high, interval, shock_median, shock_mean of its starts). `panels`: one record a panel
-    (rows, grid: whether its starts form a grid, basin_entropy, boundary_entropy, crossed, exponent,
-    exponent_low, exponent_high, boundary_dimension). `uncertainty`: one record for each panel and eps (steps,
-    eps, uncertain).
+    outcome; NaN where the axes have different units and no scale) and shock_to (that outcome). `fractions`:
+    one record for each panel and outcome (rows, of, fraction, low, high, interval, shock_median, shock_mean
+    of its starts). `panels`: one record a panel (rows, grid: whether its starts form a grid, basin_entropy,
+    boundary_entropy, crossed, exponent, exponent_low, exponent_high, boundary_dimension). `uncertainty`: one
+    record for each panel and eps (steps, eps, uncertain).
     """
 
     rows: pd.DataFrame
@@ -75,7 +75,8 @@ def basins(
         box: cells along a side of the boxes of the basin entropy.
         sizes: eps of the uncertainty fractions, in steps of the grid; by default 1, 2, 4, ... up to an eighth
             of the shortest axis.
-        scales: unit of each axis in the shock's distance; needed where axes have different units.
+        scales: unit of each axis in the shock's distance; without them there is no shock where axes have
+            different units, such as m/s and rad.
 
     Raises:
         AnalysisError: the table does not have a column or any row, no axis is left, or an argument is not
@@ -138,7 +139,8 @@ def _with_shocks(
     """
     shock = np.full(len(table), np.nan)
     towards = np.full(len(table), None, object)
-    for _, rows in panels_of(table, by):
+    measurable = len(_units(table, axes, scales)) <= 1
+    for _, rows in panels_of(table, by) if measurable else ():
         shock[rows], towards[rows] = minimal_fatal_shock(table.iloc[rows], axes, labels.iloc[rows], scales)
     names = in_order(table, label, labels)
     outcome, shock_to = (pd.Categorical(values, names) for values in (labels, towards))
@@ -193,7 +195,7 @@ def minimal_fatal_shock(
         AnalysisError: the table does not have a column or a start of a row, or the axes have different units
             and no scale.
     """
-    _check_units(table, axes, scales)
+    require_one_unit(table, axes, scales)
     space = Space.of(table, axes, scales)
     points = space.points(table, axes)
     if (missing := int((~np.isfinite(points)).any(axis=1).sum())) > 0:
@@ -240,7 +242,7 @@ def least_fatal_push(
     pushes = names_in(pushes)
     table, by, _ = panels_and_axes(table, by, pushes)
     require(table, "recovery")
-    _check_units(table, pushes, scales)
+    require_one_unit(table, pushes, scales)
     lengths = Space.of(table, pushes, scales).scales
     size = np.linalg.norm(table[pushes].to_numpy(float) / lengths, axis=1)
     recovery = table["recovery"].astype(str).to_numpy()
@@ -254,14 +256,30 @@ def least_fatal_push(
     return pd.DataFrame(records, columns=[*by, *pushes, "size", "recovery"])
 
 
-def _check_units(table: pd.DataFrame, axes: Sequence[str], scales: Mapping[str, float] | None) -> None:
-    """Refuse axes without a scale that have different units."""
-    quantities = table.attrs.get("quantities", {})
-    without_scale = [name for name in axes if name not in (scales or {})]
-    units = {name: str(quantities.get(name, {}).get("unit", "")) for name in without_scale}
-    if len(set(units.values())) > 1:
-        shown = ", ".join(f"{name} in {unit or '1'}" for name, unit in units.items())
+def require_one_unit(
+    table: pd.DataFrame, axes: Sequence[str], scales: Mapping[str, float] | None = None
+) -> None:
+    """Refuse axes without a scale that have different units.
+
+    Raises:
+        AnalysisError: they have; the message names them.
+    """
+    units = _units(table, axes, scales)
+    if len(units) > 1:
+        shown = ", ".join(f"{name} in {unit or '1'}" for unit, names in units.items() for name in names)
         raise AnalysisError(
             f"A distance needs one unit, but the axes are {shown}: give scales, such as "
-            f"{{{next(iter(units))!r}: 1.0}}, the lengths that count as 1 along them."
+            f"{{{next(iter(units.values()))[0]!r}: 1.0}}, the lengths that count as 1 along them."
         )
+
+
+def _units(
+    table: pd.DataFrame, axes: Sequence[str], scales: Mapping[str, float] | None
+) -> dict[str, list[str]]:
+    """The units of axes without a scale, and the axes of each."""
+    quantities = table.attrs.get("quantities", {})
+    units: dict[str, list[str]] = {}
+    for name in axes:
+        if name not in (scales or {}):
+            units.setdefault(str(quantities.get(name, {}).get("unit", "")), []).append(name)
+    return units

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -14,7 +13,7 @@ from gaitsweep.analysis.basins.attractor_matching import follow_attractors
 from gaitsweep.analysis.basins.fractal_boundaries import uncertainty_exponent, uncertainty_fraction
 from gaitsweep.analysis.basins.fractions import LEVEL, fractions, panels_and_axes
 from gaitsweep.analysis.basins.grid import find_grid
-from gaitsweep.analysis.basins.state_space import Space, check_scales
+from gaitsweep.analysis.basins.state_space import Space, check_scales, crossing_columns
 from gaitsweep.analysis.basins.wada import RADIUS, boundaries_nearby
 from gaitsweep.analysis.records import AnalysisError, require, require_numbers
 from gaitsweep.status import Status
@@ -208,8 +207,6 @@ def _least_shock(space: Space, basin: pd.DataFrame, others: pd.DataFrame, axes: 
     last = [f"{axis.removesuffix('_0')}_end" for axis in axes]
     if not len(others) or not set(last) <= set(basin):
         return float("nan")
-    later = ([f"{name}_{k}" for name in last] for k in itertools.count(2))
-    crossings = [last, *itertools.takewhile(lambda names: set(names) <= set(basin), later)]
-    states = np.concatenate([space.points(basin, names) for names in crossings])
+    states = np.concatenate([space.points(basin, names) for names in crossing_columns(basin, last)])
     states = states[np.isfinite(states).all(axis=1)]
     return float(space.nearest_distance(states, space.points(others, list(axes))).min(initial=np.inf))

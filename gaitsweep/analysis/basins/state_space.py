@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -117,6 +118,12 @@ def extent(points: StateArray) -> float:
     """
     farthest = points[np.argmax(np.linalg.norm(points - points[0], axis=1))]
     return float(np.linalg.norm(points - farthest, axis=1).max())
+
+
+def crossing_columns(table: pd.DataFrame, columns: Sequence[str]) -> list[list[str]]:
+    """The columns of a state at each crossing that a table has: x_end, then x_end_2, and so on."""
+    later = ([f"{name}_{k}" for name in columns] for k in itertools.count(2))
+    return [list(columns), *itertools.takewhile(lambda names: set(names) <= set(table), later)]
 
 
 def state_columns(table: pd.DataFrame) -> list[str]:

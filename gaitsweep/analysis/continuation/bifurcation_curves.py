@@ -10,12 +10,15 @@ Source: Kuznetsov 2004, Elements of Applied Bifurcation Theory, chapter 9 (bifur
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 
-from gaitsweep.analysis.continuation.bifurcation_tests import located
+from gaitsweep.analysis.continuation.arclength_step import BranchPoints, ContinuationProblem
+from gaitsweep.analysis.continuation.bifurcation_tests import ZeroOnStep, located
 from gaitsweep.analysis.continuation.branch_follower import JUMPS, ArclengthSteps
-from gaitsweep.analysis.continuation.critical_points import CriticalEquations, CriticalPoint, Vector
+from gaitsweep.analysis.continuation.critical_points import Border, CriticalEquations, CriticalPoint, Vector
+from gaitsweep.analysis.continuation.exact_points import SecondParameter, equations_at
 from gaitsweep.analysis.continuation.lockstep import Computation
 from gaitsweep.engine.poincare.maps import Points
 
@@ -38,6 +41,8 @@ LONGER = 1.4
 POINTS_BEFORE_CLOSED = 4
 # A curve is closed where it passes its first point within this share of a step.
 BESIDE = 0.1
+# The largest scaled imperfection at which branches still cross along a curve of branch points.
+BROKEN = 1e-7
 # Angle of a critical pair, rad, below which a curve ends where both multipliers are 1 or -1.
 MEETING = 0.02
 
@@ -48,6 +53,94 @@ class CurvePoint:
 
     point: CriticalPoint
     special: str = ""
+
+
+@dataclasses.dataclass(frozen=True)
+class BifurcationCurve:
+    """A curve of bifurcations.
+
+    Attributes:
+        equations: of the bifurcation.
+        points: its points in order.
+        first: the index of the point that was found on a branch.
+        ends: why it ends, at its first point and at its last.
+    """
+
+    equations: CriticalEquations
+    points: list[CurvePoint]
+    first: int
+    ends: tuple[str, str]
+
+    def records(self) -> list[dict[str, Any]]:
+        """One record a point."""
+        records = [self._record(at, number - self.first) for number, at in enumerate(self.points)]
+        records[0]["end"] = self.ends[0]
+        records[-1]["end"] = self.ends[1] or records[-1]["end"]
+        return records
+
+    def _record(self, at: CurvePoint, number: int) -> dict[str, Any]:
+        """The record of the point with this number."""
+        equations, point = self.equations, at.point
+        parameters = equations.parameters(point.unknowns)
+        factors = point.multipliers
+        critical = factors[int(np.argmin(np.abs(factors - equations.critical(point.unknowns))))]
+        others = equations.other_multipliers(point.unknowns, factors)
+        return {
+            "point": number,
+            **dict(zip(equations.names, map(float, parameters), strict=True)),
+            **point.observed,
+            "multiplier_re": float(critical.real),
+            "multiplier_im": float(critical.imag),
+            "unstable": int(np.sum(np.abs(others) > 1.0)),
+            "special": at.special,
+            "corrections": point.corrections,
+            "end": "",
+        }
+
+
+def bifurcation_curve(
+    problem: ContinuationProblem,
+    at: BranchPoints,
+    special: str,
+    second: SecondParameter,
+    steps: ArclengthSteps,
+) -> Computation[BifurcationCurve | None]:
+    """Follow the curve through a bifurcation of one branch (1,) in both directions; None where it has none.
+
+    Args:
+        problem: the continuation problem of the branch.
+        at: the bifurcation.
+        special: its kind on the branch.
+        second: the second parameter, one of the problem's other parameters.
+        steps: lengths and number of the steps.
+    """
+    equations, unknowns = equations_at(problem, at, special, second)
+    first = yield from equations.first(at.points, unknowns)
+    if first is None or not np.isfinite(first.tangent).all():
+        return None
+    behind, begin = yield from followed(equations, first, -1.0, steps)
+    ahead, end = yield from followed(equations, first, 1.0, steps)
+    if begin == "closed":
+        behind = behind[:1]
+    behind, begin = _unbroken(equations, behind, begin)
+    ahead, end = _unbroken(equations, ahead, end)
+    if max(len(behind), len(ahead)) < 2:
+        return None
+    return BifurcationCurve(equations, [*behind[:0:-1], *ahead], len(behind) - 1, (begin, end))
+
+
+def _unbroken(
+    equations: CriticalEquations, curve: list[CurvePoint], end: str
+) -> tuple[list[CurvePoint], str]:
+    """The part of a curve on which branches do cross, and why it ends.
+
+    Without a symmetry a curve of branch points has one point.
+    """
+    if equations.kind == "branch_point":
+        for number, at in enumerate(curve):
+            if abs(at.point.unknowns[-1]) > BROKEN:
+                return curve[:number], "broken"
+    return curve, end
 
 
 def followed(
@@ -115,7 +208,7 @@ def step(
     guess = before.tangent * (length / (normal @ before.tangent))
     matrix = np.concatenate([before.matrix, normal[None]])
     change, moved, like = guess.copy(), np.zeros_like(guess), before.point
-    border, norm, m = (before.v, before.w), np.inf, equations.m
+    border, norm, m = Border(before.v, before.w), np.inf, equations.m
     for number in range(1, MOST_CORRECTIONS + 1):
         unknowns = before.unknowns + change
         miss, full, images = yield from equations.evaluated(like, unknowns[None])
@@ -149,7 +242,7 @@ def _degenerate(
     equations: CriticalEquations, before: CriticalPoint, after: CriticalPoint, length: float
 ) -> Computation[list[CurvePoint]]:
     """The bifurcations of codimension 2 on a step, in order."""
-    points: list[tuple[float, CurvePoint]] = []
+    points: list[ZeroOnStep[CurvePoint]] = []
     for name, value in before.tests.items():
         later = after.tests.get(name, np.nan)
         if not value * later < 0.0:
@@ -163,10 +256,10 @@ def _degenerate(
             SHORTEST_INTERVAL,
         )
         # where the test jumps, there is no such point
-        is_zero = zero is not None and abs(zero[0].tests[name]) < 1e-3 * max(abs(value), abs(later))
-        if zero is not None and is_zero and equations.is_critical(name, zero[0]):
-            points.append((zero[1], CurvePoint(zero[0], name)))
-    return [point for _, point in sorted(points, key=lambda pair: pair[0])]
+        is_zero = zero is not None and abs(zero.point.tests[name]) < 1e-3 * max(abs(value), abs(later))
+        if zero is not None and is_zero and equations.is_critical(name, zero.point):
+            points.append(ZeroOnStep(CurvePoint(zero.point, name), zero.arclength))
+    return [zero.point for zero in sorted(points, key=lambda zero: zero.arclength)]
 
 
 def _at_edge(

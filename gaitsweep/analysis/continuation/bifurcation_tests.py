@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
-from typing import TypeVar
+from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
 from jaxtyping import Bool, Complex, Float
@@ -96,6 +96,25 @@ def pair_test(problem: ContinuationProblem, branch_points: BranchPoints) -> PerB
 TESTS: tuple[Test, ...] = (fold_test, branch_test, flip_test, pair_test)
 
 
+class ZeroOnStep(NamedTuple, Generic[T]):
+    """A point at which a test function is zero, and its arclength from the start of the step."""
+
+    point: T
+    arclength: float
+
+
+class _CrossingSearch(NamedTuple):
+    """The branch point on a step, if there is one.
+
+    `beta`: its scaled beta, or that of the branches that pass each other; `zero`: the zero of the test
+    function, if that had to be located.
+    """
+
+    crossing: Crossing | None
+    beta: float
+    zero: ZeroOnStep[BranchPoints] | None
+
+
 def located(
     ends: tuple[float, float],
     length: float,
@@ -103,8 +122,8 @@ def located(
     test: Callable[[T], float],
     target: float,
     shortest: float,
-) -> Computation[tuple[T, float] | None]:
-    """The zero of a test function on a step, and its arclength; None where no point is found.
+) -> Computation[ZeroOnStep[T] | None]:
+    """The zero of a test function on a step; None where no point is found.
 
     Args:
         ends: values of the test function at both ends of the step.
@@ -123,7 +142,7 @@ def located(
         point = yield from point_at(at)
         if point is None:
             break
-        best, value = (point, at), test(point)
+        best, value = ZeroOnStep(point, at), test(point)
         # Illinois: the value at the end that stays is halved
         if value * below > 0.0:
             low, below, above = at, value, 0.5 * above
@@ -136,7 +155,7 @@ def located(
 
 def located_on_branch(
     problem: ContinuationProblem, before: BranchPoints, length: float, test: Test, ends: tuple[float, float]
-) -> tuple[BranchPoints, float] | None:
+) -> ZeroOnStep[BranchPoints] | None:
     """The zero of a test function on a step of one branch from `before`, as by `located`.
 
     Args:
@@ -145,9 +164,6 @@ def located_on_branch(
         length: the length of the step.
         test: the test function.
         ends: its values at both ends of the step.
-
-    Returns:
-        The point and its arclength; None where no point is found.
     """
 
     def point_at(arclength: float) -> Computation[BranchPoints | None]:
@@ -158,11 +174,6 @@ def located_on_branch(
     target = NEAR * max(abs(ends[0]), abs(ends[1]))
     search = located(ends, length, point_at, lambda point: test(problem, point)[0], target, SHORTEST_INTERVAL)
     return alone(search)
-
-
-def turn_kind(problem: ContinuationProblem, at_turn: BranchPoints) -> str:
-    """The kind of one turn of the parameter: "fold" where smooth, "corner" where the map has a kink."""
-    return "fold" if _turns(problem, at_turn) else "corner"
 
 
 def _turns(problem: ContinuationProblem, at: BranchPoints) -> bool:
@@ -285,13 +296,11 @@ class _BranchStep:
                 # a pitchfork where the branch itself turns is not a fold
                 if _turns(self.problem, crossing.point):
                     tests = [test for test in tests if test is not fold_test]
-            elif zero is not None and abs(branch_test(self.problem, zero[0])[0]) < SMALL * np.max(
-                np.abs(ends)
-            ):
-                at_corner = cornered(self.problem, zero[0], both_sides(self.problem, zero[0]))
+            elif zero is not None and self._vanishes(zero.point, ends):
+                at_corner = cornered(self.problem, zero.point, both_sides(self.problem, zero.point))
                 if at_corner is None:
-                    at_corner = Crossing("branch_point", zero[0], None)
-                specials.append(Special(at_corner.kind, zero[1], at_corner.point, at_corner.aside))
+                    at_corner = Crossing("branch_point", zero.point, None)
+                specials.append(Special(at_corner.kind, zero.arclength, at_corner.point, at_corner.aside))
         for test in tests:
             special = yield from self._zero(test, changed[test])
             if special is not None:
@@ -301,26 +310,16 @@ class _BranchStep:
         specials = sorted(specials, key=lambda special: special.arclength)
         return specials if self._explained(specials) else None
 
-    def _crossing(
-        self, ends: tuple[float, float]
-    ) -> tuple[Crossing | None, float, tuple[BranchPoints, float] | None]:
-        """The branch point on the step, if there is one on which `branch_test` changes sign.
-
-        Args:
-            ends: the values of `branch_test` at both ends of the step.
-
-        Returns:
-            The branch point on the step or None; its scaled beta; and the zero of the test function with its
-            arclength, if that had to be located.
-        """
+    def _crossing(self, ends: tuple[float, float]) -> _CrossingSearch:
+        """The branch point on a step with these values of `branch_test` at its ends."""
         crossing, beta = branch_point(self.problem, self._chord_zero(ends))
         if self._contains(crossing):
-            return crossing, beta, None
+            return _CrossingSearch(crossing, beta, None)
         zero = located_on_branch(self.problem, self.before, self.length, branch_test, ends)
         if zero is None:
-            return None, np.nan, None
-        crossing, beta = branch_point(self.problem, zero[0])
-        return crossing if self._contains(crossing) else None, beta, zero
+            return _CrossingSearch(None, np.nan, None)
+        crossing, beta = branch_point(self.problem, zero.point)
+        return _CrossingSearch(crossing if self._contains(crossing) else None, beta, zero)
 
     def _zero(self, test: Test, ends: tuple[float, float]) -> Computation[Special | None]:
         """The bifurcation at the zero of a test function, not that of branch points, if it is one.
@@ -333,11 +332,11 @@ class _BranchStep:
         zero = located_on_branch(self.problem, self.before, self.length, test, ends)
         if zero is None:
             return None
-        kind = _kind_at_zero(self.problem, zero[0], test)
+        kind = _kind_at_zero(self.problem, zero.point, test)
         if not kind:
             return None
-        exact = yield from _exact(self.problem, zero[0], kind)
-        return Special(kind, zero[1], zero[0] if exact is None else exact)
+        exact = yield from _exact(self.problem, zero.point, kind)
+        return Special(kind, zero.arclength, zero.point if exact is None else exact)
 
     def _direct(self, near: BranchPoints, test: Test) -> Computation[Special | None]:
         """The bifurcation by its own equations, from a point `near` it (1,).
@@ -374,6 +373,10 @@ class _BranchStep:
             corrections=after.corrections,
         )
 
+    def _vanishes(self, at: BranchPoints, ends: tuple[float, float]) -> bool:
+        """Whether `branch_test` is zero at a point (1,), where it changes sign, and does not jump there."""
+        return abs(branch_test(self.problem, at)[0]) < SMALL * max(map(abs, ends))
+
     def _contains(self, crossing: Crossing | None) -> bool:
         """Whether a branch point lies on the step."""
         if crossing is None:
@@ -400,7 +403,7 @@ class _BranchStep:
 def _kind_at_zero(problem: ContinuationProblem, at_zero: BranchPoints, test: Test) -> str:
     """The kind of bifurcation at a zero of a test function; empty if it is none."""
     if test is fold_test:
-        return turn_kind(problem, at_zero)
+        return "fold" if _turns(problem, at_zero) else "corner"  # where the map has a kink
     return "flip" if test is flip_test else pair_kind(problem, at_zero)
 
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Int
@@ -74,44 +74,51 @@ class ArclengthSteps:
     through: tuple[float, ...] = ()
 
 
+class BranchCrossing(NamedTuple):
+    """A branch point (1,) with the index of its branch, and points on the halves of the one that crosses."""
+
+    branch: int
+    point: BranchPoints
+    aside: BranchPoints | None
+
+
 class BranchFollower:
     """Follows n branches from their first fixed points to their ends.
 
     Args:
         problem: the continuation problem.
         branch_points: the first fixed point of each branch.
-        names: (n,) the row of each branch in the table.
+        numbers: (n,) the number of each branch in the table.
         table: the table that collects the points.
         steps: the step lengths.
 
-    `crossings` has, for each branch point, the index of its branch, the point (1,), and points on the halves
-    of the branch that crosses, if any.
+    `crossings` has the branch points that were found.
     """
 
     def __init__(
         self,
         problem: ContinuationProblem,
         branch_points: BranchPoints,
-        names: Int[np.ndarray, " branches"],
+        numbers: Int[np.ndarray, " branches"],
         table: BranchTable,
         steps: ArclengthSteps,
     ) -> None:
-        self.problem, self.names, self.table, self.steps = problem, names, table, steps
+        self.problem, self.numbers, self.table, self.steps = problem, numbers, table, steps
         self.home = self.branch_points = branch_points
-        self.length = np.full(len(names), steps.first)
-        self.going = np.ones(len(names), bool)
+        self.length = np.full(len(numbers), steps.first)
+        self.going = np.ones(len(numbers), bool)
         # the test functions at the beginning of the last step of each branch, and its length
-        self.tests_before = np.full((len(names), len(TESTS)), np.nan)
-        self.length_before = np.ones(len(names))
-        self.crossings: list[tuple[int, BranchPoints, BranchPoints | None]] = []
-        table.write(names, problem, branch_points, [""] * len(names))
+        self.tests_before = np.full((len(numbers), len(TESTS)), np.nan)
+        self.length_before = np.ones(len(numbers))
+        self.crossings: list[BranchCrossing] = []
+        table.write(numbers, problem, branch_points, [""] * len(numbers))
 
     def follow(self) -> None:
         """Follow each branch to its end."""
         while self.going.any():
             moved = np.abs(self.branch_points.parameter - self.home.parameter)
             shares = np.minimum(moved / (self.problem.high - self.problem.low), LARGEST_PROGRESS)
-            self.steps.on_progress(self.table.counts(self.names), np.where(self.going, shares, 1.0))
+            self.steps.on_progress(self.table.counts(self.numbers), np.where(self.going, shares, 1.0))
             rows = np.flatnonzero(self.going)
             problem, before = self.problem[rows], self.branch_points[rows]
             after, converged = problem.step(before, self.length[rows])
@@ -162,23 +169,23 @@ class BranchFollower:
 
         A half that was not found has the branch point as its only point.
         """
-        rows, names, asides = [], [], []
-        for row, branch_point_at, aside in self.crossings:
+        rows, numbers, asides = [], [], []
+        for row, point, aside in self.crossings:
             halves = 0
             if aside is not None:
                 halves = len(aside.parameter)
                 asides.append(aside)
             rows += [row] * halves
-            names += [self.table.added(int(self.names[row])) for _ in range(halves)]
+            numbers += [self.table.added(int(self.numbers[row])) for _ in range(halves)]
             for _ in range(2 - halves):
-                name = np.array([self.table.added(int(self.names[row]))])
+                number = np.array([self.table.added(int(self.numbers[row]))])
                 problem = self.problem[np.array([row])]
-                self.table.write(name, problem, branch_point_at, [""], tolerance=TOGETHER)
-                self.table.end(name, "not_found")
+                self.table.write(number, problem, point, [""], tolerance=TOGETHER)
+                self.table.end(number, "not_found")
         if not rows:
             return None
         first = BranchPoints.joined(asides)
-        return BranchFollower(self.problem[np.array(rows)], first, np.array(names), self.table, self.steps)
+        return BranchFollower(self.problem[np.array(rows)], first, np.array(numbers), self.table, self.steps)
 
     def _passed(
         self, problem: ContinuationProblem, before: BranchPoints, after: BranchPoints
@@ -197,7 +204,7 @@ class BranchFollower:
 
     def _end(self, rows: Int[np.ndarray, " rows"], reason: str) -> None:
         """End the branches `rows`."""
-        self.table.end(self.names[rows], reason)
+        self.table.end(self.numbers[rows], reason)
         self.going[rows] = False
 
     def _reject(self, rows: Int[np.ndarray, " rows"]) -> None:
@@ -214,7 +221,7 @@ class BranchFollower:
         self.branch_points = self.branch_points.merged(rows[good], over[good])
         self.tests_before[rows] = np.nan
         self.length[rows] = self.steps.first
-        self.table.write(self.names[rows[good]], problem[good], over[good], ["kink"] * good.size)
+        self.table.write(self.numbers[rows[good]], problem[good], over[good], ["kink"] * good.size)
         self._end(rows[~crossed], "lost")
 
     def _mark_corner(self, row: Int[np.ndarray, " 1"]) -> None:
@@ -224,8 +231,8 @@ class BranchFollower:
         if crossing is None or not abs(beta) <= IMPERFECT:
             return
         if 0.0 <= ahead(problem, before, crossing.point) <= STEPS_TO_END * self.steps.shortest:
-            self.table.write(self.names[row], problem, crossing.point, [crossing.kind], tolerance=TOGETHER)
-            self.crossings.append((int(row[0]), crossing.point, crossing.aside))
+            self.table.write(self.numbers[row], problem, crossing.point, [crossing.kind], tolerance=TOGETHER)
+            self.crossings.append(BranchCrossing(int(row[0]), crossing.point, crossing.aside))
 
     def _accept(
         self, rows: Int[np.ndarray, " rows"], after: BranchPoints, specials: list[list[Special]]
@@ -237,15 +244,15 @@ class BranchFollower:
         if not inside.any():
             return
         rows, after = rows[inside], after[inside]
-        problem, names = self.problem[rows], self.names[rows]
-        self.table.write(names, problem, after, _jumps(self.branch_points[rows], after))
+        problem, numbers = self.problem[rows], self.numbers[rows]
+        self.table.write(numbers, problem, after, _jumps(self.branch_points[rows], after))
         self.branch_points = self.branch_points.merged(rows, after)
         home = self.home[rows]
         closed = _distance(problem, after, home) < CLOSED_WITHIN * self.length[rows]
         closed &= np.sum(problem.weights * after.tangent * home.tangent, axis=1) > 0.0
-        closed &= self.table.counts(names) > POINTS_BEFORE_CLOSED
+        closed &= self.table.counts(numbers) > POINTS_BEFORE_CLOSED
         self._end(rows[closed], "closed")
-        self._end(rows[~closed & (self.table.counts(names) >= self.steps.most)], "most")
+        self._end(rows[~closed & (self.table.counts(numbers) >= self.steps.most)], "most")
         easy = rows[after.corrections <= FEW_CORRECTIONS]
         self.length[easy] = np.minimum(LONGER * self.length[easy], self.steps.longest)
 
@@ -259,10 +266,10 @@ class BranchFollower:
             for special in sorted([*on_step, *at_values], key=lambda special: special.arclength):
                 if not problem.low <= special.point.parameter[0] <= problem.high:
                     continue
-                name = self.names[[row]]
-                self.table.write(name, problem, special.point, [special.kind], tolerance=TOGETHER)
+                number = self.numbers[[row]]
+                self.table.write(number, problem, special.point, [special.kind], tolerance=TOGETHER)
                 if special.kind in CROSSINGS:
-                    self.crossings.append((int(row), special.point, special.aside))
+                    self.crossings.append(BranchCrossing(int(row), special.point, special.aside))
 
     def _leave_range(self, rows: Int[np.ndarray, " rows"], beyond: BranchPoints) -> None:
         """Record where the branches `rows` leave the range of the parameter, and end them."""
@@ -271,8 +278,8 @@ class BranchFollower:
         problem = self.problem[rows]
         at_end, converged = problem.at(beyond, np.clip(beyond.parameter, problem.low, problem.high))
         reached = np.flatnonzero(converged)
-        names = self.names[rows[reached]]
-        self.table.write(names, problem[reached], at_end[reached], [""] * reached.size)
+        numbers = self.numbers[rows[reached]]
+        self.table.write(numbers, problem[reached], at_end[reached], [""] * reached.size)
         self._end(rows, "range")
 
 

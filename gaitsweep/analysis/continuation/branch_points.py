@@ -11,6 +11,7 @@ branching equation of the two tangents).
 from __future__ import annotations
 
 import dataclasses
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -60,15 +61,22 @@ class Crossing:
     aside: BranchPoints | None
 
 
-def branch_point(problem: ContinuationProblem, near: BranchPoints) -> tuple[Crossing | None, float]:
-    """The branch point near one point (1,) of a branch, None if not found, and the scaled beta there.
+class BranchPointSearch(NamedTuple):
+    """The branch point that was found, if any, and the scaled beta there."""
+
+    crossing: Crossing | None
+    beta: float
+
+
+def branch_point(problem: ContinuationProblem, near: BranchPoints) -> BranchPointSearch:
+    """The branch point near one point (1,) of a branch.
 
     The tangents t of both branches satisfy w' F_zz t t = 0 (z: coordinates, drifts, parameter), a quadratic
     form on the two null vectors of [F_x F_p].
     """
     solution = _solved(problem, near)
     if solution is None:
-        return None, np.nan
+        return BranchPointSearch(None, np.nan)
     branching, z, beta = solution
     size, scale = near.points.at.shape[1], problem.scale()[0]
     unscaled = z * scale
@@ -81,20 +89,25 @@ def branch_point(problem: ContinuationProblem, near: BranchPoints) -> tuple[Cros
     sides = [] if passing else both_sides(problem, at)
     tangents = crossing_tangents(branching.null, branching.bent)
     if tangents is None or not (passing or _is_smooth(sides)):
-        return cornered(problem, at, sides), beta
+        return BranchPointSearch(cornered(problem, at, sides), beta)
     along = near.tangent[0] / scale
     ours = int(np.argmax(np.abs(tangents @ along)))
     at = _directed(at, tangents[ours] * np.sign(tangents[ours] @ along) * scale)
     aside = beside(problem, at, _both_ways(points, tangents[1 - ours] * scale))
-    return Crossing(_kind_of_smooth(problem, at, branching, tangents), at, aside), beta
+    kind = _kind_of_smooth(problem, at, branching, tangents)
+    return BranchPointSearch(Crossing(kind, at, aside), beta)
 
 
-def _solved(problem: ContinuationProblem, near: BranchPoints) -> tuple[_Branching, Vector, float] | None:
-    """The solution of a branch point's equations near one point (1,); None if Newton's method finds none.
+class _Solution(NamedTuple):
+    """A branch point: its equations one step before it, its scaled unknowns (m + 1,), and beta."""
 
-    Returns:
-        The equations one step before it, its scaled unknowns (m + 1,), and beta.
-    """
+    branching: _Branching
+    z: Vector
+    beta: float
+
+
+def _solved(problem: ContinuationProblem, near: BranchPoints) -> _Solution | None:
+    """The branch point near one point (1,); None if Newton's method finds none."""
     z = np.concatenate([near.points.at[0], near.drift[0], near.parameter]) / problem.scale()[0]
     for _ in range(MOST_STEPS):
         branching = _Branching.at(problem, near, z)
@@ -106,7 +119,7 @@ def _solved(problem: ContinuationProblem, near: BranchPoints) -> tuple[_Branchin
         if not length < 1.0:
             return None
         if length < TOLERANCE:
-            return branching, z, beta
+            return _Solution(branching, z, beta)
     return None
 
 
@@ -156,12 +169,12 @@ def cornered(problem: ContinuationProblem, at: BranchPoints, sides: list[Side]) 
     throughs = [side.tangents[np.argmax(np.abs(side.tangents @ along))] for side in sides]
     if len(sides) == 2:
         # the branch that lies in the corner is that which both sides have
-        (i, k), alike = _common(sides)
-        throughs = [sides[0].tangents[i], sides[1].tangents[k]]
-        if not alike[i, k]:
+        alike = _alike(sides)
+        throughs = [side.tangents[k] for side, k in zip(sides, alike.closest, strict=True)]
+        if not alike.pairs[alike.closest]:
             return Crossing("branch_point", _on_side(at, sides[near[0]]), None)
     halves = [side.half(through) for side, through in zip(sides, throughs, strict=True)]
-    ways = [(side.points, half * scale) for side, half in zip(sides, halves, strict=True)]
+    ways = [Way(side.points, half * scale) for side, half in zip(sides, halves, strict=True)]
     # where both sides have the coordinates of the point, the branch may have come along the half of one
     ours_side = min(near, key=lambda n: halves[n] @ along)
     side = sides[ours_side]
@@ -194,8 +207,15 @@ def _kind_of_halves(sides: list[Side], halves: list[Vector], throughs: list[Vect
     return "supercritical_pitchfork" if turns[0] * rates[0] > 0.0 else "subcritical_pitchfork"
 
 
-def _common(sides: list[Side]) -> tuple[tuple[int, int], Bool[np.ndarray, "2 2"]]:
-    """The pair of tangents of two sides that are most alike, and which pairs are alike."""
+class _Alike(NamedTuple):
+    """The pair of tangents of two sides that are closest, and the mask of the pairs that are equal."""
+
+    closest: tuple[int, int]
+    pairs: Bool[np.ndarray, "2 2"]
+
+
+def _alike(sides: list[Side]) -> _Alike:
+    """Compare the tangents of two sides."""
     first, last = sides if sides[0].near else sides[::-1]
     # where coordinates are the same on both sides, so are displacements
     pushed = first.tangents if last.near else first.tangents @ last.push.T
@@ -204,15 +224,15 @@ def _common(sides: list[Side]) -> tuple[tuple[int, int], Bool[np.ndarray, "2 2"]
     apart = np.linalg.norm(pushed[:, None] * signs[:, :, None] - last.tangents, axis=2)
     apart = apart if first is sides[0] else apart.T
     i, k = divmod(int(np.argmin(apart)), 2)
-    return (i, k), apart < ALIKE
+    return _Alike((i, k), apart < ALIKE)
 
 
 def _is_smooth(sides: list[Side]) -> bool:
     """Whether both sides have the same branches, at the same place."""
     if len(sides) < 2 or not all(side.near for side in sides):
         return False
-    _, alike = _common(sides)
-    return bool(np.all(np.diag(alike)) or np.all(np.diag(alike[::-1])))
+    pairs = _alike(sides).pairs
+    return bool(np.all(np.diag(pairs)) or np.all(np.diag(pairs[::-1])))
 
 
 def _directed(at: BranchPoints, tangent: Vector) -> BranchPoints:
@@ -262,16 +282,20 @@ class _Branching:
         return solution[:-1], float(solution[-1])
 
 
-def _both_ways(points: Points, tangent: Vector) -> list[tuple[Points, Vector]]:
-    """The tangent and its opposite, each with the point (1,)."""
-    return [(points, tangent), (points, -tangent)]
+class Way(NamedTuple):
+    """A branch that begins at a branch point: that point (1,), and the tangent (m,) away from it."""
+
+    points: Points
+    tangent: Vector
+
+
+def _both_ways(points: Points, tangent: Vector) -> list[Way]:
+    """The branches that begin along a tangent, and opposite to it."""
+    return [Way(points, tangent), Way(points, -tangent)]
 
 
 def beside(
-    problem: ContinuationProblem,
-    at: BranchPoints,
-    ways: list[tuple[Points, Vector]],
-    length: float = ASIDE,
+    problem: ContinuationProblem, at: BranchPoints, ways: list[Way], length: float = ASIDE
 ) -> BranchPoints | None:
     """Points (k,) beside a branch point, one step of `length` ahead on the branches that begin there.
 
@@ -280,17 +304,17 @@ def beside(
     Args:
         problem: the continuation problem.
         at: the branch point (1,).
-        ways: a point (1,) and a tangent (m,) of each branch.
+        ways: the branches.
         length: the length of the step.
 
     Returns:
         The points that were found, or None.
     """
     first = np.zeros(len(ways), int)
-    tangents = np.stack([tangent for _, tangent in ways])
+    tangents = np.stack([way.tangent for way in ways])
     tangents /= np.sqrt(np.sum(problem.weights * tangents**2, axis=1))[:, None]
     change, size = length * tangents, at.points.at.shape[1]
-    starts = Points.joined([points for points, _ in ways])
+    starts = Points.joined([way.points for way in ways])
     points = Points(starts.at + change[:, :size], starts.modes)
     parameter = at.parameter + change[:, -1]
     images = problem[first].evaluated(points, parameter)

@@ -11,8 +11,9 @@ from jaxtyping import Complex, Float, Int
 
 from gaitsweep.analysis.continuation.arclength_step import BranchPoints, ContinuationProblem
 from gaitsweep.analysis.continuation.bifurcation_tests import multipliers_of
+from gaitsweep.analysis.continuation.floquet_multipliers import critical_multiplier
 from gaitsweep.analysis.continuation.newton import ConservedConstraints
-from gaitsweep.analysis.continuation.normal_forms import coefficient, critical_multiplier
+from gaitsweep.analysis.continuation.normal_forms import coefficient
 from gaitsweep.engine.poincare.maps import Map
 from gaitsweep.engine.poincare.stationary_map import StationaryMap, eigenvalues
 
@@ -69,9 +70,9 @@ class BranchTable:
         self._branches = [0] * n  # the number of each branch among those of its row
         self._next = [1] * n  # the number of the next branch of each row
 
-    def added(self, name: int) -> int:
-        """The name of a further branch of the row that the branch `name` belongs to."""
-        row = self._rows[name]
+    def added(self, number: int) -> int:
+        """The number of a further branch, of the row of the branch `number`."""
+        row = self._rows[number]
         self._rows.append(row)
         self._branches.append(self._next[row])
         self._next[row] += 1
@@ -82,9 +83,9 @@ class BranchTable:
         """The number of records of each of these branches, (n,)."""
         return np.array([len(self._records[row]) for row in rows])
 
-    def records(self, name: int) -> list[dict[str, Any]]:
+    def records(self, number: int) -> list[dict[str, Any]]:
         """The records of one branch."""
-        return self._records[name]
+        return self._records[number]
 
     def end(self, rows: Int[np.ndarray, " rows"], reason: str) -> None:
         """Note in the last record of each of these branches why it ends."""
@@ -101,13 +102,13 @@ class BranchTable:
         """
         self._records[row].append({**self._head(row, parameter), "end": reason})
 
-    def _head(self, name: int, parameter: float) -> dict[str, Any]:
-        """The first columns of the next record of the branch `name`."""
-        row = self._rows[name]
-        head = {"row": row, "point": len(self._records[name])}
+    def _head(self, number: int, parameter: float) -> dict[str, Any]:
+        """The first columns of the next record of the branch `number`."""
+        row = self._rows[number]
+        head = {"row": row, "point": len(self._records[number])}
         if self._crossing:
-            head["branch"] = self._branches[name]
-        values = {value_name: column[row] for value_name, column in self._values.items()}
+            head["branch"] = self._branches[number]
+        values = {name: column[row] for name, column in self._values.items()}
         return {**head, self.parameter: parameter, **values}
 
     def write(
@@ -171,10 +172,7 @@ class BranchTable:
 
 
 def _of_flow(
-    problem: ContinuationProblem,
-    at: BranchPoints,
-    factors: Complex[np.ndarray, " multipliers"],
-    special: str,
+    problem: ContinuationProblem, at: BranchPoints, factors: Complex[np.ndarray, " multipliers"], special: str
 ) -> dict[str, float]:
     """Columns of one stationary point (1,): the normal form's coefficient, and a Hopf point's frequency."""
     if not isinstance(problem.mapping, StationaryMap):

@@ -18,30 +18,19 @@ not defined beyond), not_found (half of a crossing branch that was not found; th
 
 from __future__ import annotations
 
-import dataclasses
 import functools
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import pandas as pd
-from jaxtyping import Array, Float, Int
+from jaxtyping import Float, Int
 
 from gaitsweep.analysis.continuation.arclength_step import ContinuationProblem
 from gaitsweep.analysis.continuation.branch_follower import ArclengthSteps, BranchFollower
 from gaitsweep.analysis.continuation.branch_table import BranchTable
 from gaitsweep.analysis.continuation.newton import ConservedConstraints, NewtonOutcome, newton
-from gaitsweep.contract import State
-from gaitsweep.engine.poincare.map_derivatives import FollowedMap
-from gaitsweep.engine.poincare.maps import (
-    Coordinates,
-    DerivedMap,
-    Events,
-    Image,
-    Map,
-    Points,
-    Values,
-)
+from gaitsweep.engine.poincare.maps import Map, Points, Values
 from gaitsweep.errors import ArgumentError
 
 
@@ -194,44 +183,3 @@ def _followed(
         if across is not None:
             across.follow()
     return table.table()
-
-
-@dataclasses.dataclass(frozen=True)
-class LevelMap(DerivedMap, FollowedMap):
-    """A map with one more parameter, the value of a quantity that it conserves.
-
-    The family of fixed points on the level sets of that quantity is then a branch over this parameter. The
-    parameter is subtracted from the quantity, so a search that holds it at zero is on the level set.
-
-    Args:
-        base: the map.
-        name: the conserved quantity.
-    """
-
-    name: str
-
-    def follow(self, values: Values, at: Coordinates, modes: State) -> Image:
-        image, state, status, observed = self.base.follow(self._of_base(values), at, modes)
-        # an observable of that name would stand beside the parameter
-        return image, state, status, {name: v for name, v in observed.items() if name != self.name}
-
-    def conserved_values(self, values: Values, at: Coordinates) -> Float[Array, " conserved"]:
-        index = [quantity.name for quantity in self.conserved].index(self.name)
-        return self.base.conserved_values(self._of_base(values), at).at[index].add(-values[self.name])
-
-    def complete(self, values: Values, n: int) -> dict[str, Float[np.ndarray, " points"]]:
-        level = np.broadcast_to(np.asarray(values[self.name], np.float64), (n,)).copy()
-        return {**self.base.complete(self._of_base(values), n), self.name: level}
-
-    def refined(self) -> LevelMap | None:
-        refined = self.base.refined()
-        return None if refined is None else LevelMap(refined, self.name)
-
-    def mirrored(self, points: Points, values: Values) -> dict[str, Points]:
-        return self.base.mirrored(points, self._of_base(values))
-
-    def events(self, points: Points, values: Values) -> list[Events]:
-        return self.base.events(points, self._of_base(values))
-
-    def _of_base(self, values: Values) -> Values:
-        return {name: value for name, value in values.items() if name != self.name}

@@ -20,13 +20,10 @@ import numpy as np
 from jaxtyping import Complex, Float, Inexact
 
 from gaitsweep.analysis.continuation.floquet_multipliers import multipliers
+from gaitsweep.analysis.continuation.hopf_cycles import hopf_form
 from gaitsweep.analysis.continuation.lockstep import Computation, Request
 from gaitsweep.analysis.continuation.newton import ConservedConstraints, matrices, residuals
-from gaitsweep.analysis.continuation.normal_forms import (
-    circle_coefficient,
-    flip_coefficient,
-    hopf_form,
-)
+from gaitsweep.analysis.continuation.normal_forms import flip_coefficient, neimark_sacker_coefficient
 from gaitsweep.engine.poincare.maps import Map, MapEvaluation, Points
 from gaitsweep.engine.poincare.stationary_map import StationaryMap
 
@@ -37,13 +34,38 @@ Multipliers = Complex[np.ndarray, " multipliers"]
 CriticalKind = Literal["fold", "flip", "neimark_sacker", "branch_point"]
 # One null vector; of a branch point two of v (2, m + 1) and one of w (1, m).
 NullVectors = Inexact[np.ndarray, " ..."]
-Border = tuple[NullVectors, NullVectors]  # v and w of a point close by
 # Steps of the central differences along null vectors, in scaled coordinates.
 ALONG = 1e-3
 # Steps of the central differences of parameters, as shares of their ranges.
 PARAMETER_STEP = 1e-5
 # A multiplier is real if its imaginary part is below this share of its modulus.
 REAL = 1e-6
+
+
+class Border(NamedTuple):
+    """The null vectors v and w of a point close by, which border the singular matrix."""
+
+    v: NullVectors
+    w: NullVectors
+
+
+class Evaluated(NamedTuple):
+    """F (n, m) at n points, its derivatives (n, m, m + 1) with the first parameter last, and the images.
+
+    Both are scaled, and NaN where the map is not defined.
+    """
+
+    F: Float[np.ndarray, "several fold_unknowns"]
+    derivatives: Float[np.ndarray, "several fold_unknowns columns"]
+    images: MapEvaluation
+
+
+class Residual(NamedTuple):
+    """The residual of the equations at a point, and the null vectors there."""
+
+    values: Float[np.ndarray, " equations"]
+    v: NullVectors
+    w: NullVectors
 
 
 @dataclasses.dataclass(frozen=True)
@@ -123,17 +145,8 @@ class CriticalEquations:
 
     def evaluated(
         self, like: Points, several: Float[np.ndarray, "several unknowns"]
-    ) -> Computation[
-        tuple[
-            Float[np.ndarray, "several fold_unknowns"],
-            Float[np.ndarray, "several fold_unknowns columns"],
-            MapEvaluation,
-        ]
-    ]:
-        """F (n, m), its scaled derivatives (n, m, m + 1) with the first parameter last, and the images.
-
-        `like` gives the modes; where the map is not defined, F and its derivatives are NaN.
-        """
+    ) -> Computation[Evaluated]:
+        """F and its derivatives at scaled unknowns (n, ...), with the modes of a point `like` (1,)."""
         n, size = len(several), like.at.shape[1]
         modes = jax.tree.map(lambda leaf: np.repeat(np.asarray(leaf)[:1], n, axis=0), like.modes)
         points = Points(several[:, :size] * self.scale[:size], modes)
@@ -148,7 +161,7 @@ class CriticalEquations:
         full = np.concatenate([inner, (slopes * self.width[0] / self.scale)[:, :, None]], axis=2)
         miss[~images.sound] = np.nan
         full[~images.sound] = np.nan
-        return miss, full, images
+        return Evaluated(miss, full, images)
 
     def critical_matrix(
         self, derivatives: FoldMatrix, unknowns: Vector
@@ -175,14 +188,14 @@ class CriticalEquations:
         miss: Float[np.ndarray, " fold_unknowns"],
         derivatives: FoldMatrix,
         border: Border,
-    ) -> tuple[Float[np.ndarray, " equations"], NullVectors, NullVectors]:
-        """The residual, and the null vectors v and w, with the `border` (v, w) of a point close by."""
+    ) -> Residual:
+        """The residual and the null vectors, with the `border` of a point close by."""
         matrix = self.critical_matrix(derivatives, unknowns)
         v, w, g = null_vectors(matrix, *border)
         if self.kind == "branch_point":
-            miss = miss + unknowns[-1] * border[1][0]
+            miss = miss + unknowns[-1] * border.w[0]
         parts = [g.real, g.imag] if self.kind == "neimark_sacker" else [g.real]
-        return np.concatenate([miss, np.ravel(parts)]), v, w
+        return Residual(np.concatenate([miss, np.ravel(parts)]), v, w)
 
     def at(
         self,
@@ -194,7 +207,7 @@ class CriticalEquations:
     ) -> Computation[CriticalPoint | None]:
         """The point at some unknowns with its derivatives; None where the map is not differentiable.
 
-        `border` are v and w of a point close by; the tangent has a positive product with `before`.
+        The tangent has a positive product with `before`.
         """
         miss, full, images = yield from self.evaluated(like, unknowns[None])
         if not np.isfinite(full).all():
@@ -279,7 +292,7 @@ class CriticalEquations:
         """Fill the rows of g in the matrix: second derivatives of F commute, so M_z v is M_v z."""
         m, q, bends, moved = self.m, len(self.names), near.first, near.moved
         if self.kind == "branch_point":
-            matrix[:m, -1] = border[1][0]
+            matrix[:m, -1] = border.w[0]
             for k, bend in enumerate(bends):
                 matrix[m + k, : m + 1] = -w[0] @ bend
                 if q == 2:
@@ -319,7 +332,7 @@ class CriticalEquations:
             tests |= {"flip_neimark_sacker": flips, "double_neimark_sacker": pairs}
             if unconstrained:
                 p = w / (w @ v)
-                tests["chenciner"] = circle_coefficient(
+                tests["chenciner"] = neimark_sacker_coefficient(
                     jacobian, v, p, self.critical(unknowns), first, near.second
                 )
             return tests
@@ -369,8 +382,8 @@ class CriticalEquations:
             return None
         left, _, right = np.linalg.svd(self.critical_matrix(full[0], unknowns))
         if self.kind == "branch_point":
-            return right[-2:], left[:, -1:].T
-        return right[-1].conj(), left[:, -1].conj()
+            return Border(right[-2:], left[:, -1:].T)
+        return Border(right[-1].conj(), left[:, -1].conj())
 
 
 def null_vectors(

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from gaitsweep.analysis.continuation.arclength_step import BranchPoints, ContinuationProblem
 from gaitsweep.analysis.continuation.branch_points import CROSSINGS
 from gaitsweep.analysis.continuation.critical_points import (
+    Border,
     CriticalEquations,
     CriticalKind,
     CriticalPoint,
     Vector,
 )
+from gaitsweep.analysis.continuation.floquet_multipliers import critical_multiplier
 from gaitsweep.analysis.continuation.lockstep import Computation
-from gaitsweep.analysis.continuation.normal_forms import critical_multiplier
 from gaitsweep.engine.poincare.maps import sizes
 
 # Most Newton steps to a bifurcation.
@@ -26,6 +29,14 @@ NEARLY_LAST_STEP = 1e-7
 SLOWER = 0.3
 # The largest change of scaled unknowns between a bifurcation that was bracketed and its exact place.
 MOST_MOVED = 0.05
+
+
+class SecondParameter(NamedTuple):
+    """The second parameter of a plane: its name, and its range."""
+
+    name: str
+    low: float
+    high: float
 
 
 def critical_kind(special: str) -> CriticalKind:
@@ -41,10 +52,7 @@ def critical_kind(special: str) -> CriticalKind:
 
 
 def equations_at(
-    problem: ContinuationProblem,
-    at: BranchPoints,
-    special: str,
-    second: tuple[str, float, float, float] | None = None,
+    problem: ContinuationProblem, at: BranchPoints, special: str, second: SecondParameter | None = None
 ) -> tuple[CriticalEquations, Vector]:
     """The equations of a bifurcation that was located on one branch (1,), and its unknowns.
 
@@ -52,7 +60,7 @@ def equations_at(
         problem: the continuation problem of the branch.
         at: the bifurcation.
         special: fold, flip, neimark_sacker, or a kind of branch point.
-        second: name, lowest, highest and present value of a second parameter.
+        second: a second parameter, one of the problem's other parameters.
 
     Returns:
         The equations, and the unknowns at the bifurcation.
@@ -63,8 +71,8 @@ def equations_at(
     parameters = [(problem.parameter, problem.low, problem.high, float(at.parameter[0]))]
     values = {name: column[:1] for name, column in problem.values.items()}
     if second is not None:
-        parameters.append(second)
-        values.pop(second[0], None)
+        present_value = float(values.pop(second.name)[0])
+        parameters.append((second.name, second.low, second.high, present_value))
     names = tuple(name for name, *_ in parameters)
     low, high, present = np.array([numbers for _, *numbers in parameters]).T
     width = high - low
@@ -110,5 +118,5 @@ def located_exactly(
             return None
         if size < LAST_STEP or (size > SLOWER * last and size < NEARLY_LAST_STEP):
             return point
-        unknowns, border, last = unknowns + step, (point.v, point.w), size
+        unknowns, border, last = unknowns + step, Border(point.v, point.w), size
     return None

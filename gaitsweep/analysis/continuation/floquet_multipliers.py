@@ -1,4 +1,4 @@
-"""Floquet multipliers of fixed points, the eigenvalues of the map's Jacobian, and the growth of deviations.
+"""Floquet multipliers of fixed points, the eigenvalues of the map's Jacobian, their vectors and growth.
 
 The Jacobian of a map at its points is `Map.linearised(...).jacobian` (`engine/poincare/map_derivatives.py`).
 """
@@ -6,10 +6,14 @@ The Jacobian of a map at its points is `Map.linearised(...).jacobian` (`engine/p
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Complex, Float
 
+Matrix = Float[np.ndarray, "coordinates coordinates"]
+Vector = Float[np.ndarray, " coordinates"]
+ComplexVector = Complex[np.ndarray, " coordinates"]
 # Turns of an orbit after which deviations that have not decayed count as neutral or growing.
 MOST_TURNS = 1000
 
@@ -36,7 +40,36 @@ def multipliers(
     return np.take_along_axis(factors, order, axis=-1)
 
 
-def largest_growth(jacobians: Sequence[Float[np.ndarray, "coordinates coordinates"]]) -> float:
+def critical_multiplier(factors: Complex[np.ndarray, " multipliers"], kind: str) -> complex:
+    """The multiplier on the unit circle at a bifurcation of this kind, from all of them."""
+    if kind == "flip":
+        return -1.0
+    if kind != "neimark_sacker":
+        return 1.0
+    upper = factors[np.imag(factors) > 0.0]
+    return complex(upper[np.argmin(np.abs(np.abs(upper) - 1.0))]) if upper.size else 1.0
+
+
+class CriticalEigenvectors(NamedTuple):
+    """An eigenvalue with its right and left eigenvectors, left . right = 1, |right| = 1."""
+
+    eigenvalue: complex
+    right: ComplexVector
+    left: ComplexVector
+
+
+def critical_eigenvectors(jacobian: Matrix, near: complex) -> CriticalEigenvectors:
+    """The eigenvalue next to a number, with its eigenvectors."""
+    factors, right = np.linalg.eig(jacobian)
+    nearest = int(np.argmin(np.abs(factors - near)))
+    q = right[:, nearest].astype(complex)
+    q = q * np.exp(-1j * np.angle(q[np.argmax(np.abs(q))])) / np.linalg.norm(q)
+    others, left = np.linalg.eig(jacobian.T)
+    p = left[:, int(np.argmin(np.abs(others - factors[nearest])))].astype(complex)
+    return CriticalEigenvectors(complex(factors[nearest]), q, p / (p @ q))
+
+
+def largest_growth(jacobians: Sequence[Matrix]) -> float:
     """The largest factor by which a deviation from an orbit grows from one crossing to any later one.
 
     It is the largest spectral norm of the products of successive Jacobians, and 1 if all of them are below
@@ -67,8 +100,7 @@ def largest_growth(jacobians: Sequence[Float[np.ndarray, "coordinates coordinate
 
 
 def _restricted(
-    matrix: Float[np.ndarray, "coordinates coordinates"],
-    gradients: Float[np.ndarray, "constrained coordinates"],
+    matrix: Matrix, gradients: Float[np.ndarray, "constrained coordinates"]
 ) -> Float[np.ndarray, "directions directions"]:
     """The matrix restricted to the directions normal to all gradients."""
     k = len(gradients)

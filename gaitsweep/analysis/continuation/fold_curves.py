@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -16,7 +16,7 @@ from gaitsweep.analysis.continuation.bifurcation_tests import branch_test, fold_
 from gaitsweep.analysis.continuation.branch_follower import ArclengthSteps
 from gaitsweep.analysis.continuation.branch_table import in_terms_of_flow
 from gaitsweep.analysis.continuation.critical_points import CriticalEquations, CriticalPoint
-from gaitsweep.analysis.continuation.exact_points import equations_at
+from gaitsweep.analysis.continuation.exact_points import SecondParameter, equations_at
 from gaitsweep.analysis.continuation.lockstep import alone
 from gaitsweep.analysis.continuation.newton import ConservedConstraints, NewtonOutcome, newton
 from gaitsweep.engine.poincare.maps import Map, Points, Values
@@ -74,13 +74,20 @@ def fold_curves(
     for row in range(len(starts)):
         row_values = {name: column[row : row + 1] for name, column in complete.items()}
         start = starts[np.array([row])]
-        fold, end = _first_fold(mapping, start, row_values, parameters, within, to_fold, fix, steps)
-        if fold is None:
+        fold = _first_fold(mapping, start, row_values, parameters, within, to_fold, fix, steps)
+        if isinstance(fold, str):
             at = {name: float(complete[name][row]) for name in parameters}
-            records.append({"row": row, "point": 0, **at, "end": end})
+            records.append({"row": row, "point": 0, **at, "end": fold})
         else:
             records += _curve_through(*fold, towards, row, steps)
     return in_terms_of_flow(mapping, pd.DataFrame(records))
+
+
+class _FirstFold(NamedTuple):
+    """The first point of a curve of folds, with the equations of the curve."""
+
+    equations: CriticalEquations
+    point: CriticalPoint
 
 
 def _check_ranges(parameters: Sequence[str], within: Mapping[str, Sequence[float]]) -> None:
@@ -101,12 +108,12 @@ def _first_fold(
     to_fold: int,
     fix: Sequence[str],
     steps: ArclengthSteps,
-) -> tuple[tuple[CriticalEquations, CriticalPoint] | None, str]:
-    """The first fold on the branch through a start; None, and the `end` of its record, if there is none."""
+) -> _FirstFold | str:
+    """The first fold on the branch through a start; the `end` of its record if there is none."""
     first = parameters[0]
     fixed = newton(mapping, start, values, fix=fix)
     if not fixed.converged[0]:
-        return None, NewtonOutcome(int(fixed.outcome[0])).name
+        return NewtonOutcome(int(fixed.outcome[0])).name
     constraints = ConservedConstraints.of(mapping, fix, fixed.images.conserved_values)
     others = {name: column for name, column in values.items() if name != first}
     problem = ContinuationProblem.of(mapping, first, within[first], others, constraints, fixed.points.at)
@@ -128,14 +135,14 @@ def _first_fold(
             elif branch_test(problem, before)[0] * branch_test(problem, after)[0] < 0.0:
                 ahead[k] = after  # at a pitchfork, a branch that turns has no fold
             elif fold_test(problem, before)[0] * fold_test(problem, after)[0] < 0.0:
-                turns = fold_test(problem, before)[0], fold_test(problem, after)[0]
-                fold = located_on_branch(problem, before, lengths[k][0], fold_test, turns)
+                ends_of_step = fold_test(problem, before)[0], fold_test(problem, after)[0]
+                fold = located_on_branch(problem, before, lengths[k][0], fold_test, ends_of_step)
                 if fold is not None:
-                    return _on_curve(problem, fold[0], parameters, within, values)
+                    return _on_curve(problem, fold.point, parameters, within)
                 ends[k] = "lost"
             else:
                 ahead[k] = after
-    return None, "lost" if "lost" in ends else "no_fold"
+    return "lost" if "lost" in ends else "no_fold"
 
 
 def _on_curve(
@@ -143,14 +150,13 @@ def _on_curve(
     fold: BranchPoints,
     parameters: Sequence[str],
     within: Mapping[str, Sequence[float]],
-    values: dict[str, Float[np.ndarray, " 1"]],
-) -> tuple[tuple[CriticalEquations, CriticalPoint] | None, str]:
-    """The equations of a fold's curve, and the fold as its first point."""
+) -> _FirstFold | str:
+    """The first point of a fold's curve; the `end` of its record if it has none."""
     name = parameters[1]
-    second = name, float(min(within[name])), float(max(within[name])), float(values[name][0])
+    second = SecondParameter(name, float(min(within[name])), float(max(within[name])))
     equations, unknowns = equations_at(problem, fold, "fold", second)
     first = alone(equations.first(fold.points, unknowns))
-    return (None, "lost") if first is None else ((equations, first), "")
+    return "lost" if first is None else _FirstFold(equations, first)
 
 
 def _curve_through(

@@ -1,4 +1,4 @@
-"""Coefficients of the normal forms of bifurcations, super- or subcritical, and the cycles of Hopf points.
+"""Coefficients of the normal forms of bifurcations of maps, whose signs say whether they are supercritical.
 
 The quadratic and cubic terms of the map come from Jacobians beside the bifurcation: B(u, h) is the derivative
 of J h along u, and C(u, u, h) the second one.
@@ -9,50 +9,28 @@ directions).
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
-import pandas as pd
-from jaxtyping import Complex, Float
 
 from gaitsweep.analysis.continuation.arclength_step import BranchPoints, ContinuationProblem
-from gaitsweep.engine.poincare.maps import Points, Values, sizes
-from gaitsweep.engine.poincare.stationary_map import StationaryMap, flow_derivatives, linearised_flow
+from gaitsweep.analysis.continuation.floquet_multipliers import (
+    ComplexVector,
+    Matrix,
+    Vector,
+    critical_eigenvectors,
+    critical_multiplier,
+)
+from gaitsweep.analysis.continuation.hopf_cycles import hopf_form
+from gaitsweep.engine.poincare.maps import Points, sizes
+from gaitsweep.engine.poincare.stationary_map import StationaryMap
 
-Matrix = Float[np.ndarray, "coordinates coordinates"]
-Vector = Float[np.ndarray, " coordinates"]
-ComplexVector = Complex[np.ndarray, " coordinates"]
 # Step of the differences of Jacobians, in coordinates relative to their scales.
 BESIDE = 1e-3
-# Displacement of a parameter, relative to its size, for the rate of an eigenvalue along a branch.
-PARAMETER_STEP = 1e-5
-# Largest length of the left critical vector, which is infinite where two multipliers are critical with one
-# direction.
+# Largest length of the left critical eigenvector, which is infinite where two multipliers are critical with
+# one direction.
 LARGEST_LEFT = 1e6
 # Kinds of bifurcations that have a coefficient.
 PITCHFORKS = ("supercritical_pitchfork", "subcritical_pitchfork")
 SIMPLE = ("fold", "transcritical", "flip", "neimark_sacker", *PITCHFORKS)
-
-
-def critical_vector(jacobian: Matrix, multiplier: complex) -> tuple[ComplexVector, ComplexVector, complex]:
-    """The right and left eigenvectors q and p of the multiplier next to one, p . q = 1, |q| = 1, and it."""
-    factors, right = np.linalg.eig(jacobian)
-    nearest = int(np.argmin(np.abs(factors - multiplier)))
-    q = right[:, nearest].astype(complex)
-    q = q * np.exp(-1j * np.angle(q[np.argmax(np.abs(q))])) / np.linalg.norm(q)
-    others, left = np.linalg.eig(jacobian.T)
-    p = left[:, int(np.argmin(np.abs(others - factors[nearest])))].astype(complex)
-    return q, p / (p @ q), complex(factors[nearest])
-
-
-def critical_multiplier(factors: Complex[np.ndarray, " multipliers"], kind: str) -> complex:
-    """The multiplier on the unit circle at a bifurcation of this kind, from all of them."""
-    if kind == "flip":
-        return -1.0
-    if kind != "neimark_sacker":
-        return 1.0
-    upper = factors[np.imag(factors) > 0.0]
-    return complex(upper[np.argmin(np.abs(np.abs(upper) - 1.0))]) if upper.size else 1.0
 
 
 def coefficient(problem: ContinuationProblem, at: BranchPoints, kind: str) -> float:
@@ -84,7 +62,7 @@ def coefficient(problem: ContinuationProblem, at: BranchPoints, kind: str) -> fl
     J = at.images.jacobian[0] * scale / scale[:, None]
     if not np.isfinite(J).all():
         return float("nan")
-    q, p, factor = critical_vector(J, critical_multiplier(np.linalg.eigvals(J), kind))
+    multiplier, q, p = critical_eigenvectors(J, critical_multiplier(np.linalg.eigvals(J), kind))
     if not np.linalg.norm(p) < LARGEST_LEFT:
         return float("nan")
     directions = [np.real(q)] if kind != "neimark_sacker" else [np.real(q), np.imag(q)]
@@ -99,7 +77,7 @@ def coefficient(problem: ContinuationProblem, at: BranchPoints, kind: str) -> fl
     first = [(ahead - behind) / (2.0 * BESIDE) for ahead, behind in pairs]
     second = [(ahead - 2.0 * J + behind) / BESIDE**2 for ahead, behind in pairs]
     if kind == "neimark_sacker":
-        return circle_coefficient(J, q, p, factor, first, second)
+        return neimark_sacker_coefficient(J, q, p, multiplier, first, second)
     q, p = np.real(q), np.real(p)
     B, C = first[0], second[0]
     quadratic = B @ q
@@ -117,26 +95,31 @@ def flip_coefficient(J: Matrix, q: Vector, p: Vector, first: Matrix, second: Mat
 
     Args:
         J: the Jacobian, (size, size).
-        q, p: its right and left critical vectors, (size,).
+        q, p: its right and left critical eigenvectors, (size,).
         first, second: first and second derivative of the Jacobian along q, (size, size).
     """
     inner = np.linalg.solve(np.eye(len(J)) - J, first @ q)
     return float(p @ (second @ q / 6.0 + 0.5 * first @ inner))
 
 
-def circle_coefficient(
-    J: Matrix, q: ComplexVector, p: ComplexVector, factor: complex, first: list[Matrix], second: list[Matrix]
+def neimark_sacker_coefficient(
+    J: Matrix,
+    q: ComplexVector,
+    p: ComplexVector,
+    multiplier: complex,
+    first: list[Matrix],
+    second: list[Matrix],
 ) -> float:
     """The coefficient of a Neimark-Sacker bifurcation.
 
     Args:
         J: the Jacobian, (size, size).
-        q, p: its right and left critical vectors, (size,), p . q = 1.
-        factor: the critical multiplier.
+        q, p: its right and left critical eigenvectors, (size,), p . q = 1.
+        multiplier: the critical multiplier.
         first, second: first and second derivatives of the Jacobian along the real and the imaginary part of
             q, (size, size) each.
     """
-    unit = factor / abs(factor)
+    unit = multiplier / abs(multiplier)
     B, conjugate = first[0] + 1j * first[1], first[0] - 1j * first[1]
     eye = np.eye(len(J))
     cubic = (second[0] + second[1]) @ q
@@ -147,99 +130,4 @@ def circle_coefficient(
 
 def doubled_direction(at: BranchPoints) -> Vector:
     """The direction in which the cycle of twice the period leaves a flip of one branch (1,)."""
-    return np.real(critical_vector(at.images.jacobian[0], -1.0)[0])
-
-
-@dataclasses.dataclass(frozen=True)
-class HopfForm:
-    """The normal form of a Hopf point: z' = lambda z + frequency l1 z |z|^2, x = 2 Re(z q) + ...
-
-    Attributes:
-        frequency: the imaginary part of the critical eigenvalue lambda, rad/s.
-        q, p: right and left eigenvectors, p . q = 1, |q| = 1 in the units of the coordinates.
-        l1: the first Lyapunov coefficient; below 0, stable cycles begin (supercritical).
-        h11, h20: the second-order terms of x, h11 |z|^2 + Re(h20 z^2).
-
-    Source: Kuznetsov 2004, Elements of Applied Bifurcation Theory, eq. (3.20) and section 5.4.
-    """
-
-    frequency: float
-    q: ComplexVector
-    p: ComplexVector
-    l1: float
-    h11: Vector
-    h20: ComplexVector
-
-
-def hopf_form(mapping: StationaryMap, at: Points, values: Values) -> HopfForm:
-    """The normal form at a Hopf point (1,), by exact derivatives of the flow.
-
-    Args:
-        mapping: the map of the flow's stationary points.
-        at: the Hopf point.
-        values: the parameters there.
-    """
-    values_at = {name: column[0] for name, column in mapping.complete(values, 1).items()}
-    hopf_point = values_at, at.at[0], at[0].modes
-    J = np.asarray(linearised_flow(mapping)(*hopf_point)[1])
-    factors = np.linalg.eigvals(J)
-    upper = factors[np.imag(factors) > 0.0]
-    q, p, factor = critical_vector(J, complex(upper[np.argmin(np.abs(np.real(upper)))]))
-    a, b, frequency = np.real(q), np.imag(q), factor.imag
-
-    def bent(*directions: tuple[Vector, Vector, Vector]) -> tuple[np.ndarray, np.ndarray]:
-        """The second derivatives along two directions of each triple, and the third along all of them."""
-        second, third = flow_derivatives(mapping)(*hopf_point, *np.swapaxes(directions, 0, 1))
-        return np.asarray(second), np.asarray(third)
-
-    (aa, bb, ab, *_), (aaa, bbb, abb, aab, *_) = bent(
-        *((a, a, a), (b, b, b), (a, b, b), (b, a, a)), *[(a, a, a)] * 2
-    )
-    h11 = np.linalg.solve(-J, aa + bb)
-    h20 = np.linalg.solve(2j * frequency * np.eye(len(J)) - J, aa - bb + 2j * ab)
-    pairs = ((a, h11), (b, h11), (a, np.real(h20)), (b, np.imag(h20)), (a, np.imag(h20)), (b, np.real(h20)))
-    (a_11, b_11, a_r, b_i, a_i, b_r), _ = bent(*((u, v, u) for u, v in pairs))
-    cubic = aaa + abb + 1j * (aab + bbb) + 2.0 * (a_11 + 1j * b_11) + a_r + b_i + 1j * (a_i - b_r)
-    return HopfForm(frequency, q, p, float((p @ cubic).real / (2.0 * frequency)), h11, h20)
-
-
-def hopf_cycle(
-    mapping: StationaryMap, at: Points, values: Values, parameter: str, amplitude: float, count: int
-) -> pd.DataFrame:
-    """The cycle of an amplitude that begins at a Hopf point (1,), to second order.
-
-    Args:
-        mapping: the map.
-        at: the Hopf point.
-        values: the parameters there.
-        parameter: the parameter that moves away from there.
-        amplitude: the largest displacement of the cycle, in the units of the coordinates.
-        count: the number of its points.
-
-    Returns:
-        One record a point: time (s), the coordinates, the parameter's value at which the cycle has this
-        amplitude, and its period (s).
-    """
-    form, program = hopf_form(mapping, at, values), linearised_flow(mapping)
-    values_at = {name: column[0] for name, column in mapping.complete(values, 1).items()}
-    x, modes, value = at.at[0], at[0].modes, values_at[parameter]
-
-    def linearised(
-        share: float, x: Float[np.ndarray, " coordinates"]
-    ) -> tuple[Float[np.ndarray, " coordinates"], Float[np.ndarray, "coordinates coordinates"]]:
-        rates, jacobian = program({**values_at, parameter: value + share}, x, modes)
-        return np.asarray(rates), np.asarray(jacobian)
-
-    small = PARAMETER_STEP * (1.0 + abs(value))
-    slope = (linearised(small, x)[0] - linearised(-small, x)[0]) / (2.0 * small)
-    along = np.linalg.solve(-linearised(0.0, x)[1], slope)
-    ahead, behind = (linearised(d, x + d * along)[1] for d in (small, -small))
-    growth = np.real(form.p @ (ahead - behind) @ form.q) / (2.0 * small)
-    size = amplitude / np.max(np.abs(form.q)) / 2.0
-    change = -form.frequency * form.l1 * size**2 / growth
-    period = 2.0 * np.pi / form.frequency
-    time = period * np.arange(count) / count
-    z = size * np.exp(1j * form.frequency * time)[:, None]
-    points = x + change * along + 2.0 * (z * form.q).real + np.abs(z) ** 2 * form.h11 + (z**2 * form.h20).real
-    columns = {quantity.name: points[:, k] for k, quantity in enumerate(mapping.coordinates)}
-    return pd.DataFrame({"time": time, **columns, parameter: value + change, "period": period})
+    return np.real(critical_eigenvectors(at.images.jacobian[0], -1.0).right)

@@ -1,8 +1,6 @@
-"""The smoothed drift of a one-dimensional map along a line or around the circle, its zeros and its ghosts.
+"""The smoothed drift of a one-dimensional map along a line or around the circle.
 
-The drift is smoothed on each piece of the data between gaps and jumps (`breaks`). Its zeros are the map's
-fixed points: there the curve changes between significant values of opposite sign, and the points on both
-sides confirm it. Ghosts are minima of its size without a zero.
+The drift is smoothed on each piece of the data between gaps and jumps (`breaks`).
 """
 
 from __future__ import annotations
@@ -11,10 +9,10 @@ import itertools
 from typing import NamedTuple
 
 import numpy as np
-import scipy
 from jaxtyping import Bool, Float, Real
 
-from gaitsweep.analysis.transitions.smoothing import PerPoint, PointFlags, Smooth, breaks, local_polynomial
+from gaitsweep.analysis.transitions.breaks import breaks
+from gaitsweep.analysis.transitions.smoothing import PerPoint, Smooth, local_polynomial
 from gaitsweep.angles import TURN, unwrap_from
 
 RowOfPoint = Real[np.ndarray, " points"]
@@ -25,13 +23,7 @@ _LEAST_WEIGHT = 4  # least weight of the points in a test of the fit at one posi
 _ASTRAY_BANDWIDTHS, _ASTRAY_ERRORS = 0.02, 4.0
 _BRANCH_DISTANCE = 3.0  # least ratio of the distance between two branches of points to their widths
 _LEAST_OF_A_BRANCH, _LEAST_OF_BOTH = 2, 8  # least number of points of each branch, and of both
-NEAR = 0.01  # rad a crossing; a slower drift holds a row for long
-SURE = 2.0  # standard errors from zero of a significant drift
-_AT_REST = 1e-4  # bandwidths a crossing; a slower row is at rest
-_OUTSIDE = 0.02  # bandwidths; largest distance of a rest state outside the data
-# least value at a zero of the line through the points of one side, if the curve bridges a jump there:
-_BRIDGED_ERRORS = 3.0  # standard errors
-_BRIDGED_SHARE = 0.5  # shares of the mean drift on that side
+AT_REST = 1e-4  # bandwidths a crossing; a slower row is at rest
 
 
 class MapPairs(NamedTuple):
@@ -149,7 +141,7 @@ def _closed(points: MapPairs, bandwidth: float, step: float) -> Drift:
     count = int(np.ceil(TURN / step))
     smooth = _followed(points, low + TURN * np.arange(count) / count, bandwidth)
     # begin at the most significant sign, so that no zero is at the ends
-    sure = np.abs(smooth.value) / np.maximum(smooth.value_error, 1e-300)
+    sure = np.abs(smooth.value) / np.maximum(smooth.value_error, AT_REST * bandwidth)
     around_once = np.arange(count + 1) + int(np.argmax(np.nan_to_num(sure)))
     smooth = Smooth(*(values[around_once % count] for values in smooth))
     smooth = smooth._replace(at=smooth.at + TURN * (around_once // count))
@@ -165,17 +157,20 @@ def _followed(points: MapPairs, at: Float[np.ndarray, " positions"], bandwidth: 
         closer = local_polynomial(*points, at[wrong], width, widen=False)
         for values, better in zip(smooth, closer, strict=True):
             values[wrong] = better
-        wrong = wrong[_astray(points, closer, width, bandwidth, unknown=True)]
+        wrong = wrong[_astray(points, closer, width, bandwidth, strict=True)]
     smooth.value[wrong] = np.nan
     return smooth
 
 
 def _astray(
-    points: MapPairs, smooth: Smooth, width: float, bandwidth: float, unknown: bool = False
+    points: MapPairs, smooth: Smooth, width: float, bandwidth: float, strict: bool = False
 ) -> Bool[np.ndarray, " positions"]:
-    """Whether the points' mean deviation exceeds their scatter, bool (k,); `unknown` if they are few."""
+    """Whether the points' mean deviation exceeds their scatter, bool (k,).
+
+    `strict`: at half as many standard errors, and also where there are too few points for the test.
+    """
     value, change, _, share = points
-    wrong = np.full(len(smooth.at), unknown)
+    wrong = np.full(len(smooth.at), strict)
     near = width / POINTS_PER_BANDWIDTH
     low, high = np.searchsorted(value, smooth.at - near), np.searchsorted(value, smooth.at + near, "right")
     for k in np.flatnonzero(np.isfinite(smooth.value) & (high - low >= _LEAST_WEIGHT)):
@@ -188,7 +183,7 @@ def _astray(
         effective = float(weight.sum()) ** 2 / float((weight**2).sum())
         error = np.sqrt(np.average((residual - mean) ** 2, weights=weight) / (effective - 1.0))
         off = abs(mean) / np.hypot(1.0, 1.0 + smooth.slope[k])  # distance normal to the map
-        errors = (0.5 if unknown else 1.0) * _ASTRAY_ERRORS
+        errors = 0.5 * _ASTRAY_ERRORS if strict else _ASTRAY_ERRORS
         wrong[k] = off > _ASTRAY_BANDWIDTHS * bandwidth and abs(mean) > errors * error
     return wrong
 
@@ -252,143 +247,3 @@ def once_a_place(value: PerPoint, row: RowOfPoint, step: float) -> PerPoint:
         last, first = np.searchsorted(values, values + step, "right"), np.searchsorted(values, values - step)
         share[members] = 1.0 / (last - first)
     return share
-
-
-class Zero(NamedTuple):
-    """A zero of the drift: its position, the curve there, and whether the drift falls with the value.
-
-    `within` is half the distance between the significant values on its two sides.
-    """
-
-    place: float
-    smooth: Smooth
-    falls: bool
-    within: float
-
-
-def zeros_of(drift: Drift) -> list[Zero]:
-    """The zeros of the drift between significant values of opposite sign, and rest states at ends of a piece.
-
-    Noise may split a zero into several: the middle one with the right direction is used. Zeros that the
-    points do not confirm (`_confirmed`) are left out.
-    """
-    at, value, error = drift.smooth.at, drift.smooth.value, drift.smooth.value_error
-    sure = np.flatnonzero(np.isfinite(value) & (np.abs(value) > SURE * error))
-    zeros = []
-    for i, j in itertools.pairwise(sure):
-        if value[i] * value[j] > 0 or not np.isfinite(value[i : j + 1]).all():
-            continue
-        sides = value[i : j + 1] > 0
-        turns = i + np.flatnonzero((sides[:-1] == sides[0]) & (sides[1:] != sides[0]))
-        k = int(turns[len(turns) // 2])
-        place = float(at[k] - value[k] * (at[k + 1] - at[k]) / (value[k + 1] - value[k]))
-        smooth = drift.at(place)
-        nearer = place - float(smooth.value[0] / smooth.slope[0])
-        if abs(nearer - place) < drift.bandwidth / POINTS_PER_BANDWIDTH:
-            place, smooth = nearer, drift.at(nearer)
-        falls = bool(value[i] > 0)
-        if np.isfinite(smooth.slope[0]) and _confirmed(drift, place, falls):
-            zeros.append(Zero(place, smooth, falls, float(at[j] - at[i]) / 2))
-    return [*_rest_at_ends(drift, zeros), *zeros]
-
-
-def _rest_at_ends(drift: Drift, between: list[Zero]) -> list[Zero]:
-    """States that rows reach from one side only: the end of a piece where its rows are at rest."""
-    at, value, error = drift.smooth.at, drift.smooth.value, drift.smooth.value_error
-    sure = np.flatnonzero(np.isfinite(value) & (np.abs(value) > SURE * error))
-    if drift.begin is not None or not sure.size:
-        return []
-    zeros = []
-    for end, inner, outward in ((0, sure[0], -1.0), (-1, sure[-1], 1.0)):
-        place = float(drift.points.value[end])
-        if abs(drift.points.change[end]) > _AT_REST * drift.bandwidth:
-            continue
-        smooth = drift.at(place)
-        beyond = outward * -float(smooth.value[0] / smooth.slope[0])
-        nearest = min((abs(place - zero.place) for zero in between), default=np.inf)
-        if abs(beyond) <= _OUTSIDE * drift.bandwidth < nearest:
-            falls = bool(outward * value[inner] > 0)
-            zeros.append(Zero(place, smooth, falls, abs(float(at[inner]) - place)))
-    return zeros
-
-
-def _confirmed(drift: Drift, place: float, falls: bool) -> bool:
-    """Whether the points confirm a zero: their changes pass through zero and differ in sign on its sides.
-
-    Lines through the points of one side alone, within a bandwidth or a part of it, tell a curve through zero
-    from one that bridges a jump: there both leave the zero on the side where their points are.
-    """
-    value, change, _, share = drift.points
-    away = value - float(unwrap_from(np.array([place]), drift.begin)[0])
-    sign = 1.0 if falls else -1.0
-    reach = 2.0 * drift.bandwidth
-    left, right = (away < 0.0) & (away >= -reach), (away > 0.0) & (away <= reach)
-    still = _AT_REST * drift.bandwidth
-    if not (sign * change[left] > -still).any() or not (-sign * change[right] > -still).any():
-        return False
-    if drift.circular:
-        near = np.abs(away) <= drift.bandwidth
-        if np.sum(share[near] * np.cos(change[near])) <= 0.0:
-            return False  # it goes through half a turn, where the changes' sign turns too
-    bridged = False
-    for width in drift.bandwidth * np.array([1.0, 0.5, 0.25]):
-        inside = np.abs(away) <= width
-        below, above = (_remains(drift, side & inside, away, width) for side in (left, right))
-        if below is None or above is None:
-            if width == drift.bandwidth:  # too few for lines: then some of them lie near the diagonal
-                sizes = np.abs(change[np.abs(away) <= reach])
-                return bool(sizes.min() < _BRIDGED_SHARE * sizes.mean())
-            break
-        bridges = all(
-            side_sign * remain.value > max(_BRIDGED_ERRORS * remain.error, _BRIDGED_SHARE * remain.size)
-            for side_sign, remain in ((sign, below), (-sign, above))
-        )
-        if not bridges and below.error + above.error < _BRIDGED_SHARE * (below.size + above.size):
-            return True
-        bridged |= bridges
-    return not bridged
-
-
-class _Remainder(NamedTuple):
-    """Value at a zero of the line through the points of one side, its error, and the points' mean size."""
-
-    value: float
-    error: float
-    size: float
-
-
-def _remains(drift: Drift, near: PointFlags, away: PerPoint, width: float) -> _Remainder | None:
-    """The remainder of the points `near` a zero, all on one side; None if they are too few for a line."""
-    if not near.any():
-        return None
-    _, change, row, share = (values[near] for values in drift.points)
-    smooth = local_polynomial(away[near], change, row, share, np.zeros(1), width)
-    if not np.isfinite(smooth.value[0]):
-        return None
-    size = float(np.average(np.abs(change), weights=share))
-    return _Remainder(float(smooth.value[0]), float(smooth.value_error[0]), size)
-
-
-def ghosts_of(drift: Drift, near: float) -> list[tuple[float, float, float]]:
-    """Places, drifts and their standard errors where the size of the drift has a minimum of at most `near`.
-
-    A minimum is one where the drift is larger by two standard errors of the difference on both sides of it.
-    """
-    at, value, error = drift.smooth.at, drift.smooth.value, drift.smooth.value_error
-    ghosts = []
-    # next to missing values every minimum would be deep, so each finite stretch is searched by itself
-    edges = np.flatnonzero(np.diff(np.isfinite(value), prepend=False, append=False))
-    for sign, (first, end) in itertools.product((1.0, -1.0), edges.reshape(-1, 2)):
-        peaks, properties = scipy.signal.find_peaks(-sign * value[first:end], prominence=0.0)
-        bases = (first + properties[f"{side}_bases"] for side in ("left", "right"))
-        for k, left, right in zip(first + peaks, *bases, strict=True):
-            # in standard errors of the difference
-            surplus = sign * (value - value[k]) / np.hypot(error, error[k])
-            rises = min(surplus[left : k + 1].max(), surplus[k : right + 1].max())
-            if 0.0 < sign * value[k] <= near and rises > SURE:
-                bend = value[k + 1] - 2.0 * value[k] + value[k - 1]
-                aside = 0.5 * (value[k - 1] - value[k + 1]) / bend if bend else 0.0
-                place = float(at[k] + aside * (at[k + 1] - at[k]))
-                smooth = drift.at(place)
-                ghosts.append((place, float(smooth.value[0]), float(smooth.value_error[0])))
-    return sorted(ghosts)

@@ -28,6 +28,7 @@ from gaitsweep.analysis.transitions.jumps import (
     LEAST_JUMP,
     Course,
     courses,
+    irregular_passes,
     largest_jumps,
     lower_median,
     records_of,
@@ -63,7 +64,7 @@ def hysteresis(
     parameter: str | None = None,
     *,
     start: str | None = None,
-    least: float = LEAST_JUMP,
+    least: float | None = None,
     by: str | Sequence[str] = (),
 ) -> Hysteresis:
     """Measure the hysteresis of a ramp, of a staircase, or of settled rows.
@@ -75,6 +76,8 @@ def hysteresis(
         parameter: the parameter's column; the one that the run moved by default.
         start: of settled rows, the column of the start value that selects the branch.
         least: of ramps and staircases, the smallest change that counts as a jump, in the observable's unit.
+            By default as in the figure `hysteresis`: 0.15 of a ramp, and of a staircase a step that is four
+            times as large as those beside it and changes the gait or a twentieth of the range.
         by: swept axes; the transition points of each of their combinations are separate. `loops` are always
             of single rows, so `by` does not change them.
 
@@ -119,7 +122,7 @@ def transition_points(
     table: pd.DataFrame,
     observable: str,
     parameter: str,
-    least: float = LEAST_JUMP,
+    least: float | None = LEAST_JUMP,
     by: str | Sequence[str] = (),
 ) -> pd.DataFrame:
     """The transition point of each pass, over all rows on a branch: their `largest_jumps`.
@@ -156,6 +159,29 @@ def transition_points(
         rows = table.groupby(by, observed=True).agg(of=("row", "nunique")).reset_index()
         return points.merge(rows, on=by, how="left")
     return points.assign(of=table["row"].nunique())
+
+
+def why_no_jump(table: pd.DataFrame, observable: str, parameter: str, least: float | None = None) -> str:
+    """The sentence about a table without a transition point.
+
+    Args:
+        table, observable, parameter, least: as for `jumps`.
+
+    Raises:
+        AnalysisError: the table does not have a column.
+    """
+    passes = sum(len(np.unique(course.passes)) for course in courses(table, observable, parameter))
+    if not passes:
+        return f"No row has two records with a value of {observable}."
+    irregular = len(irregular_passes(table, observable, parameter, LEAST_JUMP if least is None else least))
+    if irregular == passes:
+        return f"No pass follows a branch of {observable}: all {passes} jump to and fro."
+    if least is None and "stair" in table.columns:
+        rule = "is four times as large as those beside it and changes the gait or a twentieth of the range"
+    else:
+        rule = f"is {LEAST_JUMP if least is None else least:g} or more, and four times as large as usual"
+    left_out = f" {irregular} of {passes} passes jump to and fro, and are left out." if irregular else ""
+    return f"No pass jumps: no change of {observable} {rule}.{left_out}"
 
 
 def transition_points_by_gait(

@@ -50,6 +50,13 @@ class Course(NamedTuple):
     gait: Shaped[np.ndarray, " records"]
 
 
+class Stretch(NamedTuple):
+    """A jump of a course: the indices of the last record before it and of the first after it."""
+
+    start: int
+    stop: int
+
+
 def jumps(
     table: pd.DataFrame, observable: str, parameter: str, least: float | None = LEAST_JUMP
 ) -> pd.DataFrame:
@@ -101,7 +108,7 @@ def jumps(
 
 
 def largest_jumps(
-    table: pd.DataFrame, observable: str, parameter: str, least: float = LEAST_JUMP
+    table: pd.DataFrame, observable: str, parameter: str, least: float | None = LEAST_JUMP
 ) -> pd.DataFrame:
     """The largest of the `jumps` of each row and pass, in the same columns, without `irregular_passes`.
 
@@ -112,7 +119,10 @@ def largest_jumps(
         AnalysisError: the table does not have a column.
     """
     all_jumps = jumps(table, observable, parameter, least)
-    irregular = _irregular(all_jumps, table, observable, parameter, least)
+    if least is None:  # as in `jump_intervals`
+        irregular = irregular_passes(table, observable, parameter)
+    else:
+        irregular = _irregular(all_jumps, table, observable, parameter, least)
     steady = _without_passes(all_jumps, irregular)
     largest = steady.assign(height=steady["size"].abs()).sort_values("height", kind="stable")
     return largest.drop_duplicates(["row", "pass"], keep="last").drop(columns="height").sort_index()
@@ -170,13 +180,21 @@ def courses(table: pd.DataFrame, observable: str, parameter: str) -> Iterator[Co
         table, observable, parameter: as for `jumps`.
 
     Raises:
-        AnalysisError: the table does not have a column, or its values are not numbers.
+        AnalysisError: the table does not have a column, its values are not numbers, or rows of several tables
+            have the same number.
     """
     name = section_column(table, observable)
     stairs = "stair" in table.columns
     order = "stair" if stairs else "crossing"
     require(table, "row", "pass", order)
     require_numbers(table, name, parameter)
+    repeated = table.duplicated(["row", order]).to_numpy()
+    if repeated.any():
+        row, number = table.iloc[int(repeated.argmax())][["row", order]]
+        raise AnalysisError(
+            f"Row {row} has several records of {order} {number}, as after pandas.concat of tables whose rows "
+            "have the same numbers: join results by gs.concat."
+        )
     table = table.sort_values(["row", order], kind="stable")
     circular = is_circular(table, name)
     table = table.loc[sound(table, name, parameter)]
@@ -198,8 +216,8 @@ def courses(table: pd.DataFrame, observable: str, parameter: str) -> Iterator[Co
         yield Course(part.iloc[0], parameters, passes, value, settled, gait)
 
 
-def stretches(course: Course, least: float | None) -> list[tuple[int, int]]:
-    """The jumps of a course, in order: each is the last record before it and the first after it.
+def stretches(course: Course, least: float | None) -> list[Stretch]:
+    """The jumps of a course, in order.
 
     Args:
         course: the course.
@@ -221,7 +239,7 @@ def stretches(course: Course, least: float | None) -> list[tuple[int, int]]:
         other_gait = course.gait[start] != course.gait[stop]
         steep = not beside.size or size > STEEPER * float(np.median(beside))
         if steep and size > noise and (size >= floor or other_gait):
-            jumps.append((start, stop))
+            jumps.append(Stretch(start, stop))
     return jumps
 
 
@@ -245,7 +263,7 @@ def rising(course: Course, number: int) -> bool:
 
 def _between_holds(
     value: Float[np.ndarray, " records"], settled: Bool[np.ndarray, " records"], least: float
-) -> list[tuple[int, int]]:
+) -> list[Stretch]:
     """The jumps between holds; changes in one direction across unsettled holds are one jump."""
     change = np.diff(value)
     least = max(least, STEEPER * float(np.quantile(np.abs(change), 0.25)))
@@ -255,25 +273,23 @@ def _between_holds(
         end = begin + 1
         while end < len(change) and not settled[end] and change[end] * change[begin] > 0:
             end += 1
-        start, stop = _without_feet(value, begin, end, HOLD_FOOT)
-        if abs(value[stop] - value[start]) >= least:
-            moves.append((start, stop))
+        move = _without_feet(value, begin, end, HOLD_FOOT)
+        if abs(value[move.stop] - value[move.start]) >= least:
+            moves.append(move)
         begin = end
     return moves
 
 
-def _without_feet(
-    value: Float[np.ndarray, " records"], start: int, stop: int, foot: float
-) -> tuple[int, int]:
+def _without_feet(value: Float[np.ndarray, " records"], start: int, stop: int, foot: float) -> Stretch:
     """A stretch without its slow ends, each of which holds less than the share `foot` of the change."""
     change = value[stop] - value[start]
     share = (value[start : stop + 1] - value[start]) / (change if change != 0.0 else 1.0)
     after = int(np.argmax(share >= 1.0 - foot))
     before = int(np.flatnonzero(share[: after + 1] <= foot)[-1])
-    return start + before, start + after
+    return Stretch(start + before, start + after)
 
 
-def _along_crossings(value: Float[np.ndarray, " records"], least: float) -> list[tuple[int, int]]:
+def _along_crossings(value: Float[np.ndarray, " records"], least: float) -> list[Stretch]:
     """The jumps of a ramp: stretches of crossings in which the observable changes fast."""
     span = min(SPAN, len(value) - 1)
     change = value[span:] - value[:-span]

@@ -26,7 +26,8 @@ from gaitsweep.analysis.records import (
     section_column,
     sound,
 )
-from gaitsweep.analysis.transitions.drift import NEAR, Drift, drifts_of, ghosts_of, zeros_of
+from gaitsweep.analysis.transitions.drift import Drift, drifts_of
+from gaitsweep.analysis.transitions.drift_zeros import NEAR, ghosts_of, zeros_of
 from gaitsweep.angles import TURN, branch_cut, is_circular, unwrap_from, wrapped_difference
 
 BANDWIDTH = 0.05  # rad; half the width of the window of the local lines
@@ -122,13 +123,13 @@ def fixed_points(
     columns = [*names_in(by or ()), "value", "value_error", "slope", "slope_error", "stable", "count"]
     records = []
     for panel, _, curve in _drifts(table, observable, by, bandwidth):
-        for value, smooth, falls, within in zeros_of(curve):
-            slope, error = float(smooth.slope[0]), float(smooth.value_error[0])
+        for value, error, smooth, falls in zeros_of(curve):
+            slope = float(smooth.slope[0])
             records.append(
                 {
                     **panel,
                     "value": np.mod(value, TURN) if curve.circular else value,
-                    "value_error": min(error / max(abs(slope), 1e-12), within),
+                    "value_error": error,
                     "slope": 1.0 + slope,
                     "slope_error": float(smooth.slope_error[0]),
                     "stable": falls and slope > -2.0,
@@ -149,7 +150,12 @@ def ghosts(
 
     Returns:
         One record a ghost: by, value, drift (signed), drift_error (standard error).
+
+    Raises:
+        AnalysisError: the table does not have a column, or `bandwidth` or `near` is not above 0.
     """
+    if not near > 0.0:
+        raise AnalysisError(f"near is {near:g}, but must be above 0.")
     records = []
     for panel, _, curve in _drifts(table, observable, by, bandwidth):
         for value, least, error in ghosts_of(curve, near):

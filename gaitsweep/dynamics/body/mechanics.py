@@ -367,6 +367,16 @@ class LocatedBody:
             return jnp.zeros((0,)), jnp.zeros((0,))
         return _row([stop.stretch for stop in stops]), _row([stop.force for stop in stops])
 
+    def contact_depths(
+        self, values: Values, q: Array, ground: Ground = EVEN
+    ) -> tuple[Float[Array, " points"], Float[Array, " points"]]:
+        """The depth (m) of each point, and that at which its contact alone carries the body, (points,)."""
+        geometry = self.geometry(values)
+        contacts = list(self._contacts(geometry, values, q, jnp.zeros(self.nv), ground))
+        weight = values["gravity"] * sum(jnp.asarray(mass) for mass in geometry.mass)
+        rests = [weight / contact.K for contact in contacts]
+        return _row([contact.stretch for contact in contacts]), _row(rests)
+
     def _heights(self, values: Values, q: Array, v: Array, ground: Ground = EVEN) -> Float[Array, " stops"]:
         """The `Stretch.height` (stops,) of each stop."""
         stops = self.stretches(self.geometry(values), values, q, v, ground)

@@ -43,6 +43,19 @@ UNCONTROLLED: Mapping[str, Any] = {
 }
 _LEVEL = 1e-9  # component of a unit axis below which a slide does not move along the ground
 _KINDS_OF_JOINTS = ("free", "ball", "slide", "hinge")  # in the order of mjtJoint
+# Names of legs in other conventions, in capitals.
+_OTHER_NAMES = {
+    "FL": "LF",
+    "FR": "RF",
+    "HL": "LH",
+    "HR": "RH",
+    "BL": "LH",
+    "BR": "RH",
+    "RL": "LH",
+    "RR": "RH",
+    "LEFT": "L",
+    "RIGHT": "R",
+}
 _DIGITS = 16  # of a digest, in the name of a class
 
 
@@ -130,6 +143,28 @@ class ControlledBody:
         landing.jump(landed)
         return landing
 
+    @property
+    def _leg_names(self) -> tuple[str, ...]:
+        return tuple(leg.name for leg in self.legs)
+
+    @property
+    def gaits_have_names(self) -> bool:
+        """Whether footfalls of legs with these names have names."""
+        return sorted(self._leg_names) in [sorted(names_of_gaits) for names_of_gaits in LEGS.values()]
+
+    @property
+    def remark_on_names(self) -> str:
+        """A sentence on legs whose footfalls have no names of gaits, with the names that have."""
+        known = "; ".join(", ".join(names_of_gaits) for names_of_gaits in LEGS.values())
+        names = self._leg_names
+        text = f"the legs {', '.join(names)} have no lags, duty factors and names of gaits: these need the "
+        text += f"names {known} (left and right, fore and hind, or pairs from the front), in any order"
+        renamed = {name: _OTHER_NAMES.get(name.upper(), name) for name in names}
+        if sorted(renamed.values()) in [sorted(names_of_gaits) for names_of_gaits in LEGS.values()]:
+            pairs = [f"{name} {better}" for name, better in renamed.items() if name != better]
+            text += f"; here call {', '.join(pairs)}"
+        return text
+
     def _of_feet(self) -> dict[str, Any]:
         """Footfalls of legs that have names of gaits; else the signals contact_1, ..."""
 
@@ -139,8 +174,8 @@ class ControlledBody:
         def contact(model: Any, params: Any, state: Any) -> Float[Array, " legs"]:
             return self._touches(model, state).astype(float)
 
-        names = tuple(leg.name for leg in self.legs)
-        if sorted(names) in [sorted(names_of_gaits) for names_of_gaits in LEGS.values()]:
+        names = self._leg_names
+        if self.gaits_have_names:
             return {"feet": footfalls("clock", legs=names)(feet)}
         from gaitsweep.dynamics.mjcf.drawing import looks_of_feet  # imports MuJoCo
 
@@ -236,6 +271,7 @@ def model_class(
         digest: the digest of the file's content.
     """
     data_digest_of_base: Any = base.data_digest
+    remarks = [] if body.gaits_have_names else [body.remark_on_names]
     members: dict[str, Any] = {
         "__doc__": f"The model of {path.name}.",
         "__module__": __name__,
@@ -247,6 +283,7 @@ def model_class(
         "body_file": body_file,
         "keyframe": body.file.keyframe,
         "data_digest": property(lambda model: data_digest_of_base.fget(model) + digest),
+        "caveats": lambda model: [*base.caveats(model), *remarks],
         **({"begins_standing": body.file.start == "standing"} if body.is_located else {}),
         **body.members(),
     }

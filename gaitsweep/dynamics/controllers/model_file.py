@@ -47,8 +47,9 @@ from gaitsweep.dynamics.mjcf.of_mjcf import compiled_mjcf
 from gaitsweep.dynamics.mjcf.source import Stamps, keyframe_number, stamps_of_mjcf
 from gaitsweep.dynamics.mjx.mjcf_model import MjcfModel
 from gaitsweep.near_miss import suggestion
-from gaitsweep.schema.diagnostics import Diagnostic, JobError, SchemaSection, from_pydantic, wrong_kind
-from gaitsweep.schema.numbers import NotNegative, Real, Text, word
+from gaitsweep.schema.diagnostics import Diagnostic, JobError, wrong_kind
+from gaitsweep.schema.numbers import NotNegative, Real, Text, Word
+from gaitsweep.schema.pydantic_errors import SchemaSection, from_pydantic
 from gaitsweep.schema.strict_model import OneOf, StrictModel
 from gaitsweep.schema.yaml_document import Document, read_document
 
@@ -85,9 +86,7 @@ class ModelFile(StrictModel):
     """A body of an MJCF and its controller."""
 
     body: Text = Field(description="the MJCF, from the folder of this file")
-    dynamics: Annotated[
-        Literal["located", "stepped"], word("located", "stepped", former={"mjx": "stepped"})
-    ] = Field(
+    dynamics: Annotated[Literal["located", "stepped"], Word({"mjx": "stepped"})] = Field(
         default="located",
         description="located: contacts as events, in the kernels (BodyModel); stepped: MuJoCo's steps and "
         "contacts (MjcfModel)",
@@ -225,6 +224,13 @@ def _legs(document: Document, controller: Controller, m: Any) -> list[Leg]:
             if len(set(names)) < len(names):
                 text = f"has {' and '.join(names)} as a pair: give two different legs."
                 raise _error(document, text, *place)
+    phases = [name for (name,) in controller.oscillators.named_legs.get("phases", [])]
+    if phases and (missing := [name for name in controller.legs if name not in phases]):
+        text = (
+            f"has no phase of {' and '.join(missing)}: give each leg one, such as {missing[0]}: pi, or leave "
+            "phases out for legs that are evenly spread over a turn."
+        )
+        raise _error(document, text, "controller", "oscillators", "phases")
     return legs
 
 

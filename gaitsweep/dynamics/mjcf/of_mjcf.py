@@ -30,6 +30,7 @@ from gaitsweep.dynamics.mjcf.source import (
 from gaitsweep.skeleton import Skeleton
 
 _ANGLES = ("roll", "pitch", "yaw")
+_UPRIGHT = 1.0 - 1e-9  # vertical component of a unit axis from which a slide is a height
 
 
 @dataclasses.dataclass(frozen=True)
@@ -190,6 +191,26 @@ class _StartOfJoint:
     field: Literal["qpos", "qvel", "angle"]
     place: int
     quantity: Quantity
+
+
+def height_start(kind: type[OfMjcf]) -> str | None:
+    """The name of the start that is the height of the whole body; None where there is none."""
+    import mujoco
+
+    m = compiled_mjcf(kind)
+    if not m.njnt:
+        return None
+    data = mujoco.MjData(m)
+    mujoco.mj_kinematics(m, data)
+    first = int(m.jnt_bodyid[0])  # whose joints move the others too
+    for j in range(int(m.body_jntnum[first])):
+        if m.jnt_type[j] == mujoco.mjtJoint.mjJNT_FREE:
+            return f"{_joint_name(m, j)}_z_0"
+        if m.jnt_type[j] != mujoco.mjtJoint.mjJNT_SLIDE:
+            return None
+        if data.xaxis[j][2] > _UPRIGHT:
+            return f"{_joint_name(m, j)}_0"
+    return None
 
 
 def quaternion_of_angles(roll: Any, pitch: Any, yaw: Any) -> list[Any]:

@@ -104,9 +104,16 @@ def _complaints(m: mujoco.MjModel) -> Iterator[str]:
     """A sentence for each feature of a model that the tree does not support."""
     if not m.nv:
         yield "The model has no joint, so nothing can move."
-    for number, name in ((m.neq, "an equality constraint"), (m.ntendon, "a tendon"), (m.nflex, "a flex")):
+    kinds = mujoco.mjtObj
+    for number, kind, element in (
+        (m.neq, kinds.mjOBJ_EQUALITY, "an equality constraint"),
+        (m.ntendon, kinds.mjOBJ_TENDON, "a tendon"),
+        (m.nflex, kinds.mjOBJ_FLEX, "a flex"),
+    ):
         if number:
-            yield f"The model has {name}, {_UNSUPPORTED}: remove it."
+            name = mujoco.mj_id2name(m, kind, 0)
+            named = f" '{name}'" if name else ""
+            yield f"The model has {element}{named}, {_UNSUPPORTED}: remove it."
     if m.opt.density or m.opt.viscosity:
         yield f"The model moves in a fluid (option density or viscosity), {_UNSUPPORTED}."
     for body in range(1, m.nbody):

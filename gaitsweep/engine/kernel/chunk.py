@@ -2,24 +2,23 @@
 
 A trajectory is stored in numbered slots: first its constants (parameters), then the carry, then the record.
 Later slots belong to the kernel: values that are computed once, and a sample that may be kept.
-
-`contracted` chooses the products and sums that become one instruction, which rounds once. A compiler would
-choose by the surrounding operations: the same sum could be rounded differently in two places of a program,
-and a row that shares a vector with a row at an event could have another result.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Callable, Sequence
+from typing import Any, Protocol
 
 import jax
 
+from gaitsweep.contract import Model
+from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.kernel.program import Program
 from gaitsweep.engine.kernel.trace import Nodes, Tracer
-from gaitsweep.engine.sweep.lane import OneLane
+from gaitsweep.engine.numerics import ResolvedNumerics
+from gaitsweep.engine.sweep.lane import RowDrive
 
 _EXACT = ("constant", "input", "select")  # operations that do not round
 
@@ -119,42 +118,56 @@ class Chunk:
         return int(value)
 
 
-def chunk_of(lane: OneLane, values: Any, starts: Any) -> Chunk:
+class TracedLane(Protocol):
+    """The functions of one trajectory from which a chunk is made; `OneLane` describes them."""
+
+    @property
+    def deciding(self) -> tuple[Model, ResolvedNumerics, RowDrive | None, int] | None:
+        """What decides `attempt`: model, numerics, drive and number of tangents; None: more than that."""
+        ...
+
+    @property
+    def open(self) -> Callable[..., tuple[Any, Any, Any, Any, Any]]:
+        """The function that opens a trajectory."""
+        ...
+
+    def attempt(self, constants: Any, carry: Any, /) -> Any: ...
+
+    def poll(self, constants: Any, carry: Any, record: Any, /) -> tuple[Any, Any, Any, Any]: ...
+
+
+def chunk_of(lane: TracedLane, *row: Any) -> Chunk:
     """The scalar program of a chunk of one trajectory.
 
     Args:
-        lane: the engine's functions of one trajectory.
-        values, starts: shapes and dtypes of a row's parameters and initial conditions.
+        lane: the functions of one trajectory.
+        row: shapes and dtypes of the arguments of its `open`.
 
     Raises:
         UnsupportedError: the model uses an operation that the scalar kernel does not have.
     """
-    constants, carry, record, _, _ = jax.eval_shape(lane.open, values, starts)  # of `Opened`
-    program = Program()
+    constants, carry, record, _, _ = jax.eval_shape(lane.open, *row)
+    traced = _traced(lane, constants, carry)
+    program = traced.program.copy()
     tracer = Tracer(program)
-    slots = _Slots(tracer)
-    constant_leaves, constant_nodes = slots.place(constants, steady=True)
-    carry_leaves, carry_nodes = slots.place(carry, steady=False)
+    slots = _Slots(tracer, traced.n_slots)
     record_leaves, record_nodes = slots.place(record, steady=False)
-    inputs = [*constant_nodes, *carry_nodes]
-    nodes_after = tracer.read(jax.make_jaxpr(lane.attempt)(constants, carry), inputs)
-    attempt = slots.changes(carry_leaves, nodes_after)
-    plain, unusual = _plain(program, [*attempt.values()])
-    inputs += record_nodes
+    inputs = [*traced.inputs, *record_nodes]
     *nodes_after, sample_nodes, keep_node = tracer.read(
         jax.make_jaxpr(lane.poll)(constants, carry, record), inputs
     )
-    poll = slots.changes((carry_leaves, record_leaves), nodes_after)
+    poll = slots.changes((traced.carry, record_leaves), nodes_after)
     sample = sample_nodes.ravel().tolist()
     keep = int(keep_node)
     polled = [*poll.values(), *sample, keep]
     quiet, eventful = _plain(program, polled)
+    attempt, plain, unusual = traced.attempt, traced.plain, traced.unusual
     wanted = [*attempt.values(), *plain, unusual, *polled, *quiet, eventful]
     steady = _steady_results(program, wanted)
     return Chunk(
         program=program,
-        constants=constant_leaves,
-        carry=carry_leaves,
+        constants=traced.constants,
+        carry=traced.carry,
         record=record_leaves,
         attempt=attempt,
         plain=dict(zip(attempt, plain, strict=True)),
@@ -170,15 +183,83 @@ def chunk_of(lane: OneLane, values: Any, starts: Any) -> Chunk:
     )
 
 
+@dataclasses.dataclass(frozen=True)
+class _TracedAttempt:
+    """The part of a `Chunk` that does not depend on the recorder; `inputs` are constants and carry."""
+
+    program: Program
+    constants: Any
+    carry: Any
+    inputs: list[Nodes]
+    attempt: dict[int, int]
+    plain: list[int]
+    unusual: int
+    n_slots: int
+
+
+def _traced(lane: TracedLane, constants: Any, carry: Any) -> _TracedAttempt:
+    """Trace an attempt from the shapes of its arguments."""
+    if lane.deciding is None:
+        return _trace_attempt(lane, constants, carry)
+    shapes = jax.tree.leaves((constants, carry))
+    like = tuple((leaf.shape, leaf.dtype, leaf.weak_type) for leaf in shapes)
+    structure = jax.tree.structure((constants, carry))
+    return _kept_attempt(*lane.deciding, (like, structure), _Tracing(lane, constants, carry))
+
+
+class _Tracing:
+    """The arguments of `_trace_attempt`, equal to all others: what decides the attempt stands beside them."""
+
+    def __init__(self, *arguments: Any) -> None:
+        self.arguments = arguments
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Tracing)
+
+    def __hash__(self) -> int:
+        return 0
+
+
+# A run and its self-check have several recorders, and the attempt takes most of the time of tracing.
+@cached_by_content(maxsize=2)
+def _kept_attempt(
+    model: Model,
+    numerics: ResolvedNumerics,
+    drive: RowDrive | None,
+    tangents: int,
+    shapes: Any,
+    tracing: _Tracing,
+) -> _TracedAttempt:
+    """The traced attempt that the arguments before the last one decide."""
+    return _trace_attempt(*tracing.arguments)
+
+
+def _trace_attempt(lane: TracedLane, constants: Any, carry: Any) -> _TracedAttempt:
+    """Trace an attempt; its program is copied before it is extended."""
+    program = Program()
+    tracer = Tracer(program)
+    slots = _Slots(tracer)
+    constant_leaves, constant_nodes = slots.place(constants, steady=True)
+    carry_leaves, carry_nodes = slots.place(carry, steady=False)
+    inputs = [*constant_nodes, *carry_nodes]
+    nodes_after = tracer.read(jax.make_jaxpr(lane.attempt)(constants, carry), inputs)
+    changes = slots.changes(carry_leaves, nodes_after)
+    plain, unusual = _plain(program, [*changes.values()])
+    return _TracedAttempt(
+        program, constant_leaves, carry_leaves, inputs, changes, plain, unusual, slots.count
+    )
+
+
 class _Slots:
     """The slots of a trajectory, numbered from 0; the input node of a slot has its number.
 
     Args:
         tracer: of the program that has the input nodes.
+        count: the number of slots that have been given already.
     """
 
-    def __init__(self, tracer: Tracer) -> None:
-        self.count = 0
+    def __init__(self, tracer: Tracer, count: int = 0) -> None:
+        self.count = count
         self._tracer = tracer
 
     def place(self, tree: Any, *, steady: bool) -> tuple[Any, list[Nodes]]:
@@ -265,49 +346,3 @@ def _shared(
         for at in sorted(read & unchanged)
         if not program.steady[at] and nodes[at].args and nodes[at].kind != "bool"
     ]
-
-
-# The fused operations of b * c + a and a + b * c, and of b * c - a and a - b * c, with arguments b, c, a.
-_FUSED = {"add": ("fma", "fma"), "sub": ("fms", "fnma")}
-
-
-def contracted(chunk: Chunk) -> Chunk:
-    """The same chunk with fused operations where a product is an argument of sums alone.
-
-    Values that are computed once for a trajectory, or only at events, are not fused.
-    """
-    program = chunk.program
-    wanted = [*chunk.attempt.values(), *chunk.plain.values(), chunk.unusual]
-    wanted += [*chunk.polled, *chunk.quiet, chunk.eventful]
-    needed = program.needed(wanted)
-    fusable = _only_in_sums(program, needed) - {*chunk.shared, *wanted}
-    rewritten: dict[int, int] = {}  # the node that replaces each node
-    for at in needed:
-        node = program.nodes[at]
-        if program.steady[at] or not node.args:
-            rewritten[at] = at
-            continue
-        args = tuple(rewritten[a] for a in node.args)
-        op = node.op
-        if op in _FUSED:
-            for place in (1, 0):
-                product = node.args[place]
-                if product in fusable:
-                    factors = program.nodes[product].args
-                    op = _FUSED[op][place]
-                    args = (*(rewritten[a] for a in factors), args[1 - place])
-                    break
-        rewritten[at] = program.write(op, *args)
-
-    fields = "attempt", "plain", "unusual", "poll", "keep", "sample", "quiet", "eventful", "shared"
-    replaced = {field: jax.tree.map(lambda at: rewritten[at], getattr(chunk, field)) for field in fields}
-    return dataclasses.replace(chunk, **replaced)
-
-
-def _only_in_sums(program: Program, needed: list[int]) -> set[int]:
-    """The products that are arguments of sums and differences alone, and not constant along a trajectory."""
-    products = {at for at in needed if program.nodes[at].op == "mul" and not program.steady[at]}
-    for at in needed:
-        if program.nodes[at].op not in _FUSED:
-            products.difference_update(program.nodes[at].args)
-    return products

@@ -24,7 +24,8 @@ from llvmlite import ir
 
 from gaitsweep.cache_folder import compiled_once
 from gaitsweep.engine.kernel import llvm_code
-from gaitsweep.engine.kernel.chunk import Chunk, contracted
+from gaitsweep.engine.kernel.chunk import Chunk
+from gaitsweep.engine.kernel.contraction import contracted
 from gaitsweep.engine.kernel.llvm_code import ARRAY, DOUBLE, INDEX, VOID, loop
 from gaitsweep.engine.kernel.registers import Step, from_the_end, steps
 from gaitsweep.engine.kernel.source import PYTHON, name_all
@@ -62,7 +63,7 @@ def compiled(
 
     Args:
         chunk: traces the program.
-        stored: `stored(name, compute, *others)`, the result of `compute`, kept as by `content.stored`.
+        stored: `stored(name, compute, *others)`, the result of `compute`, kept as by `stored_traces.stored`.
         contraction: whether a product and a sum may become one instruction, which rounds once.
         quick: as of `llvm_code.machine_code`.
     """

@@ -27,14 +27,16 @@ VOID = ir.VoidType()
 ARRAY = DOUBLE.as_pointer()
 _SINGLE = ir.FloatType()
 _FLAG = ir.IntType(1)
-_ARITHMETIC = {ast.Add: "fadd", ast.Sub: "fsub", ast.Mult: "fmul", ast.Div: "fdiv"}
-_FLAGS = {ast.BitAnd: "and_", ast.BitOr: "or_"}
-_WHOLE = {ast.Add: "add", ast.Sub: "sub", ast.Mult: "mul"}
-_LINES = "assignments to a name or an element, and `if any(...)` with `else`"
-_EXPRESSIONS = "names, numbers, arithmetic, a comparison of two, `a if c else b`, elements and calls"
+# methods of LLVM's builder by Python's operator, for numbers, flags and whole numbers
+_OF_NUMBERS = {ast.Add: "fadd", ast.Sub: "fsub", ast.Mult: "fmul", ast.Div: "fdiv"}
+_OF_FLAGS = {ast.BitAnd: "and_", ast.BitOr: "or_"}
+_OF_WHOLE_NUMBERS = {ast.Add: "add", ast.Sub: "sub", ast.Mult: "mul"}
+_OPERATORS = {*_OF_NUMBERS, *_OF_FLAGS, ast.Pow}
+_ALLOWED_LINES = "assignments to a name or an element, and `if any(...)` with `else`"
+_ALLOWED_EXPRESSIONS = "names, numbers, arithmetic, a comparison of two, `a if c else b`, elements and calls"
 _COMPARISONS = {ast.Lt: "<", ast.LtE: "<=", ast.Eq: "==", ast.NotEq: "!="}
-# LLVM's own functions; `_OF_VECTORS` are instructions for vectors too, all others take one number at a time
-_OWN = {
+# LLVM's own functions by ours, which take vectors too; all others take one number at a time
+_INTRINSICS = {
     "abs": "fabs",
     "floor32": "floor",
     "floor64": "floor",
@@ -42,7 +44,7 @@ _OWN = {
     "sqrt64": "sqrt",
     "fma": "fma",
 }
-_OF_VECTORS = {*_OWN.values()}
+_OF_VECTORS = {*_INTRINSICS.values()}
 
 
 def add_function(module: ir.Module, source: str, lanes: int = 1) -> ir.Function:
@@ -187,8 +189,6 @@ class _Writer:
         self.double = vector(DOUBLE, lanes)
         self.single = vector(_SINGLE, lanes)
         self.flag = vector(_FLAG, lanes)
-        # the sign of zero may be ignored
-        self.loose = ("nsz",)
         self.names: dict[str, Any] = {
             **arguments,
             "inf": self._constant(self.double, math.inf),
@@ -214,14 +214,13 @@ class _Writer:
                 case ast.Pass():
                     pass
                 case _:
-                    text = f"The line `{ast.unparse(line)}` of a kernel is not lowered. Allowed: {_LINES}."
-                    raise ValueError(text)
+                    raise _not_lowered("line", line, _ALLOWED_LINES)
 
     def value(self, node: ast.expr) -> Any:
         """Write the instructions of an expression, and return its value."""
         builder = self.builder
         match node:
-            case ast.Name(id=name):
+            case ast.Name(id=name) if name in self.names:
                 return self.names[name]
             case ast.Constant(value=bool() as known):
                 return self._constant(self.flag, int(known))
@@ -234,9 +233,9 @@ class _Writer:
                 return builder.fneg(inner)
             case ast.UnaryOp(op=ast.Not(), operand=operand):
                 return builder.not_(self.value(operand))
-            case ast.BinOp(left=left, op=op, right=right):
+            case ast.BinOp(left=left, op=op, right=right) if type(op) in _OPERATORS:
                 return self._combined(type(op), self.value(left), self.value(right))
-            case ast.Compare(left=left, ops=[op], comparators=[right]):
+            case ast.Compare(left=left, ops=[op], comparators=[right]) if type(op) in _COMPARISONS:
                 return self._compared(_COMPARISONS[type(op)], self.value(left), self.value(right))
             case ast.IfExp(test=test, body=yes, orelse=no):
                 return builder.select(self.value(test), self.value(yes), self.value(no))
@@ -244,18 +243,18 @@ class _Writer:
                 return builder.load(self._element(node), align=8)
             case ast.Call(func=function, args=args):
                 return self._called(ast.unparse(function), [self.value(a) for a in args])
-        text = f"The expression `{ast.unparse(node)}` of a kernel is not lowered. Allowed: {_EXPRESSIONS}."
-        raise ValueError(text)
+        raise _not_lowered("expression", node, _ALLOWED_EXPRESSIONS)
 
     def _combined(self, op: type, left: Any, right: Any) -> Any:
         """The instruction of an operator between two values, by their type."""
-        if op in _FLAGS:
-            return getattr(self.builder, _FLAGS[op])(left, right)
+        if op in _OF_FLAGS:
+            return getattr(self.builder, _OF_FLAGS[op])(left, right)
         if left.type == INDEX:
-            return getattr(self.builder, _WHOLE[op])(left, right, flags=("nsw",))
+            return getattr(self.builder, _OF_WHOLE_NUMBERS[op])(left, right, flags=("nsw",))
         if op is ast.Pow:
             return self._call("pow", [left, right])
-        return getattr(self.builder, _ARITHMETIC[op])(left, right, flags=self.loose)
+        # the sign of zero may be ignored
+        return getattr(self.builder, _OF_NUMBERS[op])(left, right, flags=("nsz",))
 
     def _compared(self, sign: str, left: Any, right: Any) -> Any:
         """The instruction of a comparison of two values."""
@@ -274,7 +273,7 @@ class _Writer:
         if name in ("philox0", "philox1"):
             numbers = [self._double(arg) for arg in args]
             return philox.in_llvm(self.builder, lambda x: self._call("floor", [x]), numbers, int(name[-1]))
-        return self._call(_OWN.get(name, name.removeprefix("math.")), args)
+        return self._call(_INTRINSICS.get(name, name.removeprefix("math.")), args)
 
     def _call(self, name: str, args: list[Any]) -> Any:
         """The value of LLVM's own function, or of one of the C library, for each lane."""
@@ -310,6 +309,11 @@ class _Writer:
         assert isinstance(node.value, ast.Name)
         place = self.builder.gep(self.names[node.value.id], [self.value(node.slice)])
         return place if self.lanes == 1 else self.builder.bitcast(place, self.double.as_pointer())
+
+
+def _not_lowered(kind: str, node: ast.AST, allowed: str) -> ValueError:
+    """The error about source that the language does not have."""
+    return ValueError(f"The {kind} `{ast.unparse(node)}` of a kernel is not lowered. Allowed: {allowed}.")
 
 
 def _declared(module: Any, name: str, kind: Any, count: int) -> Any:

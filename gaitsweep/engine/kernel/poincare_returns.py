@@ -8,6 +8,7 @@ kernel without derivatives takes a third of the time.
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import cached_property, partial
@@ -18,13 +19,16 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from gaitsweep.contract import Params, State
-from gaitsweep.engine.content import stored
+from gaitsweep.contract import Model, Params, State
+from gaitsweep.engine.carry import Carry
 from gaitsweep.engine.devices import usable_cores
 from gaitsweep.engine.kernel import cpu_program
 from gaitsweep.engine.kernel.chunk import Chunk, Leaf, chunk_of
+from gaitsweep.engine.kernel.row_functions import over_rows
 from gaitsweep.engine.leaves import float_leaves, split_like, tangent_of, vector, with_float_leaves
+from gaitsweep.engine.numerics import ResolvedNumerics
 from gaitsweep.engine.poincare.poincare_return import PoincareReturn, Returned, ReturnState
+from gaitsweep.engine.stored_traces import stored
 from gaitsweep.status import Status
 
 # Polls in one call of the kernel: every return ends long before.
@@ -69,6 +73,8 @@ class _Lane:
 
     `constants` are the parameters and their tangent. A lane with an empty `rate` has no derivative.
     """
+
+    deciding = None
 
     def __init__(self, crossing: PoincareReturn) -> None:
         self.crossing = crossing
@@ -186,14 +192,14 @@ class _Kernel:
         self.lane_state: _LaneState = jax.tree.unflatten(jax.tree.structure(carry), slots)
 
     def _stored(self, name: str, compute: Callable[[], Any], *others: Any) -> Any:
-        """As `content.stored`, for this return."""
+        """As `stored_traces.stored`, for this return."""
         deciding = (self._crossing.numerics, repr(self._opened), *others)
         return stored(f"return_{name}", self._crossing.model, deciding, compute)
 
     @cached_property
     def _chunk(self) -> Chunk:
         """The program of a return."""
-        return chunk_of(_Lane(self._crossing), *self._opened)  # type: ignore[arg-type]
+        return chunk_of(_Lane(self._crossing), *self._opened)
 
     def _read_leaves(self) -> list[tuple[int, tuple[int, ...]]]:
         """The first slot and the shape of each number of a lane."""
@@ -204,17 +210,138 @@ class _Kernel:
     ) -> Float[np.ndarray, " ..."]:
         slots = np.asarray(slots)
         lanes, back = _unique_lanes(slots.reshape(-1, slots.shape[-1]))
-        tiles = -(-len(lanes) // cpu_program.TILE)
-        # the last tile is filled up by repeating its last lane, which costs nothing
-        order = np.minimum(np.arange(tiles * cpu_program.TILE), len(lanes) - 1)
-        room = np.zeros((tiles, self._slots, cpu_program.TILE))
-        room[:, : lanes.shape[1]] = lanes[order].reshape(tiles, cpu_program.TILE, -1).transpose(0, 2, 1)
-        no_samples = np.zeros((tiles * cpu_program.TILE, 0, 0))
-        with ThreadPoolExecutor(usable_cores()) as pool:
-            flat = room.reshape(tiles, -1)
-            list(pool.map(lambda i: self._run(flat[i : i + 1], no_samples, _POLLS), range(tiles)))
-        slots_of_ends = room[:, read].transpose(0, 2, 1).reshape(tiles * cpu_program.TILE, -1)[back]
+        slots_of_ends = _followed(self._run, self._slots, lanes, read)[back]
         return slots_of_ends.reshape(*slots.shape[:-1], read.size)
+
+
+def _followed(
+    run: Callable[[Any, Any, int], None],
+    n_slots: int,
+    lanes: Float[np.ndarray, "lanes slots"],
+    read: Int[np.ndarray, " read"],
+) -> Float[np.ndarray, "lanes read"]:
+    """The slots `read` (n,) of lanes at the ends of their returns, from their slots at the beginning."""
+    tiles = -(-len(lanes) // cpu_program.TILE)
+    # the last tile is filled up by repeating its last lane, which costs nothing
+    order = np.minimum(np.arange(tiles * cpu_program.TILE), len(lanes) - 1)
+    room = np.zeros((tiles, n_slots, cpu_program.TILE))
+    room[:, : lanes.shape[1]] = lanes[order].reshape(tiles, cpu_program.TILE, -1).transpose(0, 2, 1)
+    no_samples = np.zeros((tiles * cpu_program.TILE, 0, 0))
+    with ThreadPoolExecutor(usable_cores()) as pool:
+        flat = room.reshape(tiles, -1)
+        list(pool.map(lambda i: run(flat[i : i + 1], no_samples, _POLLS), range(tiles)))
+    return room[:, read].transpose(0, 2, 1).reshape(tiles * cpu_program.TILE, -1)[: len(lanes)]
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class _LimitedEnds(_Ends):
+    """The same, and the largest number of attempts of a lane."""
+
+    limit: Float[Array, ""]
+
+
+class _PlainLane:
+    """One return without derivatives, with the attempts of the rows of a run.
+
+    Args:
+        crossing: the functions of the return.
+        begin: `(*point) -> (params, state)`, a point's parameters and its state.
+    """
+
+    def __init__(self, crossing: PoincareReturn, begin: Callable[..., tuple[Params, State]]) -> None:
+        self.crossing = crossing
+        self._begin = begin
+        self.deciding = (crossing.model, crossing.numerics, None, 0)
+
+    def open(self, *point: Any) -> Any:
+        """Return what `OneLane.open` does, for the return from a point."""
+        params, state = self._begin(*point)
+        trajectory = self.crossing.begin(params, state)
+        none = jnp.zeros((), jnp.int32)
+        ends = _LimitedEnds(none, none, trajectory.limit)
+        return params, trajectory.carry, ends, jnp.zeros((0,)), jnp.zeros((), bool)
+
+    def attempt(self, params: Params, carry: Carry) -> Carry:
+        """The trajectory after one more attempt."""
+        return self.crossing.attempt(params, ReturnState(carry, (), jnp.zeros(()))).carry
+
+    def poll(self, params: Params, carry: Carry, ends: _LimitedEnds) -> Any:
+        """The test whether the return has ended, as `OneLane.poll` returns it."""
+        ended = self.crossing.ended(ReturnState(carry, (), ends.limit))
+        status = jnp.where(ended, Status.complete, Status.running)
+        ends = dataclasses.replace(ends, status=status.astype(jnp.int32))
+        return carry, ends, jnp.zeros((0,)), jnp.zeros((), bool)
+
+
+class ReturnsWithoutXla:
+    """The function of many points that follows each for one return, by kernels alone.
+
+    XLA takes longer to compile a function around a kernel than a few hundred returns take, and cannot store
+    it: where no derivative is asked for, what is before and after the return are kernels, too.
+
+    Args:
+        model, numerics: those of the return.
+        begin: `(*point) -> (params, state)`, the parameters and the state of one point.
+        end: `(params, Returned) -> results`, from the end of the return, mappings and lists of arrays.
+        deciding: what decides the two functions besides the model.
+
+    Raises:
+        UnsupportedError: at its first call; the model uses operations that a scalar kernel does not have.
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        numerics: ResolvedNumerics,
+        begin: Callable[..., tuple[Params, State]],
+        end: Callable[[Params, Returned], Any],
+        *deciding: Any,
+    ) -> None:
+        self._crossing = PoincareReturn(model, numerics, derivatives=False)
+        self._lane = _PlainLane(self._crossing, begin)
+        self._deciding = (numerics, *deciding)
+        self._finish = end
+        self._of_shapes: dict[Any, tuple[Any, ...]] = {}
+
+    def __call__(self, *points: Any) -> Any:
+        """The results of points, whose arrays have them as their first axis."""
+        like = jax.tree.map(lambda x: jax.ShapeDtypeStruct(np.shape(x)[1:], np.asarray(x).dtype), points)
+        key = jax.tree.structure(like), tuple(jax.tree.leaves(like))
+        if key not in self._of_shapes:
+            self._of_shapes[key] = self._compiled(like, repr(key))
+        open_lanes, run, n_slots, read, finished = self._of_shapes[key]
+        return finished(_followed(run, n_slots, open_lanes(*points), read))
+
+    def _compiled(self, like: Any, key: str) -> tuple[Any, ...]:
+        """The kernels before, of and after returns from points of these shapes, and the slots of a lane."""
+        model = self._crossing.model
+        deciding = (*self._deciding, key)
+        opened = functools.cache(lambda: jax.eval_shape(self._lane.open, *like)[:3])  # traced if need be
+        chunk = functools.cache(lambda: chunk_of(self._lane, *like))
+
+        def stored_return(name: str, compute: Callable[[], Any], *others: Any) -> Any:
+            return stored(f"plain_return_{name}", model, (*deciding, *others), compute)
+
+        def end(slots: Float[Array, " slots"]) -> Any:
+            leaves, structure = jax.tree.flatten(opened())
+            params, carry, ends = jax.tree.unflatten(structure, split_like(slots, leaves))
+            status = self._crossing.status(ReturnState(carry, (), ends.limit))
+            return self._finish(params, (carry.t, carry.state, status))
+
+        run, n_slots = cpu_program.compiled(
+            chunk, stored_return, contraction=self._crossing.numerics.contraction, quick=True
+        )
+        open_lanes = over_rows(
+            lambda *point: vector(self._lane.open(*point)[:3]),
+            "plain_return_open",
+            model,
+            *deciding,
+            all_rows=True,
+        )
+        read = np.arange(stored_return("slots", lambda: sum(leaf.size for leaf in jax.tree.leaves(opened()))))
+        finished = over_rows(end, "plain_return_end", model, *deciding, all_rows=True)
+        return open_lanes, run, n_slots, read, finished
 
 
 def _float_tangents(tangents: Any) -> list[Array]:

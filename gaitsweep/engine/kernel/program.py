@@ -47,6 +47,15 @@ class Program:
         self.usual: dict[int, bool] = {}  # conditions that nearly always have this value
         self._known: dict[tuple[Hashable, ...], int] = {}
 
+    def copy(self) -> Program:
+        """A program with the same nodes, which may be extended on its own."""
+        copy = Program(simplify=self._simplify)
+        copy.nodes = self.nodes.copy()
+        copy.steady = self.steady.copy()
+        copy.usual = self.usual.copy()
+        copy._known = self._known.copy()
+        return copy
+
     def constant(self, value: Value, kind: Kind) -> int:
         """The node of a constant."""
         typed = _NUMPY[kind](value).item()
@@ -82,11 +91,14 @@ class Program:
 
     def evaluated(self, op: str, args: Sequence[int]) -> int | None:
         """The constant result of an operation on constants, in the arithmetic of their kind; else None."""
+        constants = []
+        for a in args:
+            node = self.nodes[a]
+            if node.op != "constant":  # of most operations, so this comes first
+                return None
+            constants.append(node)
         operation = OPERATIONS[op]
-        values = [self.value(a) for a in args]
-        if any(value is None for value in values):
-            return None
-        typed = [_NUMPY[self.nodes[a].kind](v) for a, v in zip(args, values, strict=True)]
+        typed = [_NUMPY[node.kind](node.value) for node in constants]
         with np.errstate(all="ignore"):
             result = operation.evaluate(*typed)
         kind = self._kind(operation, args)

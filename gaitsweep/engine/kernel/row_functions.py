@@ -16,10 +16,10 @@ import numpy as np
 from jaxtyping import Float
 
 from gaitsweep.contract import Model
-from gaitsweep.engine.content import stored
 from gaitsweep.engine.devices import host_device
 from gaitsweep.engine.kernel.operations import OPERATIONS
 from gaitsweep.engine.kernel.trace import UnsupportedError, traced_function
+from gaitsweep.engine.stored_traces import stored
 
 # Rows that are computed at a time, since the values of all nodes are in memory.
 _ROWS_AT_A_TIME = 4096
@@ -42,7 +42,7 @@ def over_rows(
     Args:
         function: a JAX function of one row, from pytrees to a pytree of arrays; XLA computes it where it has
             operations that a scalar program lacks.
-        name, model, others: what a program is stored by (`content.stored`). Its results are then
+        name, model, others: what a program is stored by (`stored_traces.stored`). Its results are then
             mappings and lists of arrays. Without a model it is traced in each process.
         all_rows: compute by a kernel, for a function that a run calls with all its rows.
     """

@@ -15,12 +15,7 @@ import numpy as np
 from jax.extend.core import ClosedJaxpr, Jaxpr, JaxprEqn, Literal
 
 from gaitsweep.engine.kernel.program import Kind, Program
-
-# Operations whose results wrap around in JAX where the dtype of whole numbers has no room for them.
-_WRAPPING = {
-    *("add", "add_any", "sub", "neg", "mul", "square", "integer_pow", "pow", "dot_general"),
-    *("reduce_sum", "reduce_prod", "cumsum", "cumprod", "scatter-add", "scatter-sub", "scatter-mul"),
-}
+from gaitsweep.engine.kernel.whole_numbers import WholeNumbers
 
 # Of int64: the nodes of the program that represent the elements of an array of the same shape.
 Nodes = np.ndarray
@@ -70,6 +65,7 @@ class Tracer:
 
     def __init__(self, program: Program) -> None:
         self.program = program
+        self._whole_numbers = WholeNumbers(program)
 
     def read(self, closed: ClosedJaxpr, args: Sequence[Nodes]) -> list[Nodes]:
         """The output nodes of a closed jaxpr with these input nodes."""
@@ -94,15 +90,19 @@ class Tracer:
 
         for equation in jaxpr.eqns:
             try:
-                _refuse_wrapping(equation)
-                outputs = rule_for(equation.primitive.name)(self, equation, [get(a) for a in equation.invars])
+                of_equation = [get(atom) for atom in equation.invars]
+                outputs = rule_for(equation.primitive.name)(self, equation, of_equation)
+                # indexing may return NumPy scalars instead of arrays
+                outputs = [np.asarray(nodes) for nodes in outputs]
+                if fault := self._whole_numbers.fault(equation, of_equation, outputs):
+                    raise RuleError(f"the scalar kernel cannot represent {fault}")
+                outputs = self._whole_numbers.wrapped(equation, outputs)
             except RuleError as error:
                 place = _place_of(equation)
                 if not place:  # inside a function of JAX: the calling equation may have a place
                     raise
                 raise UnsupportedError(f"{error}{place}") from error
-            # indexing may return NumPy scalars instead of arrays
-            known.update(zip(equation.outvars, map(np.asarray, outputs), strict=True))
+            known.update(zip(equation.outvars, outputs, strict=True))
         return [get(atom) for atom in jaxpr.outvars]
 
     def inputs(self, tree: Any, first: int, *, steady: bool) -> list[Nodes]:
@@ -119,6 +119,7 @@ class Tracer:
             kind = kind_of(leaf.dtype)
             nodes = [self.program.input(first + i, kind, steady=steady) for i in range(size)]
             arrays.append(np.array(nodes, np.int64).reshape(leaf.shape))
+            self._whole_numbers.add_inputs(arrays[-1], leaf.dtype)
             first += size
         return arrays
 
@@ -130,8 +131,11 @@ class Tracer:
 
     def each(self, function: Callable[..., int], *arrays: Nodes) -> Nodes:
         """`function` of nodes, element by element, with broadcasting."""
-        shape = np.broadcast_shapes(*(a.shape for a in arrays))
-        columns = [np.broadcast_to(a, shape).ravel().tolist() for a in arrays]
+        shape = arrays[0].shape
+        if any(a.shape != shape for a in arrays):
+            shape = np.broadcast_shapes(*(a.shape for a in arrays))
+            arrays = tuple(np.broadcast_to(a, shape) for a in arrays)
+        columns = [a.ravel().tolist() for a in arrays]
         return np.array([function(*row) for row in zip(*columns, strict=True)], np.int64).reshape(shape)
 
     def apply(self, op: str, *arrays: Nodes) -> Nodes:
@@ -212,18 +216,6 @@ def kind_of(dtype: Any) -> Kind:
         if (kind := kinds.get(scalar.str[1:] if scalar.kind == "f" else scalar.kind)) is not None:
             return kind
     raise RuleError(f"numbers of type {dtype} cannot run in the scalar kernel")
-
-
-def _refuse_wrapping(equation: JaxprEqn) -> None:
-    """Refuse arithmetic of whole numbers of 8 or 16 bits, which wrap around in JAX: 3 * 100 is 44 in uint8.
-
-    Those of 32 bits and more may wrap in JAX, too, but its own functions compute indices with them.
-    """
-    name = equation.primitive.name
-    if name in _WRAPPING:
-        dtype: Any = equation.outvars[0].aval.dtype  # pyright: ignore[reportAttributeAccessIssue]
-        if jnp.issubdtype(dtype, jnp.integer) and jnp.iinfo(dtype).bits < 32:
-            raise RuleError(f"the scalar kernel has no '{name}' of {dtype}, whose numbers wrap: use int32")
 
 
 def _place_of(equation: JaxprEqn) -> str:

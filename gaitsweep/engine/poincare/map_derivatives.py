@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from gaitsweep.compilation import compiling
 from gaitsweep.contract import State
 from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.devices import refuse_fork
@@ -91,4 +92,15 @@ def _program(mapping: Map, over: str | None, *, derivatives: bool) -> Callable[.
             slopes = jnp.concatenate([jnp.full((size, size), jnp.nan), gradients])
         return (*outputs, slopes)
 
-    return jax.jit(jax.vmap(of_point))
+    program = jax.jit(jax.vmap(of_point))
+    compiled: set[int] = set()
+
+    def of_batch(values: Any, at: Coordinates, modes: State) -> Any:
+        if len(at) in compiled:
+            return program(values, at, modes)
+        with compiling():
+            outputs = jax.block_until_ready(program(values, at, modes))
+        compiled.add(len(at))
+        return outputs
+
+    return of_batch

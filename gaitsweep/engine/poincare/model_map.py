@@ -24,7 +24,7 @@ from gaitsweep.engine.poincare.maps import Coordinates, Image, Points, Values
 from gaitsweep.engine.poincare.poincare_return import Returned, ReturnStatus
 from gaitsweep.engine.poincare.symmetry_group import group_of
 from gaitsweep.errors import ArgumentError
-from gaitsweep.expression import functions_of, names_in, resolve
+from gaitsweep.expression import functions_of, names_used, resolve
 
 
 @dataclasses.dataclass(frozen=True)
@@ -91,7 +91,10 @@ class ModelMap(FollowedMap):
 
     def follow(self, values: Values, at: Coordinates, modes: State) -> Image:
         params = self.params(values)
-        t, state, status = self.state(params, self.chart.from_coordinates(params, at, modes))
+        return self.ended(params, *self.state(params, self.chart.from_coordinates(params, at, modes)))
+
+    def ended(self, params: Params, t: Float[Array, ""], state: State, status: Integer) -> Image:
+        """The image of a point from the time (s), the state and the `ReturnStatus` of `state`, in JAX."""
         crossed = status == ReturnStatus.crossed
         status = jnp.where(crossed & ~self.chart.covers(params, state), ReturnStatus.elsewhere, status)
         status = jnp.where(crossed & self.model.failed(params, state), ReturnStatus.fell, status)
@@ -167,7 +170,7 @@ class ModelMap(FollowedMap):
     @cached_property
     def _order(self) -> tuple[str, ...]:
         """The parameters, each after those that its formula uses."""
-        uses = {name: sorted(names_in(text)) for name, text in self._written.items()}
+        uses = {name: sorted(names_used(text)) for name, text in self._written.items()}
         return tuple(graphlib.TopologicalSorter(uses).static_order())
 
 

@@ -157,13 +157,14 @@ class PoincareReturn:
     Args:
         model: the model.
         numerics: the method and its tolerances.
+        derivatives: whether derivatives are asked for; without them an attempt is that of a row of a run.
     """
 
-    def __init__(self, model: Model, numerics: ResolvedNumerics) -> None:
+    def __init__(self, model: Model, numerics: ResolvedNumerics, *, derivatives: bool = True) -> None:
         self.model = model
         self.numerics = numerics
         self.refusal = derivative_refusal(numerics.method, model)
-        self.differentiable = self.refusal is None
+        self.differentiable = derivatives and self.refusal is None
         self._begin: Callable[[Params, Carry], tuple[Carry, Any]]
         self._attempt: Callable[[Params, Any], tuple[Carry, Any]]
         if self.differentiable and numerics.method == "rk4":

@@ -19,7 +19,8 @@ from jaxtyping import Array, Bool, Float, Int
 
 from gaitsweep.contract import Chart, HybridModel, Params, Rates, State
 from gaitsweep.engine.content import cached_by_content
-from gaitsweep.engine.leaves import extended_type, shapes_of
+from gaitsweep.engine.leaves import extended_type
+from gaitsweep.engine.model_shapes import shapes_of
 from gaitsweep.engine.numerics import Numerics, ResolvedNumerics
 from gaitsweep.engine.poincare.map_derivatives import BATCH_SIZES, in_batches
 from gaitsweep.engine.poincare.maps import Coordinates, Events, Points, Values

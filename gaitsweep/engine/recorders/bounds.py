@@ -33,7 +33,7 @@ def tolerances(model: Model, tolerance: float | Mapping[str, float]) -> float | 
     Args:
         model: the model.
         tolerance: one for all observables, which is returned, or those of some by name; others have
-            `TOLERANCE`.
+            `TOLERANCE`. Run kinds refuse a name that is no observable.
     """
     if not isinstance(tolerance, Mapping):
         return tolerance

@@ -83,7 +83,7 @@ class CrossingRecorder(Recorder):
     def begin(self, params: Params, carry: Carry) -> Beginning:
         record, _, _ = self.unsampled(params, carry)
         keep = jnp.asarray(self.after_cycles == 0)
-        return counted(record, keep), self._sample(carry, record), keep
+        return Beginning(counted(record, keep), self._sample(carry, record), keep)
 
     def _sample(self, carry: Carry, record: LaneRecord) -> Float[Array, " width"]:
         """The numbers of the latest crossing."""

@@ -235,7 +235,7 @@ class PerturbRecorder(Recorder):
             outside=zero,
             back=jnp.zeros_like(unknown),
         )
-        return dataclasses.replace(record, memory=memory), sample, keep
+        return Beginning(dataclasses.replace(record, memory=memory), sample, keep)
 
     def record(self, params: Params, carry: Carry, record: LaneRecord) -> PollResult:
         memory: PushMemory = record.memory

@@ -136,8 +136,12 @@ class RunningRows(NamedTuple):
     t: Float[np.ndarray, " rows"]
 
 
-# The record of a trajectory at its start (crossing 0), its first sample, and whether to keep it.
-Beginning = tuple[LaneRecord, Float[Array, " width"], Flag]
+class Beginning(NamedTuple):
+    """The record of a trajectory at its start (crossing 0), its first sample, and whether to keep it."""
+
+    record: LaneRecord
+    sample: Float[Array, " width"]
+    keep: Flag
 
 
 class Recorder(abc.ABC):
@@ -237,7 +241,7 @@ class Recorder(abc.ABC):
             numbers={number.name: _absent(number, last) for number in self.numbers if not number.crossings},
             fired=jnp.zeros_like(fired_guards(carry)),
         )
-        return record, jnp.zeros((self.width,), last.dtype), jnp.asarray(False)
+        return Beginning(record, jnp.zeros((self.width,), last.dtype), jnp.asarray(False))
 
     def poll(self, params: Params, carry: Carry, record: LaneRecord, dt: Number | float) -> PollResult:
         """Record, and end a row that has failed; an ended row is unchanged.

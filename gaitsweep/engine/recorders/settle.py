@@ -264,7 +264,7 @@ class SettleRecorder(Recorder):
             rest=jnp.asarray([0.0, 0.0, -1.0], dtype),
             exponents=Exponents.begun(self.exponents, last, length) if self.exponents else (),
         )
-        return dataclasses.replace(record, memory=memory), sample, keep
+        return Beginning(dataclasses.replace(record, memory=memory), sample, keep)
 
     def record(self, params: Params, carry: Carry, record: LaneRecord) -> PollResult:
         memory: Memory = record.memory

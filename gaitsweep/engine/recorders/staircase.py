@@ -86,7 +86,7 @@ class StepRecorder(Recorder):
     def begin(self, params: Params, carry: Carry) -> Beginning:
         record, sample, keep = self.unsampled(params, carry)
         memory = _emptied(record), first_span(self.model, record.last)
-        return dataclasses.replace(record, memory=memory), sample, keep
+        return Beginning(dataclasses.replace(record, memory=memory), sample, keep)
 
     def record(self, params: Params, carry: Carry, record: LaneRecord) -> PollResult:
         crossed = carry.halt == Halt.CROSSING

@@ -64,7 +64,7 @@ class StateRecorder(Recorder):
 
     def begin(self, params: Params, carry: Carry) -> Beginning:
         record, sample, keep = self.base.begin(params, carry)
-        return record, self._extended(sample, carry), keep
+        return Beginning(record, self._extended(sample, carry), keep)
 
     def record(self, params: Params, carry: Carry, record: LaneRecord) -> PollResult:
         polled = self.base.record(params, carry, record)

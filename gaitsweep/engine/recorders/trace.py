@@ -172,7 +172,7 @@ class WindowsRecorder(Recorder):
         head = jnp.stack([record.cycles.astype(record.last.dtype), carry.t])
         first = jnp.concatenate([head, record.last, jnp.zeros(len(self.model.signals), record.last.dtype)])
         keep = jnp.asarray(True)
-        return counted(record, keep), first, keep
+        return Beginning(counted(record, keep), first, keep)
 
     def record(self, params: Params, carry: Carry, record: LaneRecord) -> PollResult:
         room = record.filled < BUFFER

@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 from gaitsweep.contract import FixedStepDynamics, HybridModel, Model
 from gaitsweep.dynamics.ground import is_uneven
-from gaitsweep.engine.leaves import counts_of_state
+from gaitsweep.engine.model_shapes import counts_of_state
 from gaitsweep.engine.solver.exponential import PROPAGATOR, PROPAGATOR6, exponential
 from gaitsweep.engine.solver.rosenbrock import MAX_VARIABLES, rodas5p
 from gaitsweep.engine.solver.runge_kutta import Step, euler_update, rk4, tsit5

@@ -25,8 +25,9 @@ from jaxtyping import Float
 
 from gaitsweep.contract import HybridModel, Params, Rates, State
 from gaitsweep.engine.carry import Flag, Guards, Number
-from gaitsweep.engine.content import cached_by_content, stored
+from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.solver.recurrences import RULES, NoRecurrenceError, Series, Value
+from gaitsweep.engine.stored_traces import stored
 
 # The ratio of a term to the one before at the step that meets the tolerance and costs least (Jorba, Zou).
 TERM_RATIO = math.exp(-2.0)

@@ -113,6 +113,11 @@ class OneLane:
         attempt = advance(model, numerics, drive=drive, sensitivities=recorder.exponents > 0)
         self._advance = with_tangents(attempt) if recorder.exponents else attempt
 
+    @property
+    def deciding(self) -> tuple[Model, ResolvedNumerics, RowDrive | None, int]:
+        """What decides `attempt`: the model, numerics and drive, and the number of tangents."""
+        return self.model, self.numerics, self.drive, self.recorder.exponents
+
     def params_at(self, values: Mapping[str, Float[Array, " ..."]], t: Number) -> Params:
         """The model's parameters at a time (s), from the values of a row; constant without a drive."""
         return self.model.params(values) if self.drive is None else self.drive(values, t)

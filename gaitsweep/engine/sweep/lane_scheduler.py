@@ -6,33 +6,22 @@ it, the others continue.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Container, Mapping, Sequence
+from collections.abc import Callable, Container, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Int, Real
+from jaxtyping import Bool, Int
 
+from gaitsweep.compilation import compiling
 from gaitsweep.engine.recorders.recorder import RunningRows
 from gaitsweep.engine.sweep.blocks_of_rows import Block
-from gaitsweep.engine.sweep.engines import groups_on, polls_per_chunk
-from gaitsweep.engine.sweep.lane import ChunkOutput, Lanes
-from gaitsweep.engine.sweep.polls_per_chunk import ChunkSizer
+from gaitsweep.engine.sweep.engines import groups_on
+from gaitsweep.engine.sweep.lane import ChunkOutput
+from gaitsweep.engine.sweep.lane_group import IDLE, Chunk, LaneGroup
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress, SweepSpec
 from gaitsweep.row_outcome import ENGINE_NUMBERS, RowOutcome
 from gaitsweep.status import Status
-
-# Polls in XLA's first chunk, from whose duration the number of polls in the others follows.
-FIRST_POLLS = 4
-# The block of a lane without a row.
-IDLE = -1
-
-
-class _Chunk(NamedTuple):
-    """The output of a chunk, and the time at which it began (s)."""
-
-    output: ChunkOutput
-    began: float
 
 
 class _Collected(NamedTuple):
@@ -45,13 +34,13 @@ class _Collected(NamedTuple):
         ended: the lanes whose rows have ended.
     """
 
-    group: Group
+    group: LaneGroup
     output: ChunkOutput
     running: Bool[np.ndarray, " lanes"]
     ended: Bool[np.ndarray, " lanes"]
 
     @classmethod
-    def of(cls, group: Group, output: ChunkOutput, most_samples: int | None) -> _Collected:
+    def of(cls, group: LaneGroup, output: ChunkOutput, most_samples: int | None) -> _Collected:
         """The output with the masks of the group's lanes, of which idle ones are in neither."""
         busy = group.block_of != IDLE
         is_running = output.numbers["status"] == Status.running
@@ -60,87 +49,7 @@ class _Collected(NamedTuple):
         return cls(group, output, busy & is_running, busy & ~is_running)
 
 
-class Group:
-    """Some lanes of a device, the rows in them, and their progress.
-
-    `block_of` is the number of each lane's block, `IDLE` without a row, and `row_of` the row in that block;
-    `progress` and `attempts` are sums over the running rows, of the share of their work that is done and of
-    their attempts.
-
-    Args:
-        lanes: the lanes.
-        spec: the sweep.
-    """
-
-    def __init__(self, lanes: Lanes, spec: SweepSpec) -> None:
-        self.lanes = lanes
-        self.size = lanes.size
-        self.block_of = np.full(self.size, IDLE)
-        self.row_of = np.zeros(self.size, np.int64)
-        self.progress = 0.0
-        self.attempts = 0
-        self.sizer = ChunkSizer(polls_per_chunk(spec))
-        if spec.engine == "xla":
-            self.sizer.polls = FIRST_POLLS
-        # the values of all lanes: parameters, then initial conditions
-        self._values: list[dict[str, Real[np.ndarray, "lanes ..."]]] = []
-        self._fresh = np.zeros(self.size, bool)
-
-    @property
-    def busy(self) -> bool:
-        """Whether any lane has a row."""
-        return bool(np.any(self.block_of != IDLE))
-
-    def place(
-        self, block: Block, rows: Int[np.ndarray, " placed"], lanes: Int[np.ndarray, " placed"]
-    ) -> None:
-        """Put rows into lanes; the next chunk opens them.
-
-        Args:
-            block: the block of the rows.
-            rows: their numbers (n,) in the block.
-            lanes: their lanes (n,) in this group.
-        """
-        self.block_of[lanes] = block.number
-        self.row_of[lanes] = rows
-        self._fresh[lanes] = True
-        columns: tuple[Mapping[str, Real[np.ndarray, "rows ..."]], ...] = (block.params, block.starts)
-        if not self._values:
-            self._values = [self._repeated(by_name) for by_name in columns]
-        for lane_values, column_by_name in zip(self._values, columns, strict=True):
-            for name, column in lane_values.items():
-                column[lanes] = column_by_name[name][rows]
-
-    def _repeated(
-        self, columns: Mapping[str, Real[np.ndarray, "rows ..."]]
-    ) -> dict[str, Real[np.ndarray, "lanes ..."]]:
-        """The values of the first row in all lanes: idle lanes are computed as well."""
-        return {name: np.repeat(column[:1], self.size, axis=0) for name, column in columns.items()}
-
-    def open_again(self) -> None:
-        """Open the rows of all lanes again, as if none of them had begun."""
-        params, starts = self._values
-        self.lanes.fill(params, starts, np.ones(self.size, bool))
-
-    def chunk(self, polls: int | None = None) -> _Chunk:
-        """Open fresh rows and advance all.
-
-        Args:
-            polls: the number of polls, by default that which the sizer chooses.
-        """
-        if self._fresh.any():
-            params, starts = self._values
-            self.lanes.fill(params, starts, self._fresh)
-            self._fresh = np.zeros(self.size, bool)
-        polls = self.sizer.polls if polls is None else polls
-        began = self.sizer.record_start()
-        output = self.lanes.run_chunk(polls)
-        if polls:
-            self.sizer.record_end(began, polls)
-        return _Chunk(output, began)
-
-
-def _complete(
+def _restored_rows(
     spec: SweepSpec, blocks: Sequence[int], restored: Callable[[int], RowOutcome | None]
 ) -> dict[int, RowOutcome]:
     """The restored rows by block, without rows of another version, which lack a number."""
@@ -169,12 +78,12 @@ class LaneScheduler:
         restored: Callable[[int], RowOutcome | None] | None = None,
     ) -> None:
         self.spec = spec
-        self._restored = {} if restored is None else _complete(spec, blocks, restored)
+        self._restored = {} if restored is None else _restored_rows(spec, blocks, restored)
         self.total = sum(min(spec.block, spec.n_rows - b * spec.block) for b in blocks)
         self.total -= sum(rows.row.size for rows in self._restored.values())
         # a device without rows would have nothing to run
         devices = spec.devices[: self.total]
-        self.groups = [Group(lanes, spec) for device in devices for lanes in groups_on(device, spec)]
+        self.groups = [LaneGroup(lanes, spec) for device in devices for lanes in groups_on(device, spec)]
         self.open: dict[int, Block] = {}
         self.complete: list[int] = []  # open blocks whose rows have all ended
         self.being_written: set[int] = set()  # among the open blocks
@@ -185,14 +94,14 @@ class LaneScheduler:
         self._newest: Block | None = None
         # JAX and the kernels release the GIL while they compile or run a program
         self._threads = ThreadPoolExecutor(len(self.groups)) if len(self.groups) > 1 else None
-        self._running: dict[Future[_Chunk], Group] = {}
+        self._running: dict[Future[Chunk], LaneGroup] = {}
 
     @property
     def busy(self) -> bool:
         """Whether any lane has a row."""
         return any(group.busy for group in self.groups)
 
-    def begin(self) -> None:
+    def open_first_rows(self) -> None:
         """Open the first rows; the programs are compiled."""
         sizes = [group.size for group in self.groups]
         group_of = np.repeat(np.arange(len(sizes)), sizes)
@@ -200,10 +109,12 @@ class LaneScheduler:
         # consecutive rows go to different groups, so that a few rows use all devices
         order = np.lexsort((group_of, lanes))
         self._fill(group_of[order], lanes[order])
-        for group, output in self.advance_all(0):
+        with compiling():
+            outputs = self.advance_all(0)
+        for group, output in outputs:
             self._collect(group, output)
 
-    def advance_all(self, polls: int) -> list[tuple[Group, ChunkOutput]]:
+    def advance_all(self, polls: int) -> list[tuple[LaneGroup, ChunkOutput]]:
         """Advance all groups that have rows by `polls`, and wait for them."""
         busy = [group for group in self.groups if group.busy]
         if self._threads is None:
@@ -212,11 +123,11 @@ class LaneScheduler:
         return [(group, future.result().output) for group, future in zip(busy, futures, strict=True)]
 
     def start(self) -> None:
-        """Start all groups; `step` collects their output."""
+        """Start all groups; `collect_next` collects their output."""
         for group in self.groups:
             self._continue(group)
 
-    def step(self) -> float:
+    def collect_next(self) -> float:
         """Wait for the next chunk, collect it, and continue its group; returns its start time (s)."""
         if self._threads is None:
             (group,) = self.groups
@@ -230,12 +141,12 @@ class LaneScheduler:
         self._continue(group)
         return chunk.began
 
-    def end(self) -> None:
+    def shut_down(self) -> None:
         """Wait for running chunks."""
         if self._threads is not None:
             self._threads.shutdown(cancel_futures=True)
 
-    def _continue(self, group: Group) -> None:
+    def _continue(self, group: LaneGroup) -> None:
         """Fill the free lanes of a group, and start its next chunk in a thread if there are threads."""
         free = np.flatnonzero(group.block_of == IDLE)
         self._fill(np.full(free.size, self.groups.index(group)), free)
@@ -246,7 +157,7 @@ class LaneScheduler:
         """Put waiting rows into free lanes (n,), each of the group with the number `group_of` (n,)."""
         filled = 0
         while filled < lanes.size or not self.groups:
-            block = self._with_waiting_rows()
+            block = self._next_block()
             if block is None:
                 break
             rows = block.waiting[block.opened : block.opened + lanes.size - filled]
@@ -257,7 +168,7 @@ class LaneScheduler:
                 of_group = group_of[part] == number
                 self.groups[number].place(block, rows[of_group], lanes[part][of_group])
 
-    def _with_waiting_rows(self) -> Block | None:
+    def _next_block(self) -> Block | None:
         """The newest block while it has waiting rows, then the next block."""
         while self._newest is None or self._newest.opened == self._newest.waiting.size:
             if not self._waiting:
@@ -270,11 +181,11 @@ class LaneScheduler:
                 self.complete.append(number)
         return self._newest
 
-    def _collect(self, group: Group, output: ChunkOutput) -> None:
+    def _collect(self, group: LaneGroup, output: ChunkOutput) -> None:
         """Collect the output of a group's chunk."""
         collected = _Collected.of(group, output, self.spec.most_samples)
         self._pass_to_blocks(collected)
-        self._count(collected)
+        self._count_rows(collected)
         self._size_chunk(collected)
 
     def _pass_to_blocks(self, collected: _Collected) -> None:
@@ -292,7 +203,7 @@ class LaneScheduler:
                 self.complete.append(int(number))
         group.block_of[has_ended] = IDLE
 
-    def _count(self, collected: _Collected) -> None:
+    def _count_rows(self, collected: _Collected) -> None:
         """Count the ended rows, and estimate the progress of running ones."""
         group, output, is_running, has_ended = collected
         cycles = output.numbers["cycles"]
@@ -332,18 +243,18 @@ class LaneScheduler:
         del self.open[number]
 
     @property
-    def unstored(self) -> bool:
+    def has_unstored_rows(self) -> bool:
         """Whether an open block has ended rows that are not on disk."""
         return any(bool(np.any(block.ended & ~block.stored)) for block in self.open.values())
 
-    def ended(self, except_blocks: Container[int] = ()) -> list[RowOutcome]:
+    def unstored_rows(self, except_blocks: Container[int] = ()) -> list[RowOutcome]:
         """The ended rows that are not on disk, one element for each open block, without some blocks."""
         unstored = [block.unstored() for number, block in self.open.items() if number not in except_blocks]
         return [rows for rows in unstored if rows.row.size]
 
-    def mark_stored(self, ended: Sequence[RowOutcome]) -> None:
-        """Mark the rows that `ended` returned as stored on disk."""
-        for rows in ended:
+    def mark_stored(self, stored: Sequence[RowOutcome]) -> None:
+        """Mark the rows that `unstored_rows` returned as stored on disk."""
+        for rows in stored:
             block = self.open.get(int(rows.row[0]) // self.spec.block)
             if block is not None:  # otherwise its part has been written since
                 block.mark_stored(rows.row)

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
+from gaitsweep import ArgumentError
 from gaitsweep.analyses import wrapped_difference
 from gaitsweep.claims import Condition, masked, measure, numbers, one_row, records
 from gaitsweep.papers.ambe2021.analysis.source_place import source_drift, source_place
@@ -39,9 +40,15 @@ def leads(table: pd.DataFrame, *, row: int, links: Sequence[int] | None = None) 
     Args:
         table: a trace.
         row: its row.
-        links: numbers of the links between legs; by default all.
+        links: numbers of the links between legs, from 1 on; by default all.
+
+    Raises:
+        ArgumentError: there is no link of a number.
     """
     phases = passages(one_row(table, row)).leads * constants_of(table, ["omega"])["omega"]
+    for link in links or ():
+        if not 1 <= link <= len(phases):
+            raise ArgumentError(f"links has {link}, but the links between legs are 1 to {len(phases)}.")
     return phases.tolist() if links is None else [float(phases[link - 1]) for link in links]
 
 

@@ -14,7 +14,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from gaitsweep.analysis.records import in_order
+from gaitsweep.analysis.records import axes_of, in_order
 from gaitsweep.column_meanings import COLUMNS
 from gaitsweep.plot import theme
 from gaitsweep.plot.arguments import Horizontal, Hue, Panels, Shares, Title, Vertical
@@ -67,10 +67,16 @@ def basin(
     require_columns(table, x, y, hue, panels)
     values = sorted(table[panels].dropna().unique()) if panels else [None]
     values, title = theme.first_of(values, _MOST_PANELS, title)
-    rows, columns = theme.shape(len(values), theme.PAGE, 1.6, _PANELS_A_ROW)
     numeric = pd.api.types.is_numeric_dtype(table[hue])
-    width = theme.width_of(theme.COLUMN + 0.4 if columns == 1 else min(theme.PAGE, 2.4 * columns))
-    side = (width - (1.3 if numeric else 0.6)) / columns
+
+    def side_of(columns: int) -> float:
+        width = theme.width_of(theme.COLUMN + 0.4 if columns == 1 else min(theme.PAGE, 2.4 * columns))
+        return (width - (1.3 if numeric else 0.6)) / columns
+
+    # a square panel with headings of one or two lines
+    high: dict[str, Any] = {"height_of": lambda columns: side_of(columns) + 0.5, "narrowest": 1.0}
+    rows, columns = theme.shape(len(values), theme.PAGE, 1.6, _PANELS_A_ROW, **high)
+    side = side_of(columns)
     parts = [table if value is None else rows_where(table, table[panels] == value) for value in values]
     shown = outcome(table, hue)
     # a row that has not settled may be named twice: by the hue, and by its outcome
@@ -85,6 +91,7 @@ def basin(
     # without shares the legend has no caption, and more names beside each other
     legend = 0.75 if shares else 0.3 + 0.15 * math.ceil(len(key) / _NAMES_A_LINE)
     height = rows * (side + 0.35 + 0.14 * lines) + (0.35 if numeric else legend)
+    width = theme.COLUMN + 0.4 if columns == 1 else min(theme.PAGE, 2.4 * columns)
     with theme.canvas(width, height, title) as figure:
         if not len(table):
             theme.message(figure.add_subplot(), "no rows yet")
@@ -202,10 +209,7 @@ def _cells(
             axes.scatter(starts[x], starts[y], c=colour[name], marker=marker[name], s=size, linewidths=0.6)
         return axes.scatter(part[x], part[y], c=values, s=size, **scale) if scale else None
     if part.duplicated([x, y]).any():
-        raise PlotError(
-            f"Several rows have the same {x} and {y}, since another quantity varies too. Name it as "
-            "`panels`, or keep one of its values in the table."
-        )
+        raise PlotError(_why_repeated(part, x, y))
     image = None
     if scale:
         image = axes.pcolormesh(*grid.edges, grid.placed(part, values), rasterized=True, **scale)
@@ -216,6 +220,22 @@ def _cells(
         if hatch[name]:
             hatch_cells(axes, grid, part, shown == name, hatch[name], theme.line_on(colour[name]))
     return image
+
+
+def _why_repeated(part: pd.DataFrame, x: str, y: str) -> str:
+    """The sentence about a panel's cells with several rows: the quantities that vary too, if any do."""
+    begin = f"Several rows have the same {x} and {y}"
+    others = [name for name in axes_of(part) if name not in (x, y) and len(part[name].unique()) > 1]
+    if not others and axes_of(part):
+        return f"{begin}: the table has the same start more than once, as after joining a table with itself."
+    varying = " and ".join(others) or "another quantity"
+    verb = "vary" if len(others) > 1 else "varies"
+    one = others[0] if others else "its column"
+    value = part[others[0]].iloc[0] if others else "VALUE"
+    return (
+        f"{begin}, since {varying} {verb} too. Name {one} as `panels`, or keep one of its values: "
+        f'table[table["{one if others else "NAME"}"] == {value}].'
+    )
 
 
 def _legend(

@@ -37,7 +37,7 @@ def _shades() -> ListedColormap:
 
 
 def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
-    """Refuse axes that are not numeric, are named twice or have several units, and inferred states."""
+    """Refuse axes that are not numeric or are named twice, and inferred states."""
     if figure.panels == "attractor":
         yield ("panels",), "is attractor, which is computed and not a column of this job's table."
     axes = figure.axes
@@ -50,10 +50,6 @@ def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
             yield ("axes", number), f"is {name}, which is not numeric: use axes of the job."
         elif name in axes[:number] or name == figure.panels:
             yield ("axes", number), f"is {name}, which is named twice."
-    units = {name: table.unit(name) for name in axes if name not in TEXT_COLUMNS}
-    if len(set(units.values())) > 1:
-        named = ", ".join(f"{name} in {unit or '1'}" for name, unit in units.items())
-        yield ("axes",), f"needs one unit for the distance between starts, but there are {named}."
     if figure.hue == "attractor" and table.run.refined(table.rows) is not None:
         text = "is attractor, but run.refine infers rows, which have no state that identifies an attractor."
         yield ("hue",), text
@@ -97,8 +93,9 @@ def basin_measures(
         of_shares, of_entropies, of_uncertain = theme.panels(figure, (down, across), 3)
         _draw_shares(of_shares, table, measured, panels)
         _draw_entropies(of_entropies, table, measured, panels)
-        first = axes[0] if axes else next(name for name in axes_of(table) if name != panels)
-        _draw_uncertain(of_uncertain, table, measured, panels, unit_of(table, first))
+        starts = axes or [name for name in axes_of(table) if name != panels]
+        units = {unit_of(table, name) for name in starts}
+        _draw_uncertain(of_uncertain, table, measured, panels, units.pop() if len(units) == 1 else None)
     return figure
 
 
@@ -166,15 +163,21 @@ def _draw_entropies(axes: Axes, table: pd.DataFrame, measured: Basins, panels: s
         axes.plot(at, measured.panels[name].to_numpy(float), label=name.replace("_", " "), **look)
     axes.axhline(np.log(2.0), color="#555555", linewidth=0.7, linestyle="--")
     axes.annotate("ln 2", (1.0, np.log(2.0)), xycoords=("axes fraction", "data"), ha="right", va="bottom")
-    axes.set_ylim(0.0, 0.8)
+    largest = np.nanmax(measured.panels[["basin_entropy", "boundary_entropy"]].to_numpy(float))
+    axes.set_ylim(0.0, max(0.8, 1.05 * float(largest)))
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.22))
 
 
-def _draw_uncertain(axes: Axes, table: pd.DataFrame, measured: Basins, panels: str | None, unit: str) -> None:
-    """Draw the uncertainty fraction over eps, a line for each value of the panels, with its exponent."""
-    axes.set_xlabel(
-        rf"error of a start $\varepsilon$ ({unit})" if unit else r"error of a start $\varepsilon$"
-    )
+def _draw_uncertain(
+    axes: Axes, table: pd.DataFrame, measured: Basins, panels: str | None, unit: str | None
+) -> None:
+    """Draw the uncertainty fraction over eps, a line for each value of the panels, with its exponent.
+
+    Without a unit that all axes of starts have, eps is in steps of the grid.
+    """
+    eps, shown = ("steps", "grid steps") if unit is None else ("eps", unit)
+    begin = "error" if unit is None else "error of a start"
+    axes.set_xlabel(rf"{begin} $\varepsilon$ ({shown})" if shown else rf"{begin} $\varepsilon$")
     axes.set_ylabel("share of uncertain starts")
     if not np.any(measured.uncertainty["uncertain"].to_numpy(float) > 0.0):
         empty = measured.uncertainty.empty
@@ -192,7 +195,7 @@ def _draw_uncertain(axes: Axes, table: pd.DataFrame, measured: Basins, panels: s
         label = f"{written(table, panels, value)}, {exponent}" if panels else exponent
         look: dict[str, Any] = {"color": shades[number], "markersize": 3.5, "linewidth": 0.7}
         look["marker"] = theme.SPARE_MARKERS[number % len(theme.SPARE_MARKERS)]
-        axes.loglog(uncertain["eps"], uncertain["uncertain"], label=None if many else label, **look)
+        axes.loglog(uncertain[eps], uncertain["uncertain"], label=None if many else label, **look)
     for axis in (axes.xaxis, axes.yaxis):
         low, high = axis.get_view_interval()
         axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)) if high > 2.0 * low else MaxNLocator(3))

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from gaitsweep.analysis.basins.measures import basins, least_fatal_push
+from gaitsweep.analysis.basins.measures import basins, least_fatal_push, require_one_unit
 from gaitsweep.engine.pushed_model import PREFIX
 from gaitsweep.plot.arguments import (
     TEXT_COLUMNS,
@@ -110,6 +110,7 @@ def shock(
         AnalysisError: x and y have different units.
     """
     require_columns(table, x, y, hue, panels)
+    require_one_unit(table, [x, y])
     if not len(table):
         return basin(table.assign(shock=np.nan), x=x, y=y, hue="shock", panels=panels, title=title)
     measured = basins(table, [x, y], label=hue, by=panels or ()).rows

@@ -215,16 +215,17 @@ def _stable_parts(branches: pd.DataFrame, x: str) -> list[tuple[float, float, in
 
 
 def _of_row(table: pd.DataFrame, row: int) -> pd.DataFrame:
-    """The records of a row of the job.
+    """The records of a row of the job, in the order of the points along each branch and curve.
 
     Raises:
-        PlotError: the table lacks the row.
+        PlotError: the table lacks the row, or a column.
     """
+    require_columns(table, "row", "number", "point")
     rows = table["row"].to_numpy(int)
     if row not in rows:
         allowed = f"has the rows 0 to {rows.max()}" if len(rows) else "has no rows yet"
         raise PlotError(f"row is {row}, but the table {allowed}.")
-    return rows_where(table, rows == row)
+    return rows_where(table, rows == row).sort_values(["number", "point"], kind="stable")
 
 
 def _parts_of_gaits(branch: pd.DataFrame) -> list[tuple[str, pd.DataFrame]]:

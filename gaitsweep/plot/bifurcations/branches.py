@@ -17,13 +17,14 @@ from gaitsweep.plot.arguments import AlongAxis, Bandwidth, Observed, Title
 from gaitsweep.plot.bifurcations.branch_lines import STABLE, UNSTABLE
 from gaitsweep.plot.column_labels import described
 from gaitsweep.plot.columns import column, is_angle, log_axes, origin_of, require_columns
-from gaitsweep.plot.kind import check_parameter, figure_kind
+from gaitsweep.plot.kind import figure_kind
+from gaitsweep.plot.varying_parameters import check_one_parameter, require_one_system
 
 _COLOUR = {True: STABLE, False: UNSTABLE}
 _WORDS = {True: "stable: starts nearby come to it", False: "unstable: starts nearby leave it"}
 
 
-@figure_kind("return_map", check=check_parameter, coloured="none")
+@figure_kind("return_map", check=check_one_parameter, coloured="none")
 def branches(
     table: pd.DataFrame,
     *,
@@ -45,6 +46,7 @@ def branches(
     """
     name = column(table, y, ("_n", ""))
     require_columns(table, x, "row", "crossing")
+    require_one_system(table, x)
     points = find_branches(table, name, x, bandwidth)
     with theme.canvas(theme.COLUMN + 1.6, 3.4, title) as figure:
         axes = figure.subplots()

@@ -21,13 +21,14 @@ from gaitsweep.plot.arguments import AlongAxis, Column, GaitColumn, Observed, Ti
 from gaitsweep.plot.column_labels import described, symbol, unit_of
 from gaitsweep.plot.columns import column, is_angle, log_axes, origin_of, outcome, require_columns, rows_where
 from gaitsweep.plot.kind import figure_kind
+from gaitsweep.plot.varying_parameters import check_one_system, require_one_system
 from gaitsweep.status import Outcome
 
 _OPEN = "#777777"  # of outcomes that are no gait
 _Looks = tuple[dict[str, str], dict[str, str]]  # colours and markers of gaits
 
 
-@figure_kind("settle")
+@figure_kind("settle", check=check_one_system)
 def gait_transitions(
     table: pd.DataFrame,
     *,
@@ -51,6 +52,7 @@ def gait_transitions(
     """
     name = column(table, y, ("_end", ""))
     require_columns(table, x, start, hue, "status")
+    require_one_system(table, x)
     with theme.canvas(theme.COLUMN + 1.6, 3.6, title) as figure:
         axes = figure.subplots()
         axes.set_xlabel(described(table, x))

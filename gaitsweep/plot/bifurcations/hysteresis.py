@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from types import MappingProxyType
 from typing import Annotated, Any, cast
@@ -39,10 +40,11 @@ from gaitsweep.plot.column_labels import described, symbol, written
 from gaitsweep.plot.columns import PlotError, column, moved_parameter, origin_of, require_columns, rows_where
 from gaitsweep.plot.figure_style import current
 from gaitsweep.plot.kind import PlannedTable, Refusal, figure_kind
+from gaitsweep.plot.provenance_marks import STRIP
+from gaitsweep.plot.varying_parameters import MOST_PANELS, is_compared, too_many_panels
 from gaitsweep.schema.numbers import Positive, Real, Text
 
 _PANELS_A_ROW = 3
-_MOST_PANELS = 12
 _LETTER = 0.035  # inches; width of a letter of a name at the right side
 
 
@@ -53,6 +55,13 @@ def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
             ("parameter",),
             f"is {figure.parameter}, but this run moves {table.run.moved}: remove parameter.",
         )
+    parameters = [quantity.name for quantity in table.model.parameters]
+    groups = [group for group in table.rows.groups if any(is_compared(n, parameters) for n in group.names)]
+    names = [name for group in groups for name in group.names]
+    # of a zip some points may have the same parameters, which the table shows
+    count = math.prod(group.length for group in groups if len(group.names) == 1)
+    if count > MOST_PANELS and set(names) != {figure.panels}:
+        yield ("panels",), too_many_panels(names, count, "VALUE")
 
 
 @figure_kind("ramp", "staircase", check=_check, coloured="none")
@@ -85,8 +94,9 @@ def hysteresis(
     staircase has a marker at the end of each stair, open if the stair had not settled. Bars at the top mark
     the intervals of the rising pass's jumps, medians over the rows, and bars at the bottom those of the
     falling one; the legend gives them. Arrows mark where the two passes differ most. Passes that jump to and
-    fro, as with an irregular gait, belong to no branch and have their own panel below. Gaits of the table are
-    named beside their branches, or in the legend where there is no room.
+    fro, as with an irregular gait, belong to no branch and have their own panel below. Rows that differ in a
+    parameter have a panel for each of its values; of rows that differ in starts or seeds one panel shows all.
+    Gaits of the table are named beside their branches, or in the legend where there is no room.
 
     Args:
         table: a ramp or staircase table.
@@ -106,7 +116,7 @@ def hysteresis(
         *panels_of(table, panels, beside=with_table is not None),
         *panels_of_second(table, with_table, panels),
     ]
-    shown, title = theme.first_of(shown, _MOST_PANELS, title)
+    shown, title = theme.first_of(shown, MOST_PANELS, title)
     for panel in shown:
         if panel.table is not None:
             _require(panel.table, parameter, [y] if x is None else [y, x])
@@ -120,9 +130,12 @@ def hysteresis(
     parted = [irregular_parted(panel.table, name, parameter, least or LEAST_JUMP) for panel in shown]
     strips = any(len(irregular) for _, irregular in parted)
     down, across = theme.shape(len(shown), theme.PAGE, 2.0, _PANELS_A_ROW)
+    # inches, of a row of panels, which are lower where a page would have no room for them
+    highest, lowest = (3.5, 2.3) if strips else (2.5, 1.7)
+    high = min(highest, max(lowest, theme.PAGE_HEIGHT / down))
     width = theme.PAGE if len(shown) > 1 else theme.COLUMN + 1.2
     room = theme.width_of(width) / across - 0.8
-    with theme.canvas(width, (3.5 if strips else 2.5) * down + 1.0, title) as figure:
+    with theme.canvas(width, high * down + 1.0, title) as figure:
         grid, below = _panels(figure, len(shown), down, across, strips=strips)
         jumps = []
         for number, (panel, (branches, irregular)) in enumerate(zip(shown, parted, strict=True)):
@@ -212,6 +225,8 @@ def _panels(
     cells = figure.subplots(len(heights), across, sharex=True, squeeze=False, height_ratios=heights)
     grid = cells[::2].ravel() if strips else cells.ravel()
     below = cells[1::2].ravel() if strips else grid
+    for axes in below if strips else ():
+        axes.set_label(STRIP)
     for axes in {*grid[count:], *below[count:]}:
         axes.remove()
     for row_of_axes in (grid, below):

@@ -16,8 +16,9 @@ from gaitsweep.plot import theme
 from gaitsweep.plot.arguments import AlongAxis, Observed, Title
 from gaitsweep.plot.column_labels import described
 from gaitsweep.plot.columns import column, is_angle, log_axes, require_columns, rows_where
-from gaitsweep.plot.kind import check_parameter, figure_kind
-from gaitsweep.status import RECURRENT, Status
+from gaitsweep.plot.kind import figure_kind
+from gaitsweep.plot.varying_parameters import check_one_parameter, require_one_system
+from gaitsweep.status import Outcome, Status
 
 _EXPONENT = "lyapunov_1"
 # The colour and the words of each status. Settled rows are darkest, so that grey print tells them apart.
@@ -26,11 +27,13 @@ _LOOKS = {
     "quasi_periodic": ("#0072B2", "quasi-periodic"),
     "chaotic": ("#E0862D", "chaotic"),
 }
+_NOT_SETTLED, _FAILED, _AT_REST = str(Outcome.NOT_SETTLED), str(Outcome.FAILED), "at rest"
+_WITHOUT = {_NOT_SETTLED: "#999999", _FAILED: "#B00020", _AT_REST: "#222222"}  # colours of their marks
 _ERRORS = 2.0  # standard errors of the exponent that are drawn
 _MANY = 200  # rows from which on points are smaller
 
 
-@figure_kind("settle", check=check_parameter, coloured="none")
+@figure_kind("settle", check=check_one_parameter, coloured="none")
 def orbit(
     table: pd.DataFrame,
     *,
@@ -42,7 +45,8 @@ def orbit(
 
     Of an orbit all crossings are drawn, of a chaotic or quasi-periodic row as many as the run keeps (the
     larger of 10 and `run.max_period`). The lower axes show the largest exponent where `run.exponents` asks
-    for it, with two standard errors. Parameter values at which no row reached an attractor are marked.
+    for it, with two standard errors. Parameter values without such a row are marked: at rest, not settled (a
+    limit ended the rows, whose attractor is still open) or failed.
 
     Args:
         table: a settle table over several values of x.
@@ -52,6 +56,7 @@ def orbit(
     """
     name = column(table, y, ("_end", ""))
     require_columns(table, x, "status")
+    require_one_system(table, x)
     exponents = _EXPONENT in table and bool(np.isfinite(table[_EXPONENT].to_numpy(float)).any())
     with theme.canvas(theme.COLUMN + 1.6, 4.6 if exponents else 3.4, title) as figure:
         heights = [2.2, 1.0] if exponents else [1.0]
@@ -65,20 +70,21 @@ def orbit(
         for status in present:
             _draw_crossings(above, table, x, name, status)
         if not present:
-            theme.message(above, "no row reached an attractor" if len(table) else "no rows yet")
+            theme.message(above, "No row has settled." if len(table) else "no rows yet")
         theme.value_axis(above, angle=is_angle(table, name))
-        without = _without_attractor(table, x)
-        if len(without):
-            look: dict[str, Any] = {"color": "#777777", "ms": 5, "clip_on": False}
-            above.plot(without, 0.0 * without, "|", transform=above.get_xaxis_transform(), **look)
+        without = _without_crossings(table, x)
+        for words, values in without.items():
+            look: dict[str, Any] = {"color": _WITHOUT[words], "ms": 5, "clip_on": False}
+            above.plot(values, 0.0 * values, "|", transform=above.get_xaxis_transform(), **look)
         if exponents:
             _draw_exponent(panels[1], table, x)
         handles = [
             Line2D([], [], ls="", marker="o", ms=3.5, color=colour, label=words)
             for colour, words in (_LOOKS[status] for status in present)
         ]
-        if len(without):
-            handles.append(Line2D([], [], ls="", marker="|", color="#777777", ms=6, label="no attractor"))
+        handles += [
+            Line2D([], [], ls="", marker="|", color=_WITHOUT[words], ms=6, label=words) for words in without
+        ]
         theme.legend(figure, handles, ncols=2)
     return figure
 
@@ -110,9 +116,17 @@ def _draw_exponent(axes: Axes, table: pd.DataFrame, x: str) -> None:
     axes.set_ylim(bottom=least if least < 0.0 else None)
 
 
-def _without_attractor(table: pd.DataFrame, x: str) -> Float[np.ndarray, " values"]:
-    """The parameter values at which no row reached an attractor."""
-    reached = table["status"].astype(str).isin([Status.settled.name, *RECURRENT]).to_numpy()
+def _without_crossings(table: pd.DataFrame, x: str) -> dict[str, Float[np.ndarray, " values"]]:
+    """The parameter values without a row whose crossings are drawn, by the words for their rows.
+
+    A value with an undecided row is not settled, whatever its other rows did: their attractor is still open.
+    """
+    status = table["status"].astype(str).to_numpy(str)
     values = table[x].to_numpy(float)
-    parameters = np.unique(values[np.isfinite(values)])
-    return parameters[~np.isin(parameters, values[reached])]
+    drawn = values[np.isin(status, list(_LOOKS))]
+    undecided, failed = values[Status.UNDECIDED.among(status)], values[Status.FAILED.among(status)]
+    left = np.setdiff1d(values[np.isfinite(values)], drawn)
+    open_still = np.isin(left, undecided)
+    lost = np.isin(left, failed) & ~open_still
+    without = {_NOT_SETTLED: left[open_still], _FAILED: left[lost], _AT_REST: left[~open_still & ~lost]}
+    return {words: of_words for words, of_words in without.items() if len(of_words)}

@@ -25,8 +25,9 @@ from gaitsweep.analysis.transitions.jumps import (
 from gaitsweep.angles import unwrap_from
 from gaitsweep.plot import theme
 from gaitsweep.plot.column_labels import symbol, unit_of, written
-from gaitsweep.plot.columns import column, rows_where
+from gaitsweep.plot.columns import PlotError, column, rows_where
 from gaitsweep.plot.provenance_marks import remarks
+from gaitsweep.plot.varying_parameters import MOST_PANELS, too_many_panels, varying_parameters
 from gaitsweep.table import TableError, load
 
 UP, DOWN = "#E69F00", "#0072B2"  # distinct for colour-blind readers, and in lightness
@@ -61,16 +62,30 @@ class Columns(NamedTuple):
 
 
 def panels_of(table: pd.DataFrame, panels: str | None, *, beside: bool) -> list[Panel]:
-    """A table's panels; with a second table, their headings describe how the parameter moves."""
-    if panels is None:
+    """A table's panels: one for each value of a column, and of the parameters that differ between rows.
+
+    With a second table, their headings describe how the parameter moves.
+
+    Raises:
+        PlotError: the table lacks the column, or its parameters have too many combinations.
+    """
+    if panels is not None:
+        column(table, panels)
+    parameters = varying_parameters(table)
+    names = [name for name in parameters if name != panels]
+    names = names if panels is None else [panels, *names]
+    if not names:
         return [Panel(_pace(table), table)]
     pace = f", {_pace(table)}" if beside else ""
-    column(table, panels)
-    values = sorted(table[panels].dropna().unique())
-    several = [
-        Panel(written(table, panels, value) + pace, rows_where(table, table[panels] == value))
-        for value in values
-    ]
+    combinations = table.drop_duplicates(names).dropna(subset=names).sort_values(names)
+    values = [{name: record[name] for name in names} for record in combinations.to_dict("records")]
+    if len(values) > MOST_PANELS and names != [panels]:
+        raise PlotError(too_many_panels(names, len(values), values[-1][names[-1]]))
+    several = []
+    for of_panel in values:
+        of_values = (table[names] == pd.Series(of_panel)).all(axis=1)
+        heading = ", ".join(written(table, name, value) for name, value in of_panel.items())
+        several.append(Panel(heading + pace, rows_where(table, of_values)))
     return several or [Panel("", table)]
 
 

@@ -18,7 +18,8 @@ from gaitsweep.plot.arguments import Bandwidth, Observed, Panels, Title
 from gaitsweep.plot.column_labels import described, symbol, unit_of, written
 from gaitsweep.plot.columns import PlotError, column, origin_of, require_columns, rows_where
 from gaitsweep.plot.kind import figure_kind
-from gaitsweep.schema.numbers import word
+from gaitsweep.plot.varying_parameters import check_one_system, require_one_system
+from gaitsweep.schema.numbers import Word
 
 _PANELS_A_ROW = 3
 _MOST_PANELS = 24
@@ -30,14 +31,14 @@ Form = Literal["change", "next"]
 FORMS: tuple[Form, ...] = get_args(Form)
 
 
-@figure_kind("return_map", coloured="none")
+@figure_kind("return_map", check=check_one_system, coloured="none")
 def return_map(
     table: pd.DataFrame,
     *,
     y: Observed,
     panels: Panels = None,
     form: Annotated[
-        Annotated[Form, word(*FORMS)] | None,
+        Annotated[Form, Word()] | None,
         "change: y's change over y; next: the next y over y; by default next, but change where all points "
         "lie near the diagonal",
     ] = None,
@@ -60,10 +61,11 @@ def return_map(
         raise PlotError(f"form is {form}, but must be {' or '.join(FORMS)}.")
     name = column(table, y, ("_n", ""))
     require_columns(table, "row", "crossing", panels)
+    require_one_system(table, panels)
     values = sorted(table[panels].dropna().unique()) if panels else []
     values, title = theme.first_of(values or [None], _MOST_PANELS, title)
     form = form or ("change" if _near_the_diagonal(table, name) else "next")
-    down, across = theme.shape(len(values), theme.PAGE, 2.0, _PANELS_A_ROW)
+    down, across = theme.shape(len(values), theme.PAGE, 2.0, _PANELS_A_ROW, height_of=lambda _: 2.0)
     width = theme.PAGE if len(values) > 1 else theme.COLUMN + 1.2
     height = 2.3 if across > 1 else 1.7
     if len(values) == 1:

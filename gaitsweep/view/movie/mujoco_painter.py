@@ -18,6 +18,7 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
+_SQUARES = "gaitsweep/squares"  # texture and material of the ground, beside those of the file
 _ASIDE = 28.0  # degrees: azimuth of the camera ahead of the right side
 _DOWN = -14.0  # degrees: elevation of the camera
 _VIEW = 25.0  # degrees: vertical field of view
@@ -62,18 +63,18 @@ def _staged(mjcf: str, square: float) -> mujoco.MjModel:
     skybox = mujoco.mjtTexture.mjTEXTURE_SKYBOX
     if not any(texture.type == skybox for texture in spec.textures):
         look = {"builtin": mujoco.mjtBuiltin.mjBUILTIN_FLAT, "width": 8, "height": 8}
-        spec.add_texture(name="white_sky", type=skybox, rgb1=[1.0] * 3, rgb2=[1.0] * 3, **look)
+        spec.add_texture(type=skybox, rgb1=[1.0] * 3, rgb2=[1.0] * 3, **look)
     flat = (mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_HFIELD)
     plain = [geom for geom in spec.worldbody.geoms if geom.type in flat and not geom.material]
     if plain:
         spec.add_texture(
-            name="squares", type=mujoco.mjtTexture.mjTEXTURE_2D, builtin=mujoco.mjtBuiltin.mjBUILTIN_CHECKER,
+            name=_SQUARES, type=mujoco.mjtTexture.mjTEXTURE_2D, builtin=mujoco.mjtBuiltin.mjBUILTIN_CHECKER,
             width=256, height=256, rgb1=[0.93, 0.93, 0.91], rgb2=[0.82, 0.82, 0.8],
         )  # fmt: skip
-        material = spec.add_material(name="squares", texuniform=True, texrepeat=[0.5 / square] * 2)
-        material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "squares"
+        material = spec.add_material(name=_SQUARES, texuniform=True, texrepeat=[0.5 / square] * 2)
+        material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = _SQUARES
         for geom in plain:
-            geom.material = "squares"
+            geom.material = _SQUARES
     return spec.compile()
 
 

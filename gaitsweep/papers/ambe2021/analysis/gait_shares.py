@@ -23,21 +23,19 @@ from gaitsweep.papers.ambe2021.theory.conditions import source_conditions, wave_
 from gaitsweep.papers.ambe2021.theory.gaits import WAVES
 
 
-def gait_shares(
-    table: pd.DataFrame, parameters: str | Sequence[str] | None = None, *, level: float = LEVEL
-) -> pd.DataFrame:
+def gait_shares(table: pd.DataFrame, parameters: str | Sequence[str] | None = None) -> pd.DataFrame:
     """The fractions of the three gaits for each set of parameters, with intervals, and whether they exist.
 
     Args:
         table: a settle table of the multi-legged chain, several starts for each set.
         parameters: the columns of a set; by default the swept axes except the phases of the start.
-        level: confidence level of the intervals (Wilson's).
 
     Returns:
-        A row for each set: the parameters; for each gait its share, NAME_low and NAME_high; `elsewhere`, the
-        share of starts in none of them; `conditions`: whether the paper's m/2 < m_B < m (of the end that
-        touches by more) and m g/kappa < a < L hold, with a profile for all inner legs; `direct_hold`,
-        `source_hold`, `retrograde_hold`: whether the wave is a motion of the chain (`existence`).
+        A row for each set: the parameters; for each gait its share, NAME_low and NAME_high (Wilson's
+        interval); `elsewhere`, the share of starts in none of them; `conditions`: whether the paper's m/2 <
+        m_B < m (of the end that touches by more) and m g/kappa < a < L hold, with a profile for all inner
+        legs; `direct_hold`, `source_hold`, `retrograde_hold`: whether the wave is a motion of the chain
+        (`existence`).
 
     Raises:
         AnalysisError: the table does not have a column, or the job's parameters cannot be read.
@@ -48,11 +46,11 @@ def gait_shares(
     if parameters is None:
         parameters = set_columns(table)
     names = [parameters] if isinstance(parameters, str) else list(parameters)
-    counted = fractions(table, by=names, level=level, interval="wilson")
+    counted = fractions(table, by=names, interval="wilson")
     wide = counted.pivot(index=names, columns="outcome", values=["fraction", "low", "high"])
     sets = pd.DataFrame(wide.index.to_frame(index=False))
     # the high end of the interval of a gait that no start reached
-    most_without = proportion_interval(0, int(counted["of"].to_numpy().min()), level)[1]
+    most_without = proportion_interval(0, int(counted["of"].to_numpy().min()), LEVEL)[1]
     # of each column of `fractions`: its suffix here, and its value where no start has the gait
     columns = {"fraction": ("", 0.0), "low": ("_low", 0.0), "high": ("_high", most_without)}
     for gait in WAVES:

@@ -35,9 +35,9 @@ from gaitsweep.plot import (
     Positive,
     Refusal,
     Title,
+    Word,
     figure_kind,
     theme,
-    word,
 )
 
 Shown = Literal["touchdowns", "order", "free_phase", "sets"]
@@ -62,7 +62,7 @@ def chain_theory(
     *,
     show: Annotated[
         Shown,
-        word(*SHOWN),
+        Word(),
         "touchdowns (Fig. 8 of Ambe 2021), order (Fig. 9), free_phase (Fig. 10) or sets (Fig. 11)",
     ],
     k: Annotated[CountOrZero | None, "boundary leg of the source wave; 2: the retrograde wave"] = None,

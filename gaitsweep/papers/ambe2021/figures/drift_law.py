@@ -22,13 +22,13 @@ from gaitsweep.plot import (
     PlotError,
     Refusal,
     Title,
+    Word,
     column,
     figure_kind,
     outcome,
     require_columns,
     rows_where,
     theme,
-    word,
 )
 from gaitsweep.status import Outcome
 
@@ -57,7 +57,7 @@ def drift_law(
     *,
     of: Annotated[
         Literal["m", "kappa", "a", "ends"],
-        word("m", "kappa", "a", "ends"),
+        Word(),
         "quantities that differ between head and tail: masses, end springs, amplitudes; ends: any of these",
     ] = "m",
     hue: GaitColumn = "gait",

@@ -13,7 +13,7 @@ from jaxtyping import Float
 
 from gaitsweep.analyses import AnalysisError, axes_of
 from gaitsweep.contract import Quantity
-from gaitsweep.expression import ExpressionError, evaluate, names_in
+from gaitsweep.expression import ExpressionError, evaluate, names_used
 from gaitsweep.papers.ambe2021.multilegged.parameters import PARAMETERS, SPRINGS, profile_parameters
 from gaitsweep.papers.ambe2021.theory.chain import Chain
 from gaitsweep.papers.ambe2021.theory.gaits import NONE_BEYOND
@@ -99,7 +99,7 @@ def _evaluated(settings: Mapping[str, Any], names: Iterable[str]) -> dict[str, A
     """
     formulas = {name: settings[name] for name in names if isinstance(settings[name], str)}
     values = {name: value for name, value in settings.items() if not isinstance(value, str)}
-    uses = {name: names_in(text) & set(formulas) for name, text in formulas.items()}
+    uses = {name: names_used(text) & set(formulas) for name, text in formulas.items()}
     try:
         order = list(graphlib.TopologicalSorter(uses).static_order())
     except graphlib.CycleError as error:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -13,28 +13,19 @@ from jaxtyping import Int, Shaped
 
 from gaitsweep.analyses import AnalysisError, require
 from gaitsweep.papers.fukuoka2015.analysis.swing_onsets import Steadiness, gait_of, onsets_of
-from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import FAMILIES, STRICT, THRESHOLD, family
+from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import FAMILIES, family
 
 # The period is not steady while a parameter moves, so only the shifts are tested. Complete cycles of all legs
 # are not required, since the first of two onsets between crossings, as in a trot, is not known.
 WHILE_RAMPING = Steadiness(variation=math.inf, skipped=0.3, cycles=0)
 
 
-def gaits_along(
-    table: pd.DataFrame,
-    *,
-    cycles: int = 3,
-    signals: Mapping[str, str] | None = None,
-    level: float = 0.0,
-    falling: bool = False,
-    thresholds: Sequence[float] = (THRESHOLD, STRICT),
-) -> pd.DataFrame:
+def gaits_along(table: pd.DataFrame, *, cycles: int = 3) -> pd.DataFrame:
     """The gait in each window of a few successive cycles of LF along each row; its period may vary.
 
     Args:
         table: a trace or a table of crossings, as for `gaits_in`.
         cycles: number of cycles in a window, 1 or more.
-        signals, level, falling, thresholds: as for `gaits_in`.
 
     Returns:
         One record a window: row, begin, end and t (their middle, s), delta_1, delta_2, gait, gait_at_0.05,
@@ -46,14 +37,14 @@ def gaits_along(
     """
     if cycles < 1:
         raise AnalysisError(f"cycles is {cycles}, but a window has at least 1 cycle.")
-    onsets = onsets_of(table, signals=signals, level=level, falling=falling)
+    onsets = onsets_of(table)
     windows, inside = _windows(onsets.sort_values(["row", "t"], kind="stable", ignore_index=True), cycles)
     along = windows.assign(t=0.5 * (windows["begin"] + windows["end"]))
     if not len(along):
         means = {"pass": "pass", "speed_n": "speed", "x": "speed", _parameter(table): _parameter(table)}
         of_table = dict.fromkeys(name for column, name in means.items() if column in table.columns)
         return along.assign(delta_1=0.0, delta_2=0.0, gait="", family="", **dict.fromkeys(of_table, 0.0))
-    named_cycles = gait_of(inside, rows=range(len(windows)), thresholds=thresholds, steadiness=WHILE_RAMPING)
+    named_cycles = gait_of(inside, rows=range(len(windows)), steadiness=WHILE_RAMPING)
     named = [name for name in named_cycles.columns if name.startswith(("delta_", "gait"))]
     along = pd.concat([along, named_cycles[named]], axis=1)
     along["family"] = [family(gait) for gait in along["gait"].astype(str)]

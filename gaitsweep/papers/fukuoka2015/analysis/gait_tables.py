@@ -186,9 +186,7 @@ def gait_measures(table: pd.DataFrame, by: str | Sequence[str] | None = None) ->
     return medians.reset_index()
 
 
-def repertoire(
-    table: pd.DataFrame, sets: str | Sequence[str], *, gait: str = "gait", speed: str = "speed_end"
-) -> pd.DataFrame:
+def repertoire(table: pd.DataFrame, sets: Sequence[str]) -> pd.DataFrame:
     """Count the gaits of each parameter set: one record for each set, in the order of the table.
 
     Columns: the `sets` themselves; `rows`; `fell`; `unsteady`; a count for each of the nine gaits; `gaits`,
@@ -198,28 +196,25 @@ def repertoire(
     Args:
         table: a hold or settle table.
         sets: the columns that define a parameter set.
-        gait: the column of gaits.
-        speed: the column of speeds, m/s.
 
     Raises:
         AnalysisError: the table does not have a column.
     """
-    sets = [sets] if isinstance(sets, str) else list(sets)
-    require(table, *sets, gait, speed, "status")
+    require(table, *sets, "gait", "speed_end", "status")
     keys = list(sets)
     fell = Status.FAILED.among(table["status"])
-    name = np.where(fell, "", table[gait].astype(str))
+    name = np.where(fell, "", table["gait"].astype(str))
     number = table.groupby(keys, sort=False, observed=True).ngroup().to_numpy()
     count = int(number.max(initial=-1)) + 1
     counts = pd.DataFrame(table.drop_duplicates(keys)[keys]).reset_index(drop=True)
     counts["rows"] = np.bincount(number, minlength=count)
     counts["fell"] = np.bincount(number[fell], minlength=count)
-    for gait_name in ("unsteady", *CHART):
-        counts[gait_name] = np.bincount(number[name == gait_name], minlength=count)
+    for gait in ("unsteady", *CHART):
+        counts[gait] = np.bincount(number[name == gait], minlength=count)
     counts["gaits"] = (counts[list(CHART)] > 0).sum(axis=1)
     for kind, members in KINDS.items():
         shown = np.isin(name, members)
-        medians = table.loc[shown, speed].groupby(number[shown]).median()
+        medians = table.loc[shown, "speed_end"].groupby(number[shown]).median()
         counts[f"speed_{kind}"] = medians.reindex(range(count)).to_numpy()
     speeds = counts[[f"speed_{kind}" for kind in ("walk", "trot", "canter", "gallop")]].to_numpy()
     return counts.assign(in_order=np.all(np.diff(speeds, axis=1) > 0.0, axis=1))

@@ -26,6 +26,7 @@ from gaitsweep.plot import (
     PlotError,
     Refusal,
     Title,
+    Word,
     column,
     described,
     figure_kind,
@@ -33,7 +34,6 @@ from gaitsweep.plot import (
     row_names,
     rows_where,
     theme,
-    word,
     written,
 )
 
@@ -57,7 +57,7 @@ def gait_ramp(
     panels: Panels = None,
     x: Annotated[
         Literal["parameter", "speed"],
-        word("parameter", "speed"),
+        Word(),
         "quantity along the axis: the moving parameter, or the measured speed",
     ] = "parameter",
     cycles: Annotated[Count, "number of cycles for one reading of the gait"] = 3,

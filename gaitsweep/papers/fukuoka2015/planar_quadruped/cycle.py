@@ -19,6 +19,13 @@ from gaitsweep.dynamics.matsuoka import FLEXOR
 from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import LEGS, PAIRS
 
 STEADY_PITCH = 1.0e-6  # rad; a pitch with a smaller root mean square does not oscillate
+LATE_STANCE = 0.15  # of a cycle
+MIN_AIR_TIME = 0.06  # s
+# s; a foot that unloads or touches down silences a flexor for up to 15 ms, stance for 90 ms or more
+MIN_SILENCE = 0.02
+RECENT_CYCLES = 1.5  # cycles of LF for which an irregular touchdown keeps a cycle out of the averages
+LF = LEGS.index("LF")
+(FORE_1, HIND_1), (FORE_2, HIND_2) = ((LEGS.index(fore), LEGS.index(hind)) for fore, hind in PAIRS)
 
 
 @jax.tree_util.register_dataclass
@@ -125,15 +132,6 @@ class Average:
         moves = variance > STEADY_PITCH * STEADY_PITCH
         # the sum of a cycle has an error of a step, by which a share may exceed 1
         return jnp.where(moves, jnp.minimum(powers / jnp.where(moves, variance, 1.0), 1.0), 0.0)
-
-
-LATE_STANCE = 0.15  # of a cycle
-MIN_AIR_TIME = 0.06  # s
-# s; a foot that unloads or touches down silences a flexor for up to 15 ms, stance for 90 ms or more
-MIN_SILENCE = 0.02
-RECENT_CYCLES = 1.5  # cycles of LF for which an irregular touchdown keeps a cycle out of the averages
-LF = LEGS.index("LF")
-(FORE_1, HIND_1), (FORE_2, HIND_2) = ((LEGS.index(fore), LEGS.index(hind)) for fore, hind in PAIRS)
 
 
 @jax.tree_util.register_dataclass

@@ -1,4 +1,4 @@
-"""Run kind `ramp`: a parameter moves slowly along a path, and every crossing of the section is recorded.
+"""Run kinds that record the section crossings of each row: `return_map`, and `ramp` as a parameter moves.
 
 The parameter at each time is that of a `RampSchedule` (`engine/recorders/parameter_schedules.py`).
 """
@@ -28,7 +28,29 @@ from gaitsweep.kinds.columns import (
     rests_at_crossings,
 )
 from gaitsweep.kinds.run_kind import Cost, RunKind
-from gaitsweep.schema.numbers import Flag, NotNegative, Positive, Real, Text
+from gaitsweep.schema.numbers import Count, CountOrZero, Flag, NotNegative, Positive, Real, Text
+
+
+class ReturnMap(RunKind):
+    """Record the state of each row at successive section crossings."""
+
+    kind: Literal["return_map"] = Field(
+        init=False, description="return_map: record the state at successive section crossings"
+    )
+    crossings: Count = Field(
+        description="number of section crossings to record after crossing 0, with which the record begins"
+    )
+    after_cycles: CountOrZero = Field(default=0, description="section crossings before the recording begins")
+
+    def recorder(self, model: Model) -> CrossingRecorder:
+        return CrossingRecorder(model, self.crossings, self.after_cycles)
+
+    def columns(self, model: Model) -> list[Column]:
+        return [CROSSING, Column("t", repeats=False), STATUS, STALLED_BY, *observed_at_crossings(model)]
+
+    def cost(self, rows: Design, cycle: float, period: float) -> Cost:
+        attempts = float(self.after_cycles + self.crossings) * cycle
+        return Cost(attempts, attempts, max(float(self.crossings), 1.0))
 
 
 class Ramp(RunKind):

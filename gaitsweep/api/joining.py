@@ -1,0 +1,256 @@
+"""Joining of results: one table of several, with units, gaits and the constants in which they differ."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import pandas as pd
+
+from gaitsweep.api.result import Result
+from gaitsweep.errors import ArgumentError
+from gaitsweep.expression import evaluate, names_used
+from gaitsweep.status import Outcome
+from gaitsweep.table.self_check_words import self_check_warned
+
+_CONSTANTS = ("structure", "params", "start")  # the parts of a job that hold constants of all its rows
+Tables = pd.DataFrame | Result | Sequence[pd.DataFrame | Result]
+
+
+def concat(*tables: Tables) -> pd.DataFrame:
+    """Join results of one model and run kind into one table, with units and provenance in `.attrs`.
+
+    `pandas.concat` drops `.attrs` and makes text of gaits; figures then lack units and the model's colours.
+
+    Args:
+        tables: tables or results, in a list or one by one.
+
+    Returns:
+        The records of all tables, with an index from 0 and `row` numbered on from table to table. A constant
+        that differs between the jobs, or that varies in another one, is a column behind `row`, as an axis is.
+
+    Raises:
+        ArgumentError: models, run kinds, moved parameters or units differ; a table lacks `.attrs`, or an axis
+            of the others; an argument is no table.
+
+    Example:
+        >>> import gaitsweep as gs
+        >>> from gaitsweep.examples.hopper import Hopper
+        >>> soft = gs.sweep(Hopper(), launch_0=[2.5, 5.0], phase_0=2.0, restitution=0.6)
+        >>> hard = gs.sweep(Hopper(), launch_0=[2.5, 5.0], phase_0=2.0, restitution=0.7)
+        >>> both = gs.concat([soft, hard])
+        >>> both[["row", "restitution", "launch_0"]].to_numpy().tolist()
+        [[0.0, 0.6, 2.5], [1.0, 0.6, 5.0], [2.0, 0.7, 2.5], [3.0, 0.7, 5.0]]
+        >>> both.attrs["quantities"]["launch_end"]["unit"]
+        'm/s'
+    """
+    frames = _frames(tables)
+    jobs = [frame.attrs.get("job") or {} for frame in frames]
+    if any(jobs):
+        _require_alike(jobs)
+        frames = _with_differing_constants(frames, jobs)
+    frames = _with_rows_numbered_on(frames)
+    joined = pd.concat(same_categories(*frames), ignore_index=True)
+    joined.attrs = _joined_attrs([frame.attrs for frame in frames])
+    return joined
+
+
+def same_categories(*tables: Tables) -> list[pd.DataFrame]:
+    """Return tables in which columns of one name, such as `gait`, have the same categories in the same order.
+
+    Of columns with other categories `pandas.concat` and `merge` make plain text, whose order is alphabetical.
+    `gs.concat` joins tables with the same categories, and keeps their units.
+
+    Args:
+        tables: tables or results, in a list or one by one. Each keeps its units and provenance in `.attrs`.
+
+    Returns:
+        The tables. Their categories are those of the first one, then new ones of the others; outcomes that
+        are no gaits are the last.
+
+    Raises:
+        ArgumentError: an argument is no table.
+
+    Example:
+        >>> import pandas as pd, gaitsweep as gs
+        >>> slow = pd.DataFrame({"gait": pd.Categorical(["walk"], ["walk", "trot", "none"])})
+        >>> fast = pd.DataFrame({"gait": pd.Categorical(["gallop"], ["walk", "gallop", "none"])})
+        >>> pd.merge(*gs.same_categories(slow, fast), on="gait", how="outer")["gait"].cat.categories.tolist()
+        ['walk', 'trot', 'gallop', 'none']
+    """
+    frames = _frames(tables)
+    joined: dict[str, dict[str, None]] = {}
+    for name in dict.fromkeys(name for frame in frames for name in frame.columns):
+        columns = [frame[name] for frame in frames if name in frame.columns]
+        if any(isinstance(column.dtype, pd.CategoricalDtype) for column in columns):
+            for column in columns:
+                of_column = getattr(column.dtype, "categories", None)
+                found = column.dropna().unique() if of_column is None else of_column
+                joined.setdefault(name, {}).update(dict.fromkeys(found))
+    dtypes = {
+        name: pd.CategoricalDtype(sorted(found, key=lambda value: value in set(Outcome)))
+        for name, found in joined.items()
+    }
+    return [
+        frame.astype({name: dtype for name, dtype in dtypes.items() if name in frame.columns})
+        for frame in frames
+    ]
+
+
+def _frames(tables: Sequence[Tables]) -> list[pd.DataFrame]:
+    """The tables in arguments: each a table or a result, or all in one list.
+
+    Raises:
+        ArgumentError: there is none, or one is neither.
+    """
+    listed: Iterable[Any] = tables
+    if len(tables) == 1 and isinstance(tables[0], Iterable):
+        whole = isinstance(tables[0], pd.DataFrame | str | Mapping)
+        listed = tables if whole else tables[0]
+    frames = []
+    for number, table in enumerate(listed, 1):
+        frame = table.table if isinstance(table, Result) else table
+        if not isinstance(frame, pd.DataFrame):
+            hint = f": load it by gs.load({table!r})" if isinstance(table, str) else ""
+            raise ArgumentError(f"Table {number} is a {type(table).__name__}, but must be a table{hint}.")
+        frames.append(frame)
+    if not frames:
+        raise ArgumentError("There is no table: give at least one.")
+    return frames
+
+
+def _require_alike(jobs: Sequence[Mapping[str, Any]]) -> None:
+    """Refuse tables of different models, run kinds or moved parameters, and those without a job.
+
+    Raises:
+        ArgumentError: they differ; the message has both values.
+    """
+    for number, job in enumerate(jobs, 1):
+        if not job:
+            raise ArgumentError(
+                f"Table {number} has no units and no job in .attrs, which pandas.concat and merge drop: join "
+                "tables as gs.load or gs.sweep returned them."
+            )
+    runs = [job.get("run", {}) for job in jobs]
+    for what, values in (
+        ("models", [job.get("model") for job in jobs]),
+        ("run kinds", [run.get("kind") for run in runs]),
+        ("moved parameters", [run.get("parameter") for run in runs]),
+    ):
+        if len(dict.fromkeys(values)) > 1:
+            listed = " and ".join(map(str, dict.fromkeys(values)))
+            raise ArgumentError(f"The tables have different {what}, {listed}: join those of one.")
+    if runs[0].get("kind") == "atlas":
+        raise ArgumentError("Tables of atlases cannot be joined: their branches have numbers of their own.")
+
+
+def _with_differing_constants(
+    frames: Sequence[pd.DataFrame], jobs: Sequence[Mapping[str, Any]]
+) -> list[pd.DataFrame]:
+    """The tables with a column for each constant that differs between their jobs, or is a column of another.
+
+    Raises:
+        ArgumentError: a column of one table is an axis of another, and no constant of its job.
+    """
+    constants = [{key: value for part in _CONSTANTS for key, value in _of(job, part)} for job in jobs]
+    names = []
+    for name in dict.fromkeys(name for of_job in constants for name in of_job):
+        values = {repr(of_job.get(name)) for of_job in constants}
+        if len(values) > 1 or any(name in frame for frame in frames):
+            names.append(name)
+    completed = []
+    for number, (frame, of_job) in enumerate(zip(frames, constants, strict=True), 1):
+        missing = [name for name in names if name not in frame]
+        for name in missing:
+            if name not in of_job:
+                raise ArgumentError(
+                    f"{name} is a column or a constant of another table, but table {number} lacks it."
+                )
+        structure = jobs[number - 1].get("structure") or {}
+        place = int("row" in frame.columns)
+        order = [*frame.columns[:place], *missing, *frame.columns[place:]]
+        with_columns = frame.assign(
+            **{
+                # a text of the structure, such as the kind of ground, is no formula
+                name: of_job[name] if name in structure else _value_of(name, frame, of_job)
+                for name in missing
+            }
+        )[order]
+        with_columns.attrs = frame.attrs
+        completed.append(with_columns)
+    return completed
+
+
+def _value_of(name: str, frame: pd.DataFrame, constants: Mapping[str, Any]) -> Any:
+    """The value of a constant in the rows of a table, from its formula over columns and other constants."""
+    value = constants[name]
+    if not isinstance(value, str):
+        return value
+    values = {
+        each: frame[each].to_numpy() if each in frame.columns else _value_of(each, frame, constants)
+        for each in names_used(value)
+        if each in frame.columns or each in constants
+    }
+    return evaluate(value, values)
+
+
+def _of(job: Mapping[str, Any], part: str) -> Iterable[tuple[str, Any]]:
+    """The constants in a part of a job."""
+    return (job.get(part) or {}).items()
+
+
+def _with_rows_numbered_on(frames: Sequence[pd.DataFrame]) -> list[pd.DataFrame]:
+    """The tables with row numbers that follow those of the table before, so that rows stay apart."""
+    numbered = []
+    first = 0
+    for frame in frames:
+        if "row" in frame.columns and len(frame):
+            attrs = frame.attrs
+            frame = frame.assign(row=frame["row"] - frame["row"].to_numpy().min() + first) if first else frame
+            frame.attrs = attrs
+            first = int(frame["row"].to_numpy().max()) + 1
+        numbered.append(frame)
+    return numbered
+
+
+def _joined_attrs(attrs: Sequence[Mapping[Any, Any]]) -> dict[Any, Any]:
+    """Units and provenance of a joined table: what its tables have in common, and their rows in all.
+
+    Raises:
+        ArgumentError: a quantity has different units.
+    """
+    quantities: dict[str, Any] = {}
+    for of_table in attrs:
+        for name, quantity in (of_table.get("quantities") or {}).items():
+            unit, other = quantities.setdefault(name, quantity).get("unit"), quantity.get("unit")
+            if unit != other:
+                raise ArgumentError(f"{name} is in {unit} in one table and in {other} in another.")
+    if not quantities and not any("job" in of_table for of_table in attrs):
+        return {}
+    jobs = [of_table.get("job") or {} for of_table in attrs]
+    job = {**jobs[0], "run": _common([of_job.get("run") or {} for of_job in jobs])}
+    job |= {part: _common([of_job.get(part) or {} for of_job in jobs]) for part in _CONSTANTS}
+    manifests = [of_table.get("manifest") or {} for of_table in attrs]
+    checks = [manifest["self_check"] for manifest in manifests if manifest.get("self_check")]
+    missing = [of_table.get("rows_missing", 0) for of_table in attrs]
+    return {
+        "job": job,
+        "joined": len(attrs),  # whose rows no single job makes again
+        "manifest": {
+            "rows": sum(manifest.get("rows", 0) for manifest in manifests),
+            # a figure says that one of them warned
+            "self_check": next(filter(self_check_warned, checks), checks[0] if checks else None),
+        },
+        "quantities": quantities,
+        "complete": all(of_table.get("complete", True) for of_table in attrs),
+        "rows_missing": sum(missing),
+    }
+
+
+def _common(parts: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """The fields that have the same value in all parts of jobs."""
+    return {
+        key: value
+        for key, value in parts[0].items()
+        if all(key in part and part[key] == value for part in parts)
+    }

@@ -1,0 +1,152 @@
+"""Checks of a job's formulas, and of the values of its rows and along the paths of its run."""
+
+from __future__ import annotations
+
+import dataclasses
+import graphlib
+import math
+
+import numpy as np
+
+from gaitsweep import near_miss
+from gaitsweep.contract import Quantity
+from gaitsweep.design.axes import RangeAxis
+from gaitsweep.design.design import MAX_CHECKED, Design, inside, requirement
+from gaitsweep.expression import CONSTANTS, ExpressionError
+from gaitsweep.job.model_spec import ModelSpec
+from gaitsweep.kinds import RunKind
+from gaitsweep.kinds.run_kind import Movement
+from gaitsweep.schema.diagnostics import Diagnostic, Path
+
+_CHUNK = 50_000  # rows whose values are checked at a time
+# Turns of a path at each of which formulas are checked; of a longer path they are checked at its ends alone.
+_MAX_TURNS = 20
+
+
+def check_names(design: Design, spec: ModelSpec) -> list[Diagnostic]:
+    """Return errors about formulas that use unknown names or depend on themselves.
+
+    Args:
+        design: the job's rows.
+        spec: its model.
+    """
+    diagnostics: list[Diagnostic] = []
+    for_parameters = [*spec.parameters, *spec.sizes]
+    for name in [*design.settings, *design.names]:
+        allowed = for_parameters if name in spec.parameters else [*for_parameters, *spec.starts]
+        for used in sorted(design.uses(name)):
+            if used in allowed:
+                continue
+            text = f"uses {used}, which is not a parameter of {spec.model.name}"
+            if used in spec.starts:
+                text = f"uses {used}, which is a start value; parameters cannot depend on start values"
+            text += near_miss.suggestion(used, [*allowed, *CONSTANTS])
+            diagnostics.append(Diagnostic(path_of_value(design, spec, name), text))
+    if diagnostics:
+        return diagnostics
+    try:
+        design.order  # noqa: B018 - its computation finds a cycle
+    except graphlib.CycleError as error:
+        cycle = list(reversed(error.args[1]))
+        text = f"depends on itself: {' -> '.join(cycle)}."
+        diagnostics.append(Diagnostic(path_of_value(design, spec, cycle[0]), text))
+    return diagnostics
+
+
+def check_ranges(design: Design, spec: ModelSpec, run: RunKind) -> list[Diagnostic]:
+    """Return errors about values that the model does not allow, each with the first such row.
+
+    Args:
+        design: the job's rows.
+        spec: its model.
+        run: its run, whose moving parameters are checked along their paths.
+    """
+    diagnostics: list[Diagnostic] = []
+    moving = run.moved
+    wrong: set[str] = set()
+    for name in design.order:
+        if name == moving or design.closure([name]) & wrong:
+            continue  # values that follow from a wrong value are not reported
+        diagnostic = _check_quantity(design, spec, name, spec.quantities[name])
+        if diagnostic is not None:
+            diagnostics.append(diagnostic)
+            wrong.add(name)
+    for movement in run.movements:
+        diagnostics.extend(_check_path(design, spec, run, movement))
+    return diagnostics
+
+
+def path_of_value(design: Design, spec: ModelSpec, name: str) -> Path:
+    """Return the path of a parameter's or start's value in the job, even if the job leaves it out.
+
+    Args:
+        design: the job's rows.
+        spec: its model.
+        name: the parameter or start.
+    """
+    for group in design.groups:
+        if name in group.paths:
+            return group.paths[name]
+    return ("params" if name in spec.parameters else "start", name)
+
+
+def _check_quantity(design: Design, spec: ModelSpec, name: str, quantity: Quantity) -> Diagnostic | None:
+    """Return the diagnostic of the first row whose value of a quantity is not allowed, or None."""
+    path = path_of_value(design, spec, name)
+    if not design.checkable(name):
+        return None  # Design.values checks these, block by block
+    if _between_its_ends(design, name, quantity):
+        return None
+    spans = design.spans(name)
+    count = math.prod(design.groups[position].length for position in spans)
+    for begin in range(0, count, _CHUNK):
+        points = np.arange(begin, min(begin + _CHUNK, count), dtype=np.int64)
+        rows = design.rows_over(points, spans)
+        try:
+            values = design.at(rows, [name])[name]
+        except ExpressionError as error:
+            return Diagnostic(path, f"has no value: {error}")
+        wrong = np.flatnonzero(~inside(values, quantity))
+        if wrong.size:
+            setting = design.settings.get(name)
+            formula = f'"{setting}", which is ' if isinstance(setting, str) else ""
+            first = wrong[np.argmin(rows[wrong])]
+            in_row = f" in row {rows[first]}" if spans else ""
+            return Diagnostic(path, f"is {formula}{values[first]:g}{in_row}, but {requirement(quantity)}.")
+    return None
+
+
+def _between_its_ends(design: Design, name: str, quantity: Quantity) -> bool:
+    """Return whether both ends of a name's axis are allowed, so that its points need no check."""
+    for group in design.groups:
+        axis = group.axes.get(name)
+        if isinstance(axis, RangeAxis) and not axis.formulas and not quantity.whole:
+            ends = np.array([axis.low, axis.high], np.float64)
+            return bool(inside(ends, quantity).all()) and not (axis.logarithmic and ends.min() <= 0.0)
+    return False
+
+
+def _check_path(design: Design, spec: ModelSpec, run: RunKind, movement: Movement) -> list[Diagnostic]:
+    """Return errors of values that a moving parameter, or one that follows it, must not have."""
+    moving = movement.parameter
+    turns = movement.values
+    quantity = spec.parameters[moving]
+    diagnostics = [
+        Diagnostic((*movement.values_path, index), f"is {value:g}, but {requirement(quantity)}.")
+        for index, value in enumerate(turns)
+        if not inside(np.array(value), quantity)
+    ]
+    if diagnostics:
+        return diagnostics
+    for name in design.following(moving):
+        rows = math.prod(design.groups[position].length for position in design.spans(name))
+        are_few = rows * len(turns) <= MAX_CHECKED and len(turns) <= _MAX_TURNS
+        for value in sorted(set(turns)) if are_few else (min(turns), max(turns)):
+            design_at_value = dataclasses.replace(design, settings={**design.settings, moving: value})
+            diagnostic = _check_quantity(design_at_value, spec, name, spec.parameters[name])
+            if diagnostic is not None:
+                begin = diagnostic.text.removesuffix(".")
+                text = f"{begin}, where the {run.kind_name} has {moving} = {value:g}."
+                diagnostics.append(Diagnostic(diagnostic.path, text))
+                break
+    return diagnostics

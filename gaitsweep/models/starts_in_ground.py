@@ -1,0 +1,126 @@
+"""Starts of bodies of an MJCF whose geoms begin so deep in the ground that its contacts launch them."""
+
+# MuJoCo's compiled modules come without types.
+# pyright: reportAttributeAccessIssue=false
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+from gaitsweep.contract import Model
+from gaitsweep.dynamics.body.body_model import BodyModel
+from gaitsweep.dynamics.mjcf.of_mjcf import OfMjcf, height_start
+from gaitsweep.engine.kernel.row_functions import over_rows
+
+Columns = Mapping[str, np.ndarray]  # values (n,) by name
+# The depth from which a start is reported, as a multiple of that at which one contact carries the body.
+_DEEP = 1.0
+_DEEP_IN_STEPS = 2.0  # of MuJoCo's own contact, whose rest is deeper than its reference
+_MAX_NAMED = 4  # geoms in a sentence
+_ROWS_OF_C = 8  # rows of stepped bodies that are tried
+
+
+def starts_in_ground(
+    model: Model, values: Columns, starts: Columns, where: Callable[[int], str]
+) -> list[str]:
+    """Return a sentence if a body begins deeper in the ground than a contact that carries all of its weight.
+
+    Args:
+        model: the model; of another one than a body of an MJCF there is none.
+        values, starts: parameters and starts (n,) of rows.
+        where: function from the place of a row among these to words such as " at the start of row 3".
+    """
+    body = model.original
+    if not isinstance(body, OfMjcf) or getattr(body, "begins_standing", False):
+        return []
+    deep = (
+        _depths_of_located(body, values, starts)
+        if isinstance(body, BodyModel)
+        else _depths_of_stepped(body, starts)
+    )
+    rows = [place for place, depths in enumerate(deep) if depths]
+    if not rows:
+        return []
+    deepest = max(rows, key=lambda place: max(depth for depth, _ in deep[place].values()))
+    depths = deep[deepest]
+    names = sorted(depths, key=lambda name: -depths[name][0])
+    listed = ", ".join(f"{name} {depths[name][0]:.2g} m" for name in names[:_MAX_NAMED])
+    more = ", ..." if len(names) > _MAX_NAMED else ""
+    depth, at_rest = depths[names[0]]
+    start = height_start(type(body))
+    keyframe = (
+        f"the keyframe {body.keyframe}" if body.keyframe else "the MJCF (its keyframe, or the body's pos)"
+    )
+    lift = f"or raise {keyframe}"
+    if start is not None:
+        height = float(np.asarray(starts[start])[deepest]) + depth
+        lift = f"`start: {{{start}: {height:.3g}}}` in the job begins on the ground, {lift}"
+    else:
+        lift = lift.removeprefix("or ")
+    standing = ", or write `start: standing` in the model file" if isinstance(body, BodyModel) else ""
+    geoms = "these geoms are" if len(names) > 1 else "a geom is"
+    return [
+        f"{geoms} in the ground{where(deepest)}: {listed}{more}. One contact carries the body at a depth of "
+        f"{at_rest:.1g} m, so the ground launches it. To lift it: {lift}{standing}."
+    ]
+
+
+def _depths_of_located(
+    model: BodyModel, values: Columns, starts: Columns
+) -> list[dict[str, tuple[float, float]]]:
+    """The depth of each geom that is too deep, and that at which one contact carries the body, by row (m)."""
+    points = [name for name in model.body.geom_of_stop if name is not None]
+    if not points:
+        return []
+
+    def of_row(values: Any, start: Any) -> Any:
+        params = model.params(values)
+        state = model.init(params, start)
+        return model.body.contact_depths(params.body, state.q, params.ground)
+
+    depth, at_rest = over_rows(of_row, "start_depths", model)(dict(values), dict(starts))
+    deep: list[dict[str, tuple[float, float]]] = []
+    for of_points, rests in zip(depth, at_rest, strict=True):
+        geoms: dict[str, tuple[float, float]] = {}
+        for name, reached, rest in zip(points, of_points, rests, strict=True):
+            # without weight there is no rest, and NaN is a start that cannot be made
+            if 0.0 < _DEEP * rest < reached and reached > geoms.get(name, (0.0, 0.0))[0]:
+                geoms[name] = float(reached), float(rest)
+        deep.append(geoms)
+    return deep
+
+
+def _depths_of_stepped(model: OfMjcf, starts: Columns) -> list[dict[str, tuple[float, float]]]:
+    """As `_depths_of_located`, of a body with MuJoCo's contacts, by MuJoCo C for the first rows."""
+    import mujoco
+
+    from gaitsweep.dynamics.mjcf.of_mjcf import compiled_mjcf
+
+    m = compiled_mjcf(type(model))
+    data = mujoco.MjData(m)
+    gravity = float(np.linalg.norm(m.opt.gravity))
+    deep: list[dict[str, tuple[float, float]]] = []
+    for row in range(min(_ROWS_OF_C, len(next(iter(starts.values()), [])))):
+        q, _ = model.started_at({name: float(column[row]) for name, column in starts.items()})
+        geoms: dict[str, tuple[float, float]] = {}
+        if np.all(np.isfinite(q)):
+            data.qpos[:] = q
+            mujoco.mj_forward(m, data)
+            for contact in data.contact:
+                moving = [int(g) for g in contact.geom if m.body_weldid[m.geom_bodyid[g]] != 0]
+                stiffness = _reference_stiffness(contact.solref, contact.solimp)
+                rest = gravity / stiffness if len(moving) == 1 and stiffness > 0.0 else 0.0
+                if 0.0 < _DEEP_IN_STEPS * rest < -contact.dist:
+                    geoms[m.geom(moving[0]).name or f"geom {moving[0]}"] = -float(contact.dist), rest
+        deep.append(geoms)
+    return deep
+
+
+def _reference_stiffness(solref: np.ndarray, solimp: np.ndarray) -> float:
+    """The stiffness (1/s2) of MuJoCo's contact: the acceleration that it asks for at a depth of 1 m."""
+    time, ratio = solref[:2]
+    most = float(solimp[1])
+    return 1.0 / (most * time * ratio) ** 2 if time > 0.0 else -float(time) / most**2

@@ -1,0 +1,186 @@
+"""The canvas of a figure: an empty page with the theme's fonts and widths, or the user's axes."""
+
+from __future__ import annotations
+
+import contextlib
+import warnings
+from collections.abc import Iterator, Sequence
+from typing import Any, cast
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.legend import Legend
+
+from gaitsweep.plot.columns import PlotError
+from gaitsweep.plot.figure_layout import (
+    COLLAPSED,
+    INCH,
+    POINTS,
+    break_lines,
+    centre_shared_label,
+    check_height,
+    points,
+    wrapped,
+)
+from gaitsweep.plot.figure_style import MILLIMETRES, current, given_axes
+
+# Widths of figures in a paper, inches.
+COLUMN = MILLIMETRES["column"] / INCH
+PAGE = MILLIMETRES["page"] / INCH
+_TOO_HIGH = 11.0  # inches: an A4 page is 11.7 high
+_SIZES = {
+    "axes.titlesize": 8.5,
+    "axes.labelsize": 8.5,
+    "xtick.labelsize": 7.5,
+    "ytick.labelsize": 7.5,
+    "legend.fontsize": 7.5,
+    "legend.title_fontsize": 7.5,
+}
+_RC: dict[str, Any] = {
+    "legend.frameon": False,
+    "axes.linewidth": 0.6,
+    "axes.formatter.useoffset": False,  # an offset beside an axis is easily overlooked
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+    "lines.linewidth": 1.0,
+    "figure.dpi": 150.0,
+    "savefig.dpi": 200.0,
+    "hatch.linewidth": 0.5,
+    "legend.handleheight": 1.0,  # of which a hatch shows its pattern
+}
+_EMBEDDED = {"pdf.fonttype": 42, "ps.fonttype": 42}  # TrueType, which publishers ask for
+# Dark ink on a white page in every notebook: the colours and black lines of figures are made for it.
+_INK = (
+    "text.color", "lines.color", "patch.edgecolor", "axes.edgecolor", "axes.labelcolor", "axes.facecolor",
+    "xtick.color", "ytick.color", "xtick.labelcolor", "ytick.labelcolor", "grid.color", "figure.facecolor",
+    "figure.edgecolor", "savefig.facecolor", "savefig.edgecolor", "legend.labelcolor",
+    "axes3d.xaxis.panecolor", "axes3d.yaxis.panecolor", "axes3d.zaxis.panecolor",
+)  # fmt: skip
+_PAPER: dict[Any, Any] = {key: mpl.rcParamsDefault[key] for key in _INK}
+_TITLE_POINTS = 9.5
+
+
+class _Figure(Figure):
+    """A figure whose files embed their fonts as Type 42, and whose page is white in dark notebooks too."""
+
+    def savefig(self, fname: Any, **options: Any) -> None:
+        with mpl.rc_context({**_unchanged(_EMBEDDED), **_PAPER}):
+            super().savefig(fname, **options)
+
+    def draw(self, renderer: Any) -> None:
+        with mpl.rc_context(_PAPER):  # ticks are made as they are drawn
+            super().draw(renderer)
+
+
+_Figure.__name__ = Figure.__name__  # what notebooks show
+
+
+class OnePanel(Figure):
+    """Axes of the user in the place of a figure of one panel; more than this panel is refused."""
+
+    _given: Sequence[Axes] = ()  # which Matplotlib would clear with a new figure
+
+    def __init__(self, panel: Axes) -> None:
+        super().__init__()
+        self.panel = panel
+        self._given = (panel,)
+
+    @property
+    def axes(self) -> list[Axes]:
+        return list(self._given)
+
+    def subplots(self, nrows: int = 1, ncols: int = 1, *, squeeze: bool = True, **_: Any) -> Any:
+        if nrows * ncols != 1:
+            raise PlotError(f"This figure has {nrows * ncols} panels, but ax is one: leave ax out.")
+        return self.panel if squeeze else np.array([[self.panel]], object)
+
+    def add_subplot(self, *_: Any, projection: str | None = None, **__: Any) -> Any:
+        if projection is not None:
+            raise PlotError("This figure has panels of its own, but ax is one: leave ax out.")
+        return self.panel
+
+    def add_gridspec(self, *_: Any, **__: Any) -> Any:
+        raise PlotError("This figure has several panels, but ax is one: leave ax out.")
+
+    subfigures = add_gridspec
+
+    def text(self, *_: Any, **__: Any) -> Any:
+        raise PlotError("This figure has text beside its panels, but ax is a panel: leave ax out.")
+
+    def legend(self, *_: Any, loc: str = "", **look: Any) -> Legend:
+        return self.panel.legend(**look)
+
+    def colorbar(self, mappable: Any, *_: Any, **look: Any) -> Any:
+        return cast(Figure, self.panel.get_figure(root=True)).colorbar(mappable, **{**look, "ax": self.panel})
+
+    def set_figheight(self, val: float, forward: bool = True) -> None:
+        """Keep the user's height."""
+
+
+def _unchanged(defaults: dict[Any, Any]) -> dict[Any, Any]:
+    """The rcParams of `defaults` that the user has not changed."""
+    return {key: value for key, value in defaults.items() if mpl.rcParams[key] == mpl.rcParamsDefault[key]}
+
+
+@contextlib.contextmanager
+def canvas(width: float, height: float, title: str | None = None) -> Iterator[Figure]:
+    """A context with an empty figure, in which Matplotlib has this theme.
+
+    The user's rcParams are obeyed, but for the colours of page and ink.
+
+    Args:
+        width, height: size in inches, unless the figure's style has another.
+        title: text above the figure.
+    """
+    own_axes, requested = given_axes(), current()
+    scale = 1.0 if _unchanged({"font.size": POINTS}) else mpl.rcParams["font.size"] / POINTS
+    sizes = _unchanged({key: size * scale for key, size in _SIZES.items()})
+    paper = _PAPER if own_axes is None else {}
+    with mpl.rc_context({**_unchanged(_RC), **sizes, **paper, "font.size": POINTS * scale}):
+        if own_axes is not None:
+            if title:
+                own_axes.set_title(title)
+            yield OnePanel(own_axes)
+            return
+        wide = width_of(width)
+        lines = wrapped(title, wide, _TITLE_POINTS) if title else ""
+        height += 0.16 * lines.count("\n")
+        high = requested.height / INCH if requested.height else height
+        figure = _Figure((wide, high), layout="constrained")
+        FigureCanvasAgg(figure)
+        # room for half of the label of a last tick, which the layout may miss
+        if requested.width is not None:
+            room = (0.0, 0.0, 1.0 - 0.07 / wide, 1.0)
+            cast(ConstrainedLayoutEngine, figure.get_layout_engine()).set(rect=room)
+        if lines:
+            figure.suptitle(lines, fontsize=points(_TITLE_POINTS))
+        with warnings.catch_warnings():
+            if requested.height is not None:  # which is refused, with the least that fits
+                warnings.filterwarnings("ignore", COLLAPSED)
+            yield figure
+            centre_shared_label(figure)
+            if requested.width is not None:
+                break_lines(figure)
+                break_lines(figure)  # broken labels may have made other panels narrower
+            if requested.height is not None:
+                check_height(figure, height)
+        if figure.get_figheight() > _TOO_HIGH and requested.height is None:
+            warnings.warn(
+                f"This figure is {INCH * figure.get_figheight():.0f} mm high, more than a page: give it a "
+                "width of page, panel_columns or a height, or draw fewer panels, from a selection of rows.",
+                stacklevel=2,
+            )
+
+
+def width_of(natural: float) -> float:
+    """The width in inches of the figure that is being drawn: its style's, else its natural one."""
+    width = current().width
+    if width is None:
+        return natural
+    return (MILLIMETRES[width] if isinstance(width, str) else width) / INCH

@@ -1,0 +1,123 @@
+"""The legend of a figure: below its panels, or in an empty cell of their grid."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, cast
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg, RendererAgg
+from matplotlib.figure import Figure
+from matplotlib.legend_handler import HandlerTuple
+from matplotlib.transforms import ScaledTranslation
+
+from gaitsweep.plot.canvas import OnePanel
+from gaitsweep.plot.figure_layout import wrapped
+from gaitsweep.plot.figure_style import current
+from gaitsweep.plot.panels import rows_of
+
+_BELOW = 0.4  # inches: height of a legend below panels
+_LINE = 0.13  # inches: height of another line in a legend
+_POINTS = 7.5
+_KEY_WIDTH = 0.45  # inches: of the mark before a text in a legend
+
+
+def legend(
+    figure: Figure,
+    handles: Sequence[Any] | None = None,
+    labels: Sequence[str] | None = None,
+    *,
+    ncols: int = 2,
+    title: str | None = None,
+    in_cell: bool = False,
+) -> None:
+    """The legend below a figure, in as many columns as its width allows.
+
+    Args:
+        figure: that of `canvas`.
+        handles, labels: entries and their texts; by default those of all panels.
+        ncols: the most columns.
+        title: text above the entries, unless the style leaves out captions.
+        in_cell: whether it may stand in the empty cell at the end of a grid of panels; the figure is then
+            lower by its height.
+    """
+    title = None if current().caption is False else title
+    if not title and handles is not None and not len(handles):
+        return
+    look: dict[str, Any] = {"loc": "outside lower center", "title": title}
+    look["handler_map"] = {tuple: HandlerTuple(ndivide=1, pad=0.0)}  # several handles as one, over each other
+    if handles is not None:
+        look["handles"] = handles
+    if labels is not None:
+        look["labels"] = labels
+    if isinstance(figure, OnePanel):
+        figure.legend(ncols=1, **look)
+    elif not (in_cell and _legend_in_cell(figure, look)):
+        _legend_below(figure, look, _filled_columns(len(handles), ncols) if handles else ncols)
+
+
+def _filled_columns(count: int, most: int) -> int:
+    """The number of columns, at most `most`, that entries fill in as few rows."""
+    return math.ceil(count / rows_of(count, most))
+
+
+def _renderer(figure: Figure) -> RendererAgg:
+    """The renderer by which texts of a figure are measured."""
+    return cast(FigureCanvasAgg, figure.canvas).get_renderer()
+
+
+def _legend_below(figure: Figure, look: dict[str, Any], most: int) -> None:
+    """Draw the legend below a figure in at most `most` columns, with broken lines if one is too wide."""
+    width = figure.get_figwidth() - 0.1
+    if look["title"]:
+        look = {**look, "title": wrapped(look["title"], width, _POINTS)}
+    renderer = _renderer(figure)
+    columns = most
+    drawn = figure.legend(ncols=columns, **look)
+    count = len(drawn.get_texts())
+    while columns > 1 and drawn.get_window_extent(renderer).width > width * figure.dpi:
+        drawn.remove()
+        columns = _filled_columns(count, columns - 1)
+        drawn = figure.legend(ncols=columns, **look)
+    grow(figure, _LINE * (rows_of(count, columns) - rows_of(count, most)))
+    if drawn.get_window_extent(renderer).width > width * figure.dpi:
+        for text in drawn.get_texts():
+            text.set_text(wrapped(text.get_text(), width - _KEY_WIDTH, _POINTS))
+        breaks = np.array_split([text.get_text().count("\n") for text in drawn.get_texts()], columns)
+        grow(figure, _LINE * max(int(of_column.sum()) for of_column in breaks))
+
+
+def grow(figure: Figure, inches: float) -> None:
+    """Make a figure higher, for what stands below its panels, unless its style has a height."""
+    if current().height is None and not isinstance(figure, OnePanel):
+        figure.set_figheight(figure.get_figheight() + inches)
+
+
+def _legend_in_cell(figure: Figure, look: dict[str, Any]) -> bool:
+    """Put the legend into the empty cell beside the last panel; False if there is none, or no room."""
+    last_cell = figure.axes[-1].get_subplotspec()
+    if last_cell is None or last_cell.colspan.stop == last_cell.get_gridspec().ncols:
+        return False
+    grid = last_cell.get_gridspec()
+    width = figure.get_figwidth() * (1.0 - last_cell.colspan.stop / grid.ncols) - 0.35
+    in_cell: dict[str, Any] = {
+        **look,
+        "title": wrapped(look["title"], width, _POINTS) if look["title"] else None,
+        "loc": "center left",
+        "bbox_to_anchor": (1.0, 0.5),
+        "bbox_transform": figure.axes[-1].transAxes + ScaledTranslation(0.3, 0.0, figure.dpi_scale_trans),
+        "borderaxespad": 0.0,
+    }
+    drawn = figure.legend(ncols=1, **in_cell)
+    box = drawn.get_window_extent(_renderer(figure))
+    if box.width <= width * figure.dpi and box.height <= figure.bbox.height / grid.nrows:
+        grow(figure, -_BELOW)
+        return True
+    drawn.remove()
+    return False
+
+
+def percent(share: float) -> str:
+    """Format a fraction in whole per cent, for a legend."""
+    return "<1" if 0.0 < share < 0.005 else f"{100 * share:.0f}"
