@@ -68,7 +68,7 @@ def test_where_branches_begin_is_compared_with_the_stored_points(
         return table.assign(launch_1_n=table["launch_1_n"] + np.where(table["row"] == 1, 1e-4, 0.0))
 
     monkeypatch.setattr(ResultDirectory, "load", altered)
-    with pytest.warns(UserWarning, match="did not reproduce their stored records"):
+    with pytest.warns(UserWarning, match="did not reproduce its stored records"):
         result = gs.run(job(figures=[]), out=tmp_path / "other").manifest["self_check"]
     assert (result["stored_differs"], result["status_differs"], result["verdict"]) == (1, 0, "warned")
 

@@ -95,7 +95,7 @@ def _program(mapping: Map, over: str | None, *, derivatives: bool) -> Callable[.
     program = jax.jit(jax.vmap(of_point))
     compiled: set[int] = set()
 
-    def of_batch(values: Any, at: Coordinates, modes: State) -> Any:
+    def of_batch(values: Any, at: Float[np.ndarray, "points coordinates"], modes: State) -> Any:
         if len(at) in compiled:
             return program(values, at, modes)
         with compiling():
