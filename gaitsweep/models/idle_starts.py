@@ -9,10 +9,9 @@ import jax
 from gaitsweep.contract import Model
 from gaitsweep.dynamics.declared_model import DeclaredModel
 from gaitsweep.engine.content import cached_by_content
-from gaitsweep.engine.dependences import dependences
 from gaitsweep.engine.kernel.program import Program
 from gaitsweep.engine.kernel.trace import Tracer, UnsupportedError
-from gaitsweep.engine.stored_traces import stored
+from gaitsweep.engine.stored_traces import dependences, stored
 
 _SCALAR = jax.ShapeDtypeStruct((), float)
 
