@@ -16,10 +16,10 @@ from numpy.typing import ArrayLike
 
 from gaitsweep import near_miss
 from gaitsweep.analysis.continuation.continuation import continuation
-from gaitsweep.analysis.continuation.level_map import LevelMap
 from gaitsweep.analysis.continuation.newton import FixedPoints, newton
 from gaitsweep.analysis.records import names_in
 from gaitsweep.api.keywords import AnyModel, job_of
+from gaitsweep.engine.poincare.map_derivatives import LevelMap
 from gaitsweep.engine.poincare.maps import Map, Points
 from gaitsweep.engine.poincare.model_map import ModelMap
 from gaitsweep.engine.poincare.stationary_map import StationaryMap

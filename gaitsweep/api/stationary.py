@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from gaitsweep import near_miss
 from gaitsweep.analysis.atlas.periodic_orbits import rows_of
-from gaitsweep.analysis.continuation.hopf_cycles import hopf_cycle
+from gaitsweep.analysis.continuation.normal_forms import hopf_cycle
 from gaitsweep.analysis.records import names_in
 from gaitsweep.api.fixed_points import FixedPointsOfModel, SectionPoints, job_of_map
 from gaitsweep.api.keywords import AnyModel

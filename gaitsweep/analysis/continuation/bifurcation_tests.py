@@ -18,8 +18,7 @@ from jaxtyping import Bool, Complex, Float
 
 from gaitsweep.analysis.continuation.arclength_step import BranchPoints, ContinuationProblem, PerBranch
 from gaitsweep.analysis.continuation.branch_points import FLAT, IMPERFECT, Crossing, branch_point, cornered
-from gaitsweep.analysis.continuation.critical_points import REAL
-from gaitsweep.analysis.continuation.exact_points import located_exactly
+from gaitsweep.analysis.continuation.critical_points import REAL, located_exactly
 from gaitsweep.analysis.continuation.floquet_multipliers import multipliers
 from gaitsweep.analysis.continuation.lockstep import Computation, Request, alone, in_lockstep
 from gaitsweep.analysis.continuation.normal_forms import PITCHFORKS

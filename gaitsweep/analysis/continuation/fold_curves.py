@@ -15,8 +15,12 @@ from gaitsweep.analysis.continuation.bifurcation_curves import CurvePoint, follo
 from gaitsweep.analysis.continuation.bifurcation_tests import branch_test, fold_test, located_on_branch
 from gaitsweep.analysis.continuation.branch_follower import ArclengthSteps
 from gaitsweep.analysis.continuation.branch_table import in_terms_of_flow
-from gaitsweep.analysis.continuation.critical_points import CriticalEquations, CriticalPoint
-from gaitsweep.analysis.continuation.exact_points import SecondParameter, equations_at
+from gaitsweep.analysis.continuation.critical_points import (
+    CriticalEquations,
+    CriticalPoint,
+    SecondParameter,
+    equations_at,
+)
 from gaitsweep.analysis.continuation.lockstep import alone
 from gaitsweep.analysis.continuation.newton import ConservedConstraints, NewtonOutcome, newton
 from gaitsweep.engine.poincare.maps import Map, Points, Values

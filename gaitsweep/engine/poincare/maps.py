@@ -1,4 +1,4 @@
-"""Discrete maps on a space of coordinates: the abstract map, its batches of points, its iterates and its symmetries.
+"""Discrete maps on a space of coordinates: the abstract map, its batches, its iterates and its symmetries.
 
 `map_derivatives.py` computes the images and derivatives of a batch.
 """
