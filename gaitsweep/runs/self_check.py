@@ -44,7 +44,7 @@ from gaitsweep.runs.sampled_rows import CROSSINGS, LEAST_ROWS, finer_share, is_c
 from gaitsweep.runs.self_check_result import SelfCheck
 from gaitsweep.runs.unstable_rests import unstable_rests
 from gaitsweep.status import RECURRENT, Status
-from gaitsweep.table.self_check_words import TOLERANCES
+from gaitsweep.table.manifest import TOLERANCES
 
 Rows = Int[np.ndarray, " rows"]  # numbers of rows
 RowMask = Bool[np.ndarray, " rows"]
