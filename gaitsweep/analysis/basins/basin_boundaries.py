@@ -12,9 +12,9 @@ from typing import TypedDict
 
 import numpy as np
 import pandas as pd
+import scipy
 from jaxtyping import Float, Int, Shaped
 from scipy import special
-from scipy.spatial import KDTree
 
 from gaitsweep.analysis.basins.fractions import panels_and_axes
 from gaitsweep.analysis.basins.grid import BasinGrid, find_grid
@@ -321,7 +321,7 @@ def boundaries_nearby(
     names = pd.unique(labels)
     shares = [grid.shares_nearby(labels == name) for name in names]
     edges = [cells[(share > 0.0) & (share < 1.0)] for share in shares]
-    trees = [KDTree(edge, boxsize=period) for edge in edges]
+    trees = [scipy.spatial.KDTree(edge, boxsize=period) for edge in edges]
     records: list[BoundaryDistance] = []
     for name, edge in zip(names, edges, strict=True):
         for other_name, tree in zip(names, trees, strict=True):
