@@ -150,13 +150,6 @@ class ReadJob(NamedTuple):
     numerics: ResolvedNumerics
 
 
-class _SoundJob(NamedTuple):
-    """A job without its refused fields, None where it must have one, and the numbers of its figures."""
-
-    job: Job | None
-    figure_numbers: list[int]
-
-
 def read_job(
     data: Any, folder: Path, handler: Callable[[Any], Job], sections: dict[str, SchemaSection]
 ) -> ReadJob:
@@ -318,8 +311,12 @@ def _further_diagnostics(
 
 def _without_refused(
     fields: Mapping[str, Any], wrong: Sequence[Diagnostic], handler: Callable[[Any], Job]
-) -> _SoundJob:
-    """Read the job without its refused fields; a wrong figure is left out alone."""
+) -> tuple[Job | None, list[int]]:
+    """Read the job without its refused fields; a wrong figure is left out alone.
+
+    Returns:
+        The job, None where it must have a refused field, and the numbers of its figures.
+    """
     refused = {diagnostic.path[:2] for diagnostic in wrong}
     names = {path[0] for path in refused if path and (len(path) == 1 or path[0] != "figures")}
     sound_fields = {"name": "job", **{name: value for name, value in fields.items() if name not in names}}
@@ -330,9 +327,9 @@ def _without_refused(
             numbers = [number for number in range(len(figures)) if ("figures", number) not in refused]
         sound_fields["figures"] = [figures[number] for number in numbers]
     try:
-        return _SoundJob(handler(sound_fields), numbers)
+        return handler(sound_fields), numbers
     except ValidationError:
-        return _SoundJob(None, [])
+        return None, []
 
 
 def _plain(value: Any) -> Any:

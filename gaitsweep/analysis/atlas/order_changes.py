@@ -371,17 +371,14 @@ class _PointWithEvents(NamedTuple):
     events: Events
 
 
-class _LocatedChange(NamedTuple):
-    """The last point of a step with the order of events of its first, and the first point beyond it."""
-
-    last: _PointWithEvents
-    beyond: _PointWithEvents
-
-
 def _located_change(
     problem: ContinuationProblem, begin: BranchPoints, end: BranchPoints, events: Events
-) -> _LocatedChange | None:
-    """The change of the order of events on a step by bisection; None if no point beyond it was found."""
+) -> tuple[_PointWithEvents, _PointWithEvents] | None:
+    """The change of the order of events on a step by bisection; None if no point beyond it was found.
+
+    Returns:
+        The last point with the order of events of the first one, and the first point beyond it.
+    """
     low, high = 0.0, float(ahead(problem, begin, end))
     last = _PointWithEvents(begin, events)
     beyond = None
@@ -394,7 +391,7 @@ def _located_change(
         else:
             high = length
             beyond = _PointWithEvents(near, events_near) if events_near else None
-    return None if beyond is None else _LocatedChange(last, beyond)
+    return None if beyond is None else (last, beyond)
 
 
 def _events(problem: ContinuationProblem, at: BranchPoints) -> list[Events]:

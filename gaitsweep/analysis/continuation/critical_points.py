@@ -54,25 +54,6 @@ class Border(NamedTuple):
     w: NullVectors
 
 
-class Evaluated(NamedTuple):
-    """F (n, m) at n points, its derivatives (n, m, m + 1) with the first parameter last, and the images.
-
-    Both are scaled, and NaN where the map is not defined.
-    """
-
-    F: Float[np.ndarray, "several fold_unknowns"]
-    derivatives: Float[np.ndarray, "several fold_unknowns columns"]
-    images: MapEvaluation
-
-
-class Residual(NamedTuple):
-    """The residual of the equations at a point, and the null vectors there."""
-
-    values: Float[np.ndarray, " equations"]
-    v: NullVectors
-    w: NullVectors
-
-
 @dataclasses.dataclass(frozen=True)
 class CriticalPoint:
     """A bifurcation, with the derivatives of its equations.
@@ -150,8 +131,18 @@ class CriticalEquations:
 
     def evaluated(
         self, like: Points, several: Float[np.ndarray, "several unknowns"]
-    ) -> Computation[Evaluated]:
-        """F and its derivatives at scaled unknowns (n, ...), with the modes of a point `like` (1,)."""
+    ) -> Computation[
+        tuple[
+            Float[np.ndarray, "several fold_unknowns"],
+            Float[np.ndarray, "several fold_unknowns columns"],
+            MapEvaluation,
+        ]
+    ]:
+        """F at scaled unknowns (n, ...), with the modes of a point `like` (1,), its derivatives, and the images.
+
+        F (n, m) and its derivatives (n, m, m + 1), with the first parameter last, are scaled, and NaN where
+        the map is not defined.
+        """
         n, size = len(several), like.at.shape[1]
         modes = jax.tree.map(lambda leaf: np.repeat(np.asarray(leaf)[:1], n, axis=0), like.modes)
         points = Points(several[:, :size] * self.scale[:size], modes)
@@ -166,7 +157,7 @@ class CriticalEquations:
         full = np.concatenate([inner, (slopes * self.width[0] / self.scale)[:, :, None]], axis=2)
         miss[~images.sound] = np.nan
         full[~images.sound] = np.nan
-        return Evaluated(miss, full, images)
+        return miss, full, images
 
     def critical_matrix(
         self, derivatives: FoldMatrix, unknowns: Vector
@@ -193,14 +184,17 @@ class CriticalEquations:
         miss: Float[np.ndarray, " fold_unknowns"],
         derivatives: FoldMatrix,
         border: Border,
-    ) -> Residual:
-        """The residual and the null vectors, with the `border` of a point close by."""
+    ) -> tuple[Float[np.ndarray, " equations"], NullVectors, NullVectors]:
+        """The residual of the equations at a point, and the null vectors v and w there.
+
+        `border` is that of a point close by.
+        """
         matrix = self.critical_matrix(derivatives, unknowns)
         v, w, g = null_vectors(matrix, *border)
         if self.kind == "branch_point":
             miss = miss + unknowns[-1] * border.w[0]
         parts = [g.real, g.imag] if self.kind == "neimark_sacker" else [g.real]
-        return Residual(np.concatenate([miss, np.ravel(parts)]), v, w)
+        return np.concatenate([miss, np.ravel(parts)]), v, w
 
     def at(
         self,
