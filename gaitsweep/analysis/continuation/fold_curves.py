@@ -106,7 +106,10 @@ def _first_fold(
     fix: Sequence[str],
     steps: ArclengthSteps,
 ) -> tuple[CriticalEquations, CriticalPoint] | str:
-    """The first fold on the branch through a start, with the equations of its curve; the `end` of its record if there is none."""
+    """The equations and the point of the first fold on the branch through a start.
+
+    If there is none, the `end` of its record is returned.
+    """
     first = parameters[0]
     fixed = newton(mapping, start, values, fix=fix)
     if not fixed.converged[0]:
