@@ -138,7 +138,7 @@ class CriticalEquations:
             MapEvaluation,
         ]
     ]:
-        """F at scaled unknowns (n, ...), with the modes of a point `like` (1,), its derivatives, and the images.
+        """F at scaled unknowns (n, ...), with the modes of a point `like` (1,), its derivatives, and images.
 
         F (n, m) and its derivatives (n, m, m + 1), with the first parameter last, are scaled, and NaN where
         the map is not defined.
