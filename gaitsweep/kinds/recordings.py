@@ -17,10 +17,13 @@ from pydantic import Field
 
 from gaitsweep.contract import Model
 from gaitsweep.design import Design
-from gaitsweep.engine.recorders.crossings import CrossingRecorder
-from gaitsweep.engine.recorders.fixed_time import FixedTimeRecorder, end_values
 from gaitsweep.engine.recorders.parameter_schedules import RampSchedule
-from gaitsweep.engine.recorders.trace import TraceRecorder
+from gaitsweep.engine.recorders.recordings import (
+    CrossingRecorder,
+    FixedTimeRecorder,
+    TraceRecorder,
+    end_values,
+)
 from gaitsweep.kinds.columns import (
     CROSSING,
     GAIT,
