@@ -126,7 +126,7 @@ def panels_of(
     # not `indices`, which leaves out missing categories
     values = table[list(by)].reset_index(drop=True)
     for key, part in values.groupby(list(by), sort=True, observed=True, dropna=False):
-        yield dict(zip(by, cast("tuple[object, ...]", key), strict=True)), part.index.to_numpy()
+        yield dict(zip(by, cast(tuple[object, ...], key), strict=True)), part.index.to_numpy()
 
 
 def sound(table: pd.DataFrame, *columns: str) -> Bool[np.ndarray, " records"]:

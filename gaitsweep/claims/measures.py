@@ -201,9 +201,7 @@ def _column(table: pd.DataFrame, name: str) -> pd.Series:
 
 def masked(table: pd.DataFrame, mask: ArrayLike) -> pd.DataFrame:
     """The records (n,) where `mask` (n,) is true, with the table's `attrs`, so with its job."""
-    return cast(
-        "pd.DataFrame", table.loc[np.asarray(mask, bool)]
-    )  # a new DataFrame would lose the attributes
+    return cast(pd.DataFrame, table.loc[np.asarray(mask, bool)])  # a new DataFrame would lose the attributes
 
 
 def numbers(table: pd.DataFrame, column: str) -> Float[np.ndarray, " rows"]:

@@ -90,7 +90,7 @@ def advance(
     """
     steps = fixed_step_scheme(numerics.method, model)
     if steps is None:
-        hybrid = cast("HybridModel", model)  # another model has only its own steps
+        hybrid = cast(HybridModel, model)  # another model has only its own steps
         scheme = Scheme.of(
             hybrid, numerics, drive=drive, sensitivities=sensitivities, precomputed=precomputed
         )

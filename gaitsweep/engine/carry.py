@@ -158,12 +158,12 @@ def select(condition: Flag, yes: T, no: T) -> T:
 
 def unlikely(condition: Flag) -> Flag:
     """The condition itself, marked as seldom true."""
-    return cast("jax.Array", checkpoint_name(condition, "gaitsweep.unlikely"))
+    return cast(jax.Array, checkpoint_name(condition, "gaitsweep.unlikely"))
 
 
 def likely(condition: Flag) -> Flag:
     """The condition itself, marked as nearly always true."""
-    return cast("jax.Array", checkpoint_name(condition, "gaitsweep.likely"))
+    return cast(jax.Array, checkpoint_name(condition, "gaitsweep.likely"))
 
 
 def restarted(carry: Carry, now: Flag) -> Carry:

@@ -182,7 +182,7 @@ class Perturb(SettlesRows):
 
     def recorder(self, model: Model) -> PerturbRecorder:
         # where the model was refused, a recorder of it only names its columns
-        return PerturbRecorder(cast("PushedModel", model), self.settling(model), self.within)
+        return PerturbRecorder(cast(PushedModel, model), self.settling(model), self.within)
 
     def columns(self, model: Model) -> list[Column]:
         return [

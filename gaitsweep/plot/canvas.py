@@ -117,9 +117,7 @@ class OnePanel(Figure):
         return self.panel.legend(**look)
 
     def colorbar(self, mappable: Any, *_: Any, **look: Any) -> Any:
-        return cast("Figure", self.panel.get_figure(root=True)).colorbar(
-            mappable, **{**look, "ax": self.panel}
-        )
+        return cast(Figure, self.panel.get_figure(root=True)).colorbar(mappable, **{**look, "ax": self.panel})
 
     def set_figheight(self, val: float, forward: bool = True) -> None:
         """Keep the user's height."""
@@ -159,7 +157,7 @@ def canvas(width: float, height: float, title: str | None = None) -> Iterator[Fi
         # room for half of the label of a last tick, which the layout may miss
         if requested.width is not None:
             room = (0.0, 0.0, 1.0 - 0.07 / wide, 1.0)
-            cast("ConstrainedLayoutEngine", figure.get_layout_engine()).set(rect=room)
+            cast(ConstrainedLayoutEngine, figure.get_layout_engine()).set(rect=room)
         if lines:
             figure.suptitle(lines, fontsize=points(_TITLE_POINTS))
         with warnings.catch_warnings():

@@ -72,7 +72,7 @@ def origin_of(table: pd.DataFrame, name: str, values: Float[np.ndarray, " values
 
 def rows_where(table: pd.DataFrame, mask: Any) -> pd.DataFrame:
     """The rows of a table for which the mask is true."""
-    return cast("pd.DataFrame", table.loc[np.asarray(mask, bool)])
+    return cast(pd.DataFrame, table.loc[np.asarray(mask, bool)])
 
 
 def moved_parameter(table: pd.DataFrame) -> str | None:

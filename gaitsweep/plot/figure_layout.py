@@ -108,7 +108,7 @@ def _panel_heights(figure: Figure) -> Float[np.ndarray, " panels"]:
 def break_lines(figure: Figure) -> None:
     """Break the lines of titles and labels that are longer than their panel, once the layout is known."""
     figure.draw_without_rendering()
-    renderer = cast("FigureCanvasAgg", figure.canvas).get_renderer()
+    renderer = cast(FigureCanvasAgg, figure.canvas).get_renderer()
     panels = [axes.get_window_extent(renderer) for axes in figure.axes]
     for axes, panel in zip(figure.axes, panels, strict=True):
         if not axes.get_visible() or hasattr(axes, "zaxis"):

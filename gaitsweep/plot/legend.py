@@ -64,7 +64,7 @@ def _filled_columns(count: int, most: int) -> int:
 
 def _renderer(figure: Figure) -> RendererAgg:
     """The renderer by which texts of a figure are measured."""
-    return cast("FigureCanvasAgg", figure.canvas).get_renderer()
+    return cast(FigureCanvasAgg, figure.canvas).get_renderer()
 
 
 def _legend_below(figure: Figure, look: dict[str, Any], most: int) -> None:

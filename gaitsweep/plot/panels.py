@@ -102,6 +102,6 @@ def label_panels(figure: Figure, panels: Sequence[Axes], across: int, *, x: str 
 
 def message(axes: Axes, text: str) -> None:
     """Write the reason, a sentence, into an empty panel."""
-    width = axes.get_position().width * cast("Figure", axes.get_figure(root=True)).get_figwidth()
+    width = axes.get_position().width * cast(Figure, axes.get_figure(root=True)).get_figwidth()
     lines = wrapped(text, 0.9 * width, 8.0)
     axes.text(0.5, 0.5, lines, transform=axes.transAxes, ha="center", va="center", color="#555555")

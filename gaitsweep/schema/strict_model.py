@@ -49,7 +49,7 @@ class _OwnMembers(type(BaseModel)):
     @property
     def __signature__(cls) -> inspect.Signature:
         """Signature of the fields and their defaults, without types; required fields come first."""
-        fields = cast("type[BaseModel]", cls).model_fields.items()
+        fields = cast(type[BaseModel], cls).model_fields.items()
         init_fields = {field.alias or name: field for name, field in fields if field.init is not False}
         in_order = sorted(init_fields.items(), key=lambda item: not item[1].is_required())
         return inspect.Signature(

@@ -196,9 +196,9 @@ def test_a_result_shows_itself() -> None:
     with pytest.raises(gs.ArgumentError, match="in memory, without a directory"):
         _ = result.path
     with pytest.raises(AttributeError, match=r"has no attrs; its table has: give \.table"):
-        gs.hysteresis(cast("Any", result), "launch_1")
+        gs.hysteresis(cast(Any, result), "launch_1")
     with pytest.raises(TypeError, match=r"give \.table"):
-        gs.analyses.basins(cast("Any", result))
+        gs.analyses.basins(cast(Any, result))
 
 
 def test_every_figure_is_a_method_of_a_result() -> None:

@@ -127,7 +127,7 @@ def test_an_edited_profile_of_the_ground_is_another_job(few: Path, capsys: Captu
 def test_output_of_a_model_file_is_not_stored(model: str, repeatable: bool) -> None:
     """A model file refers to an MJCF with files of its own, whose changes stored output would not see."""
     job = SimpleNamespace(model=model, figures=[])
-    assert cli_run._is_repeatable(cast("Job", job), ["engine: kernel"]) is repeatable
+    assert cli_run._is_repeatable(cast(Job, job), ["engine: kernel"]) is repeatable
 
 
 def test_options_are_refused_for_a_complete_job_too(few: Path, capsys: Capture) -> None:

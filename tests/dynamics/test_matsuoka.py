@@ -205,7 +205,7 @@ def test_links_that_are_none() -> None:
     with pytest.raises(ValueError, match=r"\(3, 3\), not \(4, 4\)"):
         rates(u, u, **PAGE, couplings=(Coupling(1.0, np.zeros((4, 4))),))
     with pytest.raises(TypeError, match="NumPy"):
-        rates(u, u, **PAGE, couplings=(Coupling(1.0, cast("Any", jnp.zeros((3, 3)))),))
+        rates(u, u, **PAGE, couplings=(Coupling(1.0, cast(Any, jnp.zeros((3, 3)))),))
     for pair in ((0, 3), (1, 1), (-1, 0)):
         with pytest.raises(ValueError, match=r"not a pair of 3 legs.*0 to 2"):
             links(3, [pair])

@@ -137,7 +137,7 @@ class Flow:
 
 
 def _zero(function: Callable[[float], float], end: float) -> float:
-    return cast("float", brentq(function, 0.0, end, xtol=1e-15))
+    return cast(float, brentq(function, 0.0, end, xtol=1e-15))
 
 
 def _value(series: list[float], s: float) -> float:

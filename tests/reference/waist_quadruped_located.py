@@ -84,7 +84,7 @@ class Quadruped:
             self.y[[HIP[i], KNEE[i]]] = self.angles(x, z, self.bend[i])
         self.LP = starts
         # pitched until fore and hind feet are equally high
-        self.slope(cast("float", brentq(self.slope, -1.0, 1.0, xtol=1e-15)))
+        self.slope(cast(float, brentq(self.slope, -1.0, 1.0, xtol=1e-15)))
         weight = (p["front_mass"] + p["rear_mass"] + 8.0 * p["link_mass"]) * p["g"]
         self.y[2] -= self.data.site_xpos[self.sites[0]][2] + weight / (4.0 * p["K_N"])
         if ground is not None:  # the fore AEP is at x = 0

@@ -95,7 +95,7 @@ def run_rows(
         devices=devices_on(on, engine)[:devices],
         values=lambda a, b: ({k: v[a:b] for k, v in held.items()}, {k: v[a:b] for k, v in begin.items()}),
         drive=None if drive is None else Drive(drive),
-        engine=cast("EngineName", engine),
+        engine=cast(EngineName, engine),
         varied=varied,
         quick=quick,
     )

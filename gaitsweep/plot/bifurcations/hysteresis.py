@@ -250,7 +250,7 @@ def _name_gaits(
         if table is not None and (named := named_gaits(table, without))
     ]
     if with_names:  # room is looked for in the figure's layout
-        cast("Figure", grid[0].get_figure(root=True)).draw_without_rendering()
+        cast(Figure, grid[0].get_figure(root=True)).draw_without_rendering()
     for axes, table, named in with_names:
         records = rows_where(table, sound(table, name, x) & table["gait"].isin(named))
         gaits = records["gait"].to_numpy(str)
