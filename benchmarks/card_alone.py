@@ -20,8 +20,8 @@ from gaitsweep.contract import Model
 from gaitsweep.engine.devices import local_devices
 from gaitsweep.engine.kernel.cuda_lanes import CudaLanes
 from gaitsweep.engine.numerics import Numerics
-from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.recorder import Recorder
+from gaitsweep.engine.recorders.recordings import CrossingRecorder
 from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.expression import evaluate

@@ -10,7 +10,7 @@ import numpy as np
 from gaitsweep.engine.devices import local_devices
 from gaitsweep.engine.kernel.lanes import kernel_of
 from gaitsweep.engine.numerics import Numerics
-from gaitsweep.engine.recorders.crossings import CrossingRecorder
+from gaitsweep.engine.recorders.recordings import CrossingRecorder
 from gaitsweep.engine.sweep.engines import EngineError, choose, default_lanes
 from gaitsweep.engine.sweep.sweep import Timings, sweep
 from gaitsweep.engine.sweep.sweep_spec import EngineName, SweepSpec

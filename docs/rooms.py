@@ -23,7 +23,7 @@ WAY = (
     ("a step of one row, its events located", "gaitsweep.engine.advance:attempt"),
     (
         "the block's records and labels become a part of the table",
-        "gaitsweep.table.shared_writer:SharedWriter",
+        "gaitsweep.table.directory:SharedWriter",
     ),
     ("parts are checked, joined and read as one table", "gaitsweep.table.reading:load"),
     ("figures are drawn from the table alone", "gaitsweep.runs.figures:draw_figures"),

@@ -13,6 +13,8 @@ from gaitsweep.api.atlas import Atlas as Atlas
 from gaitsweep.api.atlas import atlas as atlas
 from gaitsweep.api.fits import search as search
 from gaitsweep.api.fits import sensitivity as sensitivity
+from gaitsweep.api.fixed_points import StationaryPoints as StationaryPoints
+from gaitsweep.api.fixed_points import stationary as stationary
 from gaitsweep.api.joining import concat as concat
 from gaitsweep.api.joining import same_categories as same_categories
 from gaitsweep.api.quantifiers import quantifiers as quantifiers
@@ -20,12 +22,10 @@ from gaitsweep.api.result import Result as Result
 from gaitsweep.api.return_map import PoincareMap as PoincareMap
 from gaitsweep.api.return_map import return_map as return_map
 from gaitsweep.api.run import run as run
-from gaitsweep.api.simulate import simulate as simulate
 from gaitsweep.api.simulator import Simulator as Simulator
 from gaitsweep.api.simulator import simulator as simulator
-from gaitsweep.api.stationary import StationaryPoints as StationaryPoints
-from gaitsweep.api.stationary import stationary as stationary
 from gaitsweep.api.sweep import perturb as perturb
+from gaitsweep.api.sweep import simulate as simulate
 from gaitsweep.api.sweep import sweep as sweep
 from gaitsweep.contract import HybridModel as HybridModel
 from gaitsweep.contract import Quantity as Quantity

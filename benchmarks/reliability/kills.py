@@ -28,7 +28,7 @@ import pandas as pd
 import yaml
 
 import gaitsweep as gs
-from gaitsweep.engine.sweep.open_rows import SAFE_WITHIN
+from gaitsweep.engine.sweep.sweep import SAFE_WITHIN
 from gaitsweep.table import Snapshot, TableError
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -1,12 +1,12 @@
 from gaitsweep.analysis.basins.attractors import agreement as agreement
 from gaitsweep.analysis.basins.attractors import attractors as attractors
+from gaitsweep.analysis.basins.basin_boundaries import Wada as Wada
+from gaitsweep.analysis.basins.basin_boundaries import wada as wada
 from gaitsweep.analysis.basins.fractions import LEVEL as LEVEL
 from gaitsweep.analysis.basins.fractions import fractions as fractions
 from gaitsweep.analysis.basins.fractions import proportion_interval as proportion_interval
 from gaitsweep.analysis.basins.measures import basins as basins
 from gaitsweep.analysis.basins.measures import least_fatal_push as least_fatal_push
-from gaitsweep.analysis.basins.wada import Wada as Wada
-from gaitsweep.analysis.basins.wada import wada as wada
 from gaitsweep.analysis.continuation.stable_ranges import stable_ranges as stable_ranges
 from gaitsweep.analysis.falls import steps_to_fall as steps_to_fall
 from gaitsweep.analysis.falls import survival as survival

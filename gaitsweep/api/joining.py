@@ -11,7 +11,7 @@ from gaitsweep.api.result import Result
 from gaitsweep.errors import ArgumentError
 from gaitsweep.expression import evaluate, names_used
 from gaitsweep.status import Outcome
-from gaitsweep.table.self_check_words import self_check_warned
+from gaitsweep.table.manifest import self_check_warned
 
 _CONSTANTS = ("structure", "params", "start")  # the parts of a job that hold constants of all its rows
 Tables = pd.DataFrame | Result | Sequence[pd.DataFrame | Result]

@@ -13,9 +13,8 @@ from pydantic import AfterValidator
 
 from gaitsweep import models
 from gaitsweep.analysis.records import AnalysisError
-from gaitsweep.condition import fulfilled, read_condition
 from gaitsweep.contract import Quantity
-from gaitsweep.expression import resolve
+from gaitsweep.expression import fulfilled, read_condition, resolve
 from gaitsweep.near_miss import suggestion
 
 # Selects the records of a table; a claim's is checked when its list is read.

@@ -20,8 +20,7 @@ from gaitsweep.errors import ArgumentError
 from gaitsweep.extension import ExtensionError, folders, import_all
 from gaitsweep.schema.diagnostics import Diagnostic, JobError, quoted, unknown_name
 from gaitsweep.schema.numbers import Stem
-from gaitsweep.schema.pydantic_errors import SchemaSection, from_pydantic
-from gaitsweep.schema.strict_model import StrictModel
+from gaitsweep.schema.strict_model import SchemaSection, StrictModel, from_pydantic
 from gaitsweep.schema.yaml_document import read_document
 from gaitsweep.shipped import job_folders
 

@@ -4,7 +4,7 @@
 files: `run.py` (run, atlas), `fits.py` (search, sensitivity), `analyse.py`, `examples.py`, `models.py`,
 `reproduce.py`, `views.py` (animate, explore). `show.py` and `show_fits.py` format what they print,
 `options.py` has their common options, `progress.py` the bar, and `stored_output.py` what complete jobs print
-again. `gaitsweep.job.overrides.read_with_overrides` applies `--set`.
+again. `gaitsweep.job.load.read_with_overrides` applies `--set`.
 """
 
 from __future__ import annotations

@@ -224,9 +224,9 @@ def wada(directory: Directory, by: GroupColumns = None) -> None:
 
     They compare boundaries after merging, and count the basins in boxes of a grid.
     """
-    from gaitsweep.analysis.basins import wada as tests
+    from gaitsweep.analysis.basins.basin_boundaries import wada as wada_of
 
-    results = tests.wada(result_table(directory), by=by or ())
+    results = wada_of(result_table(directory), by=by or ())
     _print_tables(results.merging, results.boxes)
 
 

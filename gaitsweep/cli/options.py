@@ -13,7 +13,7 @@ Directory = Annotated[Path, typer.Argument(metavar="DIR", help="Result directory
 Out = Annotated[
     Path | None, typer.Option("--out", metavar="DIR", help="Result directory; by default results/NAME.")
 ]
-# `gaitsweep.job.overrides.read_with_overrides` applies these to the job.
+# `gaitsweep.job.load.read_with_overrides` applies these to the job.
 Settings = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="KEY=VALUE", help="Override a field of the job; may be repeated."),

@@ -218,7 +218,7 @@ def extent_of(model: Model) -> str:
 
 def model(name: str, kind: type[Model]) -> None:
     """Print the quantities of a model that a job can set, and its outputs, under a name that jobs use."""
-    from gaitsweep.models.idle_starts import idle_starts  # which imports the engine
+    from gaitsweep.models.starts import idle_starts  # which imports the engine
 
     instance = kind()
     summary = (kind.__doc__ or "").strip().partition("\n")[0]

@@ -14,7 +14,7 @@ from gaitsweep.contract import Quantity
 from gaitsweep.design.axes import AXIS_KINDS, MAX_LISTED, Axis, RangeAxis, Sample, Values
 from gaitsweep.expression import VARY_GROUPS
 from gaitsweep.schema.diagnostics import Diagnostic, Path, quoted, unknown_field
-from gaitsweep.schema.pydantic_errors import read_model
+from gaitsweep.schema.strict_model import read_model
 
 MAX_ROWS = 10**9
 MAX_DRAWN = 2 * 10**7  # numbers of random and sobol points, which are in memory while a job runs

@@ -47,9 +47,20 @@ from gaitsweep.engine.event_location import (
 from gaitsweep.engine.numerics import ResolvedNumerics
 from gaitsweep.engine.solver.methods import euler_update, fixed_step_scheme
 from gaitsweep.engine.solver.taylor import polynomial
-from gaitsweep.engine.step_control import EventSearch, StepLengths, controlled_step, growing_step
 from gaitsweep.engine.switches import may_bend
-from gaitsweep.engine.trial_step import Checks, Drive, Precomputed, Scheme, Trial, check_step, try_step
+from gaitsweep.engine.trial_step import (
+    Checks,
+    Drive,
+    EventSearch,
+    Precomputed,
+    Scheme,
+    StepLengths,
+    Trial,
+    check_step,
+    controlled_step,
+    growing_step,
+    try_step,
+)
 from gaitsweep.errors import ArgumentError
 
 Advance = Callable[[Params, Carry], Carry]

@@ -16,8 +16,8 @@ from jaxtyping import Array, Bool, Float, Inexact
 from gaitsweep.contract import HybridModel, Params, State
 from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.kernel.row_functions import over_rows
-from gaitsweep.engine.model_shapes import counts_of_state
 from gaitsweep.engine.solver.methods import METHODS
+from gaitsweep.engine.stored_traces import counts_of_state
 
 # Largest number of flags whose combinations are evaluated; each flag doubles the number of combinations.
 MAX_FLAGS = 8

@@ -16,10 +16,9 @@ from gaitsweep import near_miss
 from gaitsweep.contract import HybridModel, Model, Params
 from gaitsweep.engine.carry import Number
 from gaitsweep.engine.content import cached_by_content
-from gaitsweep.engine.model_shapes import shapes_of
 from gaitsweep.engine.solver.methods import METHODS, Precision, fixed_step_scheme
 from gaitsweep.engine.solver.taylor import lacking_recurrence
-from gaitsweep.engine.stored_traces import stored
+from gaitsweep.engine.stored_traces import shapes_of, stored
 from gaitsweep.engine.switches import may_switch, moving_operations
 from gaitsweep.errors import ArgumentError
 

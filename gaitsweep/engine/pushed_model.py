@@ -23,9 +23,9 @@ from gaitsweep.contract import HybridModel, Params, Quantity, Rates, Recommended
 from gaitsweep.engine.carry import Flag, Number, select
 from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.leaves import element_names, extended_type, split_like
-from gaitsweep.engine.model_shapes import shapes_of
 from gaitsweep.engine.recorders.states import state_names
 from gaitsweep.engine.solver.methods import METHODS
+from gaitsweep.engine.stored_traces import shapes_of
 
 if TYPE_CHECKING:
     from gaitsweep.skeleton import Skeleton

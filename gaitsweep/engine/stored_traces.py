@@ -1,8 +1,9 @@
-"""Results of tracing a model in the cache folder, so that a known model is not traced again.
+"""What tracing a model tells without values: the shapes of its state, and what its results depend on.
 
-The name of an entry is a digest of all that decides it: the content of the model with the sources of its
-modules, gaitsweep's own sources, the versions that trace and compile, and the settings of JAX. Results are
-JSON, of which nothing is run.
+`stored` keeps such results in the cache folder, so that a known model is not traced again. The name of an
+entry is a digest of all that decides it: the content of the model with the sources of its modules,
+gaitsweep's own sources, the versions that trace and compile, and the settings of JAX. Results are JSON, of
+which nothing is run.
 """
 
 from __future__ import annotations
@@ -16,13 +17,15 @@ from pathlib import Path
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
+from jax.extend.core import Literal
 from jaxlib.version import __version__ as jaxlib_version
 
 from gaitsweep.cache_folder import cache_folder, load_cached, store_cached
 from gaitsweep.compilation import compiling
-from gaitsweep.contract import Model
-from gaitsweep.engine.content import lasting_content
+from gaitsweep.contract import HybridModel, Model, Params, State
+from gaitsweep.engine.content import cached_by_content, lasting_content
 
 # settings of JAX that change no trace
 _WITHOUT_EFFECT = ("cache", "devices", "platforms", "log", "traceback")
@@ -76,3 +79,64 @@ def _settings() -> list[tuple[str, str]]:
         if not any(word in name for word in _WITHOUT_EFFECT):
             settings.append((name, repr(value)))
     return settings
+
+
+def shapes_of(model: Model) -> tuple[Params, State]:
+    """The shapes of a model's parameters and of its state, traced without values."""
+    number = jax.ShapeDtypeStruct((), jnp.float64)
+    values = {q.name: number for q in model.parameters}
+    if model.host_parameters:
+        values = _shapes_on_host(model)
+    params = jax.eval_shape(model.params, values)
+    return params, jax.eval_shape(model.init, params, {q.name: number for q in model.initial_conditions})
+
+
+def _shapes_on_host(model: Model) -> dict[str, jax.ShapeDtypeStruct]:
+    """The shapes of what the host computes from a model's parameters, here from their defaults."""
+    row: dict[str, np.ndarray] = {}
+    for quantity in model.parameters:
+        default = quantity.default if isinstance(quantity.default, int | float) else 1.0
+        row[quantity.name] = np.full(1, default)
+    columns = model.on_host(row)
+    return {name: jax.ShapeDtypeStruct(np.shape(column)[1:], jnp.float64) for name, column in columns.items()}
+
+
+@cached_by_content(maxsize=64)
+def counts_of_state(model: HybridModel) -> tuple[int, int]:
+    """The number of numbers that the flow of a model moves, and that of the flags of its state."""
+
+    def counts() -> tuple[int, int]:
+        params, state = shapes_of(model)
+        moving = [getattr(state, name) for name in jax.eval_shape(model.flow, params, state)]
+        leaves = jax.tree.leaves(state)
+        flags = [leaf for leaf in leaves if jnp.issubdtype(leaf.dtype, jnp.bool_)]
+        return sum(leaf.size for leaf in moving), sum(leaf.size for leaf in flags)
+
+    # stored, since every job that leaves the method open asks for them
+    variables, flags = stored("counts_of_state", model, (), counts)
+    return variables, flags
+
+
+def dependences(function: Callable[..., Any], *inputs: Any) -> list[frozenset[str]]:
+    """The names of the arguments on which each array that a function returns depends.
+
+    A result of an inner function (of `jax.jit`, or a branch) counts as dependent on all arguments of that
+    function.
+
+    Args:
+        function: of mappings of arrays by name.
+        inputs: shapes and dtypes of its arguments, each a mapping.
+    """
+    program = jax.make_jaxpr(function)(*inputs).jaxpr
+    paths = [path for path, _ in jax.tree_util.tree_flatten_with_path(inputs)[0]]
+    names = {
+        variable: frozenset({path[-1].key}) for variable, path in zip(program.invars, paths, strict=True)
+    }
+
+    def names_of(*atoms: Any) -> frozenset[str]:
+        variables = (atom for atom in atoms if not isinstance(atom, Literal))
+        return frozenset[str]().union(*(names.get(variable, ()) for variable in variables))
+
+    for equation in program.eqns:
+        names.update(dict.fromkeys(equation.outvars, names_of(*equation.invars)))
+    return [names_of(atom) for atom in program.outvars]

@@ -3,7 +3,7 @@
 They are the derivatives of the same attempts that the trajectory makes, event times included, so that a jump
 maps them by its saltation matrix, which is never formed: the derivative of the event's time is
 `implicit_event_time` in event_location.py. At a crossing of the section they are read in the coordinates of
-the model's chart: there they are the products of the return map's derivatives.
+the model's chart, or of `AllVariables`: there they are the products of the return map's derivatives.
 """
 
 from __future__ import annotations
@@ -16,12 +16,38 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from gaitsweep.contract import Chart, Model, Params, State
+from gaitsweep.contract import Chart, Model, Params, Quantity, State
 from gaitsweep.engine.advance import Advance
-from gaitsweep.engine.all_variables import AllVariables
 from gaitsweep.engine.carry import Carry, Number
-from gaitsweep.engine.leaves import float_leaves, with_float_leaves
-from gaitsweep.engine.model_shapes import shapes_of
+from gaitsweep.engine.leaves import element_names, float_leaves, is_float, split_like, with_float_leaves
+from gaitsweep.engine.stored_traces import shapes_of
+
+
+@dataclasses.dataclass(frozen=True)
+class AllVariables(Chart):
+    """All float variables of a state as coordinates; `names` are their names."""
+
+    names: tuple[str, ...]
+
+    @classmethod
+    def of(cls, state: State) -> AllVariables:
+        """The chart of states like this one."""
+        names: list[str] = []
+        for path, leaf in jax.tree_util.tree_leaves_with_path(state):
+            if is_float(leaf):
+                names += element_names(jax.tree_util.keystr(path, simple=True, separator="_"), np.shape(leaf))
+        return cls(tuple(names))
+
+    @property
+    def coordinates(self) -> tuple[Quantity, ...]:
+        return tuple(Quantity(name, "", f"{name} of the state") for name in self.names)
+
+    def to_coordinates(self, params: Params, state: State) -> Float[Array, " coordinates"]:
+        return jnp.concatenate([jnp.ravel(leaf).astype(jnp.float64) for leaf in float_leaves(state)])
+
+    def from_coordinates(self, params: Params, at: Float[Array, " coordinates"], modes: State) -> State:
+        return with_float_leaves(modes, split_like(at, float_leaves(modes)))
+
 
 Directions = list[Float[Array, " coordinates"]]  # orthonormal directions on the section
 

@@ -12,12 +12,11 @@ from gaitsweep.fitting.free_parameters import FreeParameter
 from gaitsweep.fitting.measure import Measure
 from gaitsweep.fitting.ramp_measures import GaitSequence, Transition
 from gaitsweep.fitting.row_measures import Coexistence, Edge, Failures, Order, Prominence, Share, Value
-from gaitsweep.job.overrides import read_with_overrides
+from gaitsweep.job.load import read_with_overrides
 from gaitsweep.kinds.run_kind import RunKind
 from gaitsweep.schema.diagnostics import Diagnostic, JobError, quoted, unknown_field, wrong_kind
 from gaitsweep.schema.diagnostics import Path as FieldPath
-from gaitsweep.schema.pydantic_errors import SchemaSection, read_model
-from gaitsweep.schema.strict_model import Registry, StrictModel, kind_of
+from gaitsweep.schema.strict_model import Registry, SchemaSection, StrictModel, kind_of, read_model
 from gaitsweep.shipped import job_file
 
 T = TypeVar("T", bound=StrictModel)

@@ -18,8 +18,8 @@ from gaitsweep.fitting.free_parameters import FreeParameter
 from gaitsweep.fitting.measure import Measure
 from gaitsweep.fitting.population import Population, job_with_run
 from gaitsweep.job import Job
-from gaitsweep.job.config import Config
 from gaitsweep.job.model_spec import ModelSpec, read_model_spec
+from gaitsweep.job.reading import Config
 from gaitsweep.kinds import RUN_KINDS
 from gaitsweep.kinds.run_kind import RunKind, table_columns
 from gaitsweep.schema.diagnostics import Diagnostic, JobError, quoted, refuse

@@ -27,8 +27,7 @@ from gaitsweep.fitting.targets import MISS, Target, TargetValue
 from gaitsweep.runs.prepare import RunContext
 from gaitsweep.schema.diagnostics import Diagnostic, JobError, quoted, refuse
 from gaitsweep.schema.numbers import Count, CountOrZero, Positive, Seed, Text, Word
-from gaitsweep.schema.pydantic_errors import read_model
-from gaitsweep.schema.strict_model import StrictModel, plain
+from gaitsweep.schema.strict_model import StrictModel, plain, read_model
 from gaitsweep.table import TableError, load
 
 # Columns of the table of a search beside constants and targets.

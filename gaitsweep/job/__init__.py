@@ -1,8 +1,8 @@
 """Jobs, in YAML or Python: their fields, checks and rows.
 
-`load` reads a file, and `overrides` applies `--set`; `job` has the fields, `reading` the order in which
-sections are read, `config`, `model_spec` and `numerics` some of these sections; `value_checks`,
-`figure_checks` and `step_lengths` compare them with each other, and `row_remarks` tries a user's model.
+`load` reads a file and applies `--set`; `job` has the fields, `reading` the config and the order in which
+sections are read, `model_spec` and `numerics` some of these sections; `checks` and `step_lengths` compare
+them with each other, and `row_remarks` tries a user's model.
 """
 
 from gaitsweep.job.job import Job, read_figures, schema

@@ -35,8 +35,7 @@ from gaitsweep.plot.figure_style import STYLE_FIELDS, FigureStyle
 from gaitsweep.plot.kind import FIGURES, FigureKind
 from gaitsweep.schema.diagnostics import Diagnostic, JobError
 from gaitsweep.schema.numbers import Stem, Text, VerifyCount
-from gaitsweep.schema.pydantic_errors import SchemaSection, from_pydantic
-from gaitsweep.schema.strict_model import OneOf, StrictModel
+from gaitsweep.schema.strict_model import OneOf, SchemaSection, StrictModel, from_pydantic
 
 _KINDS = list(RUN_KINDS)
 # no check, since `Config` has read or refused the path before pydantic sees it

@@ -10,9 +10,8 @@ from jaxtyping import Int
 from gaitsweep.design.design import Design
 from gaitsweep.dynamics.mjcf.of_mjcf import OfMjcf
 from gaitsweep.expression import ExpressionError
-from gaitsweep.models.idle_starts import idle_starts, sets_starts
 from gaitsweep.models.sampled_points import MAX_NAMED
-from gaitsweep.models.starts_in_ground import starts_in_ground
+from gaitsweep.models.starts import idle_starts, sets_starts, starts_in_ground
 from gaitsweep.models.value_faults import faults_of_rows
 from gaitsweep.schema.diagnostics import JobError
 

@@ -16,7 +16,6 @@ from jaxtyping import Bool, Float, Int
 from gaitsweep.contract import HybridModel, Model
 from gaitsweep.design.design import Design
 from gaitsweep.engine.content import cached_by_content
-from gaitsweep.engine.dependences import dependences
 from gaitsweep.engine.devices import see_all_cores
 from gaitsweep.engine.flow_spectrum import slowest_limit
 from gaitsweep.engine.kernel.row_functions import over_rows
@@ -28,7 +27,7 @@ from gaitsweep.engine.numerics import (
     unknown_step,
 )
 from gaitsweep.engine.solver.methods import METHODS
-from gaitsweep.engine.stored_traces import stored
+from gaitsweep.engine.stored_traces import dependences, stored
 from gaitsweep.expression import functions_of, resolve
 from gaitsweep.kinds import RunKind
 from gaitsweep.schema.diagnostics import Diagnostic, JobError

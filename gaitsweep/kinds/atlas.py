@@ -20,9 +20,8 @@ from gaitsweep.contract import HybridModel, Model, Quantity
 from gaitsweep.design import Design
 from gaitsweep.engine.poincare.maps import Points, Values
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
-from gaitsweep.kinds.atlas_block import AtlasBlock
+from gaitsweep.kinds.atlas_block import AtlasBlock, DrawnStarts
 from gaitsweep.kinds.columns import Column, observed_at_crossings
-from gaitsweep.kinds.drawn_starts import DrawnStarts
 from gaitsweep.kinds.fixed_points import (
     LISTED,
     FollowsFixedPoints,

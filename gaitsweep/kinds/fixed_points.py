@@ -26,9 +26,9 @@ from gaitsweep.engine.poincare.maps import Points, Values
 from gaitsweep.engine.poincare.model_map import ModelMap
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.engine.poincare.stationary_map import StationaryMap
-from gaitsweep.engine.recorders.crossings import CrossingRecorder
+from gaitsweep.engine.recorders.recordings import CrossingRecorder
 from gaitsweep.engine.solver.methods import derivative_refusal
-from gaitsweep.engine.sweep.labels import gait_codes
+from gaitsweep.engine.sweep.blocks_of_rows import gait_codes
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.errors import ArgumentError
 from gaitsweep.expression import ExpressionError

@@ -22,8 +22,7 @@ from gaitsweep.errors import ArgumentError
 from gaitsweep.kinds.columns import Column, Records, row_number
 from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.schema.diagnostics import Diagnostic, Path
-from gaitsweep.schema.pydantic_errors import SchemaSection, from_pydantic
-from gaitsweep.schema.strict_model import StrictModel, kind_of, plain
+from gaitsweep.schema.strict_model import SchemaSection, StrictModel, from_pydantic, kind_of, plain
 
 
 @dataclasses.dataclass(frozen=True)

@@ -1,8 +1,8 @@
 """Models by their names, and tests of a user's model.
 
-`registry.py` finds models by their names, and `user_module.py` imports a user's. `conformity.py` tests the
-shapes of a model's functions against the contract, `quantity_faults.py` what it states, and `value_faults.py`
-the values at `sampled_points.py`; `traced_program.py` digests the program that the functions compute.
+`registry.py` finds models by their names, and imports a user's. `conformity.py` tests the shapes of a model's
+functions against the contract, and what it states, `value_faults.py` the values at `sampled_points.py`, and
+`starts.py` where a model begins; `traced_program.py` digests the program that the functions compute.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from typing import Any
 
 from gaitsweep.models.registry import (
     MODEL_FOLDER,
+    ModelError,
     classes,
     find,
     find_of_table,
@@ -18,7 +19,6 @@ from gaitsweep.models.registry import (
     name_of,
     names,
 )
-from gaitsweep.models.user_module import ModelError
 
 __all__ = ["MODEL_FOLDER", "ModelError", "find", "find_of_table", "importable", "name_of", "names"]
 

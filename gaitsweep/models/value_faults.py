@@ -21,8 +21,7 @@ from gaitsweep.dynamics.footfalls import Footfalls
 from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.kernel.row_functions import over_rows
 from gaitsweep.expression import ExpressionError
-from gaitsweep.models.conformity import fault, traced_fault
-from gaitsweep.models.quantity_faults import quantity_faults
+from gaitsweep.models.conformity import fault, quantity_faults, traced_fault
 from gaitsweep.models.sampled_points import Columns, fields_of, sampled_points, written
 
 # Points over the ranges of parameters and starts at which functions are evaluated.

@@ -24,8 +24,7 @@ from gaitsweep.schema.numbers import (
     read_real,
     read_text,
 )
-from gaitsweep.schema.pydantic_errors import SchemaSection, from_pydantic
-from gaitsweep.schema.strict_model import StrictModel
+from gaitsweep.schema.strict_model import SchemaSection, StrictModel, from_pydantic
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 
 from gaitsweep.plot.columns import PlotError
-from gaitsweep.table.self_check_words import BY_STEP, BY_STEP_WORDS, DIFFERENCES, self_check_warned
+from gaitsweep.table.manifest import BY_STEP, BY_STEP_WORDS, DIFFERENCES, self_check_warned
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

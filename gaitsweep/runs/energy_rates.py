@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 
 from gaitsweep.contract import HybridModel, Model, Params, Quantity, State
-from gaitsweep.engine.model_shapes import shapes_of
+from gaitsweep.engine.stored_traces import shapes_of
 
 # An energy whose rate is below this share of the power that its terms exchange is kept.
 KEPT = 1e-9

@@ -31,8 +31,8 @@ from gaitsweep.runs.sentences import advice, self_check_sentence
 from gaitsweep.runs.summary import describe, sum_up, summed_up, tallied_column
 from gaitsweep.table import MemoryTable, ResultDirectory, Table, TableError, load
 from gaitsweep.table.atomic_files import temporary_folder
+from gaitsweep.table.manifest import self_check_warned
 from gaitsweep.table.parquet_parts import arrow_part
-from gaitsweep.table.self_check_words import self_check_warned
 
 if TYPE_CHECKING:
     from gaitsweep.runs.cluster.dispatch import Cluster

@@ -11,8 +11,7 @@ from typing import Any, TypeVar
 
 import pandas as pd
 
-from gaitsweep.engine.sweep.open_rows import OpenRows
-from gaitsweep.engine.sweep.sweep import Timings, sweep
+from gaitsweep.engine.sweep.sweep import OpenRows, Timings, sweep
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.kinds.run_kind import TableRunKind
 from gaitsweep.runs.prepare import RunContext

@@ -24,10 +24,10 @@ from gaitsweep.runs.provenance import check_program, continue_directory, differi
 from gaitsweep.runs.summary import describe
 from gaitsweep.table import ResultDirectory
 from gaitsweep.table.atomic_files import TableError
+from gaitsweep.table.directory import SharedWriter
 from gaitsweep.table.locks import BlockLocks, BusyDirectory, Lock, this_process
 from gaitsweep.table.manifest import MANIFEST, TABLE, Layout, claim
 from gaitsweep.table.parquet_parts import PARTS
-from gaitsweep.table.shared_writer import SharedWriter
 
 # Others hold a directory for a moment when they make it, and while the last of them completes it (s).
 PATIENCE = 20.0

@@ -24,9 +24,8 @@ from gaitsweep.errors import UserError
 from gaitsweep.job import Job
 from gaitsweep.kinds import Settle, Trace
 from gaitsweep.kinds.columns import UNKNOWN_GAIT
-from gaitsweep.models.idle_starts import idle_starts, sets_starts
 from gaitsweep.models.sampled_points import sampled_points, written
-from gaitsweep.models.starts_in_ground import starts_in_ground
+from gaitsweep.models.starts import idle_starts, sets_starts, starts_in_ground
 from gaitsweep.models.value_faults import surface_value
 from gaitsweep.runs.energy_rates import change_of_energy, energies_of, with_rates
 from gaitsweep.runs.execute import table_in_memory

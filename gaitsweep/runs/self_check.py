@@ -24,14 +24,17 @@ from gaitsweep.engine.kernel.row_functions import over_rows
 from gaitsweep.engine.numerics import STEP_FACTOR, tolerance_scale
 from gaitsweep.engine.poincare.maps import wrap_difference
 from gaitsweep.engine.poincare.return_map import REFINED
-from gaitsweep.engine.recorders.crossings import CrossingRecorder
-from gaitsweep.engine.recorders.fixed_time import FixedTimeRecorder, end_values
 from gaitsweep.engine.recorders.perturb import PerturbRecorder
 from gaitsweep.engine.recorders.recorder import Recorder
+from gaitsweep.engine.recorders.recordings import (
+    CrossingRecorder,
+    FixedTimeRecorder,
+    TraceRecorder,
+    end_values,
+)
 from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.engine.recorders.staircase import StepRecorder
 from gaitsweep.engine.recorders.states import StateRecorder
-from gaitsweep.engine.recorders.trace import TraceRecorder
 from gaitsweep.engine.solver.methods import fixed_step_scheme
 from gaitsweep.engine.sweep.sweep import sweep
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
@@ -44,7 +47,7 @@ from gaitsweep.runs.sampled_rows import CROSSINGS, LEAST_ROWS, finer_share, is_c
 from gaitsweep.runs.self_check_result import SelfCheck
 from gaitsweep.runs.unstable_rests import unstable_rests
 from gaitsweep.status import RECURRENT, Status
-from gaitsweep.table.self_check_words import TOLERANCES
+from gaitsweep.table.manifest import TOLERANCES
 
 Rows = Int[np.ndarray, " rows"]  # numbers of rows
 RowMask = Bool[np.ndarray, " rows"]

@@ -11,7 +11,7 @@ from jaxtyping import Float
 from gaitsweep.contract import Quantity
 from gaitsweep.errors import EXIT_STRICT, UserError
 from gaitsweep.runs.sentences import HALF_THE_STEP
-from gaitsweep.table.self_check_words import DIFFERENCES
+from gaitsweep.table.manifest import DIFFERENCES
 
 
 class SelfCheckError(UserError):

@@ -9,7 +9,7 @@ from typing import Any
 from gaitsweep.kinds.columns import UNKNOWN_GAIT
 from gaitsweep.runs.provenance import NOT_INSTALLED
 from gaitsweep.status import SetStatus, Status
-from gaitsweep.table.self_check_words import BY_STEP, BY_STEP_WORDS, DIFFERENCES, STORED_DIFFERS, UNSTABLE
+from gaitsweep.table.manifest import BY_STEP, BY_STEP_WORDS, DIFFERENCES, STORED_DIFFERS, UNSTABLE
 
 # Fields of the manifest.
 MISLABELLED = "mislabelled"  # rows whose label is not the index of a gait

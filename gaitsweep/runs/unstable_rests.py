@@ -20,7 +20,6 @@ from jaxtyping import Bool, Float, Int
 from gaitsweep.contract import Model, Params, State
 from gaitsweep.dynamics.declared import Declared
 from gaitsweep.dynamics.footfalls import Footfalls
-from gaitsweep.engine.all_variables import AllVariables
 from gaitsweep.engine.kernel.row_functions import over_rows
 from gaitsweep.engine.poincare.maps import Points, sizes
 from gaitsweep.engine.poincare.poincare_return import Returned, ReturnStatus
@@ -28,6 +27,7 @@ from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.engine.recorders.staircase import StepRecorder
 from gaitsweep.engine.recorders.states import StateRecorder, state_size, states_of
 from gaitsweep.engine.solver.methods import derivative_refusal, fixed_step_scheme
+from gaitsweep.engine.tangents import AllVariables
 from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.runs.observable_changes import changes
 from gaitsweep.runs.prepare import RunContext

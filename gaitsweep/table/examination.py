@@ -14,8 +14,15 @@ from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.table.atomic_files import TableError, is_partial, read_file, reason
 from gaitsweep.table.digests import DIGESTS, digest_of, read_digests
 from gaitsweep.table.manifest import TABLE, Layout
-from gaitsweep.table.open_rows import OPEN_ROWS, read_open
-from gaitsweep.table.parquet_parts import PARTS, DamagedPart, Footer, read_footer, read_records
+from gaitsweep.table.parquet_parts import (
+    OPEN_ROWS,
+    PARTS,
+    DamagedPart,
+    Footer,
+    read_footer,
+    read_open,
+    read_records,
+)
 
 FOREIGN = ".foreign"  # suffix of a part of another table that was renamed
 T = TypeVar("T")

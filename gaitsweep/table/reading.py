@@ -7,7 +7,7 @@ import dataclasses
 import warnings
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -207,26 +207,21 @@ def _snapshot(path: Path, parts: PartRecords | None = None, selection: Selection
     return Snapshot(path, job, manifest, examined, waiting.size, written)
 
 
-class _Jobs(NamedTuple):
-    """The job that was run, and the content of `job.yaml`: the same object if it was not edited."""
-
-    run: dict[str, Any]
-    on_disk: dict[str, Any]
-
-
-def _jobs_of(path: Path, manifest: dict[str, Any], digest: str | None) -> _Jobs:
-    """Read the job of a directory."""
+def _jobs_of(
+    path: Path, manifest: dict[str, Any], digest: str | None
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Read the job of a directory: as it was run, and as `job.yaml` has it; the same object if not edited."""
     file = path / JOB
     advice = f"Run the job of {path} again to rewrite it."
     known = manifest.get("job")
     try:
         data = read_file(file, _LARGEST_JOB)
         if known is not None and digest == digest_of(data):
-            return _Jobs(known, known)
+            return known, known
         written = _parsed(data.decode())
     except FileNotFoundError:
         job = known or {}
-        return _Jobs(job, job)
+        return job, job
     except OSError as error:
         raise TableError(f"{file} cannot be read: {reason(error)}.") from error
     except (ValueError, TypeError, OverflowError, RecursionError, yaml.YAMLError) as error:
@@ -235,8 +230,8 @@ def _jobs_of(path: Path, manifest: dict[str, Any], digest: str | None) -> _Jobs:
     if not is_job(written):
         raise TableError(f"{file} was changed and is not a job. {advice}")
     if known is None or (digest is None and written == known):
-        return _Jobs(written, written)
-    return _Jobs(known, written)
+        return written, written
+    return known, written
 
 
 def _parsed(text: str) -> Any:

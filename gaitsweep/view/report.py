@@ -29,7 +29,7 @@ from gaitsweep.runs.sentences import (
 )
 from gaitsweep.status import SetStatus
 from gaitsweep.table import Snapshot, load, replace_file, writing
-from gaitsweep.table.self_check_words import self_check_warned
+from gaitsweep.table.manifest import self_check_warned
 
 # Colours of a page by name, light and dark.
 SCHEMES = """

@@ -13,7 +13,7 @@ import pytest
 import gaitsweep as gs
 from gaitsweep.analysis.atlas.atlas import BranchAtlas
 from gaitsweep.analysis.atlas.atlas_tables import atlas_table
-from gaitsweep.analysis.atlas.order_curves import OrderChange
+from gaitsweep.analysis.atlas.order_changes import OrderChange
 from gaitsweep.analysis.atlas.periodic_orbits import OrbitSearch, OrbitSearchOptions, Rows
 from gaitsweep.analysis.continuation.branch_follower import ArclengthSteps
 from gaitsweep.analysis.continuation.plain_map import PlainMap

@@ -16,14 +16,17 @@ from scipy.spatial.distance import squareform
 
 import gaitsweep as gs
 from gaitsweep.analysis.basins.attractor_matching import follow_attractors
-from gaitsweep.analysis.basins.attractors import agreement, attractors, with_attractors
-from gaitsweep.analysis.basins.sampled_sets import MOST_STATES, SampledSet
-from gaitsweep.analysis.basins.state_clusters import (
+from gaitsweep.analysis.basins.attractors import (
     MOST_CELLS,
+    MOST_STATES,
+    SampledSet,
+    agreement,
+    attractors,
     cells,
     components,
     linking_distance,
     spanning_tree,
+    with_attractors,
 )
 from gaitsweep.analysis.basins.state_space import Space
 from gaitsweep.analysis.records import AnalysisError

@@ -11,16 +11,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gaitsweep import analyses
-from gaitsweep.analysis.basins.fractal_boundaries import (
+from gaitsweep.analysis.basins.basin_boundaries import (
     Exponent,
     uncertainty_exponent,
     uncertainty_fraction,
+    wada,
 )
 from gaitsweep.analysis.basins.fractions import fractions, one_a_cell, proportion_interval
 from gaitsweep.analysis.basins.grid import BasinGrid, find_grid
 from gaitsweep.analysis.basins.measures import basins, minimal_fatal_shock
 from gaitsweep.analysis.basins.quantifiers import quantifiers
-from gaitsweep.analysis.basins.wada import wada
 from gaitsweep.analysis.records import AnalysisError
 from tests.support.basin_tables import (
     TURN,

@@ -10,8 +10,13 @@ import pandas as pd
 import pytest
 
 import gaitsweep as gs
-from gaitsweep.analysis.basins.edge_mappers import LabelMapper, ProximityMapper
-from gaitsweep.analysis.basins.edge_states import EdgeLimits, EdgeOutcome, edge_states
+from gaitsweep.analysis.basins.edge_states import (
+    EdgeLimits,
+    EdgeOutcome,
+    LabelMapper,
+    ProximityMapper,
+    edge_states,
+)
 from gaitsweep.analysis.continuation.floquet_multipliers import multipliers
 from gaitsweep.analysis.continuation.newton import newton
 from gaitsweep.analysis.continuation.plain_map import PlainMap

@@ -10,8 +10,7 @@ import pandas as pd
 import pytest
 
 from gaitsweep import plot
-from gaitsweep.analysis.transitions.drift import drifts_of
-from gaitsweep.analysis.transitions.drift_zeros import ghosts_of
+from gaitsweep.analysis.transitions.drift import drifts_of, ghosts_of
 from gaitsweep.analysis.transitions.return_map import branches, drift, fixed_points, ghosts
 from tests.support.hysteresis_tables import TURN, map_table
 

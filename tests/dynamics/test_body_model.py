@@ -24,7 +24,7 @@ from gaitsweep.dynamics.body.mechanics import LocatedBody
 from gaitsweep.dynamics.body.standing import Standing
 from gaitsweep.engine.kernel import cuda_lanes
 from gaitsweep.engine.numerics import Numerics
-from gaitsweep.engine.recorders.crossings import CrossingRecorder
+from gaitsweep.engine.recorders.recordings import CrossingRecorder
 from gaitsweep.expression import evaluate
 from tests.support.host_card import HostCard, compiler
 from tests.support.sweeping import run_rows

@@ -27,7 +27,7 @@ from gaitsweep.dynamics.controllers.oscillators import (
     PhaseOscillators,
 )
 from gaitsweep.models.sampled_points import sampled_points
-from gaitsweep.models.starts_in_ground import starts_in_ground
+from gaitsweep.models.starts import starts_in_ground
 from gaitsweep.schema.diagnostics import JobError
 from gaitsweep.shipped import EXAMPLES
 

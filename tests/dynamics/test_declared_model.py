@@ -17,7 +17,7 @@ from gaitsweep import DeclaredModel, event, mode, observable, parameter, signal,
 from gaitsweep.column_meanings import COLUMNS
 from gaitsweep.contract import Quantity
 from gaitsweep.dynamics.declaration_faults import OF_TRACES
-from gaitsweep.engine.recorders.crossings import CrossingRecorder
+from gaitsweep.engine.recorders.recordings import CrossingRecorder
 from gaitsweep.examples.compass_walker import CompassWalker
 from gaitsweep.examples.hopper import Hopper
 from gaitsweep.kinds import RUN_KINDS

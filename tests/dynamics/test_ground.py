@@ -17,7 +17,7 @@ from gaitsweep.dynamics.random_numbers import fraction
 from gaitsweep.engine.kernel import cuda_lanes
 from gaitsweep.engine.kernel.row_functions import over_rows
 from gaitsweep.engine.numerics import Numerics
-from gaitsweep.engine.recorders.crossings import CrossingRecorder
+from gaitsweep.engine.recorders.recordings import CrossingRecorder
 from gaitsweep.examples.compass_walker import CompassWalker
 from gaitsweep.examples.hopper import Hopper
 from gaitsweep.examples.slip_runner import SlipRunner

@@ -10,7 +10,7 @@ import pytest
 
 import gaitsweep as gs
 from gaitsweep.engine.numerics import Numerics
-from gaitsweep.engine.recorders.fixed_time import FixedTimeRecorder
+from gaitsweep.engine.recorders.recordings import FixedTimeRecorder
 from gaitsweep.examples.rimless_wheel import RimlessWheel
 from tests.support.sweeping import run_rows
 

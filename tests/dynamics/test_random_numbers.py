@@ -18,7 +18,7 @@ from gaitsweep.dynamics.random_numbers import fraction, philox_words
 from gaitsweep.engine.kernel import cuda_lanes
 from gaitsweep.engine.kernel.row_functions import over_rows
 from gaitsweep.engine.numerics import Numerics
-from gaitsweep.engine.recorders.crossings import CrossingRecorder
+from gaitsweep.engine.recorders.recordings import CrossingRecorder
 from gaitsweep.examples.rimless_wheel import RimlessWheel
 from tests.support.host_card import HostCard, compiler
 from tests.support.sweeping import run_rows, same

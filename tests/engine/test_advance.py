@@ -17,7 +17,7 @@ from gaitsweep.engine.advance import advance
 from gaitsweep.engine.carry import Halt, start
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.poincare.poincare_return import crossing_of
-from gaitsweep.engine.recorders.crossings import CrossingRecorder
+from gaitsweep.engine.recorders.recordings import CrossingRecorder
 from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.status import Status

@@ -15,8 +15,7 @@ import numpy as np
 import pytest
 
 import gaitsweep as gs
-from gaitsweep.engine.content import cached_by_content, content_of
-from gaitsweep.engine.content_reader import is_user_module
+from gaitsweep.engine.content import cached_by_content, content_of, is_user_module
 
 GAIN = 1.0
 TABLE = np.array([1.0, 2.0])

@@ -22,10 +22,8 @@ from gaitsweep.contract import HybridModel
 from gaitsweep.dynamics.event_surface import EventSurface
 from gaitsweep.engine.carry import packed, unpacked
 from gaitsweep.engine.numerics import Numerics
-from gaitsweep.engine.recorders.crossings import CrossingRecorder
-from gaitsweep.engine.recorders.fixed_time import FixedTimeRecorder
+from gaitsweep.engine.recorders.recordings import CrossingRecorder, FixedTimeRecorder, TraceRecorder
 from gaitsweep.engine.recorders.settle import SettleRecorder
-from gaitsweep.engine.recorders.trace import TraceRecorder
 from gaitsweep.examples.lorenz import Lorenz
 from gaitsweep.models.conformity import fault
 from gaitsweep.status import Status

@@ -11,7 +11,7 @@ from gaitsweep.engine.kernel import gpu_program
 from gaitsweep.engine.kernel.cuda_device import CudaDevice, DeviceArray, unavailable
 from gaitsweep.engine.kernel.lanes import kernel_of
 from gaitsweep.engine.numerics import Numerics
-from gaitsweep.engine.recorders.crossings import CrossingRecorder
+from gaitsweep.engine.recorders.recordings import CrossingRecorder
 from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.examples.compass_walker import CompassWalker
 from gaitsweep.papers.ambe2021.multilegged.model import Multilegged

@@ -16,14 +16,14 @@ import pytest
 
 from gaitsweep.dynamics.declarations import parameter, variable
 from gaitsweep.dynamics.map_model import MapModel
-from gaitsweep.engine.dependences import dependences
 from gaitsweep.engine.kernel import cuda_lanes, philox
 from gaitsweep.engine.kernel.operations import OPERATIONS
 from gaitsweep.engine.kernel.program import Kind, Program
 from gaitsweep.engine.kernel.source import C, c_function, statements
 from gaitsweep.engine.numerics import Numerics
-from gaitsweep.engine.recorders.crossings import CrossingRecorder
+from gaitsweep.engine.recorders.recordings import CrossingRecorder
 from gaitsweep.engine.recorders.settle import SettleRecorder
+from gaitsweep.engine.stored_traces import dependences
 from gaitsweep.engine.sweep import engines
 from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
 from gaitsweep.status import Status

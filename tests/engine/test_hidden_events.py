@@ -16,7 +16,7 @@ from gaitsweep import DeclaredModel, event, parameter, variable
 from gaitsweep.engine.hidden_events import may_hide
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.poincare.poincare_return import crossing_of
-from gaitsweep.engine.recorders.crossings import CrossingRecorder
+from gaitsweep.engine.recorders.recordings import CrossingRecorder
 from gaitsweep.engine.switches import may_bend, switches_within
 from gaitsweep.status import Status
 from tests.support.sweeping import run_rows

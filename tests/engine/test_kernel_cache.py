@@ -18,8 +18,8 @@ from gaitsweep.engine.kernel import cpu_program, llvm_code
 from gaitsweep.engine.kernel.chunk import Chunk
 from gaitsweep.engine.kernel.lanes import kernel_of
 from gaitsweep.engine.numerics import Numerics
-from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.recorder import BUFFER
+from gaitsweep.engine.recorders.recordings import CrossingRecorder
 from toy_model import Toy
 
 

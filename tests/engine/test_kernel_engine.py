@@ -22,11 +22,10 @@ from firing_neuron import Neuron
 from gaitsweep.engine.kernel import cpu_program, llvm_code
 from gaitsweep.engine.kernel.lanes import kernel_of
 from gaitsweep.engine.numerics import Numerics
-from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.parameter_schedules import RampSchedule
 from gaitsweep.engine.recorders.recorder import Recorder
+from gaitsweep.engine.recorders.recordings import CrossingRecorder, TraceRecorder
 from gaitsweep.engine.recorders.settle import SettleRecorder
-from gaitsweep.engine.recorders.trace import TraceRecorder
 from gaitsweep.engine.sweep.engines import EngineError, choose
 from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
 from gaitsweep.row_outcome import RowOutcome

@@ -11,7 +11,7 @@ import pytest
 from firing_neuron import Neuron, firing_times
 from gaitsweep import models
 from gaitsweep.engine.numerics import Numerics, longest_step, step_of
-from gaitsweep.engine.recorders.crossings import CrossingRecorder
+from gaitsweep.engine.recorders.recordings import CrossingRecorder
 from gaitsweep.engine.solver.methods import METHODS
 from gaitsweep.engine.solver.runge_kutta import DIFFERENCE, STAGES
 from gaitsweep.errors import ArgumentError

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from gaitsweep.engine.numerics import Numerics
-from gaitsweep.engine.recorders.crossings import CrossingRecorder
+from gaitsweep.engine.recorders.recordings import CrossingRecorder
 from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.engine.sweep.engines import EngineError, choose
 from tests.support.sweeping import run_rows

@@ -18,7 +18,7 @@ import pytest
 import gaitsweep as gs
 from gaitsweep.engine import devices
 from gaitsweep.engine.numerics import Numerics
-from gaitsweep.engine.recorders.crossings import CrossingRecorder
+from gaitsweep.engine.recorders.recordings import CrossingRecorder
 from tests.support.sweeping import devices_on, run_rows
 from toy_model import Toy, launches
 

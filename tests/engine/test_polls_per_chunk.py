@@ -7,8 +7,8 @@ import math
 import pytest
 
 from gaitsweep.engine.recorders.recorder import POLL_INTERVAL
-from gaitsweep.engine.sweep import polls_per_chunk as module
-from gaitsweep.engine.sweep.polls_per_chunk import MAX_CHUNK, NEARLY_FULL, ChunkSizer
+from gaitsweep.engine.sweep import lane_group as module
+from gaitsweep.engine.sweep.lane_group import MAX_CHUNK, NEARLY_FULL, ChunkSizer
 
 POLL, HOST = 2e-4, 3e-3  # s
 

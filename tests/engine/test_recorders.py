@@ -7,10 +7,13 @@ import numpy as np
 import pytest
 
 from gaitsweep.engine.numerics import Numerics
-from gaitsweep.engine.recorders.crossings import CrossingRecorder
-from gaitsweep.engine.recorders.fixed_time import FixedTimeRecorder
 from gaitsweep.engine.recorders.parameter_schedules import RampSchedule
-from gaitsweep.engine.recorders.trace import TraceRecorder, WindowsRecorder
+from gaitsweep.engine.recorders.recordings import (
+    CrossingRecorder,
+    FixedTimeRecorder,
+    TraceRecorder,
+    WindowsRecorder,
+)
 from gaitsweep.status import Status
 from tests.support.sweeping import run_rows
 from toy_model import Toy, bounce_times, launches

@@ -13,7 +13,7 @@ from gaitsweep.engine.kernel.operations import OPERATIONS
 from gaitsweep.engine.kernel.program import Program
 from gaitsweep.engine.kernel.registers import most_alive, scheduled, steps
 from gaitsweep.engine.numerics import Numerics
-from gaitsweep.engine.recorders.crossings import CrossingRecorder
+from gaitsweep.engine.recorders.recordings import CrossingRecorder
 from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
 from tests.support.sweeping import run_rows, same
 

@@ -15,11 +15,14 @@ import gaitsweep as gs
 from gaitsweep.contract import Quantity
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.poincare.poincare_return import ReturnStatus, crossing_of
-from gaitsweep.engine.recorders.crossings import CrossingRecorder
-from gaitsweep.engine.recorders.fixed_time import FixedTimeRecorder, end_values
 from gaitsweep.engine.recorders.recorder import BUFFER
+from gaitsweep.engine.recorders.recordings import (
+    CrossingRecorder,
+    FixedTimeRecorder,
+    TraceRecorder,
+    end_values,
+)
 from gaitsweep.engine.recorders.settle import SettleRecorder
-from gaitsweep.engine.recorders.trace import TraceRecorder
 from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.status import Status
 from plane_maps import Logistic, Params, Spiral, State

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from gaitsweep.contract import Model
-from gaitsweep.engine.kernel import opening, row_functions
+from gaitsweep.engine.kernel import lanes, row_functions
 from gaitsweep.engine.kernel.lanes import kernel_of
 from gaitsweep.engine.kernel.row_functions import over_rows
 from gaitsweep.engine.numerics import STEP_FACTOR, Numerics
@@ -57,7 +57,7 @@ def test_kernels_open_rows_as_xla_does(model: Model) -> None:
     starts = {**starts, STEP_FACTOR: np.ones(5)}
     kernel = kernel_of(model, SettleRecorder(model), Numerics().resolve(model), None)
     lane, shapes = kernel.lane, kernel.shapes
-    by_kernel = opening.opened_by_kernel(opening.opening_of(lane, *shapes))(values, starts)
-    by_xla = opening.opened_by_xla(lane)(values, starts)
+    by_kernel = lanes.opened_by_kernel(lanes.opening_of(lane, *shapes))(values, starts)
+    by_xla = lanes.opened_by_xla(lane)(values, starts)
     for mine, right in zip(by_kernel, by_xla, strict=True):
         np.testing.assert_allclose(mine, right, rtol=1e-12, atol=1e-12)

@@ -9,7 +9,7 @@ import pytest
 
 from gaitsweep.dynamics.single_precision import worked_in
 from gaitsweep.engine.numerics import Numerics
-from gaitsweep.engine.recorders.crossings import CrossingRecorder
+from gaitsweep.engine.recorders.recordings import CrossingRecorder
 from gaitsweep.engine.solver.methods import refusal
 from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
 from gaitsweep.papers.aoi2011.waist_quadruped import WaistQuadruped

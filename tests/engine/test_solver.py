@@ -17,7 +17,7 @@ from gaitsweep import models
 from gaitsweep.contract import HybridModel
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.poincare.poincare_return import crossing_of
-from gaitsweep.engine.recorders.crossings import CrossingRecorder
+from gaitsweep.engine.recorders.recordings import CrossingRecorder
 from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.engine.solver.exponential import PROPAGATOR, PROPAGATOR6
 from gaitsweep.engine.solver.methods import METHODS, refusal

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from gaitsweep.engine.kernel import cpu_program
 from gaitsweep.engine.numerics import Numerics
-from gaitsweep.engine.recorders.crossings import CrossingRecorder
+from gaitsweep.engine.recorders.recordings import CrossingRecorder
 from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
 from gaitsweep.row_outcome import RowOutcome

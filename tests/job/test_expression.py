@@ -12,13 +12,14 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from gaitsweep.condition import fulfilled, read_condition
 from gaitsweep.expression import (
     FUNCTIONS,
     ExpressionError,
     evaluate,
+    fulfilled,
     functions_of,
     names_used,
+    read_condition,
     resolve,
 )
 

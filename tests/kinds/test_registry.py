@@ -18,7 +18,7 @@ import gaitsweep as gs
 from gaitsweep import kinds, plot
 from gaitsweep.contract import Model
 from gaitsweep.design import Design
-from gaitsweep.engine.recorders.crossings import CrossingRecorder
+from gaitsweep.engine.recorders.recordings import CrossingRecorder
 from gaitsweep.job import Job, JobError, schema
 from gaitsweep.kinds.columns import CROSSING, STATUS, Column, observed_at_crossings
 from gaitsweep.kinds.run_kind import Cost

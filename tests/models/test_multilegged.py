@@ -18,7 +18,7 @@ from gaitsweep.engine.advance import advance
 from gaitsweep.engine.carry import Halt, start
 from gaitsweep.engine.numerics import Numerics, step_of
 from gaitsweep.engine.poincare.poincare_return import MAX_PERIODS, crossing_of
-from gaitsweep.engine.recorders.crossings import CrossingRecorder
+from gaitsweep.engine.recorders.recordings import CrossingRecorder
 from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.papers.ambe2021.multilegged.model import GAITS, Multilegged
 from gaitsweep.papers.ambe2021.multilegged.state import leg_lengths

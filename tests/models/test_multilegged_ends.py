@@ -12,7 +12,7 @@ from reference import multilegged_reduced as reference
 from scipy.optimize import linprog
 
 from gaitsweep.engine.numerics import Numerics
-from gaitsweep.engine.recorders.crossings import CrossingRecorder
+from gaitsweep.engine.recorders.recordings import CrossingRecorder
 from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.papers.ambe2021.multilegged.mechanics import balance, obstacle_problem
 from gaitsweep.papers.ambe2021.multilegged.model import Multilegged

@@ -13,7 +13,7 @@ import pytest
 from gaitsweep.analysis.records import AnalysisError
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.poincare.poincare_return import crossing_of
-from gaitsweep.engine.recorders.crossings import CrossingRecorder
+from gaitsweep.engine.recorders.recordings import CrossingRecorder
 from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.errors import ArgumentError
 from gaitsweep.job.job import Job

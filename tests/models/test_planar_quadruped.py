@@ -20,8 +20,7 @@ from reference.planar_quadruped_mujoco import COLUMNS, OnCompliantFeet, begun, f
 from reference.planar_quadruped_mujoco import PlanarQuadruped as InMujoco
 
 from gaitsweep.engine.numerics import Numerics
-from gaitsweep.engine.recorders.crossings import CrossingRecorder
-from gaitsweep.engine.recorders.trace import TraceRecorder
+from gaitsweep.engine.recorders.recordings import CrossingRecorder, TraceRecorder
 from gaitsweep.expression import evaluate
 from gaitsweep.job import Job, JobError
 from gaitsweep.papers.fukuoka2015.analysis.swing_onsets import gait_of, onsets_in, onsets_of_crossings

@@ -17,7 +17,7 @@ from reference.planar_quadruped_mujoco import PlanarQuadruped as InMujoco
 from reference.planar_quadruped_mujoco import onsets
 
 from gaitsweep.engine.numerics import Numerics
-from gaitsweep.engine.recorders.crossings import CrossingRecorder
+from gaitsweep.engine.recorders.recordings import CrossingRecorder
 from gaitsweep.papers.fukuoka2015.analysis.swing_onsets import gait_of, onsets_of_crossings
 from gaitsweep.papers.fukuoka2015.planar_quadruped import PlanarQuadruped, cycle
 from gaitsweep.papers.fukuoka2015.planar_quadruped.mechanics import mjcf

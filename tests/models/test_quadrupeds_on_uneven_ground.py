@@ -19,7 +19,7 @@ import gaitsweep as gs
 from gaitsweep.dynamics.random_numbers import fraction
 from gaitsweep.engine.kernel import cuda_lanes
 from gaitsweep.engine.numerics import Numerics
-from gaitsweep.engine.recorders.crossings import CrossingRecorder
+from gaitsweep.engine.recorders.recordings import CrossingRecorder
 from gaitsweep.job import JobError
 from gaitsweep.papers.aoi2011.waist_quadruped import WaistQuadruped
 from gaitsweep.papers.aoi2011.waist_quadruped.mechanics import WaistMechanics

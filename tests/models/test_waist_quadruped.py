@@ -13,7 +13,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from gaitsweep.engine.numerics import Numerics
-from gaitsweep.engine.recorders.crossings import CrossingRecorder
+from gaitsweep.engine.recorders.recordings import CrossingRecorder
 from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.papers.aoi2011.waist_quadruped import WaistQuadruped
 from gaitsweep.papers.aoi2011.waist_quadruped.foot_path import BEYOND, EARLY, LATE, STANCE, FootPath

@@ -19,7 +19,7 @@ from reference.waist_quadruped_mujoco import Landing, landings
 
 from gaitsweep.engine.advance import advance
 from gaitsweep.engine.numerics import Numerics
-from gaitsweep.engine.recorders.crossings import CrossingRecorder
+from gaitsweep.engine.recorders.recordings import CrossingRecorder
 from gaitsweep.engine.solver.methods import refusal
 from gaitsweep.engine.sweep.engines import EngineError, choose
 from gaitsweep.job import Job, JobError, load_job

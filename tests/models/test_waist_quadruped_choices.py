@@ -19,7 +19,7 @@ from reference.waist_quadruped_located import landings
 from scipy.integrate import solve_ivp
 
 from gaitsweep.engine.numerics import Numerics
-from gaitsweep.engine.recorders.crossings import CrossingRecorder
+from gaitsweep.engine.recorders.recordings import CrossingRecorder
 from gaitsweep.job import Job, JobError
 from gaitsweep.papers.aoi2011.waist_quadruped import WaistQuadruped
 from gaitsweep.papers.aoi2011.waist_quadruped.drawing import scaled_mjcf

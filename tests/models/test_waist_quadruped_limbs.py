@@ -17,9 +17,8 @@ from reference.waist_quadruped_body import varied
 from reference.waist_quadruped_located import landings
 
 from gaitsweep.engine.numerics import Numerics
-from gaitsweep.engine.recorders.crossings import CrossingRecorder
+from gaitsweep.engine.recorders.recordings import CrossingRecorder, TraceRecorder
 from gaitsweep.engine.recorders.settle import SettleRecorder
-from gaitsweep.engine.recorders.trace import TraceRecorder
 from gaitsweep.papers.aoi2011.waist_quadruped import WaistQuadruped
 from gaitsweep.papers.aoi2011.waist_quadruped.rhythm import phase_rates
 from gaitsweep.papers.aoi2011.waist_quadruped.sizes import body, mjcf

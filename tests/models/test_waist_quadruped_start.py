@@ -13,7 +13,7 @@ import pytest
 from gaitsweep.engine.advance import advance
 from gaitsweep.engine.carry import start
 from gaitsweep.engine.numerics import Numerics
-from gaitsweep.engine.recorders.trace import TraceRecorder
+from gaitsweep.engine.recorders.recordings import TraceRecorder
 from gaitsweep.papers.aoi2011.waist_quadruped import WaistQuadruped
 from gaitsweep.papers.aoi2011.waist_quadruped.bodies import WaistTreeBody
 from gaitsweep.papers.aoi2011.waist_quadruped.rhythm import phase_rates

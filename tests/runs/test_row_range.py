@@ -14,9 +14,9 @@ import gaitsweep as gs
 from gaitsweep.runs.job_array import blocks_of, run_rows
 from gaitsweep.runs.prepare import RunError
 from gaitsweep.table import Snapshot, TableError, examination
+from gaitsweep.table.directory import SharedWriter
 from gaitsweep.table.locks import BlockLocks, Lock
 from gaitsweep.table.manifest import Layout
-from gaitsweep.table.shared_writer import SharedWriter
 
 OVERRIDES = ["vary.launch_1={linspace: [0.2, 3.0, 10]}", "verify=4"]  # 120 rows in blocks of 32
 

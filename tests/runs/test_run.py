@@ -13,7 +13,7 @@ import pandas as pd
 import pytest
 
 import gaitsweep as gs
-from gaitsweep.engine.sweep import open_rows
+from gaitsweep.engine.sweep import sweep
 from gaitsweep.runs import execute as runner
 from gaitsweep.table import Snapshot
 from tests.support import environment
@@ -105,7 +105,7 @@ def test_finished_rows_of_a_block_of_all_rows_are_kept(
     job_file: Path, tmp_path: Path, run: dict[str, object], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Stopped again and again, rows being stored at once: no row that has ended is run again."""
-    monkeypatch.setattr(open_rows, "SAFE_WITHIN", 0.0)
+    monkeypatch.setattr(sweep, "SAFE_WITHIN", 0.0)
     job = gs.Job(
         name="hops",
         model="toy_model:Toy",

@@ -10,7 +10,7 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from gaitsweep.engine.numerics import Numerics
-from gaitsweep.engine.recorders.crossings import CrossingRecorder
+from gaitsweep.engine.recorders.recordings import CrossingRecorder
 from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
 from gaitsweep.status import Status
 from tests.support import REFERENCE

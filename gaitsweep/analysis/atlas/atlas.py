@@ -34,7 +34,7 @@ from gaitsweep.analysis.continuation.arclength_step import BranchPoints, Continu
 from gaitsweep.analysis.continuation.branch_follower import ArclengthSteps, BranchFollower
 from gaitsweep.analysis.continuation.branch_points import CROSSINGS, FLAT, Way, beside
 from gaitsweep.analysis.continuation.branch_table import in_terms_of_flow
-from gaitsweep.analysis.continuation.exact_points import SecondParameter
+from gaitsweep.analysis.continuation.critical_points import SecondParameter
 from gaitsweep.analysis.continuation.newton import ConservedConstraints, newton
 from gaitsweep.analysis.continuation.normal_forms import coefficient, doubled_direction
 from gaitsweep.analysis.continuation.stable_ranges import MARKS

@@ -9,12 +9,11 @@ from typing import NamedTuple
 import numpy as np
 
 from gaitsweep.analysis.atlas.branch import ON_BRANCH, Branch, Record
-from gaitsweep.analysis.atlas.order_curves import OrderChange
+from gaitsweep.analysis.atlas.order_changes import OrderChange
 from gaitsweep.analysis.atlas.periodic_orbits import SAME, orbits_of, with_images
 from gaitsweep.analysis.continuation.bifurcation_curves import BifurcationCurve, bifurcation_curve, step
 from gaitsweep.analysis.continuation.branch_follower import ArclengthSteps
-from gaitsweep.analysis.continuation.critical_points import CriticalPoint
-from gaitsweep.analysis.continuation.exact_points import SecondParameter, critical_kind
+from gaitsweep.analysis.continuation.critical_points import CriticalPoint, SecondParameter, critical_kind
 from gaitsweep.analysis.continuation.lockstep import alone, in_lockstep
 from gaitsweep.analysis.continuation.stable_ranges import MARKS
 from gaitsweep.engine.poincare.maps import Map, Points

@@ -3,7 +3,8 @@
 The states where rows settled are points of a torus (angles) times a box (all other observables). States
 joined by a chain of short links are one attractor. The largest link follows from the widest gap in the
 lengths of the links, not from a unit. A line of neutrally stable states is one attractor, and lines that meet
-at a corner are separate attractors.
+at a corner are separate attractors. Rows without a period, as of chaotic sets, are grouped by the states that
+they sample.
 """
 
 from __future__ import annotations
@@ -15,20 +16,250 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+import scipy
 from jaxtyping import Bool, Float, Int
 
-from gaitsweep.analysis.basins.sampled_sets import sampled_sets
-from gaitsweep.analysis.basins.state_clusters import (
-    box_dimension,
-    cells,
-    components,
-    cut_at_corners,
-    linking_distance,
-    spanning_tree,
-)
-from gaitsweep.analysis.basins.state_space import Space, StateArray, extent, state_columns
+from gaitsweep.analysis.basins.state_space import Space, StateArray, crossing_columns, extent, state_columns
 from gaitsweep.analysis.records import AnalysisError, names_in, require, require_numbers
 from gaitsweep.status import RECURRENT, Status
+
+# Largest ratio of the mean distance of crossings from a sampled set, to that between the crossings within it.
+NEAR = 3.0
+# States by which a sampled set is known.
+MOST_STATES = 2000
+
+
+@dataclasses.dataclass(frozen=True)
+class SampledSet:
+    """The states of some rows on one invariant set.
+
+    Attributes:
+        rows: the places of the rows in their table.
+        states: states of these rows, (m, d).
+        tree: the k-d tree of the states.
+        spacing: the mean distance from each state to the nearest other one; 0 of one state.
+    """
+
+    rows: list[int]
+    states: StateArray
+    tree: scipy.spatial.KDTree
+    spacing: float
+
+    @classmethod
+    def of(cls, space: Space, rows: list[int], states: StateArray) -> SampledSet:
+        """The set of states (m, d) in a space."""
+        tree = space.tree(states)
+        nearest = np.asarray(tree.query(states, k=2)[0])[:, 1]
+        return cls(rows, states, tree, float(nearest.mean()) if len(states) > 1 else 0.0)
+
+    def is_near(self, other: SampledSet) -> bool:
+        """Whether the set with fewer states is a sample of the other one."""
+        fewer, more = sorted((self, other), key=lambda one: len(one.states))
+        return float(np.asarray(more.tree.query(fewer.states)[0]).mean()) <= NEAR * more.spacing
+
+    def joined(self, other: SampledSet, space: Space) -> SampledSet:
+        """The set with the rows of both, and states of both up to `MOST_STATES`."""
+        fewer, more = sorted((self, other), key=lambda one: len(one.states))
+        rows = more.rows + fewer.rows
+        if len(more.states) >= MOST_STATES:
+            return dataclasses.replace(more, rows=rows)
+        return SampledSet.of(space, rows, np.concatenate([more.states, fewer.states])[:MOST_STATES])
+
+
+def sampled_sets(space: Space, table: pd.DataFrame, columns: Sequence[str], status: str) -> list[SampledSet]:
+    """The sets on which the rows of a status are, from that with the most rows on.
+
+    A row is on a set if its crossings (x_end, x_end_2, ...) are as near to those of the rows found there as
+    these are to each other, within a factor of `NEAR` in the means of the distances to the nearest one.
+
+    Args:
+        space: the space of the states.
+        table: a settle table.
+        columns: the columns of the state.
+        status: chaotic or quasi_periodic.
+    """
+    rows = np.flatnonzero((table["status"].astype(str) == status).to_numpy())
+    crossings = np.stack(
+        [space.points(table.iloc[rows], at_crossing) for at_crossing in crossing_columns(table, columns)],
+        axis=1,
+    )
+    known = np.isfinite(crossings).all(axis=(1, 2))
+    sets: list[SampledSet] = []
+    for row, states in zip(rows[known].tolist(), crossings[known], strict=True):
+        newest = SampledSet.of(space, [row], states)
+        # a set that grows may become one with others
+        while (near := next((known for known in sets if known.is_near(newest)), None)) is not None:
+            sets.remove(near)
+            newest = near.joined(newest, space)
+        sets.append(newest)
+    return sorted(sets, key=lambda of_rows: -len(of_rows.rows))
+
+
+Links = Int[np.ndarray, "links 2"]  # pairs of states
+Groups = Int[np.ndarray, " states"]  # a number for each state
+MOST_CELLS = 8192  # the time of the spanning tree grows with their square
+GAP = 3.0  # least ratio of successive link lengths at a gap between attractors
+GRAINS_OF_A_POINT = 10.0  # largest extent of a point attractor, in grains
+# radius of the neighbourhood that gives the direction of a line, as a share of its extent
+WINDOW = 1.0 / 16.0
+BENT = 0.05  # variance across a line over that along it, at a corner; 0.25 at a right angle, 0 if straight
+
+
+@dataclasses.dataclass(frozen=True)
+class Cells:
+    """States binned into cells: `of` (n,) the cell of each state, `first` (m,) one state of each, `side`."""
+
+    of: Groups
+    first: Int[np.ndarray, " cells"]
+    side: float
+
+
+def cells(space: Space, points: StateArray, grain: float) -> Cells:
+    """Bin states (n, d) into cells of side `grain`, doubled until there are at most `MOST_CELLS`.
+
+    Args:
+        space: the space of the states.
+        points: the states.
+        grain: the first side, in units of the scales.
+    """
+    side = grain
+    while True:
+        count = np.maximum(np.round(space.periods / side), 1.0)
+        width = np.where(space.periods > 0.0, space.periods / count, side)
+        places = pd.DataFrame(np.floor(points / width).astype(np.int64))
+        of = places.groupby(list(places)).ngroup().to_numpy()
+        first = np.unique(of, return_index=True)[1]
+        if first.size <= MOST_CELLS:
+            return Cells(of, first, side)
+        side *= 2.0
+
+
+def spanning_tree(space: Space, points: StateArray) -> tuple[Links, Float[np.ndarray, " links"]]:
+    """The minimum spanning tree of states (m, d) by Prim's algorithm, in memory O(m) and time O(m^2).
+
+    Returns:
+        The links as pairs of indices, outwards from the first state, (m - 1, 2), and their lengths, (m - 1,).
+    """
+    count = len(points)
+    near = np.full(count, np.inf)
+    source = np.zeros(count, np.int64)
+    outside = np.ones(count, bool)
+    links, lengths = np.zeros((max(count - 1, 0), 2), np.int64), np.zeros(max(count - 1, 0))
+    newest = 0
+    for step in range(count - 1):
+        outside[newest] = False
+        distance = space.distance(points, points[newest])
+        closer = outside & (distance < near)
+        near[closer], source[closer] = distance[closer], newest
+        near[newest] = np.inf
+        newest = int(np.argmin(np.where(outside, near, np.inf)))
+        links[step], lengths[step] = (source[newest], newest), near[newest]
+    return links, lengths
+
+
+def linking_distance(lengths: Float[np.ndarray, " links"], grain: float, rows: int) -> float:
+    """The length above which a tree's links are cut: within the widest gap in their lengths, as a ratio.
+
+    A gap counts where the longer link is at least `GAP` times the shorter one, and where cutting there leaves
+    at most as many attractors as the square root of the rows (at least two). Without such a gap there is one
+    attractor, and the length is inf. Scaling all lengths scales the result.
+
+    Args:
+        lengths: of the links between cells, (m - 1,).
+        grain: the least length; shorter links, and those between rows of one cell, count as this long.
+        rows: number of rows in all cells.
+    """
+    sorted_lengths = np.sort(np.maximum(lengths, grain))[::-1]
+    if rows > lengths.size + 1:
+        sorted_lengths = np.append(sorted_lengths, grain)
+    most = max(2, int(np.ceil(np.sqrt(rows))))
+    ratios = (sorted_lengths[:-1] / sorted_lengths[1:])[: most - 1]
+    if not ratios.size or ratios.max() < GAP:
+        return np.inf
+    widest = int(np.argmax(ratios))
+    return float(np.sqrt(sorted_lengths[widest] * sorted_lengths[widest + 1]))
+
+
+def components(count: int, links: Links) -> Int[np.ndarray, " nodes"]:
+    """The component (count,) of each of `count` nodes joined by links (k, 2), numbered in their order."""
+    joined = np.ones(len(links), bool), (links[:, 0], links[:, 1])
+    graph = scipy.sparse.coo_array(joined, shape=(count, count))
+    return scipy.sparse.csgraph.connected_components(graph, directed=False)[1].astype(np.int64)
+
+
+def cut_at_corners(
+    space: Space,
+    states: StateArray,
+    flat: StateArray,
+    group: Groups,
+    links: Links,
+    gaps: Float[np.ndarray, " links"],
+    side: float,
+) -> Groups:
+    """The groups of states, lines split at their corners.
+
+    Args:
+        space: the space of the states.
+        states: (m, d), and `flat` (m, d) the same without turns of angles between linked states.
+        group: the group of each state, (m,).
+        links: links between states, (k, 2), and `gaps` (k,) their lengths, 0 where cut.
+        side: the distance below which states are equal.
+
+    Returns:
+        A number for each state, (m,).
+    """
+    pieces = np.zeros(len(flat), np.int64)
+    for number in range(group.max(initial=-1) + 1):
+        members = np.flatnonzero(group == number)
+        if box_dimension(flat[members], side) == 1:
+            gap = gaps[group[links[:, 0]] == number].max(initial=0.0)
+            pieces[members] = _smooth_pieces(space, states[members], flat[members], side, gap)
+    return np.unique(np.stack([group, pieces]), axis=1, return_inverse=True)[1].reshape(-1)
+
+
+def box_dimension(flat: StateArray, side: float) -> int:
+    """The box-counting dimension of unrolled states (m, d), rounded; 0 for a point."""
+    size = extent(flat)
+    if size <= GRAINS_OF_A_POINT * side:
+        return 0
+    sides = [size / 2.0**k for k in (2, 3, 4) if size / 2.0**k >= 1.2 * side]
+    boxes = [len(np.unique(np.floor((flat - flat[0]) / box + 0.5), axis=0)) for box in sides]
+    slope = np.polyfit(-np.log(sides), np.log(boxes), 1)[0]
+    return max(1, round(float(slope)))
+
+
+def _smooth_pieces(space: Space, states: StateArray, flat: StateArray, side: float, gap: float) -> Groups:
+    """The smooth piece (m,) of each state of one line; at a corner its neighbours are bent."""
+    window = WINDOW * extent(flat)
+    one_piece = np.zeros(len(states), np.int64)
+    if window < max(4.0 * side, gap):
+        return one_piece
+    straight = np.flatnonzero(_bend(space, states, window) <= BENT)
+    if not straight.size:
+        return one_piece
+    # slightly more than the gap, so that the two ends of the longest link stay together
+    links = space.tree(states[straight]).query_pairs(max(0.5 * window, 1.01 * gap), output_type="ndarray")
+    piece = components(straight.size, links)
+    members = [straight[piece == number] for number in range(piece.max() + 1)]
+    large = [members_of_piece for members_of_piece in members if extent(flat[members_of_piece]) >= window]
+    if len(large) < 2:
+        return one_piece
+    return np.argmin(
+        [space.nearest_distance(states, states[members_of_piece]) for members_of_piece in large], axis=0
+    )
+
+
+def _bend(space: Space, states: StateArray, window: float) -> Float[np.ndarray, " states"]:
+    """The variance of each state's neighbours across their main direction over that along it, (m,)."""
+    around = space.tree(states).query_ball_point(states, window)
+    bend = np.zeros(len(states))
+    for place, members in enumerate(around):
+        away = space.difference(states[members], states[place])
+        spread = np.linalg.eigvalsh(np.atleast_2d(np.cov(away.T, bias=True)))
+        if spread[-1] > 0.0:
+            bend[place] = spread[:-1].sum() / spread[-1]
+    return bend
+
 
 CYCLES_OF_A_GRAIN = 10.0  # cycles in which a row settled to the tolerance of `run` may still move by a grain
 _GRAIN = 0.01  # rad; for tables without a tolerance

@@ -10,8 +10,8 @@ import pandas as pd
 from jaxtyping import Float, Shaped
 
 from gaitsweep.analysis.basins.attractors import with_attractors
-from gaitsweep.analysis.basins.fractal_boundaries import (
-    BOX,
+from gaitsweep.analysis.basins.basin_boundaries import (
+    ENTROPY_BOX,
     Uncertainty,
     basin_entropy,
     uncertainty_exponent,
@@ -56,7 +56,7 @@ def basins(
     by: str | Sequence[str] = (),
     level: float = LEVEL,
     interval: Interval | None = None,
-    box: int = BOX,
+    box: int = ENTROPY_BOX,
     sizes: Sequence[int] | None = None,
     scales: Mapping[str, float] | None = None,
 ) -> Basins:

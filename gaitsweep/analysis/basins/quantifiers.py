@@ -10,11 +10,15 @@ import pandas as pd
 from jaxtyping import Bool, Float, Shaped
 
 from gaitsweep.analysis.basins.attractor_matching import follow_attractors
-from gaitsweep.analysis.basins.fractal_boundaries import uncertainty_exponent, uncertainty_fraction
+from gaitsweep.analysis.basins.basin_boundaries import (
+    RADIUS,
+    boundaries_nearby,
+    uncertainty_exponent,
+    uncertainty_fraction,
+)
 from gaitsweep.analysis.basins.fractions import LEVEL, fractions, panels_and_axes
 from gaitsweep.analysis.basins.grid import find_grid
 from gaitsweep.analysis.basins.state_space import Space, check_scales, crossing_columns
-from gaitsweep.analysis.basins.wada import RADIUS, boundaries_nearby
 from gaitsweep.analysis.records import AnalysisError, require, require_numbers
 from gaitsweep.status import Status
 

@@ -17,8 +17,14 @@ import numpy as np
 from gaitsweep.analysis.continuation.arclength_step import BranchPoints, ContinuationProblem
 from gaitsweep.analysis.continuation.bifurcation_tests import ZeroOnStep, located
 from gaitsweep.analysis.continuation.branch_follower import JUMPS, ArclengthSteps
-from gaitsweep.analysis.continuation.critical_points import Border, CriticalEquations, CriticalPoint, Vector
-from gaitsweep.analysis.continuation.exact_points import SecondParameter, equations_at
+from gaitsweep.analysis.continuation.critical_points import (
+    Border,
+    CriticalEquations,
+    CriticalPoint,
+    SecondParameter,
+    Vector,
+    equations_at,
+)
 from gaitsweep.analysis.continuation.lockstep import Computation
 from gaitsweep.engine.poincare.maps import Points
 

@@ -18,8 +18,7 @@ from jaxtyping import Bool, Complex, Float
 
 from gaitsweep.analysis.continuation.arclength_step import BranchPoints, ContinuationProblem, PerBranch
 from gaitsweep.analysis.continuation.branch_points import FLAT, IMPERFECT, Crossing, branch_point, cornered
-from gaitsweep.analysis.continuation.critical_points import REAL
-from gaitsweep.analysis.continuation.exact_points import located_exactly
+from gaitsweep.analysis.continuation.critical_points import REAL, located_exactly
 from gaitsweep.analysis.continuation.floquet_multipliers import multipliers
 from gaitsweep.analysis.continuation.lockstep import Computation, Request, alone, in_lockstep
 from gaitsweep.analysis.continuation.normal_forms import PITCHFORKS
@@ -101,18 +100,6 @@ class ZeroOnStep(NamedTuple, Generic[T]):
 
     point: T
     arclength: float
-
-
-class _CrossingSearch(NamedTuple):
-    """The branch point on a step, if there is one.
-
-    `beta`: its scaled beta, or that of the branches that pass each other; `zero`: the zero of the test
-    function, if that had to be located.
-    """
-
-    crossing: Crossing | None
-    beta: float
-    zero: ZeroOnStep[BranchPoints] | None
 
 
 def located(
@@ -310,16 +297,23 @@ class _BranchStep:
         specials = sorted(specials, key=lambda special: special.arclength)
         return specials if self._explained(specials) else None
 
-    def _crossing(self, ends: tuple[float, float]) -> _CrossingSearch:
-        """The branch point on a step with these values of `branch_test` at its ends."""
+    def _crossing(
+        self, ends: tuple[float, float]
+    ) -> tuple[Crossing | None, float, ZeroOnStep[BranchPoints] | None]:
+        """The branch point on a step with these values of `branch_test` at its ends, if there is one.
+
+        Returns:
+            The branch point, its scaled beta or that of the branches that pass each other, and the zero of
+            the test function, if that had to be located.
+        """
         crossing, beta = branch_point(self.problem, self._chord_zero(ends))
         if self._contains(crossing):
-            return _CrossingSearch(crossing, beta, None)
+            return crossing, beta, None
         zero = located_on_branch(self.problem, self.before, self.length, branch_test, ends)
         if zero is None:
-            return _CrossingSearch(None, np.nan, None)
+            return None, np.nan, None
         crossing, beta = branch_point(self.problem, zero.point)
-        return _CrossingSearch(crossing if self._contains(crossing) else None, beta, zero)
+        return crossing if self._contains(crossing) else None, beta, zero
 
     def _zero(self, test: Test, ends: tuple[float, float]) -> Computation[Special | None]:
         """The bifurcation at the zero of a test function, not that of branch points, if it is one.

@@ -61,22 +61,18 @@ class Crossing:
     aside: BranchPoints | None
 
 
-class BranchPointSearch(NamedTuple):
-    """The branch point that was found, if any, and the scaled beta there."""
-
-    crossing: Crossing | None
-    beta: float
-
-
-def branch_point(problem: ContinuationProblem, near: BranchPoints) -> BranchPointSearch:
+def branch_point(problem: ContinuationProblem, near: BranchPoints) -> tuple[Crossing | None, float]:
     """The branch point near one point (1,) of a branch.
 
     The tangents t of both branches satisfy w' F_zz t t = 0 (z: coordinates, drifts, parameter), a quadratic
     form on the two null vectors of [F_x F_p].
+
+    Returns:
+        The branch point that was found, if any, and the scaled beta there.
     """
     solution = _solved(problem, near)
     if solution is None:
-        return BranchPointSearch(None, np.nan)
+        return None, np.nan
     branching, z, beta = solution
     size, scale = near.points.at.shape[1], problem.scale()[0]
     unscaled = z * scale
@@ -89,13 +85,13 @@ def branch_point(problem: ContinuationProblem, near: BranchPoints) -> BranchPoin
     sides = [] if passing else both_sides(problem, at)
     tangents = crossing_tangents(branching.null, branching.bent)
     if tangents is None or not (passing or _is_smooth(sides)):
-        return BranchPointSearch(cornered(problem, at, sides), beta)
+        return cornered(problem, at, sides), beta
     along = near.tangent[0] / scale
     ours = int(np.argmax(np.abs(tangents @ along)))
     at = _directed(at, tangents[ours] * np.sign(tangents[ours] @ along) * scale)
     aside = beside(problem, at, _both_ways(points, tangents[1 - ours] * scale))
     kind = _kind_of_smooth(problem, at, branching, tangents)
-    return BranchPointSearch(Crossing(kind, at, aside), beta)
+    return Crossing(kind, at, aside), beta
 
 
 class _Solution(NamedTuple):

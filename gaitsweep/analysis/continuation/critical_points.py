@@ -19,12 +19,17 @@ import jax
 import numpy as np
 from jaxtyping import Complex, Float, Inexact
 
-from gaitsweep.analysis.continuation.floquet_multipliers import multipliers
-from gaitsweep.analysis.continuation.hopf_cycles import hopf_form
+from gaitsweep.analysis.continuation.arclength_step import BranchPoints, ContinuationProblem
+from gaitsweep.analysis.continuation.branch_points import CROSSINGS
+from gaitsweep.analysis.continuation.floquet_multipliers import critical_multiplier, multipliers
 from gaitsweep.analysis.continuation.lockstep import Computation, Request
 from gaitsweep.analysis.continuation.newton import ConservedConstraints, matrices, residuals
-from gaitsweep.analysis.continuation.normal_forms import flip_coefficient, neimark_sacker_coefficient
-from gaitsweep.engine.poincare.maps import Map, MapEvaluation, Points
+from gaitsweep.analysis.continuation.normal_forms import (
+    flip_coefficient,
+    hopf_form,
+    neimark_sacker_coefficient,
+)
+from gaitsweep.engine.poincare.maps import Map, MapEvaluation, Points, sizes
 from gaitsweep.engine.poincare.stationary_map import StationaryMap
 
 Vector = Float[np.ndarray, " unknowns"]  # coordinates, drifts, parameters, and theta or beta
@@ -45,25 +50,6 @@ REAL = 1e-6
 class Border(NamedTuple):
     """The null vectors v and w of a point close by, which border the singular matrix."""
 
-    v: NullVectors
-    w: NullVectors
-
-
-class Evaluated(NamedTuple):
-    """F (n, m) at n points, its derivatives (n, m, m + 1) with the first parameter last, and the images.
-
-    Both are scaled, and NaN where the map is not defined.
-    """
-
-    F: Float[np.ndarray, "several fold_unknowns"]
-    derivatives: Float[np.ndarray, "several fold_unknowns columns"]
-    images: MapEvaluation
-
-
-class Residual(NamedTuple):
-    """The residual of the equations at a point, and the null vectors there."""
-
-    values: Float[np.ndarray, " equations"]
     v: NullVectors
     w: NullVectors
 
@@ -145,8 +131,18 @@ class CriticalEquations:
 
     def evaluated(
         self, like: Points, several: Float[np.ndarray, "several unknowns"]
-    ) -> Computation[Evaluated]:
-        """F and its derivatives at scaled unknowns (n, ...), with the modes of a point `like` (1,)."""
+    ) -> Computation[
+        tuple[
+            Float[np.ndarray, "several fold_unknowns"],
+            Float[np.ndarray, "several fold_unknowns columns"],
+            MapEvaluation,
+        ]
+    ]:
+        """F at scaled unknowns (n, ...), with the modes of a point `like` (1,), its derivatives, and images.
+
+        F (n, m) and its derivatives (n, m, m + 1), with the first parameter last, are scaled, and NaN where
+        the map is not defined.
+        """
         n, size = len(several), like.at.shape[1]
         modes = jax.tree.map(lambda leaf: np.repeat(np.asarray(leaf)[:1], n, axis=0), like.modes)
         points = Points(several[:, :size] * self.scale[:size], modes)
@@ -161,7 +157,7 @@ class CriticalEquations:
         full = np.concatenate([inner, (slopes * self.width[0] / self.scale)[:, :, None]], axis=2)
         miss[~images.sound] = np.nan
         full[~images.sound] = np.nan
-        return Evaluated(miss, full, images)
+        return miss, full, images
 
     def critical_matrix(
         self, derivatives: FoldMatrix, unknowns: Vector
@@ -188,14 +184,17 @@ class CriticalEquations:
         miss: Float[np.ndarray, " fold_unknowns"],
         derivatives: FoldMatrix,
         border: Border,
-    ) -> Residual:
-        """The residual and the null vectors, with the `border` of a point close by."""
+    ) -> tuple[Float[np.ndarray, " equations"], NullVectors, NullVectors]:
+        """The residual of the equations at a point, and the null vectors v and w there.
+
+        `border` is that of a point close by.
+        """
         matrix = self.critical_matrix(derivatives, unknowns)
         v, w, g = null_vectors(matrix, *border)
         if self.kind == "branch_point":
             miss = miss + unknowns[-1] * border.w[0]
         parts = [g.real, g.imag] if self.kind == "neimark_sacker" else [g.real]
-        return Residual(np.concatenate([miss, np.ravel(parts)]), v, w)
+        return np.concatenate([miss, np.ravel(parts)]), v, w
 
     def at(
         self,
@@ -412,3 +411,106 @@ def null_vectors(
     lengths, of_w = np.linalg.norm(new_v, axis=1), np.linalg.norm(new_w)
     new_v, new_w, g = new_v / lengths[:, None], new_w / of_w, g / (lengths * of_w)
     return (new_v, new_w, g) if len(right) == 2 else (new_v[0], new_w[0], g[0])
+
+
+# Most Newton steps to a bifurcation.
+MOST_STEPS = 10
+# Length of the step that ends the search.
+LAST_STEP = 1e-13
+# The search also ends with a step this short that is longer than this share of the step before: it converges
+# no further.
+NEARLY_LAST_STEP = 1e-7
+SLOWER = 0.3
+# The largest change of scaled unknowns between a bifurcation that was bracketed and its exact place.
+MOST_MOVED = 0.05
+
+
+class SecondParameter(NamedTuple):
+    """The second parameter of a plane: its name, and its range."""
+
+    name: str
+    low: float
+    high: float
+
+
+def critical_kind(special: str) -> CriticalKind:
+    """The kind of equations of a bifurcation on a branch: those of all branch points are the same.
+
+    Args:
+        special: fold, flip, neimark_sacker, or a kind of branch point.
+    """
+    if special == "fold" or special == "flip" or special == "neimark_sacker":
+        return special
+    assert special in CROSSINGS
+    return "branch_point"
+
+
+def equations_at(
+    problem: ContinuationProblem, at: BranchPoints, special: str, second: SecondParameter | None = None
+) -> tuple[CriticalEquations, Vector]:
+    """The equations of a bifurcation that was located on one branch (1,), and its unknowns.
+
+    Args:
+        problem: the continuation problem of the branch.
+        at: the bifurcation.
+        special: fold, flip, neimark_sacker, or a kind of branch point.
+        second: a second parameter, one of the problem's other parameters.
+
+    Returns:
+        The equations, and the unknowns at the bifurcation.
+    """
+    kind = critical_kind(special)
+    k = len(problem.constraints.which)
+    scale = np.concatenate([sizes(at.points.at)[0], np.ones(k)])
+    parameters = [(problem.parameter, problem.low, problem.high, float(at.parameter[0]))]
+    values = {name: column[:1] for name, column in problem.values.items()}
+    if second is not None:
+        present_value = float(values.pop(second.name)[0])
+        parameters.append((second.name, second.low, second.high, present_value))
+    names = tuple(name for name, *_ in parameters)
+    low, high, present = np.array([numbers for _, *numbers in parameters]).T
+    width = high - low
+    equations = CriticalEquations(
+        problem.mapping, kind, names, low, width, values, problem.constraints, scale
+    )
+    extra: list[float] = []
+    if kind == "neimark_sacker":
+        factors = np.linalg.eigvals(at.images.jacobian[0])
+        extra = [float(np.angle(critical_multiplier(factors, kind)))]
+    elif kind == "branch_point":
+        extra = [0.0]
+    z = np.concatenate([at.points.at[0], at.drift[0]]) / scale
+    return equations, np.concatenate([z, (present - low) / width, extra])
+
+
+def located_exactly(
+    problem: ContinuationProblem, at: BranchPoints, special: str
+) -> Computation[CriticalPoint | None]:
+    """The bifurcation next to a bracketed one (1,), to the precision of the map; None if not found.
+
+    Args:
+        problem: the continuation problem of the branch.
+        at: the bracketed bifurcation.
+        special: fold, flip, neimark_sacker, or a kind of branch point.
+    """
+    equations, unknowns = equations_at(problem, at, special)
+    first = unknowns
+    border = yield from equations.first_border(at.points, unknowns)
+    if border is None:
+        return None
+    last = np.inf
+    for _ in range(MOST_STEPS):
+        point = yield from equations.at(at.points, unknowns, border)
+        if point is None:
+            return None
+        try:
+            step = np.linalg.solve(point.matrix, -point.residual)
+        except np.linalg.LinAlgError:
+            return None
+        size = float(np.max(np.abs(step)))
+        if not np.max(np.abs(unknowns + step - first)) < MOST_MOVED:
+            return None
+        if size < LAST_STEP or (size > SLOWER * last and size < NEARLY_LAST_STEP):
+            return point
+        unknowns, border, last = unknowns + step, Border(point.v, point.w), size
+    return None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -15,8 +15,12 @@ from gaitsweep.analysis.continuation.bifurcation_curves import CurvePoint, follo
 from gaitsweep.analysis.continuation.bifurcation_tests import branch_test, fold_test, located_on_branch
 from gaitsweep.analysis.continuation.branch_follower import ArclengthSteps
 from gaitsweep.analysis.continuation.branch_table import in_terms_of_flow
-from gaitsweep.analysis.continuation.critical_points import CriticalEquations, CriticalPoint
-from gaitsweep.analysis.continuation.exact_points import SecondParameter, equations_at
+from gaitsweep.analysis.continuation.critical_points import (
+    CriticalEquations,
+    CriticalPoint,
+    SecondParameter,
+    equations_at,
+)
 from gaitsweep.analysis.continuation.lockstep import alone
 from gaitsweep.analysis.continuation.newton import ConservedConstraints, NewtonOutcome, newton
 from gaitsweep.engine.poincare.maps import Map, Points, Values
@@ -83,13 +87,6 @@ def fold_curves(
     return in_terms_of_flow(mapping, pd.DataFrame(records))
 
 
-class _FirstFold(NamedTuple):
-    """The first point of a curve of folds, with the equations of the curve."""
-
-    equations: CriticalEquations
-    point: CriticalPoint
-
-
 def _check_ranges(parameters: Sequence[str], within: Mapping[str, Sequence[float]]) -> None:
     """Refuse parameters that are not two, or a range without a width."""
     if len(parameters) != 2 or parameters[0] == parameters[1]:
@@ -108,8 +105,11 @@ def _first_fold(
     to_fold: int,
     fix: Sequence[str],
     steps: ArclengthSteps,
-) -> _FirstFold | str:
-    """The first fold on the branch through a start; the `end` of its record if there is none."""
+) -> tuple[CriticalEquations, CriticalPoint] | str:
+    """The equations and the point of the first fold on the branch through a start.
+
+    If there is none, the `end` of its record is returned.
+    """
     first = parameters[0]
     fixed = newton(mapping, start, values, fix=fix)
     if not fixed.converged[0]:
@@ -150,13 +150,13 @@ def _on_curve(
     fold: BranchPoints,
     parameters: Sequence[str],
     within: Mapping[str, Sequence[float]],
-) -> _FirstFold | str:
-    """The first point of a fold's curve; the `end` of its record if it has none."""
+) -> tuple[CriticalEquations, CriticalPoint] | str:
+    """The equations and the first point of a fold's curve; the `end` of its record if it has none."""
     name = parameters[1]
     second = SecondParameter(name, float(min(within[name])), float(max(within[name])))
     equations, unknowns = equations_at(problem, fold, "fold", second)
     first = alone(equations.first(fold.points, unknowns))
-    return "lost" if first is None else _FirstFold(equations, first)
+    return "lost" if first is None else (equations, first)
 
 
 def _curve_through(

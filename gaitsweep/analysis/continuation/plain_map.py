@@ -14,9 +14,8 @@ from numpy.typing import ArrayLike
 
 from gaitsweep.contract import Quantity, State
 from gaitsweep.engine.poincare.map_derivatives import FollowedMap
-from gaitsweep.engine.poincare.maps import Coordinates, Events, Image, Points, Values
+from gaitsweep.engine.poincare.maps import Coordinates, Events, Image, Points, Values, group_of
 from gaitsweep.engine.poincare.poincare_return import ReturnStatus
-from gaitsweep.engine.poincare.symmetry_group import group_of
 
 
 @dataclasses.dataclass(frozen=True)

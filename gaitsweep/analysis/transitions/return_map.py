@@ -26,8 +26,7 @@ from gaitsweep.analysis.records import (
     section_column,
     sound,
 )
-from gaitsweep.analysis.transitions.drift import Drift, drifts_of
-from gaitsweep.analysis.transitions.drift_zeros import NEAR, ghosts_of, zeros_of
+from gaitsweep.analysis.transitions.drift import NEAR, Drift, drifts_of, ghosts_of, zeros_of
 from gaitsweep.angles import TURN, branch_cut, is_circular, unwrap_from, wrapped_difference
 
 BANDWIDTH = 0.05  # rad; half the width of the window of the local lines

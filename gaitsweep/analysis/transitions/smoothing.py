@@ -1,11 +1,136 @@
-"""Local regression of scattered points."""
+"""Local regression of scattered points, and the gaps and jumps across which they are not smoothed."""
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int, Real
+import scipy
+from jaxtyping import Bool, Float, Int, Real
+
+PointFlags = Bool[np.ndarray, " points"]
+_NEIGHBOURS = 12  # spacings on either side that tell how densely the points lie at a place
+_GAP_RATIO = 4.0  # least ratio of a gap to those spacings, or
+# to those of the rows' first points: a row leaves an unstable point, and none comes to it
+_GAP_RATIO_OF_STARTS = 2.0
+_WIDEST_GAP = 2.0  # bandwidths: with a wider gap, no window has points on both sides
+_JUMP_OVER_RESIDUAL = 3.0  # least ratio of a jump to the largest residual of the lines on both sides
+_JUMP_OVER_ERROR = 6.0  # least ratio of a jump to the standard error of the difference of these lines
+_LEAST_WEIGHT = 4.0  # points, by their shares, in a line on either side
+# least and largest difference of the two points in the middle, as shares of the lines' difference
+_SHARE_OF_LEAP = (1.0 / 3.0, 2.0)
+
+
+def breaks(
+    value: PerPoint, change: PerPoint, share: PerPoint, first: PointFlags, bandwidth: float, step: float
+) -> Bool[np.ndarray, " gaps"]:
+    """Whether there is a break, a gap or a jump, after each of the points sorted by value, bool (n - 1,).
+
+    A curve across a break would have values that no trajectory has, and false zeros of the drift.
+
+    A gap is wider than the spacing of the points around it: 4 times their spacing, twice the spacing of the
+    rows' first points, or two bandwidths. Spacings below `step` are not gaps. At a jump, the
+    lines through the points on both sides (4 at least, within a bandwidth) differ, between the two points in
+    the middle, by 6 standard errors and by 3 times their largest residual.
+
+    Args:
+        value, change, share: the points as `Drift` has them, (n,), sorted by value.
+        first: which of them is the first of its row, bool (n,).
+        bandwidth: half the width of the smoothing window, in the unit of the value.
+        step: the distance below which places count as one.
+    """
+    if len(value) < 2:
+        return np.zeros(0, bool)
+    return _gaps(value, first, bandwidth, step) | _jumps(value, change, share, bandwidth, step)
+
+
+def _gaps(value: PerPoint, first: PointFlags, bandwidth: float, step: float) -> Bool[np.ndarray, " gaps"]:
+    """Whether there is a gap after each point, as for `breaks`."""
+    spacing = np.diff(value)
+    suspect = np.flatnonzero(spacing > step)
+    wide = np.zeros(len(spacing), bool)
+    if not suspect.size:
+        return wide
+    # points of one place (rows that have come to rest) tell nothing of how densely the others lie
+    places = value[np.r_[True, spacing > 0.1 * step]]
+    between = np.diff(places)
+    starts = np.unique(value[first])
+    between_starts = np.diff(starts)
+    for k in suspect:
+        at = int(np.searchsorted(places, value[k], "right")) - 1
+        around = np.r_[between[max(at - _NEIGHBOURS, 0) : at], between[at + 1 : at + 1 + _NEIGHBOURS]]
+        usual = _GAP_RATIO * float(np.quantile(around, 0.9)) if around.size else 0.0
+        middle = 0.5 * (value[k] + value[k + 1])
+        start = int(np.searchsorted(starts, middle)) - 1
+        if 0 <= start < len(between_starts):
+            neighbours = np.r_[
+                between_starts[max(start - 1, 0) : start], between_starts[start + 1 : start + 2]
+            ]
+            usual = max(usual, _GAP_RATIO_OF_STARTS * float(neighbours.max())) if neighbours.size else usual
+        wide[k] = spacing[k] > min(max(usual, step), _WIDEST_GAP * bandwidth)
+    return wide
+
+
+def _jumps(
+    value: PerPoint, change: PerPoint, share: PerPoint, bandwidth: float, step: float
+) -> Bool[np.ndarray, " gaps"]:
+    """Whether there is a jump after each point, as for `breaks`."""
+    jumps = np.zeros(len(value) - 1, bool)
+    difference = np.abs(np.diff(change))
+    # a jump is far larger than what the points around it differ by, from one to the next
+    usual = scipy.ndimage.median_filter(difference, 2 * _NEIGHBOURS + 1, mode="nearest")
+    largest = scipy.ndimage.maximum_filter1d(difference, 3, mode="nearest")
+    suspect = (difference > 3.0 * usual) & (difference >= largest) & (difference > 0.0)
+    for k in np.flatnonzero(suspect).tolist():
+        middle = 0.5 * float(value[k] + value[k + 1])
+        below = _line(value, change, share, k, -1, middle, bandwidth, step)
+        above = _line(value, change, share, k + 1, 1, middle, bandwidth, step)
+        if below is None or above is None:
+            continue
+        leap = abs(above.value - below.value)
+        error = float(np.hypot(below.error, above.error))
+        jumps[k] = (
+            leap > _JUMP_OVER_ERROR * error
+            and leap > _JUMP_OVER_RESIDUAL * max(below.residual, above.residual)
+            and _SHARE_OF_LEAP[0] * leap < difference[k] < _SHARE_OF_LEAP[1] * leap
+        )
+    return jumps
+
+
+class _Line(NamedTuple):
+    """The value of a line through points at a place, its standard error, and the points' largest residual."""
+
+    value: float
+    error: float
+    residual: float
+
+
+def _line(
+    value: PerPoint,
+    change: PerPoint,
+    share: PerPoint,
+    k: int,
+    way: int,
+    place: float,
+    bandwidth: float,
+    step: float,
+) -> _Line | None:
+    """The line through point k and some beyond it, at a place; None if they are too few."""
+    last = int(np.searchsorted(value, value[k] + way * bandwidth, "right" if way > 0 else "left"))
+    pairs = np.arange(k, last) if way > 0 else np.arange(k, last - 1, -1)
+    x, y, weight = np.abs(value[pairs] - place), change[pairs], share[pairs]
+    enough = (np.cumsum(weight) >= _LEAST_WEIGHT) & (x - x[:1] >= step) & (np.arange(len(x)) >= 3)
+    if not enough.any():
+        return None
+    count = int(np.argmax(enough)) + 1
+    x, y, weight = x[:count], y[:count], weight[:count]
+    (slope, height), covariance = np.polyfit(x, y, 1, w=np.sqrt(weight), cov="unscaled")
+    residual = y - height - slope * x
+    effective = float(weight.sum()) ** 2 / float((weight**2).sum())
+    variance = float(weight @ residual**2) / max(effective - 2.0, 1.0)
+    error = float(np.sqrt(variance * covariance[1, 1]))
+    return _Line(float(height), error, float(np.abs(residual).max()))
+
 
 PerPoint = Float[np.ndarray, " points"]  # a number for each point
 LEAST = (3.0, 6.0)  # least weight of the points in the window of a line and of a parabola

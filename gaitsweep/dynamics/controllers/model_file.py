@@ -49,8 +49,7 @@ from gaitsweep.dynamics.mjx.mjcf_model import MjcfModel
 from gaitsweep.near_miss import suggestion
 from gaitsweep.schema.diagnostics import Diagnostic, JobError, wrong_kind
 from gaitsweep.schema.numbers import NotNegative, Real, Text, Word
-from gaitsweep.schema.pydantic_errors import SchemaSection, from_pydantic
-from gaitsweep.schema.strict_model import OneOf, StrictModel
+from gaitsweep.schema.strict_model import OneOf, SchemaSection, StrictModel, from_pydantic
 from gaitsweep.schema.yaml_document import Document, read_document
 
 _FOOT = "foot"  # the entry of a leg that names its foot; the others are roles of joints

@@ -11,13 +11,12 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from gaitsweep.contract import Params
-from gaitsweep.engine.dependences import dependences
 from gaitsweep.engine.devices import Device
 from gaitsweep.engine.kernel import gpu_program
 from gaitsweep.engine.kernel.cuda_device import CudaDevice, DeviceArray
-from gaitsweep.engine.kernel.lanes import Kernel, KernelLanes
-from gaitsweep.engine.kernel.opening import OpenedRows
+from gaitsweep.engine.kernel.lanes import Kernel, KernelLanes, OpenedRows
 from gaitsweep.engine.recorders.recorder import BUFFER
+from gaitsweep.engine.stored_traces import dependences
 from gaitsweep.engine.sweep.lane import ChunkOutput, Values
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.status import Status

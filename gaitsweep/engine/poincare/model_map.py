@@ -20,9 +20,8 @@ from gaitsweep.engine.carry import Integer, select
 from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.devices import refuse_fork
 from gaitsweep.engine.poincare.map_derivatives import FollowedMap
-from gaitsweep.engine.poincare.maps import Coordinates, Image, Points, Values
+from gaitsweep.engine.poincare.maps import Coordinates, Image, Points, Values, group_of
 from gaitsweep.engine.poincare.poincare_return import Returned, ReturnStatus
-from gaitsweep.engine.poincare.symmetry_group import group_of
 from gaitsweep.errors import ArgumentError
 from gaitsweep.expression import functions_of, names_used, resolve
 

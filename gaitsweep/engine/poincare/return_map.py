@@ -20,13 +20,13 @@ from jaxtyping import Array, Bool, Float, Int
 from gaitsweep.contract import Chart, HybridModel, Params, Rates, State
 from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.leaves import extended_type
-from gaitsweep.engine.model_shapes import shapes_of
 from gaitsweep.engine.numerics import Numerics, ResolvedNumerics
 from gaitsweep.engine.poincare.map_derivatives import BATCH_SIZES, in_batches
 from gaitsweep.engine.poincare.maps import Coordinates, Events, Points, Values
 from gaitsweep.engine.poincare.model_map import ModelMap
 from gaitsweep.engine.poincare.poincare_return import Returned, ReturnEngine, crossing, crossing_of
 from gaitsweep.engine.solver.methods import fixed_step_scheme
+from gaitsweep.engine.stored_traces import shapes_of
 from gaitsweep.engine.tangents import chart_of
 
 # Events of one guard between two crossings that have a time.

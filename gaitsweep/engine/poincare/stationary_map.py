@@ -25,10 +25,10 @@ from gaitsweep import near_miss
 from gaitsweep.contract import Chart, HybridModel, Params, Quantity, State
 from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.leaves import element_names, split_like
-from gaitsweep.engine.model_shapes import shapes_of
 from gaitsweep.engine.poincare.maps import MIN_SCALE, Coordinates, Events, Points, Values
 from gaitsweep.engine.poincare.model_map import ModelMap
 from gaitsweep.engine.poincare.poincare_return import Returned, ReturnStatus
+from gaitsweep.engine.stored_traces import shapes_of
 from gaitsweep.errors import ArgumentError
 
 # Bound of h |lambda| / 2.

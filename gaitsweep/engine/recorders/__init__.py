@@ -1,6 +1,6 @@
 """Recorders: they select the records of a trajectory and end its row.
 
-`recorder` is the abstract one, with the tests of failure. `settle`, `perturb`, `fixed_time`, `crossings`,
-`staircase`, `trace` and `states` have the others, beside `bounds` and `exponents` of settling rows,
+`recorder` is the abstract one, with the tests of failure. `settle`, `perturb`, `staircase`, `states` and, of
+runs that wait for no gait, `recordings` have the others, beside `bounds` and `exponents` of settling rows,
 `orbit_period` of periodic ones, and `parameter_schedules` of moving ones.
 """

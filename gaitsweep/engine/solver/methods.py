@@ -8,11 +8,11 @@ from typing import Any, Literal
 
 from gaitsweep.contract import FixedStepDynamics, HybridModel, Model
 from gaitsweep.dynamics.ground import is_uneven
-from gaitsweep.engine.model_shapes import counts_of_state
 from gaitsweep.engine.solver.exponential import PROPAGATOR, PROPAGATOR6, exponential
 from gaitsweep.engine.solver.rosenbrock import MAX_VARIABLES, rodas5p
 from gaitsweep.engine.solver.runge_kutta import Step, euler_update, rk4, tsit5
 from gaitsweep.engine.solver.taylor import lacking_recurrence, taylor
+from gaitsweep.engine.stored_traces import counts_of_state
 from gaitsweep.errors import ArgumentError
 
 # The dtype of states and times; mixed: they are float64, and steps are passed to the model as float32.

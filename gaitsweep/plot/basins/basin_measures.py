@@ -17,7 +17,7 @@ from pydantic import Field
 
 from gaitsweep.analysis.basins.attractor_matching import follow_attractors
 from gaitsweep.analysis.basins.attractors import with_attractors
-from gaitsweep.analysis.basins.fractal_boundaries import BOX
+from gaitsweep.analysis.basins.basin_boundaries import ENTROPY_BOX
 from gaitsweep.analysis.basins.measures import Basins, basins
 from gaitsweep.analysis.records import axes_of
 from gaitsweep.plot import theme
@@ -155,7 +155,7 @@ def _draw_entropies(axes: Axes, table: pd.DataFrame, measured: Basins, panels: s
     positions = _label_panels(axes, table, panels, measured)
     axes.set_ylabel("entropy (nats)")
     if np.isnan(measured.panels["basin_entropy"].to_numpy(float)).all():
-        _explain(axes, measured, f"is narrower than the boxes of {BOX} cells a side")
+        _explain(axes, measured, f"is narrower than the boxes of {ENTROPY_BOX} cells a side")
         return
     at = [positions[value] for value in (measured.panels[panels] if panels else [None])]
     for name, colour, marker in (("basin_entropy", "#0072B2", "o"), ("boundary_entropy", "#D55E00", "s")):

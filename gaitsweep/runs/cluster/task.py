@@ -27,9 +27,9 @@ from gaitsweep.runs.prepare import RunContext, prepare
 from gaitsweep.runs.refinement import some_rows
 from gaitsweep.table import TableError
 from gaitsweep.table.atomic_files import reason
+from gaitsweep.table.directory import SharedWriter
 from gaitsweep.table.locks import BLOCK_LOCKS, BlockLocks, this_process
 from gaitsweep.table.manifest import Layout
-from gaitsweep.table.shared_writer import SharedWriter
 
 MOST_DEATHS = 3  # of workers that began a block, after which it is given up
 _POLL = 0.2  # s between two checks whether the task is still wanted

@@ -17,7 +17,7 @@ import pandas as pd
 from jaxtyping import Float, Int
 
 import gaitsweep
-from gaitsweep.engine.sweep.labels import gait_codes
+from gaitsweep.engine.sweep.blocks_of_rows import gait_codes
 from gaitsweep.errors import ArgumentError
 from gaitsweep.job import Job
 from gaitsweep.job.load import stored_job

@@ -16,7 +16,7 @@ from gaitsweep.contract import Model, Quantity
 from gaitsweep.dynamics.ground import is_uneven
 from gaitsweep.engine.poincare.maps import Points
 from gaitsweep.engine.poincare.model_map import ModelMap
-from gaitsweep.engine.recorders.trace import WindowsRecorder
+from gaitsweep.engine.recorders.recordings import WindowsRecorder
 from gaitsweep.engine.sweep.sweep import sweep
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress, SweepSpec
 from gaitsweep.row_outcome import RowOutcome

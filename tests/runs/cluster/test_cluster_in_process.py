@@ -27,9 +27,9 @@ from gaitsweep.runs.cluster.worker_pool import WorkerPool
 from gaitsweep.runs.execute import run_job
 from gaitsweep.runs.prepare import RunError
 from gaitsweep.table import Snapshot, TableError, WriteError
+from gaitsweep.table.directory import SharedWriter
 from gaitsweep.table.locks import Lock
 from gaitsweep.table.manifest import Layout
-from gaitsweep.table.shared_writer import SharedWriter
 
 distributed = pytest.importorskip("distributed")
 
