@@ -7,8 +7,7 @@ import pandas as pd
 import pytest
 
 from gaitsweep.claims.measures import MeasureError, default_values
-from gaitsweep.claims.paper import read_paper
-from gaitsweep.claims.verdicts import ClaimVerdict, verdict
+from gaitsweep.claims.paper import ClaimVerdict, read_paper, verdict
 from gaitsweep.papers.fukuoka2015 import (
     equation_measures,
     gait_measures,
