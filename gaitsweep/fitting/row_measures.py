@@ -1,4 +1,4 @@
-"""Measures of single rows: values, edges, orders and shares at their last records, and fixed points of maps."""
+"""Measures of single rows: values, edges, orders and shares at their last records, and fixed points."""
 
 from __future__ import annotations
 

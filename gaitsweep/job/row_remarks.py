@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Int
 
 from gaitsweep.design.design import Design
-from gaitsweep.dynamics.mjcf.of_mjcf import OfMjcf
+from gaitsweep.dynamics.mjcf import OfMjcf
 from gaitsweep.expression import ExpressionError
 from gaitsweep.models.idle_starts import idle_starts, sets_starts
 from gaitsweep.models.sampled_points import MAX_NAMED

@@ -1,4 +1,4 @@
-"""The canvas of a figure: an empty page with the theme's fonts and widths, or the user's axes, and its panels."""
+"""The canvas of a figure: a page with the theme's fonts and widths, or the user's axes, and its panels."""
 
 from __future__ import annotations
 

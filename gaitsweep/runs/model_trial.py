@@ -1,6 +1,6 @@
 """A short run of a model over the ranges of its parameters and starts, for `gaitsweep check-model`.
 
-It reports outcomes, ends of the ranges at which the flow is stiff, and the rates of the model's energies along
+It reports outcomes, ends of the ranges at which the flow is stiff, and rates of the model's energies along
 the flow. Such a rate is that of the flow at states of a trajectory, not a difference of two states, so it
 includes neither events nor integration errors; it is relative to the power that the energy's terms exchange.
 """

@@ -1,4 +1,4 @@
-"""Basins of attraction over two swept quantities, and shocks: recoveries, and the smallest with another outcome."""
+"""Basins over two swept quantities; recovery from pushes, and the smallest shock with another outcome."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Branches of fixed points over a parameter, their bifurcations, and the regions of stable gaits they bound."""
+"""Branches of fixed points over a parameter, their bifurcations, and the regions of stable gaits."""
 
 from __future__ import annotations
 

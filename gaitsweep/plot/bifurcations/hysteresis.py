@@ -1,4 +1,4 @@
-"""Hysteresis: a section observable while one parameter rises and falls again, with the gaits named beside it."""
+"""Hysteresis: a section observable while a parameter rises and falls again, its gaits named beside it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Connections to a cluster, `--cluster`: a scheduler's address, its file, a user's client, or workers started here."""
+"""Connections to a cluster, `--cluster`: a scheduler's address or file, a client, or workers started here."""
 
 from __future__ import annotations
 

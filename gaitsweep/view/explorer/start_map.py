@@ -1,4 +1,4 @@
-"""The explorer's map of a table: the place and the outcome of each record, and the starts that are animated."""
+"""The explorer's map of a table: place and outcome of each record, and the starts that are animated."""
 
 from __future__ import annotations
 
