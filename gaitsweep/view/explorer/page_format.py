@@ -1,4 +1,4 @@
-"""The format of the page: labels in HTML, columns as JSON, motions as integers, and the source of plotly.js."""
+"""The format of the page: labels in HTML, columns as JSON, motions as integers; the source of plotly.js."""
 
 from __future__ import annotations
 

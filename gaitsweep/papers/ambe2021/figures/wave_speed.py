@@ -1,4 +1,4 @@
-"""Wavelength and speed of waves beside the theory (Ambe 2021, eqs. 27, 28), and the places of their sources."""
+"""Waves of the chain: length and speed beside the theory (Ambe 2021, eqs. 27, 28), and their sources."""
 
 from __future__ import annotations
 

@@ -223,7 +223,7 @@ def _check_bands(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
         yield ("y",), f"is {figure.y}, which is not numeric: use gait or an axis of the job."
 
 
-@figure_kind("fixed_time", "settle", check=_check)
+@figure_kind("fixed_time", "settle", check=_check_bands)
 def speed_gaits(
     table: pd.DataFrame,
     *,
