@@ -18,8 +18,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gaitsweep.dynamics.tree.articulated_tree import Geometry, Link, Tree, rescaled, tree_of
+from gaitsweep.dynamics.tree.articulated_tree import Geometry, Link, Tree, rescaled
 from gaitsweep.dynamics.tree.dynamics import PointForce, YieldingForce, forward_dynamics
+from gaitsweep.dynamics.tree.from_mjcf import tree_of
 from gaitsweep.dynamics.tree.kinematics import integrate, movements, places, rates, velocity, velocity_at
 from gaitsweep.dynamics.tree.spatial import quaternion_exponential, solve_positive
 from tests.support.random_trees import Moment, moment, tree_xml, waist_quadruped_xml

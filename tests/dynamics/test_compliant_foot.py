@@ -16,8 +16,8 @@ from gaitsweep.dynamics.compliant_foot import (
     uneven_ground_force,
 )
 from gaitsweep.dynamics.ground import Ground
-from gaitsweep.dynamics.tree.articulated_tree import tree_of
 from gaitsweep.dynamics.tree.dynamics import forward_dynamics
+from gaitsweep.dynamics.tree.from_mjcf import tree_of
 from gaitsweep.dynamics.tree.kinematics import integrate, movements, places, velocity_at
 
 GRAVITY = np.array([0.0, 0.0, -9.81])

@@ -16,8 +16,8 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
 from gaitsweep.dynamics import compliant_foot
-from gaitsweep.dynamics.tree.articulated_tree import tree_of
 from gaitsweep.dynamics.tree.dynamics import PointForce, YieldingForce, forward_dynamics
+from gaitsweep.dynamics.tree.from_mjcf import tree_of
 from gaitsweep.dynamics.tree.kinematics import places
 from gaitsweep.papers.ambe2021.multilegged import model as multilegged
 from gaitsweep.papers.ambe2021.multilegged.mechanics import neighbour_force

@@ -177,7 +177,7 @@ class ControlledBody:
         names = self._leg_names
         if self.gaits_have_names:
             return {"feet": footfalls("clock", legs=names)(feet)}
-        from gaitsweep.dynamics.mjcf import looks_of_feet  # imports MuJoCo
+        from gaitsweep.dynamics.mjcf_drawing import looks_of_feet  # imports MuJoCo
 
         looks = looks_of_feet(names, self._feet_aside())
         contacts = signal("1", "whether foot is down", count=len(names))(contact)

@@ -1,11 +1,11 @@
 from gaitsweep.dynamics.tree.articulated_tree import Geometry as Geometry
 from gaitsweep.dynamics.tree.articulated_tree import Tree as Tree
 from gaitsweep.dynamics.tree.articulated_tree import rescaled as rescaled
-from gaitsweep.dynamics.tree.articulated_tree import tree_of as tree_of
 from gaitsweep.dynamics.tree.dynamics import PointForce as PointForce
 from gaitsweep.dynamics.tree.dynamics import WorldForce as WorldForce
 from gaitsweep.dynamics.tree.dynamics import YieldingForce as YieldingForce
 from gaitsweep.dynamics.tree.dynamics import forward_dynamics as forward_dynamics
+from gaitsweep.dynamics.tree.from_mjcf import tree_of as tree_of
 from gaitsweep.dynamics.tree.kinematics import integrate as integrate
 from gaitsweep.dynamics.tree.kinematics import movements as movements
 from gaitsweep.dynamics.tree.kinematics import places as places

@@ -22,7 +22,7 @@ from gaitsweep.papers.fukuoka2015.analysis.gait_bouts import gait_bouts, gaits_a
 from gaitsweep.papers.fukuoka2015.analysis.gait_tables import gaits_in
 from gaitsweep.papers.fukuoka2015.analysis.swing_onsets import FLEXORS
 from gaitsweep.papers.fukuoka2015.figures.gait_looks import ORDER, areas_of, colour_of, in_words, label_of
-from gaitsweep.papers.fukuoka2015.planar_quadruped.bodies import LIMBS as DRAWN_LIMBS
+from gaitsweep.papers.fukuoka2015.planar_quadruped.drawing import LIMBS as DRAWN_LIMBS
 from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import CHART, LEGS
 from gaitsweep.plot import (
     Count,

@@ -25,12 +25,8 @@ from gaitsweep.contract import Quantity, SteppedModel
 from gaitsweep.dynamics import Ground, check_ground, ground_field, ground_quantities
 from gaitsweep.near_miss import suggestion
 from gaitsweep.papers.fukuoka2015.planar_quadruped import cycle
-from gaitsweep.papers.fukuoka2015.planar_quadruped.bodies import (
-    PlanarBody,
-    PlanarDrawing,
-    PlanarMjxBody,
-    PlanarTreeBody,
-)
+from gaitsweep.papers.fukuoka2015.planar_quadruped.bodies import PlanarBody, PlanarMjxBody, PlanarTreeBody
+from gaitsweep.papers.fukuoka2015.planar_quadruped.drawing import PlanarDrawing
 from gaitsweep.papers.fukuoka2015.planar_quadruped.mechanics import (
     HIP,
     KNEE,
