@@ -1,5 +1,8 @@
 """A hybrid model of a body in an MJCF: its contacts and joint limits are located events of the kernels."""
 
+# MuJoCo's compiled modules come without types.
+# pyright: reportAttributeAccessIssue=false
+
 from __future__ import annotations
 
 import dataclasses
@@ -146,10 +149,6 @@ def _turn(body: LocatedBody, q: Float[Array, " nq"], after: Float[Array, " nq"])
         elif body.tree.links[i].kind == "hinge":
             turns.append(jnp.abs(after[at][0] - q[at][0]))
     return jnp.max(jnp.stack(turns))
-
-
-# MuJoCo's compiled modules come without types.
-# pyright: reportAttributeAccessIssue=false
 
 
 BODY = "body"  # the field of the parameters that has those of the MJCF
