@@ -1,4 +1,10 @@
-"""A hybrid model of a body in an MJCF: its contacts and joint limits are located events of the kernels."""
+"""A hybrid model of a body in an MJCF: its contacts and joint limits are located events of the kernels.
+
+A start can be a rest on the ground, under constant targets of the actuators. It is followed down the
+potential, along the overdamped motion q' = a(q) with the acceleration a at no velocity, by implicit Euler
+steps that grow to Newton's steps for a(q) = 0 (pseudo-transient continuation: Kelley and Keyes 1998, SIAM J.
+Numer. Anal. 35:508). Friction has no force at no slip, so a rest needs none.
+"""
 
 # MuJoCo's compiled modules come without types.
 # pyright: reportAttributeAccessIssue=false
