@@ -24,8 +24,8 @@ from typing import Any, ClassVar
 import psutil
 import yaml
 
+from gaitsweep.runs.cluster.connection import LocalWorkers
 from gaitsweep.runs.cluster.dispatch import Cluster, Dispatch
-from gaitsweep.runs.cluster.local_workers import LocalWorkers
 from gaitsweep.runs.cluster.task import Assignment, JobTicket
 from gaitsweep.runs.executor import MissingBlocks
 from gaitsweep.table.manifest import Layout

@@ -29,7 +29,7 @@ from gaitsweep.engine.devices import local_devices
 from gaitsweep.engine.numerics import Numerics, Precision
 from gaitsweep.engine.sweep.sweep_spec import EngineName
 from gaitsweep.papers.aoi2011.waist_quadruped import WaistQuadruped
-from gaitsweep.papers.aoi2011.waist_quadruped.sizes import mjcf
+from gaitsweep.papers.aoi2011.waist_quadruped.parameters import mjcf
 
 STEP = 2e-4  # s
 LOCATED = 3e-4  # s, the longest step where events are located

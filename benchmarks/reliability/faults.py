@@ -25,8 +25,7 @@ from typing import NamedTuple
 import pandas as pd
 
 from benchmarks.reliability.mutated_jobs import ROOT
-from gaitsweep.claims.paper import Paper, known_papers, read_paper
-from gaitsweep.claims.verdicts import ClaimVerdict
+from gaitsweep.claims.paper import ClaimVerdict, Paper, known_papers, read_paper
 from gaitsweep.errors import EXIT_FAILURE
 
 CORES = 2  # of each run
@@ -80,7 +79,7 @@ FAULTS = {
         Fault("waist twice as fast", _WAIST + "model.py", 'TWO_PI * v["f"]', '2.0 * TWO_PI * v["f"]'),
         Fault("no reset", _WAIST + "rhythm.py", "(p.resetting > 0.0)", "(p.resetting < 0.0)"),
         Fault("hind limbs in phase", _WAIST + "rhythm.py", "s.phi[3] - p.delta_star_34", "s.phi[3]"),
-        Fault("hind limbs' motors exchanged", _WAIST + "posture.py",
+        Fault("hind limbs' motors exchanged", _WAIST + "kinematics.py",
               "(7, 9, 12, 14), (8, 10, 13, 15)", "(7, 9, 14, 12), (8, 10, 15, 13)"),
         Fault("starts with the other limb ahead", _WAIST + "model.py",
               'params, start["delta_13"]', 'params, -start["delta_13"]'),

@@ -19,8 +19,7 @@ RTOL, SECOND_RTOL = 1e-7, 1e-8
 @cache
 def _page() -> tuple[str, dict[str, float | str]]:
     """The MJCF and the parameters' defaults, numbers or formulas, which are data of the model."""
-    from gaitsweep.papers.aoi2011.waist_quadruped.parameters import PARAMETERS
-    from gaitsweep.papers.aoi2011.waist_quadruped.sizes import mjcf
+    from gaitsweep.papers.aoi2011.waist_quadruped.parameters import PARAMETERS, mjcf
 
     return mjcf(), {quantity.name: quantity.default or 0.0 for quantity in PARAMETERS}
 

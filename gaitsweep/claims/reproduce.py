@@ -16,8 +16,7 @@ import yaml
 
 from gaitsweep.claims.measures import MEASURES, Value
 from gaitsweep.claims.page import page
-from gaitsweep.claims.paper import Claim, Paper, PaperJob
-from gaitsweep.claims.verdicts import ClaimVerdict, verdict
+from gaitsweep.claims.paper import Claim, ClaimVerdict, Paper, PaperJob, verdict
 from gaitsweep.errors import UserError
 from gaitsweep.expression import ExpressionError
 from gaitsweep.job import load_job

@@ -251,7 +251,7 @@ def hysteresis(
     loops have areas.
     """
     from gaitsweep.analysis.transitions.hysteresis import loop_area, transition_points, why_no_jump
-    from gaitsweep.plot.varying_parameters import varying_parameters
+    from gaitsweep.plot.columns import varying_parameters
 
     table = result_table(directory)
     recorded = [str(name).removesuffix("_n") for name in table.columns if str(name).endswith("_n")]

@@ -259,7 +259,7 @@ def running(
         with stoppable_progress(unit, stopped) as on_progress, contextlib.ExitStack() as stack:
             workers = None
             if cluster is not None:
-                from gaitsweep.runs.cluster.cluster_option import connection_to
+                from gaitsweep.runs.cluster.connection import connection_to
                 from gaitsweep.runs.cluster.dispatch import Cluster
 
                 connection = connection_to(cluster)

@@ -156,7 +156,7 @@ def explore(
     from gaitsweep.cli.progress import shown_progress
     from gaitsweep.table import load
     from gaitsweep.view.explorer.explorer import EXPLORE, write_explorer
-    from gaitsweep.view.explorer.plotly_source import require_plotly
+    from gaitsweep.view.explorer.page_format import require_plotly
 
     require_plotly()  # before a large table is read
     table = load(directory)

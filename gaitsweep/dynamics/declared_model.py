@@ -18,8 +18,7 @@ from jaxtyping import Array, Bool, Float
 from gaitsweep.contract import Chart, FixedStepDynamics, HybridModel, Recommended
 from gaitsweep.dynamics.declarations import Reading, Symmetry, Variable
 from gaitsweep.dynamics.declared import Declared, Values
-from gaitsweep.dynamics.event_declarations import SingleEvent
-from gaitsweep.dynamics.event_surface import CORRECTED, Arming, Surfaces
+from gaitsweep.dynamics.event_declarations import CORRECTED, Arming, SingleEvent, Surfaces
 from gaitsweep.dynamics.noise import StochasticSteps
 from gaitsweep.dynamics.section_coordinates import SectionCoordinates
 from gaitsweep.dynamics.sliding import Sliding

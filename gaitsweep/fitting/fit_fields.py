@@ -7,11 +7,19 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from gaitsweep import near_miss
-from gaitsweep.fitting.fixed_point_measure import FixedPoint
 from gaitsweep.fitting.free_parameters import FreeParameter
 from gaitsweep.fitting.measure import Measure
 from gaitsweep.fitting.ramp_measures import GaitSequence, Transition
-from gaitsweep.fitting.row_measures import Coexistence, Edge, Failures, Order, Prominence, Share, Value
+from gaitsweep.fitting.row_measures import (
+    Coexistence,
+    Edge,
+    Failures,
+    FixedPoint,
+    Order,
+    Prominence,
+    Share,
+    Value,
+)
 from gaitsweep.job.load import read_with_overrides
 from gaitsweep.kinds.run_kind import RunKind
 from gaitsweep.schema.diagnostics import Diagnostic, JobError, quoted, unknown_field, wrong_kind

@@ -12,8 +12,17 @@ from jaxtyping import Shaped
 from pydantic import Field, WithJsonSchema
 
 from gaitsweep.contract import Model
-from gaitsweep.fitting.measure import Measure, Measured, column, unit_of, unit_of_parameter
-from gaitsweep.fitting.measure_fields import FieldError, Gaits, error_of_column, error_of_gaits
+from gaitsweep.fitting.measure import (
+    FieldError,
+    Gaits,
+    Measure,
+    Measured,
+    column,
+    error_of_column,
+    error_of_gaits,
+    unit_of,
+    unit_of_parameter,
+)
 from gaitsweep.kinds import Ramp, RunKind
 from gaitsweep.schema.numbers import Count, CountOrZero, Flag, Text
 from gaitsweep.status import Status

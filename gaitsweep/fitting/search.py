@@ -1,19 +1,23 @@
 """Execution of a search: an optimiser chooses sets of constants, which are measured batch by batch.
 
 Each batch is a part of the table, so a search that is stopped loses the running batches and continues from
-the rest: the optimiser receives the same scores again, and has to ask for the same sets.
+the rest: the optimiser receives the same scores again, and has to ask for the same sets. Batches that do not
+depend on each other are measured concurrently, each in a thread.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import io
+import threading
 import time
 import warnings
 from collections import deque
 from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from functools import partial
 from pathlib import Path
+from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -23,7 +27,7 @@ from matplotlib.figure import Figure
 
 from gaitsweep.contract import Model
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
-from gaitsweep.fitting.concurrent_batches import ConcurrentBatches
+from gaitsweep.fitting.figures import draw_search, search_figure
 from gaitsweep.fitting.fit_directory import ClusterRows, describe, open_directory
 from gaitsweep.fitting.free_parameters import Sets, sets_at
 from gaitsweep.fitting.identifiability import Identifiability, identifiability
@@ -31,7 +35,6 @@ from gaitsweep.fitting.measure import Measured, MeasuredByName
 from gaitsweep.fitting.optimisers import Optimiser, optimiser
 from gaitsweep.fitting.population import Population
 from gaitsweep.fitting.robustness import ROBUST, share_kept
-from gaitsweep.fitting.search_figures import draw_search, search_figure
 from gaitsweep.fitting.search_job import SearchJob, read_search_field
 from gaitsweep.fitting.targets import MISS, PerSet, scores
 from gaitsweep.kinds.columns import quantities_of
@@ -46,6 +49,65 @@ from gaitsweep.table.manifest import Layout
 
 if TYPE_CHECKING:
     from gaitsweep.runs.cluster.dispatch import Cluster
+
+
+_POLL_SECONDS = 0.1  # between two looks at the running batches
+# The measures of a batch by name; None of a batch that is on disk.
+Batch = MeasuredByName | None
+
+
+class ConcurrentBatches:
+    """Batches of sets that are measured side by side, each in a thread, and returned in the order of `begin`.
+
+    A batch lasts as long as its slowest row. Near its end most lanes of a GPU would be idle, so other batches
+    run meanwhile.
+
+    Args:
+        threads: batches that run at a time; others wait.
+        on_progress: progress callback, called about ten times a second during `oldest` with the progress of
+            each running batch; an exception that it raises is raised by `oldest`.
+    """
+
+    def __init__(self, threads: int, on_progress: Callable[[list[SweepProgress]], None]) -> None:
+        self._threads = ThreadPoolExecutor(threads)
+        self._on_progress = on_progress
+        # each batch with a list of its latest progress, empty at first
+        self._running: deque[tuple[Future[Batch], list[SweepProgress]]] = deque()
+        self._stopped = threading.Event()
+
+    def __enter__(self) -> ConcurrentBatches:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._stopped.set()
+        self._threads.shutdown(cancel_futures=True)
+
+    def begin(self, measure: Callable[[Callable[[SweepProgress], None]], Batch]) -> None:
+        """Measure a batch in a thread; `measure` receives a progress callback."""
+        latest: list[SweepProgress] = []
+
+        def on_progress(now: SweepProgress) -> None:
+            if self._stopped.is_set():  # ends a thread whose result is no longer needed
+                raise InterruptedError
+            latest[:] = [now]
+
+        self._running.append((self._threads.submit(measure, on_progress), latest))
+
+    def oldest(self) -> Batch:
+        """Wait for the batch that began first, and return its result.
+
+        Raises:
+            Exception: what `measure` or the progress callback raised.
+        """
+        future, _ = self._running[0]
+        while not future.done():
+            wait([future], timeout=_POLL_SECONDS)
+            self._on_progress([latest[0] for _, latest in self._running if latest])
+        self._running.popleft()
+        return future.result()
+
 
 FINALISTS = "finalists.parquet"
 # Packages whose versions decide which sets are chosen.

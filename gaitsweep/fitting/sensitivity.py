@@ -18,6 +18,7 @@ from gaitsweep.angles import wrapped_difference
 from gaitsweep.contract import Model
 from gaitsweep.engine.sweep.blocks_of_rows import rows_of_a_block
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
+from gaitsweep.fitting.figures import sensitivity_figure
 from gaitsweep.fitting.fit_directory import ClusterRows, describe, open_directory
 from gaitsweep.fitting.free_parameters import Sets
 from gaitsweep.fitting.measure import Measure, MeasuredByName
@@ -25,7 +26,6 @@ from gaitsweep.fitting.population import Population
 from gaitsweep.fitting.sensitivity_job import FAILURES, SensitivityJob
 from gaitsweep.fitting.sensitivity_methods import Output, PerSet, indices, unwrapped
 from gaitsweep.kinds.columns import quantities_of
-from gaitsweep.plot.sensitivity import sensitivity_figure
 from gaitsweep.runs import provenance
 from gaitsweep.runs.execute import RESULTS
 from gaitsweep.runs.executor import write_blocks

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Int
 
 from gaitsweep.design.design import Design
-from gaitsweep.dynamics.mjcf.of_mjcf import OfMjcf
+from gaitsweep.dynamics.mjcf import OfMjcf
 from gaitsweep.expression import ExpressionError
 from gaitsweep.models.sampled_points import MAX_NAMED
 from gaitsweep.models.starts import idle_starts, sets_starts, starts_in_ground

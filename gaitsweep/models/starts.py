@@ -17,7 +17,7 @@ import numpy as np
 from gaitsweep.contract import Model
 from gaitsweep.dynamics.body.body_model import BodyModel
 from gaitsweep.dynamics.declared_model import DeclaredModel
-from gaitsweep.dynamics.mjcf.of_mjcf import OfMjcf, height_start
+from gaitsweep.dynamics.mjcf import OfMjcf, height_start
 from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.kernel.program import Program
 from gaitsweep.engine.kernel.row_functions import over_rows
@@ -143,7 +143,7 @@ def _depths_of_stepped(model: OfMjcf, starts: Columns) -> list[dict[str, tuple[f
     """As `_depths_of_located`, of a body with MuJoCo's contacts, by MuJoCo C for the first rows."""
     import mujoco
 
-    from gaitsweep.dynamics.mjcf.of_mjcf import compiled_mjcf
+    from gaitsweep.dynamics.mjcf import compiled_mjcf
 
     m = compiled_mjcf(type(model))
     data = mujoco.MjData(m)

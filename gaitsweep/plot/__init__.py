@@ -3,14 +3,15 @@
 `figure_kind` turns a function into a kind, and `register` adds a class; call them before jobs are read.
 
 Kinds: `basins/` has the outcomes of starts and pushes, `bifurcations/` what happens along a parameter;
-`footprint_diagrams.py`, `phase_shifts.py` and `survival_shares.py` have one kind each, `sensitivity.py` has
-the figure of a sensitivity analysis. `kind.py` is the interface of a kind, `arguments.py` has the types of
-its arguments, and `kinds.py` imports all kinds and draws any of them.
+`footprint_diagrams.py`, `phase_shifts.py` and `survival_shares.py` have one kind each. `kind.py` is the
+interface of a kind, `arguments.py` has the types of its arguments, and `kinds.py` imports all kinds and draws
+any of them.
 
-Looks: `figure_style.py` is the style that users give, `style_names.py` checks its names; `theme.py` has
-sizes, panels and legends, with `figure_layout.py` and `value_axes.py`; `gait_looks.py` has the colours,
-markers and hatches of gaits and other outcomes, `limbs.py` those of limbs, `provenance_marks.py` the remarks
-on a doubtful table. `columns.py` and `column_labels.py` read columns of tables and label them.
+Looks: `figure_style.py` is the style that users give, `style_names.py` checks its names; `gait_looks.py` has
+the colours, markers and hatches of gaits and other outcomes; `theme.py` has all of a figure's layout:
+`canvas.py` (pages and panels), `legend.py`, `figure_layout.py` and `value_axes.py`; `limbs.py` has the
+colours of limbs, `provenance_marks.py` the remarks on a doubtful table. `columns.py` and `column_labels.py`
+read columns of tables and label them.
 """
 
 from __future__ import annotations

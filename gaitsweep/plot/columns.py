@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
@@ -10,7 +10,7 @@ import pandas as pd
 from jaxtyping import Float
 
 from gaitsweep import near_miss
-from gaitsweep.analysis.records import outcome_labels
+from gaitsweep.analysis.records import axes_of, outcome_labels
 from gaitsweep.angles import branch_cut
 from gaitsweep.angles import is_circular as is_angle
 from gaitsweep.design.vary import written_groups
@@ -18,6 +18,7 @@ from gaitsweep.errors import UserError
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
 
 OTHER = "another gait"  # settled, but in no gait of the model
 
@@ -121,3 +122,54 @@ def outcome(table: pd.DataFrame, hue: str) -> pd.Series:
     """The outcome of each row: its hue if it settled, else `not settled` or `failed`; NaN becomes `none`."""
     column(table, hue)
     return outcome_labels(table, hue)
+
+
+MOST_PANELS = 12  # for values that are not named by `panels`
+
+
+def varying_parameters(table: pd.DataFrame) -> list[str]:
+    """The parameters of a table's model that differ between its rows, without the seeds of an ensemble.
+
+    Rows that differ in starts and seeds are of one system; rows that differ in a parameter are not. A table
+    without a known model has none.
+    """
+    from gaitsweep.plot.limbs import model_of  # jobs are read without Matplotlib
+
+    model = model_of(table)
+    parameters = {quantity.name for quantity in model.parameters} if model is not None else set()
+    return [
+        name for name in axes_of(table) if is_compared(name, parameters) and len(table[name].unique()) > 1
+    ]
+
+
+def is_compared(name: str, parameters: Collection[str]) -> bool:
+    """Whether an axis is one of the parameters, whose values are different systems, and no seed."""
+    return name in parameters and not name.endswith("seed")
+
+
+def too_many_panels(names: Sequence[str], count: int, value: object) -> str:
+    """The sentence about a figure whose rows differ in parameters with too many combinations."""
+    differ = " and ".join(names)
+    return (
+        f"The rows differ in {differ}, in {count} combinations, and each has a panel, of which a figure has "
+        f'{MOST_PANELS} at most: keep some of the rows, such as table[table["{names[-1]}"] == {value}].'
+    )
+
+
+def require_one_system(table: pd.DataFrame, *shown: str | None) -> None:
+    """Refuse a table whose rows differ in a parameter that a figure does not show.
+
+    Args:
+        table: the table.
+        shown: columns that the figure shows, along an axis, by panels or by colours.
+
+    Raises:
+        PlotError: they differ; the message names the parameter and rows to keep.
+    """
+    hidden = [name for name in varying_parameters(table) if name not in shown]
+    if hidden:
+        value = table[hidden[0]].iloc[0]
+        raise PlotError(
+            f"The rows differ in {' and '.join(hidden)}, too, which this figure does not show: keep the rows "
+            f'of one value, such as table[table["{hidden[0]}"] == {value}].'
+        )

@@ -29,7 +29,7 @@ from gaitsweep.design import Design
 from gaitsweep.kinds.run_kind import RunKind
 from gaitsweep.mathtext import can_be_set
 from gaitsweep.plot.arguments import TEXT_COLUMNS, Name, Role, fields_of, parts_of
-from gaitsweep.plot.columns import PlotError
+from gaitsweep.plot.columns import PlotError, is_compared
 from gaitsweep.plot.figure_style import STYLE_FIELDS, FigureStyle, current, given_axes, read_style, styled
 from gaitsweep.plot.provenance_marks import letter_panels, mark, remarks
 from gaitsweep.plot.style_names import StyleNames
@@ -247,6 +247,29 @@ def check_parameter(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
     """Errors of a figure whose x is a parameter that does not vary between rows."""
     if figure.x not in table.varied and figure.x not in TEXT_COLUMNS:
         yield ("x",), f"is {figure.x}, which does not vary between rows. {near_miss.allowing(table.varied)}"
+
+
+def check_one_system(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
+    """Refuse a job whose rows differ in a parameter that its figure does not show."""
+    parameters = [quantity.name for quantity in table.model.parameters]
+    shown = {dict(figure).get(field) for field in ("x", "panels", "hue")}
+    hidden = [name for name in table.varied if is_compared(name, parameters) and name not in shown]
+    if hidden:
+        field = "panels" if "panels" in type(figure).model_fields else "x"
+        differ = " and ".join(hidden)
+        yield (
+            (field,),
+            (
+                f"leaves out {differ}, in which the rows differ, too: fix its value under params, or draw "
+                "the figure in Python from the rows of one value."
+            ),
+        )
+
+
+def check_one_parameter(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
+    """Refuse an x that is no varying parameter, and rows that differ in another one."""
+    wrong = list(check_parameter(figure, table))
+    yield from wrong or check_one_system(figure, table)
 
 
 FIGURES: Registry[FigureKind] = Registry("figure", module="gaitsweep.plot.kinds")

@@ -12,10 +12,9 @@ from matplotlib.figure import Figure
 from matplotlib.legend_handler import HandlerTuple
 from matplotlib.transforms import ScaledTranslation
 
-from gaitsweep.plot.canvas import OnePanel
+from gaitsweep.plot.canvas import OnePanel, rows_of
 from gaitsweep.plot.figure_layout import wrapped
 from gaitsweep.plot.figure_style import current
-from gaitsweep.plot.panels import rows_of
 
 _BELOW = 0.4  # inches: height of a legend below panels
 _LINE = 0.13  # inches: height of another line in a legend

@@ -14,9 +14,8 @@ from gaitsweep.analysis.falls import survival as share_that_walks
 from gaitsweep.plot import theme
 from gaitsweep.plot.arguments import AlongAxis, Title
 from gaitsweep.plot.column_labels import described
-from gaitsweep.plot.columns import require_columns
-from gaitsweep.plot.kind import figure_kind
-from gaitsweep.plot.varying_parameters import check_one_system, require_one_system
+from gaitsweep.plot.columns import require_columns, require_one_system
+from gaitsweep.plot.kind import check_one_system, figure_kind
 from gaitsweep.schema.numbers import Count
 
 

@@ -2,7 +2,13 @@
 
 from gaitsweep.plot.canvas import COLUMN as COLUMN
 from gaitsweep.plot.canvas import PAGE as PAGE
+from gaitsweep.plot.canvas import PAGE_HEIGHT as PAGE_HEIGHT
 from gaitsweep.plot.canvas import canvas as canvas
+from gaitsweep.plot.canvas import first_of as first_of
+from gaitsweep.plot.canvas import label_panels as label_panels
+from gaitsweep.plot.canvas import message as message
+from gaitsweep.plot.canvas import panels as panels
+from gaitsweep.plot.canvas import shape as shape
 from gaitsweep.plot.canvas import width_of as width_of
 from gaitsweep.plot.figure_layout import points as points
 from gaitsweep.plot.figure_layout import wrapped as wrapped
@@ -27,12 +33,6 @@ from gaitsweep.plot.gait_looks import ordered as ordered
 from gaitsweep.plot.legend import grow as grow
 from gaitsweep.plot.legend import legend as legend
 from gaitsweep.plot.legend import percent as percent
-from gaitsweep.plot.panels import PAGE_HEIGHT as PAGE_HEIGHT
-from gaitsweep.plot.panels import first_of as first_of
-from gaitsweep.plot.panels import label_panels as label_panels
-from gaitsweep.plot.panels import message as message
-from gaitsweep.plot.panels import panels as panels
-from gaitsweep.plot.panels import shape as shape
 from gaitsweep.plot.value_axes import angle_axis as angle_axis
 from gaitsweep.plot.value_axes import angle_ticks as angle_ticks
 from gaitsweep.plot.value_axes import in_pi as in_pi

@@ -2,8 +2,8 @@
 
 `prepare` chooses engine and devices, `estimate` predicts time and memory, `execute` runs a job, `executor`
 its blocks, here or on a `cluster`, and `job_array` one range of its rows beside other processes. `refinement`
-runs the edges of basins only. `self_check`, of `sampled_rows`, compares steps by `observable_changes` and
-looks for `unstable_rests`; `concurrent_self_check` runs it beside the rows. `summary`, `provenance` and
-`sentences` describe a result, `citation` cites it, `figures` draws it, `dataset` has it as an xarray.
-`model_trial` is the short run of `gaitsweep check-model`.
+runs the edges of basins only. `self_check` compares steps (its sample, the changes and the result are in
+`self_check_result`) and looks for `unstable_rests`; `concurrent_self_check` runs it beside the rows.
+`summary`, `provenance` and `sentences` describe a result, `citation` cites it, `figures` draws it, `dataset`
+has it as an xarray. `model_trial` is the short run of `gaitsweep check-model`.
 """

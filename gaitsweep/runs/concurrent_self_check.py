@@ -14,9 +14,8 @@ from jaxtyping import Int
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.runs.prepare import RunContext
 from gaitsweep.runs.progress import Progress
-from gaitsweep.runs.sampled_rows import rows_to_repeat
 from gaitsweep.runs.self_check import RerunRows, compare_stored, self_check
-from gaitsweep.runs.self_check_result import SelfCheck
+from gaitsweep.runs.self_check_result import SelfCheck, rows_to_repeat
 from gaitsweep.runs.sentences import SELF_CHECK_SECONDS
 from gaitsweep.table import Table
 

@@ -19,7 +19,7 @@ from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.job import Job
 from gaitsweep.kinds.run_kind import TableRunKind, table_columns
 from gaitsweep.runs.prepare import RunContext, nominal_period, prepare
-from gaitsweep.runs.sampled_rows import finer_share, is_checked, rows_to_repeat
+from gaitsweep.runs.self_check_result import finer_share, is_checked, rows_to_repeat
 from gaitsweep.status import Status
 from gaitsweep.table.parquet_parts import arrow_part
 

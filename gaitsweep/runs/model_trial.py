@@ -1,11 +1,16 @@
-"""A short run of a model over the ranges of its parameters and starts, for `gaitsweep check-model`."""
+"""A short run of a model over the ranges of its parameters and starts, for `gaitsweep check-model`.
+
+It reports outcomes, ends of the ranges at which the flow is stiff, and rates of the model's energies along
+the flow. Such a rate is that of the flow at states of a trajectory, not a difference of two states, so it
+includes neither events nor integration errors; it is relative to the power that the energy's terms exchange.
+"""
 
 from __future__ import annotations
 
 import dataclasses
 import math
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import jax
@@ -16,10 +21,12 @@ from jaxtyping import Float
 
 from gaitsweep import models
 from gaitsweep.angles import wrapped_difference
-from gaitsweep.contract import HybridModel, Model, Params, State
+from gaitsweep.contract import HybridModel, Model, Params, Quantity, State
 from gaitsweep.dynamics.declarations import Variable, mode, observable
 from gaitsweep.dynamics.declared_model import DeclaredModel
 from gaitsweep.dynamics.event_declarations import SingleEvent
+from gaitsweep.engine.flow_spectrum import STIFF, fastest_rates
+from gaitsweep.engine.stored_traces import shapes_of
 from gaitsweep.errors import UserError
 from gaitsweep.job import Job
 from gaitsweep.kinds import Settle, Trace
@@ -27,11 +34,129 @@ from gaitsweep.kinds.columns import UNKNOWN_GAIT
 from gaitsweep.models.sampled_points import sampled_points, written
 from gaitsweep.models.starts import idle_starts, sets_starts, starts_in_ground
 from gaitsweep.models.value_faults import surface_value
-from gaitsweep.runs.energy_rates import change_of_energy, energies_of, with_rates
 from gaitsweep.runs.execute import table_in_memory
 from gaitsweep.runs.sentences import MISLABELLED, STARTS_BEYOND, remarks
-from gaitsweep.runs.stiff_ranges import stiff_ranges
 from gaitsweep.status import Status
+
+# An energy whose rate is below this share of the power that its terms exchange is kept.
+KEPT = 1e-9
+# Ends of the names of signals: the rate of an energy, and the power that its terms exchange.
+_RATE = "_rate_of_change"
+_POWER = "_power"
+
+
+def with_rates(model_class: type[Model]) -> type[Model]:
+    """A class whose signals include the rate of each energy, and the power that its terms exchange."""
+
+    def signals(self: HybridModel) -> tuple[Quantity, ...]:
+        params, state = shapes_of(self)
+        names = jax.eval_shape(self.energies, params, state)
+        more = (Quantity(name + end, "1", "rate of an energy") for name in names for end in (_RATE, _POWER))
+        base: Any = super(watched, self)
+        return (*base.signals, *more)
+
+    def signal(self: HybridModel, params: Params, state: State) -> dict[str, jax.Array]:
+        with_rates = model_class.signal(self, params, state)
+        rates = self.flow(params, state)
+        at = {name: getattr(state, name) for name in rates}
+        gradients = jax.jacrev(lambda x: self.energies(params, dataclasses.replace(state, **x)))(at)
+        for name, gradient in gradients.items():
+            terms = jnp.concatenate([jnp.ravel(gradient[key] * rate) for key, rate in rates.items()])
+            with_rates |= {name + _RATE: jnp.sum(terms), name + _POWER: jnp.sum(jnp.abs(terms))}
+        return with_rates
+
+    members = {"signals": property(signals), "signal": signal, "name": model_class.name}
+    watched: type[Any] = type(model_class.__name__, (model_class,), members)
+    return watched
+
+
+def energies_of(watched: Model) -> list[str]:
+    """The names of the energies of a model of such a class."""
+    return [q.name.removesuffix(_RATE) for q in watched.signals if q.name.endswith(_RATE)]
+
+
+def change_of_energy(table: pd.DataFrame, name: str) -> str:
+    """A sentence about the rate of an energy, from traces of such a class."""
+    rates = table[name + _RATE].to_numpy(float)
+    most = table.groupby("row")[name + _POWER].transform("max").to_numpy(float)
+    shares = np.divide(rates, most, out=np.zeros_like(rates), where=most > 0.0)[np.isfinite(rates)]
+    change = _direction_of_change(float(shares.min(initial=0.0)), float(shares.max(initial=0.0)))
+    return f"The energy {name} {change} the power that its terms exchange ({shares.size} states)."
+
+
+def _direction_of_change(low: float, high: float) -> str:
+    """Words for the lowest and the highest rate of an energy, shares of the power that its terms exchange."""
+    largest = max(-low, high)
+    if largest < KEPT:
+        return f"is kept between events: its rate of change is at most {largest:.1e} of"
+    if high < KEPT:
+        direction = "only falls"
+    elif -low < KEPT:
+        direction = "only rises"
+    else:
+        direction = "rises and falls"
+    return f"is not kept between events: it {direction}, by up to {largest:.2g} of"
+
+
+# A flow is stiff if its fastest rate times the nominal period is above `STIFF`; an end of a range is reported
+# if that is also above `STIFFER` times its value at the defaults.
+STIFFER = 10.0
+
+
+def stiff_ranges(model: HybridModel, values: Mapping[str, Float[np.ndarray, " rows"]]) -> list[str]:
+    """Return sentences about defaults, and ends of a parameter's range, with which the flow is stiff.
+
+    The range is that of the bounds, or of the values tried. Modes that are no flags have their values at the
+    start.
+    """
+    defaults = {name: float(column[0]) for name, column in values.items()}
+    ends: list[tuple[str, float]] = []
+    for quantity in model.parameters:
+        tried = values[quantity.name]
+        for bound, end_of_tried in ((quantity.low, np.min(tried)), (quantity.high, np.max(tried))):
+            is_bounded = math.isfinite(bound) and not quantity.open_ends
+            ends.append((quantity.name, bound if is_bounded else float(end_of_tried)))
+    rate_at_defaults, *rates = _fastest_rates(model, [defaults, *({**defaults, name: x} for name, x in ends)])
+    if math.isnan(rate_at_defaults.per_second):
+        return ["At the defaults a derivative of the flow is infinite or NaN, so its stiffness is unknown."]
+    sentences = []
+    if rate_at_defaults.per_period > STIFF:
+        sentences.append(f"At the defaults the flow is stiff: its {rate_at_defaults}.")
+    for (name, end), rate in zip(ends, rates, strict=True):
+        if rate.per_period > max(STIFF, STIFFER * rate_at_defaults.per_period):
+            sentences.append(
+                f"{name} = {end:.4g}, far from its default {defaults[name]:.4g}, makes the flow stiff: "
+                f"its {rate}. Bounds (low=, high=) keep rows from there."
+            )
+    return sentences
+
+
+@dataclasses.dataclass(frozen=True)
+class _FastestRate:
+    """The fastest rate (1/s) of a flow, and that per nominal period."""
+
+    per_second: float
+    per_period: float
+
+    def __str__(self) -> str:
+        return (
+            f"fastest rate is {self.per_second:.2g} 1/s, and a cycle takes about {self.per_period:.2g} steps"
+        )
+
+
+def _fastest_rates(model: HybridModel, rows: Sequence[Mapping[str, float]]) -> list[_FastestRate]:
+    """The fastest rate of the flow at the start of each row with these parameters and starts.
+
+    It is NaN where a derivative of the flow is infinite or NaN.
+    """
+    of_rows = {name: np.array([row[name] for row in rows], float) for name in rows[0]}
+    values = {q.name: of_rows[q.name] for q in model.parameters}
+    starts = {q.name: of_rows[q.name] for q in model.initial_conditions}
+    rates, periods = fastest_rates(model, values, starts)
+    return [
+        _FastestRate(float(rate), float(rate * period)) for rate, period in zip(rates, periods, strict=True)
+    ]
+
 
 ROWS = 32
 CYCLES = 12

@@ -41,10 +41,18 @@ from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.kinds.columns import gaits
 from gaitsweep.kinds.run_kind import StartingPoints, TableRunKind
 from gaitsweep.row_outcome import RowOutcome
-from gaitsweep.runs.observable_changes import changes, counted, sizes
 from gaitsweep.runs.prepare import RunContext, nominal_period
-from gaitsweep.runs.sampled_rows import CROSSINGS, LEAST_ROWS, finer_share, is_checked, sample_rows
-from gaitsweep.runs.self_check_result import SelfCheck
+from gaitsweep.runs.self_check_result import (
+    CROSSINGS,
+    LEAST_ROWS,
+    SelfCheck,
+    changes,
+    counted,
+    finer_share,
+    is_checked,
+    sample_rows,
+    sizes,
+)
 from gaitsweep.runs.unstable_rests import unstable_rests
 from gaitsweep.status import RECURRENT, Status
 from gaitsweep.table.manifest import TOLERANCES

@@ -14,7 +14,7 @@ import pandas as pd
 
 from gaitsweep import models
 from gaitsweep.contract import Model
-from gaitsweep.dynamics.mjcf.of_mjcf import OfMjcf
+from gaitsweep.dynamics.mjcf import OfMjcf
 from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.kernel.row_functions import over_rows
 from gaitsweep.kinds.columns import AT_REST

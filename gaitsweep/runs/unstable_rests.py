@@ -29,8 +29,8 @@ from gaitsweep.engine.recorders.states import StateRecorder, state_size, states_
 from gaitsweep.engine.solver.methods import derivative_refusal, fixed_step_scheme
 from gaitsweep.engine.tangents import AllVariables
 from gaitsweep.row_outcome import RowOutcome
-from gaitsweep.runs.observable_changes import changes
 from gaitsweep.runs.prepare import RunContext
+from gaitsweep.runs.self_check_result import changes
 
 # On a symmetric gait an angle is a multiple of a turn / `PARTS_OF_A_TURN`, within `ALIKE` (rad), or two
 # observables of one unit are equal, within a share `ALIKE` of their magnitude.

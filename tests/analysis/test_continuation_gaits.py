@@ -17,7 +17,7 @@ from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.job import load_job
 from gaitsweep.papers.aoi2011.waist_quadruped import WaistQuadruped
-from gaitsweep.plot.bifurcations.stable_ranges import stable_ranges as draw
+from gaitsweep.plot.bifurcations.continuation import stable_ranges as draw
 from gaitsweep.plot.columns import PlotError
 
 SWEEPS = Path(__file__).parents[2] / "sweeps"

@@ -7,8 +7,7 @@ import pandas as pd
 import pytest
 
 from gaitsweep.analysis.records import AnalysisError
-from gaitsweep.papers.fukuoka2015.analysis.body_oscillation import oscillation_along
-from gaitsweep.papers.fukuoka2015.analysis.gait_bouts import speed_transitions
+from gaitsweep.papers.fukuoka2015.analysis.gait_bouts import oscillation_along, speed_transitions
 from gaitsweep.papers.fukuoka2015.analysis.gait_tables import (
     gait_measures,
     gaits_by_threshold,

@@ -8,9 +8,14 @@ import pytest
 from scipy.stats import binomtest
 
 from gaitsweep.analysis.records import AnalysisError
-from gaitsweep.papers.fukuoka2015.analysis.body_oscillation import body_oscillation
-from gaitsweep.papers.fukuoka2015.analysis.loading_rule import load_prediction, loading_rule, wilson_interval
-from gaitsweep.papers.fukuoka2015.analysis.pair_loads import MEASURES, pairs_in
+from gaitsweep.papers.fukuoka2015.analysis.gait_bouts import body_oscillation
+from gaitsweep.papers.fukuoka2015.analysis.loading_rule import (
+    MEASURES,
+    load_prediction,
+    loading_rule,
+    pairs_in,
+    wilson_interval,
+)
 from tests.support.gait_traces import ends, trace_of
 
 

@@ -10,8 +10,7 @@ import pytest
 
 from gaitsweep import ArgumentError, plot
 from gaitsweep.claims.measures import MeasureError
-from gaitsweep.claims.paper import read_paper
-from gaitsweep.claims.verdicts import ClaimVerdict, verdict
+from gaitsweep.claims.paper import ClaimVerdict, read_paper, verdict
 from gaitsweep.errors import UserError
 from gaitsweep.papers.ambe2021 import (
     equation_measures,

@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 from gaitsweep.claims.page import page
-from gaitsweep.claims.verdicts import ClaimVerdict
+from gaitsweep.claims.paper import ClaimVerdict
 from tests.support.browser import browser, program
 
 TEXT = (

@@ -7,14 +7,8 @@ import pandas as pd
 import pytest
 
 from gaitsweep.claims.measures import MeasureError, default_values
-from gaitsweep.claims.paper import read_paper
-from gaitsweep.claims.verdicts import ClaimVerdict, verdict
-from gaitsweep.papers.fukuoka2015 import (
-    equation_measures,
-    gait_measures,
-    leg_measures,
-    ramp_measures,
-)
+from gaitsweep.claims.paper import ClaimVerdict, read_paper, verdict
+from gaitsweep.papers.fukuoka2015 import gait_measures, ramp_measures
 from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import CHART, LEGS
 from tests.support.gait_traces import ideal_phases
 
@@ -52,33 +46,33 @@ def ramp(order: list[str], *, row: int = 0) -> pd.DataFrame:
 
 @pytest.mark.parametrize("gait", CHART)
 def test_the_order_of_swings_is_the_charts(gait: str) -> None:
-    assert leg_measures.swing_order(trace(gait), gait=gait) == leg_measures.chart_order(gait=gait)
-    assert leg_measures.footfall_order(trace(gait), gait=gait) == leg_measures.chart_order(gait=gait)
+    assert gait_measures.swing_order(trace(gait), gait=gait) == gait_measures.chart_order(gait=gait)
+    assert gait_measures.footfall_order(trace(gait), gait=gait) == gait_measures.chart_order(gait=gait)
 
 
 def test_footfalls_and_flights_follow_from_loads() -> None:
     """RF and LH alone bear load, for 0.3 of a cycle each, half a cycle apart: two flights of 0.2."""
     table = trace("RT-gallop")
-    assert leg_measures.flight_between(table, gait="RT-gallop", legs=["RF", "LH"]) == 0.0
+    assert gait_measures.flight_between(table, gait="RT-gallop", legs=["RF", "LH"]) == 0.0
     into = table["t"] / 0.4 % 1.0
     table[["F_LF", "F_RH"]] = 0.0
     table["F_RF"], table["F_LH"] = (into < 0.3) * 30.0, ((into >= 0.5) & (into < 0.8)) * 30.0
-    result = leg_measures.flight_between(table, gait="RT-gallop", legs=["RF", "LH"])
+    result = gait_measures.flight_between(table, gait="RT-gallop", legs=["RF", "LH"])
     assert result == pytest.approx(0.4, abs=0.04)
-    assert leg_measures.flight_between(table, gait="RT-gallop", legs=["LF", "RF"]) == 0.0
+    assert gait_measures.flight_between(table, gait="RT-gallop", legs=["LF", "RF"]) == 0.0
     with pytest.raises(MeasureError, match="LF touches down"):
-        leg_measures.footfall_order(table, gait="RT-gallop")
+        gait_measures.footfall_order(table, gait="RT-gallop")
 
 
 def test_the_orders_of_the_paper() -> None:
-    assert leg_measures.chart_order(gait="L-walk") == "LF-RH-RF-LH"
-    assert leg_measures.chart_order(gait="R-canter") == "LF+RH-RF-LH"
-    assert leg_measures.chart_order(gait="trot") == "LF+RH-LH+RF"
+    assert gait_measures.chart_order(gait="L-walk") == "LF-RH-RF-LH"
+    assert gait_measures.chart_order(gait="R-canter") == "LF+RH-RF-LH"
+    assert gait_measures.chart_order(gait="trot") == "LF+RH-LH+RF"
 
 
 def test_a_gait_that_no_row_has_is_refused() -> None:
     with pytest.raises(MeasureError, match="has the gait L-walk"):
-        leg_measures.swing_order(trace("trot"), gait="L-walk")
+        gait_measures.swing_order(trace("trot"), gait="L-walk")
 
 
 @pytest.mark.slow
@@ -128,26 +122,26 @@ def test_pitch_cycles_and_stance() -> None:
     both = pd.concat([trace("trot", nod=1), trace("trot", period=0.2, row=1)], ignore_index=True)
     assert gait_measures.pitch_cycles(both, where="row == 0") == 1.0
     assert gait_measures.pitch_cycles(both, where="row == 1") == 2.0
-    assert leg_measures.stance_ratio(both, where="row == 0", to="row == 1") == pytest.approx(2.0, rel=0.05)
+    assert gait_measures.stance_ratio(both, where="row == 0", to="row == 1") == pytest.approx(2.0, rel=0.05)
 
 
 def test_loads_of_pairs() -> None:
     table = trace("L-walk")
-    assert leg_measures.pairs_measure(table, gait="L-walk", measure="load_stance") == pytest.approx(
+    assert gait_measures.pairs_measure(table, gait="L-walk", measure="load_stance") == pytest.approx(
         [10.0, 10.0], abs=0.5
     )
-    assert leg_measures.pairs_measure(table, gait="L-walk", measure="delta") == pytest.approx(
+    assert gait_measures.pairs_measure(table, gait="L-walk", measure="delta") == pytest.approx(
         [0.2, 0.2], abs=0.02
     )
-    assert leg_measures.loaded_longer(table, gait="L-walk") == pytest.approx([0.0, 0.0], abs=0.02)
-    tilt = leg_measures.pairs_measure(table, gait="L-walk", measure="tilt_late")
-    assert leg_measures.late_tilt(table, gait="L-walk") == pytest.approx(
+    assert gait_measures.loaded_longer(table, gait="L-walk") == pytest.approx([0.0, 0.0], abs=0.02)
+    tilt = gait_measures.pairs_measure(table, gait="L-walk", measure="tilt_late")
+    assert gait_measures.late_tilt(table, gait="L-walk") == pytest.approx(
         [tilt_of_pair / 0.02 for tilt_of_pair in tilt], rel=0.01
     )
     with pytest.raises(MeasureError, match="weight is not a column of the table"):
-        leg_measures.pair_measure(table, gait="L-walk", pair=1, measure="weight")
+        gait_measures.pair_measure(table, gait="L-walk", pair=1, measure="weight")
     with pytest.raises(MeasureError, match="no measure weight"):
-        leg_measures.rule_agreement(table, measure="weight")
+        gait_measures.rule_agreement(table, measure="weight")
 
 
 def test_speeds_of_gaits_without_numbers() -> None:
@@ -168,11 +162,11 @@ def test_speeds_of_gaits_without_numbers() -> None:
 
 
 def test_values_of_the_model() -> None:
-    assert equation_measures.total_mass() == pytest.approx(7.0)
-    assert equation_measures.motors() == 8.0
-    assert equation_measures.diagonal_links() == 0.0
-    assert equation_measures.load_feedback(F=20.0, k2=0.08) == [0.0, 1.0]
-    assert equation_measures.motor_targets() == [0.0] * 4
+    assert gait_measures.total_mass() == pytest.approx(7.0)
+    assert gait_measures.motors() == 8.0
+    assert gait_measures.diagonal_links() == 0.0
+    assert gait_measures.load_feedback(F=20.0, k2=0.08) == [0.0, 1.0]
+    assert gait_measures.motor_targets() == [0.0] * 4
     with pytest.raises(MeasureError, match="torso_mass"):
         default_values(model="planar_quadruped", names=["torso_mas"])
 

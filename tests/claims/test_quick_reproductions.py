@@ -6,9 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from gaitsweep.claims.paper import read_paper
+from gaitsweep.claims.paper import ClaimVerdict, read_paper
 from gaitsweep.claims.reproduce import reproduce
-from gaitsweep.claims.verdicts import ClaimVerdict
 
 # Jobs left out here: of the waist quadruped those that follow hold after hold or take long to compile, of the
 # planar quadruped those that repeat a sweep with another constant.

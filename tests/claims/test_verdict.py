@@ -7,8 +7,7 @@ from typing import Any
 
 import pytest
 
-from gaitsweep.claims.paper import Claim
-from gaitsweep.claims.verdicts import ClaimVerdict, verdict
+from gaitsweep.claims.paper import Claim, ClaimVerdict, verdict
 
 REPRODUCED, NOT, OPEN = ClaimVerdict.reproduced, ClaimVerdict.not_reproduced, ClaimVerdict.open_constants
 

@@ -20,8 +20,8 @@ import numpy as np
 import pytest
 
 import gaitsweep as gs
+from gaitsweep.dynamics.body.body_model import Standing
 from gaitsweep.dynamics.body.mechanics import LocatedBody
-from gaitsweep.dynamics.body.standing import Standing
 from gaitsweep.engine.kernel import cuda_lanes
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.recordings import CrossingRecorder

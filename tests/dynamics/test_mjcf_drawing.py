@@ -8,7 +8,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from gaitsweep.dynamics.mjcf.drawing import skeleton
+from gaitsweep.dynamics.mjcf_drawing import skeleton
 from gaitsweep.plot.limbs import limb_colours
 from gaitsweep.skeleton import LimbLook
 

@@ -20,7 +20,7 @@ from gaitsweep.dynamics.mjx.body import MjxBody, refusals
 from gaitsweep.dynamics.mjx.variants import Variants, rescale
 from gaitsweep.papers.aoi2011.waist_quadruped.bodies import compiled_variants
 from gaitsweep.papers.aoi2011.waist_quadruped.bodies import mjx_body as body
-from gaitsweep.papers.aoi2011.waist_quadruped.sizes import mjcf
+from gaitsweep.papers.aoi2011.waist_quadruped.parameters import mjcf
 from tests.support.random_trees import unit
 
 pytestmark = pytest.mark.slow  # MJX compiles for seconds

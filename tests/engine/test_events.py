@@ -19,7 +19,7 @@ from firing_neuron import Neuron
 from gaitsweep import models
 from gaitsweep.cli import show
 from gaitsweep.contract import HybridModel
-from gaitsweep.dynamics.event_surface import EventSurface
+from gaitsweep.dynamics.event_declarations import EventSurface
 from gaitsweep.engine.carry import packed, unpacked
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.recordings import CrossingRecorder, FixedTimeRecorder, TraceRecorder

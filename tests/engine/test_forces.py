@@ -21,9 +21,9 @@ from gaitsweep.dynamics.tree.from_mjcf import tree_of
 from gaitsweep.dynamics.tree.kinematics import places
 from gaitsweep.papers.ambe2021.multilegged import model as multilegged
 from gaitsweep.papers.ambe2021.multilegged.mechanics import neighbour_force
-from gaitsweep.papers.aoi2011.waist_quadruped import mechanics, sizes
+from gaitsweep.papers.aoi2011.waist_quadruped import mechanics, parameters
+from gaitsweep.papers.aoi2011.waist_quadruped.kinematics import WAIST
 from gaitsweep.papers.aoi2011.waist_quadruped.model import WaistQuadruped
-from gaitsweep.papers.aoi2011.waist_quadruped.posture import WAIST
 from tests.support.sweeping import scalars
 from tests.support.tree_mechanics import WorldForce
 
@@ -124,7 +124,7 @@ def test_a_chain_moves_by_the_exponential_of_its_matrix(kappa: np.ndarray) -> No
 
 def test_the_waist_s_torque_is_that_of_mujoco_s_spring_and_damper() -> None:
     """MuJoCo C's passive force of a joint with this stiffness and damping, all other joints left free."""
-    model = mujoco.MjModel.from_xml_string(sizes.mjcf())
+    model = mujoco.MjModel.from_xml_string(parameters.mjcf())
     free = dict.fromkeys(("kappa_1", "sigma_1", "kappa_2", "sigma_2"), 0.0)
     mine = scalars(WaistQuadruped(), f=2.6, **free).mechanics
     waist = model.joint("waist")

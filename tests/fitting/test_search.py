@@ -733,7 +733,7 @@ def test_constants_of_the_chain_are_found_again(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_workers_of_a_cluster_measure_the_same(tmp_path: Path) -> None:
-    from gaitsweep.runs.cluster.cluster_option import connection_to
+    from gaitsweep.runs.cluster.connection import connection_to
     from gaitsweep.runs.cluster.dispatch import Cluster
 
     asked = read_search(job(budget=48, population=16), Path.cwd())

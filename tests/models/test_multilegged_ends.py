@@ -20,8 +20,8 @@ from gaitsweep.papers.ambe2021.multilegged.reduced import MultileggedReduced
 from gaitsweep.papers.ambe2021.theory.chain import Chain, end_resets, springs
 from gaitsweep.papers.ambe2021.theory.conditions import wave_conditions
 from gaitsweep.papers.ambe2021.theory.gaits import GAITS
+from gaitsweep.papers.ambe2021.theory.order import linear_map
 from gaitsweep.papers.ambe2021.theory.solution_sets import Branch, branches, drift, lag_rules
-from gaitsweep.papers.ambe2021.theory.stability import linear_map
 from gaitsweep.status import Status
 from tests.support.multilegged_solutions import solution_set, solution_sets, total
 from tests.support.sweeping import run_rows, scalars

@@ -23,9 +23,8 @@ from gaitsweep.papers.ambe2021.multilegged.reduced import MultileggedReduced
 from gaitsweep.papers.ambe2021.theory.chain import Chain, amplitudes, lag, masses, reset, springs
 from gaitsweep.papers.ambe2021.theory.conditions import source_conditions, wave_conditions
 from gaitsweep.papers.ambe2021.theory.gaits import classify
-from gaitsweep.papers.ambe2021.theory.order import order_sets, touchdown_residuals
+from gaitsweep.papers.ambe2021.theory.order import linear_map, order_sets, touchdown_residuals
 from gaitsweep.papers.ambe2021.theory.solution_sets import branches, drift, drift_on_ground, lag_rules
-from gaitsweep.papers.ambe2021.theory.stability import linear_map
 from gaitsweep.status import Status
 from tests.support.multilegged_solutions import solution_sets, total
 from tests.support.sweeping import run_rows, scalars

@@ -23,8 +23,8 @@ from gaitsweep.papers.ambe2021.multilegged.model import GAITS, Multilegged
 from gaitsweep.papers.ambe2021.multilegged.reduced import MultileggedReduced
 from gaitsweep.papers.ambe2021.theory.chain import Chain
 from gaitsweep.papers.ambe2021.theory.gaits import gait_of, locked_state
+from gaitsweep.papers.ambe2021.theory.order import characteristic_polynomial, linear_map, multipliers
 from gaitsweep.papers.ambe2021.theory.solution_sets import Branch, branches, drift, lag_rules
-from gaitsweep.papers.ambe2021.theory.stability import characteristic_polynomial, linear_map, multipliers
 from gaitsweep.status import Status
 from tests.support.multilegged_solutions import solution_set, solution_sets, total
 from tests.support.sweeping import run_rows, scalars

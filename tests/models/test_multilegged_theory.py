@@ -21,7 +21,11 @@ from gaitsweep.papers.ambe2021.theory.chain import (
 )
 from gaitsweep.papers.ambe2021.theory.gaits import locked_state, segments
 from gaitsweep.papers.ambe2021.theory.order import (
+    characteristic_polynomial,
+    eigenvalues,
     jumps,
+    linear_map,
+    multipliers,
     order_sets,
     reset_sets,
     touchdown_order,
@@ -36,12 +40,6 @@ from gaitsweep.papers.ambe2021.theory.solution_sets import (
     rule_of,
     touches_early,
     worst_case_cycles,
-)
-from gaitsweep.papers.ambe2021.theory.stability import (
-    characteristic_polynomial,
-    eigenvalues,
-    linear_map,
-    multipliers,
 )
 from tests.support.multilegged_solutions import solution_set, solution_sets, total, transport
 

@@ -23,7 +23,7 @@ from gaitsweep.engine.recorders.recordings import CrossingRecorder
 from gaitsweep.job import JobError
 from gaitsweep.papers.aoi2011.waist_quadruped import WaistQuadruped
 from gaitsweep.papers.aoi2011.waist_quadruped.mechanics import WaistMechanics
-from gaitsweep.papers.aoi2011.waist_quadruped.sizes import LIMBS, mjcf
+from gaitsweep.papers.aoi2011.waist_quadruped.parameters import LIMBS, mjcf
 from gaitsweep.papers.fukuoka2015.planar_quadruped import PlanarQuadruped
 from gaitsweep.status import Status
 from tests.support.host_card import HostCard, compiler

@@ -16,9 +16,18 @@ from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.recordings import CrossingRecorder
 from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.papers.aoi2011.waist_quadruped import WaistQuadruped
-from gaitsweep.papers.aoi2011.waist_quadruped.foot_path import BEYOND, EARLY, LATE, STANCE, FootPath
+from gaitsweep.papers.aoi2011.waist_quadruped.kinematics import (
+    BEYOND,
+    EARLY,
+    LATE,
+    STANCE,
+    WAIST,
+    FootPath,
+    has_fallen,
+    joint_angles,
+    tilt,
+)
 from gaitsweep.papers.aoi2011.waist_quadruped.mechanics import anchored_force
-from gaitsweep.papers.aoi2011.waist_quadruped.posture import WAIST, has_fallen, joint_angles, tilt
 from gaitsweep.status import Status
 from tests.support.multilegged_crossings import wrapped
 from tests.support.sweeping import run_rows

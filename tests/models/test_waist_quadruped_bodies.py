@@ -24,8 +24,8 @@ from gaitsweep.engine.solver.methods import refusal
 from gaitsweep.engine.sweep.engines import EngineError, choose
 from gaitsweep.job import Job, JobError, load_job
 from gaitsweep.papers.aoi2011.waist_quadruped import WaistQuadruped
-from gaitsweep.papers.aoi2011.waist_quadruped.foot_path import STANCE
-from gaitsweep.papers.aoi2011.waist_quadruped.sizes import mjcf
+from gaitsweep.papers.aoi2011.waist_quadruped.kinematics import STANCE
+from gaitsweep.papers.aoi2011.waist_quadruped.parameters import mjcf
 from gaitsweep.status import Status
 from tests.support.sweeping import complete, run_rows
 

@@ -23,10 +23,20 @@ from gaitsweep.engine.recorders.recordings import CrossingRecorder
 from gaitsweep.job import Job, JobError
 from gaitsweep.papers.aoi2011.waist_quadruped import WaistQuadruped
 from gaitsweep.papers.aoi2011.waist_quadruped.drawing import scaled_mjcf
-from gaitsweep.papers.aoi2011.waist_quadruped.foot_path import BEYOND, EARLY, LATE, STANCE, SWINGS, FootPath
-from gaitsweep.papers.aoi2011.waist_quadruped.posture import HIP, KNEE, joint_angles, joint_rates
+from gaitsweep.papers.aoi2011.waist_quadruped.kinematics import (
+    BEYOND,
+    EARLY,
+    HIP,
+    KNEE,
+    LATE,
+    STANCE,
+    SWINGS,
+    FootPath,
+    joint_angles,
+    joint_rates,
+)
+from gaitsweep.papers.aoi2011.waist_quadruped.parameters import LIMBS, body, mjcf
 from gaitsweep.papers.aoi2011.waist_quadruped.rhythm import desired_velocities
-from gaitsweep.papers.aoi2011.waist_quadruped.sizes import LIMBS, body, mjcf
 from gaitsweep.status import Status
 from tests.support.sweeping import complete, run_rows, scalars
 

@@ -20,8 +20,8 @@ from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.recordings import CrossingRecorder, TraceRecorder
 from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.papers.aoi2011.waist_quadruped import WaistQuadruped
+from gaitsweep.papers.aoi2011.waist_quadruped.parameters import body, mjcf
 from gaitsweep.papers.aoi2011.waist_quadruped.rhythm import phase_rates
-from gaitsweep.papers.aoi2011.waist_quadruped.sizes import body, mjcf
 from gaitsweep.status import Status
 from tests.support.sweeping import complete, run_rows, scalars
 

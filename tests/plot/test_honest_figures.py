@@ -258,7 +258,7 @@ def test_no_area_of_stability_goes_over_a_value_at_which_there_is_none() -> None
 
 
 def test_rows_that_have_not_settled_are_open_among_speeds() -> None:
-    from gaitsweep.papers.fukuoka2015.figures.speed_gaits import _bands
+    from gaitsweep.papers.fukuoka2015.figures.gait_ramp import _bands
 
     part = pd.DataFrame(
         {"gait": ["trot"] * 3, "speed": [0.1, 0.5, 0.9], "status": ["settled", "cycle_limit", "complete"]}

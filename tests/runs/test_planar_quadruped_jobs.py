@@ -10,10 +10,13 @@ import pytest
 
 import gaitsweep as gs
 from gaitsweep.expression import evaluate
-from gaitsweep.papers.fukuoka2015.analysis.body_oscillation import body_oscillation
-from gaitsweep.papers.fukuoka2015.analysis.gait_bouts import gait_bouts, gaits_along, speed_transitions
-from gaitsweep.papers.fukuoka2015.analysis.loading_rule import load_prediction, loading_rule
-from gaitsweep.papers.fukuoka2015.analysis.pair_loads import pairs_in
+from gaitsweep.papers.fukuoka2015.analysis.gait_bouts import (
+    body_oscillation,
+    gait_bouts,
+    gaits_along,
+    speed_transitions,
+)
+from gaitsweep.papers.fukuoka2015.analysis.loading_rule import load_prediction, loading_rule, pairs_in
 from gaitsweep.papers.fukuoka2015.ramp_measures import share_in_order
 
 SWEEPS = Path(__file__).parents[2] / "sweeps"

@@ -24,9 +24,7 @@ from gaitsweep.kinds.run_kind import RunKind
 from gaitsweep.plot.provenance_marks import remarks
 from gaitsweep.runs import concurrent_self_check, execute
 from gaitsweep.runs.execute import run_job
-from gaitsweep.runs.observable_changes import counted
-from gaitsweep.runs.sampled_rows import sample_rows
-from gaitsweep.runs.self_check_result import SelfCheck
+from gaitsweep.runs.self_check_result import SelfCheck, counted, sample_rows
 from gaitsweep.runs.sentences import advice, self_check_sentence
 from gaitsweep.runs.unstable_rests import followed
 from gaitsweep.table import directory

@@ -20,8 +20,7 @@ from gaitsweep.examples.slip_runner import STANCE, SlipRunner
 from gaitsweep.job.row_remarks import _some_rows, remarks_on_rows
 from gaitsweep.models.starts import idle_starts
 from gaitsweep.models.value_faults import faults
-from gaitsweep.runs.energy_rates import with_rates
-from gaitsweep.runs.model_trial import trial
+from gaitsweep.runs.model_trial import trial, with_rates
 from tests.support.sweeping import scalars
 
 

@@ -10,7 +10,7 @@ import pandas as pd
 
 from gaitsweep import models
 from gaitsweep.job import Job
-from gaitsweep.papers.aoi2011.waist_quadruped.posture import HIP, KNEE
+from gaitsweep.papers.aoi2011.waist_quadruped.kinematics import HIP, KNEE
 from gaitsweep.skeleton import Skeleton
 from gaitsweep.table import ResultDirectory
 from gaitsweep.table.manifest import Layout

@@ -27,11 +27,16 @@ from gaitsweep.cli import commands
 from gaitsweep.plot import theme
 from gaitsweep.runs.dataset import MissingPackageError
 from gaitsweep.view.explorer.explorer import write_explorer
-from gaitsweep.view.explorer.page_format import RESOLUTION, columns_of, html_symbol, motion_fields, packed
-from gaitsweep.view.explorer.plotly_source import fast_to_load
+from gaitsweep.view.explorer.page_format import (
+    RESOLUTION,
+    columns_of,
+    fast_to_load,
+    html_symbol,
+    motion_fields,
+    packed,
+)
 from gaitsweep.view.explorer.replays import Motion, Pictures, Stretch, pictures_of
-from gaitsweep.view.explorer.start_map import CELLS, StartMap, with_next
-from gaitsweep.view.explorer.traced_cells import boundary, spread, subgrid
+from gaitsweep.view.explorer.start_map import CELLS, StartMap, boundary, spread, subgrid, with_next
 from gaitsweep.view.movie.animation import Clip
 from gaitsweep.view.movie.side_view import heading, projected, turned
 from hostile_texts import ATTACK, HostileTexts

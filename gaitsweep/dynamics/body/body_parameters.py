@@ -14,7 +14,7 @@ import numpy as np
 
 from gaitsweep.contract import Quantity
 from gaitsweep.dynamics.body.coverage import Softness, Touch
-from gaitsweep.dynamics.mjcf.source import identifier
+from gaitsweep.dynamics.mjcf import identifier
 from gaitsweep.dynamics.tree import Geometry, Scalar
 
 AXES = "xyz"

@@ -31,7 +31,7 @@ from gaitsweep.dynamics.body.body_parameters import (
 from gaitsweep.dynamics.body.coverage import Touch, limits, refusals, touches
 from gaitsweep.dynamics.body.surfaces import Plane, Relief
 from gaitsweep.dynamics.ground import Ground
-from gaitsweep.dynamics.mjcf.source import identifier
+from gaitsweep.dynamics.mjcf import identifier
 from gaitsweep.dynamics.tree import (
     Array,
     Geometry,

@@ -26,7 +26,7 @@ from gaitsweep.dynamics.declarations import observable, parameter, signal, varia
 from gaitsweep.dynamics.event_declarations import event
 from gaitsweep.dynamics.footfalls import LEGS, footfalls
 from gaitsweep.dynamics.ground import is_uneven
-from gaitsweep.dynamics.mjcf.source import identifier
+from gaitsweep.dynamics.mjcf import identifier
 from gaitsweep.dynamics.tree import tilt_and_heading
 from gaitsweep.dynamics.tree.spatial import rotation_about, rotation_of
 
@@ -177,7 +177,7 @@ class ControlledBody:
         names = self._leg_names
         if self.gaits_have_names:
             return {"feet": footfalls("clock", legs=names)(feet)}
-        from gaitsweep.dynamics.mjcf.drawing import looks_of_feet  # imports MuJoCo
+        from gaitsweep.dynamics.mjcf_drawing import looks_of_feet  # imports MuJoCo
 
         looks = looks_of_feet(names, self._feet_aside())
         contacts = signal("1", "whether foot is down", count=len(names))(contact)

@@ -21,7 +21,7 @@ from jaxtyping import Array, Float
 from pydantic import Field
 
 from gaitsweep.dynamics.declarations import parameter
-from gaitsweep.dynamics.mjcf.source import keyframe_number
+from gaitsweep.dynamics.mjcf import keyframe_number
 from gaitsweep.near_miss import suggestion
 from gaitsweep.schema.numbers import NotNegative, Positive, Real
 from gaitsweep.schema.strict_model import StrictModel

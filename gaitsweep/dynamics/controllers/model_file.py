@@ -43,8 +43,7 @@ from gaitsweep.dynamics.controllers.leg_targets import (
     two_link_leg,
 )
 from gaitsweep.dynamics.controllers.oscillators import HIP, OSCILLATORS, Oscillators
-from gaitsweep.dynamics.mjcf.of_mjcf import compiled_mjcf
-from gaitsweep.dynamics.mjcf.source import Stamps, keyframe_number, stamps_of_mjcf
+from gaitsweep.dynamics.mjcf import Stamps, compiled_mjcf, keyframe_number, stamps_of_mjcf
 from gaitsweep.dynamics.mjx.mjcf_model import MjcfModel
 from gaitsweep.near_miss import suggestion
 from gaitsweep.schema.diagnostics import Diagnostic, JobError, wrong_kind

@@ -22,7 +22,7 @@ import mujoco
 import numpy as np
 from jaxtyping import Array, Float, Num
 
-from gaitsweep.dynamics.mjcf.source import compiled
+from gaitsweep.dynamics.mjcf import compiled
 from gaitsweep.dynamics.mjx.corrections import mjx as mjx
 from gaitsweep.dynamics.mjx.corrections import replace_contacts, runge_kutta
 from gaitsweep.dynamics.mjx.refusals import HARMLESS, refusals, untraceable

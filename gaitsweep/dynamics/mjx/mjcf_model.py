@@ -22,8 +22,14 @@ from jaxtyping import Array, Bool, Float
 from gaitsweep.contract import Quantity, SteppedModel
 from gaitsweep.dynamics.declared import Declared, Values
 from gaitsweep.dynamics.event_declarations import SingleEvent
-from gaitsweep.dynamics.mjcf.of_mjcf import OfMjcf, compiled_mjcf, content_key
-from gaitsweep.dynamics.mjcf.source import Stamps, compiled_content, keyframe_number
+from gaitsweep.dynamics.mjcf import (
+    OfMjcf,
+    Stamps,
+    compiled_content,
+    compiled_mjcf,
+    content_key,
+    keyframe_number,
+)
 from gaitsweep.near_miss import suggestion
 
 if TYPE_CHECKING:

@@ -16,7 +16,7 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
-from gaitsweep.dynamics.mjcf.source import compiled
+from gaitsweep.dynamics.mjcf import compiled
 from gaitsweep.dynamics.tree.articulated_tree import WORLD, Geometry, Kind, Link, Row, Tree
 
 _KINDS: dict[int, Kind] = {

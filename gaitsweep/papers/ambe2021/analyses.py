@@ -52,7 +52,7 @@ def source_place(directory: Directory) -> None:
 
     Where the waves of the multi-legged chain settle to a source.
     """
-    from gaitsweep.papers.ambe2021.analysis.source_place import source_place as places
+    from gaitsweep.papers.ambe2021.analysis.travelling_wave import source_place as places
 
     shares = places(gs.load(directory))
     print_table(shares.loc[(shares["source"] > 0) | (shares["meeting"] > 0) | (shares["leg"] == 1)])
@@ -64,7 +64,7 @@ def source_drift(directory: Directory) -> None:
 
     The drift of E, and so of the source of the multi-legged chain's waves.
     """
-    from gaitsweep.papers.ambe2021.analysis.source_place import source_drift as drifts
+    from gaitsweep.papers.ambe2021.analysis.travelling_wave import source_drift as drifts
 
     print_table(drifts(gs.load(directory)), 8)
 
@@ -169,9 +169,15 @@ def _numbers_of_line(N: int, omega: float, chain: Chain) -> dict[str, float]:
 
 def _lines_of_set(N: int, branch: Branch, chain: Chain) -> list[str]:
     """One set of solutions as lines of text."""
-    from gaitsweep.papers.ambe2021.theory.order import jumps, order_sets, reset_sets, touchdown_order
+    from gaitsweep.papers.ambe2021.theory.order import (
+        eigenvalues,
+        jumps,
+        linear_map,
+        order_sets,
+        reset_sets,
+        touchdown_order,
+    )
     from gaitsweep.papers.ambe2021.theory.solution_sets import rule_of
-    from gaitsweep.papers.ambe2021.theory.stability import eigenvalues, linear_map
 
     rule = rule_of(N, branch, chain)
     # not the middle itself, where two legs of set A touch down together

@@ -29,7 +29,17 @@ from gaitsweep.papers.ambe2021.theory.chain import (
     wavelength,
 )
 from gaitsweep.papers.ambe2021.theory.gaits import GAITS, gait_of
-from gaitsweep.papers.ambe2021.theory.order import TABLE_2, jumps, order_sets, reset_sets, touchdown_residuals
+from gaitsweep.papers.ambe2021.theory.order import (
+    TABLE_2,
+    characteristic_polynomial,
+    eigenvalues,
+    jumps,
+    linear_map,
+    multipliers,
+    order_sets,
+    reset_sets,
+    touchdown_residuals,
+)
 from gaitsweep.papers.ambe2021.theory.solution_sets import (
     Branch,
     Kind,
@@ -39,12 +49,6 @@ from gaitsweep.papers.ambe2021.theory.solution_sets import (
     places,
     rule_of,
     solution,
-)
-from gaitsweep.papers.ambe2021.theory.stability import (
-    characteristic_polynomial,
-    eigenvalues,
-    linear_map,
-    multipliers,
 )
 
 # shares of a set's range, without its middle, where two legs of A touch down at the same time

@@ -10,8 +10,7 @@ import pandas as pd
 from gaitsweep import ArgumentError
 from gaitsweep.analyses import wrapped_difference
 from gaitsweep.claims import Condition, masked, measure, numbers, one_row, records
-from gaitsweep.papers.ambe2021.analysis.source_place import source_drift, source_place
-from gaitsweep.papers.ambe2021.analysis.travelling_wave import passages, waves
+from gaitsweep.papers.ambe2021.analysis.travelling_wave import passages, source_drift, source_place, waves
 from gaitsweep.papers.ambe2021.multilegged.chain_of_table import (
     chain_of,
     constants_of,

@@ -27,11 +27,10 @@ from gaitsweep.claims import defaults, measure
 from gaitsweep.dynamics.tree import PointForce, movements, places, rates, turned, velocity
 from gaitsweep.papers.aoi2011.waist_quadruped import WaistQuadruped
 from gaitsweep.papers.aoi2011.waist_quadruped.drawing import scaled_mjcf
-from gaitsweep.papers.aoi2011.waist_quadruped.foot_path import LATE
+from gaitsweep.papers.aoi2011.waist_quadruped.kinematics import HIP, KNEE, LATE, WAIST
 from gaitsweep.papers.aoi2011.waist_quadruped.mechanics import WaistMechanics
-from gaitsweep.papers.aoi2011.waist_quadruped.posture import HIP, KNEE, WAIST
+from gaitsweep.papers.aoi2011.waist_quadruped.parameters import LIMBS, body
 from gaitsweep.papers.aoi2011.waist_quadruped.rhythm import after_events, phase_rates, transitions
-from gaitsweep.papers.aoi2011.waist_quadruped.sizes import LIMBS, body
 from gaitsweep.papers.aoi2011.waist_quadruped.state import Params, State
 
 MODEL = WaistQuadruped()

@@ -27,7 +27,7 @@ from gaitsweep.claims import (
     value,
 )
 from gaitsweep.papers.aoi2011.waist_quadruped.mechanics import WaistMechanics
-from gaitsweep.papers.aoi2011.waist_quadruped.sizes import LIMBS
+from gaitsweep.papers.aoi2011.waist_quadruped.parameters import LIMBS
 
 # Largest deviation of the times between touchdowns from one cycle, where a foot lands once a cycle
 _CYCLE_TOLERANCE = 0.2

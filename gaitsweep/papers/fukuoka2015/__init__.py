@@ -2,7 +2,7 @@
 
 `planar_quadruped/` has the model and the names of the nine gaits; `analysis/` what is computed from tables,
 `figures/` what is drawn of it, and `analyses.py` the commands `gaitsweep analyse`. The measures of the claims
-are in `*_measures.py`: of equations, of gaits, of legs, and of ramps.
+are in `gait_measures.py` (equations, gaits and legs) and `ramp_measures.py`.
 """
 
 import gaitsweep as gs
@@ -36,9 +36,7 @@ extension = gs.Extension(
         "speed_transitions": "gaitsweep.papers.fukuoka2015.analysis.gait_bouts:speed_transitions",
     },
     measures=(
-        "gaitsweep.papers.fukuoka2015.leg_measures",
         "gaitsweep.papers.fukuoka2015.gait_measures",
-        "gaitsweep.papers.fukuoka2015.equation_measures",
         "gaitsweep.papers.fukuoka2015.ramp_measures",
     ),
     jobs=JOBS,

@@ -94,7 +94,7 @@ def loading_rule(
     From leg loads and pitch of the planar quadruped.
     """
     from gaitsweep.papers.fukuoka2015.analysis import loading_rule as rule
-    from gaitsweep.papers.fukuoka2015.analysis.pair_loads import pairs_in
+    from gaitsweep.papers.fukuoka2015.analysis.loading_rule import pairs_in
 
     if pairs and (predict or split is not None):
         raise gs.ArgumentError("--pairs lists the pairs of all rows: leave out --split and --predict.")
@@ -166,7 +166,7 @@ def body_oscillation(
 
     At once and at twice the gait frequency.
     """
-    from gaitsweep.papers.fukuoka2015.analysis.body_oscillation import family_oscillation, oscillation_along
+    from gaitsweep.papers.fukuoka2015.analysis.gait_bouts import family_oscillation, oscillation_along
 
     if along:
         print_table(oscillation_along(gs.load(directory)))

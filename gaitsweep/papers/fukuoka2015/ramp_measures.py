@@ -11,8 +11,12 @@ import pandas as pd
 
 from gaitsweep.analyses import require
 from gaitsweep.claims import Condition, MeasureError, masked, measure, numbers, records
-from gaitsweep.papers.fukuoka2015.analysis.body_oscillation import oscillation_along
-from gaitsweep.papers.fukuoka2015.analysis.gait_bouts import after_dwell, gait_bouts, gaits_along
+from gaitsweep.papers.fukuoka2015.analysis.gait_bouts import (
+    after_dwell,
+    gait_bouts,
+    gaits_along,
+    oscillation_along,
+)
 
 # Names of a sequence: families, gaits, or gaits with the rows mirrored whose first lead is a left one.
 Names = Literal["family", "gait", "right"]

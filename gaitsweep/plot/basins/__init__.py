@@ -1,5 +1,5 @@
 """Figures of basins of attraction.
 
-`basin.py`: basin; `basin_measures.py`: basin_measures; `gait_map.py`: gait_map; `shocks.py`: recovery, shock.
+`basin.py`: basin, recovery, shock; `basin_measures.py`: basin_measures; `gait_map.py`: gait_map.
 `cells.py` has the cells of a grid of starts.
 """

@@ -15,7 +15,7 @@ from matplotlib.transforms import offset_copy
 
 from gaitsweep.plot import theme
 from gaitsweep.plot.arguments import Observable, Title
-from gaitsweep.plot.bifurcations.branch_lines import WORDS, draw_branch, key, pieces, stretches
+from gaitsweep.plot.bifurcations.continuation import WORDS, draw_branch, key, pieces, stretches
 from gaitsweep.plot.column_labels import described
 from gaitsweep.plot.columns import (
     PlotError,

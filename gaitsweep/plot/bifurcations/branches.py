@@ -14,11 +14,10 @@ from gaitsweep.analysis.transitions.return_map import branches as find_branches
 from gaitsweep.angles import unwrap_from
 from gaitsweep.plot import theme
 from gaitsweep.plot.arguments import AlongAxis, Bandwidth, Observed, Title
-from gaitsweep.plot.bifurcations.branch_lines import STABLE, UNSTABLE
+from gaitsweep.plot.bifurcations.continuation import STABLE, UNSTABLE
 from gaitsweep.plot.column_labels import described
-from gaitsweep.plot.columns import column, is_angle, log_axes, origin_of, require_columns
-from gaitsweep.plot.kind import figure_kind
-from gaitsweep.plot.varying_parameters import check_one_parameter, require_one_system
+from gaitsweep.plot.columns import column, is_angle, log_axes, origin_of, require_columns, require_one_system
+from gaitsweep.plot.kind import check_one_parameter, figure_kind
 
 _COLOUR = {True: STABLE, False: UNSTABLE}
 _WORDS = {True: "stable: starts nearby come to it", False: "unstable: starts nearby leave it"}

@@ -1,28 +1,161 @@
-"""Branches of fixed points over a parameter, stable and unstable, with their bifurcations."""
+"""Branches of fixed points over a parameter, their bifurcations, and the regions of stable gaits."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import itertools
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from types import MappingProxyType
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal, TypeVar
 
+import matplotlib as mpl
 import numpy as np
 import pandas as pd
+from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
-from matplotlib.colors import Normalize
+from matplotlib.colors import Normalize, to_rgba
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
 from pydantic import Field
 
+from gaitsweep.analysis.continuation.stable_ranges import MARKS, range_of_gait
+from gaitsweep.analysis.continuation.stable_ranges import stable_ranges as ranges_of
+from gaitsweep.angles import unwrap_from
 from gaitsweep.plot import theme
-from gaitsweep.plot.arguments import Column, Observable, Title
-from gaitsweep.plot.bifurcations import branch_lines
-from gaitsweep.plot.bifurcations.branch_lines import draw_branch, style_of_range
+from gaitsweep.plot.arguments import AlongAxis, Column, GaitColumn, Observable, Title
 from gaitsweep.plot.column_labels import described, symbol
-from gaitsweep.plot.columns import PlotError, branch_parameter, origin_of, recorded_column, require_columns
+from gaitsweep.plot.columns import (
+    PlotError,
+    branch_parameter,
+    log_axes,
+    origin_of,
+    recorded_column,
+    require_columns,
+)
 from gaitsweep.plot.kind import figure_kind
 from gaitsweep.schema.numbers import Real, Text
+
+STABLE, UNSTABLE = "#0072B2", "#D55E00"
+# fill and hatch of the ranges beside the branches, in order
+_RANGES = (("#E2E2E2", "////"), ("#F3E3C3", "\\\\\\\\"), ("#DCEBDD", "...."), ("#E9DDEC", "----"))
+MARKERS: dict[str, str] = dict(zip(MARKS, "ovsDX><^h", strict=True))
+WORDS = {
+    "corner": "fold at a bend of the map",
+    "neimark_sacker": "Neimark-Sacker",
+    "supercritical_pitchfork": "supercritical pitchfork",
+    "subcritical_pitchfork": "subcritical pitchfork",
+    "branch_point": "branch point",
+    "hopf": "Hopf",
+}
+Piece = Literal["stable", "unstable", "kink"]  # what a line between two points of a branch shows
+Look = TypeVar("Look")
+
+
+def draw_branch(
+    axes: Axes,
+    branch: pd.DataFrame,
+    x: str,
+    y: str,
+    colour: Any,
+    *,
+    origin: float | None,
+    stable_width: float = 1.4,
+) -> None:
+    """Draw one branch: its pieces, solid, dashed or dotted, and its bifurcations.
+
+    Args:
+        axes: the panel.
+        branch: the points of the branch in their order, with the columns of a continuation's table.
+        x, y: the columns along the axes.
+        colour: that of its lines; None: the colours of stable and unstable gaits.
+        origin: the angle (rad) at which the axis y cuts the circle, where lines end; None if y is no angle.
+        stable_width: width of the line where the branch is stable, in points.
+    """
+    at, value = branch[x].to_numpy(float), unwrap_from(branch[y].to_numpy(float), origin)
+    special = branch["special"].fillna("").to_numpy(str)
+    absent = np.diff(branch["point"].to_numpy(int)) > 1  # no line across a point that the table lacks
+    looks: dict[Piece, dict[str, Any]] = {
+        "stable": {"color": colour or STABLE, "ls": "-", "lw": stable_width},
+        "unstable": {"color": colour or UNSTABLE, "ls": (0, (4, 2)), "lw": 1.4},
+        "kink": {"color": colour or "#555555", "ls": ":", "lw": 0.8},
+    }
+    for (piece, missing), part in stretches(zip(pieces(branch), absent, strict=True)):
+        if missing:
+            continue
+        over_the_cut = (np.abs(np.diff(value[part])) > np.pi) & (origin is not None)
+        axes.plot(*theme.interrupted(over_the_cut, at[part], value[part]), zorder=2, **looks[piece])
+    for kind, mark in MARKERS.items():
+        marked = special == kind
+        axes.plot(at[marked], value[marked], mark, ms=4.5, color="black", mfc="white", zorder=3)
+
+
+def stretches(looks: Iterable[Look]) -> Iterator[tuple[Look, slice]]:
+    """Each stretch of equal looks, with its places and the first place after them."""
+    begin = 0
+    for look, equal in itertools.groupby(looks):
+        end = begin + len(list(equal))
+        yield look, slice(begin, end + 1)
+        begin = end
+
+
+def pieces(branch: pd.DataFrame) -> list[Piece]:
+    """The pieces between the points of a branch: stable, unstable, or over a kink of the map.
+
+    The stability of a piece is that of its end that is no bifurcation.
+    """
+    special = branch["special"].fillna("").to_numpy(str)
+    stable = branch["stable"].to_numpy(bool)
+    bifurcates = np.isin(special, list(MARKERS))
+    are_stable = np.where(bifurcates[:-1], stable[1:], stable[:-1])
+    of_branch: list[Piece] = ["stable" if is_stable else "unstable" for is_stable in are_stable]
+    return ["kink" if end == "kink" else piece for end, piece in zip(special[1:], of_branch, strict=True)]
+
+
+def key(
+    table: pd.DataFrame,
+    beside: Mapping[str, Sequence[float]] = MappingProxyType({}),
+    *,
+    coloured: bool,
+    stable_width: float = 1.4,
+) -> list[Line2D | Patch]:
+    """The legend of branches.
+
+    Args:
+        table: the records of the branches.
+        beside: ranges (low, high) that are shown beside the branches, by name.
+        coloured: whether branches are coloured by another column, so that lines are grey in the legend.
+        stable_width: width of the line where a branch is stable, in points.
+    """
+    stable = table["stable"].to_numpy(bool)
+    handles: list[Line2D | Patch] = []
+    if stable.any():
+        colour = "#333333" if coloured else STABLE
+        handles.append(Line2D([], [], color=colour, lw=stable_width, label="stable"))
+    if not stable.all():
+        colour = "#333333" if coloured else UNSTABLE
+        handles.append(Line2D([], [], color=colour, lw=1.4, ls=(0, (4, 2)), label="unstable"))
+    special = set(table["special"].fillna(""))
+    if "kink" in special:
+        label = "over a bend or jump of the map"
+        handles.append(Line2D([], [], color="#555555", lw=0.8, ls=":", label=label))
+    handles += [
+        Line2D([], [], ls="", marker=mark, ms=4.5, color="black", mfc="white", label=WORDS.get(kind, kind))
+        for kind, mark in MARKERS.items()
+        if kind in special
+    ]
+    handles += [Patch(label=name, **style_of_range(number)) for number, name in enumerate(beside)]
+    pairs = itertools.combinations(beside.values(), 2)
+    if any(max(low, begin) < min(high, end) for (low, high), (begin, end) in pairs):
+        look: dict[str, Any] = {"facecolor": "none", "edgecolor": "#9A9A9A", "hatch": "xxxx", "lw": 0.5}
+        handles.append(Patch(label="both of these", **look))
+    return handles
+
+
+def style_of_range(number: int) -> dict[str, Any]:
+    """The style of the range with this number: translucent, so that overlaps are visible."""
+    face, hatch = _RANGES[number % len(_RANGES)]
+    return {"facecolor": to_rgba(face, 0.5), "edgecolor": "#9A9A9A", "hatch": hatch, "linewidth": 0.5}
 
 
 @figure_kind("continuation")
@@ -77,7 +210,7 @@ def continuation(
         for _, branch in table.groupby(of_branch, sort=True):
             draw_branch(axes, branch, x, name, colours.get(branch["row"].iloc[0]), origin=origin)
         theme.value_axis(axes, angle=origin is not None)
-        of_branches = branch_lines.key(table, intervals, coloured=hue is not None)
+        of_branches = key(table, intervals, coloured=hue is not None)
         theme.legend(figure, [*hue_key, *of_branches], ncols=2)
     return figure
 
@@ -119,3 +252,136 @@ def _colours_of_rows(
     if has_number.all():
         return colours_of_rows, []
     return colours_of_rows, [without_hue]
+
+
+_STRIPES = {"hatch": "\\\\\\", "facecolor": "none", "lw": 0.0}  # of the second gait over the first
+
+
+@figure_kind("continuation")
+def stable_ranges(
+    table: pd.DataFrame,
+    *,
+    y: Annotated[AlongAxis, "column of the parameter that differs between branches"],
+    x: str | None = None,
+    hue: GaitColumn = "gait",
+    title: Title = None,
+) -> Figure:
+    """The range of a parameter in which each gait is stable, over another that differs between branches.
+
+    Each gait has an area, striped in the colour of another that is stable too; edges are marked by the
+    bifurcation there. At an edge without a mark the branch ended, or stability changes at a corner or jump of
+    the map; at an edge without a line branches begin or leave their range.
+
+    Args:
+        table: a continuation's table. If several branches have the same gait at one value of y, their stable
+            ranges must touch, and are joined.
+        x: the column of the continuation parameter; by default that of the job.
+
+    Raises:
+        PlotError: a column is missing, y is not numeric, or a gait's ranges at one value of y are disjoint.
+    """
+    x = x or branch_parameter(table)
+    require_columns(table, x, y, hue, "row", "point", "stable", "special", "end")
+    with theme.canvas(theme.COLUMN + 1.2, 3.5, title) as figure:
+        axes = figure.subplots()
+        axes.set_xlabel(described(table, x))
+        axes.set_ylabel(described(table, y, 36))
+        log_axes(axes, table, y=y)
+        areas = _areas(table.assign(gait=table[hue]), x, y)
+        if not areas:
+            theme.message(axes, "no stable gait was found" if len(table) else "no rows yet")
+            return figure
+        _draw(axes, areas)
+        theme.legend(figure, *_key(areas), ncols=2)
+    return figure
+
+
+def _areas(table: pd.DataFrame, x: str, y: str) -> dict[str, pd.DataFrame]:
+    """The ranges of each named gait, with the value `up` of y, in the order of y."""
+    up_of_row = dict(zip(table["row"], table[y], strict=True))
+    values = pd.DataFrame({"up": np.unique(table[y].dropna().to_numpy(float))})
+    areas = {}
+    for gait in dict.fromkeys(ranges_of(table, x)["gait"]):
+        if gait == "none":
+            continue
+        ranges = range_of_gait(table, x, gait)
+        ranges = ranges.assign(up=[up_of_row[row] for row in ranges["row"]])
+        unions = [
+            _union(at_value, f"{gait} at {y} = {value:g}", x)
+            for value, at_value in ranges.groupby("up", sort=True)
+        ]
+        # no area crosses a value of y at which the gait is not stable
+        area = values.merge(pd.DataFrame(unions), on="up", how="left")
+        areas[gait] = area.fillna({"low_by": "", "high_by": ""})
+    return areas
+
+
+def _union(ranges: pd.DataFrame, place: str, x: str) -> pd.Series:
+    """The union of the ranges of branches at one value of y, which `place` names in messages.
+
+    Raises:
+        PlotError: the ranges are disjoint.
+    """
+    ranges = ranges.sort_values("low", kind="stable")
+    low, high = ranges["low"].to_numpy(float), ranges["high"].to_numpy(float)
+    reach = np.maximum.accumulate(high)
+    if np.any(low[1:] > reach[:-1]):
+        raise PlotError(
+            f"{place}: stable in separate ranges of {x}, which do not form one area. Draw fewer branches, or "
+            "the branches themselves (figures: continuation)."
+        )
+    last = ranges.iloc[int(np.argmax(high))]
+    return pd.Series({**ranges.iloc[0], "high": last["high"], "high_by": last["high_by"]})
+
+
+def _draw(axes: Axes, areas: dict[str, pd.DataFrame]) -> None:
+    """Draw the areas, their overlaps and their edges."""
+    colour, hatch = theme.colours(areas), theme.hatches(areas)
+    for name, area in areas.items():
+        low, high, up = (area[key].to_numpy(float) for key in ("low", "high", "up"))
+        axes.fill_betweenx(up, low, high, **theme.hatched(colour[name], hatch[name]))
+    for (one, other), (low, high, up) in _overlaps(areas).items():
+        axes.fill_betweenx(up, low, high, color=colour[one], lw=0.0)
+        axes.fill_betweenx(up, low, high, edgecolor=colour[other], **_STRIPES)
+    for area in areas.values():
+        for side in ("low", "high"):
+            at, up = area[side].to_numpy(float), area["up"].to_numpy(float)
+            cause = area[f"{side}_by"].to_numpy(str)
+            is_lost = ~np.isin(cause, ["start", "range"])
+            edge_colour = mpl.rcParams["axes.edgecolor"]
+            axes.plot(np.where(is_lost, at, np.nan), up, color=edge_colour, lw=1.0, zorder=3)
+            for bifurcation, marker in MARKERS.items():
+                marked = cause == bifurcation
+                look: dict[str, Any] = {"ms": 4.5, "color": "black", "mfc": "white", "zorder": 4}
+                axes.plot(at[marked], up[marked], marker, **look)
+
+
+def _overlaps(
+    areas: dict[str, pd.DataFrame],
+) -> dict[tuple[str, str], tuple[Float[np.ndarray, " points"], ...]]:
+    """For each pair of gaits: low, high and up of the range where both are stable, NaN where not."""
+    overlaps = {}
+    for one, other in itertools.combinations(areas, 2):
+        both = areas[one].merge(areas[other], on="up", suffixes=("", "_2"))
+        low = both[["low", "low_2"]].to_numpy(float).max(axis=1)
+        high = both[["high", "high_2"]].to_numpy(float).min(axis=1)
+        disjoint = high <= low
+        if not disjoint.all():
+            up = both["up"].to_numpy(float)
+            overlaps[one, other] = np.where(disjoint, np.nan, low), np.where(disjoint, np.nan, high), up
+    return overlaps
+
+
+def _key(areas: dict[str, pd.DataFrame]) -> tuple[list[Any], list[str]]:
+    """The handles and texts of the legend."""
+    colour, hatch = theme.colours(areas), theme.hatches(areas)
+    handles: list[Any] = [Patch(**theme.hatched(colour[name], hatch[name])) for name in areas]
+    labels = [f"{theme.named(name)} stable" for name in areas]
+    for one, other in _overlaps(areas):
+        handles.append((Patch(color=colour[one], lw=0.0), Patch(edgecolor=colour[other], **_STRIPES)))
+        labels.append(f"{theme.named(one)} and {theme.named(other)} stable")
+    causes = {cause for area in areas.values() for cause in (*area["low_by"], *area["high_by"])}
+    kinds = [kind for kind in MARKERS if kind in causes]
+    look: dict[str, Any] = {"ls": "", "ms": 4.5, "color": "black", "mfc": "white"}
+    handles += [Line2D([], [], marker=MARKERS[kind], **look) for kind in kinds]
+    return handles, [*labels, *(WORDS.get(kind, kind) for kind in kinds)]

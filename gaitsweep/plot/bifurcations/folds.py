@@ -16,7 +16,7 @@ from matplotlib.patches import Patch
 
 from gaitsweep.plot import theme
 from gaitsweep.plot.arguments import GaitColumn, Title
-from gaitsweep.plot.bifurcations.branch_lines import Piece, stretches
+from gaitsweep.plot.bifurcations.continuation import Piece, stretches
 from gaitsweep.plot.column_labels import described
 from gaitsweep.plot.columns import PlotError, require_columns, rows_where
 from gaitsweep.plot.kind import figure_kind

@@ -19,9 +19,17 @@ from gaitsweep.angles import unwrap_from
 from gaitsweep.plot import theme
 from gaitsweep.plot.arguments import AlongAxis, Column, GaitColumn, Observed, Title
 from gaitsweep.plot.column_labels import described, symbol, unit_of
-from gaitsweep.plot.columns import column, is_angle, log_axes, origin_of, outcome, require_columns, rows_where
-from gaitsweep.plot.kind import figure_kind
-from gaitsweep.plot.varying_parameters import check_one_system, require_one_system
+from gaitsweep.plot.columns import (
+    column,
+    is_angle,
+    log_axes,
+    origin_of,
+    outcome,
+    require_columns,
+    require_one_system,
+    rows_where,
+)
+from gaitsweep.plot.kind import check_one_system, figure_kind
 from gaitsweep.status import Outcome
 
 _OPEN = "#777777"  # of outcomes that are no gait

@@ -15,9 +15,8 @@ from matplotlib.lines import Line2D
 from gaitsweep.plot import theme
 from gaitsweep.plot.arguments import AlongAxis, Observed, Title
 from gaitsweep.plot.column_labels import described
-from gaitsweep.plot.columns import column, is_angle, log_axes, require_columns, rows_where
-from gaitsweep.plot.kind import figure_kind
-from gaitsweep.plot.varying_parameters import check_one_parameter, require_one_system
+from gaitsweep.plot.columns import column, is_angle, log_axes, require_columns, require_one_system, rows_where
+from gaitsweep.plot.kind import check_one_parameter, figure_kind
 from gaitsweep.status import Outcome, Status
 
 _EXPONENT = "lyapunov_1"

@@ -25,9 +25,15 @@ from gaitsweep.analysis.transitions.jumps import (
 from gaitsweep.angles import unwrap_from
 from gaitsweep.plot import theme
 from gaitsweep.plot.column_labels import symbol, unit_of, written
-from gaitsweep.plot.columns import PlotError, column, rows_where
+from gaitsweep.plot.columns import (
+    MOST_PANELS,
+    PlotError,
+    column,
+    rows_where,
+    too_many_panels,
+    varying_parameters,
+)
 from gaitsweep.plot.provenance_marks import remarks
-from gaitsweep.plot.varying_parameters import MOST_PANELS, too_many_panels, varying_parameters
 from gaitsweep.table import TableError, load
 
 UP, DOWN = "#E69F00", "#0072B2"  # distinct for colour-blind readers, and in lightness

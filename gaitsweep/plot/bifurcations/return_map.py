@@ -16,9 +16,15 @@ from gaitsweep.angles import unwrap_from
 from gaitsweep.plot import theme
 from gaitsweep.plot.arguments import Bandwidth, Observed, Panels, Title
 from gaitsweep.plot.column_labels import described, symbol, unit_of, written
-from gaitsweep.plot.columns import PlotError, column, origin_of, require_columns, rows_where
-from gaitsweep.plot.kind import figure_kind
-from gaitsweep.plot.varying_parameters import check_one_system, require_one_system
+from gaitsweep.plot.columns import (
+    PlotError,
+    column,
+    origin_of,
+    require_columns,
+    require_one_system,
+    rows_where,
+)
+from gaitsweep.plot.kind import check_one_system, figure_kind
 from gaitsweep.schema.numbers import Word
 
 _PANELS_A_ROW = 3

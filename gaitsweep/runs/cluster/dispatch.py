@@ -24,8 +24,17 @@ from jaxtyping import Int
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.errors import EXIT_FAILURE, UserError
 from gaitsweep.runs.cluster.connection import Connection
-from gaitsweep.runs.cluster.identity import WorkerUnfit, identity_of, own_modules
-from gaitsweep.runs.cluster.task import MOST_DEATHS, Assignment, BlockGivenUp, JobTicket, Unwanted, run_block
+from gaitsweep.runs.cluster.task import (
+    MOST_DEATHS,
+    Assignment,
+    BlockGivenUp,
+    JobTicket,
+    Unwanted,
+    WorkerUnfit,
+    identity_of,
+    own_modules,
+    run_block,
+)
 from gaitsweep.runs.cluster.worker_pool import WorkerPool
 from gaitsweep.runs.executor import Executor, MissingBlocks
 from gaitsweep.runs.prepare import RunContext

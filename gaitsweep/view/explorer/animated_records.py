@@ -14,9 +14,9 @@ from gaitsweep.contract import Quantity
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.kinds.columns import gaits
 from gaitsweep.kinds.fixed_points import FollowsFixedPoints
-from gaitsweep.runs.observable_changes import changes, circular
 from gaitsweep.runs.prepare import RunContext
 from gaitsweep.runs.progress import Progress
+from gaitsweep.runs.self_check_result import changes, circular
 from gaitsweep.skeleton import LimbLook
 from gaitsweep.status import Status
 from gaitsweep.view.explorer.page_format import (

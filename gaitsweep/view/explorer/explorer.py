@@ -32,8 +32,7 @@ from gaitsweep.runs.sentences import status_sentence
 from gaitsweep.status import Status
 from gaitsweep.table import replace_file, writing
 from gaitsweep.view.explorer.animated_records import AnimatedRecords
-from gaitsweep.view.explorer.page_format import columns_of, compressed, html_symbol, json_bytes
-from gaitsweep.view.explorer.plotly_source import plotly_source
+from gaitsweep.view.explorer.page_format import columns_of, compressed, html_symbol, json_bytes, plotly_source
 from gaitsweep.view.explorer.start_map import StartMap, map_of, with_next
 
 EXPLORE = "explore.html"

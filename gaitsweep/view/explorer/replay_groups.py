@@ -29,8 +29,7 @@ from gaitsweep.view.explorer.replays import (
     Windows,
     states_at,
 )
-from gaitsweep.view.explorer.start_map import CELLS, StartMap
-from gaitsweep.view.explorer.traced_cells import cells_to_trace, spread
+from gaitsweep.view.explorer.start_map import CELLS, StartMap, cells_to_trace, spread
 
 FIRST_CYCLES = 3
 LAST_CYCLES = 2  # of a row that has no steady gait

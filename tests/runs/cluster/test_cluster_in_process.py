@@ -19,10 +19,9 @@ import pytest
 import gaitsweep as gs
 import toy_model
 from gaitsweep.runs.cluster import connection, dispatch, task
-from gaitsweep.runs.cluster.cluster_option import connection_to
-from gaitsweep.runs.cluster.connection import UserClient
+from gaitsweep.runs.cluster.connection import UserClient, connection_to
 from gaitsweep.runs.cluster.dispatch import BlocksFailed, Cluster
-from gaitsweep.runs.cluster.identity import WorkerUnfit, difference
+from gaitsweep.runs.cluster.task import WorkerUnfit, difference
 from gaitsweep.runs.cluster.worker_pool import WorkerPool
 from gaitsweep.runs.execute import run_job
 from gaitsweep.runs.prepare import RunError

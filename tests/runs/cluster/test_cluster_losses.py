@@ -23,7 +23,7 @@ import pytest
 import yaml
 
 import gaitsweep as gs
-from gaitsweep.runs.cluster.local_workers import LocalWorkers
+from gaitsweep.runs.cluster.connection import LocalWorkers
 from gaitsweep.table import Snapshot
 from tests.support.cluster_processes import DaskProcesses, environment, until
 

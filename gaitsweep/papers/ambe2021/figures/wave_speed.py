@@ -1,8 +1,8 @@
-"""Wavelength and speed of simulated waves beside those of the theory (Ambe 2021, eqs. 27, 28)."""
+"""Waves of the chain: length and speed beside the theory (Ambe 2021, eqs. 27, 28), and their sources."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Annotated, Any, NamedTuple
 
 import numpy as np
@@ -12,16 +12,22 @@ from matplotlib.figure import Figure
 from gaitsweep import near_miss
 from gaitsweep.analyses import AnalysisError
 from gaitsweep.papers.ambe2021 import extension
+from gaitsweep.papers.ambe2021.analysis.travelling_wave import source_place as places_of
 from gaitsweep.papers.ambe2021.analysis.travelling_wave import waves
 from gaitsweep.plot import (
+    CellGrid,
+    Column,
     PlannedTable,
     PlotError,
     Refusal,
     Text,
     Title,
+    cell_edges,
     column,
     described,
     figure_kind,
+    hatch_cells,
+    require_columns,
     theme,
 )
 
@@ -96,3 +102,90 @@ def wave_speed(
             axes.set_ylim(bottom=0)
             axes.legend(loc="upper left")
     return figure
+
+
+_COLOURBAR_ROOM = 1.6  # inches; of labels and colour bars beside the panels
+_SHOWN = {"source": ("Blues", "source at this leg"), "meeting": ("Oranges", "waves meet there (hatched)")}
+
+
+def _check_profiles(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
+    if table.missing(["psi_1_end"]):
+        yield figure.needs(table, "the multi-legged chain's psi_1")
+    for place, name in enumerate(figure.x):
+        if name not in table.varied:
+            allowed = near_miss.allowing(table.varied)
+            yield ("x", place), f"is {name}, which does not vary in this job. {allowed}"
+
+
+@figure_kind("settle", check=_check_profiles, coloured="none")
+def source_place(
+    table: pd.DataFrame,
+    *,
+    x: Annotated[Sequence[Column], "strengths of profiles, one panel each; 0 stands for equal legs"],
+    title: Title = None,
+) -> Figure:
+    """The share of starts whose source settles at each leg, over the strength of each profile.
+
+    A panel has the rows in which the other profiles of `x` are 0. The lowest row of cells has the starts with
+    neither a source nor a place where waves meet: one wave along the whole chain, or not settled.
+
+    Args:
+        table: a settle table of the multi-legged chain, several starts for each profile.
+
+    Raises:
+        PlotError: the table lacks a column.
+    """
+    if not x:
+        raise PlotError("x is empty: name a profile that varies, such as m_slope.")
+    require_columns(table, *x)
+    down, across = theme.shape(len(x), theme.PAGE, 1.4)
+    with theme.canvas(theme.PAGE, 3.3 * down, title) as figure:
+        panels = theme.panels(figure, (down, across), len(x), sharey=True)
+        for axes in panels[::across]:
+            axes.set_ylabel("leg, 1 at the head")
+        if not len(table):
+            for axes in panels:
+                theme.message(axes, "no rows yet")
+            return figure
+        shares = places_of(table)
+        drawn = {}
+        room = (theme.width_of(theme.PAGE) - (_COLOURBAR_ROOM if across == len(x) else 0.7)) / across
+        legs = int(shares["leg"].to_numpy().max())
+        most = max(float(shares["source"].to_numpy().max()), 0.01)
+        for axes, name in zip(panels, x, strict=True):
+            others = [other for other in x if other != name]
+            alone = np.all(shares[others].to_numpy(float) == 0.0, axis=1)
+            axes.set_xlabel(theme.wrapped(described(table, name), room, 8.5))
+            if alone.any():
+                drawn = _panel(axes, pd.DataFrame(shares[alone]), name, legs, most)
+            else:
+                theme.message(axes, "No row has 0 for the other profiles.")
+        panels[0].set_yticks([*range(1, legs + 1), legs + 2], [*map(str, range(1, legs + 1)), "neither"])
+        panels[0].set_ylim(legs + 2.5, 0.5)
+        cells = list(figure.axes)  # before those of colour bars
+        for mesh, label in drawn.values():
+            side: dict[str, Any] = {} if across == len(x) else {"location": "bottom", "aspect": 30}
+            figure.colorbar(mesh, ax=cells, label=f"share: {label}", shrink=0.9, pad=0.01, **side)
+    return figure
+
+
+def _panel(axes: Any, shares: pd.DataFrame, name: str, legs: int, most: float) -> dict[str, tuple[Any, str]]:
+    """The cells of one profile, and the mesh and the label of each colour bar.
+
+    Starts spread over many legs, so the colours of sources end at the largest share of all panels, `most`.
+    """
+    across = np.unique(shares[name])
+    down = np.arange(1, legs + 1)
+    grid = CellGrid((name, "leg"), (across, down), (cell_edges(across), np.arange(legs + 1) + 0.5))
+    drawn = {}
+    for column_name, (cmap, label) in _SHOWN.items():
+        cells = grid.placed(shares, shares[column_name].to_numpy(float))
+        style = {"cmap": cmap, "vmin": 0.0, "vmax": most if column_name == "source" else 1.0}
+        mesh = axes.pcolormesh(*grid.edges, np.ma.masked_equal(cells, 0.0), rasterized=True, **style)
+        drawn[column_name] = mesh, label
+    hatch_cells(axes, grid, shares, shares["meeting"] > 0.0, "////", "white")
+    neither = shares.groupby(name)["neither"].first().to_numpy(float)[None]
+    below = np.array([legs + 1.5, legs + 2.5])
+    axes.pcolormesh(grid.edges[0], below, np.ma.masked_equal(neither, 0.0), cmap="Greys", vmin=0.0, vmax=1.0)
+    axes.axhline(legs + 1.0, color="#AAAAAA", lw=0.6)
+    return drawn

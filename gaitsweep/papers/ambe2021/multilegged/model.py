@@ -23,7 +23,6 @@ from gaitsweep.analyses import AnalysisError
 from gaitsweep.contract import Chart, HybridModel, Quantity, Rates, Recommended, Simultaneous
 from gaitsweep.dynamics import TWO_PI, wrapped
 from gaitsweep.papers.ambe2021.multilegged.chain_of_table import chain_of, largest_distance, relative_phases
-from gaitsweep.papers.ambe2021.multilegged.chart import MultileggedChart
 from gaitsweep.papers.ambe2021.multilegged.mechanics import (
     fastest_motions,
     ground_force,
@@ -35,6 +34,7 @@ from gaitsweep.papers.ambe2021.multilegged.state import (
     CONTACT_DEPTH,
     LANDING,
     STANCE,
+    MultileggedChart,
     Params,
     State,
     corner_of,

@@ -23,7 +23,6 @@ from jaxtyping import Array, Bool, Float, Real
 
 from gaitsweep.contract import Chart, FixedStepDynamics, Quantity, Rates, Recommended, Simultaneous
 from gaitsweep.dynamics import TWO_PI, wrapped
-from gaitsweep.papers.ambe2021.multilegged.chart import ReducedChart
 from gaitsweep.papers.ambe2021.multilegged.mechanics import balance, balance_and_rate, obstacle_problem
 from gaitsweep.papers.ambe2021.multilegged.model import ChainModel
 from gaitsweep.papers.ambe2021.multilegged.parameters import chain_parameters
@@ -31,6 +30,7 @@ from gaitsweep.papers.ambe2021.multilegged.state import (
     LANDING,
     STANCE,
     Params,
+    ReducedChart,
     corner_of,
     first_touchdown,
     leg_lengths,

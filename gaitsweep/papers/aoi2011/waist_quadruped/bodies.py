@@ -17,7 +17,7 @@ import numpy as np
 from gaitsweep.dynamics import worked_in
 from gaitsweep.dynamics.tree import PointForce, integrate
 from gaitsweep.papers.aoi2011.waist_quadruped.mechanics import WaistMechanics
-from gaitsweep.papers.aoi2011.waist_quadruped.sizes import (
+from gaitsweep.papers.aoi2011.waist_quadruped.parameters import (
     BODY_HEIGHT,
     BODY_SIZE,
     HEIGHT_NAMES,

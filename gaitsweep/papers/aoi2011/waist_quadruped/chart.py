@@ -16,7 +16,7 @@ from jaxtyping import Array, Bool, Float
 from gaitsweep.contract import Chart, Quantity
 from gaitsweep.dynamics import wrapped
 from gaitsweep.dynamics.tree import tilt_and_heading, tilted
-from gaitsweep.papers.aoi2011.waist_quadruped.sizes import LIMBS
+from gaitsweep.papers.aoi2011.waist_quadruped.parameters import LIMBS
 from gaitsweep.papers.aoi2011.waist_quadruped.state import Params, State
 
 # If foot 3 is farther than this (m) from the ground, its limb has landed by its phase, not by a touchdown.

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from gaitsweep import Limb, LimbLook, Skeleton
-from gaitsweep.papers.aoi2011.waist_quadruped.sizes import LIMBS, displacements, factors, mjcf, sizes_of
+from gaitsweep.papers.aoi2011.waist_quadruped.parameters import LIMBS, displacements, factors, mjcf, sizes_of
 
 NAMES = ("right fore", "left fore", "right hind", "left hind")
 LOOKS = tuple(LimbLook(name, pair=i // 2, far=bool(i % 2)) for i, name in enumerate(NAMES))

@@ -17,8 +17,8 @@ from gaitsweep.dynamics.tree import (
     rescaled,
     velocity,
 )
-from gaitsweep.papers.aoi2011.waist_quadruped.posture import HIP, KNEE, WAIST, joint_angles, joint_rates
-from gaitsweep.papers.aoi2011.waist_quadruped.sizes import LIMBS, body, displacements, factors
+from gaitsweep.papers.aoi2011.waist_quadruped.kinematics import HIP, KNEE, WAIST, joint_angles, joint_rates
+from gaitsweep.papers.aoi2011.waist_quadruped.parameters import LIMBS, body, displacements, factors
 
 # Height above the ground (m) at which a foot lifts off, 1/2000 of its depth in stance. At zero, contact could
 # chatter without end: the damper lifts a foot on the ground, and in the air it falls at once.

@@ -30,10 +30,9 @@ from gaitsweep.near_miss import suggestion
 from gaitsweep.papers.aoi2011.waist_quadruped.bodies import WaistBody, WaistMjxBody, WaistTreeBody
 from gaitsweep.papers.aoi2011.waist_quadruped.chart import LandingChart
 from gaitsweep.papers.aoi2011.waist_quadruped.drawing import WaistDrawing
-from gaitsweep.papers.aoi2011.waist_quadruped.foot_path import SWINGS
+from gaitsweep.papers.aoi2011.waist_quadruped.kinematics import SWINGS, has_fallen
 from gaitsweep.papers.aoi2011.waist_quadruped.mechanics import RELEASE_HEIGHT, WaistMechanics
-from gaitsweep.papers.aoi2011.waist_quadruped.parameters import FRICTION, HEIGHTS, PARAMETERS
-from gaitsweep.papers.aoi2011.waist_quadruped.posture import has_fallen
+from gaitsweep.papers.aoi2011.waist_quadruped.parameters import FRICTION, HEIGHTS, PARAMETERS, body
 from gaitsweep.papers.aoi2011.waist_quadruped.rhythm import (
     STRIDE_LIMB,
     after_events,
@@ -45,7 +44,6 @@ from gaitsweep.papers.aoi2011.waist_quadruped.rhythm import (
     transitions,
 )
 from gaitsweep.papers.aoi2011.waist_quadruped.semi_implicit import SemiImplicit
-from gaitsweep.papers.aoi2011.waist_quadruped.sizes import body
 from gaitsweep.papers.aoi2011.waist_quadruped.state import (
     OBSERVABLES,
     SIGNALS,

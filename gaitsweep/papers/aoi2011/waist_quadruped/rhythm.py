@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 
 from gaitsweep.dynamics import TWO_PI
-from gaitsweep.papers.aoi2011.waist_quadruped.foot_path import BEYOND, EARLY, LATE, STANCE
+from gaitsweep.papers.aoi2011.waist_quadruped.kinematics import BEYOND, EARLY, LATE, STANCE
 from gaitsweep.papers.aoi2011.waist_quadruped.state import Params, State
 
 # The limb whose landing ends a stride and closes a cycle: limb 3, the right hind one (Aoi et al. 2011).

@@ -16,7 +16,7 @@ from jaxtyping import Array, Bool, Float
 from gaitsweep.contract import FixedStepDynamics
 from gaitsweep.dynamics import worked_in
 from gaitsweep.papers.aoi2011.waist_quadruped.bodies import WaistBody
-from gaitsweep.papers.aoi2011.waist_quadruped.foot_path import LATE
+from gaitsweep.papers.aoi2011.waist_quadruped.kinematics import LATE
 from gaitsweep.papers.aoi2011.waist_quadruped.mechanics import RELEASE_HEIGHT, WaistMechanics
 from gaitsweep.papers.aoi2011.waist_quadruped.rhythm import (
     Transitions,

@@ -14,10 +14,19 @@ from jaxtyping import Array, Float
 
 from gaitsweep.contract import Quantity
 from gaitsweep.dynamics import wrapped
-from gaitsweep.papers.aoi2011.waist_quadruped.foot_path import EARLY, LATE, STANCE, FootPath
+from gaitsweep.papers.aoi2011.waist_quadruped.kinematics import (
+    EARLY,
+    HIP,
+    KNEE,
+    LATE,
+    STANCE,
+    WAIST,
+    FootPath,
+    joint_angles,
+    tilt,
+)
 from gaitsweep.papers.aoi2011.waist_quadruped.mechanics import WaistMechanics
-from gaitsweep.papers.aoi2011.waist_quadruped.posture import HIP, KNEE, WAIST, joint_angles, tilt
-from gaitsweep.papers.aoi2011.waist_quadruped.sizes import LIMBS
+from gaitsweep.papers.aoi2011.waist_quadruped.parameters import LIMBS
 
 
 @jax.tree_util.register_dataclass

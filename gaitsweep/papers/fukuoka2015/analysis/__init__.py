@@ -1,6 +1,6 @@
 """Gaits from swing onsets, loads and tilt.
 
 `swing_onsets.py` finds the onsets in a table and names the gait of each row by them; `gait_tables.py` names
-that of each row of any table and summarises them; `gait_bouts.py` follows gaits along a row;
-`body_oscillation.py`, `pair_loads.py` and `loading_rule.py` relate them to pitch and loads.
+that of each row of any table and summarises them; `gait_bouts.py` follows gaits and the pitching of the body
+along a row; `loading_rule.py` relates them to pitch and loads.
 """

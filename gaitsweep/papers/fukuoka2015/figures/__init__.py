@@ -1,7 +1,7 @@
 """Figures of the nine gaits: over speed, along ramps and in time, and of the rule of leg loading."""
 
 from gaitsweep.papers.fukuoka2015.figures.gait_ramp import gait_ramp as gait_ramp
+from gaitsweep.papers.fukuoka2015.figures.gait_ramp import speed_gaits as speed_gaits
 from gaitsweep.papers.fukuoka2015.figures.gait_series import gait_series as gait_series
+from gaitsweep.papers.fukuoka2015.figures.gait_series import nine_gaits as nine_gaits
 from gaitsweep.papers.fukuoka2015.figures.loading_rule import loading_rule as loading_rule
-from gaitsweep.papers.fukuoka2015.figures.nine_gaits import nine_gaits as nine_gaits
-from gaitsweep.papers.fukuoka2015.figures.speed_gaits import speed_gaits as speed_gaits

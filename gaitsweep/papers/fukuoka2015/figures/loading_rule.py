@@ -13,8 +13,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from gaitsweep import near_miss
+from gaitsweep.papers.fukuoka2015.analysis.loading_rule import MEASURES, pairs_in
 from gaitsweep.papers.fukuoka2015.analysis.loading_rule import loading_rule as agreement_with_rule
-from gaitsweep.papers.fukuoka2015.analysis.pair_loads import MEASURES, pairs_in
 from gaitsweep.papers.fukuoka2015.analysis.swing_onsets import FLEXORS
 from gaitsweep.papers.fukuoka2015.figures.gait_looks import (
     ORDER,
