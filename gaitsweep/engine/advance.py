@@ -268,7 +268,7 @@ def _locate(scheme: Scheme, attempt: _Attempt) -> _Location:
 
 
 def _overshoot(attempt: _Attempt, rise: Rise) -> Number:
-    """The time (s) of a trial past the event, by the cubic or the secant through its bracket; see `_Location`."""
+    """The time (s) of a trial past the event, by the cubic or the secant through its bracket."""
     trial = attempt.trial
     guards = attempt.checks.guards
     h = trial.h

@@ -1,12 +1,13 @@
 """Location of an event by a bracket, and its derivative.
 
 The near end of the bracket is the state itself (every accepted step moves it forward), its far end is the
-shortest step known to fire a guard. The next trial is where time as a function of the guard's value, the cubic
-through both ends with their slopes, crosses zero. Where the guard does not rise at both ends, or that has not
-ended the location, it is where the secant does (regula falsi with the Illinois weights, which keep both ends
-moving). The jump is applied at a trial past the root by a quarter of the event tolerance to a whole one: the
-far side of the bracket, where the guard has changed sign and the mode that the jump sets is already armed. The distance from the root is above rounding,
-so guards whose roots are the same instant fire in the same trial.
+shortest step known to fire a guard. The next trial is at the zero of the cubic that gives the time as a
+function of the guard's value, through both ends of the bracket and with their slopes. Where the guard does
+not rise at the ends, or after some trials, it is at the zero of the secant (regula falsi with the Illinois
+weights, which keep both ends moving). The jump is applied at a trial past the root by a quarter of the event
+tolerance to a whole one: the far side of the bracket, where the guard has changed sign and the mode that the
+jump sets is already armed. The distance from the root is above rounding, so guards whose roots are the same
+instant fire in the same trial.
 """
 
 from __future__ import annotations
@@ -122,8 +123,8 @@ def cubic_root(rise: Rise, far: Number) -> tuple[Number, Flag]:
         far: the far end of the bracket (s).
 
     Returns:
-        The time from the near end, and whether the cubic increases (Fritsch and Carlson 1980): the guard rises
-        fast enough at both ends, or at one of them.
+        The time from the near end, and whether the cubic is known to increase (Fritsch and Carlson 1980),
+        which holds where the guard rises fast enough at both ends, or at one of them.
     """
     height = rise.below + rise.above
     share = rise.below / jnp.where(height > 0.0, height, 1.0)
