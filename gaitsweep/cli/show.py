@@ -16,6 +16,7 @@ from gaitsweep.runs.sentences import (
     DESCRIBED,
     MISLABELLED,
     STARTS_BEYOND,
+    UNEVEN_STRIDES,
     WITHOUT_PERIOD,
     WITHOUT_START,
     WITHOUT_STRIDES,
@@ -34,6 +35,8 @@ from gaitsweep.table.parquet_parts import PARTS
 if TYPE_CHECKING:
     from gaitsweep.runs.estimate import Estimate
 
+# Entries of a manifest that are remarks.
+_REMARKS = (MISLABELLED, STARTS_BEYOND, UNEVEN_STRIDES, WITHOUT_START, WITHOUT_STRIDES, WITHOUT_PERIOD)
 # Entries of a manifest that other lines have, or that no reader needs.
 _NOT_LISTED = {
     "rows", "counts", "complete", "periods", "quantities", "job", "figures_drawn", "program", "sha256",
@@ -189,7 +192,7 @@ def _of_manifest(manifest: Mapping[str, Any]) -> dict[str, str]:
             lines[key] = counts(value)
         elif key == "findings" and isinstance(value, list):
             lines |= {key if number == 0 else " " * number: text for number, text in enumerate(value)}
-        elif key in (MISLABELLED, STARTS_BEYOND, WITHOUT_START, WITHOUT_STRIDES, WITHOUT_PERIOD):
+        elif key in _REMARKS:
             lines[key.replace("_", " ")] = " ".join(remarks({key: value}))
         elif key == "self_check" and isinstance(value, dict):
             lines["self-check"] = self_check_sentence(value).removeprefix("Self-check: ")

@@ -16,6 +16,7 @@ MISLABELLED = "mislabelled"  # rows whose label is not the index of a gait
 STARTS_BEYOND = "starts_beyond"  # rows that begin beyond an event's surface
 WITHOUT_START = "without_start"  # rows whose start the model could not make
 WITHOUT_STRIDES = "without_strides"  # rows of a model with footfalls of which no row has a stride
+UNEVEN_STRIDES = "uneven_strides"  # settled rows of no gait of which a foot lands more than once a stride
 WITHOUT_PERIOD = "without_period"  # rows whose nominal period is not a positive time
 # Settled rows that repeat after one crossing.
 _OF_ONE = {"their": "its", "rest": "rests", "lie": "lies", "are": "is"}
@@ -224,7 +225,31 @@ def remarks(manifest: Mapping[str, Any]) -> list[str]:
     sentences += [
         _without_strides(model, about) for model, about in (manifest.get(WITHOUT_STRIDES) or {}).items()
     ]
+    if uneven := manifest.get(UNEVEN_STRIDES):
+        sentences.append(_uneven_strides(uneven))
     return sentences
+
+
+def _uneven_strides(about: Mapping[str, Any]) -> str:
+    """Format the feet that land more than once a stride, and how a scuff is left out."""
+    rows = sum(of_foot["rows"] for of_foot in about["feet"].values())
+    first = min(of_foot["row"] for of_foot in about["feet"].values())
+    feet = []
+    for foot, of_foot in about["feet"].items():
+        contact = " to ".join(dict.fromkeys(f"{seconds:.2g}" for seconds in of_foot["contact"]))
+        where = f" in {_rows(of_foot)}" if len(about["feet"]) > 1 else ""
+        feet.append(f"foot {foot}{where}: its last contact has {contact} s")
+    advice = (
+        " A short one in mid-swing is a scuff: `shortest_contact` in the model file leaves it out; see "
+        "docs/walker.md, `If it does not walk`."
+        if about.get("body")
+        else ""
+    )
+    subject = "1 settled row has" if rows == 1 else f"{rows} settled rows have"
+    return (
+        f"{subject} no gait, since a foot lands more than once a stride (the first is row {first}; "
+        f"{'; '.join(feet)}).{advice}"
+    )
 
 
 def _without_strides(model: str, about: Mapping[str, Any]) -> str:

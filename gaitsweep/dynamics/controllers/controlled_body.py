@@ -24,7 +24,7 @@ from gaitsweep.dynamics.controllers.leg_targets import (
 from gaitsweep.dynamics.controllers.oscillators import HIP, LegSenses
 from gaitsweep.dynamics.declarations import observable, parameter, signal, variable
 from gaitsweep.dynamics.event_declarations import event
-from gaitsweep.dynamics.footfalls import LEGS, footfalls
+from gaitsweep.dynamics.footfalls import LEGS, SHORTEST_CONTACT, footfalls
 from gaitsweep.dynamics.ground import is_uneven
 from gaitsweep.dynamics.mjcf import identifier
 from gaitsweep.dynamics.tree import tilt_and_heading
@@ -176,7 +176,9 @@ class ControlledBody:
 
         names = self._leg_names
         if self.gaits_have_names:
-            return {"feet": footfalls("clock", legs=names)(feet)}
+            chosen = self.file.shortest_contact
+            shortest = SHORTEST_CONTACT if chosen is None else chosen
+            return {"feet": footfalls("clock", legs=names, shortest_contact=shortest)(feet)}
         from gaitsweep.dynamics.mjcf_drawing import looks_of_feet  # imports MuJoCo
 
         looks = looks_of_feet(names, self._feet_aside())
