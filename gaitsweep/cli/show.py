@@ -111,7 +111,7 @@ def outcome(snapshot: Snapshot) -> str:
         worst = next(iter(snapshot.counts))
         meaning = "This version does not know this status."
         if worst in Status.__members__:
-            meaning = status_sentence(worst, snapshot.job)
+            meaning = status_sentence(worst, snapshot.job, manifest)
         lines.append(f"No row ended normally. {worst}: {meaning}")
     if slowest := manifest.get("slowest"):
         lines.append(f"Rows did not settle because of {unsettled(slowest)}.")
@@ -141,7 +141,7 @@ def directory(snapshot: Snapshot) -> str:
         "rows": f"{snapshot.rows_done} of {rows}, {state}",
     }
     for status, number in snapshot.counts.items():
-        sentence = status_sentence(status, snapshot.job, snapshot.manifest.get("periods"))
+        sentence = status_sentence(status, snapshot.job, snapshot.manifest)
         lines[f"  {status}"] = f"{number}   {sentence}".rstrip()
     if snapshot.rows_open:
         lines["rows open"] = f"{snapshot.rows_open} more rows have ended in incomplete blocks"

@@ -42,8 +42,8 @@ _SIXTH = 1.0 / 12.0
 LATE = 1.5
 
 # Share of a model's period for which a foot of a body in an MJCF has to stay down, or up, to count as landed,
-# or lifted, unless its footfalls say another one. Compliant feet bounce after touchdown and before liftoff, and
-# a simulator's contacts open and close for a step or two; swings and stances last longer.
+# or lifted, unless its footfalls have another one. Compliant feet bounce after touchdown and before liftoff,
+# and a simulator's contacts open and close for a step or two; swings and stances last longer.
 SHORTEST_CONTACT = 0.05
 
 Legs = Mapping[str, Any]

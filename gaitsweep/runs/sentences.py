@@ -22,6 +22,8 @@ WITHOUT_PERIOD = "without_period"  # rows whose nominal period is not a positive
 _OF_ONE = {"their": "its", "rest": "rests", "lie": "lies", "are": "is"}
 _MOST_VALUES = 4  # of a row that a sentence names
 _AT = {"1": "at a fixed point"}
+# How the meaning of a function begins that tests something.
+_TESTS = ("whether", "return", "test", "if ", "true ")
 # The finer steps in manifests of older versions, which halved the step.
 HALF_THE_STEP = "half the step"
 # Name of a result, for jobs whose rows are sets of constants.
@@ -162,18 +164,21 @@ def settings_of(manifest: Mapping[str, Any]) -> dict[str, str]:
     return {title: text for title, text in lines.items() if text}
 
 
-def status_sentence(status: str, job: Mapping[str, Any], periods: Mapping[str, int] | None = None) -> str:
+def status_sentence(status: str, job: Mapping[str, Any], manifest: Mapping[str, Any] | None = None) -> str:
     """Return the sentence of a status; empty for a status of another version of gaitsweep.
 
     Args:
         status: its name.
         job: the job, whose limits the sentence names.
-        periods: settled rows by the number of crossings after which they repeat, if known.
+        manifest: that of the table, if known, whose `periods` are settled rows by the number of crossings
+            after which they repeat, and whose `quantities` say what `failed` of the model tests.
     """
+    manifest = manifest or {}
     for field, result in _RESULTS.items():
         if field in job:
             return _sentence_of_set(status, result)
     run = job.get("run", {})
+    periods = manifest.get("periods")
     if status == Status.settled.name and periods:
         orbits = [
             f"{rows} {_AT.get(period, f'on an orbit of {period} crossings')}"
@@ -181,6 +186,9 @@ def status_sentence(status: str, job: Mapping[str, Any], periods: Mapping[str, i
         ]
         return f"The state at the section repeats: {', '.join(orbits)}."
     sentence = Status[status].sentence if status in Status.__members__ else ""
+    if status == Status.fell.name:
+        meaning = (manifest.get("quantities") or {}).get("status", {}).get("meaning", "")
+        return fall_sentence(meaning)
     if status == Status.complete.name and run.get("kind") == "staircase":
         return "All stairs were recorded; the column `settled` says at the end of which the gait had settled."
     if status == Status.time_limit.name:
@@ -189,6 +197,16 @@ def status_sentence(status: str, job: Mapping[str, Any], periods: Mapping[str, i
         return f"The row reached {otherwise}." if limit is None else f"{of_job}, {limit:g} s."
     most = f", {run['max_cycles']} cycles," if "max_cycles" in run else ""
     return sentence.replace("run.max_cycles", f"run.max_cycles{most}")
+
+
+def fall_sentence(meaning_of_status: str) -> str:
+    """The sentence of a row that fell, from the meaning of the column `status` (see `quantities_of`)."""
+    _, _, fall = meaning_of_status.partition("; fell: ")
+    if not fall:
+        return Status.fell.sentence
+    if fall.startswith(_TESTS):
+        return f"{Status.fell.sentence} It tests {fall.removeprefix('return ').removeprefix('returns ')}."
+    return f"The body fell: {fall}."
 
 
 def _sentence_of_set(status: str, result: str) -> str:

@@ -217,7 +217,7 @@ def _of_records(context: RunContext, table: Table) -> dict[str, Any]:
             strides = part[sorted(summaries[WITHOUT_STRIDES])]
             without_stride -= {feet[str(name)] for name in strides.columns[strides.notna().any()]}
         if UNEVEN_STRIDES in summaries:
-            _add_uneven_strides(uneven, part, feet)
+            add_uneven_strides(uneven, part, feet)
         if "stalls" in summaries:
             _add_stalls(stalls, part)
         for name, counter in counts.items():
@@ -245,13 +245,9 @@ def _of_records(context: RunContext, table: Table) -> dict[str, Any]:
     if mislabelled:
         fields[MISLABELLED] = mislabelled
     if without_stride:
-        about: dict[str, Any] = {
-            "rows": context.spec.n_rows,
-            "row": 0,
-            "body": is_body,
-        }
-        if without_stride != set(feet.values()):
-            about["feet"] = [foot for foot in dict.fromkeys(feet.values()) if foot in without_stride]
+        about: dict[str, Any] = {"rows": context.spec.n_rows, "row": 0, "body": is_body}
+        some = [foot for foot in dict.fromkeys(feet.values()) if foot in without_stride]
+        about |= {"feet": some} if without_stride != set(feet.values()) else {}
         fields[WITHOUT_STRIDES] = {context.model.name: about}
     return {name: fields[name] for name in summaries if name in fields}
 
@@ -275,13 +271,13 @@ def _add_mislabelled(
             known["rows"] += int(rows.nunique())
 
 
-def _add_uneven_strides(
+def add_uneven_strides(
     uneven: dict[str, dict[str, Any]], part: pd.DataFrame, feet: Mapping[str, str]
 ) -> None:
     """Add the rows of a part on orbits of one crossing on which a foot lands more than once a stride.
 
-    Their gait is none, and the last stride of that foot is shorter than that of another one. `contact` are the
-    shortest and the longest of its last contacts, s.
+    Their gait is none, and the last stride of that foot is shorter than that of another one. `contact` are
+    the shortest and the longest of its last contacts, s.
     """
     columns = [name for name in feet if name in part.columns]
     is_of_one = (part["status"] == Status.settled.name) & (part["attractor_period"] == 1)

@@ -209,15 +209,18 @@ class ControlledBody:
         members: dict[str, Any] = {"turn": self._section(trunk)}
         if trunk.moves:
             members["begin"] = variable(
-                "m", "place of the trunk at the section", count=2, observed=False, signal=False
+                "m", "place of the trunk at the section", count=2, observed=False, signal=False, held=True
             )
-            members["speed"] = variable("m/s", "mean speed of the last cycle", observed=True, scale=1.0)
+            members["speed"] = variable(
+                "m/s", "mean speed of the last cycle", observed=True, scale=1.0, held=True
+            )
         members["height"] = observed_height(height)
         if lowest is not None:
 
             def failed(model: Any, params: Any, state: Any) -> Bool[Array, ""]:
                 return height(model, params, state) < lowest
 
+            failed.__doc__ = f"The trunk sank below `fallen` = {lowest:g} m."
             members["failed"] = failed
         return members
 

@@ -105,8 +105,8 @@ class ModelFile(StrictModel):
     )
     shortest_contact: ContactShare | None = Field(
         default=None,
-        description="share of the model's period for which a foot stays down, or up, to have landed, or lifted, "
-        f"0 to 0.5; {SHORTEST_CONTACT} if left out",
+        description="share of the model's period for which a foot stays down, or up, to have landed, or "
+        f"lifted, 0 to 0.5; {SHORTEST_CONTACT} if left out",
     )
     source: str = Field(default="", description="paper of the model")
 
