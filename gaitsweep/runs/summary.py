@@ -281,7 +281,7 @@ def add_uneven_strides(
     """
     columns = [name for name in feet if name in part.columns]
     is_of_one = (part["status"] == Status.settled.name) & (part["attractor_period"] == 1)
-    rows = part[is_of_one & (part["gait"] == "none") & part[columns].notna().all(axis=1)]
+    rows: Any = part[is_of_one & (part["gait"] == "none") & part[columns].notna().all(axis=1)]
     strides = rows[columns].to_numpy(float)
     shortest = np.argmin(strides, axis=1)
     for k, column in enumerate(columns):

@@ -275,7 +275,7 @@ def _most_records(table: pd.DataFrame, exact: Sequence[str], room: float) -> int
     return max(int(room / size), 100)
 
 
-def _table_fields(shown: StartMap, exact: Sequence[str], attrs: Mapping[str, Any]) -> dict[str, Any]:
+def _table_fields(shown: StartMap, exact: Sequence[str], attrs: Mapping[Any, Any]) -> dict[str, Any]:
     """The map and the records in the format of the page, and the sentences of their statuses."""
     fields: dict[str, Any] = {
         "kind": shown.kind,
