@@ -597,7 +597,9 @@ def test_a_body_that_begins_in_the_ground_is_remarked(tmp_path: Path, dynamics: 
     assert remarked(0.0) == []
     (sentence,) = remarked(-0.03)
     assert "in row 1: foot_l 0.03 m, foot_r 0.03 m" in sentence
-    assert ("start: standing" in sentence) == (dynamics == "located")
+    assert ("`start: standing` in the model file, which compiles for about" in sentence) == (
+        dynamics == "located"
+    )
     lifted = re.search(r"`start: {z_0: ([-+.e0-9]+)}`", sentence)
     assert lifted is not None
     assert float(lifted[1]) == pytest.approx(0.0, abs=1e-9)
