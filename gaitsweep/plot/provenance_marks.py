@@ -141,9 +141,10 @@ def _avoid_titles(panels: Sequence[Axes], letters: Sequence[Annotation]) -> None
         return
     figure.draw_without_rendering()
     boxes = [[title.get_window_extent() for title in of_panel] for of_panel in titles]
-    spare = 1.5 * figure.dpi / 72  # by which the boxes of texts may overlap, whose letters do not touch
+    # by which boxes of texts may overlap in height, whose letters do not touch, and must be apart in width
+    spare = 1.5 * figure.dpi / 72
     if not any(
-        box.overlaps(letter.get_window_extent().padded(-spare))
+        box.overlaps(letter.get_window_extent().padded(spare, -spare))
         for of_panel, letter in zip(boxes, letters, strict=True)
         for box in of_panel
     ):

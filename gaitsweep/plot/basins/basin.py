@@ -49,6 +49,7 @@ from gaitsweep.status import Outcome, Status
 _PANELS_A_ROW = 4
 _LEAST_IN_ROWS = 1.6  # inches: least width of a panel with its labels, of panels in several rows
 _LEAST_IN_A_ROW = 1.0  # inches: of panels that are all beside each other, of which three fit a column
+_NARROW_PAD = 0.02  # inches: between narrow panels
 _MOST_PANELS = 40
 _LETTERS = 15  # of a label, an inch
 _NAMES_A_LINE = 3  # of a legend without shares
@@ -113,6 +114,8 @@ def basin(
         if not len(table):
             theme.message(figure.add_subplot(), "no rows yet")
             return figure
+        if columns * _LEAST_IN_ROWS > theme.width_of(width) and (engine := figure.get_layout_engine()):
+            engine.set(w_pad=_NARROW_PAD, wspace=0.0)  # pyright: ignore[reportCallIssue]
         grid = theme.panels(figure, (rows, columns), len(values), sharex=True, sharey=True)
         looks = theme.colours(names), theme.markers(names), theme.hatches(names)
         scale = _scale(table.loc[~shown.isin(_HATCHED), hue]) if numeric else None
@@ -131,22 +134,24 @@ def basin(
             if hue == "gait" and (advice := _hue_advice(table, names)):
                 caption = advice
             _legend(figure, key, shown if shares and not headings else None, looks, caption, table)
-        _fit_square_panels(figure, grid, rows)
+        if all(is_angle(table, name) and not is_logarithmic(table, name) for name in (x, y)):
+            _square_panels(figure, grid, rows)
     return figure
 
 
-def _fit_square_panels(figure: Figure, grid: Sequence[Axes], rows: int) -> None:
-    """Give a figure the height at which square panels fill their cells, unless its style has a height."""
-    if isinstance(figure, OnePanel) or any(axes.get_aspect() != 1.0 for axes in grid):
+def _square_panels(figure: Figure, grid: Sequence[Axes], rows: int) -> None:
+    """Make panels square by the figure's height, unless its style has one, which the panels then fill.
+
+    Of panels with an equal aspect the layout would misjudge the room that their labels need.
+    """
+    if isinstance(figure, OnePanel):
+        figure.panel.set_aspect("equal")
         return
-    for axes in grid:
-        axes.set_aspect("auto")  # the layout measures the cells
-    figure.draw_without_rendering()
-    cells = [axes.get_position() for axes in grid]
-    width, height = figure.get_size_inches()
-    theme.grow(figure, rows * min(cell.width * width - cell.height * height for cell in cells))
-    for axes in grid:
-        axes.set_aspect("equal")
+    for _ in range(2):  # the layout of one drawing is nearly that of the next
+        figure.draw_without_rendering()
+        cells = [axes.get_position() for axes in grid]
+        width, height = figure.get_size_inches()
+        theme.grow(figure, rows * min(cell.width * width - cell.height * height for cell in cells))
 
 
 def _scale(values: pd.Series) -> dict[str, Any]:
@@ -194,7 +199,7 @@ def _label_axes(
     """Write labels in lines of so many letters along the outer edges, and ticks of angles in multiples of pi.
 
     Of several panels, and in a column of a paper, the label of a column with a symbol is the symbol and the
-    unit. Two angles have one scale, unless the style has a height, which the panels then fill.
+    unit.
     """
     labels = {name: axis_label(table, name) for name in (x, y)}
     short = len(grid) > 1 or theme.width_of(np.inf) <= theme.COLUMN
@@ -210,8 +215,6 @@ def _label_axes(
             theme.angle_axis(axes, "x")
         if circular_y:
             theme.angle_axis(axes, "y")
-        if circular_x and circular_y and current().height is None:
-            axes.set_aspect("equal")
 
 
 def _cells(
