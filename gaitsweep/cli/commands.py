@@ -81,7 +81,8 @@ def plot(
         int | None, typer.Option("--panel-columns", help="Number of panels beside each other.")
     ] = None,
     panel_letters: Annotated[
-        bool, typer.Option("--panel-letters", help="Letters a, b, ... of panels; others: --set 'panel_letters=[d, e]'.")
+        bool,
+        typer.Option("--panel-letters", help="Write a, b, ...; other letters: --set 'panel_letters=[d, e]'."),
     ] = False,
     hatches: Annotated[
         bool | None,
