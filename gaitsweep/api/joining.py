@@ -168,7 +168,8 @@ def _require_different_rows(frames: Sequence[pd.DataFrame]) -> None:
             if repeated.size:
                 count = f"{repeated.size} row{'s' * (repeated.size != 1)}"
                 raise ArgumentError(
-                    f"Tables {other} and {number} both have {count} of the same job, such as row {repeated[0]}, which would count twice. Give each row once: "
+                    f"Tables {other} and {number} both have {count} of the same job, such as row "
+                    f"{repeated[0]}, which would count twice. Give each row once: "
                     "table[~table['row'].isin(other['row'])] has those that the other table lacks."
                 )
         rows_of[job_hash].append((number, rows))

@@ -84,7 +84,7 @@ def test_refused_before_rows_run(
 
 def test_two_figures_of_one_name_are_refused_once() -> None:
     figure = {"kind": "orbit", "x": "m_B", "y": "psi_1"}
-    start = dict.fromkeys(("psi_1", "psi_2", "psi_3"), 1.0)
+    start = {f"psi_{number}": 1.0 for number in (1, 2, 3)}
     with pytest.raises(JobError) as error:
         Job(name="x", model="multilegged", vary=MASSES, run=SETTLE, start=start, figures=[figure, figure])
     assert str(error.value).count("figures[1].name is orbit, like that of figures[0]") == 1
