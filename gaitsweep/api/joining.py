@@ -22,7 +22,8 @@ Tables = pd.DataFrame | Result | Sequence[pd.DataFrame | Result]
 def concat(*tables: Tables) -> pd.DataFrame:
     """Join results of one model and run kind into one table, with units and provenance in `.attrs`.
 
-    `pandas.concat` drops `.attrs` and makes text of gaits; figures then lack units and the model's colours.
+    `pandas.concat` drops `.attrs`, and makes text of gaits where tables have different ones; figures then
+    lack units and the model's colours.
 
     Args:
         tables: tables or results, in a list or one by one.
