@@ -197,6 +197,9 @@ def test_workers_killed_one_after_another_in_one_run(tmp_path: Path, dask: DaskP
         time.sleep(random.uniform(0.2, 1.4))
         assert run.process.poll() is None, "the run has ended before the last kill"
         dask.kill_worker(f"w{kill}")
+        # a block that ends three workers is given up, so it is computed before the next worker is killed
+        written = run.parts
+        until(lambda written=written: run.parts >= written + 3)
     run.ended()
     assert re.search(r"begins block \d+ \(rows \d+ to \d+\) of ", dask.log)
     check(run.out, tmp_path, job)
