@@ -76,6 +76,19 @@ def counts(by_status: Mapping[str, int]) -> str:
     return ", ".join(f"{number} {status}" for status, number in by_status.items()) or "none finished"
 
 
+def gaits_of_sound_rows(gaits: Mapping[str, int], rows: int) -> str:
+    """Format the gaits of rows, and how many have none: "9 walk, 1 hop; 3 rows that did not settle ..."."""
+    left_out = rows - sum(gaits.values())
+    if left_out == 0:
+        return counts(gaits)
+    others = (
+        "1 row that failed or did not settle is"
+        if left_out == 1
+        else (f"{left_out} rows that failed or did not settle are")
+    )
+    return f"{counts(gaits)}; {others} not counted"
+
+
 def shares(by_status: Mapping[str, int]) -> str:
     """Format the share of rows with each status: "93.8 % settled, 6.2 % fell"."""
     rows = sum(by_status.values())
@@ -119,7 +132,7 @@ def outcome(snapshot: Snapshot) -> str:
         lines.append(f"Stalled: {stalled(stalls)}.")
     lines += manifest.get("findings", [])
     if gaits := manifest.get("gaits"):
-        lines.append(f"Gaits: {counts(gaits)}.")
+        lines.append(f"Gaits: {gaits_of_sound_rows(gaits, rows)}.")
     elif len(snapshot.counts) > 1:
         lines.append(f"Shares: {shares(snapshot.counts)}.")
     lines.append(f"Table: {snapshot.files.folder} ({parts} part{'s' * (parts != 1)}).")
@@ -189,7 +202,8 @@ def _of_manifest(manifest: Mapping[str, Any]) -> dict[str, str]:
         elif key == "axes" and isinstance(value, list):
             lines[key] = axes(value) or "none"
         elif key == "gaits" and isinstance(value, dict):
-            lines[key] = counts(value)
+            if value:
+                lines[key] = gaits_of_sound_rows(value, manifest["rows"])
         elif key == "findings" and isinstance(value, list):
             lines |= {key if number == 0 else " " * number: text for number, text in enumerate(value)}
         elif key in _REMARKS:

@@ -240,7 +240,7 @@ class _TriedRows:
         counts = ", ".join(f"{number} {status}" for status, number in self._manifest["counts"].items())
         sentences = [
             f"Tried {self._manifest['rows']} rows of {CYCLES} cycles over the ranges of parameters and "
-            f"starts: {counts}.",
+            f"starts: {counts}.{self._about_unsettled()}",
             # wrong gaits are faults, and starts beyond a surface have a longer sentence
             *remarks({**self._manifest, MISLABELLED: {}, STARTS_BEYOND: {}}),
         ]
@@ -250,6 +250,12 @@ class _TriedRows:
             setter = sets_starts(self.model)
             sentences.append(f"These starts have no effect: {', '.join(idle)}; {setter} sets them.")
         return sentences
+
+    def _about_unsettled(self) -> str:
+        """Say that rows which have not settled after so few cycles are no failures; '' without such rows."""
+        if Status.cycle_limit.name not in self._manifest["counts"]:
+            return ""
+        return f" cycle_limit is no failure: {CYCLES} cycles are too few for most models to settle."
 
     def warnings(self) -> list[str]:
         """Sentences about what the author of a model hardly wants."""

@@ -31,7 +31,7 @@ from gaitsweep.runs.sentences import (
     WITHOUT_STRIDES,
 )
 from gaitsweep.runs.unstable_rests import strides_of_feet
-from gaitsweep.status import Status
+from gaitsweep.status import Status, StatusNames
 from gaitsweep.table import Table
 
 # Rows whose starts are examined, at most.
@@ -221,8 +221,8 @@ def _of_records(context: RunContext, table: Table) -> dict[str, Any]:
         if "stalls" in summaries:
             _add_stalls(stalls, part)
         for name, counter in counts.items():
-            column, status = _COUNTED[name]
-            values: Any = part[column] if status is None else part[column][part["status"] == status.name]
+            column, statuses = _COUNTED[name]
+            values: Any = part[column][statuses.among(part["status"])]
             counter.update({str(value): int(n) for value, n in values.value_counts().items() if n})
         if "findings" in summaries:
             parts_of_findings.append(part.filter(list(context.job.run.columns_of_findings)))
@@ -252,11 +252,11 @@ def _of_records(context: RunContext, table: Table) -> dict[str, Any]:
     return {name: fields[name] for name in summaries if name in fields}
 
 
-# Fields that count the values of a column, and the status of the rows that count, if not all do.
+# Fields that count the values of a column, and the statuses of the rows that count.
 _COUNTED = {
-    "gaits": ("gait", None),
-    "periods": ("attractor_period", Status.settled),
-    "slowest": ("slowest", Status.cycle_limit),
+    "gaits": ("gait", Status.SOUND),
+    "periods": ("attractor_period", StatusNames({"settled"})),
+    "slowest": ("slowest", StatusNames({"cycle_limit"})),
 }
 
 

@@ -171,6 +171,8 @@ def test_version_and_help(capsys: Capture) -> None:
     ("arguments", "sentence"),
     [
         (["nonsense"], "No such command 'nonsense'"),
+        (["list"], "Did you mean `gaitsweep examples`?"),
+        (["hysteresis", "results/x"], "Did you mean `gaitsweep analyse hysteresis`?"),
         (["run"], "Missing argument 'JOB.yaml'"),
         (["run", "job.yaml", "--foo"], "No such option: --foo"),
         (["run", "job.yaml", "--out"], "--out"),

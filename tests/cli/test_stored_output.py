@@ -62,6 +62,17 @@ def test_the_same_command_prints_the_same(
     assert printed.endswith("Figure: results/few/figures/basin.png\n")
 
 
+def test_gaits_are_those_of_rows_that_settled(few: Path, capsys: Capture) -> None:
+    """Of six rows, one settles within 30 cycles; a cycle limit ends the others while they still change."""
+    capsys.readouterr()
+    command = ["run", "few.yaml", "--out", "short", "--set", "run.max_cycles=30", "--set", "verify=0"]
+    assert main(command) == 0
+    printed = capsys.readouterr().out
+    assert "\nGaits: 1 direct; 5 rows that failed or did not settle are not counted.\n" in printed
+    assert main(["info", "short"]) == 0
+    assert "1 direct; 5 rows" in capsys.readouterr().out
+
+
 def _edited_job(_: Path) -> None:
     Path("few.yaml").write_text(JOB + "# a remark\n")
 
