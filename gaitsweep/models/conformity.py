@@ -327,8 +327,11 @@ def _require_rates(state: Any, rates: Any) -> None:
 def _refuse_forgotten_rates(
     model: Model, params: Any, state: Any, events: Any, rates: Mapping[str, Any]
 ) -> None:
-    """Refuse a declared variable without a rate that no jump changes: its rate was forgotten."""
+    """Refuse a declared variable without a rate that no jump changes, and a held one with a rate."""
     declared = model.declarations.items() if isinstance(model, Declared) else ()
+    for name, declaration in declared:
+        if isinstance(declaration, Variable) and declaration.held and name in rates:
+            raise _Fault(f"flow returns a rate of {name}, which has held=True: leave out one of the two.")
     without_rate = [
         name for name, declaration in declared if isinstance(declaration, Variable) and name not in rates
     ]

@@ -20,6 +20,8 @@ from gaitsweep.runs.self_check_result import SelfCheck, rows_to_repeat
 from gaitsweep.runs.sentences import SELF_CHECK_SECONDS
 from gaitsweep.table import Table
 
+_PURPOSE = "the self-check (`verify: 0` turns it off)"  # of compilations, in the progress
+
 
 class ConcurrentSelfCheck:
     """The self-check of a run: after its rows, or at the same time in a thread once `begin` was called.
@@ -70,7 +72,7 @@ class ConcurrentSelfCheck:
             on_progress(total, total, 0.0, 1.0, note)
 
         if self._begun is None:
-            with purpose_of_compiling("the self-check (`verify: 0` turns it off)"):
+            with purpose_of_compiling(_PURPOSE):
                 check, rerun = self_check(self._context, self._rows, on_sweep_progress)
         else:
             while not self._begun.done():
@@ -79,7 +81,8 @@ class ConcurrentSelfCheck:
                 wait([self._begun], timeout=0.1)
             check, rerun = self._begun.result()
         if check is not None and rerun is not None:
-            compare_stored(self._context, check, rerun, self._stored, on_sweep_progress)
+            with purpose_of_compiling(_PURPOSE):
+                compare_stored(self._context, check, rerun, self._stored, on_sweep_progress)
         timings = dict(self._table.manifest.get("timings", {}))
         if check is None:
             judged: dict[str, Any] = {"rows": 0, "verdict": "off"}

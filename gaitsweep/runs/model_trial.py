@@ -261,8 +261,7 @@ class _TriedRows:
         """Sentences about what the author of a model hardly wants."""
         sentences = self._constant_observables() if self._crossed_section else []
         if without_rate := variables_without_rate(self.model):
-            sentence = remark_on_rates(without_rate)
-            sentences.append(f"{sentence[0].upper()}{sentence[1:]}")
+            sentences.append(f"The function {remark_on_rates(without_rate)}")
         if not self.model.host_parameters:
             defaults = {name: column[:1] for name, column in self.values.items()}
             in_ground = starts_in_ground(self.model, defaults, defaults, lambda _: " at the default start")
