@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     import jax
 
 TURN = 2.0 * math.pi  # rad
+_AT_ZERO = 0.2  # rad: a cluster within so much below 2 pi is one at 0
 
 Angles = TypeVar("Angles", "float", "np.ndarray", "jax.Array", "pd.Series")
 
@@ -68,15 +69,22 @@ def branch_cut(angles: Float[np.ndarray, " angles"]) -> float:
     """The angle at which to cut the circle so that clusters of angles (rad) stay whole, in (-2 pi, 0].
 
     It is in a gap between the angles at least half as wide as the widest: 0 if such a gap contains 0, so that
-    they keep their usual range; else the middle of the last such gap, less a turn.
+    they keep their usual range; else the middle of the last such gap, less a turn. A cluster right below 2 pi
+    is at 0, too.
     """
     on_circle = np.unique(np.mod(np.asarray(angles, float)[np.isfinite(angles)], TURN))
     if not len(on_circle):
         return 0.0
     gaps = np.diff(np.append(on_circle, on_circle[0] + TURN))
-    last = int(np.flatnonzero(gaps >= 0.5 * gaps.max())[-1])
+    wide = np.flatnonzero(gaps >= 0.5 * gaps.max())
+    last = int(wide[-1])
     if last == len(on_circle) - 1:
-        return 0.0
+        below = int(wide[-2]) if len(wide) > 1 else -1  # the gap below the last cluster
+        if on_circle[below + 1] < TURN - _AT_ZERO:
+            return 0.0
+        if below < 0:
+            return -0.5 * TURN
+        last = below
     return float(on_circle[last] + 0.5 * gaps[last] - TURN)
 
 

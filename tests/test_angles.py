@@ -30,6 +30,12 @@ def test_the_circle_is_cut_where_no_angles_are() -> None:
     assert (np.diff(line) > 0).all()
     assert np.ptp(line) == pytest.approx(0.4 + TURN - 6.0)
     assert np.abs(line).max() < 1.0  # around zero, not around 2 pi
+    below = TURN - np.array([5e-4, 7e-4])  # in phase, a little late
+    for others in ([], [np.pi, 3.1], [1.0, 2.5, 3.1, 4.5]):
+        values = np.array([*below, *others])
+        line = unwrap_from(values, branch_cut(values))
+        assert line == pytest.approx([-5e-4, -7e-4, *others])
+    assert branch_cut(np.array([5.65, 5.7, 3.1])) == 0.0  # 1.8 pi is not 0
     for noise in (-1e-9, 0.0, 1e-9):  # of gaps alike in width, that which keeps the usual range
         apart = np.mod(np.array([0.0, 1e-9, np.pi]) + noise, TURN)
         assert unwrap_from(apart, branch_cut(apart)) == pytest.approx([0.0, 0.0, np.pi], abs=1e-8)

@@ -109,7 +109,8 @@ def plot(
         int | None, typer.Option("--panel-columns", help="Number of panels beside each other.")
     ] = None,
     panel_letters: Annotated[
-        bool, typer.Option("--panel-letters", help="Write a, b, c, ... above panels.")
+        bool,
+        typer.Option("--panel-letters", help="Write a, b, ...; other letters: --set 'panel_letters=[d, e]'."),
     ] = False,
     hatches: Annotated[
         bool | None,

@@ -16,6 +16,7 @@ from gaitsweep.runs.sentences import (
     DESCRIBED,
     MISLABELLED,
     STARTS_BEYOND,
+    UNEVEN_STRIDES,
     WITHOUT_PERIOD,
     WITHOUT_START,
     WITHOUT_STRIDES,
@@ -34,6 +35,8 @@ from gaitsweep.table.parquet_parts import PARTS
 if TYPE_CHECKING:
     from gaitsweep.runs.estimate import Estimate
 
+# Entries of a manifest that are remarks.
+_REMARKS = (MISLABELLED, STARTS_BEYOND, UNEVEN_STRIDES, WITHOUT_START, WITHOUT_STRIDES, WITHOUT_PERIOD)
 # Entries of a manifest that other lines have, or that no reader needs.
 _NOT_LISTED = {
     "rows", "counts", "complete", "periods", "quantities", "job", "figures_drawn", "program", "sha256",
@@ -121,7 +124,7 @@ def outcome(snapshot: Snapshot) -> str:
         worst = next(iter(snapshot.counts))
         meaning = "This version does not know this status."
         if worst in Status.__members__:
-            meaning = status_sentence(worst, snapshot.job)
+            meaning = status_sentence(worst, snapshot.job, manifest)
         lines.append(f"No row ended normally. {worst}: {meaning}")
     if slowest := manifest.get("slowest"):
         lines.append(f"Rows did not settle because of {unsettled(slowest)}.")
@@ -151,7 +154,7 @@ def directory(snapshot: Snapshot) -> str:
         "rows": f"{snapshot.rows_done} of {rows}, {state}",
     }
     for status, number in snapshot.counts.items():
-        sentence = status_sentence(status, snapshot.job, snapshot.manifest.get("periods"))
+        sentence = status_sentence(status, snapshot.job, snapshot.manifest)
         lines[f"  {status}"] = f"{number}   {sentence}".rstrip()
     if snapshot.rows_open:
         lines["rows open"] = f"{snapshot.rows_open} more rows have ended in incomplete blocks"
@@ -203,7 +206,7 @@ def _of_manifest(manifest: Mapping[str, Any]) -> dict[str, str]:
                 lines[key] = gaits_of_sound_rows(value, manifest["rows"])
         elif key == "findings" and isinstance(value, list):
             lines |= {key if number == 0 else " " * number: text for number, text in enumerate(value)}
-        elif key in (MISLABELLED, STARTS_BEYOND, WITHOUT_START, WITHOUT_STRIDES, WITHOUT_PERIOD):
+        elif key in _REMARKS:
             lines[key.replace("_", " ")] = " ".join(remarks({key: value}))
         elif key == "self_check" and isinstance(value, dict):
             lines["self-check"] = self_check_sentence(value).removeprefix("Self-check: ")

@@ -23,6 +23,8 @@ _GREEK = frozenset(
 )
 _ONE_FORMULA = re.compile(r"[^$]*(\$[^$]+\$)[^$]*")
 _REMARK = re.compile(r"(?!\d)(.*?\w{2})[:;](?![^(]*\))")  # not of "1: yes; 0: no", nor in brackets
+_LAST_CLAUSE = re.compile(r",(?![^(]*\)).*\Z", re.DOTALL)  # from the first comma that is not in brackets
+_AT_START = "at the start"  # the end of the meaning of a start value
 _UNIT_AT_END = re.compile(r"\s*\([^()]*\)\Z")
 _SUFFIX = re.compile(r"_(end(_\d+)?|n)\Z")  # of recorded columns; _end_2 is at a further crossing of an orbit
 _WORDS = {"t": "time", "t_end": "time at the end", "crossing": "cycle", "cycles": "cycles"}
@@ -53,6 +55,9 @@ def symbol(table: pd.DataFrame, name: str) -> str:
     if own and can_be_set(f"${own}$"):
         return f"${own}$"
     observable = observable_in(table, name)
+    starts = observable.endswith("_0") and str(_quantity(table, name).get("meaning", "")).endswith(_AT_START)
+    if starts and (formula := _formula(observable.removesuffix("_0"))):
+        return f"{formula[:-1]}(0)$"
     return _WORDS.get(observable) or _formula(observable) or observable.replace("_", " ")
 
 
@@ -65,7 +70,8 @@ def _formula(name: str) -> str | None:
     if head not in _GREEK and len(head) != 1:
         return None
     letter = f"\\{head}" if head in _GREEK else head
-    index = rf"\mathrm{{{tail}}}" if len(tail) > 1 and tail.isalpha() else tail
+    indices = tail.split("_") if all(tail.split("_")) else [tail]  # m_1_ has an index that TeX cannot have
+    index = ",".join(rf"\mathrm{{{part}}}" if len(part) > 1 and part.isalpha() else part for part in indices)
     formula = f"${letter}_{{{index}}}$" if tail else f"${letter}$"
     return formula if can_be_set(formula) else None
 
@@ -92,13 +98,14 @@ def unit_of(table: pd.DataFrame, name: str) -> str:
 def described(table: pd.DataFrame, name: str, width: int = 44, *, named: bool = False) -> str:
     """A column's meaning, symbol (if it has one) and unit in lines of `width`, as the label of an axis.
 
-    Remarks on the meaning, behind a colon or semicolon, are left out. With `named` a column without a symbol
+    Remarks on the meaning, behind a colon or semicolon, are left out: of "coupling, positive: antiphase" also
+    the clause before the colon, which says nothing alone. With `named` a column without a symbol
     is named, too, as where a legend names it.
     """
     stated = "" if _own_label(table, name) else str(_quantity(table, name).get("meaning", ""))
     meaning = escape_unparsable(stated)
     if remark := _REMARK.match(meaning):
-        meaning = remark[1]
+        meaning = _LAST_CLAUSE.sub("", remark[1]) if meaning[remark.end() - 1] == ":" else remark[1]
     label, unit = axis_label(table, name), unit_of(table, name)
     if not meaning or len(meaning) > 2 * width or label.startswith(meaning):
         return label

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 
 from pydantic import BeforeValidator, Field, ValidationError
 
+from gaitsweep import near_miss
 from gaitsweep.errors import UserError
 from gaitsweep.schema.diagnostics import quoted
 from gaitsweep.schema.numbers import (
@@ -54,11 +55,16 @@ def _read_colour(value: Any) -> str:
     """Read a colour as its hexadecimal text."""
     if isinstance(value, str) and _HEX.fullmatch(value):
         return value
-    from matplotlib.colors import is_color_like, to_hex  # only for colours that are given by name
+    from matplotlib.colors import (  # only for colours that are given by name
+        CSS4_COLORS,
+        is_color_like,
+        to_hex,
+    )
 
     if not isinstance(value, str) or not is_color_like(value):
-        text = "but must be a colour such as '#0072B2' (in quotes) or a name that Matplotlib knows."
-        raise InvalidValue(f"is {quoted(value)}, {text}")
+        near = near_miss.nearest(value, CSS4_COLORS) if isinstance(value, str) else None
+        text = "but must be a colour such as '#0072B2' (in quotes) or a name that Matplotlib knows"
+        raise InvalidValue(f"is {quoted(value)}, {text}{f'; did you mean {near}?' if near else '.'}")
     return to_hex(value)
 
 
@@ -108,7 +114,9 @@ class FigureStyle(StrictModel):
         description="whether areas of gaits are hatched, which grey print needs; by default true",
     )
     panel_letters: _Letters | None = Field(
-        default=None, description="whether panels have the letters a, b, c, ..., or a list of their letters"
+        default=None,
+        description="whether panels have the letters a, b, c, ..., or a list of their letters; one letter is "
+        "that of the whole figure",
     )
     caption: Flag | None = Field(
         default=None, description="whether a line above the legend explains it; by default true"
@@ -119,12 +127,15 @@ class FigureStyle(StrictModel):
     )
 
     def over(self, other: FigureStyle) -> FigureStyle:
-        """This style, with the fields of another where this one has none; colours and labels are joined."""
+        """This style, with the fields of another where this one has none; colours and labels are joined.
+
+        `panel_letters: true` asks for letters, and a list of the other style says which.
+        """
         fields, defaults = dict(self), dict(other)
         for name in FigureStyle.model_fields:
             if isinstance(fields[name], dict) and defaults[name]:
                 fields[name] = {**defaults[name], **fields[name]}
-            elif fields[name] is None:
+            elif fields[name] is None or (fields[name] is True and isinstance(defaults[name], list)):
                 fields[name] = defaults[name]
         return FigureStyle.model_construct(**{name: fields[name] for name in FigureStyle.model_fields})
 

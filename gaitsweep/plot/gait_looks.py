@@ -69,19 +69,22 @@ def _own_or_spare(names: list[str], own: dict[str, str], spare: Sequence[str]) -
 def hatches(names: Iterable[str]) -> dict[str, str]:
     """A hatch for each name, by which grey print tells areas apart: that of the gait, else a spare one.
 
-    Without `hatches` in the style, only what is no gait has one.
+    A gait with a colour of the style has the first hatch that no gait of nearly its lightness has. Without
+    `hatches` in the style, only what is no gait has one.
     """
     names = list(names)
     colour = colours(names)
     # an extension need not give a hatch
     own = {name: hatch for name, (_, _, *hatch_of) in gait_styles().items() for hatch in hatch_of}
     own |= HATCHES
-    hatch_of = {name: own[name] for name in names if name in own}
+    recoloured = current().colours or {}
+    hatch_of = {name: own[name] for name in names if name in own and name not in recoloured}
     for name in names:
         confusable = {
             hatch_of[other] for other in hatch_of if contrast(colour[name], colour[other]) < CONTRAST
         }
-        free = (hatch for hatch in _SPARE_HATCHES if hatch not in confusable)
+        first = ("", own[name]) if name in own else ()
+        free = (hatch for hatch in (*first, *_SPARE_HATCHES) if hatch not in confusable)
         hatch_of.setdefault(name, next(free, _SPARE_HATCHES[-1]))
     if current().hatches is False:
         hatch_of |= {name: "" for name in names if name not in HATCHES}

@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 
 from gaitsweep.plot.columns import PlotError
+from gaitsweep.plot.figure_style import current
 from gaitsweep.table.manifest import BY_STEP, BY_STEP_WORDS, DIFFERENCES, self_check_warned
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-    from matplotlib.text import Annotation
+    from matplotlib.text import Annotation, Text
 
 _BAND = 0.2  # inches: height of the band added on top of the figure, with one line of remarks
 _LINE = 0.13  # inches: height of each further line
@@ -82,6 +83,8 @@ def _letter(number: int) -> str:
 def letter_panels(axes_of_figure: Sequence[Axes], letters: Sequence[str] | bool) -> None:
     """Write letters above the left corner of each panel: the given ones, else a, b, c, ...
 
+    One letter that is given for several panels is that of the whole figure, at its top left corner.
+
     Raises:
         PlotError: there are fewer letters than panels.
     """
@@ -89,6 +92,9 @@ def letter_panels(axes_of_figure: Sequence[Axes], letters: Sequence[str] | bool)
     panels = [axes for axes in axes_of_figure if axes.get_visible() and axes.get_label() not in skipped]
     if not isinstance(letters, Sequence):
         letters = [_letter(number) for number in range(len(panels))]
+    if len(letters) == 1 < len(panels):
+        _letter_figure(panels, letters[0])
+        return
     if len(letters) < len(panels):
         raise PlotError(f"panel_letters has {len(letters)} letters, but the figure has {len(panels)} panels.")
     look: dict[str, Any] = {"xycoords": "axes fraction", "textcoords": "offset points", "weight": "bold"}
@@ -100,19 +106,45 @@ def letter_panels(axes_of_figure: Sequence[Axes], letters: Sequence[str] | bool)
         _avoid_titles(panels, written)
 
 
+def _letter_figure(panels: Sequence[Axes], letter: str) -> None:
+    """Write the letter of a whole figure at its top left corner, above what stands there."""
+    figure = panels[0].get_figure(root=True)
+    assert figure is not None
+    look: dict[str, Any] = {"weight": "bold", "ha": "left", "va": "top"}
+    width, height = figure.get_size_inches()
+    written = figure.text(_MARGIN / width, 1.0 - _MARGIN / height, letter, **look)
+    figure.draw_without_rendering()
+    box = written.get_window_extent()
+    title = getattr(figure, "_suptitle", None)
+    texts = [title] if title is not None else []
+    for axes in panels:
+        texts += [*_titles(axes), axes.yaxis.label, *axes.get_yticklabels()]
+    if any(text.get_text() and box.overlaps(text.get_window_extent()) for text in texts):
+        _add_band(figure, box.height / figure.dpi + _MARGIN)
+        written.set_y(1.0 - _MARGIN / figure.get_figheight())
+    for axes in panels:
+        axes.set_label(_LETTERED)
+
+
+def _titles(axes: Axes) -> list[Text]:
+    """The titles of a panel that have a text."""
+    # Matplotlib has no public names for titles at the sides
+    titles = [axes.title, *(vars(axes)[f"_{side}_title"] for side in ("left", "right"))]
+    return [title for title in titles if title.get_text()]
+
+
 def _avoid_titles(panels: Sequence[Axes], letters: Sequence[Annotation]) -> None:
     """Move the letters of panels above their titles if one of them lies over a title."""
-    # Matplotlib has no public names for titles at the sides
-    titles = [[axes.title, *(vars(axes)[f"_{side}_title"] for side in ("left", "right"))] for axes in panels]
-    titles = [[title for title in of_panel if title.get_text()] for of_panel in titles]
+    titles = [_titles(axes) for axes in panels]
     figure = panels[0].get_figure(root=True)
     if figure is None or not any(titles):
         return
     figure.draw_without_rendering()
     boxes = [[title.get_window_extent() for title in of_panel] for of_panel in titles]
-    spare = 1.5 * figure.dpi / 72  # by which the boxes of texts may overlap, whose letters do not touch
+    # by which boxes of texts may overlap in height, whose letters do not touch, and must be apart in width
+    spare = 1.5 * figure.dpi / 72
     if not any(
-        box.overlaps(letter.get_window_extent().padded(-spare))
+        box.overlaps(letter.get_window_extent().padded(spare, -spare))
         for of_panel, letter in zip(boxes, letters, strict=True)
         for box in of_panel
     ):
@@ -120,6 +152,9 @@ def _avoid_titles(panels: Sequence[Axes], letters: Sequence[Annotation]) -> None
     for axes, of_panel, letter in zip(panels, boxes, letters, strict=True):
         top = max((box.y1 for box in of_panel), default=axes.bbox.y1)
         letter.set_position((-4, 3 + 72 * (top - axes.bbox.y1) / figure.dpi))
+    if current().height is None:
+        rows = {round(axes.get_position().y1, 2) for axes in panels}
+        figure.set_figheight(figure.get_figheight() + _LINE * len(rows))
 
 
 def mark(figure: Figure | Axes, notes: list[str]) -> None:
@@ -138,17 +173,23 @@ def mark(figure: Figure | Axes, notes: list[str]) -> None:
     width, height = figure.get_size_inches()
     text = wrapped(text, width - 2.0 * _MARGIN, _BOLD * _SIZE)
     added = _BAND + _LINE * text.count("\n")
-    band = added / (height + added)
+    _add_band(figure, added)
+    figure.text(1.0 - _MARGIN / width, 1.0 - 0.5 * added / (height + added), text, **_LOOK)
+
+
+def _add_band(figure: Figure, added: float) -> None:
+    """Make a figure higher by a band of so many inches above its title and panels."""
+    width, height = figure.get_size_inches()
     figure.set_size_inches(width, height + added)
-    above_panels = band
+    above_panels = added
     title = getattr(figure, "_suptitle", None)
     if title is not None:  # the layout would move the title into the band, so it is placed below by hand
-        title.set_y(1.0 - band)
+        title.set_y(1.0 - added / (height + added))
         title.set_in_layout(False)
         title._autopos = False
-        above_panels += (_TITLE + _TITLE_LINE * title.get_text().count("\n")) / (height + added)
+        above_panels += _TITLE + _TITLE_LINE * title.get_text().count("\n")
     engine = figure.get_layout_engine()
     if engine is not None:
         left, low, share_of_width, _ = engine.get()["rect"]
-        engine.set(rect=(left, low, share_of_width, 1.0 - above_panels))  # pyright: ignore[reportCallIssue]
-    figure.text(1.0 - _MARGIN / width, 1.0 - 0.5 * band, text, **_LOOK)
+        top = 1.0 - above_panels / (height + added)
+        engine.set(rect=(left, low, share_of_width, top))  # pyright: ignore[reportCallIssue]

@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Int
 
+from gaitsweep.compilation import purpose_of_compiling
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.runs.prepare import RunContext
 from gaitsweep.runs.progress import Progress
@@ -69,7 +70,8 @@ class ConcurrentSelfCheck:
             on_progress(total, total, 0.0, 1.0, note)
 
         if self._begun is None:
-            check, rerun = self_check(self._context, self._rows, on_sweep_progress)
+            with purpose_of_compiling("the self-check (`verify: 0` turns it off)"):
+                check, rerun = self_check(self._context, self._rows, on_sweep_progress)
         else:
             while not self._begun.done():
                 # a call at which Ctrl-C is obeyed

@@ -31,6 +31,7 @@ from gaitsweep.errors import UserError
 from gaitsweep.job import Job
 from gaitsweep.kinds import Settle, Trace
 from gaitsweep.kinds.columns import UNKNOWN_GAIT
+from gaitsweep.models.conformity import remark_on_rates, variables_without_rate
 from gaitsweep.models.sampled_points import sampled_points, written
 from gaitsweep.models.starts import idle_starts, sets_starts, starts_in_ground
 from gaitsweep.models.value_faults import surface_value
@@ -259,6 +260,9 @@ class _TriedRows:
     def warnings(self) -> list[str]:
         """Sentences about what the author of a model hardly wants."""
         sentences = self._constant_observables() if self._crossed_section else []
+        if without_rate := variables_without_rate(self.model):
+            sentence = remark_on_rates(without_rate)
+            sentences.append(f"{sentence[0].upper()}{sentence[1:]}")
         if not self.model.host_parameters:
             defaults = {name: column[:1] for name, column in self.values.items()}
             in_ground = starts_in_ground(self.model, defaults, defaults, lambda _: " at the default start")

@@ -10,12 +10,35 @@ from matplotlib.colors import to_hex
 
 from gaitsweep import plot
 from gaitsweep.mathtext import can_be_set, escape_unparsable
-from gaitsweep.plot.column_labels import observable_in, symbol, written
+from gaitsweep.plot.column_labels import described, observable_in, symbol, written
 
 
 @pytest.mark.parametrize(("name", "text"), [("m_1_", "m 1 "), ("k_1_x_", "k 1 x "), ("m_1", "$m_{1}$")])
 def test_names_that_tex_cannot_have_are_written_as_words(name: str, text: str) -> None:
     assert symbol(pd.DataFrame({name: [1.0]}), name) == text
+
+
+@pytest.mark.parametrize(
+    ("meaning", "label"),
+    [
+        ("ipsilateral coupling, positive: antiphase", "ipsilateral coupling"),
+        ("coupling, negative antiphase, positive: in phase", "coupling"),
+        ("lateral coupling (left-right), negative: alternate", "lateral coupling (left-right)"),
+        ("touchdown of LH, after that of LF; NaN without steps", "touchdown of LH, after that of LF"),
+    ],
+)
+def test_a_label_keeps_the_sense_of_a_meaning_without_its_remark(meaning: str, label: str) -> None:
+    table = pd.DataFrame({"K_ips": [1.0]})
+    table.attrs["quantities"] = {"K_ips": {"unit": "1/s", "meaning": meaning}}
+    assert described(table, "K_ips", 80) == rf"{label}, $K_{{\mathrm{{ips}}}}$ (1/s)"
+
+
+def test_a_start_value_is_its_symbol_at_time_0_and_no_index_has_an_index() -> None:
+    table = pd.DataFrame({"phi_3_0": [1.0], "m_1_0": [1.0]})
+    table.attrs["quantities"] = {"phi_3_0": {"unit": "rad", "meaning": "phase of leg 3 at the start"}}
+    assert symbol(table, "phi_3_0") == r"$\phi_{3}(0)$"
+    assert symbol(table, "m_1_0") == "$m_{1,0}$"
+    assert can_be_set(symbol(table, "phi_3_0"))
 
 
 def test_a_swept_parameter_records_no_observable() -> None:

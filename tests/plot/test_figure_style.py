@@ -166,14 +166,56 @@ def test_letters_of_one_panel_and_letters_that_are_chosen() -> None:
     one = plot.draw("basin", settle_table().iloc[:16], x="psi_1", y="psi_2", panel_letters=True)
     assert [text.get_text() for text in one.axes[0].texts] == ["a"]
     assert letters(panel_letters=["b", "c", "d"]) == ["b", "c", "d"]
-    with pytest.raises(PlotError, match="1 letters, but the figure has 3 panels"):
-        letters(panel_letters=["b"])
+    with pytest.raises(PlotError, match="2 letters, but the figure has 3 panels"):
+        letters(panel_letters=["b", "c"])
     with pytest.raises(StyleError, match="must be true, false, or a list of letters"):
         letters(panel_letters="b")
 
 
-def test_panels_in_given_columns_have_numbers_below_and_no_hidden_axes() -> None:
+def test_one_letter_is_that_of_the_whole_figure_and_a_list_wins_over_true() -> None:
+    """The first panels of a larger figure; the letter is in its top left corner and over no text."""
+    for titled in ({}, {"title": "Basins of attraction of a walker with legs of three segments"}):
+        figure = plot.draw("basin", settle_table(), **BASIN, panel_letters=["d"], width="column", **titled)
+        assert [text.get_text() for axes in figure.axes for text in axes.texts] == []
+        (letter,) = (text for text in figure.texts if text.get_fontweight() == "bold")
+        rendered(figure)
+        box = letter.get_window_extent()
+        assert letter.get_text() == "d"
+        assert box.x0 < 2.0 / 25.4 * figure.dpi
+        assert figure.bbox.height - box.y1 < 2.0 / 25.4 * figure.dpi
+        assert text_problems(figure) == []
+    asked = FigureStyle(panel_letters=True).over(FigureStyle(panel_letters=["d", "e"]))
+    assert asked.panel_letters == ["d", "e"]
+
+
+def test_basins_of_a_column_are_compact() -> None:
+    """Three panels of 20 mm and more in one row, each with numbers below, in less than 70 mm."""
     figure = plot.draw("basin", settle_table(), **BASIN, width="column")
+    rendered(figure)
+    millimetre = figure.dpi / 25.4
+    boxes = [axes.get_window_extent() for axes in figure.axes]
+    assert len({round(box.y0) for box in boxes}) == 1
+    assert min(box.width for box in boxes) > 20.0 * millimetre
+    assert figure.bbox.height < 70.0 * millimetre
+    for axes in figure.axes:
+        assert any(tick.get_text() and tick.get_visible() for tick in axes.get_xticklabels())
+        assert ",\n" not in axes.get_title()
+    one = plot.draw("basin", settle_table().iloc[:16], x="psi_1", y="psi_2", width="column")
+    assert one.axes[0].get_xlabel() == figure.axes[0].get_xlabel()
+    low: dict[str, Any] = {"panel_columns": 3, "shares": False, "caption": False}
+    figure = plot.draw("basin", settle_table(), **BASIN, width="column", height=55, **low)
+    rendered(figure)
+    top = max(axes.title.get_window_extent().y1 for axes in figure.axes)
+    assert figure.bbox.height - top < 2.0 * figure.dpi / 25.4, "no blank band above panels of a given height"
+
+
+def test_a_misspelt_colour_gets_its_near_miss() -> None:
+    with pytest.raises(StyleError, match=r"crimsn.*did you mean crimson\?"):
+        plot.draw("basin", settle_table(), **BASIN, colours={"direct": "crimsn"})
+
+
+def test_panels_in_given_columns_have_numbers_below_and_no_hidden_axes() -> None:
+    figure = plot.draw("basin", settle_table(), **BASIN, width="column", panel_columns=2)
     rendered(figure)
     numbers = [[tick.get_text() for tick in axes.get_xticklabels() if tick.get_visible()]
                for axes in figure.axes]  # fmt: skip

@@ -36,6 +36,16 @@ def test_gaits_of_one_figure_differ_in_lightness_or_in_hatch_and_marker(names: l
         assert not any(theme.hatches(names).values())
 
 
+def test_gaits_in_colours_of_the_style_differ_in_grey_print() -> None:
+    """Crimson and steelblue are close in lightness, and crimson to the blue of the retrograde wave."""
+    gaits = ["direct", "source", "retrograde"]
+    assert theme.contrast("crimson", "steelblue") < theme.CONTRAST
+    with style(colours={"direct": "crimson", "source": "steelblue"}):
+        assert alike(gaits, theme.hatches(gaits)) == []
+    with style(colours={"source": "#FFFFFF"}):  # far from all others: no hatch is needed
+        assert theme.hatches(gaits)["source"] == ""
+
+
 def test_contrast_is_the_ratio_of_luminances() -> None:
     assert theme.contrast("#000000", "#FFFFFF") == pytest.approx(21.0)
     assert theme.contrast("#009E73", "#0072B2") == pytest.approx(1.53, abs=0.02)  # source and retrograde

@@ -31,6 +31,7 @@ from gaitsweep.plot.arguments import (
     Vertical,
 )
 from gaitsweep.plot.basins.cells import cell_grid, check_cells, colour_cells, hatch_cells
+from gaitsweep.plot.canvas import OnePanel
 from gaitsweep.plot.column_labels import axis_label, described, unit_of, written
 from gaitsweep.plot.columns import (
     PlotError,
@@ -46,6 +47,9 @@ from gaitsweep.plot.kind import PlannedTable, Refusal, figure_kind
 from gaitsweep.status import Outcome, Status
 
 _PANELS_A_ROW = 4
+_LEAST_IN_ROWS = 1.6  # inches: least width of a panel with its labels, of panels in several rows
+_LEAST_IN_A_ROW = 1.0  # inches: of panels that are all beside each other, of which three fit a column
+_NARROW_PAD = 0.02  # inches: between narrow panels
 _MOST_PANELS = 40
 _LETTERS = 15  # of a label, an inch
 _NAMES_A_LINE = 3  # of a legend without shares
@@ -87,7 +91,9 @@ def basin(
 
     # a square panel with headings of one or two lines
     high: dict[str, Any] = {"height_of": lambda columns: side_of(columns) + 0.5, "narrowest": 1.0}
-    rows, columns = theme.shape(len(values), theme.PAGE, 1.6, _PANELS_A_ROW, **high)
+    most_in_a_row = min(_PANELS_A_ROW, int(theme.width_of(theme.PAGE) / _LEAST_IN_A_ROW))
+    least = _LEAST_IN_A_ROW if len(values) <= most_in_a_row else _LEAST_IN_ROWS
+    rows, columns = theme.shape(len(values), theme.PAGE, least, _PANELS_A_ROW, **high)
     side = side_of(columns)
     parts = [table if value is None else rows_where(table, table[panels] == value) for value in values]
     shown = outcome(table, hue)
@@ -108,6 +114,8 @@ def basin(
         if not len(table):
             theme.message(figure.add_subplot(), "no rows yet")
             return figure
+        if columns * _LEAST_IN_ROWS > theme.width_of(width) and (engine := figure.get_layout_engine()):
+            engine.set(w_pad=_NARROW_PAD, wspace=0.0)  # pyright: ignore[reportCallIssue]
         grid = theme.panels(figure, (rows, columns), len(values), sharex=True, sharey=True)
         looks = theme.colours(names), theme.markers(names), theme.hatches(names)
         scale = _scale(table.loc[~shown.isin(_HATCHED), hue]) if numeric else None
@@ -126,7 +134,24 @@ def basin(
             if hue == "gait" and (advice := _hue_advice(table, names)):
                 caption = advice
             _legend(figure, key, shown if shares and not headings else None, looks, caption, table)
+        if all(is_angle(table, name) and not is_logarithmic(table, name) for name in (x, y)):
+            _square_panels(figure, grid, rows)
     return figure
+
+
+def _square_panels(figure: Figure, grid: Sequence[Axes], rows: int) -> None:
+    """Make panels square by the figure's height, unless its style has one, which the panels then fill.
+
+    Of panels with an equal aspect the layout would misjudge the room that their labels need.
+    """
+    if isinstance(figure, OnePanel):
+        figure.panel.set_aspect("equal")
+        return
+    for _ in range(2):  # the layout of one drawing is nearly that of the next
+        figure.draw_without_rendering()
+        cells = [axes.get_position() for axes in grid]
+        width, height = figure.get_size_inches()
+        theme.grow(figure, rows * min(cell.width * width - cell.height * height for cell in cells))
 
 
 def _scale(values: pd.Series) -> dict[str, Any]:
@@ -159,7 +184,7 @@ def _heading(value: str, shares: Sequence[str], width: float) -> str:
     """The heading of a panel: its value, and the shares of its outcomes in lines of `width` inches."""
     # no break of a line between a name and its share
     above = theme.wrapped(", ".join(text.replace(" ", "\u00a0") for text in shares), width, 7.5)
-    return f"{value}\n{above}".strip()
+    return f"{value}\n{above}".replace(",\n", "\n").strip()
 
 
 def _shares(shown: pd.Series, names: Sequence[str], between: str = " ") -> list[str]:
@@ -173,11 +198,13 @@ def _label_axes(
 ) -> None:
     """Write labels in lines of so many letters along the outer edges, and ticks of angles in multiples of pi.
 
-    Of several panels, the label of a column with a symbol is the symbol and the unit.
+    Of several panels, and in a column of a paper, the label of a column with a symbol is the symbol and the
+    unit.
     """
     labels = {name: axis_label(table, name) for name in (x, y)}
+    short = len(grid) > 1 or theme.width_of(np.inf) <= theme.COLUMN
     for name in labels:
-        if len(grid) == 1 or "$" not in labels[name]:
+        if not short or "$" not in labels[name]:
             labels[name] = described(table, name, letters)
     circular_x, circular_y = (is_angle(table, name) and not is_logarithmic(table, name) for name in (x, y))
     for number, axes in enumerate(grid):
@@ -188,8 +215,6 @@ def _label_axes(
             theme.angle_axis(axes, "x")
         if circular_y:
             theme.angle_axis(axes, "y")
-        if circular_x and circular_y:
-            axes.set_aspect("equal")
 
 
 def _cells(
