@@ -9,6 +9,7 @@ from typing import cast
 
 import pytest
 
+import gaitsweep as gs
 from gaitsweep.cli import main, stored_output
 from gaitsweep.cli import run as cli_run
 from gaitsweep.job import Job
@@ -71,6 +72,7 @@ def test_gaits_are_those_of_rows_that_settled(few: Path, capsys: Capture) -> Non
     assert "\nGaits: 1 direct; 5 rows that failed or did not settle are not counted.\n" in printed
     assert main(["info", "short"]) == 0
     assert "1 direct; 5 rows" in capsys.readouterr().out
+    assert "gait: direct 1, 5 failed or not settled" in repr(gs.Result("short"))
 
 
 def _edited_job(_: Path) -> None:
