@@ -51,7 +51,7 @@ def test_all_crossings_are_drawn_with_the_exponent_below() -> None:
 def test_points_have_the_colours_of_gaits() -> None:
     """By default where settled rows have several gaits; rows that are not settled keep their status."""
     table = diagram_table().assign(gait=["trot", "pace", None, None])
-    figure: Any = plot.orbit(table, x="a", y="x", hue="gait", colours={"trot": "crimson"})
+    figure: Any = plot.draw("orbit", table, x="a", y="x", hue="gait", colours={"trot": "crimson"})
     (legend,) = figure.legends
     words = [text.get_text() for text in legend.get_texts()]
     assert set(words) == {"trot", "pace", "chaotic", "not settled"}

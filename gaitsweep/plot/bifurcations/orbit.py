@@ -87,11 +87,11 @@ def orbit(
         size = _SIZE if len(table) < _MANY else _SMALL
         crossings = _crossings(table, name)
         crossings = unwrap_from(crossings, origin_of(table, name, crossings.ravel()))
-        for look in looks:
-            values = crossings[look.rows]
-            at = np.broadcast_to(table[x].to_numpy(float)[look.rows, None], values.shape)
-            style: dict[str, Any] = {"ls": "", "marker": look.marker, "ms": size, "mew": 0.0}
-            above.plot(at.ravel(), values.ravel(), color=look.colour, rasterized=True, **style)
+        for of_look in looks:
+            values = crossings[of_look.rows]
+            at = np.broadcast_to(table[x].to_numpy(float)[of_look.rows, None], values.shape)
+            style: dict[str, Any] = {"ls": "", "marker": of_look.marker, "ms": size, "mew": 0.0}
+            above.plot(at.ravel(), values.ravel(), color=of_look.colour, rasterized=True, **style)
         if not present:
             theme.message(above, "No row has settled." if len(table) else "no rows yet")
         theme.value_axis(above, angle=is_angle(table, name))
@@ -102,8 +102,8 @@ def orbit(
         if exponents:
             _draw_exponent(panels[1], table, x)
         handles = [
-            Line2D([], [], ls="", marker=look.marker, ms=4.5, mew=0.0, color=look.colour, label=look.words)
-            for look in looks
+            Line2D([], [], ls="", marker=of.marker, ms=4.5, mew=0.0, color=of.colour, label=of.words)
+            for of in looks
         ]
         handles += [
             Line2D([], [], ls="", marker="|", color=_WITHOUT[words], ms=6, label=words) for words in without
