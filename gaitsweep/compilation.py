@@ -8,6 +8,7 @@ import time
 from collections.abc import Iterator
 
 _BEGAN: dict[int, float] = {}  # s on the monotonic clock, of each thread that is compiling
+_PURPOSES: dict[int, str] = {}  # of the compilations of a thread, such as "the self-check"
 
 
 @contextlib.contextmanager
@@ -22,6 +23,22 @@ def compiling() -> Iterator[None]:
         yield
     finally:
         del _BEGAN[thread]
+
+
+@contextlib.contextmanager
+def purpose_of_compiling(purpose: str) -> Iterator[None]:
+    """A context in which this thread compiles for a purpose, such as "the self-check"."""
+    thread = threading.get_ident()
+    _PURPOSES[thread] = purpose
+    try:
+        yield
+    finally:
+        del _PURPOSES[thread]
+
+
+def compiles_for(thread: int | None) -> str:
+    """The purpose for which a thread compiles; empty if none was given."""
+    return "" if thread is None else _PURPOSES.get(thread, "")
 
 
 def compiling_for(thread: int | None = None) -> float | None:

@@ -91,7 +91,10 @@ class Status(ResultCode):
     time_limit = 7, "The row reached run.max_time, or four nominal periods for each allowed cycle."
     complete = 8, "The row recorded everything that its run requires.", Verdict.sound
     inferred = 9, "The row was not simulated: its neighbours decide its label.", Verdict.sound
-    step_limit = 10, "The row needed more steps than its limit allows."
+    step_limit = (
+        10,
+        "The row needed more steps than its limit, which follows from its time limit and its longest step.",
+    )
     no_fixed_point = 11, "No fixed point was found at which a branch could begin."
     at_rest = (
         12,

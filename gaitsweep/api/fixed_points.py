@@ -274,8 +274,19 @@ class FixedPointsOfModel(abc.ABC):
             return x, False
         if isinstance(x, Mapping):
             return self._settled(x, 0), False
-        at = np.asarray(x, np.float64)
         size = len(self.coordinates)
+        try:
+            at = np.asarray(x, np.float64)
+        except (TypeError, ValueError):
+            of_gait = (
+                " The multipliers of the gait to which a start settles are those of a map m, "
+                "m.multipliers(m.fixed_points(m.settled({...}))), with start values by name in the braces."
+            )
+            raise ArgumentError(
+                f"Points are {x!r}, which are not numbers: give coordinates (n, {size}), start values by "
+                "name, or what the map's fixed_points or settled returned."
+                + ("" if isinstance(self._once, StationaryMap) else of_gait)
+            ) from None
         if at.ndim not in (1, 2) or at.shape[-1] != size:
             raise ArgumentError(
                 f"Points have the shape {at.shape}, but the map has {size} coordinates: give (n, {size})."

@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+import numpy as np
 import pandas as pd
+from jaxtyping import Int
 
 from gaitsweep.api.result import Result
 from gaitsweep.errors import ArgumentError
@@ -20,7 +22,8 @@ Tables = pd.DataFrame | Result | Sequence[pd.DataFrame | Result]
 def concat(*tables: Tables) -> pd.DataFrame:
     """Join results of one model and run kind into one table, with units and provenance in `.attrs`.
 
-    `pandas.concat` drops `.attrs` and makes text of gaits; figures then lack units and the model's colours.
+    `pandas.concat` drops `.attrs`, and makes text of gaits where tables have different ones; figures then
+    lack units and the model's colours.
 
     Args:
         tables: tables or results, in a list or one by one.
@@ -31,7 +34,8 @@ def concat(*tables: Tables) -> pd.DataFrame:
 
     Raises:
         ArgumentError: models, run kinds, moved parameters or units differ; a table lacks `.attrs`, or an axis
-            of the others; an argument is no table.
+            of the others; two tables have rows of the same number of the same job, which would count twice;
+            an argument is no table.
 
     Example:
         >>> import gaitsweep as gs
@@ -48,6 +52,7 @@ def concat(*tables: Tables) -> pd.DataFrame:
     jobs = [frame.attrs.get("job") or {} for frame in frames]
     if any(jobs):
         _require_alike(jobs)
+        _require_different_rows(frames)
         frames = _with_differing_constants(frames, jobs)
     frames = _with_rows_numbered_on(frames)
     joined = pd.concat(same_categories(*frames), ignore_index=True)
@@ -139,9 +144,36 @@ def _require_alike(jobs: Sequence[Mapping[str, Any]]) -> None:
     ):
         if len(dict.fromkeys(values)) > 1:
             listed = " and ".join(map(str, dict.fromkeys(values)))
-            raise ArgumentError(f"The tables have different {what}, {listed}: join those of one.")
+            raise ArgumentError(
+                f"The tables have different {what}, {listed}, and cannot be joined: give tables with one and "
+                f"the same {what.removesuffix('s')}."
+            )
     if runs[0].get("kind") == "atlas":
         raise ArgumentError("Tables of atlases cannot be joined: their branches have numbers of their own.")
+
+
+def _require_different_rows(frames: Sequence[pd.DataFrame]) -> None:
+    """Refuse tables that share rows of one job, which are the same simulations.
+
+    Raises:
+        ArgumentError: the message has the number of such rows and how to select the others.
+    """
+    rows_of: dict[str, list[tuple[int, Int[np.ndarray, " rows"]]]] = {}
+    for number, frame in enumerate(frames, 1):
+        job_hash = (frame.attrs.get("manifest") or {}).get("job_hash")
+        if job_hash is None or "row" not in frame.columns:
+            continue
+        rows = np.unique(frame["row"].to_numpy(np.int64))
+        for other, other_rows in rows_of.setdefault(job_hash, []):
+            repeated = np.intersect1d(rows, other_rows, assume_unique=True)
+            if repeated.size:
+                count = f"{repeated.size} row{'s' * (repeated.size != 1)}"
+                raise ArgumentError(
+                    f"Tables {other} and {number} both have {count} of the same job, such as row "
+                    f"{repeated[0]}, which would count twice. Give each row once: "
+                    "table[~table['row'].isin(other['row'])] has those that the other table lacks."
+                )
+        rows_of[job_hash].append((number, rows))
 
 
 def _with_differing_constants(

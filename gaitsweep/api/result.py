@@ -158,7 +158,10 @@ class Result:
         lines = [f"rows: {manifest['rows']}"]
         for title, key in (("status", "counts"), ("gait", "gaits")):
             if counts := manifest.get(key):
-                lines.append(f"{title}: {', '.join(f'{name} {count}' for name, count in counts.items())}")
+                left_out = manifest["rows"] - sum(counts.values())
+                others = f", {left_out} failed or not settled" if key == "gaits" and left_out else ""
+                names = ", ".join(f"{name} {count}" for name, count in counts.items())
+                lines.append(f"{title}: {names}{others}")
         if isinstance(check := manifest.get("self_check"), dict):
             lines.append(self_check_sentence(check))
         return lines

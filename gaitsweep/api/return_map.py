@@ -84,8 +84,12 @@ class PoincareMap(FixedPointsOfModel):
     def multipliers(self, x: SectionPoints | ArrayLike) -> Inexact[np.ndarray, "*points coordinates"]:
         """Return the Floquet multipliers of fixed points, complex (n, size), largest modulus first.
 
+        Args:
+            x: fixed points, as `fixed_points` gives them; of the gait to which a start settles:
+                `m.multipliers(m.fixed_points(m.settled({"psi_1": 1.1}, cycles=60)))`.
+
         Raises:
-            ArgumentError: the map has no derivative.
+            ArgumentError: the map has no derivative, or x is the name of a gait.
 
         Example:
             The hopper has two 1:1 gaits, one stable and one unstable. The product of the multipliers of each

@@ -20,7 +20,7 @@ from gaitsweep.engine.content import held_contents
 from gaitsweep.errors import ArgumentError
 from gaitsweep.job import Job
 from gaitsweep.kinds import Perturb, Settle, Trace
-from gaitsweep.runs.sentences import WITHOUT_START
+from gaitsweep.runs.sentences import WITHOUT_START, fall_sentence
 from gaitsweep.status import Status
 
 if TYPE_CHECKING:
@@ -91,11 +91,11 @@ def simulate(
     recorded = run_in_memory(job).table
     status = Status[str(recorded["status"].iloc[-1])]
     if status.name in Status.FAILED:
-        _, _, fall = recorded.attrs["quantities"]["status"]["meaning"].partition("; fell: ")
         for reason in recorded.attrs["manifest"].get(WITHOUT_START) or {}:
             raise ArgumentError(f"The trajectory cannot begin: {reason}.")
-        why = f" It tests {fall}." if fall and status is Status.fell else ""
-        warnings.warn(f"The trajectory ended as {status.name}: {status.sentence}{why}", stacklevel=2)
+        meaning = recorded.attrs["quantities"]["status"]["meaning"]
+        sentence = fall_sentence(meaning) if status is Status.fell else status.sentence
+        warnings.warn(f"The trajectory ended as {status.name}: {sentence}", stacklevel=2)
     signals = recorded.drop(columns=["row", "gait", "status", "stalled_by"])
     quantities = recorded.attrs["quantities"]
     units = {name: "s" if name == "t" else quantities[name]["unit"] for name in map(str, signals.columns)}

@@ -250,10 +250,19 @@ def hysteresis(
     Jumps are those between branches, by default for each value of the parameters that differ between rows;
     loops have areas.
     """
+    from gaitsweep.analysis.records import AnalysisError
     from gaitsweep.analysis.transitions.hysteresis import loop_area, transition_points, why_no_jump
+    from gaitsweep.plot import FIGURES
     from gaitsweep.plot.columns import varying_parameters
 
     table = result_table(directory)
+    run = table.attrs.get("job", {}).get("run", {}).get("kind")
+    if run is not None and run not in FIGURES["hysteresis"].runs:
+        raise AnalysisError(
+            f"{directory} is the table of a run of kind {run}, which is no staircase or ramp: no parameter "
+            "moves while a row runs. Run it with run: {kind: staircase, ...}. `gaitsweep analyse "
+            "gait-transitions` tells where gaits of settled rows are lost along a parameter."
+        )
     recorded = [str(name).removesuffix("_n") for name in table.columns if str(name).endswith("_n")]
     observable = observable or _from_job(table, "--observable", "hysteresis", "y", recorded)
     parameter = parameter or _from_job(table, "--parameter", "hysteresis", "parameter", [])

@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
 import gaitsweep
 from gaitsweep.cli import analyse, models
@@ -27,7 +28,34 @@ from gaitsweep.shipped import job_file as shipped_or_own
 if TYPE_CHECKING:
     from gaitsweep.plot import FigureStyle
 
+# Commands by words for what they do, which users of other programs try.
+_BY_MEANING = {
+    **dict.fromkeys(("list", "ls", "jobs", "demo", "example", "copy", "init"), "examples"),
+    **dict.fromkeys(("sweep", "simulate", "start", "resume", "continue"), "run"),
+    **dict.fromkeys(("show", "status", "describe", "summary"), "info"),
+    **dict.fromkeys(("draw", "figure", "figures"), "plot"),
+    **dict.fromkeys(("movie", "video", "gif"), "animate"),
+    **dict.fromkeys(("validate", "lint"), "check"),
+    **dict.fromkeys(("new", "create", "template"), "new-model"),
+    **dict.fromkeys(("fit", "optimise", "optimize"), "search"),
+    **{name: f"analyse {name}" for name in ("hysteresis", "basins", "attractors", "quantifiers")},
+    "analyze": "analyse", "parameters": "models", "view": "explore", "bibtex": "cite",
+}  # fmt: skip
+
+
+class _Commands(TyperGroup):
+    """The commands, of which an unknown one is compared by meaning where none has a similar name."""
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> tuple[str | None, Any, list[str]]:
+        if args and args[0] in _BY_MEANING and args[0] not in self.commands:
+            meant = _BY_MEANING[args[0]]
+            # typer would add commands of similar spelling
+            ctx.fail(f"No such command {args[0]!r}. Did you mean `gaitsweep {meant}`?")
+        return super().resolve_command(ctx, args)
+
+
 app = typer.Typer(
+    cls=_Commands,
     help="Parameter sweeps of legged locomotion: from a job file to tables and figures.\n\n"
     f"Begin with `gaitsweep run {BUILTIN}quick_basins`, which takes seconds; `gaitsweep examples` lists "
     f"the shipped jobs, which need no file: {BUILTIN}NAME.",

@@ -16,7 +16,7 @@ from rich.console import Console, RenderableType
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 from rich.text import Text
 
-from gaitsweep.compilation import compiling_for
+from gaitsweep.compilation import compiles_for, compiling_for
 from gaitsweep.errors import EXIT_STOPPED, EXIT_TERMINATED, Terminated
 from gaitsweep.runs.progress import COMPILING, percent, progress_lines
 from gaitsweep.runs.progress import Progress as RunProgress
@@ -45,8 +45,12 @@ class _NoteBelow(Progress):
 
 def _compiling_note() -> str:
     """The note while the main thread compiles; empty if it does not, or has just begun."""
-    seconds = compiling_for(threading.main_thread().ident)
-    return f"{COMPILING} for {seconds:.0f} s" if seconds is not None and seconds > _SHOWN_AFTER else ""
+    main_thread = threading.main_thread().ident
+    seconds = compiling_for(main_thread)
+    if seconds is None or seconds <= _SHOWN_AFTER:
+        return ""
+    purpose = compiles_for(main_thread)
+    return f"{COMPILING}{purpose and f' {purpose}'} for {seconds:.0f} s"
 
 
 @contextlib.contextmanager

@@ -16,6 +16,7 @@ from gaitsweep.runs.sentences import (
     DESCRIBED,
     MISLABELLED,
     STARTS_BEYOND,
+    UNEVEN_STRIDES,
     WITHOUT_PERIOD,
     WITHOUT_START,
     WITHOUT_STRIDES,
@@ -34,6 +35,8 @@ from gaitsweep.table.parquet_parts import PARTS
 if TYPE_CHECKING:
     from gaitsweep.runs.estimate import Estimate
 
+# Entries of a manifest that are remarks.
+_REMARKS = (MISLABELLED, STARTS_BEYOND, UNEVEN_STRIDES, WITHOUT_START, WITHOUT_STRIDES, WITHOUT_PERIOD)
 # Entries of a manifest that other lines have, or that no reader needs.
 _NOT_LISTED = {
     "rows", "counts", "complete", "periods", "quantities", "job", "figures_drawn", "program", "sha256",
@@ -73,6 +76,19 @@ def counts(by_status: Mapping[str, int]) -> str:
     return ", ".join(f"{number} {status}" for status, number in by_status.items()) or "none finished"
 
 
+def gaits_of_sound_rows(gaits: Mapping[str, int], rows: int) -> str:
+    """Format the gaits of rows, and how many have none: "9 walk, 1 hop; 3 rows that did not settle ..."."""
+    left_out = rows - sum(gaits.values())
+    if left_out == 0:
+        return counts(gaits)
+    others = (
+        "1 row that failed or did not settle is"
+        if left_out == 1
+        else (f"{left_out} rows that failed or did not settle are")
+    )
+    return f"{counts(gaits)}; {others} not counted"
+
+
 def shares(by_status: Mapping[str, int]) -> str:
     """Format the share of rows with each status: "93.8 % settled, 6.2 % fell"."""
     rows = sum(by_status.values())
@@ -108,7 +124,7 @@ def outcome(snapshot: Snapshot) -> str:
         worst = next(iter(snapshot.counts))
         meaning = "This version does not know this status."
         if worst in Status.__members__:
-            meaning = status_sentence(worst, snapshot.job)
+            meaning = status_sentence(worst, snapshot.job, manifest)
         lines.append(f"No row ended normally. {worst}: {meaning}")
     if slowest := manifest.get("slowest"):
         lines.append(f"Rows did not settle because of {unsettled(slowest)}.")
@@ -116,7 +132,7 @@ def outcome(snapshot: Snapshot) -> str:
         lines.append(f"Stalled: {stalled(stalls)}.")
     lines += manifest.get("findings", [])
     if gaits := manifest.get("gaits"):
-        lines.append(f"Gaits: {counts(gaits)}.")
+        lines.append(f"Gaits: {gaits_of_sound_rows(gaits, rows)}.")
     elif len(snapshot.counts) > 1:
         lines.append(f"Shares: {shares(snapshot.counts)}.")
     lines.append(f"Table: {snapshot.files.folder} ({parts} part{'s' * (parts != 1)}).")
@@ -138,7 +154,7 @@ def directory(snapshot: Snapshot) -> str:
         "rows": f"{snapshot.rows_done} of {rows}, {state}",
     }
     for status, number in snapshot.counts.items():
-        sentence = status_sentence(status, snapshot.job, snapshot.manifest.get("periods"))
+        sentence = status_sentence(status, snapshot.job, snapshot.manifest)
         lines[f"  {status}"] = f"{number}   {sentence}".rstrip()
     if snapshot.rows_open:
         lines["rows open"] = f"{snapshot.rows_open} more rows have ended in incomplete blocks"
@@ -186,10 +202,11 @@ def _of_manifest(manifest: Mapping[str, Any]) -> dict[str, str]:
         elif key == "axes" and isinstance(value, list):
             lines[key] = axes(value) or "none"
         elif key == "gaits" and isinstance(value, dict):
-            lines[key] = counts(value)
+            if value:
+                lines[key] = gaits_of_sound_rows(value, manifest["rows"])
         elif key == "findings" and isinstance(value, list):
             lines |= {key if number == 0 else " " * number: text for number, text in enumerate(value)}
-        elif key in (MISLABELLED, STARTS_BEYOND, WITHOUT_START, WITHOUT_STRIDES, WITHOUT_PERIOD):
+        elif key in _REMARKS:
             lines[key.replace("_", " ")] = " ".join(remarks({key: value}))
         elif key == "self_check" and isinstance(value, dict):
             lines["self-check"] = self_check_sentence(value).removeprefix("Self-check: ")

@@ -115,6 +115,7 @@ class Variable(CountedQuantity):
     start: Start | tuple[Start, ...] | None
     observed: bool
     signal: bool
+    held: bool = False
 
     def starts(self, model: Model, name: str) -> tuple[Quantity, ...]:
         """The initial conditions, with their defaults; none where a job may not set them."""
@@ -305,6 +306,7 @@ def variable(
     scale: float | None = None,
     observed: bool | None = None,
     signal: bool = True,
+    held: bool = False,
 ) -> Any:
     """Declare a continuous variable of the state, which the model's functions read as `state.NAME`.
 
@@ -318,6 +320,8 @@ def variable(
         symbol, scale: as of `Quantity`.
         observed: whether it is recorded at crossings of the section; by default if it has a start.
         signal: whether traces record it.
+        held: whether events alone change it, so that `flow` returns no rate of it; of other variables without
+            a rate, checks and runs warn.
 
     Example:
         >>> import gaitsweep as gs
@@ -342,7 +346,7 @@ def variable(
     if observed is None:
         observed = start is not None
     start_value = start if start is None or isinstance(start, (int, float, str)) else tuple(start)
-    return Variable(count, quantity, start_value, observed, signal)
+    return Variable(count, quantity, start_value, observed, signal, held)
 
 
 def time() -> Any:

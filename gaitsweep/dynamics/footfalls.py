@@ -34,7 +34,7 @@ GAITS = {
 # Shares of a stride. A trot's or a pace's diagonality is within a sixteenth of 1/2 or 0, half the width of
 # Hildebrand's classes; legs land together, and have equal strides, within that. Legs of a pair alternate
 # within a tenth. Lags of six legs, whose gaits are a sixth apart, are within a twelfth.
-_TOGETHER = 1.0 / 16.0
+TOGETHER = 1.0 / 16.0
 _ALTERNATE = 0.1
 _SIXTH = 1.0 / 12.0
 
@@ -42,8 +42,8 @@ _SIXTH = 1.0 / 12.0
 LATE = 1.5
 
 # Share of a model's period for which a foot of a body in an MJCF has to stay down, or up, to count as landed,
-# or lifted. Compliant feet bounce after touchdown and before liftoff, and a simulator's contacts open and
-# close for a step or two; swings and stances last longer.
+# or lifted, unless its footfalls have another one. Compliant feet bounce after touchdown and before liftoff,
+# and a simulator's contacts open and close for a step or two; swings and stances last longer.
 SHORTEST_CONTACT = 0.05
 
 Legs = Mapping[str, Any]
@@ -148,7 +148,7 @@ def _of_two(at: Legs, duty: Any) -> dict[str, Any]:
     return {
         "walk": alternate & (duty >= 0.5),
         "run": alternate,
-        "hop": _near(at["R"] - at["L"], 0.0, _TOGETHER),
+        "hop": _near(at["R"] - at["L"], 0.0, TOGETHER),
     }
 
 
@@ -161,18 +161,18 @@ def _of_four(at: Legs, duty: Any) -> dict[str, Any]:
     diagonality = left + 0.5 * _between(at["RF"] - at["RH"], left)
     diagonality = diagonality - jnp.floor(diagonality)
     symmetrical = _near(fore, 0.5, _ALTERNATE) & _near(hind, 0.5, _ALTERNATE)
-    fores = _near(fore, 0.0, _TOGETHER)
-    hinds = _near(hind, 0.0, _TOGETHER)
+    fores = _near(fore, 0.0, TOGETHER)
+    hinds = _near(hind, 0.0, TOGETHER)
     gallop = ~(fores | hinds | _near(fore, 0.5, _ALTERNATE) | _near(hind, 0.5, _ALTERNATE))
     lateral = symmetrical & (diagonality < 0.5)
     return {
-        "trot": symmetrical & _near(diagonality, 0.5, _TOGETHER),
-        "pace": symmetrical & _near(diagonality, 0.0, _TOGETHER),
+        "trot": symmetrical & _near(diagonality, 0.5, TOGETHER),
+        "pace": symmetrical & _near(diagonality, 0.0, TOGETHER),
         "lateral sequence walk": lateral & (duty >= 0.5),
         "lateral sequence run": lateral,
         "diagonal sequence walk": symmetrical & (duty >= 0.5),
         "diagonal sequence run": symmetrical,
-        "pronk": fores & hinds & _near(diagonality, 0.0, _TOGETHER),
+        "pronk": fores & hinds & _near(diagonality, 0.0, TOGETHER),
         "bound": fores & hinds,
         "half-bound": hinds & ~fores & ~_near(fore, 0.5, _ALTERNATE),
         # both pairs land left before right, or both right before left
@@ -279,6 +279,7 @@ class Footfalls:
     function: Callable[..., Any]
     clock: str
     legs: tuple[str, ...]
+    shortest_contact: float = SHORTEST_CONTACT
     count: ClassVar[None] = None  # legs are counted by their names
 
     @property
@@ -367,7 +368,7 @@ class Footfalls:
             return _counted(steps, was, down, jnp.broadcast_to(now, was.shape))
         # a contact or lift counts once it has lasted, from its beginning on
         since = steps.since + reset
-        lasts = now - since >= SHORTEST_CONTACT * model.period(params)
+        lasts = now - since >= self.shortest_contact * model.period(params)
         is_down = jnp.where(lasts, was, steps.is_down)
         # a foot that has been down since the start has not landed
         from_start = (steps.landings == 0) & (since == steps.landed)
@@ -394,13 +395,15 @@ class Footfalls:
             jnp.stack([jnp.asarray(at[f"{k}_{i}"]) for i in numbers]) for k in ("stride", "duty")
         )
         touchdowns = [0.0, *(at[f"lag_{i}"] / (2.0 * jnp.pi) for i in numbers[1:])]
-        steady = jnp.abs(strides - strides[0]) <= _TOGETHER * strides[0]
+        steady = jnp.abs(strides - strides[0]) <= TOGETHER * strides[0]
         walks = jnp.all((strides > 0.0) & steady & (duty > 0.0) & (duty < 1.0))
         index = gait_index(dict(zip(self.legs, touchdowns, strict=True)), jnp.mean(duty))
         return jnp.where(walks, index, len(self.gaits) - 1).astype(jnp.int32)
 
 
-def footfalls(clock: str, *, legs: Sequence[str]) -> Callable[[Callable[..., Any]], Any]:
+def footfalls(
+    clock: str, *, legs: Sequence[str], shortest_contact: float = SHORTEST_CONTACT
+) -> Callable[[Callable[..., Any]], Any]:
     """Declare a function (params, state) -> (n,) of bool, whether each foot is down, as a model's footfalls.
 
     The model then has the signals `contact_1`, ..., the observables `stride_1`, ... (s), `lag_2`, ... (rad,
@@ -410,14 +413,16 @@ def footfalls(clock: str, *, legs: Sequence[str]) -> Callable[[Callable[..., Any
     of its strides; such a row has no gait.
 
     A foot of a body in an MJCF (`BodyModel`, `MjcfModel`) has landed, or lifted, only if it then stays down,
-    or up, for 1/20 of the model's `period`; it landed when that began. The signals show every contact.
+    or up, for the share `shortest_contact` of the model's `period`; it landed when that began. A larger share
+    lets a foot scuff in swing. The signals show every contact.
 
     Args:
         clock: the variable of the model, in s, whose rate is 1; a jump may set it back.
         legs: L and R; LF, RF, LH and RH; or L1, R1, L2, R2, L3 and R3, in the order of the function's array.
+        shortest_contact: of a body in an MJCF, a share of the model's period, from 0 to 1/2.
 
     Raises:
-        ValueError: other legs.
+        ValueError: other legs, or a share outside its range.
 
     Example:
         >>> import jax.numpy as jnp, gaitsweep as gs
@@ -459,4 +464,6 @@ def footfalls(clock: str, *, legs: Sequence[str]) -> Callable[[Callable[..., Any
         (['walk'], [[0.6, 0.2]])
     """
     refuse_legs(legs)
-    return lambda function: Footfalls(function, clock, tuple(legs))
+    if not 0.0 <= shortest_contact <= 0.5:
+        raise ValueError(f"shortest_contact is {shortest_contact:g}, but must be a share from 0 to 0.5.")
+    return lambda function: Footfalls(function, clock, tuple(legs), float(shortest_contact))

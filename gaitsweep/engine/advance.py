@@ -37,6 +37,8 @@ from gaitsweep.engine.event_location import (
     MIN_OVERSHOOT,
     PATIENT_TRIALS,
     Bracket,
+    Rise,
+    cubic_root,
     first_of,
     first_to_fire,
     implicit_event_time,
@@ -140,8 +142,7 @@ class _Location:
     """The place of a trial relative to the event that it is to locate.
 
     Attributes:
-        below: the distance below zero, at the near end of the bracket, of the guard that fires first.
-        above: the distance above zero of that guard at the far end.
+        rise: the guard that fires first, at both ends of the bracket.
         land: whether the trial is the event.
         early: whether it is nearer to the root than the jump may be.
         astray: whether the secant is wrong about the root.
@@ -149,8 +150,7 @@ class _Location:
         others: the guards that jump at the same instant, after them.
     """
 
-    below: Number
-    above: Number
+    rise: Rise
     land: Flag
     early: Flag
     astray: Flag
@@ -247,8 +247,10 @@ def _locate(scheme: Scheme, attempt: _Attempt) -> _Location:
     # the guard that fires first, below zero at the near end of the bracket and above it at the far one
     near = jnp.where(hit, carry.near, guards.values)
     far = jnp.where(hit, guards.values, carry.far_guards)
-    below, above = first_to_fire(near, far)
-    overshoot = _overshoot(attempt, below, above)
+    speed = guards.speed
+    slopes = jnp.where(hit, attempt.checks.slopes, speed), jnp.where(hit, speed, 0.0)
+    rise = first_to_fire(near, far, slopes)
+    overshoot = _overshoot(attempt, rise)
     # of a smooth guard, the secant through so short a bracket has its slope
     past = jnp.asarray(False)
     if may_bend(scheme.model.guards, trial.at_end, trial.end, guards.rates):
@@ -262,22 +264,24 @@ def _locate(scheme: Scheme, attempt: _Attempt) -> _Location:
     due = jnp.where(attempt.waiting, attempt.pending, guards.fired)
     # in turn: one guard jumps in an attempt
     jumping = first_of(due) if scheme.in_turn else guards.fired
-    return _Location(below, above, land, early, astray, jumping, due & ~jumping)
+    return _Location(rise, land, early, astray, jumping, due & ~jumping)
 
 
-def _overshoot(attempt: _Attempt, below: Number, above: Number) -> Number:
-    """The time (s) of a trial past the event, by the secant through its bracket; see `_Location`."""
+def _overshoot(attempt: _Attempt, rise: Rise) -> Number:
+    """The time (s) of a trial past the event, by the cubic or the secant through its bracket."""
     trial = attempt.trial
     guards = attempt.checks.guards
     h = trial.h
-    overshoot = h - h * secant_root(below, above)
+    overshoot = h - h * secant_root(rise.below, rise.above)
     if trial.series is None:
-        return overshoot
+        root, is_increasing = cubic_root(rise, h)
+        return jnp.where(attempt.hit & is_increasing, h - root, overshoot)
     # the secant of a short bracket, which every guard that fired has entered below zero
     near_time = trial.series.near_time
     entering = polynomial(trial.series.guards, near_time)
     is_bracket = attempt.hit & (near_time > 0.0) & jnp.all(~guards.fired | (entering < 0.0))
-    of_bracket = (h - near_time) * (1.0 - secant_root(*first_to_fire(entering, guards.values)))
+    entered = first_to_fire(entering, guards.values)
+    of_bracket = (h - near_time) * (1.0 - secant_root(entered.below, entered.above))
     return jnp.where(is_bracket, of_bracket, overshoot)
 
 
@@ -322,7 +326,7 @@ def _next_bracket(attempt: _Attempt, location: _Location) -> tuple[Bracket, Numb
     far_guards = jnp.where(land & ~checks.still & location.others, jnp.inf, bracket.far_guards)
     trials = jnp.where(location.astray, jnp.maximum(bracket.trials, BISECTION_AFTER + 1), bracket.trials)
     bracket = dataclasses.replace(bracket, far_guards=far_guards, trials=trials)
-    guess = next_trial(bracket, location.below, location.above, attempt.tolerance)
+    guess = next_trial(bracket, location.rise, attempt.tolerance)
     # the trial is past the root by rounding: the next one is past it by half the tolerance
     further = jnp.minimum(h + 0.5 * attempt.tolerance, carry.far)
     bracket = dataclasses.replace(bracket, far=jnp.where(location.early, further, bracket.far))

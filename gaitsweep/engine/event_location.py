@@ -1,11 +1,13 @@
 """Location of an event by a bracket, and its derivative.
 
 The near end of the bracket is the state itself (every accepted step moves it forward), its far end is the
-shortest step known to fire a guard. The next trial is where the secant through both ends crosses zero (regula
-falsi with the Illinois weights, which keep both ends moving), and the jump is applied at a trial past the
-root by a quarter of the event tolerance to a whole one: the far side of the bracket, where the guard has
-changed sign and the mode that the jump sets is already armed. The distance from the root is above rounding,
-so guards whose roots are the same instant fire in the same trial.
+shortest step known to fire a guard. The next trial is at the zero of the cubic that gives the time as a
+function of the guard's value, through both ends of the bracket and with their slopes. Where the guard does
+not rise at the ends, or after some trials, it is at the zero of the secant (regula falsi with the Illinois
+weights, which keep both ends moving). The jump is applied at a trial past the root by a quarter of the event
+tolerance to a whole one: the far side of the bracket, where the guard has changed sign and the mode that the
+jump sets is already armed. The distance from the root is above rounding, so guards whose roots are the same
+instant fire in the same trial.
 """
 
 from __future__ import annotations
@@ -14,6 +16,7 @@ import dataclasses
 
 import jax
 import jax.numpy as jnp
+from jaxtyping import Array, Float
 
 from gaitsweep.contract import Rates, State
 from gaitsweep.engine.carry import Carry, Flag, GuardFlags, Guards, Integer, Number, likely
@@ -22,7 +25,9 @@ from gaitsweep.engine.solver.methods import euler_update
 # A guard's value before a step is limited to this multiple of its value after it: a model may disarm a guard
 # by a large negative number, with which the secant would locate nothing.
 MAX_NEAR_RATIO = 1e9
-# Trials before the location of an event falls back to bisection: superlinear location takes 5 to 8.
+# Trials with slopes before the location of an event goes on with secants alone: most take 2 to 4.
+SLOPES_UNTIL = 8
+# Trials before it falls back to bisection: secants take 5 to 8.
 BISECTION_AFTER = 24
 # Trials before its tolerance begins to grow: bisection of a whole step to 1e-12 s takes another 31.
 PATIENT_TRIALS = 60
@@ -44,37 +49,58 @@ class Bracket:
     trials: Integer
 
 
-def first_to_fire(near: Guards, far: Guards) -> tuple[Number, Number]:
-    """The distances from zero of the guard that fires at the far end and whose secant crosses zero first.
+@dataclasses.dataclass(frozen=True)
+class Rise:
+    """The guard that fires first, at the ends of a bracket.
+
+    Attributes:
+        below: its distance below zero at the near end, >= 0.
+        above: its distance above zero at the far end, >= 0.
+        slopes: its time derivatives at the near and at the far end; 0 where it is not known.
+    """
+
+    below: Number
+    above: Number
+    slopes: tuple[Number, Number]
+
+
+def first_to_fire(near: Guards, far: Guards, slopes: tuple[Guards, Guards] | None = None) -> Rise:
+    """The guard that fires at the far end of a bracket and whose secant crosses zero first.
 
     The smallest quotient below / above is found without division.
 
     Args:
         near: the guards at the near end of the bracket.
         far: the guards at its far end.
+        slopes: their time derivatives at both ends, if these are needed.
 
     Returns:
-        The distance below zero at the near end and above zero at the far end, both >= 0; (1, 0) if no guard
-        fires.
+        That guard; if none fires, one that is 1 below zero at the near end and 0 above it at the far end.
     """
+    none = jnp.zeros((), near.dtype)
     if near.size == 0:  # a flow without events
-        none = jnp.zeros((), near.dtype)
-        return none + 1.0, none
+        return Rise(none + 1.0, none, (none, none))
     fires = far >= 0.0
     above = jnp.where(fires, far, 0.0)
-    steepest = MAX_NEAR_RATIO * above
-    below = jnp.where(fires, jnp.where(-near > steepest, steepest, -near), 1.0)
+    below = jnp.where(fires, -near, 1.0)
+    numbers = [_limited(below, above), above, below, *(slopes or ())]
     # pairs of guards are compared until one is left, the second half with the first
-    while below.size > 1:
-        half = below.size // 2
-        below1 = below[:half]
-        below2 = below[half : 2 * half]
-        above1 = above[:half]
-        above2 = above[half : 2 * half]
-        is_second = below2 * above1 < below1 * above2
-        below = jnp.concatenate([jnp.where(is_second, below2, below1), below[2 * half :]])
-        above = jnp.concatenate([jnp.where(is_second, above2, above1), above[2 * half :]])
-    return below[0], above[0]
+    while numbers[0].size > 1:
+        half = numbers[0].size // 2
+        first = [number[:half] for number in numbers]
+        second = [number[half : 2 * half] for number in numbers]
+        is_second = second[0] * first[1] < first[0] * second[1]
+        chosen = [jnp.where(is_second, two, one) for one, two in zip(first, second, strict=True)]
+        left = [number[2 * half :] for number in numbers]
+        numbers = [jnp.concatenate(parts) for parts in zip(chosen, left, strict=True)]
+    _, above, below, *rest = (number[0] for number in numbers)
+    return Rise(below, above, (rest[0], rest[1]) if rest else (none, none))
+
+
+def _limited(below: Float[Array, " ..."], above: Float[Array, " ..."]) -> Float[Array, " ..."]:
+    """Distances below zero before a step, limited by those above it after the step, where these are not 0."""
+    steepest = MAX_NEAR_RATIO * above
+    return jnp.where((below > steepest) & (above > 0.0), steepest, below)
 
 
 def secant_root(below: Number, above: Number) -> Number:
@@ -84,8 +110,37 @@ def secant_root(below: Number, above: Number) -> Number:
         below: the distance of a guard below zero at the near end, from `first_to_fire`.
         above: its distance above zero at the far end.
     """
-    rise = below + above
-    return jnp.where(rise > 0.0, below / jnp.where(rise > 0.0, rise, 1.0), 0.0)
+    below = _limited(below, above)
+    height = below + above
+    return jnp.where(height > 0.0, below / jnp.where(height > 0.0, height, 1.0), 0.0)
+
+
+def cubic_root(rise: Rise, far: Number) -> tuple[Number, Flag]:
+    """The zero (s) of a guard, by the cubic through the times of its values at both ends of a bracket.
+
+    Args:
+        rise: the guard.
+        far: the far end of the bracket (s).
+
+    Returns:
+        The time from the near end, and whether the cubic is known to increase (Fritsch and Carlson 1980),
+        which holds where the guard rises fast enough at both ends, or at one of them.
+    """
+    height = rise.below + rise.above
+    share = rise.below / jnp.where(height > 0.0, height, 1.0)
+    # 1 / slope is at most three times that of the secant
+    steep_near, steep_far = (3.0 * slope * far >= height for slope in rise.slopes)
+    leaving, arriving = (
+        height / jnp.where(steep, slope, 1.0)
+        for slope, steep in zip(rise.slopes, (steep_near, steep_far), strict=True)
+    )
+    # without one of them it is a parabola
+    leaving = jnp.where(steep_near, leaving, 2.0 * far - arriving)
+    arriving = jnp.where(steep_far, arriving, 2.0 * far - leaving)
+    increases = (height > 0.0) & (steep_near | steep_far) & (leaving >= 0.0) & (arriving >= 0.0)
+    rest = 1.0 - share
+    root = share * (share * (3.0 - 2.0 * share) * far + rest * (rest * leaving - share * arriving))
+    return root, increases
 
 
 def next_bracket(
@@ -130,21 +185,22 @@ def next_bracket(
     )
 
 
-def next_trial(bracket: Bracket, below: Number, above: Number, tolerance: Number) -> Number:
-    """The next trial (s) inside the bracket: the weighted secant, half a tolerance past its root.
+def next_trial(bracket: Bracket, rise: Rise, tolerance: Number) -> Number:
+    """The next trial (s) inside the bracket, half a tolerance past the root of the cubic or of the secant.
 
     Args:
         bracket: the bracket, from `next_bracket`.
-        below: the distance below zero, at the near end, of the guard that fires first (`first_to_fire`).
-        above: its distance above zero at the far end.
+        rise: the guard that fires first at its far end (`first_to_fire`).
         tolerance: of the event time (s).
     """
     weight = bracket.weight
-    below = below * jnp.where(weight > 0.0, weight, 1.0)
-    above = above * jnp.where(weight < 0.0, -weight, 1.0)
+    below = rise.below * jnp.where(weight > 0.0, weight, 1.0)
+    above = rise.above * jnp.where(weight < 0.0, -weight, 1.0)
     far = jnp.where(bracket.far < jnp.inf, bracket.far, 0.0)
-    secant = far * secant_root(below, above) + 0.5 * tolerance
-    guess = jnp.where(bracket.trials > BISECTION_AFTER, 0.5 * far, secant)
+    cubic, is_increasing = cubic_root(rise, far)
+    by_slopes = is_increasing & (bracket.trials <= SLOPES_UNTIL)
+    root = jnp.where(by_slopes, cubic, far * secant_root(below, above))
+    guess = jnp.where(bracket.trials > BISECTION_AFTER, 0.5 * far, root + 0.5 * tolerance)
     # so short a bracket is stepped as a whole: if rounding hides the event, the step reaches the far end
     # without firing and the location ends, instead of bisecting without end
     return jnp.where((far <= tolerance) | (guess > far), far, guess)

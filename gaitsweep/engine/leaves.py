@@ -1,11 +1,11 @@
-"""The leaves of a pytree: floats, which have derivatives, and modes (bools, integers), which have none."""
+"""The leaves of a state: floats, which have derivatives, and modes (bools, integers), which have none."""
 
 from __future__ import annotations
 
 import dataclasses
 import functools
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import jax
@@ -25,19 +25,23 @@ def float_leaves(tree: Any) -> list[Any]:
 
 
 def with_float_leaves(tree: Any, numbers: Iterable[Any]) -> Any:
-    """The tree with its float leaves replaced by `numbers`, in order."""
-    remaining = iter(numbers)
-    return jax.tree.map(lambda leaf: next(remaining) if is_float(leaf) else leaf, tree)
+    """The tree with its float leaves replaced by `numbers`, in order, one for each."""
+    return _replaced(tree, numbers, lambda mode: mode)
 
 
 def tangent_of(tree: Any, numbers: Iterable[Any]) -> Any:
-    """The tangent of a tree in JAX: `numbers` for its float leaves, float0 for its modes."""
-    remaining = iter(numbers)
+    """The tangent of a tree in JAX: `numbers` for its float leaves, one for each, float0 for its modes."""
+    return _replaced(tree, numbers, lambda mode: np.zeros(np.shape(mode), jax.dtypes.float0))
 
-    def tangent(leaf: Any) -> Any:
-        return next(remaining) if is_float(leaf) else np.zeros(np.shape(leaf), jax.dtypes.float0)
 
-    return jax.tree.map(tangent, tree)
+def _replaced(tree: Any, numbers: Iterable[Any], of_mode: Callable[[Any], Any]) -> Any:
+    """The tree with `numbers` for its float leaves, and a function of each mode for its modes."""
+    leaves, structure = jax.tree.flatten(tree)
+    floats = [place for place, leaf in enumerate(leaves) if is_float(leaf)]
+    replaced = [of_mode(leaf) for leaf in leaves]
+    for place, number in zip(floats, numbers, strict=True):
+        replaced[place] = number
+    return jax.tree.unflatten(structure, replaced)
 
 
 def split_like(numbers: Float[Array, " values"], leaves: Sequence[Any]) -> list[Array]:
@@ -55,9 +59,9 @@ def vector(tree: Any) -> Float[Array, " values"]:
 
 @functools.lru_cache(maxsize=64)
 def extended_type(kind: type, names: tuple[str, ...]) -> type:
-    """A type of states with more fields, derived from another one alone."""
+    """A type of states with more fields, given by keyword, since fields of the other may have defaults."""
     added: list[Any] = [(name, Any) for name in names]
-    extended = dataclasses.make_dataclass(kind.__name__, added, bases=(kind,), frozen=True)
+    extended = dataclasses.make_dataclass(kind.__name__, added, bases=(kind,), frozen=True, kw_only=True)
     fields = [field.name for field in dataclasses.fields(extended)]
     return jax.tree_util.register_dataclass(extended, fields, [])
 

@@ -307,6 +307,7 @@ class Checks:
 
     Attributes:
         guards: the guards at its end.
+        slopes: their time derivatives at its beginning.
         short: whether it is too short to end a chain of jumps.
         still: whether it has zero length.
         inaccurate: whether its error is above the tolerance.
@@ -316,6 +317,7 @@ class Checks:
     """
 
     guards: GuardsAtEnd
+    slopes: Guards
     short: Flag
     still: Flag
     inaccurate: Flag
@@ -394,6 +396,7 @@ def check_step(scheme: Scheme, carry: Carry, trial: Trial, going: Flag) -> Check
     )
     return Checks(
         guards=guards,
+        slopes=slopes,
         short=short,
         still=short & (h == 0.0),
         inaccurate=inaccurate,

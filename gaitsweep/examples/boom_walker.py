@@ -23,8 +23,8 @@ class BoomWalker(BodyModel):
 
     phase = variable("rad", "phases of the left and the right leg", (1.0, 4.1), count=2, circular=True)
     clock = variable("s", "time since the section", observed=False, signal=False)
-    begin = variable("m", "place of the trunk at the section", observed=False, signal=False)
-    speed = variable("m/s", "mean speed of the last cycle, forward", observed=True, scale=1.0)
+    begin = variable("m", "place of the trunk at the section", observed=False, signal=False, held=True)
+    speed = variable("m/s", "mean speed of the last cycle, forward", observed=True, scale=1.0, held=True)
 
     def control(self, p, s):
         """Return target angles (rad) of hips and knees; a knee is flexed in swing, from the phase pi on."""

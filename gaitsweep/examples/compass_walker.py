@@ -39,7 +39,7 @@ class CompassWalker(DeclaredModel):
     stance_rate = variable("rad/s", "rate of the stance leg", 1.0918, symbol=r"\dot\theta_s")
     swing_rate = variable("rad/s", "rate of the swing leg", 0.3772, symbol=r"\dot\theta_{ns}")
 
-    foot = variable("m", "place of the stance foot, horizontally", signal=False)
+    foot = variable("m", "place of the stance foot, horizontally", signal=False, held=True)
 
     def complete(self, p, s):
         return s.replace(swing=2.0 * jnp.deg2rad(p.slope) - s.stance)  # both feet are on the ground

@@ -30,7 +30,7 @@ class FourLegs(DeclaredModel):
     K_fore = parameter("1/s", "coupling of fore and hind leg", 0.5)
     K_two = parameter("1/s", "coupling of fore and hind leg, second harmonic", 0.2)
     sigma = parameter("rad/s", "feedback of the load", 1.0)
-    # no side, pair or diagonal has the sum of another: see docs/four_legs.md
+    # sums over left and right, fore and hind, and diagonal legs differ: see docs/four_legs.md
     bias = parameter("1", "share by which leg {} is faster", (0.0, 1e-4, 3e-4, 7e-4), count=4)
 
     phi = variable("rad", "phase of leg {}", (0.0, 3.0, 3.1, 0.1), count=4, circular=True, low=0.0, high=TURN)

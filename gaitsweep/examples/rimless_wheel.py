@@ -30,7 +30,7 @@ class RimlessWheel(DeclaredModel):
 
     angle = variable("rad", "angle of the spoke on the ground from the vertical", observed=False)
     rate = variable("1", "rate of the angle", 0.5)
-    ahead = variable("rad", "slope to the next foothold", signal=False)
+    ahead = variable("rad", "slope to the next foothold", signal=False, held=True)
     steps = mode(0, "impacts so far")
 
     def complete(self, p, s):

@@ -38,8 +38,8 @@ class SlipRunner(DeclaredModel):
     z = variable("m", "height", 1.0, low=0.0)
     v_x = variable("m/s", "forward speed", observed=True)
     v_z = variable("m/s", "speed upwards")
-    origin = variable("m", "place from which x is measured", signal=False)
-    base = variable("m", "height of the foot on the ground", signal=False)
+    origin = variable("m", "place from which x is measured", signal=False, held=True)
+    base = variable("m", "height of the foot on the ground", signal=False, held=True)
     phase = mode(DESCENDING, "descending, stance, ascending or fallen")
 
     def complete(self, p, s):

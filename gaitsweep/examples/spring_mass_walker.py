@@ -33,7 +33,7 @@ class SpringMassWalker(DeclaredModel):
 
     x = variable("m", "distance ahead of the foot on the ground", 0.0)
     z = variable("m", "height", 0.97, low=0.0)
-    reach = variable("m", "distance between the feet in double support", 0.0)
+    reach = variable("m", "distance between the feet in double support", 0.0, held=True)
     v_x = variable("m/s", "forward speed", observed=True)
     v_z = variable("m/s", "speed upwards")
     support = mode(SINGLE, "flight, single or double support")

@@ -174,7 +174,9 @@ def read_job(
         job = handler(rows.fields)
         figure_numbers = list(range(len(job.figures)))
     except ValidationError as error:
-        wrong = from_pydantic(error, sections, "")
+        wrong = [
+            _named_by_section(found, rows.spec, sections) for found in from_pydantic(error, sections, "")
+        ]
         diagnostics.extend(wrong)
         job, figure_numbers = _without_refused(rows.fields, wrong, handler)
     finally:
@@ -196,6 +198,18 @@ def read_job(
         numerics = suited_to_stiffness(design, job.run, numerics)
     config.refuse(check_steps(design, job.run, numerics))
     return ReadJob(job, design, numerics)
+
+
+def _named_by_section(
+    diagnostic: Diagnostic, spec: ModelSpec | None, sections: Mapping[str, SchemaSection]
+) -> Diagnostic:
+    """Return the diagnostic of a field that no job has; of a quantity of the model with its section."""
+    name = str(diagnostic.path[0]) if len(diagnostic.path) == 1 else ""
+    if spec is None or name in sections[""].fields or name not in spec.quantities:
+        return diagnostic
+    noun, section = ("parameter", "params") if name in spec.parameters else ("start value", "start")
+    text = f"is a {noun} of {spec.model.name}: write it under {section}, in --set as {section}.{name}=VALUE."
+    return Diagnostic(diagnostic.path, text)
 
 
 def _written_fields(data: Any) -> dict[str, Any]:

@@ -10,6 +10,7 @@ from jaxtyping import Int
 from gaitsweep.design.design import Design
 from gaitsweep.dynamics.mjcf import OfMjcf
 from gaitsweep.expression import ExpressionError
+from gaitsweep.models.conformity import remark_on_rates, variables_without_rate
 from gaitsweep.models.sampled_points import MAX_NAMED
 from gaitsweep.models.starts import idle_starts, sets_starts, starts_in_ground
 from gaitsweep.models.value_faults import faults_of_rows
@@ -55,18 +56,20 @@ def _remarks_on_own_model(design: Design, name: str) -> list[str]:
     model = design.model
     if model.host_parameters or type(model.original).__module__.startswith("gaitsweep."):
         return []
-    idle = [
+    remarks = [
         f"{start} has no effect: {sets_starts(model.original)} of {name} sets it."
         for start in _idle_starts(design)
     ]
+    if without_rate := variables_without_rate(model):
+        remarks.append(f"The model is {name}, but its function {remark_on_rates(without_rate)}")
     rows = _some_rows(design)
     try:
         values, starts = design.values_in(rows)
         in_words = _words_of_rows(design, rows)
     except (ExpressionError, JobError):
-        return idle
+        return remarks
     faults = faults_of_rows(model, values, starts, in_words)
-    return idle + [f"The model is {name}, {words}" for words in faults]
+    return remarks + [f"The model is {name}, {words}" for words in faults]
 
 
 def _words_of_rows(design: Design, rows: Int[np.ndarray, " rows"]) -> Callable[[int], str]:

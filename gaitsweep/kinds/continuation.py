@@ -21,6 +21,7 @@ from gaitsweep.kinds.fixed_points import (
     FollowsFixedPoints,
     MappedRows,
     bifurcations_found,
+    branch_ends,
     unknowns,
 )
 from gaitsweep.kinds.run_kind import BlockProgress, Cost
@@ -119,7 +120,7 @@ class Continuation(BeginsWhereRowsSettle):
         return self.parameter, "special", "end"
 
     def findings(self, table: pd.DataFrame) -> list[str]:
-        return [bifurcations_found(table, self.parameter)]
+        return [bifurcations_found(table, self.parameter), *branch_ends(table, self.parameter, self.most)]
 
     def followed_again(
         self,

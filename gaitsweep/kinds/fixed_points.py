@@ -18,7 +18,7 @@ from pydantic import Field
 from gaitsweep import near_miss
 from gaitsweep.analysis.continuation.branch_follower import ArclengthSteps
 from gaitsweep.analysis.continuation.branch_table import OF_FLOW, OF_MAP
-from gaitsweep.analysis.continuation.newton import newton
+from gaitsweep.analysis.continuation.newton import NewtonOutcome, newton
 from gaitsweep.analysis.continuation.stable_ranges import MARKS
 from gaitsweep.contract import Model
 from gaitsweep.design import Design
@@ -40,6 +40,14 @@ from gaitsweep.status import Status
 
 # Values of a kind of bifurcation that a sentence lists.
 LISTED = 6
+# Reasons for which a branch ends before its parameter leaves the range.
+ENDS = {
+    "lost": "no step, short or long, finds a fixed point beyond: the map has a jump or a corner there, for "
+    "example where an event begins or ceases to happen, or the gait itself ends",
+    "closed": "it came back to its first point",
+    "most": "it has run.most points, {most}: raise run.most or run.longest to follow it further",
+    "not_found": "this half of a crossing branch was not found",
+}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -344,6 +352,32 @@ def bifurcations_found(table: pd.DataFrame, parameter: str) -> str:
     kinds = [kind for kind in (*MARKS, "order_change") if np.any(special == kind)]
     texts = [f"{kind.replace('_', ' ')} at {_listed(values[special == kind])}" for kind in kinds]
     return f"Along {parameter}: {'; '.join(texts) or 'no bifurcation'}."
+
+
+def branch_ends(table: pd.DataFrame, parameter: str, most: int) -> list[str]:
+    """Sentences about branches that end before the parameter leaves its range, with the reason.
+
+    Args:
+        table: the branches.
+        parameter: the parameter along which they are followed.
+        most: the largest number of points of a branch.
+    """
+    ends = table["end"].astype(str).to_numpy()
+    sentences = []
+    for end in dict.fromkeys(ends):
+        values = table[parameter].to_numpy(float)[ends == end]
+        of = "the branch" if len(values) == 1 else f"{len(values)} branches"
+        if end in ENDS:
+            verb = f"{of[0].upper()}{of[1:]} ended as {end}"
+            sentences.append(
+                f"{verb} at {parameter} = {_listed(values)}, because {ENDS[end].format(most=most)}."
+            )
+        elif end in NewtonOutcome.__members__:
+            reason = NewtonOutcome[end].sentence
+            sentences.append(
+                f"No fixed point for {of} to begin from at {parameter} = {_listed(values)}: {reason}"
+            )
+    return sentences
 
 
 def _listed(values: Float[np.ndarray, " values"]) -> str:

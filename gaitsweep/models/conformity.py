@@ -8,7 +8,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import jax
@@ -21,6 +21,7 @@ from gaitsweep.dynamics.declaration_faults import faults_of_quantity
 from gaitsweep.dynamics.declarations import Mode, Variable
 from gaitsweep.dynamics.declared import STEPS, Declared
 from gaitsweep.dynamics.declared_model import ARMING
+from gaitsweep.dynamics.footfalls import Footfalls
 from gaitsweep.dynamics.map_model import MapModel
 from gaitsweep.dynamics.sliding import Sliding
 from gaitsweep.engine.content import cached_by_content, held_result
@@ -326,8 +327,11 @@ def _require_rates(state: Any, rates: Any) -> None:
 def _refuse_forgotten_rates(
     model: Model, params: Any, state: Any, events: Any, rates: Mapping[str, Any]
 ) -> None:
-    """Refuse a declared variable without a rate that no jump changes: its rate was forgotten."""
+    """Refuse a declared variable without a rate that no jump changes, and a held one with a rate."""
     declared = model.declarations.items() if isinstance(model, Declared) else ()
+    for name, declaration in declared:
+        if isinstance(declaration, Variable) and declaration.held and name in rates:
+            raise _Fault(f"flow returns a rate of {name}, which has held=True: leave out one of the two.")
     without_rate = [
         name for name, declaration in declared if isinstance(declaration, Variable) and name not in rates
     ]
@@ -346,6 +350,46 @@ def _refuse_forgotten_rates(
         if np.array_equal(getattr(inputs[1], name), getattr(after, name)):
             constant = "return its rate, or 0.0 if it is constant"
             raise _Fault(f"flow returns no rate of {name}, and no jump changes it: {constant}.")
+
+
+def variables_without_rate(model: Model) -> tuple[str, ...]:
+    """The declared variables of which `flow` returns no rate, and that are not declared as held.
+
+    They change at events alone, which may be meant. The clock of footfalls is a fault, not among them.
+    """
+    original = model.original
+    if not isinstance(original, Declared) or not isinstance(original, HybridModel) or model.host_parameters:
+        return ()
+    declarations = original.declarations.items()
+    clocks = {declared.clock for _, declared in declarations if isinstance(declared, Footfalls)}
+    unheld = [
+        name
+        for name, declared in declarations
+        if isinstance(declared, Variable) and not declared.held and name not in clocks
+    ]
+    if not unheld:
+        return ()
+
+    def rates(values: Any, start: Any) -> Any:
+        params = original.params(values)
+        return original.flow(params, original.init(params, start))
+
+    def compute() -> list[str]:
+        quantities = original.parameters, original.initial_conditions
+        shapes = [{quantity.name: _SCALAR for quantity in group} for group in quantities]
+        known = jax.eval_shape(rates, *shapes)
+        return [name for name in unheld if name not in known]
+
+    return tuple(stored("variables_without_rate", original, (), compute))
+
+
+def remark_on_rates(names: Sequence[str]) -> str:
+    """A sentence about the variables that `variables_without_rate` returns."""
+    one = len(names) == 1
+    return (
+        f"flow returns no rate of {', '.join(names)}, so that only events change {'it' if one else 'them'}: "
+        f"return {'its rate' if one else 'their rates'}, or declare {'it' if one else 'them'} with held=True."
+    )
 
 
 def _kind_of_numbers(array: Any) -> str:

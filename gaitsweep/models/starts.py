@@ -106,7 +106,11 @@ def starts_in_ground(
         lift = f"`start: {{{start}: {height:.3g}}}` in the job begins on the ground, {lift}"
     else:
         lift = lift.removeprefix("or ")
-    standing = ", or write `start: standing` in the model file" if isinstance(body, BodyModel) else ""
+    standing = (
+        ", or write `start: standing` in the model file, which compiles for about half a minute more"
+        if isinstance(body, BodyModel)
+        else ""
+    )
     geoms = "these geoms are" if len(names) > 1 else "a geom is"
     return [
         f"{geoms} in the ground{where(deepest)}: {listed}{more}. One contact carries the body at a depth of "

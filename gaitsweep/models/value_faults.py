@@ -281,11 +281,15 @@ def _faults_of_begun(model: Model, at_starts: _AtStarts, where: Where) -> Iterat
 
 
 def _clock_faults(model: Model, at_starts: _AtStarts, where: Where) -> Iterator[str]:
-    """A rate other than 1 of the clock of footfalls, whose strides it would scale."""
+    """No rate, or one other than 1, of the clock of footfalls, whose strides it would scale."""
     rates = at_starts.rates
     declarations = model.original.declarations if isinstance(model.original, Declared) else {}
     for feet in declarations.values():
-        if rates is None or not isinstance(feet, Footfalls) or feet.clock not in rates:
+        if rates is None or not isinstance(feet, Footfalls):
+            continue
+        if feet.clock not in rates:
+            clock = f"no rate of {feet.clock}, the clock of its footfalls"
+            yield f"but its function flow returns {clock}: return 1.0."
             continue
         rate = np.asarray(rates[feet.clock])
         if (row := _first_row(np.isfinite(rate) & (rate != 1.0))) is not None:

@@ -253,7 +253,8 @@ def check_one_system(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
     """Refuse a job whose rows differ in a parameter that its figure does not show."""
     parameters = [quantity.name for quantity in table.model.parameters]
     shown = {dict(figure).get(field) for field in ("x", "panels", "hue")}
-    hidden = [name for name in table.varied if is_compared(name, parameters) and name not in shown]
+    differing = [name for group in table.rows.groups if group.length > 1 for name in group.axes]
+    hidden = [name for name in differing if is_compared(name, parameters) and name not in shown]
     if hidden:
         field = "panels" if "panels" in type(figure).model_fields else "x"
         differ = " and ".join(hidden)

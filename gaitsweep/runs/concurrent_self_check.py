@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Int
 
+from gaitsweep.compilation import purpose_of_compiling
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.runs.prepare import RunContext
 from gaitsweep.runs.progress import Progress
@@ -18,6 +19,8 @@ from gaitsweep.runs.self_check import RerunRows, compare_stored, self_check
 from gaitsweep.runs.self_check_result import SelfCheck, rows_to_repeat
 from gaitsweep.runs.sentences import SELF_CHECK_SECONDS
 from gaitsweep.table import Table
+
+_PURPOSE = "the self-check (`verify: 0` turns it off)"  # of compilations, in the progress
 
 
 class ConcurrentSelfCheck:
@@ -69,7 +72,8 @@ class ConcurrentSelfCheck:
             on_progress(total, total, 0.0, 1.0, note)
 
         if self._begun is None:
-            check, rerun = self_check(self._context, self._rows, on_sweep_progress)
+            with purpose_of_compiling(_PURPOSE):
+                check, rerun = self_check(self._context, self._rows, on_sweep_progress)
         else:
             while not self._begun.done():
                 # a call at which Ctrl-C is obeyed
@@ -77,7 +81,8 @@ class ConcurrentSelfCheck:
                 wait([self._begun], timeout=0.1)
             check, rerun = self._begun.result()
         if check is not None and rerun is not None:
-            compare_stored(self._context, check, rerun, self._stored, on_sweep_progress)
+            with purpose_of_compiling(_PURPOSE):
+                compare_stored(self._context, check, rerun, self._stored, on_sweep_progress)
         timings = dict(self._table.manifest.get("timings", {}))
         if check is None:
             judged: dict[str, Any] = {"rows": 0, "verdict": "off"}

@@ -31,6 +31,7 @@ from gaitsweep.errors import UserError
 from gaitsweep.job import Job
 from gaitsweep.kinds import Settle, Trace
 from gaitsweep.kinds.columns import UNKNOWN_GAIT
+from gaitsweep.models.conformity import remark_on_rates, variables_without_rate
 from gaitsweep.models.sampled_points import sampled_points, written
 from gaitsweep.models.starts import idle_starts, sets_starts, starts_in_ground
 from gaitsweep.models.value_faults import surface_value
@@ -239,7 +240,7 @@ class _TriedRows:
         counts = ", ".join(f"{number} {status}" for status, number in self._manifest["counts"].items())
         sentences = [
             f"Tried {self._manifest['rows']} rows of {CYCLES} cycles over the ranges of parameters and "
-            f"starts: {counts}.",
+            f"starts: {counts}.{self._about_unsettled()}",
             # wrong gaits are faults, and starts beyond a surface have a longer sentence
             *remarks({**self._manifest, MISLABELLED: {}, STARTS_BEYOND: {}}),
         ]
@@ -250,9 +251,17 @@ class _TriedRows:
             sentences.append(f"These starts have no effect: {', '.join(idle)}; {setter} sets them.")
         return sentences
 
+    def _about_unsettled(self) -> str:
+        """Say that rows which have not settled after so few cycles are no failures; '' without such rows."""
+        if Status.cycle_limit.name not in self._manifest["counts"]:
+            return ""
+        return f" cycle_limit is no failure: {CYCLES} cycles are too few for most models to settle."
+
     def warnings(self) -> list[str]:
         """Sentences about what the author of a model hardly wants."""
         sentences = self._constant_observables() if self._crossed_section else []
+        if without_rate := variables_without_rate(self.model):
+            sentences.append(f"The function {remark_on_rates(without_rate)}")
         if not self.model.host_parameters:
             defaults = {name: column[:1] for name, column in self.values.items()}
             in_ground = starts_in_ground(self.model, defaults, defaults, lambda _: " at the default start")

@@ -16,11 +16,14 @@ MISLABELLED = "mislabelled"  # rows whose label is not the index of a gait
 STARTS_BEYOND = "starts_beyond"  # rows that begin beyond an event's surface
 WITHOUT_START = "without_start"  # rows whose start the model could not make
 WITHOUT_STRIDES = "without_strides"  # rows of a model with footfalls of which no row has a stride
+UNEVEN_STRIDES = "uneven_strides"  # settled rows of no gait of which a foot lands more than once a stride
 WITHOUT_PERIOD = "without_period"  # rows whose nominal period is not a positive time
 # Settled rows that repeat after one crossing.
 _OF_ONE = {"their": "its", "rest": "rests", "lie": "lies", "are": "is"}
 _MOST_VALUES = 4  # of a row that a sentence names
 _AT = {"1": "at a fixed point"}
+# How the meaning of a function begins that tests something.
+_TESTS = ("whether", "return", "test", "if ", "true ")
 # The finer steps in manifests of older versions, which halved the step.
 HALF_THE_STEP = "half the step"
 # Name of a result, for jobs whose rows are sets of constants.
@@ -161,18 +164,21 @@ def settings_of(manifest: Mapping[str, Any]) -> dict[str, str]:
     return {title: text for title, text in lines.items() if text}
 
 
-def status_sentence(status: str, job: Mapping[str, Any], periods: Mapping[str, int] | None = None) -> str:
+def status_sentence(status: str, job: Mapping[str, Any], manifest: Mapping[str, Any] | None = None) -> str:
     """Return the sentence of a status; empty for a status of another version of gaitsweep.
 
     Args:
         status: its name.
         job: the job, whose limits the sentence names.
-        periods: settled rows by the number of crossings after which they repeat, if known.
+        manifest: that of the table, if known, whose `periods` are settled rows by the number of crossings
+            after which they repeat, and whose `quantities` say what `failed` of the model tests.
     """
+    manifest = manifest or {}
     for field, result in _RESULTS.items():
         if field in job:
             return _sentence_of_set(status, result)
     run = job.get("run", {})
+    periods = manifest.get("periods")
     if status == Status.settled.name and periods:
         orbits = [
             f"{rows} {_AT.get(period, f'on an orbit of {period} crossings')}"
@@ -180,6 +186,9 @@ def status_sentence(status: str, job: Mapping[str, Any], periods: Mapping[str, i
         ]
         return f"The state at the section repeats: {', '.join(orbits)}."
     sentence = Status[status].sentence if status in Status.__members__ else ""
+    if status == Status.fell.name:
+        meaning = (manifest.get("quantities") or {}).get("status", {}).get("meaning", "")
+        return fall_sentence(meaning)
     if status == Status.complete.name and run.get("kind") == "staircase":
         return "All stairs were recorded; the column `settled` says at the end of which the gait had settled."
     if status == Status.time_limit.name:
@@ -188,6 +197,16 @@ def status_sentence(status: str, job: Mapping[str, Any], periods: Mapping[str, i
         return f"The row reached {otherwise}." if limit is None else f"{of_job}, {limit:g} s."
     most = f", {run['max_cycles']} cycles," if "max_cycles" in run else ""
     return sentence.replace("run.max_cycles", f"run.max_cycles{most}")
+
+
+def fall_sentence(meaning_of_status: str) -> str:
+    """The sentence of a row that fell, from the meaning of the column `status` (see `quantities_of`)."""
+    _, _, fall = meaning_of_status.partition("; fell: ")
+    if not fall:
+        return Status.fell.sentence
+    if fall.startswith(_TESTS):
+        return f"{Status.fell.sentence} It tests {fall.removeprefix('return ').removeprefix('returns ')}."
+    return f"The body fell: {fall}."
 
 
 def _sentence_of_set(status: str, result: str) -> str:
@@ -224,7 +243,31 @@ def remarks(manifest: Mapping[str, Any]) -> list[str]:
     sentences += [
         _without_strides(model, about) for model, about in (manifest.get(WITHOUT_STRIDES) or {}).items()
     ]
+    if uneven := manifest.get(UNEVEN_STRIDES):
+        sentences.append(_uneven_strides(uneven))
     return sentences
+
+
+def _uneven_strides(about: Mapping[str, Any]) -> str:
+    """Format the feet that land more than once a stride, and how a scuff is left out."""
+    rows = sum(of_foot["rows"] for of_foot in about["feet"].values())
+    first = min(of_foot["row"] for of_foot in about["feet"].values())
+    feet = []
+    for foot, of_foot in about["feet"].items():
+        contact = " to ".join(dict.fromkeys(f"{seconds:.2g}" for seconds in of_foot["contact"]))
+        where = f" in {_rows(of_foot)}" if len(about["feet"]) > 1 else ""
+        feet.append(f"foot {foot}{where}: its last contact has {contact} s")
+    advice = (
+        " A short one in mid-swing is a scuff: `shortest_contact` in the model file leaves it out; see "
+        "docs/walker.md, `If it does not walk`."
+        if about.get("body")
+        else ""
+    )
+    subject = "1 settled row has" if rows == 1 else f"{rows} settled rows have"
+    return (
+        f"{subject} no gait, since a foot lands more than once a stride (the first is row {first}; "
+        f"{'; '.join(feet)}).{advice}"
+    )
 
 
 def _without_strides(model: str, about: Mapping[str, Any]) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import collections
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,7 @@ import pandas as pd
 
 from gaitsweep import models
 from gaitsweep.contract import Model
+from gaitsweep.dynamics.footfalls import TOGETHER
 from gaitsweep.dynamics.mjcf import OfMjcf
 from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.kernel.row_functions import over_rows
@@ -24,12 +25,13 @@ from gaitsweep.runs.prepare import RunContext
 from gaitsweep.runs.sentences import (
     MISLABELLED,
     STARTS_BEYOND,
+    UNEVEN_STRIDES,
     WITHOUT_PERIOD,
     WITHOUT_START,
     WITHOUT_STRIDES,
 )
 from gaitsweep.runs.unstable_rests import strides_of_feet
-from gaitsweep.status import Status
+from gaitsweep.status import Status, StatusNames
 from gaitsweep.table import Table
 
 # Rows whose starts are examined, at most.
@@ -150,7 +152,7 @@ def summed_up(context: RunContext, table: Table) -> bool:
     if manifest.get("complete") is not True or manifest.get("counts") != table.counts():
         return False
     # without mislabelled rows, or with strides, there is no field for them
-    needed = {*_summaries(context, table), "quantities"} - {MISLABELLED, WITHOUT_STRIDES}
+    needed = {*_summaries(context, table), "quantities"} - {MISLABELLED, WITHOUT_STRIDES, UNEVEN_STRIDES}
     return needed <= manifest.keys()
 
 
@@ -167,11 +169,13 @@ def _summaries(context: RunContext, table: Table) -> dict[str, set[str]]:
     columns = set(table_columns(context.design, context.job.run))
     counts = table.counts()
     strides = columns & set(_feet_by_stride(context))
+    of_steps = {"gait", "attractor_period", *strides, *map(_duty_of, strides)}
     columns_of_rows = columns if context.job.run.one_a_row else set()
     names_gaits = tuple(context.model.gaits) != ("none",)
     needs = {
         MISLABELLED: ({"gait"}, "gait" in columns),
         WITHOUT_STRIDES: (strides, strides),
+        UNEVEN_STRIDES: (of_steps, strides and of_steps <= columns_of_rows),
         "stalls": ({"stalled_by", "t_end", "t"} & columns, counts.get(Status.event_stall.name)),
         "gaits": ({"gait"}, names_gaits and "gait" in columns_of_rows),
         "periods": ({"attractor_period"}, counts.get(Status.settled.name) and "attractor_period" in columns),
@@ -188,6 +192,11 @@ def _feet_by_stride(context: RunContext) -> dict[str, str]:
     return {f"{name}{end}": foot for name, foot in strides.items() for end in ("_n", "_end")}
 
 
+def _duty_of(stride: str) -> str:
+    """The column of the duty factor that belongs to a column of strides."""
+    return stride.replace("stride", "duty")
+
+
 def _of_records(context: RunContext, table: Table) -> dict[str, Any]:
     """Summarise the records of a complete table, which are read part by part."""
     summaries = _summaries(context, table)
@@ -196,6 +205,7 @@ def _of_records(context: RunContext, table: Table) -> dict[str, Any]:
     mislabelled: dict[str, dict[str, int]] = {}
     feet = _feet_by_stride(context)
     without_stride = {feet[column] for column in summaries.get(WITHOUT_STRIDES, ())}
+    uneven: dict[str, dict[str, Any]] = {}
     stalls: dict[str, dict[str, Any]] = {}
     counts = {name: collections.Counter[str]() for name in _COUNTED if name in summaries}
     distances: list[tuple[float, int]] = []
@@ -206,11 +216,13 @@ def _of_records(context: RunContext, table: Table) -> dict[str, Any]:
         if WITHOUT_STRIDES in summaries:
             strides = part[sorted(summaries[WITHOUT_STRIDES])]
             without_stride -= {feet[str(name)] for name in strides.columns[strides.notna().any()]}
+        if UNEVEN_STRIDES in summaries:
+            add_uneven_strides(uneven, part, feet)
         if "stalls" in summaries:
             _add_stalls(stalls, part)
         for name, counter in counts.items():
-            column, status = _COUNTED[name]
-            values: Any = part[column] if status is None else part[column][part["status"] == status.name]
+            column, statuses = _COUNTED[name]
+            values: Any = part[column][statuses.among(part["status"])]
             counter.update({str(value): int(n) for value, n in values.value_counts().items() if n})
         if "findings" in summaries:
             parts_of_findings.append(part.filter(list(context.job.run.columns_of_findings)))
@@ -227,25 +239,24 @@ def _of_records(context: RunContext, table: Table) -> dict[str, Any]:
     if parts_of_findings:
         records = pd.concat(parts_of_findings, ignore_index=True)
         fields["findings"] = context.job.run.findings(records)
+    is_body = isinstance(context.model.original, OfMjcf)
+    if uneven:
+        fields[UNEVEN_STRIDES] = {"feet": uneven, "body": is_body}
     if mislabelled:
         fields[MISLABELLED] = mislabelled
     if without_stride:
-        about: dict[str, Any] = {
-            "rows": context.spec.n_rows,
-            "row": 0,
-            "body": isinstance(context.model.original, OfMjcf),
-        }
-        if without_stride != set(feet.values()):
-            about["feet"] = [foot for foot in dict.fromkeys(feet.values()) if foot in without_stride]
+        about: dict[str, Any] = {"rows": context.spec.n_rows, "row": 0, "body": is_body}
+        some = [foot for foot in dict.fromkeys(feet.values()) if foot in without_stride]
+        about |= {"feet": some} if without_stride != set(feet.values()) else {}
         fields[WITHOUT_STRIDES] = {context.model.name: about}
     return {name: fields[name] for name in summaries if name in fields}
 
 
-# Fields that count the values of a column, and the status of the rows that count, if not all do.
+# Fields that count the values of a column, and the statuses of the rows that count.
 _COUNTED = {
-    "gaits": ("gait", None),
-    "periods": ("attractor_period", Status.settled),
-    "slowest": ("slowest", Status.cycle_limit),
+    "gaits": ("gait", Status.SOUND),
+    "periods": ("attractor_period", StatusNames({"settled"})),
+    "slowest": ("slowest", StatusNames({"cycle_limit"})),
 }
 
 
@@ -258,6 +269,31 @@ def _add_mislabelled(
         if rows.size:
             known = mislabelled.setdefault(str(name), {"rows": 0, "row": int(rows.iloc[0])})
             known["rows"] += int(rows.nunique())
+
+
+def add_uneven_strides(
+    uneven: dict[str, dict[str, Any]], part: pd.DataFrame, feet: Mapping[str, str]
+) -> None:
+    """Add the rows of a part on orbits of one crossing on which a foot lands more than once a stride.
+
+    Their gait is none, and the last stride of that foot is shorter than that of another one. `contact` are
+    the shortest and the longest of its last contacts, s.
+    """
+    columns = [name for name in feet if name in part.columns]
+    is_of_one = (part["status"] == Status.settled.name) & (part["attractor_period"] == 1)
+    rows: Any = part[is_of_one & (part["gait"] == "none") & part[columns].notna().all(axis=1)]
+    strides = rows[columns].to_numpy(float)
+    shortest = np.argmin(strides, axis=1)
+    for k, column in enumerate(columns):
+        is_short = (shortest == k) & (strides[:, k] < (1.0 - TOGETHER) * strides.max(axis=1))
+        if not is_short.any():
+            continue
+        contacts = strides[is_short, k] * rows[_duty_of(column)].to_numpy(float)[is_short]
+        row = int(rows["row"].to_numpy()[is_short][0])
+        of_foot = uneven.setdefault(feet[column], {"rows": 0, "row": row, "contact": []})
+        of_foot["rows"] += int(np.count_nonzero(is_short))
+        known = [*of_foot["contact"], *contacts[np.isfinite(contacts)].tolist()]
+        of_foot["contact"] = [min(known), max(known)] if known else []
 
 
 def _add_stalls(stalls: dict[str, dict[str, Any]], part: pd.DataFrame) -> None:

@@ -169,10 +169,9 @@ def _counts(snapshot: Snapshot) -> str:
     total = sum(snapshot.counts.values())
     if not total:
         return "<p>No row has ended yet.</p>"
-    periods = snapshot.manifest.get("periods")
     lines = [
         f"<tr><td>{html.escape(status)}</td>{_number(number, total)}"
-        f"<td>{html.escape(status_sentence(status, snapshot.job, periods))}</td></tr>"
+        f"<td>{html.escape(status_sentence(status, snapshot.job, snapshot.manifest))}</td></tr>"
         for status, number in snapshot.counts.items()
     ]
     lines.append(f'<tr class="sum"><td>all</td>{_number(total, total)}<td></td></tr>')

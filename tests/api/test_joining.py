@@ -57,7 +57,7 @@ def test_a_joined_table_is_as_doubtful_and_as_incomplete_as_its_worst_part() -> 
     ("other", "sentence"),
     [
         (_table(["trot"], unit="cm/s"), r"v_end is in m/s in one table and in cm/s"),
-        (_table(["trot"], kind="ramp"), r"different run kinds, settle and ramp"),
+        (_table(["trot"], kind="ramp"), r"different run kinds, settle and ramp, .* the same run kind\."),
         (
             pd.concat([_table(["trot"]), _table(["trot"], mass=2.0)]),
             r"Table 2 has no units .* pandas\.concat",
@@ -70,6 +70,21 @@ def test_tables_that_do_not_fit_are_refused(other: Any, sentence: str) -> None:
         gs.concat([_table(["trot"]), other])
     with pytest.raises(gs.ArgumentError, match="no table"):
         gs.concat([])
+
+
+def test_rows_of_one_job_are_joined_once() -> None:
+    """The same row of the same job would count twice; other rows of it, or of another job, are joined."""
+    table = _table(["trot", "walk", "trot"])
+    table.attrs["manifest"]["job_hash"] = "a"
+    with pytest.raises(
+        gs.ArgumentError, match=r"Tables 1 and 2 both have 2 rows of the same job, such as row 0"
+    ):
+        gs.concat([table, table.head(2)])
+    joined = gs.concat([table.head(2), table[~table["row"].isin(table.head(2)["row"])]])
+    assert joined["gait"].tolist() == ["trot", "walk", "trot"]
+    other = _table(["walk"], mass=2.0)
+    other.attrs["manifest"]["job_hash"] = "b"
+    assert len(gs.concat([table, other])) == 4
 
 
 def test_constants_that_cannot_be_filled_in_are_refused() -> None:

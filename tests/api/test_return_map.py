@@ -94,6 +94,8 @@ def test_refusals() -> None:
     mapping = gs.return_map(TOY, kick=KICK)
     with pytest.raises(gs.ArgumentError, match=r"shape \(7,\), but the map has"):
         mapping(np.zeros(7))
+    with pytest.raises(gs.ArgumentError, match=r"'trot'.*start values by name.*fixed_points\(m\.settled\("):
+        mapping.multipliers("trot")
     with pytest.raises(gs.ArgumentError, match="lanch_1 is not a start value of toy; did you mean launch_1"):
         mapping.settled({"lanch_1": 1.0})
     with pytest.raises(gs.ArgumentError, match=r"kick is 0\.3 at the map's points, but the range is"):

@@ -259,3 +259,10 @@ def test_a_leg_that_does_not_swing_has_no_share_of_air() -> None:
     faster = swinging.assign(row=1, omega=0.5)
     with pytest.raises(UserError, match="omega differs between the rows"):
         wave_measures.touchdown_phases_apart(pd.concat([swinging.assign(omega=0.4), faster]))
+
+
+def test_ends_on_both_sides_of_the_branch_cut_are_one() -> None:
+    ends = pd.DataFrame(
+        {"row": [0, 1, 2], "crossing": 5, "psi_1_n": [-3.14, 3.14, 3.139], "psi_2_n": [0.1, 2.0, 6.2]}
+    )
+    assert settled_measures.distinct_ends(ends) == [1.0, 3.0]

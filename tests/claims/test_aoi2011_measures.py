@@ -271,3 +271,16 @@ def test_equations() -> None:
     assert equation_measures.angular_velocity_error() < 1e-7
     for of in ("kinetic_energy", "feet", "accelerations"):
         assert equation_measures.mechanics_error(of=of) < 1e-9
+
+
+def test_angles_of_gaits_on_both_sides_of_the_branch_cut() -> None:
+    settled = pd.DataFrame({"gait": ["trot"] * 4, "lag_end": [3.1, -3.1, 3.12, -3.12]})
+    holds = pd.DataFrame({"gait": ["trot"] * 3, "lag_n": [-3.06, -3.06, -3.06], "row": [0, 1, 2]})
+    difference = motion_measures.difference_of_gaits(
+        settled, holds, observable="lag", where="row >= 0", gaits=["trot"]
+    )
+    assert difference == pytest.approx(np.pi - 3.06, abs=1e-12)
+    with pytest.raises(AnalysisError, match="gait pace"):
+        motion_measures.difference_of_gaits(
+            settled, holds, observable="lag", where="row >= 0", gaits=["pace"]
+        )

@@ -19,7 +19,7 @@ from gaitsweep.analysis.transitions.jumps import jump_intervals
 from gaitsweep.cli import analyse, main
 from tests.support.basin_tables import grid_table
 from tests.support.gait_traces import ends, traces
-from tests.support.hysteresis_tables import staircase_table
+from tests.support.hysteresis_tables import settle_table, staircase_table
 
 Show = Callable[..., str]
 
@@ -153,6 +153,17 @@ def test_names_that_the_job_does_not_give_once_are_asked_for(
     table.attrs["job"]["figures"].append({"kind": "hysteresis", "y": "speed"})
     assert main(["analyse", "hysteresis", "results/any"]) == 2
     assert "delta_13 and speed" in capsys.readouterr().err
+
+
+def test_hysteresis_of_a_table_without_a_moving_parameter(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    table = settle_table([0.0, 1.0], [0.0, 1.0])
+    monkeypatch.setattr(analyse, "result_table", lambda _: table)
+    assert main(["analyse", "hysteresis", "results/any"]) in (1, 2)
+    assert "results/any is the table of a run of kind settle, which is no staircase or ramp" in (
+        capsys.readouterr().err
+    )
 
 
 def test_gaits_are_lost_at_transition_points(show: Show) -> None:

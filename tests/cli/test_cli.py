@@ -16,6 +16,7 @@ import time
 import types
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -29,7 +30,7 @@ from gaitsweep.cli import main
 from gaitsweep.cli.commands import app
 from gaitsweep.cli.progress import shown_progress
 from gaitsweep.cli.show import axes, duration, size
-from gaitsweep.compilation import compiling
+from gaitsweep.compilation import compiling, purpose_of_compiling
 from gaitsweep.errors import Terminated, UserError
 from gaitsweep.job import Job
 from gaitsweep.runs.progress import progress_lines
@@ -170,6 +171,8 @@ def test_version_and_help(capsys: Capture) -> None:
     ("arguments", "sentence"),
     [
         (["nonsense"], "No such command 'nonsense'"),
+        (["list"], "Did you mean `gaitsweep examples`?"),
+        (["hysteresis", "results/x"], "Did you mean `gaitsweep analyse hysteresis`?"),
         (["run"], "Missing argument 'JOB.yaml'"),
         (["run", "job.yaml", "--foo"], "No such option: --foo"),
         (["run", "job.yaml", "--out"], "--out"),
@@ -367,7 +370,10 @@ def test_the_bar_says_that_the_main_thread_compiles(monkeypatch: pytest.MonkeyPa
         with compiling():
             time.sleep(0.3)  # before the first progress
         bar(0, 10, 0.0, 0.0, "0.1 million steps/s")
+        with purpose_of_compiling("the self-check"), compiling():
+            time.sleep(0.3)
     assert "compiling for 0 s" in screen.getvalue()
+    assert "compiling the self-check for 0 s" in screen.getvalue()
     assert "0.1 million steps/s" in screen.getvalue()
 
 
@@ -503,14 +509,19 @@ def test_info_describes_a_directory(finished: Path, capsys: Capture) -> None:
 
 
 def test_statuses_name_the_limits_of_the_job_and_the_periods() -> None:
-    def said(status: str, run: dict[str, object], **known: dict[str, int]) -> str:
-        return status_sentence(status, {"run": run}, **known)
+    def said(status: str, run: dict[str, object], **known: dict[str, Any]) -> str:
+        return status_sentence(status, {"run": run}, known)
 
     assert (
         said("cycle_limit", {"max_cycles": 150})
         == "The row reached run.max_cycles, 150 cycles, without settling."
     )
     assert said("time_limit", {"max_time": 12.5}) == "The row reached run.max_time, 12.5 s."
+    fallen = {"status": {"meaning": "how the row ended; fell: the trunk sank below `fallen` = 0.5 m"}}
+    assert said("fell", {}, quantities=fallen) == "The body fell: the trunk sank below `fallen` = 0.5 m."
+    fallen["status"]["meaning"] = "how the row ended; fell: whether a knee is down"
+    tested = "The body fell: the model's function `failed` became true. It tests whether a knee is down."
+    assert said("fell", {}, quantities=fallen) == tested
     assert "the column `settled`" in said("complete", {"kind": "staircase"})
     by_period = said("time_limit", {"max_time": None})
     assert by_period == "The row reached four nominal periods for each allowed cycle."

@@ -73,9 +73,9 @@ def test_no_files_remain_if_writing_fails(capsys: Capture) -> None:
 def test_a_new_model_runs_at_once(tmp_path: Path) -> None:
     run_module(tmp_path, "gaitsweep", "new-model", "jumper")
     folder = tmp_path / "jumper"
-    assert run_module(folder, "gaitsweep", "check-model", "jumper:Jumper").startswith(
-        "jumper:Jumper: valid, 4 parameters"
-    )
+    checked = run_module(folder, "gaitsweep", "check-model", "jumper:Jumper")
+    assert checked.startswith("jumper:Jumper: valid, 4 parameters")
+    assert "32 cycle_limit. cycle_limit is no failure: 12 cycles are too few" in checked
     printed = run_module(folder, "gaitsweep", "run", "jumper.yaml", "--set", "verify=4")
     assert "4096 rows" in printed
     assert (folder / "results/jumper/figures/basin.png").exists()

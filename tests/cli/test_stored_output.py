@@ -9,6 +9,7 @@ from typing import cast
 
 import pytest
 
+import gaitsweep as gs
 from gaitsweep.cli import main, stored_output
 from gaitsweep.cli import run as cli_run
 from gaitsweep.job import Job
@@ -60,6 +61,18 @@ def test_the_same_command_prints_the_same(
         "6 rows: 6 settled.\nGaits: 3 source, 2 direct, 1 retrograde.\nTable: results/few/"
     )
     assert printed.endswith("Figure: results/few/figures/basin.png\n")
+
+
+def test_gaits_are_those_of_rows_that_settled(few: Path, capsys: Capture) -> None:
+    """Of six rows, one settles within 30 cycles; a cycle limit ends the others while they still change."""
+    capsys.readouterr()
+    command = ["run", "few.yaml", "--out", "short", "--set", "run.max_cycles=30", "--set", "verify=0"]
+    assert main(command) == 0
+    printed = capsys.readouterr().out
+    assert "\nGaits: 1 direct; 5 rows that failed or did not settle are not counted.\n" in printed
+    assert main(["info", "short"]) == 0
+    assert "1 direct; 5 rows" in capsys.readouterr().out
+    assert "gait: direct 1, 5 failed or not settled" in repr(gs.Result("short"))
 
 
 def _edited_job(_: Path) -> None:

@@ -26,6 +26,7 @@ from gaitsweep.dynamics.controllers.oscillators import (
     MatsuokaOscillators,
     PhaseOscillators,
 )
+from gaitsweep.models.conformity import variables_without_rate
 from gaitsweep.models.sampled_points import sampled_points
 from gaitsweep.models.starts import starts_in_ground
 from gaitsweep.schema.diagnostics import JobError
@@ -232,6 +233,7 @@ def test_a_model_file_is_the_class_that_one_would_write() -> None:
             "line 4: start is standing, which needs",
         ),
         ("body: biped.xml", "body: biped.xml\nstart: standign", "line 3: start"),
+        ("fallen: 0.47", "shortest_contact: 0.7", r"line 11: shortest_contact is 0\.7"),
         ("body: biped.xml", "body: biped.xml\nkeyframe: stnd", r"line 3: keyframe .*'stnd'"),
         (
             "R: {foot: foot_r, hip: hip_r",
@@ -560,11 +562,20 @@ def walker(folder: Path, mjcf: tuple[str, str] = ("", ""), file: tuple[str, str]
     return model_of_file(path)()
 
 
+def test_a_model_file_has_its_shortest_contact_and_the_meaning_of_a_fall(tmp_path: Path) -> None:
+    model = walker(tmp_path, file=("fallen: 0.47", "shortest_contact: 0.1\nfallen: 0.5"))
+    assert model.declarations.feet.shortest_contact == 0.1
+    assert type(model).failed.__doc__ == "The trunk sank below `fallen` = 0.5 m."
+    assert variables_without_rate(model) == ()
+
+
 def test_legs_whose_names_give_no_gaits_are_remarked(tmp_path: Path) -> None:
     assert walker(tmp_path).caveats() == []
     renamed = ("L: {foot", "left: {foot", "R: {foot", "right: {foot", "{L: 0, R: pi}", "{left: 0, right: pi}")
     (remark,) = walker(tmp_path, file=renamed).caveats()  # pyright: ignore[reportArgumentType]
     assert "left, right have no lags" in remark
+    with pytest.raises(JobError, match=r"shortest_contact has no effect: the legs left, right"):
+        walker(tmp_path, file=(*renamed, "fallen", "shortest_contact: 0.1\nfallen"))  # pyright: ignore[reportArgumentType]
     assert "L, R; LF, RF, LH, RH" in remark
     assert "call left L, right R" in remark
 
@@ -586,7 +597,9 @@ def test_a_body_that_begins_in_the_ground_is_remarked(tmp_path: Path, dynamics: 
     assert remarked(0.0) == []
     (sentence,) = remarked(-0.03)
     assert "in row 1: foot_l 0.03 m, foot_r 0.03 m" in sentence
-    assert ("start: standing" in sentence) == (dynamics == "located")
+    assert ("`start: standing` in the model file, which compiles for about" in sentence) == (
+        dynamics == "located"
+    )
     lifted = re.search(r"`start: {z_0: ([-+.e0-9]+)}`", sentence)
     assert lifted is not None
     assert float(lifted[1]) == pytest.approx(0.0, abs=1e-9)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import pickle
 import re
+import warnings
 from pathlib import Path
 
 import jax
@@ -21,7 +22,7 @@ from gaitsweep.engine.recorders.recordings import CrossingRecorder
 from gaitsweep.examples.compass_walker import CompassWalker
 from gaitsweep.examples.hopper import Hopper
 from gaitsweep.kinds import RUN_KINDS
-from gaitsweep.models.conformity import fault
+from gaitsweep.models.conformity import fault, variables_without_rate
 from gaitsweep.models.value_faults import faults, surface_value
 from gaitsweep.skeleton import LimbLook
 from gaitsweep.status import Status
@@ -295,6 +296,10 @@ FAULTS = {
         "lands": None,
         "tick": event("it ticks", section=True)(lambda self, p, s: s.v),
     },
+    "flow returns a rate of w, which has held=True": {
+        "w": variable("m", "a height that is kept", held=True),
+        **_flows(w=lambda s: 0.0),
+    },
     "but its function flow returns tuple, but": {"flow": lambda self, p, s: (s.v, -p.g)},
     "but its function flow returns nothing, but": {"flow": lambda self, p, s: None},
     "flow returns a rate of z with shape \\(2,\\), but": _flows(z=lambda s: jnp.stack([s.v, s.v])),
@@ -318,6 +323,21 @@ FAULTS = {
     r"symbol '\\\\bm": {"k": parameter("1", "k", 1.0, symbol=r"\bm{k}")},
     "unit": {"k": parameter(r"$\bm{k}$", "k", 1.0)},
 }
+
+
+@pytest.mark.parametrize("held", [False, True])
+def test_a_variable_that_only_events_change_is_remarked_unless_it_is_held(held: bool) -> None:
+    kept = {"w": variable("m", "a height", held=held), "high": _jumps(lambda self, p, s: s.replace(w=s.z))}
+    model = type("Mine", (Ground,), kept)()
+    assert fault(model) is None
+    assert variables_without_rate(model) == (() if held else ("w",))
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        gs.sweep(model, g=[9.0, 10.0], run=gs.Settle(max_cycles=2), verify=0)
+    sentence = (
+        "flow returns no rate of w, so that only events change it: return its rate, or declare"
+    )
+    assert any(sentence in str(each.message) for each in said) != held
 
 
 @pytest.mark.parametrize("words", FAULTS)

@@ -10,6 +10,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pandas as pd
 import pytest
 
 import gaitsweep as gs
@@ -26,6 +27,7 @@ from gaitsweep.dynamics.footfalls import (
 from gaitsweep.models.conformity import fault
 from gaitsweep.models.value_faults import faults
 from gaitsweep.runs.sentences import remarks
+from gaitsweep.runs.summary import add_uneven_strides
 
 # Touchdowns as shares of a stride, in the order of `LEGS`, and the duty factor, of gaits as their sources
 # describe them. Fours are LF, RF, LH, RH; sixes L1, R1, L2, R2, L3, R3.
@@ -265,8 +267,16 @@ def test_a_clock_of_another_rate_is_a_fault() -> None:
         def flow(self, p, s):
             return {"phase": p.omega * jnp.ones(4), "time": 2.0}
 
-    (message,) = faults(Doubled)
-    assert "flow returns the rate 2 of time" in message
+    class Without(Quadruped):
+        def flow(self, p, s):
+            return {"phase": p.omega * jnp.ones(4)}
+
+    for model, words in (
+        (Doubled, "flow returns the rate 2 of time"),
+        (Without, "no rate of time, the clock"),
+    ):
+        (message,) = faults(model)
+        assert words in message
 
 
 def test_contacts_of_a_step_or_two_do_not_count() -> None:
@@ -319,3 +329,24 @@ def test_contacts_of_a_step_or_two_do_not_count() -> None:
     start = feet.begun(states.time[20], debounced=True)
     for instants in (every_step[20:150], np.union1d([20], at_events[(at_events > 20) & (at_events < 150)])):
         assert steps_at(start, instants).landings.tolist() == [0, 1, 1, 0]
+    feet = dataclasses.replace(feet, shortest_contact=0.0)  # every contact counts
+    assert not abs(end(debounced)["stride_1"] - period) < 0.1 * period
+    with pytest.raises(ValueError, match=r"shortest_contact is 0\.6, but must be a share from 0 to 0\.5"):
+        footfalls("time", legs=LEGS[4], shortest_contact=0.6)
+
+
+def test_a_settled_row_whose_foot_lands_more_than_once_a_stride_is_remarked() -> None:
+    """Row 1 has a walk, row 2 an orbit of two crossings, and row 3 equal strides without a name."""
+    part = pd.DataFrame({
+        "row": [0, 1, 2, 3], "status": ["settled"] * 4, "attractor_period": [1, 1, 2, 1],
+        "gait": ["none", "walk", "none", "none"],
+        "stride_1_end": [0.96, 0.96, 0.96, 0.96], "stride_2_end": [0.42, 0.96, 0.42, 0.96],
+        "duty_1_end": [0.55] * 4, "duty_2_end": [0.15] * 4,
+    })  # fmt: skip
+    uneven: dict[str, Any] = {}
+    add_uneven_strides(uneven, part, {"stride_1_end": "L", "stride_2_end": "R"})
+    assert uneven == {"R": {"rows": 1, "row": 0, "contact": pytest.approx([0.063, 0.063])}}
+    (sentence,) = remarks({"uneven_strides": {"feet": uneven, "body": True}})
+    assert "1 settled row has no gait, since a foot lands more than once a stride" in sentence
+    assert "foot R: its last contact has 0.063 s" in sentence
+    assert "`shortest_contact` in the model file" in sentence

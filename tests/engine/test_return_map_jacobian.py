@@ -17,10 +17,12 @@ from gaitsweep.analysis.continuation.newton import newton
 from gaitsweep.dynamics.tree.spatial import quaternion_product
 from gaitsweep.engine.advance import advance
 from gaitsweep.engine.carry import Halt, start
+from gaitsweep.engine.leaves import extended_type, with_float_leaves
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.poincare.maps import Points
 from gaitsweep.engine.poincare.poincare_return import PoincareReturn, ReturnEngine, ReturnStatus, crossing_of
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
+from gaitsweep.errors import ArgumentError
 from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
 from gaitsweep.papers.ambe2021.multilegged.reduced import MultileggedReduced
 from gaitsweep.papers.aoi2011.waist_quadruped import WaistQuadruped
@@ -356,3 +358,35 @@ def test_jacobian_where_feet_slip() -> None:
     before = mapping.difference(early.at, result.points.at)[:, 0]
     after = mapping.difference(mapping.images(early, {}).points.at, result.points.at)[:, 0]
     np.testing.assert_allclose(after / before, slow, atol=0.02)
+
+
+@pytest.mark.parametrize(
+    ("settings", "starts", "sentence"),
+    [
+        ((("kick", "foo"),), {"launch_1": 1.0}, "foo is not a parameter of toy"),
+        (
+            (("kick", "restitution"), ("restitution", "kick")),
+            {"launch_1": 1.0},
+            "use one another",
+        ),
+        ((), {"launch_1": [1.0, 2.0, 3.0]}, "mass has 2 values, but others have 3"),
+    ],
+)
+def test_a_map_refuses_what_it_cannot_compute(settings: Any, starts: Any, sentence: str) -> None:
+    mapping = BatchedReturnMap(Toy(), settings=settings)
+    values = {"mass": [1.0, 1.1]} if "values" in sentence else {}
+    with pytest.raises(ArgumentError, match=sentence):
+        mapping.settled(starts, values, 2)
+
+
+def test_a_state_with_a_default_has_a_map() -> None:
+    @jax.tree_util.register_dataclass
+    @dataclasses.dataclass(frozen=True)
+    class State:
+        height: float
+        side: float = 1.0
+
+    extended = extended_type(State, ("clock",))(height=1.0, side=2.0, clock=3.0)
+    assert jax.tree.leaves(extended) == [1.0, 2.0, 3.0]
+    with pytest.raises(ValueError, match="shorter"):
+        with_float_leaves(extended, [1.0, 2.0])

@@ -51,6 +51,8 @@ LINES: list[tuple[int, str, list[str]]] = [
         "nmae: quick",
         ["line 1", "nmae is not a field of a job", "did you mean name?", "Allowed: name, model,"],
     ),
+    (3, "mass: 2", ["line 3", "mass is a parameter of toy", "under params", "params.mass=VALUE"]),
+    (3, "launch_1: 2", ["launch_1 is a start value of toy", "under start", "start.launch_1=VALUE"]),
     (1, "name: 2021", ["line 1", "name is 2021", "put it in quotes"]),
     (1, "name: ''", ["line 1", "name is empty"]),
     (1, "name: ../up", ["line 1", 'name is "../up"', "letters, digits"]),

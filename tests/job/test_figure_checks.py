@@ -82,6 +82,14 @@ def test_refused_before_rows_run(
     assert len(error.value.diagnostics) == 1
 
 
+def test_two_figures_of_one_name_are_refused_once() -> None:
+    figure = {"kind": "orbit", "x": "m_B", "y": "psi_1"}
+    start = {f"psi_{number}": 1.0 for number in (1, 2, 3)}
+    with pytest.raises(JobError) as error:
+        Job(name="x", model="multilegged", vary=MASSES, run=SETTLE, start=start, figures=[figure, figure])
+    assert str(error.value).count("figures[1].name is orbit, like that of figures[0]") == 1
+
+
 DRAWN: list[tuple[dict[str, Any], dict[str, Any], Any]] = [
     ({"kind": "shock", **PSI, "panels": "m_B"}, SETTLE, BOTH),
     ({"kind": "basin", **PSI, "panels": "m_B"}, SETTLE, BOTH),
@@ -94,6 +102,7 @@ DRAWN: list[tuple[dict[str, Any], dict[str, Any], Any]] = [
     ({"kind": "gait_map", "x": "psi_1", "y": "m_B"}, SETTLE, BOTH),
     ({"kind": "gait_shares", "x": "m_B"}, SETTLE, BOTH),
     ({"kind": "branches", "x": "m_B", "y": "psi_1"}, MAP, MASSES),
+    ({"kind": "branches", "x": "m_B", "y": "psi_1"}, MAP, {**MASSES, "omega": [0.4]}),  # one value of omega
     ({"kind": "cycles", "y": ["psi_1"]}, MAP, MASSES),
     ({"kind": "footprints"}, TRACE, MASSES),
     ({"kind": "chain_theory", "show": "order", "k": 2}, SETTLE, BOTH),

@@ -12,6 +12,7 @@ import pytest
 
 import gaitsweep as gs
 from gaitsweep.job import Job, JobError
+from gaitsweep.kinds.fixed_points import branch_ends
 from gaitsweep.table import ResultDirectory
 
 RUN = {"kind": "continuation", "parameter": "restitution", "path": [0.2, 0.8], "settle": 5}
@@ -120,6 +121,21 @@ def test_branches_that_cross_a_symmetric_gait() -> None:
     np.testing.assert_allclose(across["x_n"] ** 2, across["a"], atol=1e-7)
     np.testing.assert_allclose(across["multiplier_re"], np.exp(-2.0 * across["a"]), atol=1e-6)
     result.plot.continuation(y="x")
+
+
+def test_ends_of_branches_are_told_with_their_reasons() -> None:
+    """Leaving the range is no news; other ends have a sentence, with the place and what it means or helps."""
+    table = pd.DataFrame(
+        {
+            "k": [0.0, 1.0, -0.8806, 0.25, 0.5, 0.0],
+            "end": pd.Categorical(["", "range", "lost", "most", "most", "left"]),
+        }
+    )
+    lost, most, left = branch_ends(table, "k", most=300)
+    assert "The branch ended as lost at k = -0.8806, because" in lost
+    assert "2 branches ended as most at k = 0.25, 0.5" in most
+    assert "run.most points, 300" in most
+    assert "No fixed point for the branch to begin from at k = 0" in left
 
 
 def test_refusals() -> None:

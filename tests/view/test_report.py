@@ -54,7 +54,7 @@ def test_statuses_and_gaits_add_up_to_the_rows(toy: Path) -> None:
         assert int(row[1]) == rows
         if status != "all":
             attrs = table.attrs
-            assert row[3] == status_sentence(status, attrs["job"], attrs["manifest"].get("periods"))
+            assert row[3] == status_sentence(status, attrs["job"], attrs["manifest"])
     assert sum(int(row[1]) for name, row in statuses.items() if name != "all") == len(table)
     head, *gaits = table_under(text, "Gaits of the rows")
     names = head[3:]

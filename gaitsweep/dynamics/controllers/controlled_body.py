@@ -24,7 +24,7 @@ from gaitsweep.dynamics.controllers.leg_targets import (
 from gaitsweep.dynamics.controllers.oscillators import HIP, LegSenses
 from gaitsweep.dynamics.declarations import observable, parameter, signal, variable
 from gaitsweep.dynamics.event_declarations import event
-from gaitsweep.dynamics.footfalls import LEGS, footfalls
+from gaitsweep.dynamics.footfalls import LEGS, SHORTEST_CONTACT, footfalls
 from gaitsweep.dynamics.ground import is_uneven
 from gaitsweep.dynamics.mjcf import identifier
 from gaitsweep.dynamics.tree import tilt_and_heading
@@ -176,7 +176,9 @@ class ControlledBody:
 
         names = self._leg_names
         if self.gaits_have_names:
-            return {"feet": footfalls("clock", legs=names)(feet)}
+            chosen = self.file.shortest_contact
+            shortest = SHORTEST_CONTACT if chosen is None else chosen
+            return {"feet": footfalls("clock", legs=names, shortest_contact=shortest)(feet)}
         from gaitsweep.dynamics.mjcf_drawing import looks_of_feet  # imports MuJoCo
 
         looks = looks_of_feet(names, self._feet_aside())
@@ -207,15 +209,18 @@ class ControlledBody:
         members: dict[str, Any] = {"turn": self._section(trunk)}
         if trunk.moves:
             members["begin"] = variable(
-                "m", "place of the trunk at the section", count=2, observed=False, signal=False
+                "m", "place of the trunk at the section", count=2, observed=False, signal=False, held=True
             )
-            members["speed"] = variable("m/s", "mean speed of the last cycle", observed=True, scale=1.0)
+            members["speed"] = variable(
+                "m/s", "mean speed of the last cycle", observed=True, scale=1.0, held=True
+            )
         members["height"] = observed_height(height)
         if lowest is not None:
 
             def failed(model: Any, params: Any, state: Any) -> Bool[Array, ""]:
                 return height(model, params, state) < lowest
 
+            failed.__doc__ = f"The trunk sank below `fallen` = {lowest:g} m."
             members["failed"] = failed
         return members
 

@@ -23,7 +23,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, ValidationError
+from pydantic import Field, PlainValidator, ValidationError
 
 from gaitsweep.dynamics.body.body_model import BodyModel
 from gaitsweep.dynamics.controllers.controlled_body import (
@@ -43,17 +43,21 @@ from gaitsweep.dynamics.controllers.leg_targets import (
     two_link_leg,
 )
 from gaitsweep.dynamics.controllers.oscillators import HIP, OSCILLATORS, Oscillators
+from gaitsweep.dynamics.footfalls import SHORTEST_CONTACT
 from gaitsweep.dynamics.mjcf import Stamps, compiled_mjcf, keyframe_number, stamps_of_mjcf
 from gaitsweep.dynamics.mjx.mjcf_model import MjcfModel
 from gaitsweep.near_miss import suggestion
 from gaitsweep.schema.diagnostics import Diagnostic, JobError, wrong_kind
-from gaitsweep.schema.numbers import NotNegative, Real, Text, Word
+from gaitsweep.schema.numbers import NotNegative, Real, Text, Word, checked, read_real
 from gaitsweep.schema.strict_model import OneOf, SchemaSection, StrictModel, from_pydantic
 from gaitsweep.schema.yaml_document import Document, read_document
 
 _FOOT = "foot"  # the entry of a leg that names its foot; the others are roles of joints
 _KNEE = "knee"
 _ROLES_OF_A_PATH = (HIP, _KNEE)
+
+
+ContactShare = Annotated[float, PlainValidator(checked(read_real, low=0.0, high=0.5))]
 
 
 class Controller(StrictModel):
@@ -98,6 +102,11 @@ class ModelFile(StrictModel):
     controller: Controller = Field(description="the controller")
     fallen: Real | None = Field(
         default=None, description="height of the trunk below which it has fallen, m; left out: it never falls"
+    )
+    shortest_contact: ContactShare | None = Field(
+        default=None,
+        description="share of the model's period for which a foot stays down, or up, to have landed, or "
+        f"lifted, 0 to 0.5; {SHORTEST_CONTACT} if left out",
     )
     source: str = Field(default="", description="paper of the model")
 
@@ -195,7 +204,10 @@ def _controlled_body(document: Document, file: ModelFile, m: Any) -> ControlledB
     actuators = _actuators(document, legs, m)
     _refuse_gains(document, controller, actuators, m)
     targets = _targets(document, controller, legs, m)
-    return ControlledBody(m, file.dynamics == "located", file, legs, targets, actuators)
+    controlled = ControlledBody(m, file.dynamics == "located", file, legs, targets, actuators)
+    if file.shortest_contact is not None and not controlled.gaits_have_names:
+        raise _error(document, f"has no effect: {controlled.remark_on_names}.", "shortest_contact")
+    return controlled
 
 
 def _legs(document: Document, controller: Controller, m: Any) -> list[Leg]:

@@ -44,16 +44,15 @@ class Chunk:
         program: the program.
         constants, carry, record: the engine's pytrees with a `Leaf` for each array.
         attempt: the nodes that an attempt writes, by slot.
-        plain: simpler nodes for an attempt in which the node `unusual` is false: no condition that is seldom
-            true comes true.
-        unusual: the node of that flag.
+        plain: simpler nodes, by slot, for a plain attempt, in which no condition holds that is seldom true.
+        unusual: the node of the flag that one of these conditions holds.
         poll: the nodes that a poll writes, by slot.
         keep: the node that decides whether the sample is kept.
         sample: the nodes of the sample.
         quiet: simpler nodes in place of `polled` for a poll in which the node `eventful` is false.
         eventful: the node of that flag.
         steady: the nodes that are computed once for a trajectory, by slot.
-        shared: nodes that change only in attempts that are not plain.
+        shared: nodes that are constant along plain attempts.
         n_slots: the number of slots of a trajectory.
     """
 
@@ -87,7 +86,7 @@ class Chunk:
     def changed(self) -> dict[int, int]:
         """The nodes of `plain` whose slots do not have their values already."""
         program = self.program
-        # conditions that a slot has a value, which it has in every plain attempt
+        # a plain attempt has the usual values of conditions, so what such an equality compares is equal
         equal = [
             program.nodes[at].args
             for at in program.needed(self.attempt.values())
@@ -208,7 +207,11 @@ def _traced(lane: TracedLane, constants: Any, carry: Any) -> _TracedAttempt:
 
 
 class _Tracing:
-    """The arguments of `_trace_attempt`, equal to all others: what decides the attempt stands beside them."""
+    """The arguments of `_trace_attempt`, left out of the key of a cache.
+
+    All objects are equal: the lane's `deciding` and the shapes of the arguments, which are in the key,
+    determine the traced attempt.
+    """
 
     def __init__(self, *arguments: Any) -> None:
         self.arguments = arguments

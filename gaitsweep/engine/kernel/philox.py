@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 from llvmlite import ir
@@ -41,26 +42,31 @@ PART double philox(const double seed, const double counter, const double stream,
 """
 
 
-def in_llvm(builder: Any, floor: Any, arguments: list[Any], half: int) -> Any:
-    """The number of seed, counter and stream, which are float64 or vectors of these.
+def in_llvm(
+    builder: ir.IRBuilder, floor: Callable[[Any], Any], arguments: list[Any], half: int
+) -> Any:  # values of llvmlite, which has no type with their members
+    """Write the instructions that draw a uniform number in (0, 1) from seed, counter and stream.
 
     Args:
         builder: the builder of instructions.
-        floor: the function that writes the largest whole numbers below some numbers.
-        arguments: the three values.
-        half: which two of the four words.
+        floor: writes the largest whole numbers below some numbers.
+        arguments: seed, counter and stream, float64 or vectors of float64.
+        half: 0 for the number of the first two of the four words, 1 for that of the last two.
+
+    Returns:
+        The number, or the vector of numbers, of the type of the arguments.
     """
     kind = arguments[0].type
-    lanes = getattr(kind, "count", 1)
+    lanes = kind.count if isinstance(kind, ir.VectorType) else 1
 
-    def of_all(scalar: ir.Type, value: Any) -> Any:
+    def of_all(scalar: ir.Type, value: float) -> ir.Constant:
         vector = scalar if lanes == 1 else ir.VectorType(scalar, lanes)
         return ir.Constant(vector, value if lanes == 1 else [value] * lanes)
 
-    def word(value: int) -> Any:
+    def word(value: int) -> ir.Constant:
         return of_all(_WORD, value)
 
-    def number(value: float) -> Any:
+    def number(value: float) -> ir.Constant:
         return of_all(ir.DoubleType(), value)
 
     words = []
@@ -86,5 +92,5 @@ def in_llvm(builder: Any, floor: Any, arguments: list[Any], half: int) -> Any:
         ]
     high, low = c[2 * half : 2 * half + 2]
     joined = builder.or_(builder.shl(builder.lshr(high, word(6)), word(26)), builder.lshr(low, word(6)))
-    whole = builder.fadd(builder.sitofp(joined, kind), number(0.5))
-    return builder.fmul(whole, number(2.0**-52))
+    middle = builder.fadd(builder.sitofp(joined, kind), number(0.5))
+    return builder.fmul(middle, number(2.0**-52))

@@ -122,15 +122,22 @@ class ModelMap(FollowedMap):
             The points, and their `ReturnStatus` (n,).
 
         Raises:
-            ArgumentError: a name is no parameter, or no start value, of the model.
+            ArgumentError: a name is no parameter, or no start value, of the model; a start value without a
+                default is missing; columns have different lengths.
         """
         refuse_fork()
         self._refuse_unknown(starts, self.model.initial_conditions, "start value")
-        n = max([np.size(column) for column in (*starts.values(), *values.values())], default=1)
-        starts_of_points = {
-            q.name: np.broadcast_to(np.asarray(starts.get(q.name, q.default), np.float64), (n,))
-            for q in self.model.initial_conditions
-        }
+        sizes = {name: np.size(column) for name, column in {**values, **starts}.items()}
+        n = max(sizes.values(), default=1)
+        for name, size in sizes.items():
+            if size not in (1, n):
+                raise ArgumentError(f"{name} has {size} values, but others have {n}.")
+        starts_of_points = {}
+        for quantity in self.model.initial_conditions:
+            start = starts.get(quantity.name, quantity.default)
+            if start is None:
+                raise ArgumentError(f"{quantity.name} of {self.model.name} has no default: set it in starts.")
+            starts_of_points[quantity.name] = np.broadcast_to(np.asarray(start, np.float64), (n,))
         complete = self.complete(values, n)
         state, status = _settler(self, cycles)(complete, starts_of_points)
         at = jax.jit(jax.vmap(lambda v, s: self.chart.to_coordinates(self.params(v), s)))(complete, state)
@@ -170,7 +177,12 @@ class ModelMap(FollowedMap):
     def _order(self) -> tuple[str, ...]:
         """The parameters, each after those that its formula uses."""
         uses = {name: sorted(names_used(text)) for name, text in self._written.items()}
-        return tuple(graphlib.TopologicalSorter(uses).static_order())
+        for names in uses.values():
+            self._refuse_unknown(names, self.model.parameters, "parameter")
+        try:
+            return tuple(graphlib.TopologicalSorter(uses).static_order())
+        except graphlib.CycleError as circle:
+            raise ArgumentError(f"{' -> '.join(circle.args[1])}: these formulas use one another.") from None
 
 
 @cached_by_content(maxsize=16)

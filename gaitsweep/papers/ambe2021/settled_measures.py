@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from gaitsweep.analyses import wrapped_difference
+from gaitsweep.analyses import TURN, require, wrapped_difference
 from gaitsweep.claims import Condition, MeasureError, masked, measure, numbers, records, value
 from gaitsweep.papers.ambe2021.analysis.gait_shares import gait_shares
 from gaitsweep.papers.ambe2021.multilegged.chain_of_table import psi_columns
@@ -57,6 +57,7 @@ def gaits_left(table: pd.DataFrame, *, where: Condition) -> list[str]:
         table: a settle table with the gait of each row.
         where: a condition over its columns.
     """
+    require(table, "gait", "status")
     ends = set(records(records(table, where), "status == 'settled'")["gait"].astype(str))
     return [gait for gait in GAITS if gait in ends]
 
@@ -75,6 +76,7 @@ def distance_over_lag(table: pd.DataFrame, *, low: float, high: float) -> float:
         table: a settle table in which tau varies.
         low, high: the two values of tau, s.
     """
+    require(table, "tau")
 
     def largest(tau: float) -> float:
         rows = masked(table, table["tau"] == tau)
@@ -111,8 +113,9 @@ def largest_part(table: pd.DataFrame, *, number: int) -> list[float]:
 
 def _slice(table: pd.DataFrame, number: int) -> pd.DataFrame:
     """The rows of one value of psi_3, numbered in ascending order."""
+    require(table, "psi_1", "psi_2", "psi_3", "gait")
     values = np.unique(table["psi_3"])
-    if number >= len(values):
+    if not 0 <= number < len(values):
         raise MeasureError(f"The table has no slice {number}: psi_3 has {len(values)} values.")
     return masked(table, table["psi_3"] == values[number])
 
@@ -157,8 +160,9 @@ def last_steps(table: pd.DataFrame, names: list[str]) -> Float[np.ndarray, "rows
 def distinct_ends(table: pd.DataFrame) -> list[float]:
     """Number of values of each relative phase over all rows, taken as one if within 0.02 rad (1)."""
     ends = table.sort_values(by="crossing").groupby("row").tail(1)
-    gaps = np.diff(np.sort(ends[psi_columns(table, "_n")].to_numpy(float), axis=0), axis=0)
-    return [float(1 + count) for count in np.count_nonzero(gaps > _SAME_WITHIN, axis=0)]
+    sorted_ends = np.sort(ends[psi_columns(table, "_n")].to_numpy(float) % TURN, axis=0)
+    gaps = np.diff(sorted_ends, axis=0, append=sorted_ends[:1] + TURN)  # around the circle
+    return [float(max(1, count)) for count in np.count_nonzero(gaps > _SAME_WITHIN, axis=0)]
 
 
 @measure
@@ -189,6 +193,7 @@ def free_range(table: pd.DataFrame, *, gait: str, phase: str) -> list[float]:
 
 def _settled(table: pd.DataFrame, gait: str) -> pd.DataFrame:
     """The settled relative phases of the rows of one gait, columns psi_1_end, ..."""
+    require(table, "gait", "status")
     rows = masked(table, (table["gait"] == gait) & (table["status"] == "settled"))
     if rows.empty:
         raise MeasureError(f"No settled row of the table has the gait {gait}.")

@@ -72,14 +72,25 @@ def difference_of_gaits(
         observable: the angle.
         where: a condition that selects records of the holds.
         gaits: names of the gaits.
+
+    Raises:
+        AnalysisError: a gait is missing.
     """
-    largest = 0.0
     holds = records(other, where)
-    for gait in gaits:
-        settled = value(masked(table, table["gait"] == gait), column=f"{observable}_end")
-        at_holds = value(masked(holds, holds["gait"] == gait), column=f"{observable}_n")
-        largest = max(largest, abs(float(wrapped_difference(settled - at_holds))))
-    return largest
+    require(table, "gait", f"{observable}_end")
+    require(holds, "gait", f"{observable}_n")
+
+    def median(part: pd.DataFrame, gait: str, column: str) -> float:
+        angles = part.loc[part["gait"] == gait, column].dropna().to_numpy(float)
+        if not angles.size:
+            raise AnalysisError(f"No record with the gait {gait} has a value of {column}.")
+        middle = mean_direction(angles)
+        return float(np.median(middle + wrapped_difference(angles - middle)))
+
+    differences = [
+        median(table, gait, f"{observable}_end") - median(holds, gait, f"{observable}_n") for gait in gaits
+    ]
+    return float(np.abs(wrapped_difference(np.array(differences))).max())
 
 
 @measure
@@ -219,6 +230,7 @@ def touchdown_lags(
         AnalysisError: a foot touches down less or more than once a cycle.
     """
     if window is not None:
+        require(table, "t")
         begin, end = window
         table = masked(table, table["t"].between(begin, end))
     lags = []

@@ -174,7 +174,11 @@ def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
             f"is {figure.parameter}, but this run moves {table.run.moved}: remove parameter.",
         )
     parameters = [quantity.name for quantity in table.model.parameters]
-    groups = [group for group in table.rows.groups if any(is_compared(n, parameters) for n in group.names)]
+    groups = [
+        group
+        for group in table.rows.groups
+        if group.length > 1 and any(is_compared(name, parameters) for name in group.names)
+    ]
     names = [name for group in groups for name in group.names]
     # of a zip some points may have the same parameters, which the table shows
     count = math.prod(group.length for group in groups if len(group.names) == 1)

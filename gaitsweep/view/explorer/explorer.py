@@ -176,7 +176,7 @@ def _page(
     context = prepare(job)
     table = _labelled(table, context)
     shown = map_of(table, job, *axes, _most_records(table, context.design.names, _TABLE_SHARE * room))
-    fields = _table_fields(shown, context.design.names, table.attrs["job"])
+    fields = _table_fields(shown, context.design.names, table.attrs)
     room -= len(compressed(json_bytes(fields)))
     if room < 0:
         raise ExplorerSizeError(f"The table alone is larger than --max-size, {max_size:g} MB.")
@@ -275,7 +275,7 @@ def _most_records(table: pd.DataFrame, exact: Sequence[str], room: float) -> int
     return max(int(room / size), 100)
 
 
-def _table_fields(shown: StartMap, exact: Sequence[str], fields_of_job: Mapping[str, Any]) -> dict[str, Any]:
+def _table_fields(shown: StartMap, exact: Sequence[str], attrs: Mapping[Any, Any]) -> dict[str, Any]:
     """The map and the records in the format of the page, and the sentences of their statuses."""
     fields: dict[str, Any] = {
         "kind": shown.kind,
@@ -289,7 +289,12 @@ def _table_fields(shown: StartMap, exact: Sequence[str], fields_of_job: Mapping[
             {"name": html_symbol(shown.table, axis.name), "texts": axis.texts, "of": axis.of_record.tolist()}
             for axis in shown.slices
         ],
-        "statuses": {status.name: status_sentence(status.name, fields_of_job) for status in Status},
+        "statuses": {
+            status.name: status_sentence(
+                status.name, attrs["job"], {"quantities": attrs["manifest"].get("quantities")}
+            )
+            for status in Status
+        },
     }
     if shown.edges is not None and shown.at is not None:
         fields |= {
