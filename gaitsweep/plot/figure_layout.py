@@ -21,6 +21,8 @@ _LEAST_SHARE_OF_NATURAL = 0.6  # of a panel that is naturally low
 _HIGHEST = 1000  # mm: the highest figure that is tried
 _HEIGHT_STEP = 5  # mm: between the heights that are tried
 COLLAPSED = "constrained_layout not applied"  # a warning of Matplotlib
+_OVERHANG = 0.15  # inches: by which a text may be wider than its panel, at each side
+_SHARE_OF_GAP = 0.45  # of the gap to the next panel, whose text may overhang, too
 POINTS = 8.0  # of text, unless the user's rcParams differ from Matplotlib's defaults
 _LETTER = 0.53  # mean width of a letter, as a share of the size of its font
 _LEAST_LETTERS = 8  # in a line, even of a narrower panel
@@ -90,6 +92,11 @@ def check_height(figure: Figure, natural: float) -> None:
     while (_panel_heights(figure) < enough).any() and least < _HIGHEST:
         least = _HEIGHT_STEP * (least // _HEIGHT_STEP + 1.0)
         figure.set_figheight(least / INCH)
+    if (_panel_heights(figure) < enough).any():
+        raise PlotError(
+            f"height is {requested:g} mm, but this figure needs more than {least:g} mm: make it "
+            "wider or draw fewer panels."
+        )
     if least > requested:
         raise PlotError(f"height is {requested:g} mm, but this figure needs at least {least:g} mm.")
 
@@ -115,15 +122,15 @@ def break_lines(figure: Figure) -> None:
             continue
         gaps = [other.x0 - panel.x1 for other in panels] + [panel.x0 - other.x1 for other in panels]
         gap = min((gap for gap in gaps if gap > 0.0), default=np.inf)
-        beside = min(0.15 * figure.dpi, panel.x0, figure.bbox.width - panel.x1, 0.45 * gap)
-        spare = 2.0 * max(beside, 0.0)
+        beside = min(_OVERHANG * figure.dpi, panel.x0, figure.bbox.width - panel.x1, _SHARE_OF_GAP * gap)
+        overhang = 2.0 * max(beside, 0.0)  # at both sides
         # Matplotlib has no public names for titles at the sides
         titles = (axes.title, *(vars(axes)[f"_{side}_title"] for side in ("left", "right")))
         for text in (axes.xaxis.label, axes.yaxis.label, *titles):
             box = text.get_window_extent(renderer)
             vertical = text is axes.yaxis.label
             length = box.height if vertical else box.width
-            room = (panel.height if vertical else panel.width) + spare
+            room = panel.height if vertical else panel.width + overhang
             if text.get_text() and length > room:
                 lines = text.get_text() if text in titles else text.get_text().replace("\n", " ")
                 text.set_text(wrapped(lines, room / figure.dpi, float(text.get_fontsize()) / points(1.0)))

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from matplotlib.colors import to_hex
 
 from gaitsweep import plot
 from gaitsweep.plot import PlotError
@@ -45,6 +46,24 @@ def test_all_crossings_are_drawn_with_the_exponent_below() -> None:
     assert [line.get_xdata().tolist() for line in marks] == [[4.0]]
     words = [text.get_text() for legend in figure.legends for text in legend.get_texts()]
     assert words == ["periodic", "chaotic", "not settled"]
+
+
+def test_points_have_the_colours_of_gaits() -> None:
+    """By default where settled rows have several gaits; rows that are not settled keep their status."""
+    table = diagram_table().assign(gait=["trot", "pace", None, None])
+    figure: Any = plot.draw("orbit", table, x="a", y="x", hue="gait", colours={"trot": "crimson"})
+    (legend,) = figure.legends
+    words = [text.get_text() for text in legend.get_texts()]
+    assert set(words) == {"trot", "pace", "chaotic", "not settled"}
+    of_trot = [line for line in figure.axes[0].lines if to_hex(line.get_color()) == to_hex("crimson")]
+    assert [line.get_xydata()[0].tolist() for line in of_trot] == [[1.0, 0.1]]
+    assert all(line.get_markersize() >= 3.0 for line in of_trot)
+    by_default: Any = plot.orbit(table, x="a", y="x")
+    assert "trot" in [text.get_text() for text in by_default.legends[0].get_texts()]
+    by_status: Any = plot.orbit(table, x="a", y="x", hue="status")
+    assert "periodic" in [text.get_text() for text in by_status.legends[0].get_texts()]
+    with pytest.raises(PlotError, match="gait is not a column"):
+        plot.orbit(diagram_table(), x="a", y="x", hue="gait")
 
 
 def test_without_exponents_there_are_no_lower_axes() -> None:

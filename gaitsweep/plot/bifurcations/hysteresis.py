@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Float, Shaped
 from matplotlib.axes import Axes
+from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
@@ -25,13 +26,14 @@ from gaitsweep.plot.arguments import Observable, Observed, Panels, TableOrName, 
 from gaitsweep.plot.bifurcations.passes import (
     DOWN,
     LINES,
-    MARKER,
     UP,
     Columns,
     Panel,
     draw_passes,
     draw_strip,
+    in_column,
     irregular_parted,
+    marker_look,
     panels_of,
     panels_of_second,
     while_moving,
@@ -160,6 +162,7 @@ def _ink(axes: Axes) -> Float[np.ndarray, "points 2"]:
 
 
 _PANELS_A_ROW = 3
+_JUMPS_BELOW = 0.5  # inches: height of the legend of two jumps below a panel
 _LETTER = 0.035  # inches; width of a letter of a name at the right side
 
 
@@ -212,7 +215,7 @@ def hysteresis(
     A ramp is a thin line through its crossings, solid as the parameter rises and dashed as it falls; a
     staircase has a marker at the end of each stair, open if the stair had not settled. Bars at the top mark
     the intervals of the rising pass's jumps, medians over the rows, and bars at the bottom those of the
-    falling one; the legend gives them. Arrows mark where the two passes differ most. Passes that jump to and
+    falling one; a legend gives them. Arrows mark where the two passes differ most. Passes that jump to and
     fro, as with an irregular gait, belong to no branch and have their own panel below. Rows that differ in a
     parameter have a panel for each of its values; of rows that differ in starts or seeds one panel shows all.
     Gaits of the table are named beside their branches, or in the legend where there is no room.
@@ -264,12 +267,13 @@ def hysteresis(
             last = number % across == across - 1 or number == len(shown) - 1
             strip = below[number] if strips else None
             _mark(grid[number], strip, ticks, columns.origin, named=last)
-        broken = _label(grid, below, columns, across, ticks, jumps, room)
-        theme.grow(figure, 0.12 * broken)
+        in_key = _single_jumps(jumps) if in_column() else {}
+        broken = _label(grid, below, columns, across, ticks, [[]] if in_key else jumps, room)
+        theme.grow(figure, 0.12 * broken - (_JUMPS_BELOW if in_key else 0.0))
         for axes in {grid[0], below[0]}:
             theme.value_axis(axes, angle=columns.origin is not None)
         colours = {str(line.get_color()) for axes in (*grid, *below) for line in axes.lines}
-        key = _key(shown, columns, colours)
+        key = _key(shown, columns, colours, in_key)
         key += _name_gaits(grid, [branches for branches, _ in parted], columns, [*ticks])
         theme.legend(figure, key, ncols=3)
     return figure
@@ -426,8 +430,17 @@ def _below(axes: Axes, handles: list[Patch], room: float) -> int:
     return sum(str(handle.get_label()).count("\n") for handle in handles)
 
 
-def _key(shown: list[Panel], columns: Columns, colours: set[str]) -> list[Line2D]:
-    """The legend of the colours and markers that are drawn."""
+def _single_jumps(jumps: Sequence[list[Patch]]) -> dict[str, str]:
+    """The interval of the only jump of each direction, by its colour; empty for several panels or jumps."""
+    of_panel = jumps[0] if len(jumps) == 1 else []
+    intervals = {to_hex(jump.get_facecolor()).upper(): str(jump.get_label()) for jump in of_panel}
+    if len(intervals) < len(of_panel):
+        return {}
+    return {colour: words.rpartition(": ")[2] for colour, words in intervals.items()}
+
+
+def _key(shown: list[Panel], columns: Columns, colours: set[str], jumps: Mapping[str, str]) -> list[Line2D]:
+    """The legend of the colours and markers that are drawn, with the interval of the jump of each colour."""
     parameter = symbol(columns.table, columns.x)
     stairs = [panel.table for panel in shown if panel.table is not None and "stair" in panel.table.columns]
     handles = []
@@ -435,8 +448,9 @@ def _key(shown: list[Panel], columns: Columns, colours: set[str]) -> list[Line2D
         if colour not in colours:
             continue
         look: dict[str, Any] = {"color": colour, "ls": LINES[colour], "marker": marker if stairs else ""}
-        handles.append(Line2D([], [], label=f"{parameter} {words}", **MARKER, **look))
+        jump = f", jumps at {jumps[colour]}" if colour in jumps else ""
+        handles.append(Line2D([], [], label=f"{parameter} {words}{jump}", **marker_look(), **look))
     if any("settled" in stair.columns and not stair["settled"].to_numpy(bool).all() for stair in stairs):
         look = {"ls": "", "marker": "^", "mfc": "white", "color": "#555555"}
-        handles.append(Line2D([], [], label="hold not settled", **MARKER, **look))
+        handles.append(Line2D([], [], label="hold not settled", **marker_look(), **look))
     return handles

@@ -3,19 +3,30 @@
 from __future__ import annotations
 
 import itertools
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 import pandas as pd
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from gaitsweep.analysis.records import in_order
+from gaitsweep.angles import unwrap_from
 from gaitsweep.plot import theme
 from gaitsweep.plot.arguments import AlongAxis, Observed, Title
 from gaitsweep.plot.column_labels import described
-from gaitsweep.plot.columns import column, is_angle, log_axes, require_columns, require_one_system, rows_where
+from gaitsweep.plot.columns import (
+    column,
+    is_angle,
+    log_axes,
+    origin_of,
+    outcome,
+    require_columns,
+    require_one_system,
+    rows_where,
+)
 from gaitsweep.plot.kind import check_one_parameter, figure_kind
 from gaitsweep.status import Outcome, Status
 
@@ -29,23 +40,29 @@ _LOOKS = {
 _NOT_SETTLED, _FAILED, _AT_REST = str(Outcome.NOT_SETTLED), str(Outcome.FAILED), "at rest"
 _WITHOUT = {_NOT_SETTLED: "#999999", _FAILED: "#B00020", _AT_REST: "#222222"}  # colours of their marks
 _ERRORS = 2.0  # standard errors of the exponent that are drawn
-_MANY = 200  # rows from which on points are smaller
+_MANY = 2000  # rows from which on points are smaller
+_SIZE, _SMALL = 3.0, 0.8  # points: sizes of markers
 
 
-@figure_kind("settle", check=check_one_parameter, coloured="none")
+@figure_kind("settle", check=check_one_parameter)
 def orbit(
     table: pd.DataFrame,
     *,
     x: Annotated[AlongAxis, "column of the varying parameter"],
     y: Observed,
+    hue: Annotated[
+        Literal["gait", "status"] | None,
+        "gait or status: what colours the points; by default the gait where settled rows have several",
+    ] = None,
     title: Title = None,
 ) -> Figure:
     """The crossings of the attractors that rows reach over a parameter, with the Lyapunov exponent below.
 
     Of an orbit all crossings are drawn, of a chaotic or quasi-periodic row as many as the run keeps (the
-    larger of 10 and `run.max_period`). The lower axes show the largest exponent where `run.exponents` asks
-    for it, with two standard errors. Parameter values without such a row are marked: at rest, not settled (a
-    limit ended the rows, whose attractor is still open) or failed.
+    larger of 10 and `run.max_period`). Points of settled rows have the colour of their gait, and others that
+    of their status. The lower axes show the largest exponent where `run.exponents` asks for it, with two
+    standard errors. Parameter values without such a row are marked: at rest, not settled (a limit ended the
+    rows, whose attractor is still open) or failed.
 
     Args:
         table: a settle table over several values of x.
@@ -66,8 +83,15 @@ def orbit(
         above.set_ylabel(described(table, name, 36))
         statuses = set(table["status"].astype(str))
         present = [status for status in _LOOKS if status in statuses]
-        for status in present:
-            _draw_crossings(above, table, x, name, status)
+        looks = _looks(table, present, hue)
+        size = _SIZE if len(table) < _MANY else _SMALL
+        crossings = _crossings(table, name)
+        crossings = unwrap_from(crossings, origin_of(table, name, crossings.ravel()))
+        for of_look in looks:
+            values = crossings[of_look.rows]
+            at = np.broadcast_to(table[x].to_numpy(float)[of_look.rows, None], values.shape)
+            style: dict[str, Any] = {"ls": "", "marker": of_look.marker, "ms": size, "mew": 0.0}
+            above.plot(at.ravel(), values.ravel(), color=of_look.colour, rasterized=True, **style)
         if not present:
             theme.message(above, "No row has settled." if len(table) else "no rows yet")
         theme.value_axis(above, angle=is_angle(table, name))
@@ -78,8 +102,8 @@ def orbit(
         if exponents:
             _draw_exponent(panels[1], table, x)
         handles = [
-            Line2D([], [], ls="", marker="o", ms=3.5, color=colour, label=words)
-            for colour, words in (_LOOKS[status] for status in present)
+            Line2D([], [], ls="", marker=of.marker, ms=4.5, mew=0.0, color=of.colour, label=of.words)
+            for of in looks
         ]
         handles += [
             Line2D([], [], ls="", marker="|", color=_WITHOUT[words], ms=6, label=words) for words in without
@@ -88,15 +112,41 @@ def orbit(
     return figure
 
 
-def _draw_crossings(axes: Axes, table: pd.DataFrame, x: str, name: str, status: str) -> None:
-    """Draw all crossings of the rows of a status."""
-    rows = rows_where(table, table["status"].astype(str) == status)
-    crossings = (f"{name}_{number}" for number in itertools.count(2))  # the first has no number
-    further = itertools.takewhile(rows.columns.__contains__, crossings)
-    values = rows[[name, *further]].to_numpy(float)
-    at = np.broadcast_to(rows[x].to_numpy(float)[:, None], values.shape)
-    size = 2.0 if len(rows) < _MANY else 0.8
-    axes.plot(at.ravel(), values.ravel(), "o", ms=size, mew=0.0, color=_LOOKS[status][0], rasterized=True)
+class _Look(NamedTuple):
+    """The rows (n,) with one look, and its colour, marker and words in the legend."""
+
+    rows: Bool[np.ndarray, " rows"]
+    colour: str
+    marker: str
+    words: str
+
+
+def _looks(table: pd.DataFrame, present: list[str], hue: str | None) -> list[_Look]:
+    """The looks of the rows whose crossings are drawn: by the gaits of settled rows, or by the statuses."""
+    status = table["status"].astype(str).to_numpy(str)
+    settled = status == Status.settled.name
+    of_status = [_Look(status == name, _LOOKS[name][0], "o", _LOOKS[name][1]) for name in present]
+    if hue == "gait":
+        require_columns(table, "gait")
+    if hue == "status" or "gait" not in table.columns:
+        return of_status
+    gait = outcome(table, "gait").astype(str).to_numpy(str)
+    names = theme.ordered(dict.fromkeys(map(str, in_order(table, "gait", pd.Series(gait[settled])))))
+    if hue is None and len(names) < 2:
+        return of_status
+    colours, markers = theme.colours(names), theme.markers(names)
+    of_gaits = [
+        _Look(settled & (gait == name), colours[name], markers[name], theme.named(name)) for name in names
+    ]
+    return of_gaits + [look for look in of_status if not (look.rows & settled).any()]
+
+
+def _crossings(table: pd.DataFrame, name: str) -> Float[np.ndarray, "rows crossings"]:
+    """All crossings of each row, NaN beyond its last; not of rows that have no attractor, which are NaN."""
+    further = (f"{name}_{number}" for number in itertools.count(2))  # the first has no number
+    columns = [name, *itertools.takewhile(table.columns.__contains__, further)]
+    with_attractor = table["status"].astype(str).isin(list(_LOOKS)).to_numpy(bool)
+    return np.where(with_attractor[:, None], table[columns].to_numpy(float), np.nan)
 
 
 def _draw_exponent(axes: Axes, table: pd.DataFrame, x: str) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -38,7 +39,8 @@ from gaitsweep.table import TableError, load
 
 UP, DOWN = "#E69F00", "#0072B2"  # distinct for colour-blind readers, and in lightness
 LINES: dict[str, Any] = {UP: "-", DOWN: (0, (4, 2))}
-MARKER: dict[str, Any] = {"ms": 5.0, "mew": 0.9}  # points: large enough to be seen as hollow in 85 mm
+_MARKER: dict[str, Any] = {"ms": 5.0, "mew": 0.9}  # points
+_SMALL_MARKER: dict[str, Any] = {"ms": 3.4, "mew": 0.7}  # points: just large enough to be seen as hollow
 _GRID = 201  # values of the parameter at which two passes are compared
 _MOST_NAMED = 5  # jumps of one direction in the legend
 _FAINT = 4  # rows: more are drawn fainter
@@ -65,6 +67,16 @@ class Columns(NamedTuple):
     name: str
     x: str
     origin: float | None
+
+
+def in_column() -> bool:
+    """Whether the style asks for the width of a column of a paper, or less."""
+    return theme.width_of(math.inf) <= theme.COLUMN
+
+
+def marker_look() -> dict[str, Any]:
+    """The size and edge of markers, smaller in a column of a paper, where they would be a band."""
+    return _SMALL_MARKER if in_column() else _MARKER
 
 
 def panels_of(table: pd.DataFrame, panels: str | None, *, beside: bool) -> list[Panel]:
@@ -309,7 +321,13 @@ def _draw_row(
         pieces = theme.interrupted(parted, at[line], value[line])
         axes.plot(*pieces, color=colour, ls=LINES[colour], lw=0.8, alpha=alpha)
         if stairs:
-            look: dict[str, Any] = {"ls": "", "marker": marker, "alpha": alpha, "color": colour, **MARKER}
+            look: dict[str, Any] = {
+                "ls": "",
+                "marker": marker,
+                "alpha": alpha,
+                "color": colour,
+                **marker_look(),
+            }
             closed, hollow = of_pass[settled[of_pass]], of_pass[~settled[of_pass]]
             axes.plot(at[closed], value[closed], mfc=colour, **look)
             axes.plot(at[hollow], value[hollow], mfc="white", **look)

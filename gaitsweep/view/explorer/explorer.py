@@ -199,7 +199,7 @@ def _labelled(table: pd.DataFrame, context: RunContext) -> pd.DataFrame:
     if "gait" not in table.columns:
         table = _with_gaits(table, gaits(context.model, _gait_codes(table, context)))
     if run.kind_name == "atlas":
-        table = rows_where(table, (table["part"] == "branch") & table["stable"].notna())
+        table = rows_where(table, (table["part"] == "branch") & (table["end"].astype(str) != "no_gait"))
         gait = table["gait"].astype(str)
         table = _with_gaits(table, gait.mask(gait == "none", "period " + table["period"].astype(str)))
     if run.kind_name == "return_map":
