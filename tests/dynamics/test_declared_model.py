@@ -334,9 +334,7 @@ def test_a_variable_that_only_events_change_is_remarked_unless_it_is_held(held: 
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("always")
         gs.sweep(model, g=[9.0, 10.0], run=gs.Settle(max_cycles=2), verify=0)
-    sentence = (
-        "flow returns no rate of w, so that only events change it: return its rate, or declare"
-    )
+    sentence = "flow returns no rate of w, so that only events change it: return its rate, or declare"
     assert any(sentence in str(each.message) for each in said) != held
 
 
