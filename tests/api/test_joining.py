@@ -80,7 +80,7 @@ def test_rows_of_one_job_are_joined_once() -> None:
         gs.ArgumentError, match=r"Tables 1 and 2 both have 2 rows of the same job, such as row 0"
     ):
         gs.concat([table, table.head(2)])
-    joined = gs.concat([table.head(2), table[~table["row"].isin(table.head(2)["row"])]])
+    joined = gs.concat([table.head(2), table.loc[~table["row"].isin(table.head(2)["row"])]])
     assert joined["gait"].tolist() == ["trot", "walk", "trot"]
     other = _table(["walk"], mass=2.0)
     other.attrs["manifest"]["job_hash"] = "b"
