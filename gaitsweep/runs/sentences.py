@@ -18,9 +18,10 @@ WITHOUT_START = "without_start"  # rows whose start the model could not make
 WITHOUT_STRIDES = "without_strides"  # rows of a model with footfalls of which no row has a stride
 UNEVEN_STRIDES = "uneven_strides"  # settled rows of no gait of which a foot lands more than once a stride
 WITHOUT_PERIOD = "without_period"  # rows whose nominal period is not a positive time
-# Settled rows that repeat after one crossing.
+# Words about several rows, and those about one.
 _OF_ONE = {"their": "its", "rest": "rests", "lie": "lies", "are": "is"}
 _MOST_VALUES = 4  # of a row that a sentence names
+# Settled rows that repeat after one crossing.
 _AT = {"1": "at a fixed point"}
 # How the meaning of a function begins that tests something.
 _TESTS = ("whether", "return", "test", "if ", "true ")

@@ -122,7 +122,7 @@ class TracedLane(Protocol):
 
     @property
     def deciding(self) -> tuple[Model, ResolvedNumerics, RowDrive | None, int] | None:
-        """What decides `attempt`: model, numerics, drive and number of tangents; None: more than that."""
+        """The model, numerics, drive and number of tangents, if these alone decide `attempt`; else None."""
         ...
 
     @property

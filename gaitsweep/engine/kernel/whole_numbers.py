@@ -58,7 +58,7 @@ class WholeNumbers:
             self._set(nodes, Range(-size if limits.min else 0.0, size))
 
     def fault(self, equation: JaxprEqn, args: list[np.ndarray], outputs: list[np.ndarray]) -> str | None:
-        """Why float64 cannot represent the results of an equation, in words; None if it can.
+        """The reason, in words, why float64 cannot represent the results of an equation; None if it can.
 
         Args:
             equation: the equation.

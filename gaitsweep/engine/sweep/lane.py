@@ -115,7 +115,7 @@ class OneLane:
 
     @property
     def deciding(self) -> tuple[Model, ResolvedNumerics, RowDrive | None, int]:
-        """What decides `attempt`: the model, numerics and drive, and the number of tangents."""
+        """The model, numerics, drive and number of tangents, which decide `attempt`."""
         return self.model, self.numerics, self.drive, self.recorder.exponents
 
     def params_at(self, values: Mapping[str, Float[Array, " ..."]], t: Number) -> Params:
