@@ -116,7 +116,8 @@ def test_a_job_without_its_config_does_not_affect_others(table_of_claims: Path, 
     assert result["verdict"][["all_settle", "of_lost"]].tolist() == ["reproduced", "not run"]
     assert result["constants"][["all_settle", "of_lost"]].tolist() == ["defaults", ""]
     # nor does a measure that does not fit the table
-    assert result.loc["not_there", ["verdict", "why"]].tolist() == ["not", "KeyError: 'tau'"]
+    assert result.loc["not_there", "verdict"] == "not"
+    assert "tau is not a column" in result.loc["not_there", "why"]
 
 
 @pytest.mark.parametrize(

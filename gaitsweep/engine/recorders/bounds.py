@@ -21,6 +21,9 @@ TOLERANCE = 1.0e-3
 MIN_RELATIVE_SCALE = 1.0e-5
 # The smallest scale of such an observable in its unit, so that an observable at 0 settles.
 MIN_SCALE = 1.0e-9
+# The largest change of an observable in its unit that may be rounding where the section keeps it at 0: that
+# is relative to its values between crossings, which are not known here.
+ROUNDING = 1.0e-5 * MIN_SCALE
 # Differences of the observables between a crossing and those before it, or their values at these.
 Crossings = Float[Array, "crossings observables"]
 # The least and the largest value of each observable without a scale.

@@ -13,6 +13,7 @@ from jaxtyping import Array, Float, Int
 from gaitsweep.contract import HybridModel, Model, Params
 from gaitsweep.engine.carry import Carry, Flag, Halt, Integer, Number, Observed, select, unlikely
 from gaitsweep.engine.recorders.bounds import (
+    ROUNDING,
     SETTLE_WINDOW,
     TOLERANCE,
     Span,
@@ -319,7 +320,8 @@ class SettleRecorder(Recorder):
         moves = jnp.where(jnp.isnan(times)[:, None], jnp.nan, moves)
         latest = jnp.concatenate([now[None, :], before[:SETTLE_WINDOW]])
         # one division for each observable
-        moved = moves * (1.0 / bounds(self.model, self.tolerance, latest, span))[None, :]
+        in_bounds = 1.0 / bounds(self.model, self.tolerance, latest, span)
+        moved = jnp.maximum(moves - ROUNDING, 0.0) * in_bounds[None, :]
         still = (cycles >= SETTLE_WINDOW) & jnp.all(moved[:SETTLE_WINDOW] < 1.0)
         calm = jnp.where(still, memory.calm + 1, 0)
         distances = jnp.max(moved, axis=1)
