@@ -560,6 +560,19 @@ BOX = """<mujoco><worldbody><geom type="plane" size="9 9 .1"/>
     <geom name="box" type="box" size=".1 .15 .05" mass="2"/></body></worldbody></mujoco>"""
 
 
+def test_a_return_map_does_not_cover_an_overturned_body() -> None:
+    """Its coordinates are the tilt, which is that of an upright body too."""
+    model = of(BOX, control=lambda self, p, s: jnp.zeros(0), height=None)
+    params, state = begun(model)
+    for pitch, is_covered in ((1.5, True), (1.6, False), (np.pi, False), (2.0 * np.pi - 1.5, True)):
+        turned = jnp.array([np.cos(0.5 * pitch), 0.0, np.sin(0.5 * pitch), 0.0])
+        at = state.replace(q=state.q.at[3:7].set(2.0 * turned))
+        assert bool(model.chart().covers(params, at)) is is_covered
+        back = model.chart().from_coordinates(params, model.chart().to_coordinates(params, at), at)
+        same_pitch = abs(abs(back.q[3:7] @ turned) - 1.0) < 1e-12
+        assert bool(same_pitch) is is_covered
+
+
 @pytest.mark.slow
 def test_a_box_stands_on_its_corners_for_each_mass() -> None:
     """A sweep of masses, from tilted starts above the ground; a box sinks by m g / (4 K) into its corners."""

@@ -7,6 +7,7 @@ import pickle
 import re
 import warnings
 from pathlib import Path
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -382,6 +383,24 @@ REFUSED_AT_ONCE = {
 def test_wrong_declarations_are_refused_when_the_class_is_defined(words: str) -> None:
     with pytest.raises((TypeError, ValueError), match=words):
         type("Mine", (Ground,), REFUSED_AT_ONCE[words])
+
+
+def test_defaults_may_be_numbers_of_numpy() -> None:
+    whole: Any = np.int64(3)
+    single: Any = np.float32(0.5)
+    several: Any = np.array([1, 2])
+    of_jax: Any = jnp.asarray(0.5)
+    flag: Any = np.True_
+    assert [type(parameter("1", "k", value).quantity.default) for value in (whole, single)] == [int, float]
+    assert parameter("1", "k", several, count=2).defaults == (1, 2)
+    assert variable("1", "y", of_jax).start == 0.5
+    assert mode(flag, "down").start is True
+
+
+@pytest.mark.parametrize("start", [0.5, "down", (0, 0.5), None])
+def test_a_mode_begins_with_a_bool_or_a_whole_number(start: Any) -> None:
+    with pytest.raises(TypeError, match="must have a bool or a whole number"):
+        mode(start, "down")
 
 
 @pytest.mark.parametrize("count", [0, -1, 2.0, True])
