@@ -55,7 +55,17 @@ class Place:
         return self.base + self.frame @ (self.reach + self.turn @ (point - self.anchor))
 
 
-_GROUND = Place(None, ZERO, ZERO, ZERO, EYE, ZERO, EYE, ZERO, ZERO)
+_GROUND = Place(
+    across=None,
+    offset=ZERO,
+    axis=ZERO,
+    axis_across=ZERO,
+    turn=EYE,
+    anchor=ZERO,
+    frame=EYE,
+    base=ZERO,
+    reach=ZERO,
+)
 
 
 def places(tree: Tree, geometry: Geometry, q: Float[Array, " nq"]) -> list[Place]:
@@ -85,8 +95,9 @@ def places(tree: Tree, geometry: Geometry, q: Float[Array, " nq"]) -> list[Place
 
 
 def _free(anchor: Array, q: Array) -> Place:
+    """The place of a free body."""
     frame = rotation_of(q[3:])
-    return Place(frame, q[:3], ZERO, ZERO, EYE, anchor, frame, q[:3], ZERO)
+    return dataclasses.replace(_GROUND, across=frame, offset=q[:3], anchor=anchor, frame=frame, base=q[:3])
 
 
 def _jointed(
@@ -114,7 +125,17 @@ def _jointed(
     reach = parent.reach + offset
     if across is not None:
         frame, base, reach = frame @ across, base + frame @ reach, ZERO
-    return Place(across, offset, axis, axis_across, turn, anchor, frame, base, reach)
+    return Place(
+        across=across,
+        offset=offset,
+        axis=axis,
+        axis_across=axis_across,
+        turn=turn,
+        anchor=anchor,
+        frame=frame,
+        base=base,
+        reach=reach,
+    )
 
 
 @dataclasses.dataclass(frozen=True)

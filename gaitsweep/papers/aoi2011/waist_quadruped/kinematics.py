@@ -85,7 +85,7 @@ def joint_rates(
 ) -> tuple[jax.Array, jax.Array]:
     """Time derivatives (rad/s) of the hip and knee angles of `joint_angles`; x, z, length, bend as there.
 
-    The knee of a target out of reach does not turn.
+    The knee of a target out of reach does not turn. A foot exactly at its hip has no rates; they are NaN.
 
     Args:
         x_rate, z_rate: velocity of the foot relative to the hip, m/s.
