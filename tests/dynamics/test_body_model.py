@@ -22,6 +22,7 @@ import pytest
 import gaitsweep as gs
 from gaitsweep.dynamics.body.body_model import Standing
 from gaitsweep.dynamics.body.mechanics import LocatedBody
+from gaitsweep.dynamics.tree import tilted
 from gaitsweep.engine.kernel import cuda_lanes
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.recordings import CrossingRecorder
@@ -568,8 +569,8 @@ def test_a_return_map_does_not_cover_an_overturned_body() -> None:
         turned = jnp.array([np.cos(0.5 * pitch), 0.0, np.sin(0.5 * pitch), 0.0])
         at = state.replace(q=state.q.at[3:7].set(2.0 * turned))
         assert bool(model.chart().covers(params, at)) is is_covered
-        back = model.chart().from_coordinates(params, model.chart().to_coordinates(params, at), at)
-        same_pitch = abs(abs(back.q[3:7] @ turned) - 1.0) < 1e-12
+        back = tilted(model.chart().to_coordinates(params, at)[:2])
+        same_pitch = abs(abs(back @ turned) - 1.0) < 1e-12
         assert bool(same_pitch) is is_covered
 
 

@@ -569,6 +569,9 @@ def test_contradictions_are_refused_in_one_sentence() -> None:
             made(**members)
     with pytest.raises(TypeError, match="rising=False, so it needs during="):
         event("lands", rising=False)
+    interval: Any = 1.0
+    with pytest.raises(TypeError, match=r"'kick' have every=1\.0, .*every=lambda p: 1\.0"):
+        gs.instants("kick", every=interval)
     with pytest.raises(TypeError, match="'kick' have after= without every="):
         gs.instants("kick", at=[1.0], after=0.5)
     with pytest.raises(ValueError, match="z has 2 start values, but 3 numbers"):
