@@ -13,7 +13,7 @@ from jaxtyping import Array, Bool, Float
 
 from gaitsweep.contract import Chart, Quantity
 from gaitsweep.dynamics.declarations import Reading, Variable
-from gaitsweep.dynamics.tree import tilt_and_heading, tilted
+from gaitsweep.dynamics.tree import is_upright, tilt_and_heading, tilted
 
 if TYPE_CHECKING:
     from gaitsweep.dynamics.body.body_model import BodyModel
@@ -137,9 +137,10 @@ class BodyCoordinates(Chart):
         return self.model.begun_on_section(params, state)
 
     def covers(self, params: Any, state: Any, /) -> Bool[Array, ""]:
-        # on a slope the heading matters
-        level = params.body["slope"] == 0.0
-        return level if self.model.body.is_free else jnp.ones((), bool)
+        if not self.model.body.is_free:
+            return jnp.ones((), bool)
+        # on a slope the heading matters, and the tilt of an overturned body is that of an upright one, too
+        return (params.body["slope"] == 0.0) & is_upright(state.q[3:7])
 
     def _onto_section(self, params: Any, state: Any) -> Any:
         """The state moved onto the surface of the section along its normal, by Newton's method."""
