@@ -278,6 +278,8 @@ def test_a_stable_gait_is_not_called_unstable_and_a_push_back_over_the_section_i
     run = gs.Settle(max_cycles=60, tolerance=1e-6)
     check = gs.sweep(HalfCentres(), run=run, verify=2, u_1_0=[0.1, 0.2]).manifest["self_check"]
     assert check["verdict"] == "passed", check
-    table = gs.perturb(HalfCentres(), ["u_1"], push_u_1=[-1e-4, 1e-4], run={"tolerance": 1e-6}, verify=0).table
+    table = gs.perturb(
+        HalfCentres(), ["u_1"], push_u_1=[-1e-4, 1e-4], run={"tolerance": 1e-6}, verify=0
+    ).table
     print(table.T)
     assert (table["cycles_back"] == 0).all()

@@ -103,9 +103,7 @@ def orbit(
             above.plot(values, 0.0 * values, "|", transform=above.get_xaxis_transform(), **look)
         if exponents:
             _draw_exponent(panels[1], table, x)
-        handles = [
-            Line2D([], [], color=of.colour, label=of.words, **_marker(of, 4.5)) for of in looks
-        ]
+        handles = [Line2D([], [], color=of.colour, label=of.words, **_marker(of, 4.5)) for of in looks]
         handles += [
             Line2D([], [], ls="", marker="|", color=_WITHOUT[words], ms=6, label=words) for words in without
         ]
