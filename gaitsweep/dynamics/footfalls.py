@@ -35,7 +35,7 @@ GAITS = {
 # Hildebrand's classes; legs land together, and have equal strides, within that. Legs of a pair alternate
 # within a tenth. Lags of six legs, whose gaits are a sixth apart, are within a twelfth.
 TOGETHER = 1.0 / 16.0
-_ALTERNATE = 0.1
+ALTERNATE = 0.1
 _SIXTH = 1.0 / 12.0
 
 # Strides, or periods of the model if these are longer, after a touchdown within which a foot that steps lands
@@ -145,7 +145,7 @@ def _near(lag: Any, target: float, within: float) -> Any:
 
 def _of_two(at: Legs, duty: Any) -> dict[str, Any]:
     """Whether two legs have each gait; the first that holds counts."""
-    alternate = _near(at["R"] - at["L"], 0.5, _ALTERNATE)
+    alternate = _near(at["R"] - at["L"], 0.5, ALTERNATE)
     return {
         "walk": alternate & (duty >= 0.5),
         "run": alternate,
@@ -161,10 +161,10 @@ def _of_four(at: Legs, duty: Any) -> dict[str, Any]:
     # the share of a stride by which a fore foot follows the hind foot of its side, the mean of both sides
     diagonality = left + 0.5 * _between(at["RF"] - at["RH"], left)
     diagonality = diagonality - jnp.floor(diagonality)
-    symmetrical = _near(fore, 0.5, _ALTERNATE) & _near(hind, 0.5, _ALTERNATE)
+    symmetrical = _near(fore, 0.5, ALTERNATE) & _near(hind, 0.5, ALTERNATE)
     fores = _near(fore, 0.0, TOGETHER)
     hinds = _near(hind, 0.0, TOGETHER)
-    gallop = ~(fores | hinds | _near(fore, 0.5, _ALTERNATE) | _near(hind, 0.5, _ALTERNATE))
+    gallop = ~(fores | hinds | _near(fore, 0.5, ALTERNATE) | _near(hind, 0.5, ALTERNATE))
     lateral = symmetrical & (diagonality < 0.5)
     return {
         "trot": symmetrical & _near(diagonality, 0.5, TOGETHER),
@@ -175,7 +175,7 @@ def _of_four(at: Legs, duty: Any) -> dict[str, Any]:
         "diagonal sequence run": symmetrical,
         "pronk": fores & hinds & _near(diagonality, 0.0, TOGETHER),
         "bound": fores & hinds,
-        "half-bound": hinds & ~fores & ~_near(fore, 0.5, _ALTERNATE),
+        "half-bound": hinds & ~fores & ~_near(fore, 0.5, ALTERNATE),
         # both pairs land left before right, or both right before left
         "transverse gallop": gallop & (fore * hind > 0.0),
         "rotary gallop": gallop,

@@ -27,7 +27,7 @@ from gaitsweep.dynamics.footfalls import (
 from gaitsweep.models.conformity import fault
 from gaitsweep.models.value_faults import faults
 from gaitsweep.runs.sentences import remarks
-from gaitsweep.runs.summary import add_uneven_strides
+from gaitsweep.runs.summary import add_uneven_strides, add_without_gait
 
 # Touchdowns as shares of a stride, in the order of `LEGS`, and the duty factor, of gaits as their sources
 # describe them. Fours are LF, RF, LH, RH; sixes L1, R1, L2, R2, L3, R3.
@@ -362,3 +362,14 @@ def test_a_settled_row_whose_foot_lands_more_than_once_a_stride_is_remarked() ->
     assert "1 settled row has no gait, since a foot lands more than once a stride" in sentence
     assert "foot R: its last contact has 0.063 s" in sentence
     assert "`shortest_contact` in the model file" in sentence
+    # row 2's strides differ over two crossings, those of row 3 are equal, and row 4 has a foot that stands
+    part.loc[4] = [4, "settled", 1, "none", 0.96, np.nan, 0.55, np.nan]
+    reasons: dict[str, dict[str, int]] = {}
+    add_without_gait(reasons, part, {"stride_1_end": "L", "stride_2_end": "R"})
+    assert {reason: about["row"] for reason, about in reasons.items()} == {
+        "no_stride": 4, "several": 2, "other_lags": 3,
+    }  # fmt: skip
+    (sentence,) = remarks({"without_gait": {"legs": 2, "reasons": reasons}})
+    assert "3 settled rows have the gait none" in sentence
+    assert "in 1 row (row 4) a foot has no stride" in sentence
+    assert "lag_2 / (2 pi) is within 0.1 of 1/2 in a walk or run, and within 0.0625 of 0 in a hop" in sentence

@@ -20,7 +20,14 @@ from gaitsweep.papers.fukuoka2015.analysis.swing_onsets import (
     gait_of,
     onsets_of,
 )
-from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import CHART, STRICT, THRESHOLD, margin, place
+from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import (
+    CHART,
+    LEGS,
+    STRICT,
+    THRESHOLD,
+    margin,
+    place,
+)
 from gaitsweep.status import Status
 
 REPEATS = ("seed", "pair", "scatter")  # axes along which rows are repetitions of one case
