@@ -47,10 +47,11 @@ def test_gaits_are_counted_over_parameters() -> None:
 
 
 def test_gaits_of_another_model_are_counted_by_its_own_names() -> None:
-    """Rows that failed count by their outcome; a table with several records of a row has its gaits along it."""
+    """Rows that failed count by their outcome; tables with several records of a row are left out."""
     table = pd.DataFrame({
         "row": [0, 1, 2, 3], "mass": [1.0, 1.0, 2.0, 2.0], "status": ["settled"] * 3 + ["fell"],
-        "cycles": [9] * 4, "gait": ["walk", "hop", "walk", None], "outcome": ["walk", "hop", "walk", "failed"],
+        "cycles": [9] * 4, "gait": ["walk", "hop", "walk", None],
+        "outcome": ["walk", "hop", "walk", "failed"],
     })  # fmt: skip
     gaits = own_gaits_in(table)
     assert gaits is not None

@@ -298,8 +298,8 @@ class MatsuokaOscillators(Oscillators):
 
     def declarations(self, legs: Sequence[str]) -> dict[str, Any]:
         n = len(legs)
-        # the first leg begins in swing, before the section at which its extensor takes over, and so do the legs
-        # that it does not inhibit
+        # the first leg, and others that it does not inhibit, begin in swing: before the section, at which its
+        # extensor takes over
         extensors = [1.0 if i % 2 else 0.1 for i in range(n)]
         starts = (*extensors, *(1.1 - start for start in extensors))
         declared: dict[str, Any] = {
