@@ -30,12 +30,18 @@ def gaits(
         ),
     ] = None,
 ) -> None:
-    """Count the rows of a four-legged model with each gait."""
-    from gaitsweep.papers.fukuoka2015.analysis.gait_tables import gaits_counted, gaits_in
+    """Count the rows with each gait.
+
+    From swing onsets of four legs, as Fukuoka et al. 2015; in a table of another model by its own gaits.
+    """
+    from gaitsweep.papers.fukuoka2015.analysis.gait_tables import gaits_counted, gaits_in, own_gaits_in
     from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import THRESHOLD
 
     thresholds = (THRESHOLD,) if threshold is None else (THRESHOLD, threshold)
-    table = gaits_in(gs.load(directory), window=window, thresholds=thresholds)
+    rows = gs.load(directory)
+    without_options = threshold is None and not any(map(math.isfinite, window))
+    own = own_gaits_in(rows) if without_options else None
+    table = gaits_in(rows, window=window, thresholds=thresholds) if own is None else own
     if threshold is not None:
         # the first threshold is that of the model where a table has the model's own gaits
         table["gait"] = table[f"gait_at_{threshold:g}"]
