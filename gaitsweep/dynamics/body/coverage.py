@@ -16,7 +16,7 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
-from gaitsweep.dynamics.body.surfaces import Box, Surface, cleaned, surface_of
+from gaitsweep.dynamics.body.surfaces import Box, Edge, Plane, Surface, cleaned, surface_of
 
 _GEOM = mujoco.mjtGeom
 _OFF = mujoco.mjtDisableBit
@@ -52,7 +52,7 @@ class Touch:
     """A geom that may touch a surface of the ground.
 
     `points` (k, 3) m are the centres of its spheres, or its corners, in the body's frame; `radius` is theirs;
-    `friction` is None without friction.
+    `friction` is None without friction; `edges` are those of the surface that a capsule's side may touch.
     """
 
     geom: int
@@ -62,11 +62,12 @@ class Touch:
     surface: Surface
     softness: Softness
     friction: float | None
+    edges: tuple[Edge, ...] = ()
 
     @property
-    def has_side(self) -> bool:
-        """Whether an edge of the surface could meet the geom between its two points."""
-        return isinstance(self.surface, Box) and len(self.points) == 2
+    def contacts(self) -> int:
+        """Number of contacts: one of each point, two of the side with each edge."""
+        return len(self.points) + 2 * len(self.edges)
 
 
 def touches(m: Any) -> list[Touch]:
@@ -103,7 +104,20 @@ def touches(m: Any) -> list[Touch]:
         friction = mixed.friction if mixed.condim == 3 else None
         result.append(Touch(geom, body, points, radius, surface, softness, friction))
     _refuse_different_friction(m, result)
-    return result
+    return [dataclasses.replace(touch, edges=_edges(m, data, touch, result)) for touch in result]
+
+
+def _edges(m: Any, data: Any, touch: Touch, touches_of_body: list[Touch]) -> tuple[Edge, ...]:
+    """The edges of a box that the side of a capsule may touch above the level planes that it touches, too."""
+    is_capsule = m.geom_type[touch.geom] == _GEOM.mjGEOM_CAPSULE
+    if not (is_capsule and isinstance(touch.surface, Box)):
+        return ()
+    in_plane = touch.surface.is_along_y and _is_planar(m, data, touch.geom)
+    if in_plane and _is_along_y(data, touch.geom):  # its ends meet what its side meets
+        return ()
+    planes = [other.surface for other in touches_of_body if other.geom == touch.geom]
+    levels = [plane.origin[2] for plane in planes if isinstance(plane, Plane) and plane.is_level]
+    return tuple(touch.surface.edges(in_plane, max(levels, default=-math.inf)))
 
 
 def _refuse_different_friction(m: Any, touches_of_body: list[Touch]) -> None:

@@ -29,7 +29,7 @@ from gaitsweep.dynamics.body.body_parameters import (
     is_velocity_servo,
 )
 from gaitsweep.dynamics.body.coverage import Touch, limits, refusals, touches
-from gaitsweep.dynamics.body.surfaces import Plane, Relief
+from gaitsweep.dynamics.body.surfaces import Edge, Plane, Relief, Surface
 from gaitsweep.dynamics.ground import Ground
 from gaitsweep.dynamics.mjcf import identifier
 from gaitsweep.dynamics.tree import (
@@ -169,14 +169,16 @@ class LocatedBody:
         self.elements = BodyElements(m)
         parameters = BodyParameters(self.elements, self._geometry, self._touches, self._limits)
         self.parameters = parameters.quantities(float(np.linalg.norm(self._gravity)))
-        points = [self.elements.name_of_geom(touch.geom) for touch in self._touches for _ in touch.points]
+        points = [
+            self.elements.name_of_geom(touch.geom) for touch in self._touches for _ in range(touch.contacts)
+        ]
         ends = [(self.elements.name_of_joint(j), end) for j in self._limits for end in ("lower", "upper")]
         self.geom_of_stop = (*points, *(None for _ in ends))  # the geom's name; None for a limit
         self.stop_names = (
             *(
                 f"geom {self.elements.name_of_geom(touch.geom)} touches or leaves {touch.surface.description}"
                 for touch in self._touches
-                for _ in touch.points
+                for _ in range(touch.contacts)
             ),
             *(f"joint {joint} meets or leaves its {end} limit" for joint, end in ends),
         )
@@ -316,7 +318,12 @@ class LocatedBody:
     def _contacts(
         self, geometry: Geometry, values: Values, q: Array, v: Array, ground: Ground
     ) -> Iterator[Contact]:
-        """The contact of each point of a geom that may touch the ground; arguments as of `stretches`."""
+        """The contacts of each geom that may touch the ground; arguments as of `stretches`.
+
+        The side of a capsule at an edge has the energy K (s2 - e2) / 2 with the depth s of the side and e, if
+        positive, of the nearer end at this edge: a second contact, of stiffness -K. So energy and force are
+        continuous as the edge passes from the side to the end, which has a contact of its own.
+        """
         placed = places(self.tree, geometry, q)
         moving = movements(self.tree, placed, v)
         for touch in self._touches:
@@ -325,8 +332,14 @@ class LocatedBody:
             centres, radius = self._points(touch, values, placed)
             damper = values[f"{name}_contact_damping"]
             has_friction = touch.friction is not None
-            for centre in centres:
-                normal, above = touch.surface.below(centre, ground)
+            stiffness = values[f"{name}_contact_stiffness"]
+            met: list[tuple[Array, Surface | Edge, float]] = [(at, touch.surface, 1.0) for at in centres]
+            for edge in touch.edges:
+                met += [
+                    (side, edge, sign) for side, sign in zip(_side(edge, centres), (1.0, -1.0), strict=True)
+                ]
+            for centre, surface, sign in met:
+                normal, above = surface.below(centre, ground)
                 depth = radius - above
                 # between the lowest point and the surface, as in MuJoCo
                 at = centre - normal * (radius - 0.5 * depth)
@@ -335,8 +348,8 @@ class LocatedBody:
                 yield Contact(
                     stretch=depth,
                     rate=-rise,
-                    K=values[f"{name}_contact_stiffness"],
-                    D=damper,
+                    K=sign * stiffness,
+                    D=sign * damper,
                     link=link,
                     at=at,
                     slip=speed - rise * normal,
@@ -385,8 +398,8 @@ class LocatedBody:
     def _bounds(self, values: Values, q: Array) -> Float[Array, " bounds"]:
         """The lengths (m), (bounds,), by which contacts are beyond what is covered; else negative.
 
-        A capsule meets a box with its ends: with its side it would pass through an edge. Beyond its ends a
-        height field has no surface.
+        The side of a capsule meets edges of a box, but not corners. Beyond its ends a height field has no
+        surface.
         """
         placed = places(self.tree, self.geometry(values), q)
         bounds: list[Scalar] = []
@@ -395,13 +408,18 @@ class LocatedBody:
             if isinstance(surface, Plane):
                 continue
             points, radius = self._points(touch, values, placed)
-            depths = [radius - surface.below(point, EVEN)[1] for point in points]
             if isinstance(surface, Relief):
-                pairs = zip(depths, points, strict=True)
-                bounds += [jnp.minimum(depth, surface.beyond(point)) for depth, point in pairs]
-            elif touch.has_side:
-                depth = radius + surface.margin - surface.distance_of_segment(*points)
-                bounds.append(jnp.minimum(depth, depth - jnp.maximum(*depths) - RELEASE))
+                for point in points:
+                    depth = radius - surface.below(point, EVEN)[1]
+                    bounds.append(jnp.minimum(depth, surface.beyond(point)))
+            elif touch.edges:
+                at_corner = []
+                for edge in touch.edges:
+                    side, end = _side(edge, points)
+                    depth, of_end = (radius - edge.below(point, EVEN)[1] for point in (side, end))
+                    apart = jnp.minimum(depth, depth - of_end - RELEASE)
+                    at_corner.append(jnp.minimum(apart, edge.beyond(side)))
+                bounds.append(functools.reduce(jnp.maximum, at_corner))
         return _row(bounds) if bounds else jnp.zeros((0,))
 
     def _points(self, touch: Touch, values: Values, placed: Sequence[Place]) -> tuple[list[Array], Scalar]:
@@ -523,7 +541,13 @@ def _bounds_of(touch: Touch) -> list[str]:
     """The places at which the contact of a geom with a surface is not covered."""
     if isinstance(touch.surface, Relief):
         return ["beyond its end"] * len(touch.points)
-    return ["with its side"] if touch.has_side else []
+    return ["with its side at a corner"] if touch.edges else []
+
+
+def _side(edge: Edge, ends: Sequence[Array]) -> tuple[Array, Array]:
+    """The places (3,) m on a capsule's axis, and at its nearer end, that are nearest to an edge."""
+    first, second = (edge.below(end, EVEN)[1] for end in ends)
+    return edge.nearest_of_segment(*ends), jnp.where(first < second, *ends)
 
 
 def _row(numbers: Sequence[Scalar]) -> Array:

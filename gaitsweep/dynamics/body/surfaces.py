@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from typing import Any, ClassVar, TypeAlias
 
 import jax
@@ -90,33 +91,24 @@ class Box:
         depth = jnp.maximum(jnp.maximum(beyond[0], beyond[1]), beyond[2])
         return self.axes @ normal, jnp.where(is_outside, distance, depth) - self.margin
 
-    def distance_of_segment(self, begin: Array, end: Array) -> Scalar:
-        """The distance (m) of the nearest point of a segment from `begin` to `end`, (3,) m; 0 inside.
+    def edges(self, along_y: bool, level: float) -> list[Edge]:
+        """The edges, without those that are nowhere above a plane at the height `level` (m).
 
-        The derivative of the squared distance along the segment rises, in straight lines between the places
-        where a coordinate passes a face.
+        Args:
+            along_y: whether to take the edges along y alone, which a planar body meets.
+            level: the plane's height, m; minus infinity without one.
         """
-        start = self.axes.T @ (begin - self.centre)
-        along = self.axes.T @ (end - begin)
-        per = 1.0 / jnp.where(along == 0.0, 1.0, along)
-        breaks = [(sign * self.half - start) * per for sign in (-1.0, 1.0)]
-        shares = jnp.clip(jnp.concatenate([jnp.array([0.0, 1.0]), *breaks]), 0.0, 1.0)
-        slopes = jnp.stack([along @ self._excess(start + share * along) for share in shares])
-        low = jnp.max(jnp.where(slopes <= 0.0, shares, 0.0))
-        high = jnp.min(jnp.where(slopes >= 0.0, shares, 1.0))
-        fall = jnp.max(jnp.where(slopes <= 0.0, slopes, -jnp.inf))
-        rise = jnp.min(jnp.where(slopes >= 0.0, slopes, jnp.inf))
-        crosses = (slopes[0] <= 0.0) & (slopes[1] >= 0.0) & (rise > fall)
-        share = low - jnp.where(crosses, (high - low) * fall / jnp.where(crosses, rise - fall, 1.0), 0.0)
-        share = jnp.where(slopes[0] > 0.0, 0.0, jnp.where(slopes[1] < 0.0, 1.0, share))
-        excess = self._excess(start + share * along)
-        square = excess @ excess
-        # the root of 0 has no derivative
-        return jnp.where(square > 0.0, jnp.sqrt(jnp.where(square > 0.0, square, 1.0)), 0.0)
-
-    def _excess(self, local: Array) -> Array:
-        """The vector (3,) m from the nearest point of the box to a point, both in its axes."""
-        return local - jnp.clip(local, -self.half, self.half)
+        result = []
+        for k in range(3):
+            along = self.axes[:, k]
+            if along_y and abs(along[1]) != 1.0:
+                continue
+            for signs in itertools.product((-1.0, 1.0), repeat=2):
+                aside = self.axes @ (self.half * np.insert(signs, k, 0.0))
+                half = float(self.half[k])
+                if self.centre[2] + aside[2] + half * abs(along[2]) > level + _DUST:
+                    result.append(Edge(self.centre + aside, along, half, self.margin))
+        return result
 
     def top(self, x: Array, y: Array) -> Array:
         """The height (m) of the upper side of the box at places x, y (m); NaN beside it."""
@@ -132,6 +124,47 @@ class Box:
             low = jnp.maximum(low, jnp.minimum(*ends))
             high = jnp.minimum(high, jnp.maximum(*ends))
         return jnp.where(low <= high, self.centre[2] + high, jnp.nan)
+
+
+@dataclasses.dataclass(frozen=True)
+class Edge:
+    """An edge of a box: `middle` (3,) m, direction `along` (3,), `half` its length, `margin`, both m."""
+
+    middle: Float[np.ndarray, " 3"]
+    along: Float[np.ndarray, " 3"]
+    half: float
+    margin: float
+
+    def below(self, point: Array, _ground: Ground) -> tuple[Array, Scalar]:
+        """The normal (3,) from the edge to a point (3,) m, and the distance (m) of both."""
+        away = point - self._nearest_to(point)
+        distance = jnp.sqrt(away @ away)
+        return away / distance, distance - self.margin
+
+    def nearest_of_segment(self, begin: Array, end: Array) -> Array:
+        """The point (3,) m of a segment from `begin` to `end`, (3,) m, that is nearest to the edge.
+
+        It is that nearest to the edge's line, and then that nearest to the edge's point next to it (Ericson
+        2005, Real-Time Collision Detection, 5.1.9).
+        """
+        along = end - begin
+        across = along - self.along * (self.along @ along)
+        on_line = begin + _share(across, self.middle - begin) * along
+        return begin + _share(along, self._nearest_to(on_line) - begin) * along
+
+    def beyond(self, point: Array) -> Scalar:
+        """The distance (m) of a point (3,) m beyond the nearer end of the edge; negative between both."""
+        return jnp.abs(self.along @ (point - self.middle)) - self.half
+
+    def _nearest_to(self, point: Array) -> Array:
+        """The point (3,) m of the edge that is nearest to a point (3,) m."""
+        return self.middle + self.along * jnp.clip(self.along @ (point - self.middle), -self.half, self.half)
+
+
+def _share(along: Array, to: Array) -> Scalar:
+    """The place, from 0 to 1, of the foot of `to` (3,) on a segment `along` (3,), both m from its begin."""
+    square = along @ along
+    return jnp.clip(along @ to / jnp.where(square > 0.0, square, 1.0), 0.0, 1.0)
 
 
 @dataclasses.dataclass(frozen=True)
