@@ -127,6 +127,37 @@ def test_cylinders_of_planar_bodies_meet_a_plane_as_in_c(axis: str) -> None:
         np.testing.assert_allclose(normals[0], data.contact.frame[0, :3], rtol=0.0, atol=1e-12)
 
 
+def test_cylinders_in_space_meet_a_plane_as_in_c() -> None:
+    """The rims of a cylinder; ends that are nearly flat on the plane are domed by up to 1 % of the radius."""
+    geom = '<geom name="g" type="cylinder" euler="20 30 0" size=".1 .06" pos=".05 0 .02" conaffinity="0"/>'
+    plane = '<geom type="plane" size="9 9 .1" euler="5 12 0" pos="0 0 .1"/>'
+    m, data, _, contacts = compiled(world(plane, f'<body name="b"><freejoint/>{geom}</body>'))
+    m.geom_margin[:] = 10.0
+    rng = np.random.default_rng(1)
+    domed = 0
+    for k in range(60):
+        data.qpos[:3] = rng.uniform(-0.3, 0.3, 3)
+        data.qpos[3:] = rng.normal(size=4)
+        if k >= 40:  # one end is nearly flat on the plane
+            back = np.zeros(4)
+            mujoco.mju_negQuat(back, m.geom_quat[1])
+            tilt = np.append(1.0, rng.normal(size=3) * 0.01)
+            mujoco.mju_mulQuat(back, tilt / np.linalg.norm(tilt), back)
+            mujoco.mju_mulQuat(data.qpos[3:], m.geom_quat[0], back)
+        data.qpos[3:] /= np.linalg.norm(data.qpos[3:])
+        mujoco.mj_kinematics(m, data)
+        mujoco.mj_collision(m, data)
+        depths, normals, _ = contacts(data.qpos)
+        normal = data.contact.frame[0, :3]
+        along = abs(data.geom_xmat[1].reshape(3, 3)[:, 2] @ normal)
+        tilt = np.sqrt(1.0 - along**2) / along
+        domed += tilt < 0.02
+        dome = 0.1 * along * (0.01 + tilt**2 / 0.04 - tilt) if tilt < 0.02 else 0.0
+        assert -data.contact.dist.min() + dome == pytest.approx(float(depths.max()), rel=0.0, abs=1e-9)
+        np.testing.assert_allclose(normals[0], normal, rtol=0.0, atol=1e-12)
+    assert 5 < domed < 20
+
+
 def floor(x: float, z: float) -> tuple[np.ndarray, float]:
     """The normal of the floor, and the height over it."""
     return np.array([0.0, 1.0]), z
@@ -283,6 +314,31 @@ def test_a_rod_that_slides_over_an_edge_keeps_its_energy() -> None:
     assert ((side > 0.0) & (overlap <= 0.0)).any()  # the edge is between the ends
     assert ((overlap > 0.0) & (side > overlap)).any()  # the end comes
     assert ((overlap > 0.0) & (share >= 0.5)).any() or depths[1][-1] > 0.0  # it has passed
+
+
+@pytest.mark.slow
+def test_a_cylinder_that_falls_on_its_end_keeps_its_energy() -> None:
+    """It rocks on rim and dome; the depth of each end is the support function of the domed cylinder."""
+    geom = '<geom name="g" type="cylinder" size=".1 .06" mass="1" conaffinity="0"/>'
+    xml = world(FLOOR, f'<body name="b"><freejoint name="root"/>{geom}</body>')
+    free = {"g_friction": 0.0, "g_contact_damping": 0.0, "g_contact_stiffness": STIFFNESS}
+    start: dict[str, Any] = {"root_z_0": 0.063, "root_pitch_0": 0.03, "root_w_x_0": 0.2}
+    options: dict[str, Any] = {**start, **free, "duration": 0.2, "every": 0.0005, "numerics": EXACT}
+    rates = gs.signal("1", "velocities", count=6)(lambda self, p, s: s.v)
+    model: Any = type("Can", (planar_body(xml),), {"speed": rates})()
+    trace = gs.simulate(model, **options)
+    q = trace[[f"q_{k}" for k in range(7)]].to_numpy()
+    v = trace[[f"speed_{k}" for k in range(1, 7)]].to_numpy()
+    inertia = mujoco.MjModel.from_xml_string(xml).body_inertia[1]
+    energy = 0.5 * (v[:, :3] ** 2).sum(axis=1) + 0.5 * v[:, 3:] ** 2 @ inertia + 9.81 * q[:, 2]
+    along = scipy.spatial.transform.Rotation.from_quat(q[:, [4, 5, 6, 3]]).as_matrix()[:, 2, 2]
+    tilt = np.sqrt(1.0 - along**2) / along
+    dome = np.where(tilt < 0.02, tilt**2 / 0.04 + 0.01, tilt)
+    depth = along * (0.06 + 0.1 * dome) - q[:, 2]
+    energy += 0.5 * STIFFNESS * np.maximum(depth, 0.0) ** 2
+    np.testing.assert_allclose(energy, energy[0], rtol=0.0, atol=1e-8)
+    assert ((depth > 0.0) & (tilt < 0.02)).any()
+    assert ((depth > 0.0) & (tilt > 0.02)).any()
 
 
 @pytest.mark.slow

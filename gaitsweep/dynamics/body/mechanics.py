@@ -54,6 +54,8 @@ EVEN = Ground("even", {})
 RELEASE = 1.0e-9
 # Component of a unit axis along a plane's normal below which a slide moves along the plane.
 _ACROSS = 1.0e-12
+# Tangent of the tilt below which the end of a cylinder is domed.
+_DOMED = 0.02
 # The slip s (m/s) in the formula of friction.
 _SLOWEST = 1.0e-4
 
@@ -329,20 +331,18 @@ class LocatedBody:
         for touch in self._touches:
             name = self.elements.name_of_geom(touch.geom)
             link = self.elements.link_of_body(touch.body)
-            centres, radius = self._points(touch, values, placed)
+            centres, axes, radius = self._points(touch, values, placed)
             damper = values[f"{name}_contact_damping"]
             has_friction = touch.friction is not None
             stiffness = values[f"{name}_contact_stiffness"]
-            met: list[tuple[Array, Surface | Edge, float]] = [(at, touch.surface, 1.0) for at in centres]
+            met: list[tuple[Array, Array | None, Surface | Edge, float]] = [
+                (centre, axis, touch.surface, 1.0) for centre, axis in zip(centres, axes, strict=True)
+            ]
             for edge in touch.edges:
-                met += [
-                    (side, edge, sign) for side, sign in zip(_side(edge, centres), (1.0, -1.0), strict=True)
-                ]
-            for centre, surface, sign in met:
-                normal, above = surface.below(centre, ground)
-                depth = radius - above
-                # between the lowest point and the surface, as in MuJoCo
-                at = centre - normal * (radius - 0.5 * depth)
+                side, end = _side(edge, centres)
+                met += [(side, None, edge, 1.0), (end, None, edge, -1.0)]
+            for centre, axis, surface, sign in met:
+                normal, depth, at = _met(centre, axis, radius, surface, ground)
                 speed = velocity_at(placed[link], moving[link], at)
                 rise = normal @ speed
                 yield Contact(
@@ -407,10 +407,10 @@ class LocatedBody:
             surface = touch.surface
             if isinstance(surface, Plane):
                 continue
-            points, radius = self._points(touch, values, placed)
+            points, axes, radius = self._points(touch, values, placed)
             if isinstance(surface, Relief):
-                for point in points:
-                    depth = radius - surface.below(point, EVEN)[1]
+                for point, axis in zip(points, axes, strict=True):
+                    depth = _met(point, axis, radius, surface, EVEN)[1]
                     bounds.append(jnp.minimum(depth, surface.beyond(point)))
             elif touch.edges:
                 at_corner = []
@@ -422,12 +422,17 @@ class LocatedBody:
                 bounds.append(functools.reduce(jnp.maximum, at_corner))
         return _row(bounds) if bounds else jnp.zeros((0,))
 
-    def _points(self, touch: Touch, values: Values, placed: Sequence[Place]) -> tuple[list[Array], Scalar]:
-        """Places (3,) m in the world, and the radius (m), of the points of a geom that may touch ground."""
+    def _points(
+        self, touch: Touch, values: Values, placed: Sequence[Place]
+    ) -> tuple[list[Array], Sequence[Array | None], Scalar]:
+        """Places (3,) m and `Touch.axes` (3,) in the world, and the radius (m), of the points of a geom."""
         size = values[f"{self.elements.name_of_body(touch.body)}_size"]
         radius = size * values[f"{self.elements.name_of_geom(touch.geom)}_radius"] if touch.radius else 0.0
         place = placed[self.elements.link_of_body(touch.body)]
-        return [place.position(size * point) for point in touch.points], radius
+        points = [place.position(size * point) for point in touch.points]
+        if touch.axes is None:
+            return points, [None] * len(points), radius
+        return points, [place.frame @ (place.turn @ axis) for axis in touch.axes], radius
 
     def _accelerations(
         self,
@@ -542,6 +547,32 @@ def _bounds_of(touch: Touch) -> list[str]:
     if isinstance(touch.surface, Relief):
         return ["beyond its end"] * len(touch.points)
     return ["with its side at a corner"] if touch.edges else []
+
+
+def _met(
+    centre: Array, axis: Array | None, radius: Scalar, surface: Surface | Edge, ground: Ground
+) -> tuple[Array, Scalar, Array]:
+    """The normal (3,), the depth (m) and the place (3,) m of the contact of a sphere or a cylinder's end.
+
+    The place is between the deepest point and the surface, as in MuJoCo. The end of a cylinder is a disc
+    whose deepest point is on its rim, but for tilts whose tangent is below `_DOMED`: there the disc is domed
+    by up to half of that times its radius, so that the deepest point moves over it continuously.
+    """
+    normal, above = surface.below(centre, ground)
+    if axis is None:
+        depth = radius - above
+        return normal, depth, centre - normal * (radius - 0.5 * depth)
+    along = normal @ axis
+    across = normal - along * axis
+    square = across @ across
+    flat = _DOMED * jnp.abs(along)
+    is_flat = square < flat * flat
+    # the root of 0 has no derivative
+    size = jnp.where(is_flat, flat, jnp.sqrt(jnp.where(is_flat, 1.0, square)))
+    dome = jnp.where(is_flat, 0.5 * _DOMED * (1.0 - square / jnp.where(is_flat, flat * flat, 1.0)), 0.0)
+    deepest = radius * (dome * axis - across / size)
+    depth = -(normal @ deepest) - above
+    return normal, depth, centre + deepest + 0.5 * depth * normal
 
 
 def _side(edge: Edge, ends: Sequence[Array]) -> tuple[Array, Array]:
