@@ -354,8 +354,8 @@ def test_formulas_replace_numbers_of_the_file() -> None:
         (
             "</worldbody>",
             '<geom name="hills" type="hfield" hfield="h"/></worldbody><asset>'
-            '<hfield name="h" nrow="2" ncol="2" size="1 1 1 .1" elevation="0 1 0 .5"/></asset>',
-            "'hills' is a height field that varies along y",
+            f'<hfield name="h" nrow="20" ncol="20" size="1 1 1 .1" elevation="{"0 " * 399}1"/></asset>',
+            "'hills' is a height field of 20 x 20 points",
         ),
     ],
 )

@@ -272,6 +272,43 @@ def test_heights_of_the_ground_are_those_of_rays_of_c() -> None:
     assert not is_uneven(of(planar(FLOOR)))
 
 
+def test_a_height_field_in_x_and_y_is_that_of_c() -> None:
+    """Heights of rays, depth and normal of contacts within a triangle; the slope is continuous at bends."""
+    rng = np.random.default_rng(4)
+    elevation = " ".join(map(str, rng.uniform(0.0, 1.0, 12).round(3)))
+    xml = f"""<mujoco><asset><hfield name="h" nrow="3" ncol="4" size="1.5 1 .3 .1" elevation="{elevation}"/>
+      </asset><worldbody><geom type="hfield" hfield="h" pos=".5 .1 .02"/>
+      <body><freejoint/>{BALL}</body></worldbody></mujoco>"""
+    m, data, located, contacts = compiled(xml)
+    m.geom_margin[:] = 10.0
+    line = np.linspace([-0.9, -0.85], [1.9, 1.05], 40001)
+    places = np.concatenate([rng.uniform([-0.9, -0.85], [1.9, 1.05], (60, 2)), line])
+    heights = np.asarray(jax.jit(located.ground_height)(*places.T))
+    cells = 0
+    for place, z in zip(places[:60], heights[:60], strict=True):
+        data.qpos[:3] = *place, 0.5
+        mujoco.mj_kinematics(m, data)
+        mujoco.mj_collision(m, data)
+        depths, normals, _ = contacts(data.qpos)
+        nearest = data.contact.dist.argmin()
+        normal = data.contact.frame[nearest, :3]
+        foot = place - normal[:2] * (data.contact.dist[nearest] + RADIUS)
+        cell, share = np.divmod(np.array([place, foot]) + np.array([1.0, 0.9]), 1.0)
+        over_diagonal = share[:, 0] - share[:, 1]
+        from_bends = np.minimum(np.minimum(share, 1.0 - share).min(axis=1), np.abs(over_diagonal) / 1.5)
+        if from_bends[0] > 0.01:
+            down = np.array([0.0, 0.0, -1.0])
+            ray = mujoco.mj_ray(m, data, np.append(place, 5.0), down, None, 1, 1, np.zeros(1, np.int32))
+            assert z == pytest.approx(5.0 - ray, rel=0.0, abs=1e-12)
+        if from_bends.min() > 0.01 and (cell[0] == cell[1]).all() and over_diagonal.prod() > 0.0:
+            cells += 1
+            assert -float(depths[0]) == pytest.approx(data.contact.dist[nearest], rel=0.0, abs=1e-9)
+            np.testing.assert_allclose(normals[0], normal, rtol=0.0, atol=1e-9)
+    assert cells > 15
+    # along the line, a bend that is not rounded has a second difference of 1e-5
+    assert np.abs(np.diff(heights[60:], 2)).max() < 1e-6
+
+
 def test_no_fixed_point_is_sought_over_steps() -> None:
     """The place along the ground is a coordinate there, which it is not on a plane."""
     over_steps = of(planar(FLOOR + STEP)).body.joints

@@ -169,10 +169,12 @@ def _share(along: Array, to: Array) -> Scalar:
 
 @dataclasses.dataclass(frozen=True)
 class Relief:
-    """A height field of the world that varies along x alone: a profile whose bends are rounded.
+    """A height field of the world, whose cells are two triangles each, with rounded bends.
 
     `centre` (3,) m is its place, `half` (2,) m are half its lengths along x and y, `first` (m) is the height
-    of the profile's first point above the centre, `margin` (m) that of the contact.
+    of its first point above the centre, `profile` that of its first row along x, `across` that of its first
+    column along y; `twists` (rows - 1, columns - 1) m are the heights of each cell's last point above the
+    plane of its three others; `margin` (m) is that of the contact.
     """
 
     description: ClassVar[str] = "a height field"
@@ -181,15 +183,21 @@ class Relief:
     half: Float[np.ndarray, " 2"]
     first: float
     profile: Profile
+    across: Profile
+    twists: Float[np.ndarray, "rows columns"]
     margin: float
 
-    is_along_y: ClassVar[bool] = True  # the heights vary along x alone
+    @property
+    def is_along_y(self) -> bool:
+        """Whether the heights vary along x alone."""
+        return not (np.any(np.diff(self.across.heights)) or self.twists.any())
 
     def below(self, point: Array, _ground: Ground) -> tuple[Array, Scalar]:
         """The normal (3,) of the tangent plane below a point (3,) m, and the point's height (m) over it."""
-        x = point[0] - self.centre[0]
-        height, slope = jax.jvp(self._height, (x,), (jnp.ones_like(x),))
-        normal, above = _above_tangent(point[2] - height, slope)
+        x, y = point[0] - self.centre[0], point[1] - self.centre[1]
+        slopes = (0,) if self.is_along_y else (0, 1)
+        height, along = jax.value_and_grad(self._height, slopes)(x, y)
+        normal, above = _above_tangent(point[2] - height, *along)
         return normal, above - self.margin
 
     def beyond(self, point: Array) -> Scalar:
@@ -200,10 +208,32 @@ class Relief:
     def top(self, x: Array, y: Array) -> Array:
         """The height (m) of the field at places x, y (m); NaN beside it."""
         inside = (jnp.abs(x - self.centre[0]) <= self.half[0]) & (jnp.abs(y - self.centre[1]) <= self.half[1])
-        return jnp.where(inside, self._height(x - self.centre[0]), jnp.nan)
+        return jnp.where(inside, self._height(x - self.centre[0], y - self.centre[1]), jnp.nan)
 
-    def _height(self, x: Array) -> Array:
-        return self.centre[2] + self.first + self.profile.height(jnp.asarray(x), ROUNDING)
+    def _height(self, x: Array, y: Array) -> Array:
+        height = self.centre[2] + self.first + self.profile.height(jnp.asarray(x), ROUNDING)
+        if self.is_along_y:
+            return height
+        u = self.profile.shares(jnp.asarray(x), ROUNDING)
+        v = self.across.shares(jnp.asarray(y), ROUNDING)
+        height = height + self.across.height(jnp.asarray(y), ROUNDING)
+        cell = 2.0 * self.half / np.array([len(u), len(v)])
+        bend = min(0.5, ROUNDING * float(np.linalg.norm(1.0 / cell)))
+        for j, i in np.argwhere(self.twists).tolist():
+            height = height + self.twists[j, i] * _lower(u[i], v[j], bend)
+        return height
+
+
+def _lower(u: Array, v: Array, bend: float) -> Array:
+    """The lower one of u and v, both from 0 to 1, with a parabola in place of the bend at u = v.
+
+    It begins and ends at u - v = -h and h, with h = `bend` (u + v) (2 - u - v), so that the edges of the
+    square, and places beyond it, where u or v is 0 or 1, keep their heights.
+    """
+    both = u + v
+    half = bend * both * (2.0 - both)
+    inside = jnp.clip(u - v + half, 0.0, 2.0 * half)
+    return u - inside * inside / (4.0 * jnp.where(half > 0.0, half, 1.0)) - jnp.maximum(u - v - half, 0.0)
 
 
 Surface: TypeAlias = Plane | Box | Relief
@@ -219,7 +249,7 @@ def surface_of(m: Any, data: Any, geom: int, margin: float) -> Surface:
         margin: the distance (m) from which on MuJoCo's contact is stretched.
 
     Raises:
-        ValueError: the height field is turned, varies along y, or has too many points.
+        ValueError: the height field is turned, or has too many points.
     """
     centre = np.array(data.geom_xpos[geom])
     axes = cleaned(data.geom_xmat[geom].reshape(3, 3))
@@ -234,14 +264,18 @@ def surface_of(m: Any, data: Any, geom: int, margin: float) -> Surface:
     name = f"Geom '{m.geom(geom).name or f'geom {geom}'}' is a height field"
     if not np.array_equal(axes, np.eye(3)):
         raise ValueError(f"{name} that is turned, but located contacts have it along x and y of the world.")
-    if (elevations != elevations[0]).any():
-        raise ValueError(f"{name} that varies along y, but located contacts have heights along x alone.")
-    if columns > MOST_POINTS:
-        raise ValueError(f"{name} of {columns} columns, but located contacts have at most {MOST_POINTS}.")
+    varied = (elevations != elevations[0]).any()
+    if (rows * columns if varied else columns) > MOST_POINTS:
+        points = f"{rows} x {columns} points" if varied else f"{columns} columns"
+        raise ValueError(f"{name} of {points}, but located contacts have at most {MOST_POINTS}.")
     half_x, half_y, tallest, _ = m.hfield_size[field].tolist()
-    heights = tallest * elevations[0]
-    profile = Profile(tuple(np.linspace(-half_x, half_x, columns).tolist()), tuple(heights.tolist()))
-    return Relief(centre, np.array([half_x, half_y]), float(heights[0]), profile, margin)
+    heights = tallest * elevations
+    along_x, along_y = (
+        Profile(tuple(np.linspace(-half, half, len(row)).tolist()), tuple(row.tolist()))
+        for half, row in ((half_x, heights[0]), (half_y, heights[:, 0]))
+    )
+    twists = cleaned(np.diff(np.diff(heights, axis=0), axis=1))
+    return Relief(centre, np.array([half_x, half_y]), float(heights[0, 0]), along_x, along_y, twists, margin)
 
 
 def cleaned(values: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
@@ -249,7 +283,9 @@ def cleaned(values: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
     return np.where(np.abs(values) < _DUST, 0.0, values)
 
 
-def _above_tangent(above: Scalar, slope: Array) -> tuple[Array, Scalar]:
-    """The normal (3,) of ground with a slope (1), and the distance (m) of a point `above` (m) it."""
-    cosine = 1.0 / jnp.sqrt(1.0 + slope * slope)
-    return jnp.stack([-slope * cosine, jnp.zeros_like(cosine), cosine]), cosine * above
+def _above_tangent(above: Scalar, slope: Array, slope_y: Array | None = None) -> tuple[Array, Scalar]:
+    """The normal (3,) of ground with slopes (1) along x and y, and the distance (m) of a point `above` it."""
+    square = 1.0 + slope * slope
+    cosine = 1.0 / jnp.sqrt(square if slope_y is None else square + slope_y * slope_y)
+    aside = jnp.zeros_like(cosine) if slope_y is None else -slope_y * cosine
+    return jnp.stack([-slope * cosine, aside, cosine]), cosine * above
