@@ -341,9 +341,10 @@ def test_formulas_replace_numbers_of_the_file() -> None:
             "'leg' and 'o' may touch",
         ),
         (
-            'type="sphere" pos="0 0 -.45" size=".05" mass=".1"',
-            'type="cylinder" pos="0 0 -.45" euler="30 0 0" size=".05 .1" mass=".1"',
-            "foot' is of type cylinder and may touch 'floor'.*planar",
+            'type="sphere" pos="0 0 -.45" size=".05" mass=".1" conaffinity="0"/>\n    </body></body>',
+            'type="cylinder" pos="0 0 -.45" size=".05 .1" mass=".1" conaffinity="0"/>\n    </body></body>'
+            '<geom name="step" type="box" size="1 1 .1"/>',
+            "foot' is of type cylinder and may touch 'step'.*planar",
         ),
         (
             'type="sphere" pos="0 0 -.45" size=".05" mass=".1" conaffinity="0"/>\n    </body></body>',
@@ -354,8 +355,8 @@ def test_formulas_replace_numbers_of_the_file() -> None:
         (
             "</worldbody>",
             '<geom name="hills" type="hfield" hfield="h"/></worldbody><asset>'
-            '<hfield name="h" nrow="2" ncol="2" size="1 1 1 .1" elevation="0 1 0 .5"/></asset>',
-            "'hills' is a height field that varies along y",
+            f'<hfield name="h" nrow="20" ncol="20" size="1 1 1 .1" elevation="{"0 " * 399}1"/></asset>',
+            "'hills' is a height field of 20 x 20 points",
         ),
     ],
 )
