@@ -9,6 +9,7 @@ which nothing is run.
 from __future__ import annotations
 
 import hashlib
+import importlib.util
 import json
 import os
 import sys
@@ -69,16 +70,19 @@ def _stamps(folder: str) -> Iterator[tuple[str, int, int]]:
 
 # gaitsweep's sources as they are imported, not as they may be edited later
 _SOURCES = hashlib.sha256(repr(sorted(_stamps(str(Path(__file__).parents[1])))).encode()).hexdigest()
-_VERSIONS = sys.version, jax.__version__, jaxlib_version, np.__version__, os.environ.get("XLA_FLAGS")
+_VERSIONS = sys.version, jaxlib_version, np.__version__, os.environ.get("XLA_FLAGS")
 
 
 def _settings() -> list[tuple[str, str]]:
-    """The settings of JAX that may change a trace."""
-    settings = []
-    for name, value in sorted(jax.config.values.items()):
-        if not any(word in name for word in _WITHOUT_EFFECT):
-            settings.append((name, repr(value)))
-    return settings
+    """The version of JAX, and its settings that may change a trace: before its import, its environment."""
+    if "jax" in sys.modules:
+        version, values = jax.__version__, jax.config.values
+    else:
+        (folder,) = importlib.util.find_spec("jax").submodule_search_locations
+        version = Path(folder, "version.py").read_text()
+        values = {name: value for name, value in os.environ.items() if name.startswith("JAX_")}
+    named = [("version", version), *sorted(values.items())]
+    return [(k, repr(v)) for k, v in named if not any(word in k.lower() for word in _WITHOUT_EFFECT)]
 
 
 def shapes_of(model: Model) -> tuple[Params, State]:
