@@ -13,6 +13,7 @@ import contextlib
 import functools
 import gc
 import importlib
+import os
 import sys
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -30,6 +31,7 @@ _JAX_LOCK = threading.RLock()
 _contexts = 0  # in all threads
 # what `typing` asks of an object that stands in a type
 _OF_TYPING = frozenset({"__origin__", "__parameters__", "__typing_subst__", "__typing_unpacked_tuple_args__"})
+_AT_IMPORT: dict[str, dict[str, Any]] = {}  # of JAX: its environment, and its settings by it
 _AFTER_JAX: list[Callable[[], Any]] = []  # what is called once JAX has been imported
 
 
@@ -198,6 +200,23 @@ def register_dataclass(class_: Any, *fields: Any, **named: Any) -> Any:
     return class_
 
 
+def jax_settings() -> list[tuple[str, Any]]:
+    """The settings of JAX other than its defaults, the same before its import and after it.
+
+    They are those of the environment as JAX is imported, and those that were changed later.
+    """
+    environment = _AT_IMPORT.get("environment", _jax_environment())
+    of_jax = sys.modules["jax"].config.values if "jax" in sys.modules else {}
+    initial = _AT_IMPORT.get("settings", {})  # empty if JAX was imported before gaitsweep
+    changed = {name: value for name, value in of_jax.items() if (name, value) not in initial.items()}
+    return [*sorted(environment.items()), *sorted(changed.items())]
+
+
+def _jax_environment() -> dict[str, str]:
+    """The environment variables that are settings of JAX."""
+    return {name: value for name, value in os.environ.items() if name.startswith("JAX_")}
+
+
 class _JaxFinder:
     """Finder of `jax`, which is imported without its search for ROCm and followed by `_AFTER_JAX`."""
 
@@ -213,8 +232,10 @@ class _JaxFinder:
         execute = spec.loader.exec_module
 
         def exec_module(module: ModuleType) -> None:
+            environment = _jax_environment()
             with _without_rocm():
                 execute(module)
+            _AT_IMPORT.update(environment=environment, settings=dict(module.config.values))
             while _AFTER_JAX:
                 _AFTER_JAX.pop()()
 

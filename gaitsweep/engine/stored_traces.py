@@ -27,6 +27,7 @@ from gaitsweep.cache_folder import cache_folder, load_cached, store_cached
 from gaitsweep.compilation import compiling
 from gaitsweep.contract import HybridModel, Model, Params, State
 from gaitsweep.engine.content import cached_by_content, lasting_content
+from gaitsweep.lazy_imports import jax_settings
 
 # settings of JAX that change no trace
 _WITHOUT_EFFECT = ("cache", "devices", "platforms", "log", "traceback")
@@ -70,19 +71,18 @@ def _stamps(folder: str) -> Iterator[tuple[str, int, int]]:
 
 # gaitsweep's sources as they are imported, not as they may be edited later
 _SOURCES = hashlib.sha256(repr(sorted(_stamps(str(Path(__file__).parents[1])))).encode()).hexdigest()
-_VERSIONS = sys.version, jaxlib_version, np.__version__, os.environ.get("XLA_FLAGS")
+# the file that holds the version of JAX, which need not be imported
+_JAX_VERSION = Path(str(importlib.util.find_spec("jax").origin)).with_name("version.py").read_text()
+_VERSIONS = sys.version, _JAX_VERSION, jaxlib_version, np.__version__, os.environ.get("XLA_FLAGS")
 
 
 def _settings() -> list[tuple[str, str]]:
-    """The version of JAX, and its settings that may change a trace: before its import, its environment."""
-    if "jax" in sys.modules:
-        version, values = jax.__version__, jax.config.values
-    else:
-        (folder,) = importlib.util.find_spec("jax").submodule_search_locations
-        version = Path(folder, "version.py").read_text()
-        values = {name: value for name, value in os.environ.items() if name.startswith("JAX_")}
-    named = [("version", version), *sorted(values.items())]
-    return [(k, repr(v)) for k, v in named if not any(word in k.lower() for word in _WITHOUT_EFFECT)]
+    """The settings of JAX that may change a trace."""
+    return [
+        (name, repr(value))
+        for name, value in jax_settings()
+        if not any(word in name.lower() for word in _WITHOUT_EFFECT)
+    ]
 
 
 def shapes_of(model: Model) -> tuple[Params, State]:
