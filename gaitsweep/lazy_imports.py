@@ -13,6 +13,7 @@ import contextlib
 import functools
 import gc
 import importlib
+import importlib.util
 import os
 import sys
 import threading
@@ -95,7 +96,7 @@ class Lazy:
     def _loaded(self) -> Any:
         """The object, imported at the first call."""
         if self._object is None:
-            loaded = importlib.import_module(self._module)
+            loaded: Any = importlib.import_module(self._module)
             if self._member is not None:
                 if not hasattr(loaded, self._member):  # a module of its package
                     importlib.import_module(f"{self._module}.{self._member}")
@@ -135,7 +136,7 @@ class Lazy:
         return (self._loaded(),)
 
     def __instancecheck__(self, instance: Any) -> bool:
-        return issubclass(type(instance), self)
+        return self.__subclasscheck__(type(instance))
 
     def __subclasscheck__(self, kind: type) -> bool:
         # a package that has not been imported has no instances
@@ -210,6 +211,12 @@ def jax_settings() -> list[tuple[str, Any]]:
     initial = _AT_IMPORT.get("settings", {})  # empty if JAX was imported before gaitsweep
     changed = {name: value for name, value in of_jax.items() if (name, value) not in initial.items()}
     return [*sorted(environment.items()), *sorted(changed.items())]
+
+
+def jax_version() -> str:
+    """The text of the file that holds the version of JAX, which this does not import."""
+    spec = importlib.util.find_spec("jax")
+    return "" if spec is None else Path(str(spec.origin)).with_name("version.py").read_text()
 
 
 def _jax_environment() -> dict[str, str]:

@@ -9,7 +9,6 @@ which nothing is run.
 from __future__ import annotations
 
 import hashlib
-import importlib.util
 import json
 import os
 import sys
@@ -27,7 +26,7 @@ from gaitsweep.cache_folder import cache_folder, load_cached, store_cached
 from gaitsweep.compilation import compiling
 from gaitsweep.contract import HybridModel, Model, Params, State
 from gaitsweep.engine.content import cached_by_content, lasting_content
-from gaitsweep.lazy_imports import jax_settings
+from gaitsweep.lazy_imports import jax_settings, jax_version
 
 # settings of JAX that change no trace
 _WITHOUT_EFFECT = ("cache", "devices", "platforms", "log", "traceback")
@@ -71,9 +70,7 @@ def _stamps(folder: str) -> Iterator[tuple[str, int, int]]:
 
 # gaitsweep's sources as they are imported, not as they may be edited later
 _SOURCES = hashlib.sha256(repr(sorted(_stamps(str(Path(__file__).parents[1])))).encode()).hexdigest()
-# the file that holds the version of JAX, which need not be imported
-_JAX_VERSION = Path(str(importlib.util.find_spec("jax").origin)).with_name("version.py").read_text()
-_VERSIONS = sys.version, _JAX_VERSION, jaxlib_version, np.__version__, os.environ.get("XLA_FLAGS")
+_VERSIONS = sys.version, jax_version(), jaxlib_version, np.__version__, os.environ.get("XLA_FLAGS")
 
 
 def _settings() -> list[tuple[str, str]]:

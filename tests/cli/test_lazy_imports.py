@@ -33,8 +33,10 @@ print(json.dumps(sorted({name.partition(".")[0] for name in sys.modules})))
 def test_commands_do_not_import_what_they_do_not_need(arguments: list[str], absent: set[str]) -> None:
     command = [sys.executable, "-c", COMMAND, *arguments]
     # the first check of a model traces its functions, which later ones read from the cache
-    for _ in arguments:
-        printed = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    *_, printed = (
+        subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout
+        for _ in arguments
+    )
     imported = set(json.loads(printed.splitlines()[-1]))
     assert not absent & imported
 
