@@ -18,7 +18,7 @@ from jaxtyping import Array, Float, Real, Shaped
 from gaitsweep.contract import Model, Quantity
 
 Start = float | str
-TWO_PI = 2.0 * jnp.pi
+TWO_PI = 2.0 * math.pi
 
 
 def wrapped(phi: Float[Array, " ..."]) -> Float[Array, " ..."]:
