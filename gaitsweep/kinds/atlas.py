@@ -175,15 +175,14 @@ class Atlas(FollowsFixedPoints):
         """The run that continues a table: twice the starts, patience and branches, one bifurcation deeper.
 
         Args:
-            table: the table of this run; one in memory is kept. One of an older version has no points, and
-                all is computed again.
+            table: the table of this run; one in memory is kept.
         """
         fields = {name: 2 * getattr(self, name) for name in ("budget", "patience", "branches")}
         fields["depth"] = self.depth + 1
-        has_points, path = "stored_point" in table, table.attrs.get("path")
-        after = str(Path(path).resolve()) if has_points and path is not None else None
+        path = table.attrs.get("path")
+        after = None if path is None else str(Path(path).resolve())
         wider = self.model_copy(update={**fields, "after": after})
-        wider._before = table if has_points and path is None else None
+        wider._before = table if path is None else None
         return wider
 
     @property
@@ -322,8 +321,6 @@ class Atlas(FollowsFixedPoints):
         table: pd.DataFrame,
         on_progress: BlockProgress,
     ) -> tuple[MappedRows, pd.DataFrame]:
-        if "stored_point" not in table:  # of an older version
-            return AtlasBlock(self, rows, spec, numbers, on_progress).with_points()
         mapped = self.at_place(self.mapped_rows(rows, spec, numbers))
         like = mapped.settled(0)[:1]
         places = dict(zip(numbers.tolist(), range(len(numbers)), strict=True))

@@ -178,14 +178,6 @@ class AtlasBlock:
         order = np.lexsort([table["point"], table["number"], of_curve, table["row"]])
         return table.iloc[order].reset_index(drop=True)
 
-    def with_points(self) -> tuple[MappedRows, pd.DataFrame]:
-        """The rows, and the records of their branches with the point of each as `at`."""
-        search, atlas = self._followed()
-        table = atlas_table(atlas, search, self.run.place).rename(columns={"branch": "number"})
-        at = [branch.point(k) for branch in atlas.branches for k in range(len(branch.records))]
-        table["at"] = pd.Series(at, table.index, dtype=object)
-        return self.mapped.without(self.run.parameter), table
-
     def _new_records(self, search: OrbitSearch, atlas: BranchAtlas, branches: pd.DataFrame) -> pd.DataFrame:
         """The records of a job's table from those of branches, and of curves over the second parameter."""
         table = self._joined_parts(search, atlas, branches)

@@ -22,8 +22,6 @@ from gaitsweep.table.atomic_files import TableError
 from gaitsweep.table.manifest import TABLE
 from gaitsweep.table.parquet_parts import Footer
 
-# Columns of tables with one record a row from which `outcome` follows, where their parts are older than it.
-_SOURCES = ("cycles", "gait", "status")
 _LONG = 64  # items of a list that copies of a table share
 _IMMUTABLE = {int, float, str, bool, type(None)}
 
@@ -96,11 +94,6 @@ class PartRecords:
         return full_column[: self.length]
 
 
-def decoded_columns(columns: Sequence[str]) -> tuple[str, ...]:
-    """Return the columns of the parts that are needed for these columns of the table."""
-    return (*columns, *_SOURCES) if "outcome" in columns else tuple(columns)
-
-
 def joined_parts(path: Path, parts: PartRecords, columns: Sequence[str] | None) -> pd.DataFrame:
     """Join the records of all parts.
 
@@ -113,20 +106,12 @@ def joined_parts(path: Path, parts: PartRecords, columns: Sequence[str] | None) 
         TableError: there is no such column, or the types of a column do not fit together.
     """
     names = list(dict.fromkeys(name for part in parts.parts for name in part.columns))
-    has_sources = all(name in names for name in _SOURCES)
-    lacks_outcome = has_sources and any("outcome" not in part.columns for part in parts.parts)
-    if lacks_outcome:
-        names = [name for name in names if name != "outcome"]
-        names.insert(names.index("gait") + 1, "outcome")
     values: dict[str, Any] = {}
     for name in names if columns is None else dict.fromkeys(columns):
         if name not in names:
             raise TableError(f"{name} is not a column of {path}{_near_column(path, name)}")
         try:
-            if lacks_outcome and name == "outcome":
-                values[name] = outcomes(_joined("gait", parts), _joined("status", parts))
-            else:
-                values[name] = _joined(name, parts)
+            values[name] = _joined(name, parts)
         except pa.ArrowException as error:
             raise TableError(
                 f"The parts of {path} do not fit together ({' '.join(str(error).split())}): "

@@ -10,7 +10,6 @@ from typing import Any
 import pandas as pd
 
 from gaitsweep import near_miss
-from gaitsweep.schema.diagnostics import renamed
 from gaitsweep.table.atomic_files import TableError
 from gaitsweep.table.frames import PartRecords, joined_parts, with_shared_lists
 from gaitsweep.table.manifest import Layout, json_value, new_manifest, sealed
@@ -81,7 +80,7 @@ class MemoryTable:
         frame = self._frame(None, rows)
         manifest = with_shared_lists(sealed(json_value(self.manifest)))
         frame.attrs.update(
-            job=renamed(manifest["job"]),
+            job=manifest["job"],
             manifest=manifest,
             quantities=manifest.get("quantities", {}),
             complete=True,

@@ -289,7 +289,15 @@ def test_foreign_places_are_refused_and_left_alone(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "text", ["", "{", "[]", '{"format": 1}', '{"format": 99, "job_hash": "", "rows": 1, "block": 1}']
+    "text",
+    [
+        "",
+        "{",
+        "[]",
+        '{"format": 2}',
+        '{"format": 1, "job_hash": "", "rows": 1, "block": 1}',
+        '{"format": 99, "job_hash": "", "rows": 1, "block": 1}',
+    ],
 )
 def test_a_broken_manifest_is_a_sentence(tmp_path: Path, text: str) -> None:
     open_toy(tmp_path / "toy").close()
