@@ -197,7 +197,7 @@ LINES: list[tuple[int, str, list[str]]] = [
         "run:",
         [
             "run is missing",
-            "settle, fixed_time, trace, ramp, return_map, staircase, continuation, folds, atlas or perturb",
+            "settle, fixed_time, trace, ramp, return_map, staircase, continuation, atlas or perturb",
         ],
     ),
     (
