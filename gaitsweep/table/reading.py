@@ -198,7 +198,7 @@ def _snapshot(path: Path, parts: PartRecords | None = None, selection: Selection
     for number, table in examined.parts(records=parts is not None, columns=selection.columns):
         if parts is not None and table is not None:
             footer = examined.footers[number]
-            parts.add(selection.records_of(table), footer, table.num_rows / footer.rows)
+            parts.add(selection.records_of(table), footer)
     opened = np.concatenate([np.zeros(0, np.int64), *(rows.row for _, rows in examined.open_rows())])
     done = np.array(sorted(examined.footers), np.int64)
     waiting = np.unique(opened[~np.isin(opened // examined.layout.block, done)])
@@ -299,7 +299,7 @@ def load_with_snapshot(
     columns = [columns] if isinstance(columns, str) else columns
     n_rows = read_manifest(path)["rows"]
     selection = Selection.of(columns, rows, n_rows)
-    parts = PartRecords(n_rows if selection.rows is None else len(selection.rows))
+    parts = PartRecords()
     snapshot = _snapshot(path, parts, selection)
     snapshot.require_sound()
     if not snapshot.files.footers:
@@ -332,13 +332,13 @@ def load_parts(path: str | Path, columns: Sequence[str]) -> Iterator[pd.DataFram
     path = Path(path)
     selection = Selection(tuple(columns))
     examined = Examination(path, Layout.of(read_manifest(path)))
-    parts = PartRecords(_MAX_RECORDS)
+    parts = PartRecords()
     for number, table in examined.parts(records=True, columns=selection.columns):
         if table is not None:
             parts.add(selection.records_of(table), examined.footers[number])
         if parts.length > _MAX_RECORDS // 2:
             yield joined_parts(path, parts, columns)
-            parts = PartRecords(_MAX_RECORDS)
+            parts = PartRecords()
     if parts.length:
         yield joined_parts(path, parts, columns)
     _refuse_faults(examined)
