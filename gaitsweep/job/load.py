@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from gaitsweep import models, near_miss
-from gaitsweep.errors import ArgumentError
+from gaitsweep.errors import ArgumentError, JobError
 from gaitsweep.job.job import Job
 from gaitsweep.kinds.atlas import Atlas
-from gaitsweep.schema.diagnostics import Diagnostic, JobError, clipped, quoted
+from gaitsweep.schema.diagnostics import Diagnostic, clipped, quoted
 from gaitsweep.schema.yaml_document import Document, read_document, read_value
 from gaitsweep.shipped import job_file
 

@@ -17,6 +17,7 @@ from pydantic import BaseModel, ValidationError
 from gaitsweep.design.design import Design
 from gaitsweep.design.vary import Group, read_vary, written_names
 from gaitsweep.engine.numerics import ResolvedNumerics
+from gaitsweep.errors import JobError
 from gaitsweep.expression import ExpressionError, evaluate, names_used
 from gaitsweep.job.checks import check_figures, check_names, check_ranges
 from gaitsweep.job.model_spec import ModelSpec, read_model_spec, read_settings
@@ -26,7 +27,7 @@ from gaitsweep.kinds import kind_written, parameter_written
 from gaitsweep.kinds.fixed_points import FollowsFixedPoints
 from gaitsweep.kinds.run_kind import RunKind, table_columns
 from gaitsweep.plot.kind import FigureKind
-from gaitsweep.schema.diagnostics import Diagnostic, JobError, quoted, unknown_field
+from gaitsweep.schema.diagnostics import Diagnostic, quoted, unknown_field
 from gaitsweep.schema.diagnostics import Path as FieldPath
 from gaitsweep.schema.numbers import SCOPE, Scope
 from gaitsweep.schema.strict_model import SchemaSection, from_pydantic

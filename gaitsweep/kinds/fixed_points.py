@@ -29,11 +29,11 @@ from gaitsweep.engine.recorders.recordings import CrossingRecorder
 from gaitsweep.engine.solver.methods import derivative_refusal
 from gaitsweep.engine.sweep.blocks_of_rows import gait_codes
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
-from gaitsweep.errors import ArgumentError
+from gaitsweep.errors import ArgumentError, JobError
 from gaitsweep.expression import ExpressionError
 from gaitsweep.kinds.columns import AT_REST, STATUSES, Column, gaits
 from gaitsweep.kinds.run_kind import BlockProgress, StartingPoints, TableRunKind, table_columns
-from gaitsweep.schema.diagnostics import Diagnostic, JobError, Path
+from gaitsweep.schema.diagnostics import Diagnostic, Path
 from gaitsweep.schema.numbers import Count, CountOrZero, Positive, Text
 from gaitsweep.status import Status
 

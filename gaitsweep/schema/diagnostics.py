@@ -8,11 +8,10 @@ import re
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 
 from gaitsweep import near_miss
-from gaitsweep.errors import UserError
+from gaitsweep.errors import JobError
 
 Path = tuple[str | int, ...]  # of a field in a job: ("vary", "psi_1", "linspace", 0)
 
-_MAX_ERRORS = 5  # in a message
 _TEXT_LIMIT = 60  # characters of a quoted value
 _LONGEST_WORD = 150  # characters
 _LONGEST_SENTENCE = 1500  # characters
@@ -43,20 +42,6 @@ class Diagnostic:
         space = " " if field and not self.text.startswith(":") else ""
         sentence = printable(clipped_words(f"{field}{space}{self.text}"))
         return f"{location}: {sentence}" if location else sentence
-
-
-class JobError(UserError):
-    """A job that cannot be run: `diagnostics` has all errors, the message the first few."""
-
-    def __init__(self, diagnostics: Sequence[Diagnostic]) -> None:
-        self.diagnostics = tuple(dict.fromkeys(diagnostics))
-        lines = [str(diagnostic) for diagnostic in self.diagnostics[:_MAX_ERRORS]]
-        if len(self.diagnostics) > _MAX_ERRORS:
-            lines.append(f"... and {len(self.diagnostics) - _MAX_ERRORS} more.")
-        super().__init__("\n".join(lines))
-
-    def __reduce__(self) -> tuple[type[JobError], tuple[tuple[Diagnostic, ...]]]:
-        return JobError, (self.diagnostics,)
 
 
 def printable(text: str) -> str:

@@ -20,8 +20,9 @@ from pydantic import GetCoreSchemaHandler, PlainValidator, WithJsonSchema
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 from gaitsweep import near_miss
+from gaitsweep.errors import JobError
 from gaitsweep.expression import CONSTANTS, ExpressionError, evaluate, names_used
-from gaitsweep.schema.diagnostics import Diagnostic, JobError, quoted
+from gaitsweep.schema.diagnostics import Diagnostic, quoted
 
 
 @dataclass(frozen=True)

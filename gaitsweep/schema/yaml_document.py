@@ -18,7 +18,8 @@ from typing import Any, ClassVar
 import yaml
 
 from gaitsweep import near_miss
-from gaitsweep.schema.diagnostics import Diagnostic, JobError, clipped, quoted
+from gaitsweep.errors import JobError
+from gaitsweep.schema.diagnostics import Diagnostic, clipped, quoted
 from gaitsweep.schema.diagnostics import Path as FieldPath
 from gaitsweep.schema.numbers import control_character
 from gaitsweep.shipped import job_folders, shipped_as

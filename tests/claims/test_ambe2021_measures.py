@@ -9,8 +9,8 @@ import pandas as pd
 import pytest
 
 from gaitsweep import ArgumentError, plot
+from gaitsweep.claims.claims_and_verdicts import ClaimVerdict, read_paper, verdict
 from gaitsweep.claims.measures import MeasureError
-from gaitsweep.claims.paper import ClaimVerdict, read_paper, verdict
 from gaitsweep.errors import UserError
 from gaitsweep.papers.ambe2021 import (
     equation_measures,
@@ -19,7 +19,7 @@ from gaitsweep.papers.ambe2021 import (
     wave_measures,
 )
 from gaitsweep.papers.ambe2021.analysis.travelling_wave import waves
-from gaitsweep.papers.ambe2021.multilegged.mechanics import obstacle_problem
+from gaitsweep.papers.ambe2021.multilegged.forces import obstacle_problem
 from gaitsweep.papers.ambe2021.theory.chain import Chain, touchdown_phase
 from gaitsweep.papers.ambe2021.theory.solution_sets import Branch, places, rule_of
 

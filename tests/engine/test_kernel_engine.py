@@ -26,7 +26,7 @@ from gaitsweep.engine.recorders.parameter_schedules import RampSchedule
 from gaitsweep.engine.recorders.recorder import Recorder
 from gaitsweep.engine.recorders.recordings import CrossingRecorder, TraceRecorder
 from gaitsweep.engine.recorders.settle import SettleRecorder
-from gaitsweep.engine.sweep.engines import EngineError, choose
+from gaitsweep.engine.sweep.engine_choice import EngineError, choose
 from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
 from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.status import Status

@@ -16,8 +16,8 @@ from gaitsweep import models
 from gaitsweep.design import Design
 from gaitsweep.engine.sweep.blocks_of_rows import rows_of_a_block
 from gaitsweep.job import Job, JobError, load_job, schema
-from gaitsweep.kinds.recordings import Ramp
 from gaitsweep.kinds.settle import Settle
+from gaitsweep.kinds.trace_and_ramp import Ramp
 from tests.support import MODELS
 from tests.support.toy_jobs import BASE, EVERY, EVERY_AXIS, TOY, columns_of, toy, written
 

@@ -12,7 +12,7 @@ from jaxtyping import Int, Real
 
 from gaitsweep.engine.recorders.recorder import BUFFER, POLL_INTERVAL
 from gaitsweep.engine.sweep.blocks_of_rows import Block
-from gaitsweep.engine.sweep.engines import polls_per_chunk
+from gaitsweep.engine.sweep.engine_choice import polls_per_chunk
 from gaitsweep.engine.sweep.lane import ChunkOutput, Lanes
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 

@@ -16,7 +16,7 @@ from jaxtyping import Bool, Int
 from gaitsweep.compilation import compiling
 from gaitsweep.engine.recorders.recorder import RunningRows
 from gaitsweep.engine.sweep.blocks_of_rows import Block
-from gaitsweep.engine.sweep.engines import groups_on
+from gaitsweep.engine.sweep.engine_choice import groups_on
 from gaitsweep.engine.sweep.lane import ChunkOutput
 from gaitsweep.engine.sweep.lane_group import IDLE, Chunk, LaneGroup
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress, SweepSpec
