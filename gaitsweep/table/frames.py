@@ -67,11 +67,14 @@ def joined_parts(path: Path, parts: PartRecords, columns: Sequence[str] | None) 
             f"The parts of {path} do not fit together ({' '.join(str(error).split())}): "
             "different versions wrote them. Run its job into another directory."
         ) from error
-    types = {name: _categories(tuple(parts.categories[name])) for name in names if name in parts.categories}
     # each column leaves Arrow's memory as it is converted
     parts.tables.clear()
     encoded.clear()
-    return joined.to_pandas(self_destruct=True).astype(types)
+    frame = joined.to_pandas(self_destruct=True)
+    for name in names:
+        if name in parts.categories:
+            frame[name] = frame[name].cat.set_categories(list(parts.categories[name]))
+    return frame
 
 
 def _encoded(table: pa.Table, names: Sequence[str], categorical_names: Container[str]) -> pa.Table:
