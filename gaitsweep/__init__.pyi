@@ -60,7 +60,6 @@ from gaitsweep.job import JobError as JobError
 from gaitsweep.job import load_job as load_job
 from gaitsweep.kinds import Continuation as Continuation
 from gaitsweep.kinds import FixedTime as FixedTime
-from gaitsweep.kinds import Folds as Folds
 from gaitsweep.kinds import Perturb as Perturb
 from gaitsweep.kinds import Ramp as Ramp
 from gaitsweep.kinds import ReturnMap as ReturnMap

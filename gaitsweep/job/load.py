@@ -6,8 +6,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
-
 from gaitsweep import models, near_miss
 from gaitsweep.errors import ArgumentError, JobError
 from gaitsweep.job.job import Job
@@ -133,20 +131,16 @@ def stored_job(attrs: Mapping[Any, Any], *, trust: bool = False) -> Job:
     return Job.model_validate(fields)
 
 
-def wider_job(table: pd.DataFrame, *, trust: bool = False) -> Job:
-    """Return the job of an atlas that continues the one that made a table.
+def wider_job(attrs: Mapping[Any, Any], *, trust: bool = False) -> Job:
+    """Return the job of an atlas with twice the starts and one bifurcation more than that of a table.
 
     Args:
-        table: the table, with its `.attrs`.
-        trust: as for `stored_job`.
+        attrs, trust: as for `stored_job`, whose errors it raises.
 
     Raises:
-        ArgumentError: another kind of run made the table, or it is not complete.
-        JobError: as for `stored_job`.
+        ArgumentError: another kind of run made the table.
     """
-    job = stored_job(table.attrs, trust=trust)
+    job = stored_job(attrs, trust=trust)
     if not isinstance(job.run, Atlas):
         raise ArgumentError(f"This table is of a run of the kind {job.run.kind_name}, but must be an atlas.")
-    if missing := table.attrs.get("rows_missing"):
-        raise ArgumentError(f"This table lacks {missing} rows: run its job again before you continue it.")
-    return job.model_copy(update={"run": job.run.wider(table)})
+    return job.model_copy(update={"run": job.run.wider()})

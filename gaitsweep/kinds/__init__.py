@@ -18,7 +18,6 @@ from typing import Any
 from gaitsweep.extension import import_all
 from gaitsweep.kinds.atlas import Atlas
 from gaitsweep.kinds.continuation import Continuation
-from gaitsweep.kinds.folds import Folds
 from gaitsweep.kinds.perturb import Perturb
 from gaitsweep.kinds.run_kind import RunKind
 from gaitsweep.kinds.settle import Settle
@@ -29,7 +28,7 @@ from gaitsweep.schema.strict_model import Registry
 __all__ = ["RUN_KINDS", "RunKind", "kind_written", "parameter_written", "register", "unregister"]
 
 RUN_KINDS: Registry[RunKind] = Registry(
-    "run", [Settle, FixedTime, Trace, Ramp, ReturnMap, Staircase, Continuation, Folds, Atlas, Perturb]
+    "run", [Settle, FixedTime, Trace, Ramp, ReturnMap, Staircase, Continuation, Atlas, Perturb]
 )
 register = RUN_KINDS.register
 unregister = RUN_KINDS.unregister

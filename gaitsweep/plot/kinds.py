@@ -24,7 +24,6 @@ from gaitsweep.plot.bifurcations.branches import branches as branches
 from gaitsweep.plot.bifurcations.continuation import continuation as continuation
 from gaitsweep.plot.bifurcations.continuation import stable_ranges as stable_ranges
 from gaitsweep.plot.bifurcations.cycles import cycles as cycles
-from gaitsweep.plot.bifurcations.folds import folds as folds
 from gaitsweep.plot.bifurcations.gait_transitions import gait_transitions as gait_transitions
 from gaitsweep.plot.bifurcations.hysteresis import hysteresis as hysteresis
 from gaitsweep.plot.bifurcations.return_map import return_map as return_map

@@ -240,19 +240,16 @@ def read_flag(value: Any) -> bool:
     return bool(value)
 
 
-def read_word(value: Any, allowed: tuple[str, ...], former: Mapping[str, str] | None = None) -> str:
+def read_word(value: Any, allowed: tuple[str, ...]) -> str:
     """Read one of the allowed words.
 
     Args:
         value: the value.
         allowed: the words.
-        former: new names by older words, which are refused with the new name.
 
     Raises:
-        InvalidValue: it is another word, with the near miss, or an older word, with its new name.
+        InvalidValue: it is another word, with the near miss.
     """
-    if former and isinstance(value, str) and value in former:
-        raise InvalidValue(f"is {quoted(value)}, which is now called {former[value]}; write {former[value]}.")
     if not isinstance(value, str) or value not in allowed:
         raise InvalidValue(f"is {quoted(value)}{near_miss.suggestion(str(value), allowed)}")
     return value
@@ -309,10 +306,8 @@ Flag = Annotated[bool, PlainValidator(checked(read_flag)), WithJsonSchema({"type
 
 @dataclass(frozen=True)
 class Word:
-    """Annotation of a Literal, for the message about another word; `former` maps older words to new ones."""
-
-    former: Mapping[str, str] | None = None
+    """Annotation of a Literal, for the message about another word."""
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
-        read = checked(read_word, allowed=get_args(source), former=self.former)
+        read = checked(read_word, allowed=get_args(source))
         return core_schema.no_info_before_validator_function(read, handler(source))

@@ -425,13 +425,10 @@ def test_names_of_columns_are_those_of_the_tables() -> None:
         gs.Staircase(**along, step=0.1, dwell=10.0),
         gs.Continuation(**along, crossing=True),
         gs.Continuation(**along, stationary=True),
-        RUN_KINDS["folds"](parameters=["g", "g"], within={"g": [9.0, 10.0]}),
         RUN_KINDS["atlas"](**along, ranges={"z_0": [0.0, 1.0]}),
     )
     times = {f"t_{name.replace(' ', '_')}" for name in model.guard_names}  # of events, in an atlas
-    columns = (
-        {column.name for run in runs for column in run.all_columns(model)} - own - times - {"g", "g_fold"}
-    )
+    columns = {column.name for run in runs for column in run.all_columns(model)} - own - times - {"g"}
     assert columns | {"row"} == set(COLUMNS)
     assert {column.name for column in trace.all_columns(model)} - own < set(OF_TRACES)
     page = (Path(__file__).parents[2] / "docs/own_model.md").read_text()

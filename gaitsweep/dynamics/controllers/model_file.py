@@ -89,7 +89,7 @@ class ModelFile(StrictModel):
     """A body of an MJCF and its controller."""
 
     body: Text = Field(description="the MJCF, from the folder of this file")
-    dynamics: Annotated[Literal["located", "stepped"], Word({"mjx": "stepped"})] = Field(
+    dynamics: Annotated[Literal["located", "stepped"], Word()] = Field(
         default="located",
         description="located: contacts as events, in the kernels (BodyModel); stepped: MuJoCo's steps and "
         "contacts (MjcfModel)",

@@ -16,7 +16,6 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping
-from types import MappingProxyType
 from typing import Any, ClassVar, cast
 
 import jax.numpy as jnp
@@ -101,16 +100,6 @@ class WaistQuadruped(WaistDrawing, HybridModel):
   doi = {10.1103/PhysRevE.83.061909}
 }"""
     gaits: ClassVar[tuple[str, ...]] = ("walk", "trot", "pace", "none")
-    # K_13 was the pull of the start when there was no K_31
-    given_with: ClassVar[Mapping[str, tuple[str, str]]] = MappingProxyType(
-        {
-            "K_13": (
-                "K_31",
-                "eq. (6) has both, so set K_31 too (0 for a one-way coupling); the coupling at the "
-                "start, which older jobs call K_13, is now K_hold.",
-            )
-        }
-    )
 
     def __post_init__(self) -> None:
         check_ground(self.ground)
