@@ -6,7 +6,7 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from gaitsweep.dynamics.footfalls import ALTERNATE, TOGETHER
+from gaitsweep.dynamics.gaits_by_footfalls import ALTERNATE, TOGETHER
 from gaitsweep.kinds.columns import UNKNOWN_GAIT
 from gaitsweep.runs.provenance import NOT_INSTALLED
 from gaitsweep.status import SetStatus, Status
