@@ -14,7 +14,7 @@ from jaxtyping import Array, Bool, Float
 from gaitsweep.contract import Chart, Quantity
 from gaitsweep.dynamics.declarations import Reading, Variable
 from gaitsweep.dynamics.event_declarations import Surfaces
-from gaitsweep.dynamics.tree import tilt_and_heading, tilted
+from gaitsweep.dynamics.tree import is_upright, tilt_and_heading, tilted
 
 if TYPE_CHECKING:
     from gaitsweep.dynamics.body.body_model import BodyModel
@@ -140,9 +140,10 @@ class BodyCoordinates(Chart):
         return self.model.begun_on_section(params, state)
 
     def covers(self, params: Any, state: Any, /) -> Bool[Array, ""]:
-        # on a slope the heading matters
-        level = params.body["slope"] == 0.0
-        return level if self.model.body.is_free else jnp.ones((), bool)
+        if not self.model.body.is_free:
+            return jnp.ones((), bool)
+        # on a slope the heading matters, and the tilt of an overturned body is that of an upright one, too
+        return (params.body["slope"] == 0.0) & is_upright(state.q[3:7])
 
     def _variables(self) -> NamedVariables:
         """The declared variables of the section besides positions and velocities."""

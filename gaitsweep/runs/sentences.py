@@ -6,7 +6,7 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from gaitsweep.dynamics.footfalls import ALTERNATE, TOGETHER
+from gaitsweep.dynamics.gaits_by_footfalls import ALTERNATE, TOGETHER
 from gaitsweep.kinds.columns import UNKNOWN_GAIT
 from gaitsweep.runs.provenance import NOT_INSTALLED
 from gaitsweep.status import SetStatus, Status
@@ -28,8 +28,6 @@ _MOST_VALUES = 4  # of a row that a sentence names
 _AT = {"1": "at a fixed point"}
 # How the meaning of a function begins that tests something.
 _TESTS = ("whether", "return", "test", "if ", "true ")
-# The finer steps in manifests of older versions, which halved the step.
-HALF_THE_STEP = "half the step"
 # Name of a result, for jobs whose rows are sets of constants.
 _RESULTS = {"search": "target", "sensitivity": "output"}
 
@@ -39,9 +37,9 @@ def self_check_sentence(check: dict[str, Any]) -> str:
     if check.get("verdict") == "off":
         return "Self-check: off."
     rows = check["rows"]
-    total = check.get("of", rows)
+    total = check["of"]
     sample = f"{rows} row{'s' * (rows != 1)}" if rows == total else f"{rows} of {total} rows"
-    finer = _finer(check)
+    finer = check["finer"]
     sensitive = check.get("sensitive")
     change = _largest(check)
     rerun = f"Self-check: {sample} rerun {'at' if 'step' in finer else 'with'} {finer}"
@@ -80,17 +78,12 @@ def _first_unstable(check: dict[str, Any]) -> str:
     return f" (first row {row}{' at ' if values else ''}{values})"
 
 
-def _finer(check: dict[str, Any]) -> str:
-    """The finer steps of a self-check, in words; manifests of older versions have another field."""
-    return check.get("finer") or check.get("half", HALF_THE_STEP)
-
-
 def _largest(check: dict[str, Any]) -> str:
-    """Format the largest change of an observable; manifests of older versions do not name the worst."""
+    """Format the largest change of an observable."""
     largest = {name: value for name, value in check.get("largest", {}).items() if value == value}
     if not largest:
         return "there was nothing to compare"
-    worst = check.get("worst") or {"name": max(largest, key=lambda name: largest[name]), "unit": "1"}
+    worst = check["worst"]
     unit = "" if worst["unit"] == "1" else f" {worst['unit']}"
     name = "the time of a crossing" if worst["name"] == "t" else worst["name"]
     return f"{name} changed by at most {largest[worst['name']]:.1e}{unit}"
@@ -116,7 +109,7 @@ def advice(check: dict[str, Any], dt: float | None) -> str:
         )
     if dt is not None:
         return f"The table depends on the step: make numerics.dt shorter than {dt:g} s, or leave it out."
-    if "step" not in _finer(check):
+    if "step" not in check["finer"]:
         return (
             "The table depends on the steps: make numerics.rtol and numerics.atol finer, or numerics.dt "
             "shorter, and compare."

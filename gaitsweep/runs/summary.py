@@ -14,7 +14,7 @@ import pandas as pd
 
 from gaitsweep import models
 from gaitsweep.contract import Model
-from gaitsweep.dynamics.footfalls import TOGETHER
+from gaitsweep.dynamics.gaits_by_footfalls import TOGETHER
 from gaitsweep.dynamics.mjcf import OfMjcf
 from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.kernel.row_functions import over_rows

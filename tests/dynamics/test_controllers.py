@@ -26,10 +26,10 @@ from gaitsweep.dynamics.controllers.oscillators import (
     MatsuokaOscillators,
     PhaseOscillators,
 )
+from gaitsweep.errors import JobError
 from gaitsweep.models.conformity import variables_without_rate
 from gaitsweep.models.sampled_points import sampled_points
 from gaitsweep.models.starts import starts_in_ground
-from gaitsweep.schema.diagnostics import JobError
 from gaitsweep.shipped import EXAMPLES
 
 WALKERS = EXAMPLES / "walkers"

@@ -15,7 +15,7 @@ import pytest
 
 import gaitsweep as gs
 from gaitsweep import DeclaredModel, event, footfalls, mode, parameter, variable
-from gaitsweep.dynamics.footfalls import (
+from gaitsweep.dynamics.gaits_by_footfalls import (
     GAITS,
     LEGS,
     SHORTEST_CONTACT,

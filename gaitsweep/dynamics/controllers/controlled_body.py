@@ -24,7 +24,7 @@ from gaitsweep.dynamics.controllers.leg_targets import (
 from gaitsweep.dynamics.controllers.oscillators import HIP, LegSenses
 from gaitsweep.dynamics.declarations import Variable, observable, parameter, signal, variable
 from gaitsweep.dynamics.event_declarations import event
-from gaitsweep.dynamics.footfalls import LEGS, SHORTEST_CONTACT, footfalls
+from gaitsweep.dynamics.gaits_by_footfalls import LEGS, SHORTEST_CONTACT, footfalls
 from gaitsweep.dynamics.ground import is_uneven
 from gaitsweep.dynamics.mjcf import identifier
 from gaitsweep.dynamics.tree import tilt_and_heading
