@@ -138,8 +138,8 @@ class BodyCoordinates(Chart):
 
     def covers(self, params: Any, state: Any, /) -> Bool[Array, ""]:
         # on a slope the heading matters
-        level = params.body["slope"] == 0.0
-        return level if self.model.body.is_free else jnp.ones((), bool)
+        body = self.model.body
+        return (params.body["slope"] == 0.0) & body.is_on_level_planes if body.is_free else jnp.ones((), bool)
 
     def _onto_section(self, params: Any, state: Any) -> Any:
         """The state moved onto the surface of the section along its normal, by Newton's method."""
