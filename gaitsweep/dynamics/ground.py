@@ -218,7 +218,8 @@ def _profile(text: str) -> Profile:
 
 def is_uneven(model: Model) -> bool:
     """Whether the ground of a model is uneven, by the kind that it asks for or by its own steps and hills."""
-    return chooses_uneven(model) or model.own_ground(jnp.zeros(1), jnp.zeros(1)) is not None
+    has_own = type(model).own_ground is not Model.own_ground
+    return chooses_uneven(model) or (has_own and model.own_ground(jnp.zeros(1), jnp.zeros(1)) is not None)
 
 
 def chooses_uneven(model: Model) -> bool:

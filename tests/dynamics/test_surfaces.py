@@ -326,7 +326,8 @@ def test_places_of_a_free_body_are_left_out_on_level_planes_alone(tilt: float, c
     plane = f'<geom type="plane" size="9 9 .1" euler="0 {tilt} 0"/>'
     model = of(world(plane, f'<body name="b"><freejoint name="root"/>{BALL}</body>'))
     level: Any = types.SimpleNamespace(body={"slope": jnp.zeros(())})
-    assert bool(model.chart().covers(level, None)) == covered
+    upright = types.SimpleNamespace(q=jnp.array([0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0]))
+    assert bool(model.chart().covers(level, upright)) == covered
     assert model.body.velocities_along_ground == ((0, 1) if covered else ())
 
 
