@@ -1,5 +1,7 @@
 """The devices on which this process computes: its cores, its accelerators, and the systems without any.
 
+`sweep/engine_choice.py` chooses kernel or XLA on them, and the number of rows in a batch.
+
 JAX fixes its devices at its first computation, and a fork of a process that has computed with JAX lacks JAX's
 threads, so that a computation there would never end.
 """

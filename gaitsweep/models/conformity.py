@@ -22,7 +22,7 @@ from gaitsweep.dynamics.declaration_faults import faults_of_quantity
 from gaitsweep.dynamics.declarations import Mode, Variable
 from gaitsweep.dynamics.declared import STEPS, Declared
 from gaitsweep.dynamics.declared_model import ARMING
-from gaitsweep.dynamics.footfalls import Footfalls
+from gaitsweep.dynamics.gaits_by_footfalls import Footfalls
 from gaitsweep.dynamics.map_model import MapModel
 from gaitsweep.dynamics.sliding import Sliding
 from gaitsweep.engine.content import cached_by_content, held_result
