@@ -20,7 +20,7 @@ from gaitsweep.cli.fits import search, sensitivity
 from gaitsweep.cli.options import Directory, Open, print_links, print_message
 from gaitsweep.cli.reproduce import reproduce
 from gaitsweep.cli.run import atlas, run
-from gaitsweep.cli.views import animate, explore
+from gaitsweep.cli.views import WithStill, animate, explore
 from gaitsweep.errors import EXIT_REFUSED, UserError
 from gaitsweep.shipped import BUILTIN
 from gaitsweep.shipped import job_file as shipped_or_own
@@ -192,7 +192,7 @@ def _named_colour(text: str) -> tuple[str, str]:
     return gait, colour
 
 
-app.command()(animate)
+app.command(cls=WithStill)(animate)
 app.command()(explore)
 app.add_typer(analyse.app, name="analyse")
 

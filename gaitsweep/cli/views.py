@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from typer.core import TyperCommand
 
 from gaitsweep.cli.options import Directory, Open, Trust, print_links, print_message
 
@@ -55,10 +56,44 @@ Lift = Annotated[
     float,
     typer.Option("--lift", metavar="X", help="Draw feet X times as high over the ground as they are."),
 ]
+_LAST = "last"
+
+
+def _beginning(text: str) -> float | str:
+    """The value of `--still`: a time, s, or `_LAST`."""
+    return text if text == _LAST else float(text)
+
+
 Still = Annotated[
-    float | None,
-    typer.Option("--still", metavar="T", help="Draw a PNG of six poses over the cycle that begins at T, s."),
+    Any,
+    typer.Option(
+        "--still",
+        metavar="[T]",
+        parser=_beginning,
+        help="Draw a PNG of six poses over the cycle from T, s, or over the last cycle.",
+    ),
 ]
+
+
+class WithStill(TyperCommand):
+    """A command whose option `--still` may have no value."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Parse the arguments, with `_LAST` as the value of an option `--still` without one."""
+        completed = []
+        for argument, after in zip(args, [*args[1:], "--"], strict=True):
+            completed.append(argument)
+            if argument == "--still" and not _is_number(after):
+                completed.append(_LAST)
+        return super().parse_args(ctx, completed)
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return text == _LAST
+    return True
 
 
 def animate(
@@ -94,7 +129,7 @@ def animate(
             "of the two."
         )
     else:
-        path = row_movie.write_still(directory, out, at=still, **options)
+        path = row_movie.write_still(directory, out, at=None if still == _LAST else still, **options)
     print(path)
     print_links([path], open_them=open_it)
 

@@ -92,6 +92,20 @@ def load_job(path: str | Path, overrides: Sequence[str] = ()) -> Job:
             raise document.located(error) from None
 
 
+def job_fields(attrs: Mapping[Any, Any]) -> dict[str, Any]:
+    """Return the fields of the job that made a table, as stored in its `.attrs`.
+
+    Raises:
+        ArgumentError: the table has no job, since it is not read by gs.load or has lost its `.attrs`.
+    """
+    if not isinstance(fields := attrs.get("job"), dict):
+        raise ArgumentError(
+            "The table has no job in its .attrs: read it from its directory by gs.load(DIR), or take it from "
+            "the result of a run."
+        )
+    return fields
+
+
 def stored_job(attrs: Mapping[Any, Any], *, trust: bool = False) -> Job:
     """Return the job that made a table, even if `job.yaml` was edited since.
 
@@ -101,7 +115,7 @@ def stored_job(attrs: Mapping[Any, Any], *, trust: bool = False) -> Job:
             `gaitsweep.models.find_of_table`.
 
     Raises:
-        ArgumentError: the table is joined of several.
+        ArgumentError: the table has no job, or is joined of several.
         JobError: the job cannot be read, or its model is not found.
     """
     if "joined" in attrs:
@@ -109,11 +123,12 @@ def stored_job(attrs: Mapping[Any, Any], *, trust: bool = False) -> Job:
             f"This table is joined of {attrs['joined']} results by gs.concat, so no single job makes its "
             "rows again: use one of the results."
         )
+    fields = job_fields(attrs)
     try:
         models.find_of_table(attrs, trust=trust)
     except models.ModelError as error:
         raise JobError([Diagnostic(("model",), str(error))]) from error
-    return Job.model_validate(attrs["job"])
+    return Job.model_validate(fields)
 
 
 def wider_job(attrs: Mapping[Any, Any], *, trust: bool = False) -> Job:

@@ -103,9 +103,9 @@ class DrawnStarts:
 
 
 # The columns of whole numbers.
-WHOLE = ("number", "period", "depth", "begins", "point", "unstable", "found", "corrections", "drawn_starts")
+_WHOLE = ("number", "period", "depth", "begins", "point", "unstable", "found", "corrections", "drawn_starts")
 # The columns of text that has few values.
-TEXTS = ("part", "symmetry", "events", "change", "special", "end", "gait", "status")
+_TEXTS = ("part", "symmetry", "events", "change", "special", "end", "gait", "status")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -176,7 +176,8 @@ class AtlasBlock:
         run, mapped = self.run, self.mapped
 
         def on_step(points: Any, shares: Any) -> None:
-            self.on_progress(f"{np.sum(points)} points of {len(points)} branches", float(np.mean(shares)))
+            done = 0.5 + 0.5 * float(np.mean(shares))  # after the search of gaits
+            self.on_progress(f"{np.sum(points)} points of {len(points)} branches", done)
 
         atlas = BranchAtlas(
             mapped.mapping,
@@ -230,9 +231,9 @@ class AtlasBlock:
 
 def _typed(table: pd.DataFrame) -> pd.DataFrame:
     """A table with whole numbers, flags and texts in the types of its columns."""
-    integers = {name: table[name].astype(float).fillna(-1).astype(np.int64) for name in WHOLE}
+    integers = {name: table[name].astype(float).fillna(-1).astype(np.int64) for name in _WHOLE}
     stable = table["stable"].astype("boolean").fillna(False).astype(bool)
-    texts = {name: pd.Categorical(table[name].astype(object).fillna("")) for name in TEXTS}
+    texts = {name: pd.Categorical(table[name].astype(object).fillna("")) for name in _TEXTS}
     return table.assign(
         stable=stable, stored_point=table["stored_point"].astype(object).fillna(""), **texts, **integers
     )

@@ -6,6 +6,7 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from gaitsweep.dynamics.gaits_by_footfalls import ALTERNATE, TOGETHER
 from gaitsweep.kinds.columns import UNKNOWN_GAIT
 from gaitsweep.runs.provenance import NOT_INSTALLED
 from gaitsweep.status import SetStatus, Status
@@ -17,6 +18,8 @@ STARTS_BEYOND = "starts_beyond"  # rows that begin beyond an event's surface
 WITHOUT_START = "without_start"  # rows whose start the model could not make
 WITHOUT_STRIDES = "without_strides"  # rows of a model with footfalls of which no row has a stride
 UNEVEN_STRIDES = "uneven_strides"  # settled rows of no gait of which a foot lands more than once a stride
+WITHOUT_GAIT = "without_gait"  # other settled rows of no gait, by the reason
+NO_STRIDE, SEVERAL, OTHER_LAGS = "no_stride", "several", "other_lags"
 WITHOUT_PERIOD = "without_period"  # rows whose nominal period is not a positive time
 # Words about several rows, and those about one.
 _OF_ONE = {"their": "its", "rest": "rests", "lie": "lies", "are": "is"}
@@ -239,7 +242,28 @@ def remarks(manifest: Mapping[str, Any]) -> list[str]:
     ]
     if uneven := manifest.get(UNEVEN_STRIDES):
         sentences.append(_uneven_strides(uneven))
+    if without_gait := manifest.get(WITHOUT_GAIT):
+        sentences.append(_without_gait(without_gait))
     return sentences
+
+
+def _without_gait(about: Mapping[str, Any]) -> str:
+    """Format why settled rows have no gait, with the numbers of rows."""
+    lags = "the lags of its feet are those of no gait"
+    if about.get("legs") == 2:
+        lags = "its feet neither alternate nor land together: lag_2 / (2 pi) is "
+        lags += f"within {ALTERNATE:g} of 1/2 in a walk or run, and within {TOGETHER:g} of 0 in a hop"
+    words = {
+        NO_STRIDE: "a foot has no stride: it stands, is held up, or has not landed twice",
+        SEVERAL: "its strides differ on an orbit of several crossings",
+        OTHER_LAGS: lags,
+    }
+    reasons = [f"in {_rows(rows)} {words[reason]}" for reason, rows in about["reasons"].items()]
+    total = sum(rows["rows"] for rows in about["reasons"].values())
+    subject = "1 settled row has" if total == 1 else f"{total} settled rows have"
+    return (
+        f"{subject} the gait none: {'; '.join(reasons)} (docs/own_model.md, `Footfalls and names of gaits`)."
+    )
 
 
 def _uneven_strides(about: Mapping[str, Any]) -> str:

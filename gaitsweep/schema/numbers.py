@@ -38,6 +38,7 @@ SCOPE: ContextVar[Scope | None] = ContextVar("SCOPE", default=None)
 
 MAX_POINTS = 10**7  # of an axis
 
+_POSITIVE_ZERO = 0.0  # added to -0.0 it gives 0.0, which gives the same rows
 _LONGEST_TEXT = 1000  # characters
 _LONGEST_AMBIGUOUS = 99  # characters of a text that is compared with the patterns of ambiguous numbers
 _STEM = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,99}")
@@ -83,13 +84,13 @@ def read_number(value: Any) -> float | str:
             if len(value) <= _LONGEST_AMBIGUOUS and pattern.match(value):
                 raise InvalidValue(f"is {quoted(value)}, {sentence}.")
         try:
-            return "".join(value.split()) if names_used(value) else evaluate(value, {})
+            return "".join(value.split()) if names_used(value) else evaluate(value, {}) + _POSITIVE_ZERO
         except ExpressionError as error:
             raise InvalidValue(f"is not a number: {error}") from None
     if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, float, np.integer, np.floating)):
         raise InvalidValue(f"is {quoted(value)}, but must be a number.")
     try:
-        return evaluate(float(value), {}) + 0.0  # -0.0 becomes 0.0, which gives the same rows
+        return evaluate(float(value), {}) + _POSITIVE_ZERO
     except (ExpressionError, OverflowError):
         raise InvalidValue(f"is {quoted(value)}, but must be a finite number.") from None
 
@@ -115,7 +116,7 @@ def read_fixed(value: Any) -> float | None:
             near = near_miss.suggestion(name, [*scope.fixed, *CONSTANTS])
             raise InvalidValue(f'is "{number}", but {name} is unknown here{near}')
     try:
-        return evaluate(number, scope.fixed)
+        return evaluate(number, scope.fixed) + _POSITIVE_ZERO
     except ExpressionError as error:
         raise InvalidValue(f"is not a number: {error}") from None
 
@@ -247,7 +248,7 @@ def read_word(value: Any, allowed: tuple[str, ...]) -> str:
         allowed: the words.
 
     Raises:
-        InvalidValue: it is none, with the near miss.
+        InvalidValue: it is another word, with the near miss.
     """
     if not isinstance(value, str) or value not in allowed:
         raise InvalidValue(f"is {quoted(value)}{near_miss.suggestion(str(value), allowed)}")

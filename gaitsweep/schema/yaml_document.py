@@ -182,7 +182,15 @@ def read_document(
 
 
 def read_value(text: str, origin: str) -> Any:
-    """Read the plain value of YAML text from the command line; `origin` is its option."""
+    """Read the plain value of YAML text from the command line.
+
+    Args:
+        text: the YAML text; None is read of an empty one.
+        origin: the option that holds it, for messages.
+
+    Raises:
+        JobError: it is not YAML, exceeds a limit, or has a duplicate key or an unsupported tag.
+    """
     node = _compose(text, origin)
     return None if node is None else _Reading(origin).value(node, ())
 

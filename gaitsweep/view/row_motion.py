@@ -13,19 +13,21 @@ from jaxtyping import Float
 
 from gaitsweep.contract import Model
 from gaitsweep.design.design import row_params
+from gaitsweep.dynamics.gaits_by_footfalls import SHORTEST_CONTACT
 from gaitsweep.job import Job
 from gaitsweep.job.load import stored_job
 from gaitsweep.kinds.columns import gaits
 from gaitsweep.plot import PlotError
 from gaitsweep.plot.column_labels import written
 from gaitsweep.plot.columns import rows_where
+from gaitsweep.plot.footprint_diagrams import contact_intervals
 from gaitsweep.runs.prepare import prepare
 from gaitsweep.status import Status
 from gaitsweep.table import load
 from gaitsweep.view.explorer.replay_groups import replayer_of
 from gaitsweep.view.explorer.replays import Windows
 from gaitsweep.view.movie import side_view
-from gaitsweep.view.movie.animation import Clip
+from gaitsweep.view.movie.animation import Clip, middle
 
 _LEAST_DISTANCE = 1e-3  # heights of the body a cycle: a slower body has no speed in its title
 _NAMED = 4  # quantities in a title or a message
@@ -38,7 +40,8 @@ class RowMotion:
     """Signals of a row by name, at the times `t`, s.
 
     `values` are the row's parameters by name; `period` s is its model's nominal cycle; `gait` is its gait, or
-    how it failed to come to one, and `row` names it.
+    how it failed to come to one. `details` are the row's number and the values of its axes. `recorded` is the
+    mean speed (m/s) of a cycle in the table, and the time (s) at which that cycle ends.
     """
 
     model: Model
@@ -47,22 +50,55 @@ class RowMotion:
     signals: Mapping[str, Float[np.ndarray, " times"]]
     period: float
     gait: str
-    row: str
+    details: tuple[str, ...]
+    recorded: tuple[float, float] | None = None
 
-    def title(self, clip: Clip, lift: float) -> str:
-        """Format the model, its gait, its mean speed, and the row.
+    def title(self, clip: Clip, lift: float, heading: float) -> str:
+        """Format the model, its gait and its mean speed.
 
         Args:
-            clip: the part that is shown; the speed of a body that moves backwards is negative.
+            clip: the part that is shown.
             lift: factor on the drawn height of feet.
+            heading: that of the body, rad; the speed of one that moves backwards is negative.
         """
-        ahead, aside = clip.camera[-1] - clip.camera[0]  # in a clip the body faces ahead
-        speed = float(np.copysign(np.hypot(ahead, aside), ahead)) / float(clip.t[-1] - clip.t[0])
+        speed = self._speed(float(clip.t[0]), float(clip.t[-1]), heading)
         moves = abs(speed) * self.period > _LEAST_DISTANCE * side_view.bounds(clip.skeleton, clip.camera)[1]
-        motion = f"{self.gait} at {speed:.2g} m/s".strip() if moves else self.gait.strip()
+        motion = f"{self.gait} at {speed:.3g} m/s".strip() if moves else self.gait.strip()
         if lift != 1.0:
             motion += f" (lift drawn {lift:.3g} times as high)"
-        return f"{self.model.name}, {motion}; {self.row}" if motion else f"{self.model.name}; {self.row}"
+        return f"{self.model.name}, {motion}" if motion else self.model.name
+
+    def _speed(self, first: float, last: float, heading: float) -> float:
+        """The mean speed (m/s) of the part from `first` to `last`, s.
+
+        That of the table where the part contains the end of its cycle, else that of whole strides.
+        """
+        if self.recorded is not None:
+            speed, end = self.recorded
+            if first < end <= last + self.period:
+                return speed
+        times = self._whole_strides(first, last)
+        skeleton = self.model.skeleton(self.values, self.at(times))
+        assert skeleton is not None  # as at the times of the clip
+        first_place, last_place = middle(side_view.turned(skeleton, heading))
+        ahead, aside = last_place - first_place
+        return float(np.copysign(np.hypot(ahead, aside), ahead) / np.diff(times)[0])
+
+    def _whole_strides(self, first: float, last: float) -> Float[np.ndarray, 2]:
+        """The first and last touchdown (s) of a foot in a part, or two touchdowns of a stride near it.
+
+        Without two touchdowns in the whole motion, the part itself.
+        """
+        for name in (name for name in self.signals if name.startswith("contact_")):
+            landed = _touchdowns(self.t, self.signals[name], SHORTEST_CONTACT * self.period)
+            if len(landed) < 2:
+                continue
+            shown = landed[(first <= landed) & (landed <= last)]
+            if len(shown) > 1:
+                return shown[[0, -1]]
+            before = int(np.clip(np.searchsorted(landed, 0.5 * (first + last)) - 1, 0, len(landed) - 2))
+            return landed[before : before + 2]
+        return np.array([first, last])
 
     def at(self, times: Float[np.ndarray, " frames"]) -> dict[str, Float[np.ndarray, " frames"]]:
         """The signals at times (s), interpolated linearly; angles and contacts from the nearest sample."""
@@ -129,12 +165,13 @@ def read_motion(
     parameter_values = {name: float(value[0]) for name, value in parameters.items()}
     _check_drawable(design.model, parameter_values, renderer)
     names = [quantity.name for quantity in design.model.signals]
+    recorded = None
     if kind == "trace":
         t, signals = _recorded(part, directory, names)
         # that of the row's end; tables of older versions have none
         gait = _gait_name(part.iloc[-1].get("gait")) if job.run.moved is None else ""
     else:
-        t, signals, gait = _simulated(job, part, row, start, seconds)
+        t, signals, gait, recorded = _simulated(job, part, row, start, seconds)
     finite = np.isfinite(np.stack([t, *signals.values()])).all(axis=0)
     if np.count_nonzero(finite) < 2:
         status = str(part["status"].iloc[-1])
@@ -147,8 +184,19 @@ def read_motion(
         signals={name: values[finite] for name, values in signals.items()},
         period=float(design.model.period(row_params(design, row))),
         gait=gait,
-        row=f"row {row}{': ' if axes else ''}{', '.join(axes[:_NAMED])}",
+        details=(f"row {row}", *axes),
+        recorded=recorded,
     )
+
+
+def _touchdowns(
+    t: Float[np.ndarray, " times"], contact: Float[np.ndarray, " times"], shortest: float
+) -> Float[np.ndarray, " touchdowns"]:
+    """The touchdowns of a foot, s, without swings and stances shorter than `shortest` s."""
+    starts, stops = contact_intervals(t, contact)
+    swings = starts[1:] - stops[:-1] >= shortest
+    starts, stops = starts[np.r_[True, swings]], stops[np.r_[swings, True]]
+    return starts[(stops - starts >= shortest) & (starts > t[0])]
 
 
 def _check_drawable(model: Model, values: Mapping[str, float], renderer: str) -> None:
@@ -178,15 +226,17 @@ def _recorded(
 
 def _simulated(
     job: Job, part: pd.DataFrame, row: int, start: float | None, seconds: float | None
-) -> tuple[Float[np.ndarray, " times"], dict[str, Float[np.ndarray, " times"]], str]:
-    """Times (s) and signals of a row simulated again, and its gait, or how it failed to come to one.
+) -> tuple[
+    Float[np.ndarray, " times"], dict[str, Float[np.ndarray, " times"]], str, tuple[float, float] | None
+]:
+    """Times (s) and signals of a row simulated again, its gait or failure, and its recorded speed.
 
-    A row that failed at its start has no times.
+    The speed is that of `RowMotion.recorded`. A row that failed at its start has no times.
     """
     times = part["t_end" if "t_end" in part.columns else "t"].to_numpy(float)
     end = float(times[np.isfinite(times)].max(initial=0.0))
     if end == 0.0:
-        return np.zeros(0), {}, ""
+        return np.zeros(0), {}, "", None
     context = prepare(job)
     replayer = replayer_of(context, np.array([row]))
     length = _LAST_CYCLES * float(replayer.periods[0]) if seconds is None else seconds
@@ -196,7 +246,8 @@ def _simulated(
     last = end if seconds is None else min(end, first + seconds)
     (replayed,) = replayer.replayed(Windows(last - first, first))
     until = last * (1.0 + 1e-9)  # with rounding
-    record = part.iloc[max(int(np.count_nonzero(times <= until)) - 1, 0)]
+    at = max(int(np.count_nonzero(times <= until)) - 1, 0)
+    record = part.iloc[at]
     gait = record.get("gait")
     if "gait" not in part.columns and replayed.gait != -1:  # crossings of a return map
         gait = gaits(context.model, np.array([replayed.gait]))[0]
@@ -204,7 +255,17 @@ def _simulated(
     failure = "" if status in Status.SOUND else status.replace("_", " ")
     shown = replayed.t <= until
     signals = {name: values[shown] for name, values in replayed.signals.items()}
-    return replayed.t[shown], signals, _gait_name(gait) or failure
+    speed = _recorded_speed(context.model, record)
+    recorded = None if speed is None else (speed, float(times[at]))
+    return replayed.t[shown], signals, _gait_name(gait) or failure, recorded
+
+
+def _recorded_speed(model: Model, record: pd.Series) -> float | None:
+    """The observable `speed` (m/s) of a record, the mean of a cycle; None if the model or record has none."""
+    if ("speed", "m/s") not in ((quantity.name, quantity.unit) for quantity in model.observables):
+        return None
+    speed: Any = record.get("speed_end", record.get("speed_n", np.nan))
+    return float(speed) if np.isfinite(speed) else None
 
 
 def _gait_name(gait: Any) -> str:

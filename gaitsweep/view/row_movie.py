@@ -118,19 +118,19 @@ def write_still(
     out: str | Path | None = None,
     *,
     row: int = 0,
-    at: float = 0.0,
+    at: float | None = None,
     size: tuple[int, int] = STILL_SIZE,
     renderer: str = "auto",
     lift: float = 1.0,
     trust: bool = False,
     on_message: OnMessage | None = None,
 ) -> Path:
-    """Write a PNG of six poses over the cycle that begins at a time.
+    """Write a PNG of six poses over a cycle.
 
     Args:
         directory, row, size, renderer, lift, trust, on_message: as for `write_movie`.
         out: .png; `figures/poses_rowN.png` in the directory by default.
-        at: time at which the cycle begins, s.
+        at: time at which the cycle begins, s; by default, the last cycle of the row.
 
     Returns:
         The file.
@@ -144,6 +144,7 @@ def write_still(
     if target.suffix.lower() != ".png":
         raise PlotError(f"{target} is not a valid name for a picture: it must end with .png.")
     motion = read_motion(directory, row, at, renderer=renderer, trust=trust)
+    at = max(float(motion.t[0]), float(motion.t[-1]) - motion.period) if at is None else at
     end = _end(motion, at, motion.period, on_message)
     times = np.linspace(at, end, _POSES, endpoint=False)
     with _prepared(motion, times, "", renderer, lift, on_message) as (clip, scene):
@@ -235,7 +236,7 @@ def _prepared(
     heading = side_view.heading(skeleton)
     contact = motion.contact(len(skeleton.limbs))
     clip = Clip(times, side_view.turned(skeleton, heading), motion.t, contact, motion.period, "", pace)
-    clip = dataclasses.replace(clip, title=motion.title(clip, lift))
+    clip = dataclasses.replace(clip, title=motion.title(clip, lift, heading), details=motion.details)
     places = _places(clip)
     heights = heights_of_model(motion.model, motion.values, np.cos(heading) * places)
     if heights is not None:

@@ -22,6 +22,7 @@ import pytest
 import gaitsweep as gs
 from gaitsweep.dynamics.body.body_model import Standing
 from gaitsweep.dynamics.body.mechanics import LocatedBody
+from gaitsweep.dynamics.tree import tilted
 from gaitsweep.engine.kernel import cuda_lanes
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.recordings import CrossingRecorder
@@ -340,9 +341,10 @@ def test_formulas_replace_numbers_of_the_file() -> None:
             "'leg' and 'o' may touch",
         ),
         (
-            'type="sphere" pos="0 0 -.45" size=".05" mass=".1"',
-            'type="cylinder" pos="0 0 -.45" euler="30 0 0" size=".05 .1" mass=".1"',
-            "foot' is of type cylinder and may touch 'floor'.*planar",
+            'type="sphere" pos="0 0 -.45" size=".05" mass=".1" conaffinity="0"/>\n    </body></body>',
+            'type="cylinder" pos="0 0 -.45" size=".05 .1" mass=".1" conaffinity="0"/>\n    </body></body>'
+            '<geom name="step" type="box" size="1 1 .1"/>',
+            "foot' is of type cylinder and may touch 'step'.*planar",
         ),
         (
             'type="sphere" pos="0 0 -.45" size=".05" mass=".1" conaffinity="0"/>\n    </body></body>',
@@ -353,8 +355,8 @@ def test_formulas_replace_numbers_of_the_file() -> None:
         (
             "</worldbody>",
             '<geom name="hills" type="hfield" hfield="h"/></worldbody><asset>'
-            '<hfield name="h" nrow="2" ncol="2" size="1 1 1 .1" elevation="0 1 0 .5"/></asset>',
-            "'hills' is a height field that varies along y",
+            f'<hfield name="h" nrow="20" ncol="20" size="1 1 1 .1" elevation="{"0 " * 399}1"/></asset>',
+            "'hills' is a height field of 20 x 20 points",
         ),
     ],
 )
@@ -558,6 +560,19 @@ def test_a_free_box_comes_to_rest_on_its_corners() -> None:
 BOX = """<mujoco><worldbody><geom type="plane" size="9 9 .1"/>
   <body name="table" pos="0 0 .2"><freejoint name="root"/>
     <geom name="box" type="box" size=".1 .15 .05" mass="2"/></body></worldbody></mujoco>"""
+
+
+def test_a_return_map_does_not_cover_an_overturned_body() -> None:
+    """Its coordinates are the tilt, which is that of an upright body too."""
+    model = of(BOX, control=lambda self, p, s: jnp.zeros(0), height=None)
+    params, state = begun(model)
+    for pitch, is_covered in ((1.5, True), (1.6, False), (np.pi, False), (2.0 * np.pi - 1.5, True)):
+        turned = jnp.array([np.cos(0.5 * pitch), 0.0, np.sin(0.5 * pitch), 0.0])
+        at = state.replace(q=state.q.at[3:7].set(2.0 * turned))
+        assert bool(model.chart().covers(params, at)) is is_covered
+        back = tilted(model.chart().to_coordinates(params, at)[:2])
+        same_pitch = abs(abs(back @ turned) - 1.0) < 1e-12
+        assert bool(same_pitch) is is_covered
 
 
 @pytest.mark.slow

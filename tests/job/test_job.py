@@ -188,7 +188,12 @@ run: {kind: settle}
     job = load_job(written(tmp_path, text))
     assert job.name == "no"
     assert job.params == {"mass": 10.0, "preload": 10.0, "stiffness": 16.0, "ceiling": 500.0, "kick": 0.0}
-    assert math.copysign(1, float(job.params["kick"])) == 1.0
+    # -0.0 gives the same rows, so it is the same job, as a number and as text
+    as_text = [toy(params={"kick": text}) for text in ("-0.0", "0*-1")]
+    for same in (job, *as_text):
+        zero = float(same.params["kick"])
+        assert zero == 0.0
+        assert math.copysign(1, zero) == 1.0
 
 
 def test_contraction_reaches_the_engine() -> None:

@@ -29,9 +29,9 @@ from gaitsweep.table import Snapshot
 from gaitsweep.view import row_motion
 from gaitsweep.view import row_movie as movie
 from gaitsweep.view.explorer.replays import SAMPLES_PER_CYCLE, Crossings, ReplayedRow, Windows
-from gaitsweep.view.movie import mujoco_movie, mujoco_painter, side_view
+from gaitsweep.view.movie import animation, mujoco_movie, mujoco_painter, side_view
 from gaitsweep.view.movie.side_view import SWING
-from gaitsweep.view.row_motion import read_motion
+from gaitsweep.view.row_motion import RowMotion, read_motion
 from tests.support.trace_directories import (
     CYCLE,
     SPEED,
@@ -114,6 +114,7 @@ def test_a_strip_of_poses_is_a_figure_of_its_directory(quadruped: Path, chain: P
         assert capsys.readouterr().out == f"{file}\n"
         assert Image.open(file).size == (801, 301)
         assert file in Snapshot.of(directory).figures
+    assert "ends at" not in capsys.readouterr().err
     options = ["--still", "0.7", *SMALL, *LINES, "--out", str(quadruped / "late.png")]
     assert main(["animate", str(quadruped), *options]) == 0
     assert "ends at 0.8 s" in capsys.readouterr().err
@@ -230,10 +231,10 @@ def test_seconds_are_the_last_ones_of_a_row_that_is_simulated_again(
     replayer = types.SimpleNamespace(periods=np.array([0.2]), replayed=replayed)
     monkeypatch.setattr(row_motion, "replayer_of", lambda *_: replayer)
     for seconds in (0.33, 1.0, 3.0):
-        t, signals, _ = row_motion._simulated(job, table, 0, None, seconds)
+        t, signals, *_ = row_motion._simulated(job, table, 0, None, seconds)
         assert t[0] == pytest.approx(4856.8 - seconds)
         assert t[-1] == pytest.approx(4856.8, abs=every)
-        motion = row_motion.RowMotion(job.design.model, {}, t, signals, 0.2, "", "")
+        motion = row_motion.RowMotion(job.design.model, {}, t, signals, 0.2, "", ())
         assert movie._end(motion, t[0], seconds, told.append) == pytest.approx(4856.8, abs=every)
     assert told == []
     movie._end(motion, t[0], 4.0, told.append)
@@ -293,15 +294,52 @@ def test_a_trace_has_the_gait_of_its_end(tmp_path: Path, moves: bool) -> None:
     assert not {"gait", "outcome", "status"} & set(table.columns)
 
 
+def title_of(motion: RowMotion, times: np.ndarray) -> str:
+    with movie._prepared(motion, times, "", "matplotlib", 1.0, None) as (clip, _):
+        return clip.title
+
+
 def test_a_movie_is_titled_by_gait_and_speed(quadruped: Path, chain: Path) -> None:
     for folder, gait, title in (
-        (quadruped, "trot", f"waist_quadruped, trot at {SPEED:.2g} m/s; row 0: "),
-        (quadruped, "", f"waist_quadruped, at {SPEED:.2g} m/s; row 0: "),
-        (chain, "direct", "multilegged, direct; row 0"),  # which has no speed
+        (quadruped, "trot", f"waist_quadruped, trot at {SPEED:.3g} m/s"),
+        (quadruped, "", f"waist_quadruped, at {SPEED:.3g} m/s"),
+        (chain, "direct", "multilegged, direct"),  # which has no speed
     ):
         motion = dataclasses.replace(read_motion(folder, 0), gait=gait)
-        with movie._prepared(motion, motion.t, "", "matplotlib", 1.0, None) as (clip, _):
-            assert clip.title.startswith(title)
+        assert title_of(motion, motion.t) == title
+
+
+def test_the_speed_of_a_title_is_that_of_whole_strides(quadruped: Path) -> None:
+    """The body surges by 6 mm twice a cycle, which is up to 40 % of the speed of a part of a cycle."""
+    motion = read_motion(quadruped, 0)
+    surge = 0.006 * np.sin(4.0 * np.pi * motion.t / CYCLE + 0.3)
+    motion = dataclasses.replace(motion, signals={**motion.signals, "q_0": motion.signals["q_0"] + surge})
+    for first, last in ((0.0, 0.8), (0.05, 0.5), (0.0, 0.05), (0.3, 0.35), (0.7, 0.8)):
+        ((speed,),) = [re.findall(r"at (\S+) m/s", title_of(motion, np.linspace(first, last, 6)))]
+        # touchdowns lie between samples, and so do the positions
+        assert float(speed) == pytest.approx(SPEED, rel=0.004), (first, last)
+    scuffed = {}
+    for name, contact in motion.signals.items():
+        scuffed[name] = contact.copy()
+        if name.startswith("contact_"):  # a foot that touches the ground for a sample in each swing
+            middle = np.flatnonzero(np.diff(contact) < 0)[:2] + 10
+            scuffed[name][middle[middle < len(contact)]] = 1.0
+    title = title_of(dataclasses.replace(motion, signals=scuffed), np.linspace(0.05, 0.6, 6))
+    assert float(re.findall(r"at (\S+) m/s", title)[0]) == pytest.approx(SPEED, rel=0.004)
+
+
+def test_the_speed_of_a_title_is_that_of_the_table(quadruped: Path) -> None:
+    """Where the clip contains the end of the recorded cycle; a clip before it has its own speed."""
+    motion = dataclasses.replace(read_motion(quadruped, 0), recorded=(0.1234, 0.8))
+    assert title_of(motion, np.linspace(0.3, 0.7, 6)).endswith("at 0.123 m/s")
+    assert title_of(motion, np.linspace(0.0, 0.3, 6)).endswith(f"at {SPEED:.3g} m/s")
+    model = motion.model
+    record = pd.Series({"speed_end": 0.2, "status": "settled"})
+    assert row_motion._recorded_speed(model, record) == 0.2
+    assert row_motion._recorded_speed(model, pd.Series({"speed_n": 0.3})) == 0.3
+    assert row_motion._recorded_speed(model, pd.Series({"speed_end": np.nan})) is None
+    of_a_toy = gs.models.find("multilegged")()
+    assert row_motion._recorded_speed(of_a_toy, record) is None
 
 
 def test_the_speed_of_a_body_that_moves_backwards_is_negative(quadruped: Path) -> None:
@@ -309,8 +347,27 @@ def test_the_speed_of_a_body_that_moves_backwards_is_negative(quadruped: Path) -
     backwards = dataclasses.replace(
         motion, gait="", signals={name: values[::-1] for name, values in motion.signals.items()}
     )
-    with movie._prepared(backwards, motion.t, "", "matplotlib", 1.0, None) as (clip, _):
-        assert clip.title.startswith(f"waist_quadruped, at {-SPEED:.2g} m/s; row 0: ")
+    assert title_of(backwards, motion.t) == f"waist_quadruped, at {-SPEED:.3g} m/s"
+
+
+@pytest.mark.parametrize(("axes", "lines", "cut"), [(2, 1, False), (5, 2, False), (12, 2, True)])
+def test_all_swept_values_are_named_or_missing_ones_marked(
+    chain: Path, axes: int, lines: int, cut: bool
+) -> None:
+    motion = read_motion(chain, 0)
+    values = [f"parameter {i} = 1.5 kg" for i in range(axes)]
+    motion = dataclasses.replace(motion, gait="direct", details=("row 3", *values))
+    with movie._prepared(motion, motion.t, "", "matplotlib", 1.0, None) as (clip, draw):
+        figure = animation.still(dataclasses.replace(clip, t=clip.t[:2]), (1600, 560), draw)
+    written = figure.texts[:lines]
+    named = written[-1].get_text()
+    assert named.startswith("multilegged, direct; row 3: " if lines == 1 else "row 3: ")
+    assert [value for value in values if value not in named] == (values[named.count(" = ") :] if cut else [])
+    assert named.endswith(", ...") == cut
+    assert named.count(" = ") > 4 or not cut
+    renderer = [text.get_window_extent() for text in written]
+    assert all(box.x1 <= figure.bbox.width for box in renderer)
+    assert lines == 1 or renderer[1].y1 < renderer[0].y0
 
 
 def test_a_body_of_an_mjcf_is_drawn_from_its_geoms(tmp_path: Path) -> None:
@@ -353,6 +410,26 @@ def test_legs_in_swing_are_coloured_and_lifted_on_request(chain: Path) -> None:
         np.testing.assert_allclose(high.points[:, 1, 2], 3.0 * plain.points[:, 1, 2], atol=1e-12)
         assert plain.points[:, 1, 2].max() > 0.1
     assert "3 times as high" in clip.title
+
+
+def test_a_strip_without_a_time_is_of_the_last_cycle(
+    quadruped: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    times = []
+
+    def still(clip: animation.Clip, *_: object) -> Figure:
+        times.append(clip.t)
+        return Figure()
+
+    monkeypatch.setattr(animation, "still", still)
+    out = str(tmp_path / "poses.png")
+    directory = str(quadruped)
+    for arguments in ([directory, "--still"], ["--still", directory], [directory, "--still", "0.4"]):
+        assert main(["animate", *LINES, "--out", out, *arguments]) == 0
+    period = read_motion(quadruped, 0).period
+    last, at = 0.8 - period + period / 6.0 * np.arange(6), np.linspace(0.4, 0.8, 6, endpoint=False)
+    for found, wanted in zip(times, [last, last, at], strict=True):
+        np.testing.assert_allclose(found, wanted, atol=1e-9)
 
 
 def test_unwritable_files_are_refused(chain: Path, tmp_path: Path, capsys: Capture) -> None:

@@ -174,8 +174,8 @@ class BodyModel(OfMjcf, DeclaredModel):
     `GEOM_friction`, `gravity`, ... (`gaitsweep models NAME` lists them), which functions read as
     `params.body["BODY_mass"]`. `state.q` and `state.v` are MuJoCo's qpos and qvel.
 
-    Contacts are of spheres, ends of capsules, cylinders of planar bodies and corners of boxes with planes,
-    boxes and height fields of the world (docs/own_model.md); `ground` makes level planes uneven: each point
+    Contacts are of spheres, capsules, cylinders and corners of boxes with planes, boxes and height fields of
+    the world (docs/own_model.md); `ground` makes level planes uneven: each point
     then meets the ground's tangent plane below it. The ground pushes with N = K depth + D rate while both
     this and the depth are positive (Kelvin and Voigt). Friction against
     the slip v is mu N v / sqrt(v2 + (mu N / G)2 + s2), s = 0.1 mm/s: Coulomb's for fast slips, a damper G for

@@ -167,7 +167,7 @@ _LETTER = 0.035  # inches; width of a letter of a name at the right side
 
 
 def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
-    """Refuse a parameter that the run does not move."""
+    """Refuse a parameter that the run does not move, and more panels than a figure has."""
     if figure.parameter not in (None, table.run.moved):
         yield (
             ("parameter",),

@@ -14,6 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
+from matplotlib.text import Text
 
 from gaitsweep.mathtext import escape_unparsable
 from gaitsweep.plot import theme
@@ -29,6 +30,8 @@ _MARGIN = 0.012  # of texts, as a share of the width
 _BAR_HEIGHT = 0.66  # of a foot's bar, as a share of its row
 _MAX_NAMES = 16  # with more limbs only some are named
 _CHART_LEFT, _CHART_RIGHT = 0.115, 0.975  # sides of the charts, as shares of the width
+_TITLE, _DETAILS = 10.0, 8.0  # points: font of the title, and the smallest before it takes two lines
+_SECOND_LINE = 0.17  # inches
 _INK = "#55595F"
 _FORWARD = "forward \N{LONG RIGHTWARDS ARROW}"
 
@@ -38,7 +41,8 @@ class Clip:
     """The data of an animation.
 
     `skeleton` is the body at the times `t` (n,) s of the frames; `contact` (m, limbs) is 1 on the ground at
-    the times `contact_t` (m,) s of the whole trace; `period` (s) of a cycle; `title` and `pace` are texts.
+    the times `contact_t` (m,) s of the whole trace; `period` (s) of a cycle; `title`, `pace` and `details`,
+    such as the values of a row, are texts.
     """
 
     t: Float[np.ndarray, " frames"]
@@ -48,6 +52,7 @@ class Clip:
     period: float
     title: str
     pace: str = ""
+    details: tuple[str, ...] = ()
 
     @property
     def down(self) -> Bool[np.ndarray, "frames limbs"]:
@@ -58,14 +63,19 @@ class Clip:
     @property
     def camera(self) -> Float[np.ndarray, "frames 2"]:
         """The path of the camera, m: the centre of the body, averaged over a cycle."""
-        parts = self.skeleton.bodies or tuple(limb.points for limb in self.skeleton.limbs)
-        middle = np.concatenate(parts, axis=1)[..., :2].mean(axis=1)
+        path = middle(self.skeleton)
         if len(self.t) < 3:
-            return middle
+            return path
         half_width = int(min(round(self.period / (self.t[1] - self.t[0])), len(self.t) - 1)) // 2
-        padded = np.pad(middle, ((half_width, half_width), (0, 0)), mode="reflect", reflect_type="odd")
+        padded = np.pad(path, ((half_width, half_width), (0, 0)), mode="reflect", reflect_type="odd")
         kernel = np.full(2 * half_width + 1, 1.0 / (2 * half_width + 1))
         return np.column_stack([np.convolve(column, kernel, mode="valid") for column in padded.T])
+
+
+def middle(skeleton: Skeleton) -> Float[np.ndarray, "frames 2"]:
+    """The centre of a body along the ground, m: the mean of the points of its parts, or of its limbs."""
+    parts = skeleton.bodies or tuple(limb.points for limb in skeleton.limbs)
+    return np.concatenate(parts, axis=1)[..., :2].mean(axis=1)
 
 
 class Footfalls:
@@ -178,12 +188,12 @@ def _movie_axes(figure: Figure, clip: Clip) -> tuple[Axes, Axes, Axes]:
     """The axes of the body, of the footfalls and of the time bar, from top to bottom."""
     tall = figure.get_figheight()
     chart = _chart_height(clip, tall)
-    head, foot, gap = 0.34 / tall, 0.62 / tall, 0.2 / tall
+    foot, gap = 0.62 / tall, 0.2 / tall
+    # the time stands to the right of the title
+    head = _add_title(figure, clip, 0.34 / tall, 0.75 - _MARGIN)
     view = figure.add_axes((0.0, foot + chart + gap, 1.0, 1.0 - head - gap - chart - foot))
     falls = figure.add_axes((_CHART_LEFT, foot, _CHART_RIGHT - _CHART_LEFT, chart))
     bar = figure.add_axes((_CHART_LEFT, 0.13 / tall, _CHART_RIGHT - _CHART_LEFT, 0.06 / tall))
-    # the time stands to its right
-    _add_title(figure, clip.title, 1.0 - 0.5 * head, 0.75 - _MARGIN)
     for x, text, side in (
         (_MARGIN, "feet on the ground", "left"),
         (_CHART_RIGHT, clip.skeleton.note, "right"),
@@ -229,9 +239,9 @@ def still(clip: Clip, size: tuple[int, int], scene: DrawBody = side_view) -> Fig
     columns = math.ceil(len(clip.t) / lines)
     with _blank_figure(size) as (figure, _):
         tall = figure.get_figheight()
-        head, foot, gap = 0.3 / tall, 0.38 / tall, 0.2 / tall
+        foot, gap = 0.38 / tall, 0.2 / tall
         chart = _chart_height(clip, tall)
-        _add_title(figure, clip.title, 1.0 - 0.5 * head, 1.0 - 2.0 * _MARGIN)
+        head = _add_title(figure, clip, 0.3 / tall, 1.0 - 2.0 * _MARGIN)
         figure.text(_CHART_RIGHT, 0.05 / tall, _FORWARD, ha="right", va="bottom", fontsize=8, color=_INK)
         pose_width = 1.0 / columns
         pose_height = (1.0 - head - (foot + chart + gap)) / lines
@@ -248,18 +258,56 @@ def still(clip: Clip, size: tuple[int, int], scene: DrawBody = side_view) -> Fig
     return figure
 
 
-def _add_title(figure: Figure, title: str, middle: float, widest: float) -> None:
-    """Write the title of a figure.
+def _add_title(figure: Figure, clip: Clip, line: float, widest: float) -> float:
+    """Write the title of a figure, with the details in a second line if one line is too narrow for both.
 
     Args:
         figure: the figure.
-        title: the text.
-        middle: the height of its middle, a share of the figure's.
-        widest: the largest width, a share of the figure's; a longer text is smaller.
+        clip: the title, and its details.
+        line: the height of the first line, a share of the figure's.
+        widest: the largest width of that line, a share of the figure's.
+
+    Returns:
+        The height of both lines, a share of the figure's.
     """
-    text = figure.text(_MARGIN, middle, escape_unparsable(title), va="center", fontsize=10, weight="bold")
-    share = text.get_window_extent().width / figure.bbox.width
-    text.set_fontsize(10.0 * min(1.0, widest / share))
+    head, *values = clip.details or ("",)
+    text = figure.text(_MARGIN, 1.0 - 0.5 * line, "", va="center", weight="bold")
+    details = _joined([head, ", ".join(values)], ": ")
+    if _fitted(text, _joined([clip.title, details], "; "), _TITLE, widest) >= _DETAILS:
+        return line
+    _fitted(text, clip.title, _TITLE, widest)
+    second = _SECOND_LINE / figure.get_figheight()
+    text = figure.text(_MARGIN, 1.0 - line - 0.35 * second, "", va="center", color=_INK)
+    for count in range(len(values), -1, -1):
+        named = ", ".join([*values[:count], "..."][: len(values)])
+        if _fitted(text, _joined([head, named], ": "), _DETAILS, 1.0 - 2.0 * _MARGIN) == _DETAILS:
+            break
+    return line + second
+
+
+def _joined(words: Sequence[str], by: str) -> str:
+    return by.join(word for word in words if word)
+
+
+def _fitted(text: Text, words: str, size: float, widest: float) -> float:
+    """Set the words of a text, in a smaller font where they would be wider than a share of the figure.
+
+    Args:
+        text: the text.
+        words: its words.
+        size: the largest size of the font, points.
+        widest: the largest width.
+
+    Returns:
+        The size of the font, points.
+    """
+    text.set_text(escape_unparsable(words))
+    text.set_fontsize(size)
+    figure = text.get_figure()
+    assert figure is not None
+    fitted = size * min(1.0, widest * figure.bbox.width / text.get_window_extent().width)
+    text.set_fontsize(fitted)
+    return fitted
 
 
 def _chart_height(clip: Clip, tall: float) -> float:

@@ -16,7 +16,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import Any, ClassVar, cast
 
 import jax.numpy as jnp
 import numpy as np
@@ -29,7 +29,7 @@ from gaitsweep.near_miss import suggestion
 from gaitsweep.papers.aoi2011.waist_quadruped.bodies import WaistBody, WaistMjxBody, WaistTreeBody
 from gaitsweep.papers.aoi2011.waist_quadruped.chart import LandingChart
 from gaitsweep.papers.aoi2011.waist_quadruped.drawing import WaistDrawing
-from gaitsweep.papers.aoi2011.waist_quadruped.kinematics import SWINGS, has_fallen
+from gaitsweep.papers.aoi2011.waist_quadruped.kinematics import SWINGS, Swing, has_fallen
 from gaitsweep.papers.aoi2011.waist_quadruped.mechanics import RELEASE_HEIGHT, WaistMechanics
 from gaitsweep.papers.aoi2011.waist_quadruped.parameters import FRICTION, HEIGHTS, PARAMETERS, body
 from gaitsweep.papers.aoi2011.waist_quadruped.rhythm import (
@@ -44,8 +44,10 @@ from gaitsweep.papers.aoi2011.waist_quadruped.rhythm import (
 )
 from gaitsweep.papers.aoi2011.waist_quadruped.semi_implicit import SemiImplicit
 from gaitsweep.papers.aoi2011.waist_quadruped.state import (
+    DAMPINGS,
     OBSERVABLES,
     SIGNALS,
+    Damping,
     Params,
     State,
     initial_state,
@@ -54,7 +56,6 @@ from gaitsweep.papers.aoi2011.waist_quadruped.state import (
 )
 
 BODIES = ("tree", "mjx")
-DAMPINGS = ("joint_rate", "rate_error")
 SLIPS = ("none", "coulomb")
 HEIGHT_CHOICES = ("level", "given")
 
@@ -166,8 +167,9 @@ class WaistQuadruped(WaistDrawing, HybridModel):
             omega=TWO_PI / cycle,
             phi_AEP=TWO_PI * (1.0 - v["beta"]),
             mechanics=mechanics,
-            swing=self.swing,
-            damping=self.damping,
+            # words of a structure are `str`, of which those `allowed` alone are accepted
+            swing=cast(Swing, self.swing),
+            damping=cast(Damping, self.damping),
         )
 
     def init(self, params: Params, start: Mapping[str, Float[Array, ""]]) -> State:
