@@ -112,9 +112,8 @@ def own_gaits_in(table: pd.DataFrame) -> pd.DataFrame | None:
     has_onsets = {"leg", _MEAN.format(1), SINCE.format(LEGS[0]), FLEXORS[LEGS[0]]} & set(table.columns)
     if has_onsets or not {"row", "gait", "cycles"} <= set(table.columns) or table["row"].duplicated().any():
         return None
-    gaits = table[["row", *axes_of(table), "cycles"]].copy()
-    gaits["gait"] = table["outcome" if "outcome" in table.columns else "gait"].astype(object).fillna("none")
-    return gaits
+    gaits = table["outcome" if "outcome" in table.columns else "gait"].astype(object).fillna("none")
+    return pd.DataFrame(table[["row", *axes_of(table), "cycles"]].assign(gait=gaits))
 
 
 def gaits_counted(table: pd.DataFrame) -> pd.DataFrame:
