@@ -171,7 +171,7 @@ def test_every_swing_joins_the_extreme_positions(swing: Swing) -> None:
         ("cycloid", 4.0 / 3.0, -D / 3.0, 0.0),
     ],
 )
-def test_speeds_at_the_end_of_the_swing(swing: str, ease: float, x_speed: float, z_speed: float) -> None:
+def test_speeds_at_the_end_of_the_swing(swing: Swing, ease: float, x_speed: float, z_speed: float) -> None:
     """Speeds (m a swing) at the AEP, worked out by hand, against differences."""
     path, landing, e = path_of(swing, ease), (jnp.asarray(0.0), jnp.asarray(-H)), 1e-6
     late, soon = (
