@@ -11,7 +11,7 @@ from gaitsweep.engine.devices import local_devices
 from gaitsweep.engine.kernel.lanes import kernel_of
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.recordings import CrossingRecorder
-from gaitsweep.engine.sweep.engines import EngineError, choose, default_lanes
+from gaitsweep.engine.sweep.engine_choice import EngineError, choose, default_lanes
 from gaitsweep.engine.sweep.sweep import Timings, sweep
 from gaitsweep.engine.sweep.sweep_spec import EngineName, SweepSpec
 from gaitsweep.papers.ambe2021.multilegged.model import Multilegged

@@ -42,7 +42,7 @@ from gaitsweep.dynamics.declarations import variable as variable
 from gaitsweep.dynamics.declared_model import DeclaredModel as DeclaredModel
 from gaitsweep.dynamics.event_declarations import event as event
 from gaitsweep.dynamics.event_declarations import instants as instants
-from gaitsweep.dynamics.footfalls import footfalls as footfalls
+from gaitsweep.dynamics.gaits_by_footfalls import footfalls as footfalls
 from gaitsweep.dynamics.ground import Ground as Ground
 from gaitsweep.dynamics.ground import ground_field as ground_field
 from gaitsweep.dynamics.ground import ground_profile as ground_profile
@@ -60,7 +60,6 @@ from gaitsweep.job import JobError as JobError
 from gaitsweep.job import load_job as load_job
 from gaitsweep.kinds import Continuation as Continuation
 from gaitsweep.kinds import FixedTime as FixedTime
-from gaitsweep.kinds import Folds as Folds
 from gaitsweep.kinds import Perturb as Perturb
 from gaitsweep.kinds import Ramp as Ramp
 from gaitsweep.kinds import ReturnMap as ReturnMap

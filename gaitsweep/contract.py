@@ -6,7 +6,6 @@ import abc
 import dataclasses
 import math
 from collections.abc import Callable, Mapping
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import jax.numpy as jnp
@@ -90,29 +89,6 @@ def names_gait(label: str) -> bool:
     return label == "gait" or label.startswith("gait_")
 
 
-# Members that were renamed, of a `Model` and of a `Chart`: old name, new name.
-RENAMED = {
-    "starts": "initial_conditions",
-    "traits": "label_fields",
-    "located": "locates_events",
-    "in_steps": "fixed_step_scheme",
-}
-RENAMED_OF_CHARTS = {
-    "kept": "conserved_values",
-    "read": "to_coordinates",
-    "place": "from_coordinates",
-    "holds": "covers",
-}
-
-
-def _refuse_old_names(cls: type, renamed: Mapping[str, str]) -> None:
-    """Refuse a class that defines a member by its old name, which the engine would not call."""
-    for old, new in renamed.items():
-        # a field of the structure may have any name
-        if old in vars(cls) and old not in vars(cls).get("__annotations__", {}):
-            raise TypeError(f"{cls.__name__} defines {old}, which is now called {new}: rename it")
-
-
 class Chart(abc.ABC):
     """Coordinates on a model's Poincare section; the discrete modes are not among them.
 
@@ -123,14 +99,7 @@ class Chart(abc.ABC):
     2. It may give the optional members: `covers` where some crossings have no coordinates, and `conserved`
        with `conserved_values` where the return map conserves quantities.
     3. The engine alone calls its functions.
-
-    Raises:
-        TypeError: a subclass defines a member by its old name (`RENAMED_OF_CHARTS`).
     """
-
-    def __init_subclass__(cls, **options: Any) -> None:
-        super().__init_subclass__(**options)
-        _refuse_old_names(cls, RENAMED_OF_CHARTS)
 
     @property
     @abc.abstractmethod
@@ -197,28 +166,17 @@ class Model(Jumps):
 
     1. A model gives `name`, `source`, `gaits` and the abstract members.
     2. It may give the optional members, which are all others. Their defaults describe a model without the
-       feature: `precisions`, `label_fields`, `given_with`, `host_parameters` with `on_host`, `data_digest`,
+       feature: `precisions`, `label_fields`, `host_parameters` with `on_host`, `data_digest`,
        `caveats`, `caveats_notice`, `free_after`, `beyond_at_start`, `without_start`, `symmetries` and
        `chart` for runs; `own_ground`, `limbs`, `skeleton`, `free_link`, `analytic_distance` and `mjcf`
        for figures; `bibtex` for `gaitsweep cite`.
     3. The engine alone calls the functions, with arguments by position, so a model may name them as it likes.
-
-    Raises:
-        TypeError: a subclass defines a member by its old name (`RENAMED`).
     """
 
     name: ClassVar[str]
     source: ClassVar[str]  # the paper
     bibtex: ClassVar[str] = ""  # its BibTeX entry
     gaits: ClassVar[tuple[str, ...]]  # the names that `label` indexes; "none" where no gait is recognised
-    # Parameters that a job may set only together with another one, by name: the name of the other one, and
-    # the end of the sentence that refuses a job without it. For a parameter whose meaning has changed, a new
-    # one beside it refuses the jobs that were written for the old meaning.
-    given_with: ClassVar[Mapping[str, tuple[str, str]]] = MappingProxyType({})
-
-    def __init_subclass__(cls, **options: Any) -> None:
-        super().__init_subclass__(**options)
-        _refuse_old_names(cls, RENAMED)
 
     @property
     def original(self) -> Model:

@@ -1,9 +1,17 @@
-"""Errors that a user can correct, each a sentence without a traceback, and the exit codes of the command."""
+"""Errors that a user can correct, each a sentence without a traceback, and the exit codes of the command.
+
+Here are their base and those that several rooms raise: of jobs, models, arguments and systems. An error of
+one room is defined there, such as `TableError` (`table/atomic_files.py`) and `RunError` (`runs/prepare.py`).
+"""
 
 from __future__ import annotations
 
 import sys
-from typing import ClassVar
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, ClassVar
+
+if TYPE_CHECKING:
+    from gaitsweep.schema.diagnostics import Diagnostic
 
 # Exit codes of the command; success is 0.
 EXIT_FAILURE = 1  # a valid request failed, for example by a full disk
@@ -11,6 +19,8 @@ EXIT_REFUSED = 2  # the request is invalid
 EXIT_STRICT = 3  # with `--strict`: complete, but the self-check warns or a claim is not reproduced
 EXIT_STOPPED = 130  # Ctrl-C: 128 and the number of SIGINT
 EXIT_TERMINATED = 143  # 128 and the number of SIGTERM
+
+_MAX_ERRORS = 5  # in the message of a job
 
 
 class UserError(Exception):
@@ -51,6 +61,26 @@ def refuse_windows() -> None:
 
 class ArgumentError(UserError, ValueError):
     """An invalid argument of a function; the message is a sentence with the allowed values."""
+
+
+class JobError(UserError):
+    """A job that cannot be run: `diagnostics` has all errors, the message the first few."""
+
+    def __init__(self, diagnostics: Sequence[Diagnostic]) -> None:
+        self.diagnostics = tuple(dict.fromkeys(diagnostics))
+        lines = [str(diagnostic) for diagnostic in self.diagnostics[:_MAX_ERRORS]]
+        if len(self.diagnostics) > _MAX_ERRORS:
+            lines.append(f"... and {len(self.diagnostics) - _MAX_ERRORS} more.")
+        super().__init__("\n".join(lines))
+
+    def __reduce__(self) -> tuple[type[JobError], tuple[tuple[Diagnostic, ...]]]:
+        return JobError, (self.diagnostics,)
+
+
+class ModelError(UserError, LookupError):
+    """A model is not available; the message continues a sentence that begins with "The model"."""
+
+    subject = "The model "
 
 
 class Terminated(KeyboardInterrupt):

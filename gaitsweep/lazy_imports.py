@@ -2,7 +2,7 @@
 
 Most commands need one or two of the large packages, and reading a job draws none of its figures, so a command
 loads such a package when it first uses a name of it. Python 3.15 has `lazy import` for this (PEP 810). JAX,
-which every model needs, is imported without its search for ROCm.
+which computes rows but is not needed to read a job, is imported without its search for ROCm.
 """
 
 from __future__ import annotations
@@ -10,21 +10,30 @@ from __future__ import annotations
 import ast
 import builtins
 import contextlib
+import functools
 import gc
 import importlib
+import importlib.util
+import os
 import sys
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from importlib.machinery import ModuleSpec
 from pathlib import Path
-from typing import Any, NamedTuple
+from types import ModuleType, SimpleNamespace
+from typing import Any, NamedTuple, Union
 
 # The packages that are imported when they are first used.
-LAZY = frozenset({"matplotlib", "mpl_toolkits", "pandas", "pyarrow", "scipy"})
+LAZY = frozenset({"jax", "matplotlib", "mpl_toolkits", "pandas", "pyarrow", "scipy"})
 
 _import = builtins.__import__
 _LOCK = threading.Lock()
 _JAX_LOCK = threading.RLock()
 _contexts = 0  # in all threads
+# what `typing` asks of an object that stands in a type
+_OF_TYPING = frozenset({"__origin__", "__parameters__", "__typing_subst__", "__typing_unpacked_tuple_args__"})
+_AT_IMPORT: dict[str, dict[str, Any]] = {}  # of JAX: its environment, and its settings by it
+_AFTER_JAX: list[Callable[[], Any]] = []  # what is called once JAX has been imported
 
 
 class LazyModule(NamedTuple):
@@ -71,9 +80,14 @@ class Lazy:
         names: the globals of a module; those that refer to this object then refer to the imported one.
         module: the name of the module.
         member: the name of its member.
+        arguments, named: the object is what the member returns for them.
     """
 
-    def __init__(self, names: dict[str, Any], module: str, member: str | None = None) -> None:
+    def __init__(
+        self, names: dict[str, Any], module: str, member: str | None = None, *arguments: Any, **named: Any
+    ) -> None:
+        self._arguments = arguments
+        self._options = named
         self._names = names
         self._module = module
         self._member = member
@@ -82,11 +96,13 @@ class Lazy:
     def _loaded(self) -> Any:
         """The object, imported at the first call."""
         if self._object is None:
-            loaded = importlib.import_module(self._module)
+            loaded: Any = importlib.import_module(self._module)
             if self._member is not None:
                 if not hasattr(loaded, self._member):  # a module of its package
                     importlib.import_module(f"{self._module}.{self._member}")
                 loaded = getattr(loaded, self._member)
+            if self._arguments:
+                loaded = loaded(*self._arguments, **self._options)
             self._object = loaded
             for attribute in list(vars(self).values()):  # imported modules of a package are its attributes
                 if isinstance(attribute, Lazy) and attribute._member is None:
@@ -97,6 +113,10 @@ class Lazy:
         return self._object
 
     def __getattr__(self, name: str) -> Any:
+        if name in _OF_TYPING:
+            raise AttributeError(name)
+        if self._module in ("jax", "jax.tree_util") and "jax" not in sys.modules and name in _BEFORE_JAX:
+            return _BEFORE_JAX[name]
         return getattr(self._loaded(), name)
 
     def __call__(self, *args: Any, **options: Any) -> Any:
@@ -109,16 +129,20 @@ class Lazy:
         return iter(self._loaded())
 
     def __or__(self, other: Any) -> Any:
-        return self._loaded() | other
+        return Union[self, other]  # noqa: UP007 - the operator calls this
+
+    def __ror__(self, other: Any) -> Any:
+        return Union[other, self]  # noqa: UP007
 
     def __mro_entries__(self, bases: Sequence[Any]) -> tuple[Any]:
         return (self._loaded(),)
 
     def __instancecheck__(self, instance: Any) -> bool:
-        return isinstance(instance, self._loaded())
+        return self.__subclasscheck__(type(instance))
 
     def __subclasscheck__(self, kind: type) -> bool:
-        return issubclass(kind, self._loaded())
+        # a package that has not been imported has no instances
+        return self._module.partition(".")[0] in sys.modules and issubclass(kind, self._loaded())
 
 
 def _import_lazily(
@@ -130,13 +154,18 @@ def _import_lazily(
 ) -> Any:
     """`__import__`, which defers packages of `LAZY` where a module of gaitsweep imports them at its head."""
     package, _, rest = name.partition(".")
-    if package == "jax" and package not in sys.modules:
-        with _without_rocm():
-            return _import(name, globals, locals, fromlist or (), level)
     names: Any = globals
-    at_head = package in LAZY and globals is not None and globals is locals
-    if not (at_head and str(names.get("__name__")).startswith("gaitsweep.")):
+    at_head = globals is not None and globals is locals
+    if package not in ("jaxtyping", *LAZY) or not (
+        at_head and str(names.get("__name__")).startswith("gaitsweep.")
+    ):
         return _import(name, globals, locals, fromlist or (), level)
+    if package in ("jax", "jaxtyping") and "jax" in sys.modules:
+        return _import(name, globals, locals, fromlist or (), level)
+    if package == "jaxtyping":
+        module = importlib.import_module(name)
+        members = {member: getattr(module, member) for member in fromlist or () if member != "Array"}
+        return SimpleNamespace(**members, Array=_Array)
     if fromlist:
         lazy = Lazy(names, name)
         vars(lazy).update({member: Lazy(names, name, member) for member in fromlist})
@@ -148,6 +177,86 @@ def _import_lazily(
     for part in filter(None, rest.split(".")):  # import a.b.c
         inner = vars(inner).setdefault(part, Lazy(names, f"{vars(inner)['_module']}.{part}"))
     return lazy
+
+
+class _Array:
+    """Stands for `jax.Array` in types of annotations."""
+
+
+def after_jax(function: Callable[[], Any]) -> None:
+    """Call a function at once if JAX has been imported, and otherwise when it is."""
+    if "jax" in sys.modules:
+        importlib.import_module("jax")  # which another thread may be importing
+        function()
+    else:
+        _AFTER_JAX.append(function)
+
+
+def register_dataclass(class_: Any, *fields: Any, **named: Any) -> Any:
+    """Register a dataclass as a pytree, as `jax.tree_util.register_dataclass` does, once JAX is imported."""
+    after_jax(lambda: sys.modules["jax"].tree_util.register_dataclass(class_, *fields, **named))
+    return class_
+
+
+# the members of JAX that modules use as they are imported, before JAX is
+_BEFORE_JAX = {
+    "Array": Lazy({}, "jax", "Array"),
+    "jit": functools.partial(Lazy, {}, "jax", "jit"),
+    "register_dataclass": register_dataclass,
+    "tree_util": Lazy({}, "jax.tree_util"),
+}
+
+
+def jax_settings() -> list[tuple[str, Any]]:
+    """The settings of JAX other than its defaults, the same before its import and after it.
+
+    They are those of the environment as JAX is imported, and those that were changed later.
+    """
+    environment = _AT_IMPORT.get("environment", _jax_environment())
+    of_jax = sys.modules["jax"].config.values if "jax" in sys.modules else {}
+    initial = _AT_IMPORT.get("settings", {})  # empty if JAX was imported before gaitsweep
+    changed = {name: value for name, value in of_jax.items() if (name, value) not in initial.items()}
+    return [*sorted(environment.items()), *sorted(changed.items())]
+
+
+def jax_version() -> str:
+    """The text of the file that holds the version of JAX, which this does not import."""
+    spec = importlib.util.find_spec("jax")
+    return "" if spec is None else Path(str(spec.origin)).with_name("version.py").read_text()
+
+
+def _jax_environment() -> dict[str, str]:
+    """The environment variables that are settings of JAX."""
+    return {name: value for name, value in os.environ.items() if name.startswith("JAX_")}
+
+
+class _JaxFinder:
+    """Finder of `jax`, which is imported without its search for ROCm and followed by `_AFTER_JAX`."""
+
+    @classmethod
+    def find_spec(cls, name: str, path: Any = None, target: Any = None) -> ModuleSpec | None:
+        """The spec of `jax` as other finders know it; None for another module."""
+        if name != "jax":
+            return None
+        others = (finder for finder in sys.meta_path if finder is not cls)
+        spec = next(filter(None, (finder.find_spec(name, path, target) for finder in others)), None)
+        if spec is None or spec.loader is None:
+            return spec
+        execute = spec.loader.exec_module
+
+        def exec_module(module: ModuleType) -> None:
+            environment = _jax_environment()
+            with _without_rocm():
+                execute(module)
+            _AT_IMPORT.update(environment=environment, settings=dict(module.config.values))
+            while _AFTER_JAX:
+                _AFTER_JAX.pop()()
+
+        spec.loader.exec_module = exec_module
+        return spec
+
+
+sys.meta_path.insert(0, _JaxFinder)
 
 
 @contextlib.contextmanager

@@ -25,7 +25,7 @@ from typing import NamedTuple
 import pandas as pd
 
 from benchmarks.reliability.mutated_jobs import ROOT
-from gaitsweep.claims.paper import ClaimVerdict, Paper, known_papers, read_paper
+from gaitsweep.claims.claims_and_verdicts import ClaimVerdict, Paper, known_papers, read_paper
 from gaitsweep.errors import EXIT_FAILURE
 
 CORES = 2  # of each run
@@ -63,7 +63,7 @@ FAULTS = {
     "ambe2021": (
         Fault("reset backwards", _CHAIN + "state.py",
               "(TWO_PI - phi) / tau", "(phi - TWO_PI) / tau"),
-        Fault("springs doubled", _CHAIN + "mechanics.py",
+        Fault("springs doubled", _CHAIN + "forces.py",
               "pull = kappa * (x[:-1]", "pull = 2.0 * kappa * (x[:-1]"),
         Fault("swing doubled", _CHAIN + "state.py", "slope = p.a / (", "slope = 2.0 * p.a / ("),
         Fault("head as heavy as inner legs", _CHAIN + "parameters.py",
@@ -104,7 +104,7 @@ FAULTS = {
               'leg.endswith("F")', 'leg.endswith("H")'),
         Fault("slow half of the path from its other end", _PLANAR + "parameters.py",
               '"min(sigma, 0.5)"', '"min(1 - sigma, 0.5)"'),
-        Fault("pitch, a sign", _PLANAR + "state.py", '"pitch": s.q[PITCH]', '"pitch": -s.q[PITCH]'),
+        Fault("pitch, a sign", _PLANAR + "observables.py", '"pitch": s.q[PITCH]', '"pitch": -s.q[PITCH]'),
     ),
 }  # fmt: skip
 

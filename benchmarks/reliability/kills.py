@@ -36,7 +36,7 @@ OWN_MODULES = str(ROOT), str(ROOT / "tests" / "support" / "models")
 SIGNALS = (signal.SIGKILL, signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
 EXIT = {signal.SIGINT: 130, signal.SIGTERM: 143, signal.SIGKILL: -9}
 
-# Masses that bounce on springs, a landscape with two basins, a flow with two folds and a cusp, all in
+# Masses that bounce on springs, a landscape with two basins; all in
 # tests/support/models; steps far too short, so that few rows take long. Blocks: of all rows, of some, few.
 RUNS: dict[str, tuple[dict[str, Any], int, int, float]] = {  # run, rows, block, step (s)
     "settle": ({"kind": "settle", "max_cycles": 400, "tolerance": 1e-9}, 300, 100_000, 2.0e-5),
@@ -64,20 +64,9 @@ RUNS: dict[str, tuple[dict[str, Any], int, int, float]] = {  # run, rows, block,
         2,
         1.0e-3,
     ),
-    "folds": (
-        {
-            "kind": "folds",
-            "parameters": ["r", "a"],
-            "within": {"r": [-1.0, 1.0], "a": [-0.5, 1.5]},
-            "settle": 20,
-        },
-        8,
-        2,
-        2.0e-3,
-    ),
 }
 KILLS_A_TABLE = 2
-UNCOUNTED = ("refine", "continuation", "folds")  # whose progress does not count rows that have ended
+UNCOUNTED = ("refine", "continuation")  # whose progress does not count rows that have ended
 
 
 def job_of(kind: str) -> dict[str, Any]:
@@ -87,9 +76,6 @@ def job_of(kind: str) -> dict[str, Any]:
         angle = {"linspace": [0, "2*pi", 48], "at": "centre"}
         model = {"model": "landscape_model:Landscape"}
         vary: dict[str, Any] = {"theta_2": angle, "shift": [0.3, 2.0], "theta_1": angle}
-    elif kind == "folds":
-        model = {"model": "cusp_flow:CuspFlow"}
-        vary = {"x_0": {"linspace": [-1.0, 1.0, rows]}}
     else:
         model = {"model": "toy_model:Toy", "params": {"restitution": 0.6}}
         vary = {"launch_1": {"linspace": [0.2, 3.0, rows]}}

@@ -26,13 +26,6 @@ LARGE = 50_000  # bytes of a table from which columns that its picture does not 
 # Overrides of jobs that several kinds share.
 SLICES = ("vary.psi_3.linspace=[0, 2*pi, 3]",)
 OFFSETS = ("vary.k2=[0.08]", "vary.com_x.linspace=[-0.08, 0.08, 9]", "vary.sigma.linspace=[0, 1, 11]")
-FOLDS = (
-    "params.omega=3.7",
-    "vary={restitution: [0.7]}",
-    "start={launch_0: 8.3, phase_0: 0.4}",
-    "run={kind: folds, parameters: [omega, push], within: {omega: [2.5, 6], push: [1.5, 4]}, settle: 60}",
-    "figures=[{kind: folds}]",
-)
 # The job of each kind of figure, with the overrides that make its table small.
 ENTRIES: dict[str, tuple[str, tuple[str, ...]]] = {
     "basin": ("quick_basins", ()),
@@ -51,7 +44,6 @@ ENTRIES: dict[str, tuple[str, tuple[str, ...]]] = {
     ),
     "continuation": ("multilegged_continuation_grid", ()),
     "cycles": ("multilegged_cycles", ()),
-    "folds": ("gaitsweep/examples/hopper.yaml", FOLDS),
     "road_map": ("gaitsweep/examples/bouncing_ball.yaml", ()),
     "atlas": ("gaitsweep/examples/bouncing_ball.yaml", ()),
     "orbit": ("gaitsweep/examples/henon.yaml", ("vary.a.linspace=[1.0, 1.4, 61]", "run.max_period=24")),

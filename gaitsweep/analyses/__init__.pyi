@@ -1,6 +1,5 @@
 from gaitsweep.analysis.basins.attractors import agreement as agreement
 from gaitsweep.analysis.basins.attractors import attractors as attractors
-from gaitsweep.analysis.basins.basin_boundaries import Wada as Wada
 from gaitsweep.analysis.basins.basin_boundaries import wada as wada
 from gaitsweep.analysis.basins.fractions import LEVEL as LEVEL
 from gaitsweep.analysis.basins.fractions import fractions as fractions
@@ -27,7 +26,7 @@ from gaitsweep.angles import TURN as TURN
 from gaitsweep.angles import mean_direction as mean_direction
 from gaitsweep.angles import unwrap_from as unwrap_from
 from gaitsweep.angles import wrapped_difference as wrapped_difference
-from gaitsweep.dynamics.footfalls import gait_of_footfalls as gait_of_footfalls
-from gaitsweep.dynamics.footfalls import support_patterns as support_patterns
+from gaitsweep.dynamics.gaits_by_footfalls import gait_of_footfalls as gait_of_footfalls
+from gaitsweep.dynamics.gaits_by_footfalls import support_patterns as support_patterns
 from gaitsweep.fitting.targets import Conflicts as Conflicts
 from gaitsweep.fitting.targets import conflicts as conflicts

@@ -104,14 +104,12 @@ class Atlas:
         return float(np.nanmax(self._table["missing"].to_numpy(float), initial=0.0))
 
     def more(self, out: str | Path | None = None) -> Atlas:
-        """Continue the atlas with twice the starts, patience and branches, one bifurcation deeper.
-
-        What it has found is not searched or followed again.
+        """Make the atlas again with twice the starts, patience and branches, one bifurcation deeper.
 
         Args:
             out: its result directory; without it its tables are in memory.
         """
-        job = wider_job(self._table)
+        job = wider_job(self._table.attrs)
         return Atlas(run_in_memory(job) if out is None else run(job, out))
 
     @property

@@ -49,7 +49,6 @@ class FiguresOfTable:
     branches = _method(plot.branches)
     continuation = _method(plot.continuation)
     stable_ranges = _method(plot.stable_ranges)
-    folds = _method(plot.folds)
     orbit = _method(plot.orbit)
     orbit_family = _method(plot.orbit_family)
     road_map = _method(plot.road_map)

@@ -3,8 +3,8 @@
 `configs/claims/PAPER.yaml` lists the claims. A claim names its jobs, a `measure` of their tables and the
 paper's value; the verdict compares the two.
 
-`paper` reads the list and has the rule of the verdicts, `measures` has the general measures, `reproduce` runs
-the jobs, `page` shows the result.
+`claims_and_verdicts` reads the list and has the rule of the verdicts, `measures` has the general measures,
+`reproduce` runs the jobs, `page` shows the result.
 """
 
 from __future__ import annotations

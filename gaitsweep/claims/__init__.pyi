@@ -1,3 +1,4 @@
+from gaitsweep.claims.claims_and_verdicts import read_paper as read_paper
 from gaitsweep.claims.measures import Condition as Condition
 from gaitsweep.claims.measures import MeasureError as MeasureError
 from gaitsweep.claims.measures import default_values as default_values
@@ -9,6 +10,5 @@ from gaitsweep.claims.measures import one_row as one_row
 from gaitsweep.claims.measures import records as records
 from gaitsweep.claims.measures import stances as stances
 from gaitsweep.claims.measures import value as value
-from gaitsweep.claims.paper import read_paper as read_paper
 from gaitsweep.design.design import row_params as row_params
 from gaitsweep.job.load import stored_job as stored_job

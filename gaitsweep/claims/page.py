@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import pandas as pd
 
 import gaitsweep
-from gaitsweep.claims.paper import ClaimVerdict
+from gaitsweep.claims.claims_and_verdicts import ClaimVerdict
 from gaitsweep.view.report import SCHEMES, document, figure_of
 
 if TYPE_CHECKING:

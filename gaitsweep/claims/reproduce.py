@@ -14,9 +14,9 @@ from typing import BinaryIO, NamedTuple
 import pandas as pd
 import yaml
 
+from gaitsweep.claims.claims_and_verdicts import Claim, ClaimVerdict, Paper, PaperJob, verdict
 from gaitsweep.claims.measures import MEASURES, Value
 from gaitsweep.claims.page import page
-from gaitsweep.claims.paper import Claim, ClaimVerdict, Paper, PaperJob, verdict
 from gaitsweep.errors import UserError
 from gaitsweep.expression import ExpressionError
 from gaitsweep.job import load_job

@@ -34,7 +34,7 @@ def search(
 
     job = load_search(job_file, list(settings or ()))
     if dry_run:
-        from gaitsweep.fitting.estimate import estimate_search
+        from gaitsweep.fitting.search_cost import estimate_search
 
         print(show_fits.search_estimate(estimate_search(job)))
         return

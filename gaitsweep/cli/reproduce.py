@@ -44,7 +44,7 @@ def reproduce(
 
     Only jobs without results run.
     """
-    from gaitsweep.claims.paper import ClaimVerdict, read_paper
+    from gaitsweep.claims.claims_and_verdicts import ClaimVerdict, read_paper
 
     table_of_claims = read_paper(paper)
     if claims is not None:
@@ -66,7 +66,7 @@ def reproduce(
 
 def _print_verdicts(judged: Reproduction) -> None:
     """Print the number of claims with each verdict, and those that are not reproduced."""
-    from gaitsweep.claims.paper import ClaimVerdict
+    from gaitsweep.claims.claims_and_verdicts import ClaimVerdict
 
     counts = judged.counts
     total = len(judged.table)

@@ -195,7 +195,7 @@ def atlas(
         bool,
         typer.Option(
             "--more",
-            help="Continue the atlas in DIR: twice the starts, and one bifurcation more.",
+            help="Make the atlas in DIR again: twice the starts, and one bifurcation more.",
         ),
     ] = False,
     trust: Trust = False,
@@ -220,7 +220,7 @@ def atlas(
         return
     if settings:
         raise typer.BadParameter("--set is for a job: --more takes the job of the result directory as it is.")
-    job = wider_job(load(target), trust=trust)
+    job = wider_job(load(target).attrs, trust=trust)
     out = out or target.with_name(f"{target.name}_more")
     with running(job.name, out, cluster=None) as (on_progress, _):
         path = run_job(job, out, on_progress=on_progress, on_message=print_message)

@@ -17,6 +17,7 @@ from gaitsweep.runs.sentences import (
     MISLABELLED,
     STARTS_BEYOND,
     UNEVEN_STRIDES,
+    WITHOUT_GAIT,
     WITHOUT_PERIOD,
     WITHOUT_START,
     WITHOUT_STRIDES,
@@ -36,7 +37,16 @@ if TYPE_CHECKING:
     from gaitsweep.runs.estimate import Estimate
 
 # Entries of a manifest that are remarks.
-_REMARKS = (MISLABELLED, STARTS_BEYOND, UNEVEN_STRIDES, WITHOUT_START, WITHOUT_STRIDES, WITHOUT_PERIOD)
+_MODEL_FILES = (".yaml", ".yml")  # of a body in an MJCF and its controller
+_REMARKS = (
+    MISLABELLED,
+    STARTS_BEYOND,
+    UNEVEN_STRIDES,
+    WITHOUT_GAIT,
+    WITHOUT_PERIOD,
+    WITHOUT_START,
+    WITHOUT_STRIDES,
+)
 # Entries of a manifest that other lines have, or that no reader needs.
 _NOT_LISTED = {
     "rows", "counts", "complete", "periods", "quantities", "job", "figures_drawn", "program", "sha256",
@@ -126,6 +136,8 @@ def outcome(snapshot: Snapshot) -> str:
         if worst in Status.__members__:
             meaning = status_sentence(worst, snapshot.job, manifest)
         lines.append(f"No row ended normally. {worst}: {meaning}")
+        if str(snapshot.job.get("model")).endswith(_MODEL_FILES):
+            lines[-1] += " docs/walker.md, `If it does not walk`, helps to find a gait."
     if slowest := manifest.get("slowest"):
         lines.append(f"Rows did not settle because of {unsettled(slowest)}.")
     if stalls := manifest.get("stalls"):

@@ -12,9 +12,9 @@ from rich.console import Console
 from rich.table import Table
 
 from gaitsweep.cli.show import aligned, counts, duration
-from gaitsweep.fitting.estimate import SearchEstimate
 from gaitsweep.fitting.identifiability import NEAR_BEST_FACTOR
 from gaitsweep.fitting.search import SearchResult
+from gaitsweep.fitting.search_cost import SearchEstimate
 from gaitsweep.fitting.sensitivity import FIGURE, INDICES_FILE, Sensitivity
 from gaitsweep.fitting.sensitivity_methods import INDICES
 from gaitsweep.fitting.targets import MISS

@@ -17,8 +17,9 @@ from jaxtyping import Float, Int
 from gaitsweep.contract import Model, Params, Quantity
 from gaitsweep.design.axes import LinearSpacing, ListAxis, RangeAxis
 from gaitsweep.design.vary import Group
+from gaitsweep.errors import JobError
 from gaitsweep.expression import names_used, resolve
-from gaitsweep.schema.diagnostics import Diagnostic, JobError
+from gaitsweep.schema.diagnostics import Diagnostic
 from gaitsweep.schema.numbers import bound
 
 # Limits of a name that is checked before a job runs: combinations of its axes, and these times the letters of

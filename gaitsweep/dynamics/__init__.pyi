@@ -9,4 +9,4 @@ from gaitsweep.dynamics.ground import Ground as Ground
 from gaitsweep.dynamics.ground import check_ground as check_ground
 from gaitsweep.dynamics.ground import ground_field as ground_field
 from gaitsweep.dynamics.ground import ground_quantities as ground_quantities
-from gaitsweep.dynamics.single_precision import worked_in as worked_in
+from gaitsweep.dynamics.single_precision import evaluated_in as evaluated_in

@@ -18,7 +18,7 @@ from jaxtyping import Array, Float, Real, Shaped
 from gaitsweep.contract import Model, Quantity
 
 Start = float | str
-TWO_PI = 2.0 * jnp.pi
+TWO_PI = 2.0 * math.pi
 
 
 def wrapped(phi: Float[Array, " ..."]) -> Float[Array, " ..."]:
@@ -243,6 +243,13 @@ def _quantity(unit: str, meaning: str, **others: Any) -> Quantity:
     return Quantity("", unit, meaning, **others)
 
 
+def _plain(value: Any) -> Any:
+    """A default, also of NumPy, as a number or text of Python; those of several components as a tuple."""
+    if value is None or isinstance(value, (bool, int, float, str)):
+        return value
+    return np.asarray(value).item() if np.ndim(value) == 0 else tuple(map(_plain, value))
+
+
 def parameter(
     unit: str,
     meaning: str,
@@ -283,8 +290,9 @@ def parameter(
         >>> [(quantity.name, quantity.default) for quantity in Relaxation().parameters]
         [('k_1', 20.0), ('k_2', 21.0)]
     """
-    several = None if default is None or isinstance(default, (int, float, str)) else tuple(default)
-    first = default if several is None else next(iter(several), None)
+    plain = _plain(default)
+    several = plain if isinstance(plain, tuple) else None
+    first = plain if several is None else next(iter(several), None)
     bounds = {"low": low, "high": high, "open_ends": open_ends}
     quantity = _quantity(
         unit, meaning, default=first, **bounds, circular=circular, symbol=symbol, source=source, whole=whole
@@ -345,8 +353,7 @@ def variable(
     quantity = _quantity(unit, meaning, **bounds, circular=circular, symbol=symbol, scale=scale)
     if observed is None:
         observed = start is not None
-    start_value = start if start is None or isinstance(start, (int, float, str)) else tuple(start)
-    return Variable(count, quantity, start_value, observed, signal, held)
+    return Variable(count, quantity, _plain(start), observed, signal, held)
 
 
 def time() -> Any:
@@ -384,8 +391,14 @@ def mode(start: bool | int | Sequence[bool | int], meaning: str, *, count: int |
             bool or an integer, or one for each of `count`.
         meaning: as jobs and tables show it.
         count: how many there are, as for `parameter`.
+
+    Raises:
+        TypeError: `start` is no bool or whole number, and no sequence of them.
     """
-    return Mode(count, start if isinstance(start, (bool, int)) else tuple(start), meaning)
+    plain = _plain(start)
+    if not all(isinstance(value, (bool, int)) for value in (plain if isinstance(plain, tuple) else (plain,))):
+        raise TypeError(f"A mode has the start {start!r}, but must have a bool or a whole number.")
+    return Mode(count, plain, meaning)
 
 
 def observable(

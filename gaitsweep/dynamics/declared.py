@@ -16,7 +16,7 @@ from gaitsweep.contract import Model, Quantity
 from gaitsweep.dynamics.declaration_faults import refuse_contradictions
 from gaitsweep.dynamics.declarations import Mode, Parameter, Reading, Symmetry, Time, Variable
 from gaitsweep.dynamics.event_declarations import Event, SingleEvent
-from gaitsweep.dynamics.footfalls import Footfalls
+from gaitsweep.dynamics.gaits_by_footfalls import Footfalls
 from gaitsweep.dynamics.ground import Ground, asks_for_ground, check_ground, ground_quantities
 from gaitsweep.dynamics.noise import PATH, SEED, Diffusion, begun_path
 from gaitsweep.dynamics.sliding import Sliding

@@ -223,7 +223,8 @@ def instants(
         during: as of `event`.
 
     Raises:
-        TypeError: not exactly one of `every` and `at` is given, or `after` without `every`.
+        TypeError: not exactly one of `every` and `at` is given, `every` is no function, or `after` is given
+            without it.
 
     Example:
         A rotor that is kicked once a second; its section is the standard map:
@@ -250,6 +251,11 @@ def instants(
     """
     if (every is None) == (not at):
         raise TypeError(f"The instants {name!r} need either every= or at=.")
+    if every is not None and not callable(every):
+        raise TypeError(
+            f"The instants {name!r} have every={every!r}, but need a function of the parameters: "
+            f"every=lambda p: {every!r}."
+        )
     if every is None:
         if after:
             raise TypeError(f"The instants {name!r} have after= without every=: add it to the times of at=.")

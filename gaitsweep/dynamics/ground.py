@@ -168,26 +168,26 @@ class Profile:
 
     def height(self, x: Float[Array, " ..."], rounding: float = 0.0) -> Float[Array, " ..."]:
         """The height (m) at places x (m), less that of the first point."""
+        shares = self.shares(x, rounding)
+        parts = (rise * share for rise, share in zip(np.diff(self.heights), shares, strict=True))
+        return sum(parts, start=jnp.zeros_like(x))
+
+    def shares(self, x: Float[Array, " ..."], rounding: float = 0.0) -> list[Float[Array, " ..."]]:
+        """The share of each segment, from 0 to 1, that is behind places x (m)."""
         places = np.asarray(self.places)
         lengths = np.diff(places)
-        rises = np.diff(self.heights)
         if not rounding:
-            shares = (
+            return [
                 jnp.clip((x - place) / length, 0.0, 1.0)
                 for place, length in zip(places, lengths, strict=False)
-            )
-        else:
-            # no further than the middle of a segment, so that each keeps its slope there
-            shorter = np.minimum(np.append(lengths, np.inf), np.insert(lengths, 0, np.inf))
-            ramps = [
-                _rounded(x - place, half)
-                for place, half in zip(places, np.minimum(rounding, 0.5 * shorter).tolist(), strict=True)
             ]
-            shares = (
-                (begin - end) / length for begin, end, length in zip(ramps, ramps[1:], lengths, strict=False)
-            )
-        parts = (rise * share for rise, share in zip(rises, shares, strict=True))
-        return sum(parts, start=jnp.zeros_like(x))
+        # no further than the middle of a segment, so that each keeps its slope there
+        shorter = np.minimum(np.append(lengths, np.inf), np.insert(lengths, 0, np.inf))
+        ramps = [
+            _rounded(x - place, half)
+            for place, half in zip(places, np.minimum(rounding, 0.5 * shorter).tolist(), strict=True)
+        ]
+        return [(begin - end) / length for begin, end, length in zip(ramps, ramps[1:], lengths, strict=False)]
 
 
 def _rounded(x: Float[Array, " ..."], half: float) -> Float[Array, " ..."]:
@@ -218,7 +218,8 @@ def _profile(text: str) -> Profile:
 
 def is_uneven(model: Model) -> bool:
     """Whether the ground of a model is uneven, by the kind that it asks for or by its own steps and hills."""
-    return chooses_uneven(model) or model.own_ground(jnp.zeros(1), jnp.zeros(1)) is not None
+    has_own = type(model).own_ground is not Model.own_ground
+    return chooses_uneven(model) or (has_own and model.own_ground(jnp.zeros(1), jnp.zeros(1)) is not None)
 
 
 def chooses_uneven(model: Model) -> bool:

@@ -14,7 +14,7 @@ from gaitsweep.contract import Chart, Params, State, SteppedModel
 from gaitsweep.dynamics.declarations import Symmetry
 from gaitsweep.dynamics.declared import Declared
 from gaitsweep.dynamics.event_declarations import Event, SingleEvent
-from gaitsweep.dynamics.footfalls import Footfalls
+from gaitsweep.dynamics.gaits_by_footfalls import Footfalls
 from gaitsweep.dynamics.section_coordinates import SectionCoordinates
 
 

@@ -7,6 +7,7 @@ its counter. Source: Salmon, Moraes, Dror and Shaw 2011, Parallel random numbers
 
 from __future__ import annotations
 
+import functools
 from typing import Any
 
 import jax
@@ -61,7 +62,7 @@ def _uniform(seed: Any, counter: Any, stream: Any, half: int) -> Float[Array, " 
     """The number of the first or second `half` of the words; in single precision if all reals are."""
     key = [jnp.asarray(value) for value in (seed, counter, stream)]
     dtypes = [value.dtype for value in key if jnp.issubdtype(value.dtype, jnp.floating)]
-    number = _PHILOX.bind(*jnp.broadcast_arrays(*(value.astype(jnp.float64) for value in key)), half=half)
+    number = _philox().bind(*jnp.broadcast_arrays(*(value.astype(jnp.float64) for value in key)), half=half)
     if dtypes and all(dtype == jnp.float32 for dtype in dtypes):
         return jnp.minimum(number.astype(jnp.float32), _LARGEST_SINGLE)
     return number
@@ -104,7 +105,7 @@ def _by_jax(seed: Array, counter: Array, stream: Array, *, half: int) -> Array:
 
 def _constant(primals: Any, _: Any, *, half: int) -> Any:
     """The number and its derivative, which is zero."""
-    number = _PHILOX.bind(*primals, half=half)
+    number = _philox().bind(*primals, half=half)
     return number, ad.Zero(jax.typeof(number).to_tangent_aval())
 
 
@@ -112,12 +113,16 @@ def _batched(operands: Any, places: Any, *, half: int) -> tuple[Array, int]:
     """The numbers of a batch; an operand without a batch, such as a row's seed, is repeated."""
     (size,) = {x.shape[place] for x, place in zip(operands, places, strict=True) if place is not None}
     fronts = (batching.bdim_at_front(x, place, size) for x, place in zip(operands, places, strict=True))
-    return _PHILOX.bind(*fronts, half=half), 0
+    return _philox().bind(*fronts, half=half), 0
 
 
-_PHILOX = Primitive("philox")
-_PHILOX.def_impl(_by_jax)
-_PHILOX.def_abstract_eval(lambda seed, *_, half: seed)
-mlir.register_lowering(_PHILOX, mlir.lower_fun(_by_jax, multiple_results=False))
-batching.primitive_batchers[_PHILOX] = _batched
-ad.primitive_jvps[_PHILOX] = _constant
+@functools.cache
+def _philox() -> Primitive:
+    """JAX's primitive of the numbers, made when a model first draws one."""
+    philox = Primitive("philox")
+    philox.def_impl(_by_jax)
+    philox.def_abstract_eval(lambda seed, *_, half: seed)
+    mlir.register_lowering(philox, mlir.lower_fun(_by_jax, multiple_results=False))
+    batching.primitive_batchers[philox] = _batched
+    ad.primitive_jvps[philox] = _constant
+    return philox

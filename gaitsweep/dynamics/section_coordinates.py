@@ -13,7 +13,8 @@ from jaxtyping import Array, Bool, Float
 
 from gaitsweep.contract import Chart, Quantity
 from gaitsweep.dynamics.declarations import Reading, Variable
-from gaitsweep.dynamics.tree import tilt_and_heading, tilted
+from gaitsweep.dynamics.event_declarations import Surfaces
+from gaitsweep.dynamics.tree import is_upright, tilt_and_heading, tilted
 
 if TYPE_CHECKING:
     from gaitsweep.dynamics.body.body_model import BodyModel
@@ -52,8 +53,11 @@ class SectionCoordinates(Chart):
 
     def from_coordinates(self, params: Any, at: Float[Array, " coordinates"], modes: Any, /) -> Any:
         fields = _fields(self.model, self.model.section_variables(), at, modes)
-        state = self.model.complete(params, modes.replace(**fields))
-        return self.model.begun_on_section(params, state)
+        state = modes.replace(**fields)
+        # `complete` fixes what the section does if there are `section_coordinates`; a map has no events
+        if self.model.declarations.events and not self.model.section_coordinates:
+            state = _onto_section(self.model, params, state)
+        return self.model.begun_on_section(params, self.model.complete(params, state))
 
     @property
     def conserved(self) -> tuple[Quantity, ...]:
@@ -86,8 +90,7 @@ class SectionCoordinates(Chart):
 class BodyCoordinates(Chart):
     """Positions and velocities of the joints of a body, and the declared variables.
 
-    Slides of the root along the ground are left out, and so are place and heading of a free root. States are
-    moved onto the section's surface along its normal, if the section is one event without a jump.
+    Slides of the root along the ground are left out, and so are place and heading of a free root.
     """
 
     model: BodyModel
@@ -133,35 +136,50 @@ class BodyCoordinates(Chart):
             first += 1
         fields = _fields(self.model, self._variables(), at[first:], modes)
         state = modes.replace(q=jnp.stack(q), v=jnp.stack(v), **fields)
-        state = self.model.complete(params, self._onto_section(params, state))
+        state = self.model.complete(params, _onto_section(self.model, params, state))
         return self.model.begun_on_section(params, state)
 
     def covers(self, params: Any, state: Any, /) -> Bool[Array, ""]:
-        # on a slope the heading matters
-        level = params.body["slope"] == 0.0
-        return level if self.model.body.is_free else jnp.ones((), bool)
-
-    def _onto_section(self, params: Any, state: Any) -> Any:
-        """The state moved onto the surface of the section along its normal, by Newton's method."""
-        sections = [event for event in self.model.single_events() if event.is_section]
-        if len(sections) != 1 or sections[0].jumps:
-            return state
-
-        def height(q: Array, v: Array) -> Float[Array, ""]:
-            return sections[0].height(self.model, params, state.replace(q=q, v=v))
-
-        q = state.q
-        v = state.v
-        for _ in range(_CORRECTIONS):
-            above, (by_q, by_v) = jax.value_and_grad(height, (0, 1))(q, v)
-            square = by_q @ by_q + by_v @ by_v
-            share = above / jnp.where(square > 0.0, square, 1.0)
-            q, v = q - share * by_q, v - share * by_v
-        return state.replace(q=q, v=v)
+        body = self.model.body
+        if not body.is_free:
+            return jnp.ones((), bool)
+        # on a slope the heading matters, and the tilt of an overturned body is that of an upright one, too
+        level = (params.body["slope"] == 0.0) & body.is_on_level_planes
+        return level & is_upright(state.q[3:7])
 
     def _variables(self) -> NamedVariables:
         """The declared variables of the section besides positions and velocities."""
         return [(name, var) for name, var in self.model.section_variables() if name not in ("q", "v")]
+
+
+def _onto_section(model: Any, params: Any, state: Any) -> Any:
+    """The state moved along the normal onto the surface of the section, by Newton's method.
+
+    A displaced state below that surface would cross it again at once, which is not the return next to that of
+    the state itself. States stay where they are if several events close cycles, or if the jump of the one
+    that does leaves its surface, as one does that sets a phase back.
+    """
+    sections = [event for event in model.single_events() if event.is_section]
+    if len(sections) != 1:
+        return state
+    section = sections[0]
+
+    def height(at: Mapping[str, Array]) -> Float[Array, ""]:
+        return section.height(model, params, state.replace(**at))
+
+    at = {name: getattr(state, name) for name, _ in model.section_variables()}
+    for _ in range(_CORRECTIONS):
+        above, normal = jax.value_and_grad(height)(at)
+        square = sum(jnp.sum(slope * slope) for slope in normal.values())
+        share = above / jnp.where(square > 0.0, square, 1.0)
+        at = {name: value - share * normal[name] for name, value in at.items()}
+    moved = state.replace(**at)
+    if not section.jumps:
+        return moved
+    surface = Surfaces(model, params, moved).of(section)
+    after = section.height(model, params, section.jumped(model, params, moved))
+    stays = jnp.abs(after) <= jnp.abs(surface.height) + surface.rounding
+    return jax.tree.map(lambda new, old: jnp.where(stays, new, old), moved, state)
 
 
 def _quantities(model: Any, variables: NamedVariables) -> tuple[Quantity, ...]:

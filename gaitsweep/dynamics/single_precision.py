@@ -21,7 +21,7 @@ _DOUBLE = np.dtype("float64")
 _SINGLE = np.dtype("float32")
 
 
-def worked_in(dtype: Any, function: Callable[..., Any]) -> Callable[..., Any]:
+def evaluated_in(dtype: Any, function: Callable[..., Any]) -> Callable[..., Any]:
     """A function with its floating-point arithmetic in `dtype` and its results in float64.
 
     Args:

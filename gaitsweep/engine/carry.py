@@ -11,6 +11,7 @@ everything.
 from __future__ import annotations
 
 import dataclasses
+import math
 from typing import Any, TypeVar, cast
 
 import jax
@@ -104,7 +105,7 @@ def start(
     state: State,
     *,
     dt: Number | float,
-    stop: Number | float = jnp.inf,
+    stop: Number | float = math.inf,
     step_factor: Number | float = 1.0,
 ) -> Carry:
     """A trajectory at t = 0; the first attempt of a hybrid model has zero length and fires guards >= 0 there.

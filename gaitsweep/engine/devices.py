@@ -1,5 +1,7 @@
 """The devices on which this process computes: its cores, its accelerators, and the systems without any.
 
+`sweep/engine_choice.py` chooses kernel or XLA on them, and the number of rows in a batch.
+
 JAX fixes its devices at its first computation, and a fork of a process that has computed with JAX lacks JAX's
 threads, so that a computation there would never end.
 """
@@ -9,20 +11,13 @@ from __future__ import annotations
 import contextlib
 import os
 import resource
+import sys
 from typing import Any
 
 import jax
 
 from gaitsweep.errors import ArgumentError, UnsupportedSystem
-
-try:
-    from jax._src.xla_bridge import backends_are_initialized
-except ImportError:
-
-    def backends_are_initialized() -> bool:
-        """Whether JAX has computed in this process; assumed for a version of JAX that does not tell it."""
-        return True
-
+from gaitsweep.lazy_imports import after_jax
 
 Device = Any  # a jax.Device, which type checkers do not accept as a type
 
@@ -35,7 +30,14 @@ _computed_before = False  # whether JAX had computed when this process was forke
 def _note_fork() -> None:
     """Note in a new fork whether JAX had computed in its parent."""
     global _computed_before
-    _computed_before |= backends_are_initialized()
+    if "jax" not in sys.modules:
+        return
+    try:
+        from jax._src.xla_bridge import backends_are_initialized
+    except ImportError:  # a version of JAX that does not tell it is assumed to have computed
+        _computed_before = True
+    else:
+        _computed_before |= backends_are_initialized()
 
 
 os.register_at_fork(after_in_child=_note_fork)
@@ -71,8 +73,13 @@ def usable_cores() -> int:
 def see_all_cores() -> None:
     """Make each usable core a JAX device, which is possible only before JAX's first computation.
 
-    Enables float64, gaitsweep's default.
+    Enables float64, gaitsweep's default. Before JAX is imported, it is done as JAX is.
     """
+    after_jax(_see_all_cores)
+
+
+def _see_all_cores() -> None:
+    """`see_all_cores` in a process that has imported JAX."""
     jax.config.update("jax_enable_x64", True)
     cores = usable_cores()
     # after the first computation the number of devices is fixed
@@ -114,7 +121,10 @@ def refuse_missing_platform() -> None:
             f"This process may use {limit / 1e9:.1f} GB of virtual memory (ulimit -v), but compiling and "
             f"running a model takes at least {MIN_VIRTUAL_MEMORY / 1e9:.1f} GB: raise the limit."
         )
-    platforms: str | None = jax.config.jax_platforms  # pyright: ignore[reportAttributeAccessIssue]
+    if "jax" in sys.modules:
+        platforms: str | None = jax.config.jax_platforms  # pyright: ignore[reportAttributeAccessIssue]
+    else:
+        platforms = os.environ.get("JAX_PLATFORMS")
     if not platforms or platforms == "cpu":
         return
     see_all_cores()

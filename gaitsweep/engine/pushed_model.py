@@ -98,7 +98,6 @@ class PushedModel(HybridModel):
     source = _of_model("source")
     bibtex = _of_model("bibtex")
     gaits = _of_model("gaits")
-    given_with = _of_model("given_with")
     linear = _of_model("linear")
     simultaneous = _of_model("simultaneous")
     caveats = _of_model("caveats")

@@ -26,6 +26,7 @@ from gaitsweep.cache_folder import cache_folder, load_cached, store_cached
 from gaitsweep.compilation import compiling
 from gaitsweep.contract import HybridModel, Model, Params, State
 from gaitsweep.engine.content import cached_by_content, lasting_content
+from gaitsweep.lazy_imports import jax_settings, jax_version
 
 # settings of JAX that change no trace
 _WITHOUT_EFFECT = ("cache", "devices", "platforms", "log", "traceback")
@@ -69,16 +70,16 @@ def _stamps(folder: str) -> Iterator[tuple[str, int, int]]:
 
 # gaitsweep's sources as they are imported, not as they may be edited later
 _SOURCES = hashlib.sha256(repr(sorted(_stamps(str(Path(__file__).parents[1])))).encode()).hexdigest()
-_VERSIONS = sys.version, jax.__version__, jaxlib_version, np.__version__, os.environ.get("XLA_FLAGS")
+_VERSIONS = sys.version, jax_version(), jaxlib_version, np.__version__, os.environ.get("XLA_FLAGS")
 
 
 def _settings() -> list[tuple[str, str]]:
     """The settings of JAX that may change a trace."""
-    settings = []
-    for name, value in sorted(jax.config.values.items()):
-        if not any(word in name for word in _WITHOUT_EFFECT):
-            settings.append((name, repr(value)))
-    return settings
+    return [
+        (name, repr(value))
+        for name, value in jax_settings()
+        if not any(word in name.lower() for word in _WITHOUT_EFFECT)
+    ]
 
 
 def shapes_of(model: Model) -> tuple[Params, State]:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from gaitsweep import near_miss
+from gaitsweep.errors import JobError
 from gaitsweep.fitting.free_parameters import FreeParameter
 from gaitsweep.fitting.measure import Measure
 from gaitsweep.fitting.ramp_measures import GaitSequence, Transition
@@ -22,7 +23,7 @@ from gaitsweep.fitting.row_measures import (
 )
 from gaitsweep.job.load import read_with_overrides
 from gaitsweep.kinds.run_kind import RunKind
-from gaitsweep.schema.diagnostics import Diagnostic, JobError, quoted, unknown_field, wrong_kind
+from gaitsweep.schema.diagnostics import Diagnostic, quoted, unknown_field, wrong_kind
 from gaitsweep.schema.diagnostics import Path as FieldPath
 from gaitsweep.schema.strict_model import Registry, SchemaSection, StrictModel, kind_of, read_model
 from gaitsweep.shipped import job_file

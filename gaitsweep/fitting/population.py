@@ -16,7 +16,7 @@ from gaitsweep.contract import Model
 from gaitsweep.design.design import inside
 from gaitsweep.engine.numerics import STEP_FACTOR
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
-from gaitsweep.engine.sweep.engines import default_lanes
+from gaitsweep.engine.sweep.engine_choice import default_lanes
 from gaitsweep.engine.sweep.sweep import sweep
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.fitting.free_parameters import Sets

@@ -11,9 +11,9 @@ from pydantic import Field
 
 from gaitsweep import near_miss
 from gaitsweep.contract import Model, Quantity
-from gaitsweep.fitting.fit_job import FitJob
 from gaitsweep.fitting.free_parameters import FreeParameter, Sets
 from gaitsweep.fitting.measure import Conditions, FieldError, Measure
+from gaitsweep.fitting.search_and_sensitivity_job import FitJob
 from gaitsweep.fitting.targets import Target, TargetValue
 from gaitsweep.kinds import RunKind
 from gaitsweep.schema.diagnostics import Diagnostic, refuse

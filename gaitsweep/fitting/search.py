@@ -96,7 +96,7 @@ class ConcurrentBatches:
         self._running.append((self._threads.submit(measure, on_progress), latest))
 
     def oldest(self) -> Batch:
-        """Wait for the batch that began first, and return its result.
+        """Wait for the batch that began first, of one or more that run, and return its result.
 
         Raises:
             Exception: what `measure` or the progress callback raised.

@@ -16,16 +16,16 @@ from jaxtyping import Float
 from pydantic import Field
 
 from gaitsweep import near_miss
-from gaitsweep.engine.sweep.engines import default_lanes
-from gaitsweep.errors import ArgumentError
+from gaitsweep.engine.sweep.engine_choice import default_lanes
+from gaitsweep.errors import ArgumentError, JobError
 from gaitsweep.fitting.fit_fields import by_name, read_file, read_free, read_measure, read_settings
-from gaitsweep.fitting.fit_job import FitJob, read_fit_job
 from gaitsweep.fitting.free_parameters import FreeParameter
 from gaitsweep.fitting.optimisers import RULE_OF_RESTARTS, Method, missing_package
 from gaitsweep.fitting.robustness import ROBUST, Robust, check_robust, own_constants, robust_target
+from gaitsweep.fitting.search_and_sensitivity_job import FitJob, read_fit_job
 from gaitsweep.fitting.targets import MISS, Target, TargetValue
 from gaitsweep.runs.prepare import RunContext
-from gaitsweep.schema.diagnostics import Diagnostic, JobError, quoted, refuse
+from gaitsweep.schema.diagnostics import Diagnostic, quoted, refuse
 from gaitsweep.schema.numbers import Count, CountOrZero, Positive, Seed, Text, Word
 from gaitsweep.schema.strict_model import StrictModel, plain, read_model
 from gaitsweep.table import TableError, load

@@ -15,15 +15,15 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field
 
-from gaitsweep.errors import ArgumentError
+from gaitsweep.errors import ArgumentError, JobError
 from gaitsweep.fitting.fit_fields import by_name, read_file, read_free, read_measure, read_settings
-from gaitsweep.fitting.fit_job import FitJob, check_constants, check_measures, read_fit_job
 from gaitsweep.fitting.free_parameters import FreeParameter
 from gaitsweep.fitting.measure import Measure
 from gaitsweep.fitting.population import Population
+from gaitsweep.fitting.search_and_sensitivity_job import FitJob, check_constants, check_measures, read_fit_job
 from gaitsweep.fitting.sensitivity_methods import Method, SensitivityDesign, design_of
 from gaitsweep.job import Job
-from gaitsweep.schema.diagnostics import Diagnostic, JobError, quoted, refuse
+from gaitsweep.schema.diagnostics import Diagnostic, quoted, refuse
 from gaitsweep.schema.diagnostics import Path as FieldPath
 from gaitsweep.schema.numbers import Count, Seed, Word
 from gaitsweep.schema.strict_model import StrictModel

@@ -28,12 +28,13 @@ from gaitsweep.design.vary import vary_schema
 from gaitsweep.dynamics.ground import KINDS
 from gaitsweep.engine.numerics import ResolvedNumerics
 from gaitsweep.engine.sweep.blocks_of_rows import rows_of_a_block
+from gaitsweep.errors import JobError
 from gaitsweep.job.numerics import EngineChoice, NumericsSpec
 from gaitsweep.job.reading import read_job
 from gaitsweep.kinds import RUN_KINDS, RunKind
 from gaitsweep.plot.figure_style import STYLE_FIELDS, FigureStyle
 from gaitsweep.plot.kind import FIGURES, FigureKind
-from gaitsweep.schema.diagnostics import Diagnostic, JobError
+from gaitsweep.schema.diagnostics import Diagnostic
 from gaitsweep.schema.numbers import Stem, Text, VerifyCount
 from gaitsweep.schema.strict_model import OneOf, SchemaSection, StrictModel, from_pydantic
 

@@ -6,13 +6,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
-
 from gaitsweep import models, near_miss
-from gaitsweep.errors import ArgumentError
+from gaitsweep.errors import ArgumentError, JobError
 from gaitsweep.job.job import Job
 from gaitsweep.kinds.atlas import Atlas
-from gaitsweep.schema.diagnostics import Diagnostic, JobError, clipped, quoted
+from gaitsweep.schema.diagnostics import Diagnostic, clipped, quoted
 from gaitsweep.schema.yaml_document import Document, read_document, read_value
 from gaitsweep.shipped import job_file
 
@@ -94,6 +92,20 @@ def load_job(path: str | Path, overrides: Sequence[str] = ()) -> Job:
             raise document.located(error) from None
 
 
+def job_fields(attrs: Mapping[Any, Any]) -> dict[str, Any]:
+    """Return the fields of the job that made a table, as stored in its `.attrs`.
+
+    Raises:
+        ArgumentError: the table has no job, since it is not read by gs.load or has lost its `.attrs`.
+    """
+    if not isinstance(fields := attrs.get("job"), dict):
+        raise ArgumentError(
+            "The table has no job in its .attrs: read it from its directory by gs.load(DIR), or take it from "
+            "the result of a run."
+        )
+    return fields
+
+
 def stored_job(attrs: Mapping[Any, Any], *, trust: bool = False) -> Job:
     """Return the job that made a table, even if `job.yaml` was edited since.
 
@@ -103,7 +115,7 @@ def stored_job(attrs: Mapping[Any, Any], *, trust: bool = False) -> Job:
             `gaitsweep.models.find_of_table`.
 
     Raises:
-        ArgumentError: the table is joined of several.
+        ArgumentError: the table has no job, or is joined of several.
         JobError: the job cannot be read, or its model is not found.
     """
     if "joined" in attrs:
@@ -111,27 +123,24 @@ def stored_job(attrs: Mapping[Any, Any], *, trust: bool = False) -> Job:
             f"This table is joined of {attrs['joined']} results by gs.concat, so no single job makes its "
             "rows again: use one of the results."
         )
+    fields = job_fields(attrs)
     try:
         models.find_of_table(attrs, trust=trust)
     except models.ModelError as error:
         raise JobError([Diagnostic(("model",), str(error))]) from error
-    return Job.model_validate(attrs["job"])
+    return Job.model_validate(fields)
 
 
-def wider_job(table: pd.DataFrame, *, trust: bool = False) -> Job:
-    """Return the job of an atlas that continues the one that made a table.
+def wider_job(attrs: Mapping[Any, Any], *, trust: bool = False) -> Job:
+    """Return the job of an atlas with twice the starts and one bifurcation more than that of a table.
 
     Args:
-        table: the table, with its `.attrs`.
-        trust: as for `stored_job`.
+        attrs, trust: as for `stored_job`, whose errors it raises.
 
     Raises:
-        ArgumentError: another kind of run made the table, or it is not complete.
-        JobError: as for `stored_job`.
+        ArgumentError: another kind of run made the table.
     """
-    job = stored_job(table.attrs, trust=trust)
+    job = stored_job(attrs, trust=trust)
     if not isinstance(job.run, Atlas):
         raise ArgumentError(f"This table is of a run of the kind {job.run.kind_name}, but must be an atlas.")
-    if missing := table.attrs.get("rows_missing"):
-        raise ArgumentError(f"This table lacks {missing} rows: run its job again before you continue it.")
-    return job.model_copy(update={"run": job.run.wider(table)})
+    return job.model_copy(update={"run": job.run.wider()})

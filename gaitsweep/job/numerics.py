@@ -16,7 +16,7 @@ from gaitsweep.engine.solver.methods import Precision, fixed_step_scheme, refusa
 from gaitsweep.engine.sweep.sweep_spec import RequestedEngine
 from gaitsweep.expression import functions_of, resolve
 from gaitsweep.kinds import RunKind
-from gaitsweep.schema.diagnostics import FORMER_METHODS, Diagnostic
+from gaitsweep.schema.diagnostics import Diagnostic
 from gaitsweep.schema.numbers import Count, Flag, LaneCount, Positive, Word, checked, read_real, read_whole
 from gaitsweep.schema.strict_model import StrictModel
 
@@ -44,7 +44,7 @@ class NumericsSpec(StrictModel):
 
     method: Annotated[
         MethodName,
-        Word(FORMER_METHODS),
+        Word(),
     ] = Field(
         default="auto",
         description="auto: the method that the model recommends, or else tsit5 (taylor where it is faster, "

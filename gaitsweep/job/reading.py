@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -17,8 +17,9 @@ from pydantic import BaseModel, ValidationError
 from gaitsweep.design.design import Design
 from gaitsweep.design.vary import Group, read_vary, written_names
 from gaitsweep.engine.numerics import ResolvedNumerics
+from gaitsweep.errors import JobError
 from gaitsweep.expression import ExpressionError, evaluate, names_used
-from gaitsweep.job.checks import check_figures, check_names, check_ranges, path_of_value
+from gaitsweep.job.checks import check_figures, check_names, check_ranges
 from gaitsweep.job.model_spec import ModelSpec, read_model_spec, read_settings
 from gaitsweep.job.numerics import check_numerics, suited_to_stiffness
 from gaitsweep.job.step_lengths import check_steps
@@ -26,7 +27,7 @@ from gaitsweep.kinds import kind_written, parameter_written
 from gaitsweep.kinds.fixed_points import FollowsFixedPoints
 from gaitsweep.kinds.run_kind import RunKind, table_columns
 from gaitsweep.plot.kind import FigureKind
-from gaitsweep.schema.diagnostics import Diagnostic, JobError, quoted, unknown_field
+from gaitsweep.schema.diagnostics import Diagnostic, quoted, unknown_field
 from gaitsweep.schema.diagnostics import Path as FieldPath
 from gaitsweep.schema.numbers import SCOPE, Scope
 from gaitsweep.schema.strict_model import SchemaSection, from_pydantic
@@ -398,19 +399,9 @@ def _design(
             diagnostics.append(Diagnostic(path, f"{text} Set it here or under vary."))
             settings[name] = 1.0
     design = Design(spec.model, tuple(groups), settings, spec.sizes)
-    diagnostics.extend(_without_companion(spec, design, {*varied, *written, moved}))
     wrong = check_names(design, spec)
     diagnostics.extend(wrong)
     return None if wrong else design
-
-
-def _without_companion(spec: ModelSpec, design: Design, named: Collection[str | None]) -> list[Diagnostic]:
-    """Return errors of quantities that the job names without another one that belongs to them."""
-    return [
-        Diagnostic(path_of_value(design, spec, name), f"is set without {other}: {reason}")
-        for name, (other, reason) in spec.model.given_with.items()
-        if name in named and other not in named
-    ]
 
 
 def _scope(design: Design | None, spec: ModelSpec | None, moved: str | None) -> Scope:

@@ -9,12 +9,12 @@ from jaxtyping import Int
 
 from gaitsweep.design.design import Design
 from gaitsweep.dynamics.mjcf import OfMjcf
+from gaitsweep.errors import JobError
 from gaitsweep.expression import ExpressionError
 from gaitsweep.models.conformity import remark_on_rates, variables_without_rate
 from gaitsweep.models.sampled_points import MAX_NAMED
 from gaitsweep.models.starts import idle_starts, sets_starts, starts_in_ground
 from gaitsweep.models.value_faults import faults_of_rows
-from gaitsweep.schema.diagnostics import JobError
 
 # Rows at which a model's functions are evaluated before a job runs, and axes whose corners are among them.
 _TRIED_ROWS = 64

@@ -28,9 +28,10 @@ from gaitsweep.engine.numerics import (
 )
 from gaitsweep.engine.solver.methods import METHODS
 from gaitsweep.engine.stored_traces import dependences, stored
+from gaitsweep.errors import JobError
 from gaitsweep.expression import functions_of, resolve
 from gaitsweep.kinds import RunKind
-from gaitsweep.schema.diagnostics import Diagnostic, JobError
+from gaitsweep.schema.diagnostics import Diagnostic
 
 Rows = Int[np.ndarray, " rows"]  # numbers of rows
 PerRow = Float[np.ndarray, " rows"]  # a number for each row

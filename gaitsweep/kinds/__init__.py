@@ -1,7 +1,7 @@
 """Run kinds: the tasks that a job can give to each of its rows. A kind is one class.
 
 `run_kind` is their interface, and `columns` declares the columns of their tables. The file of a kind has its
-name, but `recordings` has `fixed_time`, `return_map`, `ramp` and `trace`, which wait for no gait.
+name, but `trace_and_ramp` has `fixed_time`, `return_map`, `ramp` and `trace`, which wait for no gait.
 `fixed_points` is shared by the kinds that follow fixed points, `atlas_block` serves the atlas. `RUN_KINDS`
 lists the kinds. `register` adds one from another package before its jobs are read; it is usable as a
 decorator:
@@ -18,18 +18,17 @@ from typing import Any
 from gaitsweep.extension import import_all
 from gaitsweep.kinds.atlas import Atlas
 from gaitsweep.kinds.continuation import Continuation
-from gaitsweep.kinds.folds import Folds
 from gaitsweep.kinds.perturb import Perturb
-from gaitsweep.kinds.recordings import FixedTime, Ramp, ReturnMap, Trace
 from gaitsweep.kinds.run_kind import RunKind
 from gaitsweep.kinds.settle import Settle
 from gaitsweep.kinds.staircase import Staircase
+from gaitsweep.kinds.trace_and_ramp import FixedTime, Ramp, ReturnMap, Trace
 from gaitsweep.schema.strict_model import Registry
 
 __all__ = ["RUN_KINDS", "RunKind", "kind_written", "parameter_written", "register", "unregister"]
 
 RUN_KINDS: Registry[RunKind] = Registry(
-    "run", [Settle, FixedTime, Trace, Ramp, ReturnMap, Staircase, Continuation, Folds, Atlas, Perturb]
+    "run", [Settle, FixedTime, Trace, Ramp, ReturnMap, Staircase, Continuation, Atlas, Perturb]
 )
 register = RUN_KINDS.register
 unregister = RUN_KINDS.unregister

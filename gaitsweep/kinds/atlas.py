@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 import pandas as pd
 from jaxtyping import Int
-from pydantic import Field, PrivateAttr
+from pydantic import Field
 
 from gaitsweep import near_miss
 from gaitsweep.analysis.atlas.atlas_tables import atlas_tables
-from gaitsweep.analysis.atlas.branch import points_of
+from gaitsweep.analysis.atlas.branch import point_of
 from gaitsweep.analysis.atlas.periodic_orbits import OrbitSearch, OrbitSearchOptions
 from gaitsweep.column_meanings import time_column
 from gaitsweep.contract import HybridModel, Model, Quantity
@@ -34,8 +33,6 @@ from gaitsweep.kinds.fixed_points import (
 from gaitsweep.kinds.run_kind import BlockProgress, Cost, Movement
 from gaitsweep.schema.diagnostics import Diagnostic
 from gaitsweep.schema.numbers import Count, CountOrZero, Real, Text
-from gaitsweep.table import TableError, load
-from gaitsweep.table.manifest import read_manifest
 
 # For the estimate of a run's time: Newton steps of a search, branches, and points of a branch.
 STEPS_OF_SEARCH, BRANCHES, POINTS = 8.0, 6.0, 60.0
@@ -43,8 +40,6 @@ STEPS_OF_SEARCH, BRANCHES, POINTS = 8.0, 6.0, 60.0
 DERIVATIVES_A_POINT = 10.0
 # Starts of the self-check.
 CHECKED = 16
-# Fields that may differ from those of the run that an atlas continues.
-_WIDER = ("budget", "patience", "branches", "depth", "after", "most")
 Range = Annotated[list[Real], Field(min_length=2, max_length=2)]
 
 
@@ -53,7 +48,6 @@ class Atlas(FollowsFixedPoints):
 
     programs: ClassVar = 10.0
     beside_observables: ClassVar = frozenset({"period"})
-    idle_without: ClassVar = {"after": ("after",), **FollowsFixedPoints.idle_without}
     point_names: ClassVar = ("number", "point")
 
     kind: Literal["atlas"] = Field(
@@ -87,13 +81,6 @@ class Atlas(FollowsFixedPoints):
     patience: Count = Field(default=3, description="rounds without a new gait after which the search ends")
     seed: CountOrZero = Field(default=0, description="seed of the starts")
     branches: Count = Field(default=200, description="largest number of branches")
-    after: Text | None = Field(
-        default=None,
-        description="result directory of an atlas that this one continues: what it found is not searched or "
-        "followed again (`gaitsweep atlas DIR --more` sets it)",
-    )
-    # the table to continue, where it is in memory: a pandas.DataFrame, whose name would import pandas here
-    _before: Any = PrivateAttr(None)
 
     def columns(self, model: Model) -> list[Column]:
         times = {} if self.stationary else _event_times(model)
@@ -171,20 +158,10 @@ class Atlas(FollowsFixedPoints):
     def tables(self, table: pd.DataFrame) -> dict[str, pd.DataFrame]:
         return atlas_tables(table, self.parameter)
 
-    def wider(self, table: pd.DataFrame) -> Atlas:
-        """The run that continues a table: twice the starts, patience and branches, one bifurcation deeper.
-
-        Args:
-            table: the table of this run; one in memory is kept. One of an older version has no points, and
-                all is computed again.
-        """
+    def wider(self) -> Atlas:
+        """The run with twice the starts, patience and branches, one bifurcation deeper."""
         fields = {name: 2 * getattr(self, name) for name in ("budget", "patience", "branches")}
-        fields["depth"] = self.depth + 1
-        has_points, path = "stored_point" in table, table.attrs.get("path")
-        after = str(Path(path).resolve()) if has_points and path is not None else None
-        wider = self.model_copy(update={**fields, "after": after})
-        wider._before = table if has_points and path is None else None
-        return wider
+        return self.model_copy(update={**fields, "depth": self.depth + 1})
 
     @property
     def movements(self) -> tuple[Movement, ...]:
@@ -202,7 +179,6 @@ class Atlas(FollowsFixedPoints):
             *self._check_path(),
             *self._check_starts(rows),
             *self._check_second(rows),
-            *self._check_after(rows),
         ]
 
     def _check_path(self) -> Iterator[Diagnostic]:
@@ -226,32 +202,6 @@ class Atlas(FollowsFixedPoints):
                 near = near_miss.suggestion(name, names)
                 text = f"is no start value and no coordinate of {rows.model.name}{near}"
                 yield Diagnostic(("run", "ranges", name), text)
-
-    def _check_after(self, rows: Design) -> Iterator[Diagnostic]:
-        """Diagnostics of the result directory that this run continues."""
-        if self.after is None:
-            return
-        field = ("run", "after")
-        try:
-            manifest = read_manifest(Path(self.after))
-        except TableError as error:
-            yield Diagnostic(field, f": {error}")
-            return
-        fields, before = self.model_dump(mode="json"), manifest["job"]["run"]
-        if before.get("kind") != "atlas" or "drawn_starts" not in manifest.get("quantities", {}):
-            text = f"is {self.after}, which is no atlas that can be continued: run the job without run.after."
-            yield Diagnostic(field, text)
-            return
-        if not manifest.get("complete"):
-            yield Diagnostic(field, f"is {self.after}, which is not complete: run it first.")
-        compared = [name for name in fields if name not in _WIDER]
-        differing = [name for name in compared if fields[name] != before.get(name, fields[name])]
-        if differing:
-            text = f"is {self.after}, whose run.{differing[0]} is {before.get(differing[0])}: give the same."
-            yield Diagnostic(field, text)
-        if manifest["rows"] != rows.n_rows:
-            text = f"is {self.after} with {manifest['rows']} rows, but this job has {rows.n_rows}."
-            yield Diagnostic(field, text)
 
     def _check_second(self, rows: Design) -> Iterator[Diagnostic]:
         """Diagnostics of the second parameter and its range."""
@@ -300,19 +250,7 @@ class Atlas(FollowsFixedPoints):
         self, rows: Design, spec: SweepSpec, first: int, last: int, on_progress: BlockProgress
     ) -> pd.DataFrame:
         """The atlas of rows first..last-1; `on_progress` is called before each of its steps."""
-        before = self._earlier(first, last)
-        return AtlasBlock(self, rows, spec, np.arange(first, last), on_progress, before).table()
-
-    def _earlier(self, first: int, last: int) -> pd.DataFrame | None:
-        """The records of rows first..last-1 of the run that this one continues; `row` counts from 0."""
-        if self.after is None and self._before is None:
-            return None
-        table = self._before if self.after is None else load(self.after, rows=range(first, last))
-        assert table is not None
-        records = table.loc[table["row"].between(first, last - 1)]
-        records = records.assign(row=records["row"] - first).reset_index(drop=True)
-        records.attrs["job"] = table.attrs["job"]
-        return records
+        return AtlasBlock(self, rows, spec, np.arange(first, last), on_progress).table()
 
     def followed_again(
         self,
@@ -322,15 +260,13 @@ class Atlas(FollowsFixedPoints):
         table: pd.DataFrame,
         on_progress: BlockProgress,
     ) -> tuple[MappedRows, pd.DataFrame]:
-        if "stored_point" not in table:  # of an older version
-            return AtlasBlock(self, rows, spec, numbers, on_progress).with_points()
         mapped = self.at_place(self.mapped_rows(rows, spec, numbers))
         like = mapped.settled(0)[:1]
         places = dict(zip(numbers.tolist(), range(len(numbers)), strict=True))
         on_branches = (table["part"].astype(str) == "branch") & table["row"].isin(places)
         points = table.loc[on_branches & (table["stored_point"] != ""), [*self.point_names, self.parameter]]
         rows_of_points = table.loc[points.index, "row"].map(places)
-        at = [points_of(text, like)[0] for text in table.loc[points.index, "stored_point"]]
+        at = [point_of(text, like) for text in table.loc[points.index, "stored_point"]]
         stored = points.assign(row=rows_of_points, at=pd.Series(at, points.index, dtype=object))
         return mapped.without(self.parameter), stored.reset_index(drop=True)
 

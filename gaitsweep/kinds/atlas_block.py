@@ -1,4 +1,4 @@
-"""The table of a block of an atlas: gaits searched, branches followed, and those of an earlier run kept.
+"""The table of a block of an atlas: gaits searched, and branches followed.
 
 The search begins at random starts and at those of rows.
 """
@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,12 +16,9 @@ from jaxtyping import Float, Int
 
 from gaitsweep.analysis.atlas.atlas import BranchAtlas
 from gaitsweep.analysis.atlas.atlas_tables import atlas_table
-from gaitsweep.analysis.atlas.branch import points_of
 from gaitsweep.analysis.atlas.periodic_orbits import (
-    Orbit,
     OrbitSearch,
     OrbitSearchOptions,
-    orbits_of,
     rows_of,
 )
 from gaitsweep.design import Design
@@ -106,9 +103,9 @@ class DrawnStarts:
 
 
 # The columns of whole numbers.
-WHOLE = ("number", "period", "depth", "begins", "point", "unstable", "found", "corrections", "drawn_starts")
+_WHOLE = ("number", "period", "depth", "begins", "point", "unstable", "found", "corrections", "drawn_starts")
 # The columns of text that has few values.
-TEXTS = ("part", "symmetry", "events", "change", "special", "end", "gait", "status")
+_TEXTS = ("part", "symmetry", "events", "change", "special", "end", "gait", "status")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -121,8 +118,6 @@ class AtlasBlock:
         spec: how they are simulated.
         numbers: the rows of the block (n,).
         on_progress: progress callback.
-        before: the records of these rows in the table that the run continues, `row` counted from 0, and
-            its `.attrs`; or None.
     """
 
     run: Atlas
@@ -130,63 +125,21 @@ class AtlasBlock:
     spec: SweepSpec
     numbers: Int[np.ndarray, " rows"]
     on_progress: BlockProgress
-    before: pd.DataFrame | None = None
 
     @functools.cached_property
     def mapped(self) -> MappedRows:
         """The rows at the value of the parameter at which gaits are searched."""
         return self.run.at_place(self.run.mapped_rows(self.rows, self.spec, self.numbers))
 
-    @functools.cached_property
-    def like(self) -> Points:
-        """A point (1,) of the map, for the structure of its modes."""
-        return self.mapped.settled(0)[:1]
-
     def table(self) -> pd.DataFrame:
         """The records of the rows."""
         search, atlas = self._followed()
         branches = atlas_table(atlas, search, self.run.place)
-        if self.before is None:
-            table = self._new_records(search, atlas, branches)
-        else:
-            # the run before may have found no gait, and then no record is of it
-            is_earlier = branches.reindex(columns=["earlier"])["earlier"].notna().to_numpy()
-            earlier, new = (branches.iloc[np.flatnonzero(mask)] for mask in (is_earlier, ~is_earlier))
-            table = self._with_earlier(search, self._new_records(search, atlas, new), earlier)
+        table = self._records(search, atlas, branches)
         left_out = np.array([atlas.left_out(row) for row in range(len(self.numbers))], np.int64)
         return _typed(table.assign(left_out=left_out[table["row"].to_numpy(int) - int(self.numbers[0])]))
 
-    def _with_earlier(self, search: OrbitSearch, new: pd.DataFrame, earlier: pd.DataFrame) -> pd.DataFrame:
-        """The new records with those of the run `before`, in order.
-
-        Args:
-            search: the search of the rows' gaits.
-            new: the records of this run.
-            earlier: what this run says of records of the run `before`, which `earlier` numbers.
-        """
-        before, first = self.before, int(self.numbers[0])
-        assert before is not None
-        # a row without a gait has a new record
-        table = before.assign(row=before["row"] + first).loc[before["end"].astype(str) != "no_gait"]
-        names = ["found", "point", "missing"]
-        if len(earlier):
-            table.loc[earlier["earlier"].to_numpy(int), names] = earlier[names].to_numpy(float)
-        table["drawn_starts"] = [search.drawn(row) for row in table["row"] - first]
-        if len(new):
-            table = pd.concat([table, new], ignore_index=True)
-        of_curve = (table["part"].astype(str) != "branch").to_numpy(bool)
-        order = np.lexsort([table["point"], table["number"], of_curve, table["row"]])
-        return table.iloc[order].reset_index(drop=True)
-
-    def with_points(self) -> tuple[MappedRows, pd.DataFrame]:
-        """The rows, and the records of their branches with the point of each as `at`."""
-        search, atlas = self._followed()
-        table = atlas_table(atlas, search, self.run.place).rename(columns={"branch": "number"})
-        at = [branch.point(k) for branch in atlas.branches for k in range(len(branch.records))]
-        table["at"] = pd.Series(at, table.index, dtype=object)
-        return self.mapped.without(self.run.parameter), table
-
-    def _new_records(self, search: OrbitSearch, atlas: BranchAtlas, branches: pd.DataFrame) -> pd.DataFrame:
+    def _records(self, search: OrbitSearch, atlas: BranchAtlas, branches: pd.DataFrame) -> pd.DataFrame:
         """The records of a job's table from those of branches, and of curves over the second parameter."""
         table = self._joined_parts(search, atlas, branches)
         if not len(table):
@@ -204,12 +157,8 @@ class AtlasBlock:
     def _joined_parts(self, search: OrbitSearch, atlas: BranchAtlas, branches: pd.DataFrame) -> pd.DataFrame:
         """The points of branches, those of curves over the second parameter, and rows without a gait."""
         parts = [branches.assign(part="branch").rename(columns={"branch": "number"})]
-        curves_before: dict[int, int] = {}
-        if (before := self.before) is not None:
-            of_curves = before[~before["part"].astype(str).isin(["branch", ""])]
-            curves_before = of_curves.groupby("row")["number"].nunique().to_dict()
         for second, within in self.run.second.items():
-            curves = atlas.follow_curves(second, within, curves_before=curves_before)
+            curves = atlas.follow_curves(second, within)
             if len(curves):
                 parts.append(curves.rename(columns={"curve": "number", "kind": "part"}))
         without = set(range(len(self.numbers))) - {branch.row for branch in atlas.branches}
@@ -223,14 +172,12 @@ class AtlasBlock:
         return table.sort_values("row", kind="stable", ignore_index=True)
 
     def _followed(self) -> tuple[OrbitSearch, BranchAtlas]:
-        """The search of the rows' gaits, and their branches.
-
-        What the run `before` has found is neither searched nor followed again.
-        """
-        run, mapped, before = self.run, self.mapped, self.before
+        """The search of the rows' gaits, and their branches."""
+        run, mapped = self.run, self.mapped
 
         def on_step(points: Any, shares: Any) -> None:
-            self.on_progress(f"{np.sum(points)} points of {len(points)} branches", float(np.mean(shares)))
+            done = 0.5 + 0.5 * float(np.mean(shares))  # after the search of gaits
+            self.on_progress(f"{np.sum(points)} points of {len(points)} branches", done)
 
         atlas = BranchAtlas(
             mapped.mapping,
@@ -241,19 +188,13 @@ class AtlasBlock:
             steps=dataclasses.replace(run.steps(on_step), through=(run.place,)),
             most_branches=run.branches,
         )
-        if before is not None:
-            with_points = (before["part"].astype(str) == "branch") & (before["point"] >= 0)
-            atlas.restore(before.loc[with_points], self.like, int(before.attrs["job"]["run"]["depth"]))
         search = self._searched()
         atlas.follow(search, run.place, run.depth)
         return search, atlas
 
     def _searched(self) -> OrbitSearch:
-        """The search of the rows' gaits, from drawn starts and from where those of the first round settle.
-
-        The starts of the run `before` are neither drawn nor simulated again.
-        """
-        run, mapped, before = self.run, self.mapped, self.before
+        """The search of the rows' gaits, from drawn starts and from where those of the first round settle."""
+        run, mapped = self.run, self.mapped
         drawn = DrawnStarts(mapped, run.ranges, run.seed)
 
         def on_round(count: int, orbits: int) -> None:
@@ -266,11 +207,6 @@ class AtlasBlock:
         periods = 1 if run.stationary else run.periods  # a point at rest has no other
         options = OrbitSearchOptions(periods, run.budget, run.batch, run.patience, on_round)
         search = OrbitSearch(mapped.mapping, mapped.values, drawn.levels(run.fix), options)
-        if before is not None:
-            starts = before.groupby("row")["drawn_starts"].first().to_dict()
-            search.restore(_orbits_of_table(mapped, before, self.like), starts)
-            search.run(draw, range(len(mapped.numbers)))
-            return search
         row_of_start = np.repeat(np.arange(len(mapped.numbers)), run.batch)
         settled = drawn.points(row_of_start, 0, run.batch, max(run.settle, 1))
         sound = np.asarray(np.isfinite(settled.at).all(axis=1))
@@ -295,28 +231,9 @@ class AtlasBlock:
 
 def _typed(table: pd.DataFrame) -> pd.DataFrame:
     """A table with whole numbers, flags and texts in the types of its columns."""
-    integers = {name: table[name].astype(float).fillna(-1).astype(np.int64) for name in WHOLE}
+    integers = {name: table[name].astype(float).fillna(-1).astype(np.int64) for name in _WHOLE}
     stable = table["stable"].astype("boolean").fillna(False).astype(bool)
-    texts = {name: pd.Categorical(table[name].astype(object).fillna("")) for name in TEXTS}
+    texts = {name: pd.Categorical(table[name].astype(object).fillna("")) for name in _TEXTS}
     return table.assign(
         stable=stable, stored_point=table["stored_point"].astype(object).fillna(""), **texts, **integers
     )
-
-
-def _orbits_of_table(mapped: MappedRows, table: pd.DataFrame, like: Points) -> Iterator[Orbit]:
-    """The gaits of an earlier run's records, each with the number of its record."""
-    gaits = table.loc[(table["part"].astype(str) == "branch") & (table["found"] >= 0)]
-    for number, record in zip(gaits.index, gaits.to_dict("records"), strict=True):
-        point = points_of(record["stored_point"], like)[0].points
-        values = rows_of(mapped.values, np.array([record["row"]]))
-        (orbit,) = orbits_of(mapped.mapping, point, values, int(record["period"]))
-        if orbit is not None:
-            yield Orbit(
-                row=int(record["row"]),
-                points=orbit,
-                error=float(record["error"]),
-                hits=int(record["found"]),
-                symmetry=tuple(filter(None, str(record["symmetry"]).split(", "))),
-                reached=float(record["reached"]),
-                earlier=(int(number),),
-            )

@@ -14,10 +14,10 @@ from gaitsweep.analysis.continuation.branch_follower import LONGER, STRAIGHT
 from gaitsweep.analysis.continuation.continuation import continuation
 from gaitsweep.contract import Model
 from gaitsweep.design import Design
+from gaitsweep.engine.poincare.maps import Points, Values
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.kinds.columns import Column, observed_at_crossings
 from gaitsweep.kinds.fixed_points import (
-    BeginsWhereRowsSettle,
     FollowsFixedPoints,
     MappedRows,
     bifurcations_found,
@@ -39,7 +39,7 @@ POINTS_OF_FOLD = math.pi / math.acos(STRAIGHT)
 FOLLOWED_AGAIN = 3.0
 
 
-class Continuation(BeginsWhereRowsSettle):
+class Continuation(FollowsFixedPoints):
     """Follow the stable and unstable fixed points of each row's return map along one parameter."""
 
     stores_starting_points: ClassVar[bool] = True
@@ -114,6 +114,9 @@ class Continuation(BeginsWhereRowsSettle):
         table = self.records(rows, mapped, table, has_point, has_point)
         # missing numbers would be read as such, and those of other blocks are flags
         return table if has_point.any() else table.assign(stable=pd.Series([None] * len(table), dtype=object))
+
+    def near_fixed_points(self, mapped: MappedRows) -> tuple[Points, Values]:
+        return mapped.settled(self.settle), mapped.values
 
     @property
     def columns_of_findings(self) -> tuple[str, ...]:

@@ -6,7 +6,6 @@ import abc
 import dataclasses
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from types import MappingProxyType
 from typing import Any, ClassVar
 
 import jax
@@ -30,11 +29,11 @@ from gaitsweep.engine.recorders.recordings import CrossingRecorder
 from gaitsweep.engine.solver.methods import derivative_refusal
 from gaitsweep.engine.sweep.blocks_of_rows import gait_codes
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
-from gaitsweep.errors import ArgumentError
+from gaitsweep.errors import ArgumentError, JobError
 from gaitsweep.expression import ExpressionError
 from gaitsweep.kinds.columns import AT_REST, STATUSES, Column, gaits
 from gaitsweep.kinds.run_kind import BlockProgress, StartingPoints, TableRunKind, table_columns
-from gaitsweep.schema.diagnostics import Diagnostic, JobError, Path
+from gaitsweep.schema.diagnostics import Diagnostic, Path
 from gaitsweep.schema.numbers import Count, CountOrZero, Positive, Text
 from gaitsweep.status import Status
 
@@ -134,8 +133,8 @@ class FollowsFixedPoints(TableRunKind):
         numbers: Int[np.ndarray, " sampled"],
         table: pd.DataFrame,
         on_progress: BlockProgress,
-    ) -> tuple[MappedRows, pd.DataFrame] | None:
-        """The branches of some rows with their points, for the explorer; None: it shows none.
+    ) -> tuple[MappedRows, pd.DataFrame]:
+        """The branches of some rows with their points, for the explorer.
 
         Args:
             rows: the job's rows.
@@ -270,7 +269,6 @@ class FollowsFixedPoints(TableRunKind):
         table: pd.DataFrame,
         has_point: Bool[np.ndarray, " records"],
         sound: Bool[np.ndarray, " records"],
-        renamed: Mapping[str, str] = MappingProxyType({}),
     ) -> pd.DataFrame:
         """The records of a block, from the branches of its rows.
 
@@ -280,7 +278,6 @@ class FollowsFixedPoints(TableRunKind):
             table: the branches; its `row` counts from 0.
             has_point: mask of the records that have a point.
             sound: mask of the records of rows with the status `complete`.
-            renamed: new names of columns, besides those of observables.
         """
         model, row, values = rows.model, table["row"].to_numpy(np.int64), mapped.values
         # observables have their names, or those of their columns where another column has the same name
@@ -297,7 +294,7 @@ class FollowsFixedPoints(TableRunKind):
             codes[has_point] = gait_numbers(mapped.mapping, at, observed, int(has_point.sum()))
         status = np.where(sound, Status.complete.name, Status.no_fixed_point.name)
         plain = {name: names[name] for name, column in present.items() if column == name}
-        table = table.rename(columns={**renamed, **plain})
+        table = table.rename(columns=plain)
         table = table.assign(
             row=mapped.numbers[row],
             gait=pd.Categorical([AT_REST] * len(table)) if self.stationary else gaits(model, codes),
@@ -307,13 +304,6 @@ class FollowsFixedPoints(TableRunKind):
         table = table.reindex(columns=table_columns(rows, self))
         texts = {name: table[name].astype(object).fillna("") for name in ("special", "end")}
         return table.assign(**{name: pd.Categorical(text) for name, text in texts.items()})
-
-
-class BeginsWhereRowsSettle(FollowsFixedPoints):
-    """A run kind whose branches begin at the fixed points near where rows settle."""
-
-    def near_fixed_points(self, mapped: MappedRows) -> tuple[Points, Values]:
-        return mapped.settled(self.settle), mapped.values
 
 
 def rising(field: Path, bounds: Sequence[float]) -> Iterator[Diagnostic]:

@@ -9,16 +9,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from gaitsweep.models.registry import (
-    MODEL_FOLDER,
-    ModelError,
-    classes,
-    find,
-    find_of_table,
-    importable,
-    name_of,
-    names,
-)
+from gaitsweep.errors import ModelError
+from gaitsweep.models.registry import MODEL_FOLDER, classes, find, find_of_table, importable, name_of, names
 
 __all__ = ["MODEL_FOLDER", "ModelError", "find", "find_of_table", "importable", "name_of", "names"]
 

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -21,7 +22,7 @@ from gaitsweep.dynamics.declaration_faults import faults_of_quantity
 from gaitsweep.dynamics.declarations import Mode, Variable
 from gaitsweep.dynamics.declared import STEPS, Declared
 from gaitsweep.dynamics.declared_model import ARMING
-from gaitsweep.dynamics.footfalls import Footfalls
+from gaitsweep.dynamics.gaits_by_footfalls import Footfalls
 from gaitsweep.dynamics.map_model import MapModel
 from gaitsweep.dynamics.sliding import Sliding
 from gaitsweep.engine.content import cached_by_content, held_result
@@ -82,7 +83,10 @@ def _faults_of_quantity(quantity: Quantity, *, is_start: bool) -> Iterator[str]:
     yield from faults_of_quantity(quantity, is_start)
 
 
-_SCALAR = jax.ShapeDtypeStruct((), float)
+@functools.cache
+def _scalar() -> jax.ShapeDtypeStruct:
+    """The shape of a parameter's value."""
+    return jax.ShapeDtypeStruct((), float)
 
 
 class _Fault(Exception):
@@ -141,8 +145,10 @@ def traced_fault(model: Model) -> str | None:
 
 def _trace_functions(model: Model) -> None:
     """Trace all functions of a model with shapes only; raises `_Fault` at the first violation."""
-    params = _traced_result("params", model.params, {quantity.name: _SCALAR for quantity in model.parameters})
-    start = {quantity.name: _SCALAR for quantity in model.initial_conditions}
+    params = _traced_result(
+        "params", model.params, {quantity.name: _scalar() for quantity in model.parameters}
+    )
+    start = {quantity.name: _scalar() for quantity in model.initial_conditions}
     if isinstance(model, Declared) and isinstance(model, HybridModel):
         _require_event_functions(
             model, params, _bare_state(model)
@@ -256,7 +262,7 @@ def _event_flags(model: Model, params: Any, state: Any) -> jax.ShapeDtypeStruct:
         assert isinstance(model, FixedStepDynamics)
         if isinstance(model, MapModel):
             _require_image(state, _traced_result("image", model.image, params, state))
-        after = _traced_result("step", model.step, params, state, _SCALAR)
+        after = _traced_result("step", model.step, params, state, _scalar())
         _require_like("step", state, after)
         name = "events"
         result = _traced_result("events", model.events, params, state, after)
@@ -376,7 +382,7 @@ def variables_without_rate(model: Model) -> tuple[str, ...]:
 
     def compute() -> list[str]:
         quantities = original.parameters, original.initial_conditions
-        shapes = [{quantity.name: _SCALAR for quantity in group} for group in quantities]
+        shapes = [{quantity.name: _scalar() for quantity in group} for group in quantities]
         known = jax.eval_shape(rates, *shapes)
         return [name for name in unheld if name not in known]
 

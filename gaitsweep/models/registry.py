@@ -19,22 +19,15 @@ from typing import Any
 from gaitsweep import near_miss
 from gaitsweep.contract import HybridModel, Model, SteppedModel
 from gaitsweep.engine.content import held_result
-from gaitsweep.errors import UserError
+from gaitsweep.errors import JobError, ModelError
 from gaitsweep.extension import model_paths
 from gaitsweep.own_modules import Stamp, data_files, installed, line_of, modules_beside, modules_in, stamp_of
-from gaitsweep.schema.diagnostics import JobError
 from gaitsweep.shipped import EXAMPLES
 
 # when the files of users' modules were written, and their sizes, as they were loaded
 _STAMPS: weakref.WeakKeyDictionary[ModuleType, Stamp] = weakref.WeakKeyDictionary()
 # the data files that these modules read as they were loaded
 _DATA_FILES: weakref.WeakKeyDictionary[ModuleType, dict[Path, Stamp]] = weakref.WeakKeyDictionary()
-
-
-class ModelError(UserError, LookupError):
-    """A model is not available; the message continues a sentence that begins with "The model"."""
-
-    subject = "The model "
 
 
 def import_user_module(name: str, module_name: str, folders: list[Path]) -> object:

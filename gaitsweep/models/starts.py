@@ -24,8 +24,6 @@ from gaitsweep.engine.kernel.row_functions import over_rows
 from gaitsweep.engine.kernel.trace import Tracer, UnsupportedError
 from gaitsweep.engine.stored_traces import dependences, stored
 
-_SCALAR = jax.ShapeDtypeStruct((), float)
-
 
 @cached_by_content(maxsize=64)
 def idle_starts(model: Model) -> tuple[str, ...]:
@@ -37,8 +35,9 @@ def idle_starts(model: Model) -> tuple[str, ...]:
 
 def _idle_starts(model: Model) -> list[str]:
     """`idle_starts` of a model that has not been traced before."""
-    parameters = {quantity.name: _SCALAR for quantity in model.parameters}
-    shapes = (parameters, {quantity.name: _SCALAR for quantity in model.initial_conditions})
+    scalar = jax.ShapeDtypeStruct((), float)
+    parameters = {quantity.name: scalar for quantity in model.parameters}
+    shapes = (parameters, {quantity.name: scalar for quantity in model.initial_conditions})
 
     def begun(values: Any, start: Any) -> Any:
         return model.init(model.params(values), start)

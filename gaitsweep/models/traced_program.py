@@ -22,8 +22,6 @@ from gaitsweep.engine.devices import see_all_cores
 from gaitsweep.engine.stored_traces import stored
 from gaitsweep.own_modules import data_files
 
-# JAX keeps traces of jitted functions and of the bodies of loops, by this context too
-_TRACE = jax.make_user_context("")
 # functions that others call, so that the cause is there, and those that call most others
 _CALLED_FUNCTIONS = ("params", "period", "flow", "control", "rates", "step", "observe", "jump")
 _CALLING_FUNCTIONS = ("guards", "init")
@@ -79,10 +77,12 @@ def traced_program(model: Model) -> TracedProgram:
     see_all_cores()  # float64, as the engine traces
 
     def traced_twice() -> tuple[Mapping[str, str], str | None]:
-        with _TRACE("first"), data_files() as read:
+        # JAX keeps traces of jitted functions and of the bodies of loops, by this context too
+        trace = jax.make_user_context("")
+        with trace("first"), data_files() as read:
             first = dict(_digests(model))
         depends_on(model, read)
-        with _TRACE("second"):
+        with trace("second"):
             second = dict(_digests(model))
         return first, first_difference(first, second)
 

@@ -42,7 +42,7 @@ class StyleError(UserError, ValueError):
 
 def _read_width(value: Any) -> str | float:
     """Read a width: column, page or mm."""
-    if value in MILLIMETRES:
+    if isinstance(value, str) and value in MILLIMETRES:
         return value
     try:
         return read_real(value, low=50.0, high=500.0)

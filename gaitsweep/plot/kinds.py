@@ -11,22 +11,21 @@ from matplotlib.figure import Figure
 
 from gaitsweep import near_miss
 from gaitsweep.extension import import_all
-from gaitsweep.plot.basins.basin import basin as basin
-from gaitsweep.plot.basins.basin import recovery as recovery
-from gaitsweep.plot.basins.basin import shock as shock
+from gaitsweep.plot.basins.basin_heat_map import basin as basin
+from gaitsweep.plot.basins.basin_heat_map import recovery as recovery
+from gaitsweep.plot.basins.basin_heat_map import shock as shock
 from gaitsweep.plot.basins.basin_measures import basin_measures as basin_measures
 from gaitsweep.plot.basins.gait_map import gait_map as gait_map
 from gaitsweep.plot.bifurcations.atlas import atlas as atlas
 from gaitsweep.plot.bifurcations.atlas import orbit_family as orbit_family
 from gaitsweep.plot.bifurcations.atlas import road_map as road_map
+from gaitsweep.plot.bifurcations.bifurcation_diagram import orbit as orbit
 from gaitsweep.plot.bifurcations.branches import branches as branches
 from gaitsweep.plot.bifurcations.continuation import continuation as continuation
 from gaitsweep.plot.bifurcations.continuation import stable_ranges as stable_ranges
 from gaitsweep.plot.bifurcations.cycles import cycles as cycles
-from gaitsweep.plot.bifurcations.folds import folds as folds
 from gaitsweep.plot.bifurcations.gait_transitions import gait_transitions as gait_transitions
 from gaitsweep.plot.bifurcations.hysteresis import hysteresis as hysteresis
-from gaitsweep.plot.bifurcations.orbit import orbit as orbit
 from gaitsweep.plot.bifurcations.return_map import return_map as return_map
 from gaitsweep.plot.columns import PlotError
 from gaitsweep.plot.figure_style import STYLE_FIELDS, StyleError, read_style, styled

@@ -56,7 +56,7 @@ def model_of(table: pd.DataFrame) -> Model | None:
 
 
 def limbs_of(table: pd.DataFrame, count: int) -> Sequence[LimbLook]:
-    """The `count` limbs of a table's model, in the order of its contacts; `leg 1`, ... if it names none."""
+    """The `count` limbs of a table's model, in the order of its contacts; `leg 1`, ... if it names others."""
     model = model_of(table)
     if model is not None and len(model.limbs) == count:
         return model.limbs

@@ -12,10 +12,9 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Int, Shaped
 
-from gaitsweep.errors import UserError
+from gaitsweep.errors import JobError, UserError
 from gaitsweep.job.load import stored_job
 from gaitsweep.kinds import RUN_KINDS
-from gaitsweep.schema.diagnostics import JobError
 from gaitsweep.table import TableError
 
 if TYPE_CHECKING:

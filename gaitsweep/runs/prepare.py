@@ -22,7 +22,7 @@ from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.devices import local_devices
 from gaitsweep.engine.kernel.row_functions import over_rows
 from gaitsweep.engine.numerics import ResolvedNumerics
-from gaitsweep.engine.sweep.engines import EngineError, choose, default_lanes
+from gaitsweep.engine.sweep.engine_choice import EngineError, choose, default_lanes
 from gaitsweep.engine.sweep.lane import Values
 from gaitsweep.engine.sweep.sweep_spec import EngineName, SweepSpec
 from gaitsweep.errors import UserError

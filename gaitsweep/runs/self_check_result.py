@@ -16,7 +16,6 @@ from gaitsweep.engine.recorders.bounds import MIN_SCALE
 from gaitsweep.engine.solver.methods import fixed_step_scheme
 from gaitsweep.errors import EXIT_STRICT, UserError
 from gaitsweep.runs.prepare import RunContext, nominal_period
-from gaitsweep.runs.sentences import HALF_THE_STEP
 from gaitsweep.table.manifest import DIFFERENCES
 
 # The least size of an observable, as a share of its magnitude.
@@ -107,7 +106,7 @@ class SelfCheck:
     by_step: int = 0
     largest: dict[str, float] = dataclasses.field(default_factory=dict)
     worst: dict[str, str] = dataclasses.field(default_factory=dict)
-    finer: str = HALF_THE_STEP
+    finer: str = "half the step"
     verdict: str = "passed"
     _worst_share: float = -1.0
 

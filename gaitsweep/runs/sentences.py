@@ -6,6 +6,7 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from gaitsweep.dynamics.gaits_by_footfalls import ALTERNATE, TOGETHER
 from gaitsweep.kinds.columns import UNKNOWN_GAIT
 from gaitsweep.runs.provenance import NOT_INSTALLED
 from gaitsweep.status import SetStatus, Status
@@ -17,6 +18,8 @@ STARTS_BEYOND = "starts_beyond"  # rows that begin beyond an event's surface
 WITHOUT_START = "without_start"  # rows whose start the model could not make
 WITHOUT_STRIDES = "without_strides"  # rows of a model with footfalls of which no row has a stride
 UNEVEN_STRIDES = "uneven_strides"  # settled rows of no gait of which a foot lands more than once a stride
+WITHOUT_GAIT = "without_gait"  # other settled rows of no gait, by the reason
+NO_STRIDE, SEVERAL, OTHER_LAGS = "no_stride", "several", "other_lags"
 WITHOUT_PERIOD = "without_period"  # rows whose nominal period is not a positive time
 # Words about several rows, and those about one.
 _OF_ONE = {"their": "its", "rest": "rests", "lie": "lies", "are": "is"}
@@ -25,8 +28,6 @@ _MOST_VALUES = 4  # of a row that a sentence names
 _AT = {"1": "at a fixed point"}
 # How the meaning of a function begins that tests something.
 _TESTS = ("whether", "return", "test", "if ", "true ")
-# The finer steps in manifests of older versions, which halved the step.
-HALF_THE_STEP = "half the step"
 # Name of a result, for jobs whose rows are sets of constants.
 _RESULTS = {"search": "target", "sensitivity": "output"}
 
@@ -36,9 +37,9 @@ def self_check_sentence(check: dict[str, Any]) -> str:
     if check.get("verdict") == "off":
         return "Self-check: off."
     rows = check["rows"]
-    total = check.get("of", rows)
+    total = check["of"]
     sample = f"{rows} row{'s' * (rows != 1)}" if rows == total else f"{rows} of {total} rows"
-    finer = _finer(check)
+    finer = check["finer"]
     sensitive = check.get("sensitive")
     change = _largest(check)
     rerun = f"Self-check: {sample} rerun {'at' if 'step' in finer else 'with'} {finer}"
@@ -77,17 +78,12 @@ def _first_unstable(check: dict[str, Any]) -> str:
     return f" (first row {row}{' at ' if values else ''}{values})"
 
 
-def _finer(check: dict[str, Any]) -> str:
-    """The finer steps of a self-check, in words; manifests of older versions have another field."""
-    return check.get("finer") or check.get("half", HALF_THE_STEP)
-
-
 def _largest(check: dict[str, Any]) -> str:
-    """Format the largest change of an observable; manifests of older versions do not name the worst."""
+    """Format the largest change of an observable."""
     largest = {name: value for name, value in check.get("largest", {}).items() if value == value}
     if not largest:
         return "there was nothing to compare"
-    worst = check.get("worst") or {"name": max(largest, key=lambda name: largest[name]), "unit": "1"}
+    worst = check["worst"]
     unit = "" if worst["unit"] == "1" else f" {worst['unit']}"
     name = "the time of a crossing" if worst["name"] == "t" else worst["name"]
     return f"{name} changed by at most {largest[worst['name']]:.1e}{unit}"
@@ -113,7 +109,7 @@ def advice(check: dict[str, Any], dt: float | None) -> str:
         )
     if dt is not None:
         return f"The table depends on the step: make numerics.dt shorter than {dt:g} s, or leave it out."
-    if "step" not in _finer(check):
+    if "step" not in check["finer"]:
         return (
             "The table depends on the steps: make numerics.rtol and numerics.atol finer, or numerics.dt "
             "shorter, and compare."
@@ -246,7 +242,28 @@ def remarks(manifest: Mapping[str, Any]) -> list[str]:
     ]
     if uneven := manifest.get(UNEVEN_STRIDES):
         sentences.append(_uneven_strides(uneven))
+    if without_gait := manifest.get(WITHOUT_GAIT):
+        sentences.append(_without_gait(without_gait))
     return sentences
+
+
+def _without_gait(about: Mapping[str, Any]) -> str:
+    """Format why settled rows have no gait, with the numbers of rows."""
+    lags = "the lags of its feet are those of no gait"
+    if about.get("legs") == 2:
+        lags = "its feet neither alternate nor land together: lag_2 / (2 pi) is "
+        lags += f"within {ALTERNATE:g} of 1/2 in a walk or run, and within {TOGETHER:g} of 0 in a hop"
+    words = {
+        NO_STRIDE: "a foot has no stride: it stands, is held up, or has not landed twice",
+        SEVERAL: "its strides differ on an orbit of several crossings",
+        OTHER_LAGS: lags,
+    }
+    reasons = [f"in {_rows(rows)} {words[reason]}" for reason, rows in about["reasons"].items()]
+    total = sum(rows["rows"] for rows in about["reasons"].values())
+    subject = "1 settled row has" if total == 1 else f"{total} settled rows have"
+    return (
+        f"{subject} the gait none: {'; '.join(reasons)} (docs/own_model.md, `Footfalls and names of gaits`)."
+    )
 
 
 def _uneven_strides(about: Mapping[str, Any]) -> str:

@@ -14,7 +14,7 @@ import pandas as pd
 
 from gaitsweep import models
 from gaitsweep.contract import Model
-from gaitsweep.dynamics.footfalls import TOGETHER
+from gaitsweep.dynamics.gaits_by_footfalls import TOGETHER
 from gaitsweep.dynamics.mjcf import OfMjcf
 from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.kernel.row_functions import over_rows
@@ -24,8 +24,12 @@ from gaitsweep.own_modules import folder_of_class
 from gaitsweep.runs.prepare import RunContext
 from gaitsweep.runs.sentences import (
     MISLABELLED,
+    NO_STRIDE,
+    OTHER_LAGS,
+    SEVERAL,
     STARTS_BEYOND,
     UNEVEN_STRIDES,
+    WITHOUT_GAIT,
     WITHOUT_PERIOD,
     WITHOUT_START,
     WITHOUT_STRIDES,
@@ -152,7 +156,7 @@ def summed_up(context: RunContext, table: Table) -> bool:
     if manifest.get("complete") is not True or manifest.get("counts") != table.counts():
         return False
     # without mislabelled rows, or with strides, there is no field for them
-    needed = {*_summaries(context, table), "quantities"} - {MISLABELLED, WITHOUT_STRIDES, UNEVEN_STRIDES}
+    needed = {*_summaries(context, table), "quantities"} - {MISLABELLED, *_OF_STRIDES}
     return needed <= manifest.keys()
 
 
@@ -176,6 +180,7 @@ def _summaries(context: RunContext, table: Table) -> dict[str, set[str]]:
         MISLABELLED: ({"gait"}, "gait" in columns),
         WITHOUT_STRIDES: (strides, strides),
         UNEVEN_STRIDES: (of_steps, strides and of_steps <= columns_of_rows),
+        WITHOUT_GAIT: (of_steps, strides and of_steps <= columns_of_rows),
         "stalls": ({"stalled_by", "t_end", "t"} & columns, counts.get(Status.event_stall.name)),
         "gaits": ({"gait"}, names_gaits and "gait" in columns_of_rows),
         "periods": ({"attractor_period"}, counts.get(Status.settled.name) and "attractor_period" in columns),
@@ -206,6 +211,7 @@ def _of_records(context: RunContext, table: Table) -> dict[str, Any]:
     feet = _feet_by_stride(context)
     without_stride = {feet[column] for column in summaries.get(WITHOUT_STRIDES, ())}
     uneven: dict[str, dict[str, Any]] = {}
+    without_gait: dict[str, dict[str, int]] = {}
     stalls: dict[str, dict[str, Any]] = {}
     counts = {name: collections.Counter[str]() for name in _COUNTED if name in summaries}
     distances: list[tuple[float, int]] = []
@@ -218,6 +224,7 @@ def _of_records(context: RunContext, table: Table) -> dict[str, Any]:
             without_stride -= {feet[str(name)] for name in strides.columns[strides.notna().any()]}
         if UNEVEN_STRIDES in summaries:
             add_uneven_strides(uneven, part, feet)
+            add_without_gait(without_gait, part, feet)
         if "stalls" in summaries:
             _add_stalls(stalls, part)
         for name, counter in counts.items():
@@ -239,18 +246,36 @@ def _of_records(context: RunContext, table: Table) -> dict[str, Any]:
     if parts_of_findings:
         records = pd.concat(parts_of_findings, ignore_index=True)
         fields["findings"] = context.job.run.findings(records)
+    if mislabelled:
+        fields[MISLABELLED] = mislabelled
+    fields |= _of_strides(context, without_stride, uneven, without_gait)
+    return {name: fields[name] for name in summaries if name in fields}
+
+
+def _of_strides(
+    context: RunContext,
+    without_stride: set[str],
+    uneven: dict[str, dict[str, Any]],
+    without_gait: dict[str, dict[str, int]],
+) -> dict[str, Any]:
+    """Summarise feet without a stride in any row, and settled rows without a gait; `_OF_STRIDES`."""
+    fields: dict[str, Any] = {}
+    feet = list(dict.fromkeys(_feet_by_stride(context).values()))
     is_body = isinstance(context.model.original, OfMjcf)
     if uneven:
         fields[UNEVEN_STRIDES] = {"feet": uneven, "body": is_body}
-    if mislabelled:
-        fields[MISLABELLED] = mislabelled
     if without_stride:
         about: dict[str, Any] = {"rows": context.spec.n_rows, "row": 0, "body": is_body}
-        some = [foot for foot in dict.fromkeys(feet.values()) if foot in without_stride]
-        about |= {"feet": some} if without_stride != set(feet.values()) else {}
+        if without_stride < set(feet):
+            about["feet"] = [foot for foot in feet if foot in without_stride]
         fields[WITHOUT_STRIDES] = {context.model.name: about}
-    return {name: fields[name] for name in summaries if name in fields}
+        without_gait = {reason: rows for reason, rows in without_gait.items() if reason != NO_STRIDE}
+    if without_gait:
+        fields[WITHOUT_GAIT] = {"legs": len(feet), "reasons": without_gait}
+    return fields
 
+
+_OF_STRIDES = {WITHOUT_STRIDES, UNEVEN_STRIDES, WITHOUT_GAIT}  # fields that few tables have
 
 # Fields that count the values of a column, and the statuses of the rows that count.
 _COUNTED = {
@@ -279,9 +304,8 @@ def add_uneven_strides(
     Their gait is none, and the last stride of that foot is shorter than that of another one. `contact` are
     the shortest and the longest of its last contacts, s.
     """
-    columns = [name for name in feet if name in part.columns]
-    is_of_one = (part["status"] == Status.settled.name) & (part["attractor_period"] == 1)
-    rows: Any = part[is_of_one & (part["gait"] == "none") & part[columns].notna().all(axis=1)]
+    rows, columns = _settled_without_gait(part, feet)
+    rows = rows[(rows["attractor_period"] == 1) & rows[columns].notna().all(axis=1)]
     strides = rows[columns].to_numpy(float)
     shortest = np.argmin(strides, axis=1)
     for k, column in enumerate(columns):
@@ -294,6 +318,33 @@ def add_uneven_strides(
         of_foot["rows"] += int(np.count_nonzero(is_short))
         known = [*of_foot["contact"], *contacts[np.isfinite(contacts)].tolist()]
         of_foot["contact"] = [min(known), max(known)] if known else []
+
+
+def add_without_gait(
+    without_gait: dict[str, dict[str, int]], part: pd.DataFrame, feet: Mapping[str, str]
+) -> None:
+    """Add the settled rows of a part without a gait by the reason, except those of `add_uneven_strides`."""
+    rows, columns = _settled_without_gait(part, feet)
+    strides = rows[columns].to_numpy(float)
+    no_stride = np.isnan(strides).any(axis=1)
+    uneven = ~no_stride & (
+        (1.0 - TOGETHER) * strides.max(axis=1, initial=0.0) > strides.min(axis=1, initial=np.inf)
+    )
+    masks = {
+        NO_STRIDE: no_stride,
+        SEVERAL: uneven & (rows["attractor_period"] != 1).to_numpy(bool),
+        OTHER_LAGS: ~no_stride & ~uneven,
+    }
+    for reason, mask in masks.items():
+        if mask.any():
+            known = without_gait.setdefault(reason, {"rows": 0, "row": int(rows["row"].to_numpy()[mask][0])})
+            known["rows"] += int(np.count_nonzero(mask))
+
+
+def _settled_without_gait(part: pd.DataFrame, feet: Mapping[str, str]) -> tuple[Any, list[str]]:
+    """The settled rows of a part whose gait is none, and its columns of strides."""
+    columns = [name for name in feet if name in part.columns]
+    return part[(part["status"] == Status.settled.name) & (part["gait"] == "none")], columns
 
 
 def _add_stalls(stalls: dict[str, dict[str, Any]], part: pd.DataFrame) -> None:

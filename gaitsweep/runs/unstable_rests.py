@@ -19,7 +19,7 @@ from jaxtyping import Bool, Float, Int
 
 from gaitsweep.contract import Model, Params, State
 from gaitsweep.dynamics.declared import Declared
-from gaitsweep.dynamics.footfalls import Footfalls
+from gaitsweep.dynamics.gaits_by_footfalls import Footfalls
 from gaitsweep.engine.kernel.row_functions import over_rows
 from gaitsweep.engine.poincare.maps import Points, sizes
 from gaitsweep.engine.poincare.poincare_return import Returned, ReturnStatus

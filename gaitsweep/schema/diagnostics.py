@@ -6,23 +6,12 @@ import dataclasses
 import math
 import re
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from typing import Any
 
 from gaitsweep import near_miss
-from gaitsweep.errors import UserError
-
-# Names in jobs of older versions and their present names; fields of a run by its present kind.
-FORMER_RUN_KINDS = {"hold": "fixed_time"}
-FORMER_RUN_FIELDS: Mapping[str, Mapping[str, str]] = {
-    "ramp": {"hold": "initial_dwell"},
-    "trace": {"hold": "initial_dwell"},
-    "staircase": {"hold": "dwell", "first_hold": "first_dwell"},
-}
-FORMER_METHODS = {"exact": "propagator", "stabilised": "propagator6"}
+from gaitsweep.errors import JobError
 
 Path = tuple[str | int, ...]  # of a field in a job: ("vary", "psi_1", "linspace", 0)
 
-_MAX_ERRORS = 5  # in a message
 _TEXT_LIMIT = 60  # characters of a quoted value
 _LONGEST_WORD = 150  # characters
 _LONGEST_SENTENCE = 1500  # characters
@@ -53,20 +42,6 @@ class Diagnostic:
         space = " " if field and not self.text.startswith(":") else ""
         sentence = printable(clipped_words(f"{field}{space}{self.text}"))
         return f"{location}: {sentence}" if location else sentence
-
-
-class JobError(UserError):
-    """A job that cannot be run: `diagnostics` has all errors, the message the first few."""
-
-    def __init__(self, diagnostics: Sequence[Diagnostic]) -> None:
-        self.diagnostics = tuple(dict.fromkeys(diagnostics))
-        lines = [str(diagnostic) for diagnostic in self.diagnostics[:_MAX_ERRORS]]
-        if len(self.diagnostics) > _MAX_ERRORS:
-            lines.append(f"... and {len(self.diagnostics) - _MAX_ERRORS} more.")
-        super().__init__("\n".join(lines))
-
-    def __reduce__(self) -> tuple[type[JobError], tuple[tuple[Diagnostic, ...]]]:
-        return JobError, (self.diagnostics,)
 
 
 def printable(text: str) -> str:
@@ -155,7 +130,6 @@ def unknown_field(
     path: Path,
     section: str,
     allowed: Iterable[str],
-    former: Mapping[str, str] | None = None,
     place: str = "",
 ) -> Diagnostic:
     """Return the diagnostic of a field that its section does not have.
@@ -164,13 +138,10 @@ def unknown_field(
         path: the field's path.
         section: the name of its section in messages; empty for the job itself.
         allowed: the fields that the section has.
-        former: new names by older ones.
         place: the part of the job that has such a field, if another one does.
     """
     field = str(path[-1])
     of_section = f" of {section}" if section else ""
-    if former and field in former:
-        return Diagnostic(path, f"is not a field{of_section} any more: it is called {former[field]} now.")
     if place:
         return Diagnostic(
             path, f"is not a field{of_section}: it belongs {place}. {near_miss.allowing(allowed)}"
@@ -194,7 +165,6 @@ def wrong_kind(
     path: Path,
     value: object,
     kinds: Collection[str],
-    former: Mapping[str, str] | None = None,
     noun: str = "an allowed kind",
 ) -> Diagnostic | None:
     """Return the diagnostic of a mapping whose field `kind` is missing or unknown, or None.
@@ -203,7 +173,6 @@ def wrong_kind(
         path: the mapping's path.
         value: the mapping, or another value, which is refused.
         kinds: the known kinds.
-        former: new names by older ones.
         noun: a kind in words, such as "a run kind".
     """
     if not isinstance(value, Mapping):
@@ -214,26 +183,5 @@ def wrong_kind(
     kind = value["kind"]
     if isinstance(kind, str) and kind in kinds:
         return None
-    if former and isinstance(kind, str) and kind in former:
-        text = f": {kind} is now called {former[kind]}; write {former[kind]}."
-    else:
-        text = f": {quoted(kind)} is not {noun}{near_miss.suggestion(str(kind), kinds)}"
+    text = f": {quoted(kind)} is not {noun}{near_miss.suggestion(str(kind), kinds)}"
     return Diagnostic((*path, "kind"), text)
-
-
-def renamed(job: dict[str, Any]) -> dict[str, Any]:
-    """Return a stored job with the present names; the same object if it has no older ones."""
-    changed: dict[str, Any] = {}
-    run = job.get("run")
-    if isinstance(run, dict) and isinstance(run.get("kind"), str):
-        kind = run["kind"]
-        fields = FORMER_RUN_FIELDS.get(kind, {})
-        if kind in FORMER_RUN_KINDS or not fields.keys().isdisjoint(run):
-            present = {fields.get(name, name): value for name, value in run.items()}
-            changed["run"] = {**present, "kind": FORMER_RUN_KINDS.get(kind, kind)}
-    numerics = job.get("numerics")
-    if isinstance(numerics, dict) and isinstance(numerics.get("method"), str):
-        method = numerics["method"]
-        if method in FORMER_METHODS:
-            changed["numerics"] = {**numerics, "method": FORMER_METHODS[method]}
-    return {**job, **changed} if changed else job

@@ -20,8 +20,9 @@ from pydantic import GetCoreSchemaHandler, PlainValidator, WithJsonSchema
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 from gaitsweep import near_miss
+from gaitsweep.errors import JobError
 from gaitsweep.expression import CONSTANTS, ExpressionError, evaluate, names_used
-from gaitsweep.schema.diagnostics import Diagnostic, JobError, quoted
+from gaitsweep.schema.diagnostics import Diagnostic, quoted
 
 
 @dataclass(frozen=True)
@@ -37,6 +38,7 @@ SCOPE: ContextVar[Scope | None] = ContextVar("SCOPE", default=None)
 
 MAX_POINTS = 10**7  # of an axis
 
+_POSITIVE_ZERO = 0.0  # added to -0.0 it gives 0.0, which gives the same rows
 _LONGEST_TEXT = 1000  # characters
 _LONGEST_AMBIGUOUS = 99  # characters of a text that is compared with the patterns of ambiguous numbers
 _STEM = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,99}")
@@ -82,13 +84,13 @@ def read_number(value: Any) -> float | str:
             if len(value) <= _LONGEST_AMBIGUOUS and pattern.match(value):
                 raise InvalidValue(f"is {quoted(value)}, {sentence}.")
         try:
-            return "".join(value.split()) if names_used(value) else evaluate(value, {})
+            return "".join(value.split()) if names_used(value) else evaluate(value, {}) + _POSITIVE_ZERO
         except ExpressionError as error:
             raise InvalidValue(f"is not a number: {error}") from None
     if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, float, np.integer, np.floating)):
         raise InvalidValue(f"is {quoted(value)}, but must be a number.")
     try:
-        return evaluate(float(value), {}) + 0.0  # -0.0 becomes 0.0, which gives the same rows
+        return evaluate(float(value), {}) + _POSITIVE_ZERO
     except (ExpressionError, OverflowError):
         raise InvalidValue(f"is {quoted(value)}, but must be a finite number.") from None
 
@@ -114,7 +116,7 @@ def read_fixed(value: Any) -> float | None:
             near = near_miss.suggestion(name, [*scope.fixed, *CONSTANTS])
             raise InvalidValue(f'is "{number}", but {name} is unknown here{near}')
     try:
-        return evaluate(number, scope.fixed)
+        return evaluate(number, scope.fixed) + _POSITIVE_ZERO
     except ExpressionError as error:
         raise InvalidValue(f"is not a number: {error}") from None
 
@@ -238,19 +240,16 @@ def read_flag(value: Any) -> bool:
     return bool(value)
 
 
-def read_word(value: Any, allowed: tuple[str, ...], former: Mapping[str, str] | None = None) -> str:
+def read_word(value: Any, allowed: tuple[str, ...]) -> str:
     """Read one of the allowed words.
 
     Args:
         value: the value.
         allowed: the words.
-        former: new names by older words, which are refused with the new name.
 
     Raises:
-        InvalidValue: it is none, with the near miss, or with the new name of an older word.
+        InvalidValue: it is another word, with the near miss.
     """
-    if former and isinstance(value, str) and value in former:
-        raise InvalidValue(f"is {quoted(value)}, which is now called {former[value]}; write {former[value]}.")
     if not isinstance(value, str) or value not in allowed:
         raise InvalidValue(f"is {quoted(value)}{near_miss.suggestion(str(value), allowed)}")
     return value
@@ -307,10 +306,8 @@ Flag = Annotated[bool, PlainValidator(checked(read_flag)), WithJsonSchema({"type
 
 @dataclass(frozen=True)
 class Word:
-    """Annotation of a Literal, for the message about another word; `former` maps older words to new ones."""
-
-    former: Mapping[str, str] | None = None
+    """Annotation of a Literal, for the message about another word."""
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
-        read = checked(read_word, allowed=get_args(source), former=self.former)
+        read = checked(read_word, allowed=get_args(source))
         return core_schema.no_info_before_validator_function(read, handler(source))

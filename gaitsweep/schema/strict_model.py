@@ -30,8 +30,6 @@ from pydantic_core import CoreSchema, ErrorDetails, SchemaValidator, core_schema
 from gaitsweep import near_miss
 from gaitsweep.expression import VARY_GROUPS
 from gaitsweep.schema.diagnostics import (
-    FORMER_RUN_FIELDS,
-    FORMER_RUN_KINDS,
     Diagnostic,
     Path,
     quoted,
@@ -296,9 +294,8 @@ def _from_details(
     if error == "gaitsweep":
         return Diagnostic(path, context["text"])
     if error == "extra_forbidden":
-        former = FORMER_RUN_FIELDS.get(key)
         place = _place_of(str(path[-1]), section, sections)
-        return unknown_field(path, section.words, section.fields, former, place)
+        return unknown_field(path, section.words, section.fields, place)
     if error == "missing":
         return Diagnostic(path, f"is missing: {section.fields[str(path[-1])].description}.")
     if error in ("union_tag_invalid", "union_tag_not_found"):
@@ -345,11 +342,8 @@ def _place_of(field: str, section: SchemaSection, sections: Mapping[str, SchemaS
 def _about_kind(path: Path, value: object, sections: dict[str, SchemaSection]) -> Diagnostic:
     """Return the diagnostic of a run or a figure whose `kind` is missing or unknown."""
     kinds = [tag.rpartition(".")[2] for tag, section in sections.items() if section.union == path[0]]
-    if path[0] == "run":
-        wrong = wrong_kind(path, value, kinds, FORMER_RUN_KINDS, "a run kind")
-    else:
-        wrong = wrong_kind(path, value, kinds, noun="a figure kind")
-    return wrong or Diagnostic(path, f"is {quoted(value)}.")
+    noun = "a run kind" if path[0] == "run" else "a figure kind"
+    return wrong_kind(path, value, kinds, noun) or Diagnostic(path, f"is {quoted(value)}.")
 
 
 def _without_tags(loc: Path, sections: dict[str, SchemaSection]) -> Path:

@@ -253,9 +253,6 @@ class ResultDirectory:
         folder = self.path / TABLE
         files = f"1 file of {folder} has" if count == 1 else f"{count} files of {folder} have"
         text = f"{files} no digests"
-        if self.manifest["format"] == 1:
-            self.notes.append(f"{text}, as in older versions: some damage to them cannot be detected.")
-            return
         write_digests(self.path, read_digests(self.path) | examined.undigested)
         self.notes.append(
             f"{text} in {DIGESTS}. Their job, block, rows and page checksums are correct: the files "
@@ -505,11 +502,8 @@ class ResultDirectory:
             remove_partials(self.path / TABLE)
 
     def _write_manifest(self) -> None:
-        """Write `manifest.json`, sealed from format 2 on."""
-        plain = json_value(self.manifest)
-        if plain["format"] > 1:
-            plain = sealed(plain)
-        self.manifest = plain
+        """Write `manifest.json`, sealed."""
+        self.manifest = plain = sealed(json_value(self.manifest))
         replace_file(self.path / MANIFEST, lambda file: file.write(manifest_bytes(plain)))
 
     def close(self) -> None:

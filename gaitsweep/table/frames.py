@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import dataclasses
 import functools
-import math
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -22,87 +20,31 @@ from gaitsweep.table.atomic_files import TableError
 from gaitsweep.table.manifest import TABLE
 from gaitsweep.table.parquet_parts import Footer
 
-# Columns of tables with one record a row from which `outcome` follows, where their parts are older than it.
-_SOURCES = ("cycles", "gait", "status")
 _LONG = 64  # items of a list that copies of a table share
 _IMMUTABLE = {int, float, str, bool, type(None)}
 
 
-@dataclasses.dataclass
-class _Part:
-    """Records of a part: its columns, and the names of the codes that categorical columns have."""
-
-    length: int
-    columns: dict[str, np.ndarray | pa.ChunkedArray]
-    categories: dict[str, list[str]]
-
-
 class PartRecords:
-    """Parts in order; numeric columns of all parts are read into one array, without copies.
+    """The records of parts in order, and the categories of all parts by column."""
 
-    Args:
-        n_rows: the number of rows of the table; with the first part, it gives the number of records.
-    """
+    def __init__(self) -> None:
+        self.tables: list[pa.Table] = []
+        self.categories: dict[str, dict[str, None]] = {}
 
-    def __init__(self, n_rows: int) -> None:
-        self._n_rows = n_rows
-        self._room = 0
-        self._full_columns: dict[str, np.ndarray] = {}
-        self.parts: list[_Part] = []
-        self.length = 0
+    def add(self, table: pa.Table, footer: Footer) -> None:
+        """Add the records of a part."""
+        self.tables.append(table)
+        for name, categories in footer.categories.items():
+            self.categories.setdefault(name, {}).update(dict.fromkeys(categories))
 
-    def add(self, table: pa.Table, footer: Footer, records_per_row: float = 1.0) -> None:
-        """Add the records of a part.
-
-        Args:
-            table: the records.
-            footer: the part's footer.
-            records_per_row: about how many records a row has.
-        """
-        self._room = self._room or math.ceil(records_per_row * self._n_rows)
-        columns: dict[str, np.ndarray | pa.ChunkedArray] = {}
-        for name, column in zip(table.column_names, table.columns, strict=True):
-            if name in footer.categories:
-                columns[name] = self._placed(name, _codes(column, footer.categories[name]))
-            elif pa.types.is_floating(column.type) or (
-                pa.types.is_integer(column.type) and not column.null_count
-            ):
-                columns[name] = self._placed(name, column.to_numpy())
-            else:  # text, flags, and whole numbers of which some are missing
-                columns[name] = column
-        self.parts.append(_Part(table.num_rows, columns, footer.categories))
-        self.length += table.num_rows
-
-    def _placed(self, name: str, values: np.ndarray) -> np.ndarray:
-        """Copy values to their place in the full column, if they fit; return the copy."""
-        if name not in self._full_columns:
-            self._full_columns[name] = np.empty(self._room, values.dtype)
-        full_column = self._full_columns[name]
-        place = full_column[self.length : self.length + len(values)]
-        if full_column.dtype != values.dtype or len(place) != len(values):
-            return np.array(values)
-        place[:] = values
-        return place
-
-    def full_column(self, name: str) -> np.ndarray | None:
-        """Return the column of all parts, if all have their values there, else None."""
-        full_column = self._full_columns.get(name)
-        if full_column is None:
-            return None
-        for part in self.parts:
-            column = part.columns.get(name)
-            if not isinstance(column, np.ndarray) or column.base is not full_column:
-                return None
-        return full_column[: self.length]
-
-
-def decoded_columns(columns: Sequence[str]) -> tuple[str, ...]:
-    """Return the columns of the parts that are needed for these columns of the table."""
-    return (*columns, *_SOURCES) if "outcome" in columns else tuple(columns)
+    @property
+    def length(self) -> int:
+        """The number of records."""
+        return sum(table.num_rows for table in self.tables)
 
 
 def joined_parts(path: Path, parts: PartRecords, columns: Sequence[str] | None) -> pd.DataFrame:
-    """Join the records of all parts.
+    """Join the records of all parts, which `parts` then no longer has.
 
     Args:
         path: the result directory, for messages.
@@ -112,27 +54,36 @@ def joined_parts(path: Path, parts: PartRecords, columns: Sequence[str] | None) 
     Raises:
         TableError: there is no such column, or the types of a column do not fit together.
     """
-    names = list(dict.fromkeys(name for part in parts.parts for name in part.columns))
-    has_sources = all(name in names for name in _SOURCES)
-    lacks_outcome = has_sources and any("outcome" not in part.columns for part in parts.parts)
-    if lacks_outcome:
-        names = [name for name in names if name != "outcome"]
-        names.insert(names.index("gait") + 1, "outcome")
-    values: dict[str, Any] = {}
-    for name in names if columns is None else dict.fromkeys(columns):
-        if name not in names:
+    known = dict.fromkeys(name for table in parts.tables for name in table.column_names)
+    names = list(known if columns is None else dict.fromkeys(columns))
+    for name in names:
+        if name not in known:
             raise TableError(f"{name} is not a column of {path}{_near_column(path, name)}")
-        try:
-            if lacks_outcome and name == "outcome":
-                values[name] = outcomes(_joined("gait", parts), _joined("status", parts))
-            else:
-                values[name] = _joined(name, parts)
-        except pa.ArrowException as error:
-            raise TableError(
-                f"The parts of {path} do not fit together ({' '.join(str(error).split())}): "
-                "different versions wrote them. Run its job into another directory."
-            ) from error
-    return pd.DataFrame(values, index=pd.RangeIndex(parts.length), copy=False)
+    try:
+        encoded = [_encoded(table, names, parts.categories) for table in parts.tables]
+        joined = pa.concat_tables(encoded, promote_options="permissive").unify_dictionaries().select(names)
+    except pa.ArrowException as error:
+        raise TableError(
+            f"The parts of {path} do not fit together ({' '.join(str(error).split())}): "
+            "different versions wrote them. Run its job into another directory."
+        ) from error
+    # each column leaves Arrow's memory as it is converted
+    parts.tables.clear()
+    encoded.clear()
+    frame = joined.to_pandas(self_destruct=True)
+    for name in names:
+        if name in parts.categories:
+            frame[name] = frame[name].cat.set_categories(list(parts.categories[name]))
+    return frame
+
+
+def _encoded(table: pa.Table, names: Sequence[str], categorical_names: Container[str]) -> pa.Table:
+    """The named columns of a part, as far as it has them, with categorical ones dictionary-encoded."""
+    columns = {name: table.column(name) for name in names if name in table.column_names}
+    for name, column in columns.items():
+        if name in categorical_names and not pa.types.is_dictionary(column.type):
+            columns[name] = column.dictionary_encode()
+    return pa.table(columns)
 
 
 def outcomes(gait: pd.Categorical, status: ArrayLike) -> pd.Categorical:
@@ -186,56 +137,3 @@ def _near_column(path: Path, name: str) -> str:
     """Return the end of the message about an unknown column."""
     file = next(iter(sorted((path / TABLE).glob("part-*.parquet"))))
     return near_miss.suggestion(name, pq.read_schema(file).names)
-
-
-def _joined(name: str, parts: PartRecords) -> Any:
-    """Join a column of all parts: categorical, an array, or a series."""
-    full_column = parts.full_column(name)
-    if not any(name in part.categories for part in parts.parts):
-        return _promoted(name, parts.parts) if full_column is None else full_column
-    categories = list(dict.fromkeys(text for part in parts.parts for text in part.categories.get(name, ())))
-    if full_column is None or any(part.categories[name] != categories for part in parts.parts):
-        full_column = np.concatenate([_recoded(name, part, categories) for part in parts.parts])
-    return categorical(full_column, categories)
-
-
-def _recoded(name: str, part: _Part, categories: list[str]) -> np.ndarray:
-    """Return the codes (n,) of a part's column among the categories of all parts."""
-    column = part.columns.get(name)
-    if column is None:
-        return np.full(part.length, -1, _narrow(categories))
-    if isinstance(column, pa.ChunkedArray):
-        return _codes(column, categories)
-    codes = [*map(categories.index, part.categories[name]), -1]
-    return np.array(codes, _narrow(categories))[column]
-
-
-def _promoted(name: str, parts: list[_Part]) -> pd.Series:
-    """Join a column of text or flags, or one whose type differs between parts of different versions."""
-    pieces = [_in_arrow(part.columns.get(name, pa.nulls(part.length))) for part in parts]
-    kinds = [pa.schema([pa.field(name, piece.type)]) for piece in pieces]
-    common = pa.unify_schemas(kinds, promote_options="permissive").types[0]
-    chunks = [chunk.cast(common) for piece in pieces for chunk in piece.chunks]
-    return pa.chunked_array(chunks, common).to_pandas()
-
-
-def _in_arrow(piece: np.ndarray | pa.Array | pa.ChunkedArray) -> pa.ChunkedArray:
-    """Convert a column of a part, which may be missing or in NumPy's memory, to an array of Arrow."""
-    return piece if isinstance(piece, pa.ChunkedArray) else pa.chunked_array([pa.array(piece)])
-
-
-def _narrow(categories: list[str]) -> np.dtype[Any]:
-    """Return the smallest integer type for codes of categories, as in pandas."""
-    return np.min_scalar_type(-max(len(categories), 1))
-
-
-def _codes(column: pa.ChunkedArray, categories: list[str]) -> np.ndarray:
-    """Return the index of each name among the categories, -1 for missing names."""
-    place = {name: number for number, name in enumerate(categories)}
-    codes = [np.zeros(0, _narrow(categories))]
-    for chunk in column.chunks:
-        encoded = chunk if pa.types.is_dictionary(chunk.type) else chunk.dictionary_encode()
-        names = encoded.dictionary.to_pylist()
-        code_of_name = np.array([*(place.get(name, -1) for name in names), -1], _narrow(categories))
-        codes.append(code_of_name[encoded.indices.fill_null(-1).to_numpy()])
-    return np.concatenate(codes)

@@ -23,7 +23,6 @@ JOB = "job.yaml"
 TABLE = "table"
 FIGURES = "figures"
 FORMAT = 2  # of the directory; it is increased by a change that older versions cannot read
-FORMATS = (1, FORMAT)  # formats that can be read; format 1 has no digests
 SEAL = "sha256"  # the digest of all other fields
 IDENTITY = ("format", "job_hash", "rows", "block")  # the fields that every manifest has and that never change
 _LARGEST = 256 * 2**20  # bytes
@@ -88,14 +87,13 @@ def read_manifest(path: Path) -> dict[str, Any]:
         raise DamagedManifest(
             f"{file} is not a manifest of gaitsweep: it lacks one of {', '.join(IDENTITY)}."
         )
-    if manifest["format"] in FORMATS:  # a later one may have other fields
-        _check_fields(file, manifest)
-    if manifest["format"] not in FORMATS or isinstance(manifest["format"], bool):
+    if manifest["format"] != FORMAT:
         raise TableError(
             f"{path} has format {clipped(str(manifest['format']))}, but this version of gaitsweep reads only "
-            f"formats up to {FORMAT}. Use the version named in its manifest."
+            f"format {FORMAT}. Use the version named in its manifest."
         )
-    if manifest["format"] >= FORMAT and manifest.get(SEAL) != sealed(manifest)[SEAL]:
+    _check_fields(file, manifest)
+    if manifest.get(SEAL) != sealed(manifest)[SEAL]:
         raise DamagedManifest(f"{file} was changed after gaitsweep wrote it", path)
     return manifest
 

@@ -10,7 +10,6 @@ from typing import Any
 import pandas as pd
 
 from gaitsweep import near_miss
-from gaitsweep.schema.diagnostics import renamed
 from gaitsweep.table.atomic_files import TableError
 from gaitsweep.table.frames import PartRecords, joined_parts, with_shared_lists
 from gaitsweep.table.manifest import Layout, json_value, new_manifest, sealed
@@ -81,7 +80,7 @@ class MemoryTable:
         frame = self._frame(None, rows)
         manifest = with_shared_lists(sealed(json_value(self.manifest)))
         frame.attrs.update(
-            job=renamed(manifest["job"]),
+            job=manifest["job"],
             manifest=manifest,
             quantities=manifest.get("quantities", {}),
             complete=True,
@@ -97,11 +96,11 @@ class MemoryTable:
     def _frame(self, columns: Sequence[str] | None, rows: Rows | None) -> pd.DataFrame:
         """Return the records of some columns and rows."""
         selection = Selection.of(columns, rows, self.layout.rows)
-        parts = PartRecords(self.layout.rows if selection.rows is None else len(selection.rows))
+        parts = PartRecords()
         for _, (records, footer) in sorted(self._parts.items()):
             for name in columns or ():
                 if name not in records.column_names:
                     near = near_miss.suggestion(name, records.column_names)
                     raise TableError(f"{name} is not a column of the table{near}")
-            parts.add(selection.records_of(records), footer, records.num_rows / footer.rows)
+            parts.add(selection.records_of(records), footer)
         return joined_parts(Path(), parts, columns)

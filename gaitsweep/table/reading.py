@@ -15,11 +15,10 @@ import pyarrow as pa
 import yaml
 from numpy.typing import ArrayLike
 
-from gaitsweep.schema.diagnostics import renamed
 from gaitsweep.table.atomic_files import TableError, read_file, reason
 from gaitsweep.table.digests import digest_of
 from gaitsweep.table.examination import Examination
-from gaitsweep.table.frames import PartRecords, decoded_columns, joined_parts, with_shared_lists
+from gaitsweep.table.frames import PartRecords, joined_parts, with_shared_lists
 from gaitsweep.table.manifest import FIGURES, JOB, Layout, is_job, read_manifest
 from gaitsweep.table.parquet_parts import Footer
 
@@ -99,8 +98,9 @@ class Snapshot:
         """Clause on files without digests, in which damage may go undetected."""
         count = len(self.files.undigested)
         files = "1 file of the table has" if count == 1 else f"{count} files of the table have"
-        again = "" if self.manifest["format"] == 1 else ". Run its job again to write the digests"
-        return f"{files} no digests, so some damage cannot be detected{again}"
+        return (
+            f"{files} no digests, so some damage cannot be detected. Run its job again to write the digests"
+        )
 
     def require_sound(self) -> None:
         """Refuse a table with damaged files or files of another table.
@@ -156,7 +156,7 @@ class Selection:
         Raises:
             TableError: the table does not have these rows, or they are not row numbers.
         """
-        names = None if columns is None else decoded_columns(columns)
+        names = None if columns is None else tuple(columns)
         if rows is None:
             return cls(names)
         if isinstance(rows, slice):
@@ -194,13 +194,11 @@ def _snapshot(path: Path, parts: PartRecords | None = None, selection: Selection
     selection = selection or Selection()
     manifest = read_manifest(path)
     examined = Examination(path, Layout.of(manifest))
-    run, on_disk = _jobs_of(path, manifest, examined.digests.get(JOB))
-    job = renamed(run)
-    written = job if on_disk is run else renamed(on_disk)
+    job, written = _jobs_of(path, manifest, examined.digests.get(JOB))
     for number, table in examined.parts(records=parts is not None, columns=selection.columns):
         if parts is not None and table is not None:
             footer = examined.footers[number]
-            parts.add(selection.records_of(table), footer, table.num_rows / footer.rows)
+            parts.add(selection.records_of(table), footer)
     opened = np.concatenate([np.zeros(0, np.int64), *(rows.row for _, rows in examined.open_rows())])
     done = np.array(sorted(examined.footers), np.int64)
     waiting = np.unique(opened[~np.isin(opened // examined.layout.block, done)])
@@ -301,7 +299,7 @@ def load_with_snapshot(
     columns = [columns] if isinstance(columns, str) else columns
     n_rows = read_manifest(path)["rows"]
     selection = Selection.of(columns, rows, n_rows)
-    parts = PartRecords(n_rows if selection.rows is None else len(selection.rows))
+    parts = PartRecords()
     snapshot = _snapshot(path, parts, selection)
     snapshot.require_sound()
     if not snapshot.files.footers:
@@ -332,15 +330,15 @@ def load_parts(path: str | Path, columns: Sequence[str]) -> Iterator[pd.DataFram
         TableError: as `load`; a damaged file is found when its part is read.
     """
     path = Path(path)
-    selection = Selection(decoded_columns(columns))
+    selection = Selection(tuple(columns))
     examined = Examination(path, Layout.of(read_manifest(path)))
-    parts = PartRecords(_MAX_RECORDS)
+    parts = PartRecords()
     for number, table in examined.parts(records=True, columns=selection.columns):
         if table is not None:
             parts.add(selection.records_of(table), examined.footers[number])
         if parts.length > _MAX_RECORDS // 2:
             yield joined_parts(path, parts, columns)
-            parts = PartRecords(_MAX_RECORDS)
+            parts = PartRecords()
     if parts.length:
         yield joined_parts(path, parts, columns)
     _refuse_faults(examined)

@@ -13,7 +13,7 @@ from jaxtyping import Float
 
 from gaitsweep.contract import Model
 from gaitsweep.design.design import row_params
-from gaitsweep.dynamics.footfalls import SHORTEST_CONTACT
+from gaitsweep.dynamics.gaits_by_footfalls import SHORTEST_CONTACT
 from gaitsweep.job import Job
 from gaitsweep.job.load import stored_job
 from gaitsweep.kinds.columns import gaits

@@ -11,7 +11,7 @@ import pytest
 import gaitsweep as gs
 from gaitsweep.analysis.records import AnalysisError
 from gaitsweep.papers.fukuoka2015.analysis.gait_bouts import gait_bouts, gaits_along
-from gaitsweep.papers.fukuoka2015.analysis.gait_tables import gaits_counted, gaits_in
+from gaitsweep.papers.fukuoka2015.analysis.gait_tables import gaits_counted, gaits_in, own_gaits_in
 from gaitsweep.papers.fukuoka2015.analysis.swing_onsets import Steadiness, gait_of
 from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import CHART, LEGS, family, signs
 from tests.support.gait_traces import crossings_of, ends, trace_of, traces
@@ -44,6 +44,21 @@ def test_gaits_are_counted_over_parameters() -> None:
     assert list(counted["k2"]) == [0.0, 0.08]
     assert list(counted.drop(columns="k2").sum(axis=1)) == [5, 4]
     assert list(gaits_counted(result.drop(columns=["k2", "seed"])).iloc[0]) == [1] * 9
+
+
+def test_gaits_of_another_model_are_counted_by_its_own_names() -> None:
+    """Rows that failed count by their outcome; tables with several records of a row are left out."""
+    table = pd.DataFrame({
+        "row": [0, 1, 2, 3], "mass": [1.0, 1.0, 2.0, 2.0], "status": ["settled"] * 3 + ["fell"],
+        "cycles": [9] * 4, "gait": ["walk", "hop", "walk", None],
+        "outcome": ["walk", "hop", "walk", "failed"],
+    })  # fmt: skip
+    gaits = own_gaits_in(table)
+    assert gaits is not None
+    counted = gaits_counted(gaits)
+    assert counted.to_dict("list") == {"mass": [1.0, 2.0], "failed": [0, 1], "hop": [1, 0], "walk": [1, 1]}
+    assert own_gaits_in(table.assign(row=0)) is None
+    assert own_gaits_in(traces()) is None
 
 
 def test_signals_of_another_model_are_given_by_name() -> None:

@@ -188,6 +188,20 @@ def test_all_jumps_of_a_pass_are_found_whatever_their_unit(scale: float) -> None
     assert jump_intervals(table.assign(gait="walk"), "x", "speed")["low"].tolist() == [1.5, 2.2]
 
 
+def test_a_slow_hold_of_a_row_on_one_branch_is_no_jump() -> None:
+    """A branch of slope 0.01 whose last hold is 0.02 off, beside a row that jumps by 1; an angle likewise."""
+    stairs = np.arange(13)
+    branch = 0.01 * stairs - 0.02 * (stairs == 12)
+    parts = [
+        pd.DataFrame({"row": row, "pass": 0, "stair": stairs, "f": 0.1 * stairs, "x_n": values})
+        for row, values in enumerate([branch, 0.01 * stairs + (stairs > 5)])
+    ]
+    table = pd.concat(parts).assign(settled=True, status="complete", gait="pace")
+    assert jumps(table, "x", "f", None)["row"].tolist() == [1]
+    of_angle = table.rename(columns={"x_n": "delta_13_n"})
+    assert not len(jumps(of_angle[of_angle["row"] == 0], "delta_13", "f", None))
+
+
 def test_missing_columns_are_refused() -> None:
     table = staircase_table()
     with pytest.raises(

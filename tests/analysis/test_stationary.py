@@ -277,16 +277,16 @@ def test_generalized_hopf_and_fold_hopf_points() -> None:
 
 def test_folds_and_cusp() -> None:
     """27 r^2 = 4 a^3 of a flow with a clock, which need not rest."""
-    run = gs.Folds(
-        parameters=["r", "a"], within={"r": [-2.0, 2.0], "a": [-1.0, 2.0]}, stationary=True, without=["clock"]
-    )
-    table = gs.sweep(CuspFlow(), r=0.1, a=1.0, run=run, verify=0).table
-    np.testing.assert_allclose(27.0 * table["r_fold"] ** 2, 4.0 * table["a_fold"] ** 3, atol=1e-7)
-    (cusp,) = specials(table).to_dict("records")
+    found = atlas(
+        CuspFlow(), parameter="r", path=(-2.0, 2.0), at=0.0, a=1.0, second={"a": (-1.0, 2.0)},
+        ranges={"x_0": (-2.0, 2.0)}, without=["clock"],
+    )  # fmt: skip
+    assert set(found.curves["part"]) == {"fold"}
+    np.testing.assert_allclose(27.0 * found.curves["r"] ** 2, 4.0 * found.curves["a"] ** 3, atol=1e-7)
+    (cusp,) = specials(found.curves).to_dict("records")
     assert cusp["special"] == "cusp"
-    np.testing.assert_allclose([cusp["r_fold"], cusp["a_fold"]], 0.0, atol=1e-5)
-    np.testing.assert_allclose(table["eigenvalue_re"], 0.0, atol=1e-6)
-    assert set(table["gait"]) == {"rest"}
+    np.testing.assert_allclose([cusp["r"], cusp["a"]], 0.0, atol=1e-5)
+    np.testing.assert_allclose(found.curves["eigenvalue_re"], 0.0, atol=1e-6)
 
 
 def test_variables_that_never_rest() -> None:

@@ -24,7 +24,6 @@ KINDS = {
     "ramp": gs.Ramp(parameter="stiffness", path=[4, 5], rate=0.5),
     "return_map": gs.ReturnMap(crossings=3),
     "continuation": gs.Continuation(parameter="kick", path=[0.2, 0.5]),
-    "folds": gs.Folds(parameters=["kick", "preload"], within={"kick": [0.4, 0.6], "preload": [0.4, 0.6]}),
     "staircase": gs.Staircase(parameter="stiffness", path=[4, 5, 4], step=0.5, dwell=3.0),
 }
 
@@ -41,9 +40,7 @@ def run_of(kind: str) -> dict[str, Any]:
     return {name: value for name, value in KINDS[kind].model_dump().items() if value is not None}
 
 
-@pytest.mark.slow(
-    "continuation", "fixed_time", "folds", "ramp", "refined", "return_map", "staircase", "trace"
-)
+@pytest.mark.slow("continuation", "fixed_time", "ramp", "refined", "return_map", "staircase", "trace")
 @pytest.mark.parametrize("kind", KINDS)
 def test_memory_and_directory_give_one_table(kind: str, tmp_path: Path) -> None:
     """Value for value and with the same types, attributes and self-check; and so does `run.job()`.

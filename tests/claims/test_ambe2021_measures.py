@@ -9,8 +9,8 @@ import pandas as pd
 import pytest
 
 from gaitsweep import ArgumentError, plot
+from gaitsweep.claims.claims_and_verdicts import ClaimVerdict, read_paper, verdict
 from gaitsweep.claims.measures import MeasureError
-from gaitsweep.claims.paper import ClaimVerdict, read_paper, verdict
 from gaitsweep.errors import UserError
 from gaitsweep.papers.ambe2021 import (
     equation_measures,
@@ -19,7 +19,7 @@ from gaitsweep.papers.ambe2021 import (
     wave_measures,
 )
 from gaitsweep.papers.ambe2021.analysis.travelling_wave import waves
-from gaitsweep.papers.ambe2021.multilegged.mechanics import obstacle_problem
+from gaitsweep.papers.ambe2021.multilegged.forces import obstacle_problem
 from gaitsweep.papers.ambe2021.theory.chain import Chain, touchdown_phase
 from gaitsweep.papers.ambe2021.theory.solution_sets import Branch, places, rule_of
 
@@ -110,6 +110,8 @@ def test_three_lines_at_right_angles() -> None:
         bent, gait="source", free="psi_2", other="psi_3", within=0.15
     )
     assert result == pytest.approx([1.0, 0.0])
+    with pytest.raises(MeasureError, match="two settled rows of the gait source"):
+        settled_measures.slopes_of_segments(bent.head(3), gait="source", free="psi_2", other="psi_3")
     table.loc[3, "psi_2_end"] += 0.5  # off both planes only where psi_1 and psi_3 are, too
     assert settled_measures.distance_from_planes(table) == pytest.approx(0.0, abs=1e-12)
 
@@ -266,3 +268,6 @@ def test_ends_on_both_sides_of_the_branch_cut_are_one() -> None:
         {"row": [0, 1, 2], "crossing": 5, "psi_1_n": [-3.14, 3.14, 3.139], "psi_2_n": [0.1, 2.0, 6.2]}
     )
     assert settled_measures.distinct_ends(ends) == [1.0, 3.0]
+    for of_rows in (settled_measures.last_change, settled_measures.distinct_ends):
+        with pytest.raises(MeasureError, match="The table is empty"):
+            of_rows(ends.head(0))

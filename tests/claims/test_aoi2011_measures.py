@@ -244,6 +244,12 @@ def test_values_of_gaits(stairs: pd.DataFrame) -> None:
     assert away == pytest.approx(np.abs(stairs["delta_13_n"] - CENTRE).max())
     settled = settle_table((0.0,), (-1.0, 1.0), over="other")
     assert motion_measures.drift_from_start(settled, start="delta_13", end="delta_13_end") < 1e-6
+    without = stairs.assign(delta_13_n=np.nan)
+    with pytest.raises(AnalysisError, match="No record has a value of delta_13_n"):
+        motion_measures.spread_over(without, column="delta_13_n", over="f", where="gait == 'trot'")
+    fallen = settled.assign(delta_13_end=np.nan)
+    with pytest.raises(AnalysisError, match="A row has no value of delta_13 or delta_13_end"):
+        motion_measures.drift_from_start(fallen, start="delta_13", end="delta_13_end")
     moved = motion_measures.difference_of_gaits(
         settled, stairs, observable="delta_13", where="abs(f) < 0.01", gaits=["walk", "trot"]
     )

@@ -8,8 +8,8 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
+from gaitsweep.claims.claims_and_verdicts import ClaimVerdict
 from gaitsweep.claims.page import page
-from gaitsweep.claims.paper import ClaimVerdict
 from tests.support.browser import browser, program
 
 TEXT = (

@@ -6,8 +6,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from gaitsweep.claims.claims_and_verdicts import ClaimVerdict, read_paper, verdict
 from gaitsweep.claims.measures import MeasureError, default_values
-from gaitsweep.claims.paper import ClaimVerdict, read_paper, verdict
 from gaitsweep.papers.fukuoka2015 import gait_measures, ramp_measures
 from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import CHART, LEGS
 from tests.support.gait_traces import ideal_phases

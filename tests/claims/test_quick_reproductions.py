@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from gaitsweep.claims.paper import ClaimVerdict, read_paper
+from gaitsweep.claims.claims_and_verdicts import ClaimVerdict, read_paper
 from gaitsweep.claims.reproduce import reproduce
 
 # Jobs left out here: of the waist quadruped those that follow hold after hold or take long to compile, of the

@@ -8,13 +8,12 @@ import pandas as pd
 import pytest
 
 from benchmarks.reliability.faults import FAULTS, ROOT
+from gaitsweep.claims.claims_and_verdicts import known_papers, read_paper
 from gaitsweep.claims.measures import MEASURES, MeasureError, difference_of_shares, share, texts, value
-from gaitsweep.claims.paper import known_papers, read_paper
 from gaitsweep.claims.reproduce import reproduce
 from gaitsweep.cli import main
-from gaitsweep.errors import ArgumentError
+from gaitsweep.errors import ArgumentError, JobError
 from gaitsweep.expression import ExpressionError
-from gaitsweep.schema.diagnostics import JobError
 
 JOB = """\
 name: small

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from gaitsweep.claims.paper import Claim, ClaimVerdict, verdict
+from gaitsweep.claims.claims_and_verdicts import Claim, ClaimVerdict, verdict
 
 REPRODUCED, NOT, OPEN = ClaimVerdict.reproduced, ClaimVerdict.not_reproduced, ClaimVerdict.open_constants
 

@@ -27,7 +27,7 @@ def examples(module: str) -> list[doctest.DocTest]:
     "gaitsweep.api.atlas",
     "gaitsweep.api.fixed_points",
     "gaitsweep.api.return_map",
-    "gaitsweep.dynamics.footfalls",
+    "gaitsweep.dynamics.gaits_by_footfalls",
 )
 @pytest.mark.parametrize("module", MODULES)
 def test_examples_print_their_output(module: str) -> None:

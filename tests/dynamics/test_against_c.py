@@ -21,7 +21,7 @@ import gaitsweep as gs
 from gaitsweep.cli.main import app
 from gaitsweep.dynamics.mjx import against_c
 from gaitsweep.dynamics.mjx.against_c import at_first_use, compare
-from gaitsweep.dynamics.mjx.body import MjxBody, mjx
+from gaitsweep.dynamics.mjx.mjx_body import MjxBody, mjx
 from gaitsweep.dynamics.mjx.refusals import cautions
 from gaitsweep.examples.mujoco_hopper import MujocoHopper
 from gaitsweep.models.conformity import fault

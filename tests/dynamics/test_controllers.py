@@ -26,10 +26,10 @@ from gaitsweep.dynamics.controllers.oscillators import (
     MatsuokaOscillators,
     PhaseOscillators,
 )
+from gaitsweep.errors import JobError
 from gaitsweep.models.conformity import variables_without_rate
 from gaitsweep.models.sampled_points import sampled_points
 from gaitsweep.models.starts import starts_in_ground
-from gaitsweep.schema.diagnostics import JobError
 from gaitsweep.shipped import EXAMPLES
 
 WALKERS = EXAMPLES / "walkers"
@@ -108,6 +108,9 @@ def test_matsuoka_oscillators_have_their_feedback_and_frequency() -> None:
     oscillators = MatsuokaOscillators.model_validate(fields)
     numbers = {"Tr": 0.05, "Ta": 0.5, "b": 2.5, "gamma_": -2.0, "drive": 1.0, "between": -0.5}
     p = SimpleNamespace(**numbers, k1=3.0, k2=0.01, theta0=0.0)
+    # rows begin before the section by default, so that its event is not missed at the start
+    begun = SimpleNamespace(u=jnp.asarray(oscillators.declarations(LEGS)["u"].start))
+    assert float(oscillators.turned(begun)) < 0.0
     u, f = np.arange(8.0) / 8.0 - 0.3, np.arange(8.0) / 10.0
     rates = oscillators.rates(LEGS, p, SimpleNamespace(u=jnp.asarray(u), f=jnp.asarray(f)), SENSES)
     hip = 3.0 * np.array([0.1, -0.2, 0.3, 0.0])

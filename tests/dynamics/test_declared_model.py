@@ -7,6 +7,7 @@ import pickle
 import re
 import warnings
 from pathlib import Path
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -384,6 +385,24 @@ def test_wrong_declarations_are_refused_when_the_class_is_defined(words: str) ->
         type("Mine", (Ground,), REFUSED_AT_ONCE[words])
 
 
+def test_defaults_may_be_numbers_of_numpy() -> None:
+    whole: Any = np.int64(3)
+    single: Any = np.float32(0.5)
+    several: Any = np.array([1, 2])
+    of_jax: Any = jnp.asarray(0.5)
+    flag: Any = np.True_
+    assert [type(parameter("1", "k", value).quantity.default) for value in (whole, single)] == [int, float]
+    assert parameter("1", "k", several, count=2).defaults == (1, 2)
+    assert variable("1", "y", of_jax).start == 0.5
+    assert mode(flag, "down").start is True
+
+
+@pytest.mark.parametrize("start", [0.5, "down", (0, 0.5), None])
+def test_a_mode_begins_with_a_bool_or_a_whole_number(start: Any) -> None:
+    with pytest.raises(TypeError, match="must have a bool or a whole number"):
+        mode(start, "down")
+
+
 @pytest.mark.parametrize("count", [0, -1, 2.0, True])
 def test_a_count_is_a_number_of_components(count: object) -> None:
     with pytest.raises(TypeError, match=r"allowed are whole numbers from 1 on, and the name of a field"):
@@ -406,13 +425,10 @@ def test_names_of_columns_are_those_of_the_tables() -> None:
         gs.Staircase(**along, step=0.1, dwell=10.0),
         gs.Continuation(**along, crossing=True),
         gs.Continuation(**along, stationary=True),
-        RUN_KINDS["folds"](parameters=["g", "g"], within={"g": [9.0, 10.0]}),
         RUN_KINDS["atlas"](**along, ranges={"z_0": [0.0, 1.0]}),
     )
     times = {f"t_{name.replace(' ', '_')}" for name in model.guard_names}  # of events, in an atlas
-    columns = (
-        {column.name for run in runs for column in run.all_columns(model)} - own - times - {"g", "g_fold"}
-    )
+    columns = {column.name for run in runs for column in run.all_columns(model)} - own - times - {"g"}
     assert columns | {"row"} == set(COLUMNS)
     assert {column.name for column in trace.all_columns(model)} - own < set(OF_TRACES)
     page = (Path(__file__).parents[2] / "docs/own_model.md").read_text()
@@ -550,6 +566,9 @@ def test_contradictions_are_refused_in_one_sentence() -> None:
             made(**members)
     with pytest.raises(TypeError, match="rising=False, so it needs during="):
         event("lands", rising=False)
+    interval: Any = 1.0
+    with pytest.raises(TypeError, match=r"'kick' have every=1\.0, .*every=lambda p: 1\.0"):
+        gs.instants("kick", every=interval)
     with pytest.raises(TypeError, match="'kick' have after= without every="):
         gs.instants("kick", at=[1.0], after=0.5)
     with pytest.raises(ValueError, match="z has 2 start values, but 3 numbers"):

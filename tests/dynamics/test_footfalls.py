@@ -15,7 +15,7 @@ import pytest
 
 import gaitsweep as gs
 from gaitsweep import DeclaredModel, event, footfalls, mode, parameter, variable
-from gaitsweep.dynamics.footfalls import (
+from gaitsweep.dynamics.gaits_by_footfalls import (
     GAITS,
     LEGS,
     SHORTEST_CONTACT,
@@ -27,7 +27,7 @@ from gaitsweep.dynamics.footfalls import (
 from gaitsweep.models.conformity import fault
 from gaitsweep.models.value_faults import faults
 from gaitsweep.runs.sentences import remarks
-from gaitsweep.runs.summary import add_uneven_strides
+from gaitsweep.runs.summary import add_uneven_strides, add_without_gait
 
 # Touchdowns as shares of a stride, in the order of `LEGS`, and the duty factor, of gaits as their sources
 # describe them. Fours are LF, RF, LH, RH; sixes L1, R1, L2, R2, L3, R3.
@@ -282,7 +282,8 @@ def test_a_clock_of_another_rate_is_a_fault() -> None:
 def test_contacts_of_a_step_or_two_do_not_count() -> None:
     """A trot of stride 0.4 s and duty 0.6, whose contacts chatter at touchdown and before liftoff.
 
-    A foot has landed after its bounce, which ends 2 steps late. Without the rule it has no stride.
+    A foot has landed at the first touch of its bounce, and lifted at the last lift. Without the rule it has
+    no stride.
     """
     dt, period, duty, touchdown = 0.002, 0.4, 0.6, np.array([0.0, 0.5, 0.5, 0.0])
     phase = np.mod(np.arange(1100)[:, None] * dt / period - touchdown + 1e-9, 1.0)
@@ -319,18 +320,29 @@ def test_contacts_of_a_step_or_two_do_not_count() -> None:
         numbers = end(debounced, instants)
         for leg in range(4):
             assert numbers[f"stride_{leg + 1}"] == pytest.approx(period, abs=1e-9)
-            assert numbers[f"duty_{leg + 1}"] == pytest.approx(duty - 2.0 * dt / period, abs=1e-9)
+            assert numbers[f"duty_{leg + 1}"] == pytest.approx(duty, abs=1e-9)
         lags = [numbers[f"lag_{i}"] for i in (2, 3, 4)]
         np.testing.assert_allclose(np.cos(lags), [-1.0, -1.0, 1.0], atol=1e-9)
-        assert numbers["support_4"] == pytest.approx(0.2 - 4.0 * dt / period, abs=1e-9)
+        assert numbers["support_4"] == pytest.approx(0.2, abs=1e-9)
         assert GAITS[4][int(feet.gait(numbers))] == "trot"
     assert not abs(end(plain)["stride_1"] - period) < 0.1 * period  # none
+    # a bounce of one diagonal alone does not change the gait, nor that the shares of support add up
+    plain_touchdown = np.array(down)
+    plain_touchdown[:, [1, 2]] |= (step[:, [1, 2]] < 12) & (phase[:, [1, 2]] < duty)
+    states.down = jnp.asarray(
+        plain_touchdown & ~((step >= 1) & (step < 9) & np.array([True, False, False, True]))
+    )
+    numbers = end(feet.begun(jnp.zeros(()), debounced=True))
+    assert [numbers[f"lag_{i}"] for i in (2, 4)] == pytest.approx([np.pi, 0.0], abs=1e-9)
+    assert sum(numbers[f"support_{k}"] for k in range(5)) == pytest.approx(1.0, abs=1e-9)
+    states.down = jnp.asarray(down)
     # the stances in which feet begin are no touchdowns
     start = feet.begun(states.time[20], debounced=True)
     for instants in (every_step[20:150], np.union1d([20], at_events[(at_events > 20) & (at_events < 150)])):
         assert steps_at(start, instants).landings.tolist() == [0, 1, 1, 0]
     feet = dataclasses.replace(feet, shortest_contact=0.0)  # every contact counts
-    assert not abs(end(debounced)["stride_1"] - period) < 0.1 * period
+    # strides of bounces are short, but are strides: a foot that bounces has landed
+    assert 0.0 < end(feet.begun(jnp.zeros(()), debounced=True))["stride_1"] < 0.1 * period
     with pytest.raises(ValueError, match=r"shortest_contact is 0\.6, but must be a share from 0 to 0\.5"):
         footfalls("time", legs=LEGS[4], shortest_contact=0.6)
 
@@ -350,3 +362,14 @@ def test_a_settled_row_whose_foot_lands_more_than_once_a_stride_is_remarked() ->
     assert "1 settled row has no gait, since a foot lands more than once a stride" in sentence
     assert "foot R: its last contact has 0.063 s" in sentence
     assert "`shortest_contact` in the model file" in sentence
+    # row 2's strides differ over two crossings, those of row 3 are equal, and row 4 has a foot that stands
+    part.loc[4] = [4, "settled", 1, "none", 0.96, np.nan, 0.55, np.nan]
+    reasons: dict[str, dict[str, int]] = {}
+    add_without_gait(reasons, part, {"stride_1_end": "L", "stride_2_end": "R"})
+    assert {reason: about["row"] for reason, about in reasons.items()} == {
+        "no_stride": 4, "several": 2, "other_lags": 3,
+    }  # fmt: skip
+    (sentence,) = remarks({"without_gait": {"legs": 2, "reasons": reasons}})
+    assert "3 settled rows have the gait none" in sentence
+    assert "in 1 row (row 4) a foot has no stride" in sentence
+    assert "lag_2 / (2 pi) is within 0.1 of 1/2 in a walk or run, and within 0.0625 of 0 in a hop" in sentence

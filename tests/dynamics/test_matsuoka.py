@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+import gaitsweep as gs
 from gaitsweep.dynamics.matsuoka import FLEXOR, Coupling, leg_feedback, links, rates
 from tests.support.scalar_programs import outputs_of, source_of, traced_with
 
@@ -209,3 +210,83 @@ def test_links_that_are_none() -> None:
     for pair in ((0, 3), (1, 1), (-1, 0)):
         with pytest.raises(ValueError, match=r"not a pair of 3 legs.*0 to 2"):
             links(3, [pair])
+
+
+class HalfCentres(gs.DeclaredModel):
+    """Two half-centres, their section where one takes over from the other, and the pace of the last cycle."""
+
+    Tr = gs.parameter("s", "time constant of the rise", 0.25)
+    Ta = gs.parameter("s", "time constant of the adaptation", 0.5)
+    b = gs.parameter("1", "gain of the fatigue", 2.5)
+    u = gs.variable("1", "potential of half-centre", (0.1, 1.0), count=2, scale=1.0)
+    f = gs.variable("1", "fatigue of half-centre", 0.0, count=2, scale=1.0)
+    clock = gs.variable("s", "time since the section", observed=False)
+    pace = gs.variable("1/s", "cycles per second, of the last cycle", observed=True, scale=1.0, held=True)
+
+    def flow(self, p: Any, s: Any) -> dict[str, Any]:
+        u, f = rates(s.u[:, None], s.f[:, None], s=1.0, Tr=p.Tr, Ta=p.Ta, b=p.b, gamma=-2.0)
+        return {"u": u[:, 0], "f": f[:, 0], "clock": 1.0}
+
+    @gs.event("the first takes over", section=True)
+    def turn(self, p: Any, s: Any) -> Any:
+        return s.u[0] - s.u[1]
+
+    @turn.jump
+    def begin(self, p: Any, s: Any) -> Any:
+        return s.replace(pace=1.0 / s.clock, clock=0.0)
+
+    def period(self, p: Any) -> Any:
+        return 6.0 * p.Ta
+
+
+@pytest.mark.slow
+def test_multipliers_are_those_of_the_monodromy_matrix() -> None:
+    """SciPy integrates the variational equations over a period; max(0, u) is continuous, so no jumps occur.
+
+    The section is where two variables are equal: points displaced to its other side return as their
+    neighbours do.
+    """
+    section = gs.return_map(HalfCentres(), numerics={"rtol": 1e-11, "atol": 1e-13})
+    near = section.settled({}, cycles=6)
+    fixed = section.fixed_points(near)
+    assert fixed.converged.all()
+    names = section.coordinates
+    places = [names.index(name) for name in ("u_1", "u_2", "f_1", "f_2")]
+    start = fixed.points.at[0, places]
+
+    def rhs(t: float, x: np.ndarray) -> np.ndarray:
+        u, f = x[:2], x[2:4]
+        active = np.diag((u > 0.0).astype(float))
+        crossed = active[::-1]
+        jacobian = np.block(
+            [[(-np.eye(2) - 2.0 * crossed) / 0.25, -2.5 * np.eye(2) / 0.25], [active / 0.5, -np.eye(2) / 0.5]]
+        )
+        y = np.maximum(u, 0.0)
+        own = [(-u - 2.0 * y[::-1] - 2.5 * f + 1.0) / 0.25, (y - f) / 0.5]
+        return np.concatenate([*own, (jacobian @ x[4:].reshape(4, 4)).ravel()])
+
+    span = (0.0, fixed.images.observed["time"][0])
+    begin = np.r_[start, np.eye(4).ravel()]
+    end = solve_ivp(rhs, span, begin, method="DOP853", rtol=1e-11, atol=1e-13).y[:, -1]
+    np.testing.assert_allclose(end[:4], start, atol=1e-8)
+    theirs = np.linalg.eigvals(end[4:].reshape(4, 4))
+    theirs = np.delete(theirs, np.argmin(np.abs(theirs - 1.0)))
+    mine = np.ravel(section.multipliers(fixed))
+    np.testing.assert_allclose(np.sort(np.abs(mine))[-3:], np.sort(np.abs(theirs)), atol=1e-6)
+
+
+@pytest.mark.slow
+def test_a_stable_gait_is_not_called_unstable_and_a_push_back_over_the_section_is_small() -> None:
+    """The two halves are alike on the section, so that the self-check follows displaced states.
+
+    A push by 1e-4 to either side of the section moves the crossings by as much; the pace of the short cycle
+    that a push back over the section would close is 1e4.
+    """
+    run = gs.Settle(max_cycles=60, tolerance=1e-6)
+    check = gs.sweep(HalfCentres(), run=run, verify=2, u_1_0=[0.1, 0.2]).manifest["self_check"]
+    assert check["verdict"] == "passed"
+    pushes = {"push_u_1": [-1e-4, 1e-4], "run": {"tolerance": 1e-6}}
+    table = gs.perturb(HalfCentres(), ["u_1"], **pushes, verify=0).table
+    assert table["cycles_back"].tolist() == [0.0, 0.0]
+    assert table["excursion"].max() < 1e-4
+    np.testing.assert_allclose(table["phase_shift"][0], -table["phase_shift"][1], rtol=0.05)

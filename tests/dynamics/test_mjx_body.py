@@ -16,7 +16,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from gaitsweep.dynamics.mjx.body import MjxBody, refusals
+from gaitsweep.dynamics.mjx.mjx_body import MjxBody, refusals
 from gaitsweep.dynamics.mjx.variants import Variants, rescale
 from gaitsweep.papers.aoi2011.waist_quadruped.bodies import compiled_variants
 from gaitsweep.papers.aoi2011.waist_quadruped.bodies import mjx_body as body

@@ -20,7 +20,7 @@ from gaitsweep.dynamics.tree.dynamics import PointForce, YieldingForce, forward_
 from gaitsweep.dynamics.tree.from_mjcf import tree_of
 from gaitsweep.dynamics.tree.kinematics import places
 from gaitsweep.papers.ambe2021.multilegged import model as multilegged
-from gaitsweep.papers.ambe2021.multilegged.mechanics import neighbour_force
+from gaitsweep.papers.ambe2021.multilegged.forces import neighbour_force
 from gaitsweep.papers.aoi2011.waist_quadruped import mechanics, parameters
 from gaitsweep.papers.aoi2011.waist_quadruped.kinematics import WAIST
 from gaitsweep.papers.aoi2011.waist_quadruped.model import WaistQuadruped

@@ -24,7 +24,7 @@ from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.recordings import CrossingRecorder
 from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.engine.stored_traces import dependences
-from gaitsweep.engine.sweep import engines
+from gaitsweep.engine.sweep import engine_choice
 from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
 from gaitsweep.status import Status
 from plane_maps import Logistic
@@ -161,7 +161,7 @@ def test_a_thread_for_each_lane_that_runs(on_card: Any, monkeypatch: pytest.Monk
 
     of_three = run()
     monkeypatch.setattr(cuda_lanes, "CudaDevice", CudaDevice)
-    monkeypatch.setattr(engines, "KERNEL_POLLS_PER_CHUNK", {"gpu": 1})
+    monkeypatch.setattr(engine_choice, "KERNEL_POLLS_PER_CHUNK", {"gpu": 1})
     same(of_three, run())
     assert max(launched) == 8  # two groups
     assert min(launched) < 8

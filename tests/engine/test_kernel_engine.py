@@ -21,12 +21,13 @@ import pytest
 from firing_neuron import Neuron
 from gaitsweep.engine.kernel import cpu_program, llvm_code
 from gaitsweep.engine.kernel.lanes import kernel_of
+from gaitsweep.engine.kernel.operations import OPERATIONS
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.parameter_schedules import RampSchedule
 from gaitsweep.engine.recorders.recorder import Recorder
 from gaitsweep.engine.recorders.recordings import CrossingRecorder, TraceRecorder
 from gaitsweep.engine.recorders.settle import SettleRecorder
-from gaitsweep.engine.sweep.engines import EngineError, choose
+from gaitsweep.engine.sweep.engine_choice import EngineError, choose
 from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
 from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.status import Status
@@ -253,6 +254,19 @@ def test_only_a_fused_difference_keeps_the_last_bit(difference: str, expected: f
     values = np.array([a, a * a, 0.0])
     native(f"def one(s):\n    a = s[0]\n    c = s[1]\n    s[2] = {difference}")(values)
     assert values[2] == expected
+
+
+@pytest.mark.skipif(not llvm.get_host_cpu_features().get("fma"), reason="this processor has no multiply-add")
+def test_fused_sums_of_constants_are_those_of_the_compiled_program() -> None:
+    """Also the signs of their zeros, and 2^-60, which rounding of the product removes."""
+    a = 1.0 + 2.0**-30
+    of_numbers = [(-0.0, 1.0, -0.0), (-0.0, 1.0, 0.0), (1.5, 2.0, -3.0), (a, a, -a * a), (np.inf, 1.0, 0.0)]
+    compiled = native("def one(s):\n    s[3] = fma(s[0], s[1], s[2])")
+    for numbers in of_numbers:
+        values = np.array([*numbers, 0.0])
+        compiled(values)
+        constant = OPERATIONS["fma"].evaluate(*values[:3])
+        assert (constant, np.signbit(constant)) == (values[3], np.signbit(values[3])), numbers
 
 
 def test_contraction_can_be_turned_off() -> None:

@@ -62,7 +62,7 @@ def test_a_trace_without_a_moving_parameter_keeps_its_hash() -> None:
         ("{kind: trace, duration: 3, every: 1, path: [1, 2]}", ["run.path", "run.parameter"]),
         (
             "{kind: trace, duration: 3, every: 1, parameter: kick}",
-            ["run.path is missing", "run.parameter is kick"],
+            ["run.path is missing", "run.rate is missing", "run.parameter is kick"],
         ),
         ("{kind: trace, duration: 3, every: 1, parameter: kick, path: [1, 2]}", ["run.rate is missing"]),
         (

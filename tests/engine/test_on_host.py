@@ -13,7 +13,7 @@ import pytest
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.recordings import CrossingRecorder
 from gaitsweep.engine.recorders.settle import SettleRecorder
-from gaitsweep.engine.sweep.engines import EngineError, choose
+from gaitsweep.engine.sweep.engine_choice import EngineError, choose
 from tests.support.sweeping import run_rows
 from toy_model import Params, Toy
 

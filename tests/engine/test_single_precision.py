@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from gaitsweep.dynamics.single_precision import worked_in
+from gaitsweep.dynamics.single_precision import evaluated_in
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.recordings import CrossingRecorder
 from gaitsweep.engine.solver.methods import refusal
@@ -32,7 +32,7 @@ ARGUMENTS = (
 
 def test_a_function_in_single_precision_rounds_as_single_precision_does() -> None:
     exact = rotated(*ARGUMENTS)
-    result = worked_in("float32", rotated)(*ARGUMENTS)
+    result = evaluated_in("float32", rotated)(*ARGUMENTS)
     assert result["x"].dtype == jnp.float64
     assert result["n"] == 4
     error = np.abs(result["x"] / exact["x"] - 1.0).max()
@@ -41,14 +41,14 @@ def test_a_function_in_single_precision_rounds_as_single_precision_does() -> Non
 
 
 def test_all_of_it_is_in_single_precision() -> None:
-    program = jax.make_jaxpr(worked_in("float32", rotated))(*ARGUMENTS)
+    program = jax.make_jaxpr(evaluated_in("float32", rotated))(*ARGUMENTS)
     for equation in program.eqns:
         if equation.primitive.name != "convert_element_type":
             assert all(getattr(v.aval, "dtype", None) != jnp.float64 for v in equation.outvars), equation
 
 
 def test_in_float64_it_is_the_function_itself() -> None:
-    assert worked_in(np.dtype("float64"), rotated) is rotated
+    assert evaluated_in(np.dtype("float64"), rotated) is rotated
 
 
 def test_a_loop_is_refused() -> None:
@@ -56,7 +56,7 @@ def test_a_loop_is_refused() -> None:
         return jax.lax.while_loop(lambda y: y < 3.0, lambda y: y + 1.0, x)
 
     with pytest.raises(ValueError, match="while cannot be evaluated in float32"):
-        worked_in("float32", looped)(jnp.asarray(1.0))
+        evaluated_in("float32", looped)(jnp.asarray(1.0))
 
 
 def test_mixed_precision_is_for_steps_of_fixed_length() -> None:
@@ -75,7 +75,7 @@ def test_a_foot_is_placed_to_single_precision() -> None:
     q = jnp.asarray(np.random.default_rng(0).uniform(-0.5, 0.5, 16))
     v = jnp.asarray(np.random.default_rng(1).uniform(-1.0, 1.0, 15))
     exact, _ = WaistMechanics.feet(m, q, v)
-    found, _ = worked_in("float32", WaistMechanics.feet)(m, q, v)
+    found, _ = evaluated_in("float32", WaistMechanics.feet)(m, q, v)
     assert 0.0 < np.abs(found - exact).max() < 1e-7
 
 

@@ -10,11 +10,11 @@ import pytest
 from pydantic import ValidationError
 
 import toy_model
+from gaitsweep.errors import JobError
 from gaitsweep.fitting.fit_fields import MEASURES
 from gaitsweep.fitting.measure import RowMeasure
 from gaitsweep.fitting.search import run_search
 from gaitsweep.fitting.search_job import read_search
-from gaitsweep.schema.diagnostics import JobError
 
 TOY = toy_model.Toy()
 

@@ -12,10 +12,10 @@ from pandas.testing import assert_frame_equal
 
 import gaitsweep as gs
 from cusp_flow import CuspFlow, State
-from gaitsweep.fitting.estimate import estimate_search
+from gaitsweep.errors import JobError
 from gaitsweep.fitting.ramp_measures import Crossings, GaitSequence, Transition
+from gaitsweep.fitting.search_cost import estimate_search
 from gaitsweep.fitting.search_job import read_search
-from gaitsweep.schema.diagnostics import JobError
 
 RATE = 2e-3  # m/s2
 RAMP = {"kind": "ramp", "parameter": "r", "path": [0.3, -0.9, 0.9], "rate": RATE, "initial_dwell": 3.0}

@@ -19,15 +19,16 @@ from pandas.testing import assert_frame_equal
 
 import gaitsweep as gs
 import toy_model
+from gaitsweep.errors import JobError
 from gaitsweep.fitting import optimisers
-from gaitsweep.fitting.estimate import estimate_search
 from gaitsweep.fitting.free_parameters import sets_at
 from gaitsweep.fitting.optimisers import Method, optimiser
 from gaitsweep.fitting.population import Population
 from gaitsweep.fitting.search import FINALISTS, SearchResult, run_search
+from gaitsweep.fitting.search_cost import estimate_search
 from gaitsweep.fitting.search_job import SearchOptions, load_search, read_search
 from gaitsweep.fitting.targets import FAILED_MISS, MISS
-from gaitsweep.schema.diagnostics import Diagnostic, JobError
+from gaitsweep.schema.diagnostics import Diagnostic
 from gaitsweep.schema.strict_model import plain
 from gaitsweep.status import SetStatus
 from gaitsweep.table import ResultDirectory, WriteError

@@ -17,16 +17,6 @@ from gaitsweep.job import Job, JobError, load_job
 from tests.support.job_files import GOOD, MAP, RAMP, TRACE, refused, written
 
 
-def test_a_name_that_meant_something_else_once() -> None:
-    """Jobs of versions whose K_13 was the start's pull have no K_31; today's K_13 is a gain of eq. (6)."""
-    quadruped: dict[str, Any] = {"name": "x", "model": "waist_quadruped", "run": {"kind": "settle"}}
-    for field, old in (("params", {"K_13": 20}), ("vary", {"K_13": [0, 20]})):
-        with pytest.raises(JobError, match=r"K_13 is .*without K_31: .*K_hold"):
-            Job(**{**quadruped, field: old})
-    now = Job(**quadruped, params={"K_13": 20, "K_31": "K_13"})
-    assert Job(**now.resolved()).design.settings["K_31"] == "K_13"
-
-
 def test_a_precision_in_which_the_model_is_not_right(tmp_path: Path) -> None:
     text = GOOD.replace("toy_model:Toy", "multilegged").replace("{mass: 2}", "{m: 1}")
     text = text.replace("launch_1_end", "psi_1_end").replace("launch_1", "psi_1")
@@ -207,7 +197,7 @@ LINES: list[tuple[int, str, list[str]]] = [
         "run:",
         [
             "run is missing",
-            "settle, fixed_time, trace, ramp, return_map, staircase, continuation, folds, atlas or perturb",
+            "settle, fixed_time, trace, ramp, return_map, staircase, continuation, atlas or perturb",
         ],
     ),
     (

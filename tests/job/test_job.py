@@ -16,8 +16,8 @@ from gaitsweep import models
 from gaitsweep.design import Design
 from gaitsweep.engine.sweep.blocks_of_rows import rows_of_a_block
 from gaitsweep.job import Job, JobError, load_job, schema
-from gaitsweep.kinds.recordings import Ramp
 from gaitsweep.kinds.settle import Settle
+from gaitsweep.kinds.trace_and_ramp import Ramp
 from tests.support import MODELS
 from tests.support.toy_jobs import BASE, EVERY, EVERY_AXIS, TOY, columns_of, toy, written
 
@@ -188,7 +188,12 @@ run: {kind: settle}
     job = load_job(written(tmp_path, text))
     assert job.name == "no"
     assert job.params == {"mass": 10.0, "preload": 10.0, "stiffness": 16.0, "ceiling": 500.0, "kick": 0.0}
-    assert math.copysign(1, float(job.params["kick"])) == 1.0
+    # -0.0 gives the same rows, so it is the same job, as a number and as text
+    as_text = [toy(params={"kick": text}) for text in ("-0.0", "0*-1")]
+    for same in (job, *as_text):
+        zero = float(same.params["kick"])
+        assert zero == 0.0
+        assert math.copysign(1, zero) == 1.0
 
 
 def test_contraction_reaches_the_engine() -> None:

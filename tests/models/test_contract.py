@@ -16,9 +16,6 @@ from matplotlib.mathtext import MathTextParser
 from firing_neuron import Neuron
 from gaitsweep import models
 from gaitsweep.contract import (
-    RENAMED,
-    RENAMED_OF_CHARTS,
-    Chart,
     FixedStepDynamics,
     HybridModel,
     Model,
@@ -78,18 +75,6 @@ def test_a_stepped_model_is_its_own_steps() -> None:
     optional = {"recommended", "longest_step"}
     asked = Model.__abstractmethods__ | FixedStepDynamics.__abstractmethods__
     assert SteppedModel.__abstractmethods__ == asked - optional
-
-
-@pytest.mark.parametrize(
-    ("base", "old", "new"),
-    [
-        *((HybridModel, *names) for names in RENAMED.items()),
-        *((Chart, *names) for names in RENAMED_OF_CHARTS.items()),
-    ],
-)
-def test_a_member_by_its_old_name_is_refused(base: type, old: str, new: str) -> None:
-    with pytest.raises(TypeError, match=f"Mine defines {old}, which is now called {new}: rename it"):
-        type("Mine", (base,), {old: property(lambda self: ())})
 
 
 def test_names_are_distinct_and_described(model: Model) -> None:

@@ -14,7 +14,7 @@ from scipy.optimize import linprog
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.recordings import CrossingRecorder
 from gaitsweep.engine.recorders.settle import SettleRecorder
-from gaitsweep.papers.ambe2021.multilegged.mechanics import balance, obstacle_problem
+from gaitsweep.papers.ambe2021.multilegged.forces import balance, obstacle_problem
 from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
 from gaitsweep.papers.ambe2021.multilegged.reduced import MultileggedReduced
 from gaitsweep.papers.ambe2021.theory.chain import Chain, end_resets, springs

@@ -18,7 +18,7 @@ from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.poincare.poincare_return import crossing_of
 from gaitsweep.engine.recorders.recordings import CrossingRecorder
 from gaitsweep.engine.recorders.settle import SettleRecorder
-from gaitsweep.papers.ambe2021.multilegged.mechanics import balance, obstacle_problem
+from gaitsweep.papers.ambe2021.multilegged.forces import balance, obstacle_problem
 from gaitsweep.papers.ambe2021.multilegged.model import GAITS, Multilegged
 from gaitsweep.papers.ambe2021.multilegged.reduced import MultileggedReduced
 from gaitsweep.papers.ambe2021.theory.chain import Chain

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 from reference import multilegged_reduced as reduced
 
+from gaitsweep import ArgumentError
 from gaitsweep.papers.ambe2021.theory.chain import (
     TABLE_1,
     Chain,
@@ -246,6 +248,10 @@ def test_orders_of_touchdown_are_those_of_the_figure(N: int) -> None:
             if branch.kind != "direct" and N - branch.k < 5:  # less than a wave: one after another
                 behind = [leg for leg in order if leg >= branch.k]
                 assert behind == list(range(branch.k, N + 2))
+    for section in (0, N + 2):
+        for function in (jumps, partial(touchdown_order, s=1.0), partial(linear_map, s=1.0)):
+            with pytest.raises(ArgumentError, match=f"section is {section}, .* a leg from 1 to {N + 1}"):
+                function(N, branches(N)[0], section=section)
     # a wave is 6.2 legs long: leg 9 is 7 behind leg 2, touches after it and before its own neighbours
     assert touchdown_order(9, Branch("B", 2), 4.0)[:5] == (2, 9, 3, 10, 4)
 

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import linprog
 
-from gaitsweep.papers.ambe2021.multilegged.mechanics import obstacle_problem
+from gaitsweep.papers.ambe2021.multilegged.forces import obstacle_problem
 
 solved = jax.jit(obstacle_problem)
 Case = tuple[list[float], list[float], float]

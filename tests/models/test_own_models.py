@@ -11,11 +11,11 @@ import jax.numpy as jnp
 import pytest
 
 from gaitsweep import models
+from gaitsweep.errors import JobError
 from gaitsweep.job import Job, load_job
 from gaitsweep.own_modules import modules_beside
 from gaitsweep.runs import provenance
 from gaitsweep.runs.prepare import prepare
-from gaitsweep.schema.diagnostics import JobError
 
 MODEL = """\
 import dataclasses

@@ -15,7 +15,7 @@ import pytest
 from reference.planar_quadruped_mujoco import PlanarQuadruped as InMujoco
 from reference.planar_quadruped_mujoco import followed
 
-from gaitsweep.dynamics.mjx.body import MjxBody
+from gaitsweep.dynamics.mjx.mjx_body import MjxBody
 from gaitsweep.papers.fukuoka2015.planar_quadruped import PlanarQuadruped
 from gaitsweep.papers.fukuoka2015.planar_quadruped.bodies import default_body, edit
 from gaitsweep.papers.fukuoka2015.planar_quadruped.mechanics import mjcf

@@ -21,7 +21,7 @@ from gaitsweep.engine.advance import advance
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.recordings import CrossingRecorder
 from gaitsweep.engine.solver.methods import refusal
-from gaitsweep.engine.sweep.engines import EngineError, choose
+from gaitsweep.engine.sweep.engine_choice import EngineError, choose
 from gaitsweep.job import Job, JobError, load_job
 from gaitsweep.papers.aoi2011.waist_quadruped import WaistQuadruped
 from gaitsweep.papers.aoi2011.waist_quadruped.kinematics import STANCE

@@ -347,6 +347,10 @@ def test_figures_are_dark_on_white_whatever_the_notebook_s_style(look: dict[Any,
     ("fields", "sentence"),
     [
         ({"width": "wide"}, 'width is "wide", but must be column, page, or a number of mm from 50 to 500.'),
+        (
+            {"width": [85]},
+            "width is a list (85), but must be column, page, or a number of mm from 50 to 500.",
+        ),
         ({"width": 5}, "width is 5, but must be column, page, or a number of mm from 50 to 500."),
         ({"format": "pgf"}, 'format[0] is "pgf"'),
         ({"colours": {"trot": "blu"}}, 'colours.trot is "blu", but must be a colour'),

@@ -62,6 +62,12 @@ def test_points_have_the_colours_of_gaits() -> None:
     assert "trot" in [text.get_text() for text in by_default.legends[0].get_texts()]
     by_status: Any = plot.orbit(table, x="a", y="x", hue="status")
     assert "periodic" in [text.get_text() for text in by_status.legends[0].get_texts()]
+    # the x of rows without a gait has edges alone, which need a width
+    figure = plot.orbit(table.assign(gait=["trot", "none", None, None]), x="a", y="x", hue="gait")
+    crosses = [line for line in figure.axes[0].lines if line.get_marker() == "x"]
+    crosses += [handle for handle in figure.legends[0].legend_handles if handle.get_marker() == "x"]
+    assert len(crosses) == 2
+    assert all(line.get_markeredgewidth() > 0.5 for line in crosses)
     with pytest.raises(PlotError, match="gait is not a column"):
         plot.orbit(diagram_table(), x="a", y="x", hue="gait")
 

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
-from gaitsweep.papers.ambe2021.multilegged.mechanics import obstacle_problem
+from gaitsweep.papers.ambe2021.multilegged.forces import obstacle_problem
 from gaitsweep.papers.ambe2021.theory.chain import Chain, amplitudes, springs, touchdown_phase
 
 Array = NDArray[np.float64]

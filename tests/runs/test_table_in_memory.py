@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 
 import gaitsweep as gs
-from gaitsweep.engine.sweep import engines, lane_scheduler
+from gaitsweep.engine.sweep import engine_choice, lane_scheduler
 from gaitsweep.examples.hopper import Hopper
 
 OF_A_DIRECTORY = {"path"}
@@ -49,7 +49,7 @@ def test_the_kernel_of_a_short_run_is_compiled_quickly(monkeypatch: pytest.Monke
 
     def remembering(device: Any, spec: Any) -> Any:
         quick.append(spec.quick)
-        return engines.groups_on(device, spec)
+        return engine_choice.groups_on(device, spec)
 
     monkeypatch.setattr(lane_scheduler, "groups_on", remembering)
     run = gs.Settle(max_cycles=60)

@@ -329,23 +329,6 @@ def test_links_at_the_names_of_temporaries_are_not_followed(tmp_path: Path) -> N
     assert len(load(tmp_path / "toy")) == 10
 
 
-def test_a_directory_of_format_1_is_read_with_a_warning(whole: Path) -> None:
-    expected = load(whole)
-    manifest = json.loads((whole / "manifest.json").read_text())
-    del manifest["sha256"], manifest["job"]
-    (whole / "manifest.json").write_text(json.dumps({**manifest, "format": 1}))
-    (whole / "SHA256SUMS").unlink()
-    with pytest.warns(UserWarning, match="have no digests"):
-        table = load(whole)
-    pd.testing.assert_frame_equal(table, expected, check_exact=True)
-    assert table.attrs["job"] == expected.attrs["job"]
-    assert any("no digests" in note for note in mended(whole))
-    part(whole, 1).unlink()
-    mended(whole)  # a run continues a directory of format 1
-    with pytest.warns(UserWarning, match="have no digests"):
-        pd.testing.assert_frame_equal(load(whole), expected, check_exact=True)
-
-
 def test_digests_are_those_of_sha256sum(whole: Path) -> None:
     if shutil.which("sha256sum") is None:
         pytest.skip("sha256sum is not installed")

@@ -1,4 +1,4 @@
-"""The column `outcome`: a gait, or why there is none; older tables receive it when they are loaded."""
+"""The column `outcome`: a gait, or why there is none."""
 
 from __future__ import annotations
 
@@ -6,12 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-import pytest
 
 from gaitsweep.analysis.records import outcome_labels
-from gaitsweep.table import load, load_parts
+from gaitsweep.table import load
 from gaitsweep.table.frames import outcomes
-from tests.support.toy_directories import block_frame, fill, open_toy
+from tests.support.toy_directories import fill, open_toy
 
 
 def test_an_outcome_is_a_gait_or_why_there_is_none() -> None:
@@ -28,25 +27,6 @@ def test_outcomes_of_as_many_gaits_as_a_small_code_holds() -> None:
         "gait 126",
         "failed",
     ]
-
-
-@pytest.mark.parametrize("older", [{0, 1, 2}, {1}])
-def test_older_tables_get_the_column_when_they_are_loaded(tmp_path: Path, older: set[int]) -> None:
-    """All parts without the column, or one of them: a run that another version continued."""
-    now, before = tmp_path / "now", tmp_path / "before"
-    with open_toy(now) as directory:
-        fill(directory)
-    with open_toy(before) as directory:
-        for number in range(3):
-            frame = block_frame(*directory.layout.rows_of(number))
-            directory.write_part(number, frame.drop(columns="outcome") if number in older else frame)
-    expected = load(now)
-    pd.testing.assert_frame_equal(load(before), expected)
-    pd.testing.assert_frame_equal(load(before, ["outcome", "row"]), expected.loc[:, ["outcome", "row"]])
-    pd.testing.assert_frame_equal(pd.concat(load_parts(before, ["outcome"])), expected.loc[:, ["outcome"]])
-    pd.testing.assert_frame_equal(
-        load(before, ["row"], rows=[1, 5]), expected.loc[[1, 5], ["row"]].reset_index(drop=True)
-    )
 
 
 def test_analyses_read_the_column(tmp_path: Path) -> None:

@@ -661,6 +661,10 @@ def test_what_cannot_be_explored_is_refused_in_a_sentence(wells: Path, monkeypat
     trace = Result(table=table_of(job))
     with pytest.raises(gs.ArgumentError, match="trace rows"):
         trace.explore("nowhere.html")
+    without_job = trace.table.copy()
+    without_job.attrs = {}
+    with pytest.raises(gs.ArgumentError, match="has no job"):
+        Result(table=without_job).explore("nowhere.html")
     with pytest.raises(gs.ArgumentError, match="in memory"):
         trace.explore()
     known = importlib.util.find_spec

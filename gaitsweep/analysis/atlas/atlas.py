@@ -10,8 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from types import MappingProxyType
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 import pandas as pd
@@ -24,7 +23,6 @@ from gaitsweep.analysis.atlas.branch import (
     HalfBranch,
     Record,
     branch_table,
-    points_of,
     record_of,
 )
 from gaitsweep.analysis.atlas.order_changes import with_order_changes
@@ -38,7 +36,7 @@ from gaitsweep.analysis.continuation.critical_points import SecondParameter
 from gaitsweep.analysis.continuation.newton import ConservedConstraints, newton
 from gaitsweep.analysis.continuation.normal_forms import coefficient, doubled_direction
 from gaitsweep.analysis.continuation.stable_ranges import MARKS
-from gaitsweep.engine.poincare.maps import Map, Points, Values
+from gaitsweep.engine.poincare.maps import Map, Values
 
 # Lengths of the step from a flip to the branch of twice the period, the next where one does not converge: the
 # next flip of a cascade is close.
@@ -74,56 +72,10 @@ class BranchAtlas:
         self.steps, self.most_branches = steps or ArclengthSteps(), most_branches
         self.branches: list[Branch] = []
         self._beyond: list[Branch] = []  # those beyond the largest number
-        self._restored: set[int] = set()  # rows all of whose branches an earlier run has followed
 
     def left_out(self, row: int) -> int:
         """The number of branches of a row beyond the largest number."""
         return sum(branch.row == row for branch in self._beyond)
-
-    def restore(self, table: pd.DataFrame, like: Points, depth: int) -> None:
-        """Take the branches of an earlier run, which are not followed again.
-
-        Args:
-            table: its records of branches; `row` counts from 0, `point` along each branch, and
-                `stored_point` is the text of each point. The index is the place in the earlier table.
-            like: a point (1,) of the map, for the structure of its modes.
-            depth: the depth to which that run has followed what branches meet.
-        """
-        first: dict[int, int] = {}  # the index of each row's first branch
-        for _, group in table.groupby(["row", "number"], sort=True):
-            of_branch = group.sort_values("point")
-            head = of_branch.iloc[0]
-            row, period, own_depth = (int(head[name]) for name in ("row", "period", "depth"))
-            records = list(self._restored_records(of_branch, like))
-            first.setdefault(row, len(self.branches))
-            begins = None if head["begins"] < 0 else (first[row] + int(head["begins"]), 0)
-            if begins is None:
-                searched = int(np.argmax(of_branch["found"].to_numpy(int) >= 0))
-                start = records[searched]
-                problem = self._problem(row, period, start["stored"].points, start[self.parameter])
-            else:
-                parent = self.branches[begins[0]].problem
-                problem = dataclasses.replace(parent, mapping=self.mapping.iterated(period))
-            # of a row with branches that were left out, all are looked at again
-            switched = own_depth < depth and not head["left_out"]
-            if not head["left_out"]:
-                self._restored.add(row)
-            self.branches.append(Branch(row, period, own_depth, begins, problem, records, {}, switched))
-
-    def _restored_records(self, of_branch: pd.DataFrame, like: Points) -> Iterator[Record]:
-        """The records of a branch of an earlier run, from those of its table."""
-        for number, record in zip(of_branch.index, of_branch.to_dict("records"), strict=True):
-            at, *beside = points_of(record["stored_point"], like)
-            texts = {
-                name: record[name] if isinstance(record[name], str) else "" for name in ("special", "end")
-            }
-            yield {
-                **texts,
-                "stored": at,
-                "beside": beside,
-                "earlier": int(number),
-                self.parameter: float(at.parameter[0]),
-            }
 
     def follow(self, search: OrbitSearch, at: float, depth: int) -> None:
         """Follow the orbits of a search at a value of the parameter, and what their branches meet.
@@ -133,32 +85,12 @@ class BranchAtlas:
             at: the value of the parameter there.
             depth: the largest number of bifurcations between a branch and an orbit.
         """
-        on_branches = {orbit.earlier for orbit in search.orbits if orbit.row in self._restored}
-        starts = [
-            self._start_of_orbit(orbit, at)
-            for orbit in search.orbits
-            if not orbit.earlier or orbit.earlier not in on_branches
-        ]
+        starts = [self._start_of_orbit(orbit, at) for orbit in search.orbits]
         self._follow([start for start in starts if start is not None])
         for level in range(1, depth + 1):
-            parents = [
-                number
-                for number, branch in enumerate(self.branches)
-                if branch.depth == level - 1 and not branch.switched
-            ]
+            parents = [k for k, branch in enumerate(self.branches) if branch.depth == level - 1]
             self._follow(list(self._switched(parents, level)))
-            for number in parents:
-                self.branches[number] = dataclasses.replace(self.branches[number], switched=True)
         self.branches = with_order_changes(self.branches)
-
-    def _problem(self, row: int, period: int, points: Points, at: float) -> ContinuationProblem:
-        """The continuation problem of the branch through a fixed point (1,) at a value of the parameter."""
-        mapping = self.mapping.iterated(period)
-        complete = mapping.complete({**rows_of(self.values, np.array([row])), self.parameter: at}, 1)
-        others = {name: column for name, column in complete.items() if name != self.parameter}
-        conserved = mapping.images(points, complete).conserved_values if self.fix else np.zeros((1, 0))
-        constraints = ConservedConstraints.of(mapping, self.fix, conserved)
-        return ContinuationProblem.of(mapping, self.parameter, self.within, others, constraints, points.at)
 
     def _start_of_orbit(self, orbit: Orbit, at: float) -> BranchStart | None:
         """The start of the branch through an orbit; None if Newton's method does not find the orbit again."""
@@ -168,7 +100,12 @@ class BranchAtlas:
         fixed = newton(mapping, orbit.points[[0]], complete, fix=self.fix)
         if not fixed.converged[0]:
             return None
-        problem = self._problem(orbit.row, orbit.period, fixed.points, at)
+        others = {name: column for name, column in complete.items() if name != self.parameter}
+        conserved = mapping.images(fixed.points, complete).conserved_values if self.fix else np.zeros((1, 0))
+        constraints = ConservedConstraints.of(mapping, self.fix, conserved)
+        problem = ContinuationProblem.of(
+            mapping, self.parameter, self.within, others, constraints, fixed.points.at
+        )
         first = problem.first(fixed.points, fixed.drift, np.array([at]), 1.0)
         possible = {-1: at > problem.low, 1: at < problem.high}
         directions = tuple(sign for sign, inside in possible.items() if inside)
@@ -326,17 +263,13 @@ class BranchAtlas:
         second: str,
         within: Sequence[float],
         steps: ArclengthSteps | None = None,
-        curves_before: Mapping[int, int] = MappingProxyType({}),
     ) -> pd.DataFrame:
         """Follow the bifurcations of all branches in the plane of the parameter and a second one.
-
-        Those of branches that were restored have their curves in the earlier table.
 
         Args:
             second: the name of the second parameter; its value at the branches is that of `values`.
             within: its range, two numbers.
             steps: lengths and number of the steps; by default those of the branches.
-            curves_before: the number of curves in the earlier table, by row.
 
         Returns:
             One record a point: row, curve, kind (fold, flip, neimark_sacker, branch_point), period, point,
@@ -345,9 +278,7 @@ class BranchAtlas:
             end. Point 0 is on a branch, and points below 0 are behind it.
         """
         plane = SecondParameter(second, float(min(within)), float(max(within)))
-        records = plane_curves(
-            self.mapping, self.branches, self.within, plane, steps or self.steps, curves_before
-        )
+        records = plane_curves(self.mapping, self.branches, self.within, plane, steps or self.steps)
         return in_terms_of_flow(self.mapping, pd.DataFrame(records))
 
 

@@ -9,7 +9,7 @@ from jaxtyping import Bool
 from gaitsweep.analysis.atlas.atlas import BranchAtlas
 from gaitsweep.analysis.atlas.branch import ON_BRANCH, Branch, Record, text_of
 from gaitsweep.analysis.atlas.order_changes import event_columns
-from gaitsweep.analysis.atlas.periodic_orbits import OrbitSearch, polished, rows_of, with_images
+from gaitsweep.analysis.atlas.periodic_orbits import OrbitSearch, polished, with_images
 from gaitsweep.analysis.atlas.plane_curves import with_suffixes
 from gaitsweep.analysis.continuation.arclength_step import BranchPoints
 from gaitsweep.analysis.continuation.branch_table import in_terms_of_flow
@@ -36,27 +36,20 @@ def atlas_table(atlas: BranchAtlas, search: OrbitSearch, at: float) -> pd.DataFr
         `coefficient`, the normal form's; missing (`OrbitSearch.missing`), drawn_starts (those of its row),
         and where the parameter is `at`: found (how many searches found the orbit; 0: its branch alone leads
         there; -1 at other points), reached, error and symmetry of an `Orbit`; `event_columns`, change (what
-        changes in the order of events at a corner), and `stored_point`, the text of the point. A record of a
-        branch that was restored has row, branch, point, missing, drawn_starts and found alone, and its index
-        in the earlier table as `earlier`.
+        changes in the order of events at a corner), and `stored_point`, the text of the point.
     """
     records: list[Record] = []
     numbers = _numbers(atlas.branches)
-    listed = _earlier_gaits(atlas, search, at)
-    hits = {orbit.earlier: orbit.hits for orbit in search.orbits if orbit.earlier}
+    listed: dict[int, list[Points]] = {}
     for branch, number in zip(atlas.branches, numbers, strict=True):
         of_row = {"missing": search.missing(branch.row), "drawn_starts": search.drawn(branch.row)}
         begins = -1 if branch.begins is None else numbers[branch.begins[0]]
         of_branch = {"period": branch.period, "depth": branch.depth, "begins": begins, **_NOT_A_NUMBER}
         for index, record in enumerate(branch.records):
             head = {"row": branch.row, "branch": number, "point": index, "found": -1, **of_row}
-            if "earlier" in record:
-                earlier = record["earlier"]
-                records.append({**head, "found": hits.get((earlier,), -1), "earlier": earlier})
-                continue
             change = ", ".join(record.get("changes", ()))
             head |= {**of_branch, "symmetry": "", "change": change, **event_columns(record["events"])}
-            head |= {"stored_point": text_of(record["at"], branch.asides.get(index))}
+            head |= {"stored_point": text_of(record["at"])}
             numbers_of_point = {k: v for k, v in record.items() if k not in _NOT_COLUMNS}
             head |= with_suffixes(numbers_of_point, head)
             if record[atlas.parameter] == at and not record["special"]:
@@ -69,16 +62,6 @@ def _numbers(branches: list[Branch]) -> list[int]:
     """The number of each branch among those of its row."""
     rows = [branch.row for branch in branches]
     return [rows[:index].count(row) for index, row in enumerate(rows)]
-
-
-def _earlier_gaits(atlas: BranchAtlas, search: OrbitSearch, at: float) -> dict[int, list[Points]]:
-    """The gaits of each row that have a record in the earlier table, with their images."""
-    gaits: dict[int, list[Points]] = {}
-    for orbit in search.orbits:
-        if orbit.earlier:
-            values = {**rows_of(atlas.values, np.full(orbit.period, orbit.row)), atlas.parameter: at}
-            gaits.setdefault(orbit.row, []).extend(with_images(atlas.mapping, orbit.points, values))
-    return gaits
 
 
 def _gait(

@@ -1,10 +1,10 @@
-"""Branches of periodic orbits: records of their points, and their points as text for a later run."""
+"""Branches of periodic orbits: records of their points, and their points as text."""
 
 from __future__ import annotations
 
 import dataclasses
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import Any
 
 import jax
@@ -36,55 +36,35 @@ class StoredPoint:
     parameter: PerBranch
     tangent: Unknowns
 
-    def evaluated(self, problem: ContinuationProblem) -> BranchPoints:
-        """The point with its image and its derivatives."""
-        return BranchPoints(
-            self.points,
-            self.drift,
-            self.parameter,
-            self.tangent,
-            problem.evaluated(self.points, self.parameter),
-            np.zeros(1, int),
-        )
+
+def text_of(at: BranchPoints) -> str:
+    """A point (1,) of a branch as JSON, whose numbers have the same bits when they are read."""
+    modes = (np.ravel(np.asarray(leaf)).tolist() for leaf in jax.tree.leaves(at.points.modes))
+    return json.dumps(
+        [
+            at.points.at[0].tolist(),
+            at.drift[0].tolist(),
+            at.parameter.tolist(),
+            at.tangent[0].tolist(),
+            *modes,
+        ]
+    )
 
 
-def text_of(at: BranchPoints, aside: BranchPoints | None) -> str:
-    """A point (1,) of a branch and the points (k,) beside it on branches that cross there, as JSON.
-
-    The numbers are written such that reading them gives the same bits.
-    """
-    beside = [] if aside is None else [aside[[k]] for k in range(len(aside.parameter))]
-    return json.dumps([list(_numbers(point)) for point in (at, *beside)])
-
-
-def points_of(text: str, like: Points) -> list[StoredPoint]:
-    """Read the point and those beside it from the text that `text_of` wrote.
+def point_of(text: str, like: Points) -> StoredPoint:
+    """Read the point from the text that `text_of` wrote.
 
     Args:
         text: the text.
         like: a point (1,) of the same map, for the structure of its modes.
     """
     leaves, structure = jax.tree.flatten(like.modes)
-    points = []
-    for at, drift, parameter, tangent, *modes in json.loads(text):
-        shaped = [
-            np.asarray(values, leaf.dtype).reshape(leaf.shape)
-            for values, leaf in zip(modes, leaves, strict=True)
-        ]
-        batch = Points(np.array([at], float), jax.tree.unflatten(structure, shaped))
-        points.append(
-            StoredPoint(batch, np.array([drift], float), np.array(parameter), np.array([tangent], float))
-        )
-    return points
-
-
-def _numbers(point: BranchPoints) -> Iterator[Sequence[float]]:
-    """The coordinates of a point (1,), its drifts, its parameter, its tangent, and each leaf of its modes."""
-    yield point.points.at[0].tolist()
-    yield point.drift[0].tolist()
-    yield point.parameter.tolist()
-    yield point.tangent[0].tolist()
-    yield from (np.ravel(np.asarray(leaf)).tolist() for leaf in jax.tree.leaves(point.points.modes))
+    at, drift, parameter, tangent, *modes = json.loads(text)
+    shaped = [
+        np.asarray(values, leaf.dtype).reshape(leaf.shape) for values, leaf in zip(modes, leaves, strict=True)
+    ]
+    points = Points(np.array([at], float), jax.tree.unflatten(structure, shaped))
+    return StoredPoint(points, np.array([drift], float), np.array(parameter), np.array([tangent], float))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -128,11 +108,8 @@ class Branch:
         depth: the number of bifurcations between it and an orbit of the search.
         begins: the branch and the record at whose bifurcation it begins; None: it leads through an orbit.
         problem: the continuation problem, of this branch alone.
-        records: its points in order, as records of `BranchTable` with their `BranchPoints` (1,) as `at`. Of a
-            branch of an earlier run, they have the `StoredPoint` as `stored`, and its place in that run's
-            table as `earlier`; `at` is added where it is needed.
+        records: its points in order, as records of `BranchTable` with their `BranchPoints` (1,) as `at`.
         asides: points on crossing branches by the place of the record where they cross.
-        switched: whether the branches that begin at its bifurcations have been followed.
     """
 
     row: int
@@ -142,31 +119,20 @@ class Branch:
     problem: ContinuationProblem
     records: list[Record]
     asides: dict[int, BranchPoints]
-    switched: bool = False
 
     def __post_init__(self) -> None:
-        points = [record["at" if "at" in record else "stored"] for record in self.records]
+        points = [record["at"] for record in self.records]
         self.at = np.concatenate([point.points.at for point in points])
         self.parameter = np.concatenate([point.parameter for point in points])
 
     def point(self, place: int) -> BranchPoints:
         """The point (1,) of the record at a place, with its image."""
-        record = self.records[place]
-        if "at" not in record:
-            record["at"] = record["stored"].evaluated(self.problem)
-        return record["at"]
-
-    def points(self, place: int) -> Points:
-        """The point (1,) of the record at a place, without its image."""
-        record = self.records[place]
-        return record["at" if "at" in record else "stored"].points
+        return self.records[place]["at"]
 
     def aside(self, place: int) -> Iterator[BranchPoints]:
         """The points (1,) on the branches that cross at a record."""
         if (aside := self.asides.get(place)) is not None:
             yield from (aside[[k]] for k in range(len(aside.parameter)))
-        for stored in self.records[place].get("beside", ()):
-            yield stored.evaluated(self.problem)
 
     @classmethod
     def of_halves(cls, start: BranchStart, halves: list[HalfBranch]) -> Branch:

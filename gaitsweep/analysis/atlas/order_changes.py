@@ -291,7 +291,7 @@ def _events_of_new_records(branches: Sequence[Branch]) -> dict[int, dict[int, Ev
         (number, index)
         for number, branch in enumerate(branches)
         for index, record in enumerate(branch.records)
-        if not {"events", "earlier"} & record.keys()
+        if "events" not in record
     ]
     events: dict[int, dict[int, Events]] = {}
     for period in {branches[number].period for number, _ in without_events}:

@@ -65,7 +65,6 @@ class Orbit:
         hits: the number of drawn starts whose search with its own period found it, or its image.
         symmetry: names of the symmetries that turn it into itself.
         reached: the share of the simulated starts that settled on it; NaN if none was simulated.
-        earlier: the place of its record in the table of an earlier run, alone; else empty.
     """
 
     row: int
@@ -74,7 +73,6 @@ class Orbit:
     hits: int = 0
     symmetry: tuple[str, ...] = ()
     reached: float = float("nan")
-    earlier: tuple[int, ...] = ()
 
     @property
     def period(self) -> int:
@@ -104,13 +102,8 @@ class OrbitSearch:
         self.orbits: list[Orbit] = []
         self._drawn: dict[int, int] = {}  # starts of each row that were drawn at random
 
-    def restore(self, orbits: Iterable[Orbit], drawn: Mapping[int, int]) -> None:
-        """Take the orbits of an earlier search, and the numbers of starts that it drew for each row."""
-        self.orbits += orbits
-        self._drawn.update(drawn)
-
     def drawn(self, row: int) -> int:
-        """The number of starts of one row that were drawn at random, with those of an earlier search."""
+        """The number of starts of one row that were drawn at random."""
         return self._drawn.get(row, 0)
 
     def of_row(self, row: int) -> list[Orbit]:
@@ -129,8 +122,6 @@ class OrbitSearch:
 
     def run(self, draw: Draw, rows: Iterable[int]) -> None:
         """Search in rounds, each row until its budget is spent or several rounds found nothing new.
-
-        A row whose starts were drawn in part by an earlier search begins with the next ones.
 
         Args:
             draw: function that draws the starts of a round.

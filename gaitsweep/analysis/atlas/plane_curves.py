@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -35,11 +35,8 @@ def plane_curves(
     within: Sequence[float],
     second: SecondParameter,
     steps: ArclengthSteps,
-    curves_before: Mapping[int, int],
 ) -> list[Record]:
     """Follow the bifurcations and the order changes of branches over a second parameter.
-
-    Those in records of an earlier run have their curves in that run's table.
 
     Args:
         mapping: the map, not iterated.
@@ -47,13 +44,12 @@ def plane_curves(
         within: the range of the branches' parameter, two numbers.
         second: the second parameter.
         steps: lengths and number of the steps.
-        curves_before: the number of curves of an earlier run, by row.
 
     Returns:
         One record a point, as of `BranchAtlas.follow_curves`.
     """
     records: list[Record] = []
-    curves_of_row = Counter(curves_before)
+    curves_of_row: Counter[int] = Counter()
     for branch, curve in _bifurcation_curves(mapping, branches, second, steps):
         head = {"row": branch.row, "curve": curves_of_row[branch.row], "kind": curve.equations.kind}
         head["period"] = branch.period
@@ -66,14 +62,12 @@ def plane_curves(
 def _bifurcation_curves(
     mapping: Map, branches: Sequence[Branch], second: SecondParameter, steps: ArclengthSteps
 ) -> list[_BranchCurve]:
-    """The curves through the new bifurcations of all branches, each once."""
+    """The curves through the bifurcations of all branches, each once."""
     found = [
         (branch, place)
         for branch in branches
-        for place in _new_places(mapping, branches, branch)
-        if branch.records[place]["special"] in MARKS
-        and branch.records[place]["special"] != "corner"
-        and not branch.records[place]["end"]
+        for place, record in enumerate(branch.records)
+        if record["special"] in MARKS and record["special"] != "corner" and not record["end"]
     ]
     computations = [
         bifurcation_curve(
@@ -128,19 +122,16 @@ def _order_curves(
         for place, record in enumerate(branch.records)
         if record["special"] in ("order_change", "corner")
     ]
-    # those of an earlier run first: they have their curves
-    changes.sort(key=lambda change: "earlier" not in change[0].records[change[1]])
     for branch, place in changes:
         record = branch.records[place]
-        if "earlier" not in record:
-            images = _orbit_and_images(mapping, branch, place)
-            if _is_among(mapping, images, _points_near(known, branch, place)):
-                continue
-            curve = _order_change(mapping, branch, place, within, second).curve()
-            head = {"row": branch.row, "kind": record["special"], "period": branch.period}
-            head |= {"curve": curves_of_row[branch.row], "change": ", ".join(record.get("changes", ()))}
-            curves_of_row[branch.row] += bool(curve)
-            yield from ({**head, **with_suffixes(point, head)} for point in curve)
+        images = _orbit_and_images(mapping, branch, place)
+        if _is_among(mapping, images, _points_near(known, branch, place)):
+            continue
+        curve = _order_change(mapping, branch, place, within, second).curve()
+        head = {"row": branch.row, "kind": record["special"], "period": branch.period}
+        head |= {"curve": curves_of_row[branch.row], "change": ", ".join(record.get("changes", ()))}
+        curves_of_row[branch.row] += bool(curve)
+        yield from ({**head, **with_suffixes(point, head)} for point in curve)
         known.append((branch, place))
 
 
@@ -157,7 +148,7 @@ def _order_change(
         within=(within, (second.low, second.high)),
         values={name: value for name, value in problem.values.items() if name != second.name},
         fix=dict(zip(names, problem.constraints.values.T, strict=True)),
-        point=branch.points(place),
+        point=branch.point(place).points,
         home=(float(branch.parameter[place]), float(np.ravel(problem.values[second.name])[0])),
         events=record["events"],
         changes=frozenset(record.get("changes", ())),
@@ -165,28 +156,11 @@ def _order_change(
     )
 
 
-def _new_places(mapping: Map, branches: Sequence[Branch], branch: Branch) -> Iterator[int]:
-    """The places of the records of a branch that are not of an earlier run, nor at a bifurcation of one."""
-    earlier = [
-        (known, k)
-        for known in branches
-        for k, record in enumerate(known.records)
-        if "earlier" in record and record["special"] in MARKS
-    ]
-    for place, record in enumerate(branch.records):
-        if "earlier" in record:
-            continue
-        near = _points_near(earlier, branch, place)
-        images = _orbit_and_images(mapping, branch, place) if near and record["special"] in MARKS else []
-        if not _is_among(mapping, images, near):
-            yield place
-
-
 def _points_near(known: Sequence[tuple[Branch, int]], branch: Branch, place: int) -> list[Points]:
     """The points (1,) of known records that are of the row, period and parameter of a record of a branch."""
     width = branch.problem.high - branch.problem.low
     return [
-        other.points(k)
+        other.point(k).points
         for other, k in known
         if (other.row, other.period) == (branch.row, branch.period)
         and abs(other.parameter[k] - branch.parameter[place]) < ON_BRANCH * width
@@ -202,7 +176,7 @@ def _is_among(mapping: Map, images: Sequence[Points], known: Sequence[Points]) -
 
 def _orbit_and_images(mapping: Map, branch: Branch, place: int) -> list[Points]:
     """The orbit at a record of a branch, and its images under the symmetries; empty where there is none."""
-    points, values = branch.points(place), branch.problem.values_at(branch.parameter[[place]])
+    points, values = branch.point(place).points, branch.problem.values_at(branch.parameter[[place]])
     (orbit,) = orbits_of(mapping, points, values, branch.period)
     return [] if orbit is None else with_images(mapping, orbit, values)
 

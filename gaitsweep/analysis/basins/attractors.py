@@ -273,7 +273,7 @@ class Attractors:
 
     Rows at rest (at a fixed point of the flow) are in no attractor with rows that settled on their section.
     Rows on orbits of p crossings are in one attractor if their crossings are linked in turn, from whichever
-    crossing on; in tables of older versions, which have one crossing of each, they all are `period p`.
+    crossing on.
     Chaotic and quasi-periodic rows are in one attractor if their crossings are samples of one set
     (`sampled_sets`).
 
@@ -466,7 +466,7 @@ def _with_values(states: StateArray) -> StateArray:
 
 
 def _periods(table: pd.DataFrame) -> Int[np.ndarray, " rows"]:
-    """The period (n,) of each row's attractor in crossings; 1 in older tables without that column."""
+    """The period (n,) of each row's attractor in crossings; 1 in tables without that column."""
     if "attractor_period" not in table.columns:
         return np.ones(len(table), int)
     return table["attractor_period"].fillna(0).to_numpy(int)
@@ -492,8 +492,7 @@ def _orbit_groups(
     crossings = np.stack(
         [_with_values(space.points(of_orbits, at_crossing)) for at_crossing in names], axis=1
     )
-    of_older_version = not of_orbits.columns.isin(table.columns).all()
-    if of_older_version or not np.isfinite(crossings).all():
+    if not np.isfinite(crossings).all():
         return [_orbit_group(table, columns, rows, crossings[:0, 0], kind)]
     points = crossings.reshape(-1, len(columns))
     binned = cells(space, points, grain)

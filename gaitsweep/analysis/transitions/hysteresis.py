@@ -77,7 +77,8 @@ def hysteresis(
         start: of settled rows, the column of the start value that selects the branch.
         least: of ramps and staircases, the smallest change that counts as a jump, in the observable's unit.
             By default as in the figure `hysteresis`: 0.15 of a ramp, and of a staircase a step that is four
-            times as large as those beside it and changes the gait or a twentieth of the range.
+            times as large as those beside it and changes the gait, or is a twentieth of the range (0.15 rad
+            of an angle).
         by: swept axes; the transition points of each of their combinations are separate. `loops` are always
             of single rows, so `by` does not change them.
 
@@ -177,7 +178,7 @@ def why_no_jump(table: pd.DataFrame, observable: str, parameter: str, least: flo
     if irregular == passes:
         return f"No pass follows a branch of {observable}: all {passes} jump to and fro."
     if least is None and "stair" in table.columns:
-        rule = "is four times as large as those beside it and changes the gait or a twentieth of the range"
+        rule = "is large beside its neighbours and changes the gait, or is large in the range of all rows"
     else:
         rule = f"is {LEAST_JUMP if least is None else least:g} or more, and four times as large as usual"
     left_out = f" {irregular} of {passes} passes jump to and fro, and are left out." if irregular else ""

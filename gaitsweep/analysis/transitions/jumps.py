@@ -27,7 +27,7 @@ SPAN = 40  # crossings of a ramp within which a jump changes the observable by `
 CROSSING_FOOT, HOLD_FOOT = 0.1, 0.02
 STEEPER = 4.0  # least ratio of a jump to the row's slower changes; else it is a steep branch or noise
 # Without a least size, a jump between holds is as much steeper than the median of so many changes on each
-# side, and has this share of the range of its row or changes the gait.
+# side, and changes the gait or has this share of the range of all rows, of an angle `LEAST_JUMP`.
 BESIDE, LEAST_SHARE = 3, 0.05
 # Changes of a staircase below this share of the observable's largest value, or below `NOISE_FLOOR` in its
 # unit, are what settling to a tolerance and rounding leave.
@@ -39,7 +39,8 @@ class Course(NamedTuple):
     """One row of a ramp or a staircase, (n,) each; the observable is unwrapped, and smoothed for a ramp.
 
     `settled` marks the records on a branch (None for a ramp); `first` is the row's first record; `gait` holds
-    the labels of the records (all the same in a table without gaits).
+    the labels of the records (all the same in a table without gaits); `large` is a change that is large
+    among the values of all rows.
     """
 
     first: pd.Series
@@ -48,6 +49,7 @@ class Course(NamedTuple):
     value: Float[np.ndarray, " records"]
     settled: Bool[np.ndarray, " records"] | None
     gait: Shaped[np.ndarray, " records"]
+    large: float
 
 
 class Stretch(NamedTuple):
@@ -69,7 +71,7 @@ def jumps(
         least: the least change of a jump, in the observable's unit: between two holds, or within 40 crossings
             of a ramp. A jump is also larger than four times the lower quartile of such changes in the row.
             None: of a staircase, the changes that are four times as large as those beside them, and change
-            the gait or are a twentieth of the row's range.
+            the gait or are a twentieth of the range of all rows, of an angle 0.15 rad.
 
     Returns:
         One record a jump: row, swept axes, pass, direction (rising or falling, the parameter's), `low` and
@@ -198,6 +200,7 @@ def courses(table: pd.DataFrame, observable: str, parameter: str) -> Iterator[Co
     table = table.sort_values(["row", order], kind="stable")
     circular = is_circular(table, name)
     table = table.loc[sound(table, name, parameter)]
+    large = LEAST_JUMP if circular else LEAST_SHARE * float(table[name].max() - table[name].min())
     for _, part in table.groupby("row", sort=True):
         begin = 0 if stairs else where_it_moves(part[parameter].to_numpy(float))
         if len(part) - begin < 2:
@@ -213,7 +216,7 @@ def courses(table: pd.DataFrame, observable: str, parameter: str) -> Iterator[Co
             settled = np.ones(len(value), bool)
         parameters, passes = part[parameter].to_numpy(float)[begin:], part["pass"].to_numpy(int)[begin:]
         gait = part["gait"].astype(str).to_numpy()[begin:] if "gait" in part.columns else passes * 0
-        yield Course(part.iloc[0], parameters, passes, value, settled, gait)
+        yield Course(part.iloc[0], parameters, passes, value, settled, gait, large)
 
 
 def stretches(course: Course, least: float | None) -> list[Stretch]:
@@ -223,7 +226,7 @@ def stretches(course: Course, least: float | None) -> list[Stretch]:
         course: the course.
         least: the least change of a jump, in the observable's unit; a jump is also larger than four times the
             lower quartile of the course's changes. None: of a staircase, the changes that are four times as
-            large as those beside them, and change the gait or are a twentieth of the range.
+            large as those beside them, and change the gait or are `Course.large`.
     """
     if course.settled is None:
         return _along_crossings(course.value, LEAST_JUMP if least is None else least)
@@ -231,14 +234,13 @@ def stretches(course: Course, least: float | None) -> list[Stretch]:
         return _between_holds(course.value, course.settled, least)
     change = np.abs(np.diff(course.value))
     noise = max(NOISE_SHARE * float(np.max(np.abs(course.value))), NOISE_FLOOR)
-    floor = LEAST_SHARE * float(np.ptp(course.value))
     jumps = []
     for start, stop in _between_holds(course.value, course.settled, 0.0):
         size = abs(course.value[stop] - course.value[start])
         beside = np.concatenate([change[max(start - BESIDE, 0) : start], change[stop : stop + BESIDE]])
         other_gait = course.gait[start] != course.gait[stop]
         steep = not beside.size or size > STEEPER * float(np.median(beside))
-        if steep and size > noise and (size >= floor or other_gait):
+        if steep and size > noise and (size >= course.large or other_gait):
             jumps.append(Stretch(start, stop))
     return jumps
 

@@ -118,6 +118,9 @@ def fixed_points(
         the pairs in its window). Errors are standard errors from the scatter. Stable means a slope between
         -1 and 1. Whether the slope is below 1 follows from the signs on both sides, which are more robust to
         noise.
+
+    Raises:
+        AnalysisError: as for `drift`.
     """
     columns = [*names_in(by or ()), "value", "value_error", "slope", "slope_error", "stable", "count"]
     records = []
@@ -176,6 +179,9 @@ def branches(
         As `fixed_points`, with `branch`: a number for the fixed points of one stability that are mutually
         nearest at neighbouring values of the parameter, at most 0.25 rad apart (a quarter of the values'
         range if the observable is not an angle).
+
+    Raises:
+        AnalysisError: as for `drift`.
     """
     points = fixed_points(table, observable, parameter, bandwidth)
     name, tried = section_column(table, observable), sorted(table[parameter].dropna().unique())

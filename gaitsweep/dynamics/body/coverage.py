@@ -16,7 +16,7 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
-from gaitsweep.dynamics.body.surfaces import Box, Surface, cleaned, surface_of
+from gaitsweep.dynamics.body.surfaces import Box, Edge, Plane, Surface, cleaned, surface_of
 
 _GEOM = mujoco.mjtGeom
 _OFF = mujoco.mjtDisableBit
@@ -52,7 +52,8 @@ class Touch:
     """A geom that may touch a surface of the ground.
 
     `points` (k, 3) m are the centres of its spheres, or its corners, in the body's frame; `radius` is theirs;
-    `friction` is None without friction.
+    `axes` (k, 3) are directions outwards if the points are instead the centres of the ends of a cylinder;
+    `friction` is None without friction; `edges` are those of the surface that a capsule's side may touch.
     """
 
     geom: int
@@ -62,11 +63,13 @@ class Touch:
     surface: Surface
     softness: Softness
     friction: float | None
+    axes: Float[np.ndarray, "points 3"] | None = None
+    edges: tuple[Edge, ...] = ()
 
     @property
-    def has_side(self) -> bool:
-        """Whether an edge of the surface could meet the geom between its two points."""
-        return isinstance(self.surface, Box) and len(self.points) == 2
+    def contacts(self) -> int:
+        """Number of contacts: one of each point, two of the side with each edge."""
+        return len(self.points) + 2 * len(self.edges)
 
 
 def touches(m: Any) -> list[Touch]:
@@ -99,11 +102,24 @@ def touches(m: Any) -> list[Touch]:
         body = int(m.geom_bodyid[geom])
         inverse_mass = float(m.body_invweight0[body, 0])
         softness = _softness(m, mixed.solref, mixed.solimp, inverse_mass, weight)
-        points, radius = _points(m, data, geom)
+        points, radius, axes = _points(m, data, geom, surface)
         friction = mixed.friction if mixed.condim == 3 else None
-        result.append(Touch(geom, body, points, radius, surface, softness, friction))
+        result.append(Touch(geom, body, points, radius, surface, softness, friction, axes))
     _refuse_different_friction(m, result)
-    return result
+    return [dataclasses.replace(touch, edges=_edges(m, data, touch, result)) for touch in result]
+
+
+def _edges(m: Any, data: Any, touch: Touch, touches_of_body: list[Touch]) -> tuple[Edge, ...]:
+    """The edges of a box that the side of a capsule may touch above the level planes that it touches, too."""
+    is_capsule = m.geom_type[touch.geom] == _GEOM.mjGEOM_CAPSULE
+    if not (is_capsule and isinstance(touch.surface, Box)):
+        return ()
+    in_plane = touch.surface.is_along_y and _is_planar(m, data, touch.geom)
+    if in_plane and _is_along_y(data, touch.geom):  # its ends meet what its side meets
+        return ()
+    planes = [other.surface for other in touches_of_body if other.geom == touch.geom]
+    levels = [plane.origin[2] for plane in planes if isinstance(plane, Plane) and plane.is_level]
+    return tuple(touch.surface.edges(in_plane, max(levels, default=-math.inf)))
 
 
 def _refuse_different_friction(m: Any, touches_of_body: list[Touch]) -> None:
@@ -285,10 +301,11 @@ def _rise(x: float, middle: float, power: float) -> float:
     return 1.0 - (1.0 - x) ** power / (1.0 - middle) ** (power - 1.0)
 
 
-def _points(m: Any, data: Any, geom: int) -> tuple[np.ndarray, float]:
-    """Centres of a geom's spheres or its corners, (k, 3) m in the body's frame, and the radius, m.
+def _points(m: Any, data: Any, geom: int, surface: Surface) -> tuple[np.ndarray, float, np.ndarray | None]:
+    """Centres of a geom's spheres or ends, or its corners, (k, 3) m in the body's frame, radius, m, and axes.
 
-    In the plane of motion a cylinder along y is a disc, as are spheres at its ends; others are rectangles.
+    In the plane of motion a cylinder along y is a disc, as are spheres at its ends; one across it is a
+    rectangle. Others have axes.
     """
     matrix = np.zeros(9)
     mujoco.mju_quat2Mat(matrix, m.geom_quat[geom])
@@ -297,16 +314,20 @@ def _points(m: Any, data: Any, geom: int) -> tuple[np.ndarray, float]:
     size = m.geom_size[geom]
     shape = m.geom_type[geom]
     if shape == _GEOM.mjGEOM_SPHERE:
-        return at[None], float(size[0])
-    if shape == _GEOM.mjGEOM_CAPSULE or (shape == _GEOM.mjGEOM_CYLINDER and _is_along_y(data, geom)):
-        return cleaned(at + np.outer([1.0, -1.0], turn[:, 2]) * size[1]), float(size[0])
-    if shape == _GEOM.mjGEOM_CYLINDER:
+        return at[None], float(size[0]), None
+    if shape == _GEOM.mjGEOM_BOX:
+        signs = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
+        return cleaned(at + (signs * size) @ turn.T), 0.0, None
+    axes = np.outer([1.0, -1.0], turn[:, 2])
+    ends = cleaned(at + axes * size[1])
+    in_plane = surface.is_along_y and _is_planar(m, data, geom)
+    if shape == _GEOM.mjGEOM_CAPSULE or (in_plane and _is_along_y(data, geom)):
+        return ends, float(size[0]), None
+    if in_plane:
         y = data.xmat[m.geom_bodyid[geom]].reshape(3, 3)[1]  # the world's y axis in the body's frame
-        ends = np.outer([1.0, 1.0, -1.0, -1.0], turn[:, 2]) * size[1]
         sides = np.outer([1.0, -1.0, 1.0, -1.0], np.cross(y, turn[:, 2])) * size[0]
-        return cleaned(at + ends + sides), 0.0
-    signs = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
-    return cleaned(at + (signs * size) @ turn.T), 0.0
+        return cleaned(np.repeat(ends, 2, axis=0) + sides), 0.0, None
+    return ends, float(size[0]), axes
 
 
 def _refuse_shape(m: Any, data: Any, geom: int, ground: int, surface: Surface) -> None:
@@ -316,18 +337,13 @@ def _refuse_shape(m: Any, data: Any, geom: int, ground: int, surface: Surface) -
     words = f"{named(m, 'geom', geom)} is of type {kind} and may touch '{_name(m, 'geom', ground)}', but"
     if shape not in _TOUCHING:
         raise ValueError(f"{words} contacts are located of a sphere, capsule, box or cylinder: {_REMEDY}.")
-    is_cylinder = shape == _GEOM.mjGEOM_CYLINDER
-    if is_cylinder and not (_is_planar(m, data, geom) and surface.is_along_y):
-        raise ValueError(
-            f"{words} contacts of cylinders are located only where body and ground are planar: hinges along "
-            "y, slides along x or z, and the cylinder along y or across it. Use a capsule, or "
-            f"{_REMEDY}."
-        )
-    has_corners = shape == _GEOM.mjGEOM_BOX or (is_cylinder and not _is_along_y(data, geom))
-    if has_corners and isinstance(surface, Box):
+    is_disc = shape == _GEOM.mjGEOM_CYLINDER and _is_planar(m, data, geom) and _is_along_y(data, geom)
+    has_edges = shape in (_GEOM.mjGEOM_BOX, _GEOM.mjGEOM_CYLINDER) and not (is_disc and surface.is_along_y)
+    if has_edges and isinstance(surface, Box):
         raise ValueError(
             f"{words} contacts with boxes of the world are located of spheres, capsules and cylinders along "
-            f"y alone, since edges may cross away from corners: use these, or {_REMEDY}."
+            "y of a planar body alone (hinges along y, slides along x or z), since edges may cross away from "
+            f"corners: use these, or {_REMEDY}."
         )
 
 

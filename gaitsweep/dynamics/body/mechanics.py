@@ -29,7 +29,7 @@ from gaitsweep.dynamics.body.body_parameters import (
     is_velocity_servo,
 )
 from gaitsweep.dynamics.body.coverage import Touch, limits, refusals, touches
-from gaitsweep.dynamics.body.surfaces import Plane, Relief
+from gaitsweep.dynamics.body.surfaces import Edge, Plane, Relief, Surface
 from gaitsweep.dynamics.ground import Ground
 from gaitsweep.dynamics.mjcf import identifier
 from gaitsweep.dynamics.tree import (
@@ -54,6 +54,8 @@ EVEN = Ground("even", {})
 RELEASE = 1.0e-9
 # Component of a unit axis along a plane's normal below which a slide moves along the plane.
 _ACROSS = 1.0e-12
+# Tangent of the tilt below which the end of a cylinder is domed.
+_DOMED = 0.02
 # The slip s (m/s) in the formula of friction.
 _SLOWEST = 1.0e-4
 
@@ -169,14 +171,16 @@ class LocatedBody:
         self.elements = BodyElements(m)
         parameters = BodyParameters(self.elements, self._geometry, self._touches, self._limits)
         self.parameters = parameters.quantities(float(np.linalg.norm(self._gravity)))
-        points = [self.elements.name_of_geom(touch.geom) for touch in self._touches for _ in touch.points]
+        points = [
+            self.elements.name_of_geom(touch.geom) for touch in self._touches for _ in range(touch.contacts)
+        ]
         ends = [(self.elements.name_of_joint(j), end) for j in self._limits for end in ("lower", "upper")]
         self.geom_of_stop = (*points, *(None for _ in ends))  # the geom's name; None for a limit
         self.stop_names = (
             *(
                 f"geom {self.elements.name_of_geom(touch.geom)} touches or leaves {touch.surface.description}"
                 for touch in self._touches
-                for _ in touch.points
+                for _ in range(touch.contacts)
             ),
             *(f"joint {joint} meets or leaves its {end} limit" for joint, end in ends),
         )
@@ -236,6 +240,20 @@ class LocatedBody:
             unit = "m" if is_slide else "rad"
             joints.append(JointPlace(self.elements.name_of_joint(j), unit, in_q, int(m.jnt_dofadr[j])))
         return joints
+
+    @property
+    def is_on_level_planes(self) -> bool:
+        """Whether all that the body may touch are level planes, along which it may be anywhere."""
+        surfaces = [touch.surface for touch in self._touches]
+        return all(isinstance(surface, Plane) and surface.is_level for surface in surfaces)
+
+    @property
+    def velocities_along_ground(self) -> tuple[int, ...]:
+        """The places in v of the velocities of the whole body along the ground, where it has friction."""
+        if any(touch.friction is None for touch in self._touches):
+            return ()
+        free = (0, 1) if self.is_free and self.is_on_level_planes else ()
+        return (*free, *(joint.in_v for joint in self.joints if joint.in_q is None))
 
     def _before(self, joint: int) -> list[int]:
         """The joints between the world and a joint."""
@@ -316,27 +334,36 @@ class LocatedBody:
     def _contacts(
         self, geometry: Geometry, values: Values, q: Array, v: Array, ground: Ground
     ) -> Iterator[Contact]:
-        """The contact of each point of a geom that may touch the ground; arguments as of `stretches`."""
+        """The contacts of each geom that may touch the ground; arguments as of `stretches`.
+
+        The side of a capsule at an edge has the energy K (s2 - e2) / 2 with the depth s of the side and e, if
+        positive, of the nearer end at this edge: a second contact, of stiffness -K. So energy and force are
+        continuous as the edge passes from the side to the end, which has a contact of its own.
+        """
         placed = places(self.tree, geometry, q)
         moving = movements(self.tree, placed, v)
         for touch in self._touches:
             name = self.elements.name_of_geom(touch.geom)
             link = self.elements.link_of_body(touch.body)
-            centres, radius = self._points(touch, values, placed)
+            centres, axes, radius = self._points(touch, values, placed)
             damper = values[f"{name}_contact_damping"]
             has_friction = touch.friction is not None
-            for centre in centres:
-                normal, above = touch.surface.below(centre, ground)
-                depth = radius - above
-                # between the lowest point and the surface, as in MuJoCo
-                at = centre - normal * (radius - 0.5 * depth)
+            stiffness = values[f"{name}_contact_stiffness"]
+            met: list[tuple[Array, Array | None, Surface | Edge, float]] = [
+                (centre, axis, touch.surface, 1.0) for centre, axis in zip(centres, axes, strict=True)
+            ]
+            for edge in touch.edges:
+                side, end = _side(edge, centres)
+                met += [(side, None, edge, 1.0), (end, None, edge, -1.0)]
+            for centre, axis, surface, sign in met:
+                normal, depth, at = _met(centre, axis, radius, surface, ground)
                 speed = velocity_at(placed[link], moving[link], at)
                 rise = normal @ speed
                 yield Contact(
                     stretch=depth,
                     rate=-rise,
-                    K=values[f"{name}_contact_stiffness"],
-                    D=damper,
+                    K=sign * stiffness,
+                    D=sign * damper,
                     link=link,
                     at=at,
                     slip=speed - rise * normal,
@@ -385,8 +412,8 @@ class LocatedBody:
     def _bounds(self, values: Values, q: Array) -> Float[Array, " bounds"]:
         """The lengths (m), (bounds,), by which contacts are beyond what is covered; else negative.
 
-        A capsule meets a box with its ends: with its side it would pass through an edge. Beyond its ends a
-        height field has no surface.
+        The side of a capsule meets edges of a box, but not corners. Beyond its ends a height field has no
+        surface.
         """
         placed = places(self.tree, self.geometry(values), q)
         bounds: list[Scalar] = []
@@ -394,22 +421,32 @@ class LocatedBody:
             surface = touch.surface
             if isinstance(surface, Plane):
                 continue
-            points, radius = self._points(touch, values, placed)
-            depths = [radius - surface.below(point, EVEN)[1] for point in points]
+            points, axes, radius = self._points(touch, values, placed)
             if isinstance(surface, Relief):
-                pairs = zip(depths, points, strict=True)
-                bounds += [jnp.minimum(depth, surface.beyond(point)) for depth, point in pairs]
-            elif touch.has_side:
-                depth = radius + surface.margin - surface.distance_of_segment(*points)
-                bounds.append(jnp.minimum(depth, depth - jnp.maximum(*depths) - RELEASE))
+                for point, axis in zip(points, axes, strict=True):
+                    depth = _met(point, axis, radius, surface, EVEN)[1]
+                    bounds.append(jnp.minimum(depth, surface.beyond(point)))
+            elif touch.edges:
+                at_corner = []
+                for edge in touch.edges:
+                    side, end = _side(edge, points)
+                    depth, of_end = (radius - edge.below(point, EVEN)[1] for point in (side, end))
+                    apart = jnp.minimum(depth, depth - of_end - RELEASE)
+                    at_corner.append(jnp.minimum(apart, edge.beyond(side)))
+                bounds.append(functools.reduce(jnp.maximum, at_corner))
         return _row(bounds) if bounds else jnp.zeros((0,))
 
-    def _points(self, touch: Touch, values: Values, placed: Sequence[Place]) -> tuple[list[Array], Scalar]:
-        """Places (3,) m in the world, and the radius (m), of the points of a geom that may touch ground."""
+    def _points(
+        self, touch: Touch, values: Values, placed: Sequence[Place]
+    ) -> tuple[list[Array], Sequence[Array | None], Scalar]:
+        """Places (3,) m and `Touch.axes` (3,) in the world, and the radius (m), of the points of a geom."""
         size = values[f"{self.elements.name_of_body(touch.body)}_size"]
         radius = size * values[f"{self.elements.name_of_geom(touch.geom)}_radius"] if touch.radius else 0.0
         place = placed[self.elements.link_of_body(touch.body)]
-        return [place.position(size * point) for point in touch.points], radius
+        points = [place.position(size * point) for point in touch.points]
+        if touch.axes is None:
+            return points, [None] * len(points), radius
+        return points, [place.frame @ (place.turn @ axis) for axis in touch.axes], radius
 
     def _accelerations(
         self,
@@ -523,7 +560,39 @@ def _bounds_of(touch: Touch) -> list[str]:
     """The places at which the contact of a geom with a surface is not covered."""
     if isinstance(touch.surface, Relief):
         return ["beyond its end"] * len(touch.points)
-    return ["with its side"] if touch.has_side else []
+    return ["with its side at a corner"] if touch.edges else []
+
+
+def _met(
+    centre: Array, axis: Array | None, radius: Scalar, surface: Surface | Edge, ground: Ground
+) -> tuple[Array, Scalar, Array]:
+    """The normal (3,), the depth (m) and the place (3,) m of the contact of a sphere or a cylinder's end.
+
+    The place is between the deepest point and the surface, as in MuJoCo. The end of a cylinder is a disc
+    whose deepest point is on its rim, but for tilts whose tangent is below `_DOMED`: there the disc is domed
+    by up to half of that times its radius, so that the deepest point moves over it continuously.
+    """
+    normal, above = surface.below(centre, ground)
+    if axis is None:
+        depth = radius - above
+        return normal, depth, centre - normal * (radius - 0.5 * depth)
+    along = normal @ axis
+    across = normal - along * axis
+    square = across @ across
+    flat = _DOMED * jnp.abs(along)
+    is_flat = square < flat * flat
+    # the root of 0 has no derivative
+    size = jnp.where(is_flat, flat, jnp.sqrt(jnp.where(is_flat, 1.0, square)))
+    dome = jnp.where(is_flat, 0.5 * _DOMED * (1.0 - square / jnp.where(is_flat, flat * flat, 1.0)), 0.0)
+    deepest = radius * (dome * axis - across / size)
+    depth = -(normal @ deepest) - above
+    return normal, depth, centre + deepest + 0.5 * depth * normal
+
+
+def _side(edge: Edge, ends: Sequence[Array]) -> tuple[Array, Array]:
+    """The places (3,) m on a capsule's axis, and at its nearer end, that are nearest to an edge."""
+    first, second = (edge.below(end, EVEN)[1] for end in ends)
+    return edge.nearest_of_segment(*ends), jnp.where(first < second, *ends)
 
 
 def _row(numbers: Sequence[Scalar]) -> Array:

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from typing import Any, ClassVar, TypeAlias
 
 import jax
@@ -90,33 +91,24 @@ class Box:
         depth = jnp.maximum(jnp.maximum(beyond[0], beyond[1]), beyond[2])
         return self.axes @ normal, jnp.where(is_outside, distance, depth) - self.margin
 
-    def distance_of_segment(self, begin: Array, end: Array) -> Scalar:
-        """The distance (m) of the nearest point of a segment from `begin` to `end`, (3,) m; 0 inside.
+    def edges(self, along_y: bool, level: float) -> list[Edge]:
+        """The edges, without those that are nowhere above a plane at the height `level` (m).
 
-        The derivative of the squared distance along the segment rises, in straight lines between the places
-        where a coordinate passes a face.
+        Args:
+            along_y: whether to take the edges along y alone, which a planar body meets.
+            level: the plane's height, m; minus infinity without one.
         """
-        start = self.axes.T @ (begin - self.centre)
-        along = self.axes.T @ (end - begin)
-        per = 1.0 / jnp.where(along == 0.0, 1.0, along)
-        breaks = [(sign * self.half - start) * per for sign in (-1.0, 1.0)]
-        shares = jnp.clip(jnp.concatenate([jnp.array([0.0, 1.0]), *breaks]), 0.0, 1.0)
-        slopes = jnp.stack([along @ self._excess(start + share * along) for share in shares])
-        low = jnp.max(jnp.where(slopes <= 0.0, shares, 0.0))
-        high = jnp.min(jnp.where(slopes >= 0.0, shares, 1.0))
-        fall = jnp.max(jnp.where(slopes <= 0.0, slopes, -jnp.inf))
-        rise = jnp.min(jnp.where(slopes >= 0.0, slopes, jnp.inf))
-        crosses = (slopes[0] <= 0.0) & (slopes[1] >= 0.0) & (rise > fall)
-        share = low - jnp.where(crosses, (high - low) * fall / jnp.where(crosses, rise - fall, 1.0), 0.0)
-        share = jnp.where(slopes[0] > 0.0, 0.0, jnp.where(slopes[1] < 0.0, 1.0, share))
-        excess = self._excess(start + share * along)
-        square = excess @ excess
-        # the root of 0 has no derivative
-        return jnp.where(square > 0.0, jnp.sqrt(jnp.where(square > 0.0, square, 1.0)), 0.0)
-
-    def _excess(self, local: Array) -> Array:
-        """The vector (3,) m from the nearest point of the box to a point, both in its axes."""
-        return local - jnp.clip(local, -self.half, self.half)
+        result = []
+        for k in range(3):
+            along = self.axes[:, k]
+            if along_y and abs(along[1]) != 1.0:
+                continue
+            for signs in itertools.product((-1.0, 1.0), repeat=2):
+                aside = self.axes @ (self.half * np.insert(signs, k, 0.0))
+                half = float(self.half[k])
+                if self.centre[2] + aside[2] + half * abs(along[2]) > level + _DUST:
+                    result.append(Edge(self.centre + aside, along, half, self.margin))
+        return result
 
     def top(self, x: Array, y: Array) -> Array:
         """The height (m) of the upper side of the box at places x, y (m); NaN beside it."""
@@ -135,11 +127,54 @@ class Box:
 
 
 @dataclasses.dataclass(frozen=True)
+class Edge:
+    """An edge of a box: `middle` (3,) m, direction `along` (3,), `half` its length, `margin`, both m."""
+
+    middle: Float[np.ndarray, " 3"]
+    along: Float[np.ndarray, " 3"]
+    half: float
+    margin: float
+
+    def below(self, point: Array, _ground: Ground) -> tuple[Array, Scalar]:
+        """The normal (3,) from the edge to a point (3,) m, and the distance (m) of both."""
+        away = point - self._nearest_to(point)
+        distance = jnp.sqrt(away @ away)
+        return away / distance, distance - self.margin
+
+    def nearest_of_segment(self, begin: Array, end: Array) -> Array:
+        """The point (3,) m of a segment from `begin` to `end`, (3,) m, that is nearest to the edge.
+
+        It is that nearest to the edge's line, and then that nearest to the edge's point next to it (Ericson
+        2005, Real-Time Collision Detection, 5.1.9).
+        """
+        along = end - begin
+        across = along - self.along * (self.along @ along)
+        on_line = begin + _share(across, self.middle - begin) * along
+        return begin + _share(along, self._nearest_to(on_line) - begin) * along
+
+    def beyond(self, point: Array) -> Scalar:
+        """The distance (m) of a point (3,) m beyond the nearer end of the edge; negative between both."""
+        return jnp.abs(self.along @ (point - self.middle)) - self.half
+
+    def _nearest_to(self, point: Array) -> Array:
+        """The point (3,) m of the edge that is nearest to a point (3,) m."""
+        return self.middle + self.along * jnp.clip(self.along @ (point - self.middle), -self.half, self.half)
+
+
+def _share(along: Array, to: Array) -> Scalar:
+    """The place, from 0 to 1, of the foot of `to` (3,) on a segment `along` (3,), both m from its begin."""
+    square = along @ along
+    return jnp.clip(along @ to / jnp.where(square > 0.0, square, 1.0), 0.0, 1.0)
+
+
+@dataclasses.dataclass(frozen=True)
 class Relief:
-    """A height field of the world that varies along x alone: a profile whose bends are rounded.
+    """A height field of the world, whose cells are two triangles each, with rounded bends.
 
     `centre` (3,) m is its place, `half` (2,) m are half its lengths along x and y, `first` (m) is the height
-    of the profile's first point above the centre, `margin` (m) that of the contact.
+    of its first point above the centre, `profile` that of its first row along x, `across` that of its first
+    column along y; `twists` (rows - 1, columns - 1) m are the heights of each cell's last point above the
+    plane of its three others; `margin` (m) is that of the contact.
     """
 
     description: ClassVar[str] = "a height field"
@@ -148,15 +183,21 @@ class Relief:
     half: Float[np.ndarray, " 2"]
     first: float
     profile: Profile
+    across: Profile
+    twists: Float[np.ndarray, "rows columns"]
     margin: float
 
-    is_along_y: ClassVar[bool] = True  # the heights vary along x alone
+    @property
+    def is_along_y(self) -> bool:
+        """Whether the heights vary along x alone."""
+        return not (np.any(np.diff(self.across.heights)) or self.twists.any())
 
     def below(self, point: Array, _ground: Ground) -> tuple[Array, Scalar]:
         """The normal (3,) of the tangent plane below a point (3,) m, and the point's height (m) over it."""
-        x = point[0] - self.centre[0]
-        height, slope = jax.jvp(self._height, (x,), (jnp.ones_like(x),))
-        normal, above = _above_tangent(point[2] - height, slope)
+        x, y = point[0] - self.centre[0], point[1] - self.centre[1]
+        slopes = (0,) if self.is_along_y else (0, 1)
+        height, along = jax.value_and_grad(self._height, slopes)(x, y)
+        normal, above = _above_tangent(point[2] - height, *along)
         return normal, above - self.margin
 
     def beyond(self, point: Array) -> Scalar:
@@ -167,10 +208,32 @@ class Relief:
     def top(self, x: Array, y: Array) -> Array:
         """The height (m) of the field at places x, y (m); NaN beside it."""
         inside = (jnp.abs(x - self.centre[0]) <= self.half[0]) & (jnp.abs(y - self.centre[1]) <= self.half[1])
-        return jnp.where(inside, self._height(x - self.centre[0]), jnp.nan)
+        return jnp.where(inside, self._height(x - self.centre[0], y - self.centre[1]), jnp.nan)
 
-    def _height(self, x: Array) -> Array:
-        return self.centre[2] + self.first + self.profile.height(jnp.asarray(x), ROUNDING)
+    def _height(self, x: Array, y: Array) -> Array:
+        height = self.centre[2] + self.first + self.profile.height(jnp.asarray(x), ROUNDING)
+        if self.is_along_y:
+            return height
+        u = self.profile.shares(jnp.asarray(x), ROUNDING)
+        v = self.across.shares(jnp.asarray(y), ROUNDING)
+        height = height + self.across.height(jnp.asarray(y), ROUNDING)
+        cell = 2.0 * self.half / np.array([len(u), len(v)])
+        bend = min(0.5, ROUNDING * float(np.linalg.norm(1.0 / cell)))
+        for j, i in np.argwhere(self.twists).tolist():
+            height = height + self.twists[j, i] * _lower(u[i], v[j], bend)
+        return height
+
+
+def _lower(u: Array, v: Array, bend: float) -> Array:
+    """The lower one of u and v, both from 0 to 1, with a parabola in place of the bend at u = v.
+
+    It begins and ends at u - v = -h and h, with h = `bend` (u + v) (2 - u - v), so that the edges of the
+    square, and places beyond it, where u or v is 0 or 1, keep their heights.
+    """
+    both = u + v
+    half = bend * both * (2.0 - both)
+    inside = jnp.clip(u - v + half, 0.0, 2.0 * half)
+    return u - inside * inside / (4.0 * jnp.where(half > 0.0, half, 1.0)) - jnp.maximum(u - v - half, 0.0)
 
 
 Surface: TypeAlias = Plane | Box | Relief
@@ -186,7 +249,7 @@ def surface_of(m: Any, data: Any, geom: int, margin: float) -> Surface:
         margin: the distance (m) from which on MuJoCo's contact is stretched.
 
     Raises:
-        ValueError: the height field is turned, varies along y, or has too many points.
+        ValueError: the height field is turned, or has too many points.
     """
     centre = np.array(data.geom_xpos[geom])
     axes = cleaned(data.geom_xmat[geom].reshape(3, 3))
@@ -201,14 +264,18 @@ def surface_of(m: Any, data: Any, geom: int, margin: float) -> Surface:
     name = f"Geom '{m.geom(geom).name or f'geom {geom}'}' is a height field"
     if not np.array_equal(axes, np.eye(3)):
         raise ValueError(f"{name} that is turned, but located contacts have it along x and y of the world.")
-    if (elevations != elevations[0]).any():
-        raise ValueError(f"{name} that varies along y, but located contacts have heights along x alone.")
-    if columns > MOST_POINTS:
-        raise ValueError(f"{name} of {columns} columns, but located contacts have at most {MOST_POINTS}.")
+    varied = (elevations != elevations[0]).any()
+    if (rows * columns if varied else columns) > MOST_POINTS:
+        points = f"{rows} x {columns} points" if varied else f"{columns} columns"
+        raise ValueError(f"{name} of {points}, but located contacts have at most {MOST_POINTS}.")
     half_x, half_y, tallest, _ = m.hfield_size[field].tolist()
-    heights = tallest * elevations[0]
-    profile = Profile(tuple(np.linspace(-half_x, half_x, columns).tolist()), tuple(heights.tolist()))
-    return Relief(centre, np.array([half_x, half_y]), float(heights[0]), profile, margin)
+    heights = tallest * elevations
+    along_x, along_y = (
+        Profile(tuple(np.linspace(-half, half, len(row)).tolist()), tuple(row.tolist()))
+        for half, row in ((half_x, heights[0]), (half_y, heights[:, 0]))
+    )
+    twists = cleaned(np.diff(np.diff(heights, axis=0), axis=1))
+    return Relief(centre, np.array([half_x, half_y]), float(heights[0, 0]), along_x, along_y, twists, margin)
 
 
 def cleaned(values: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
@@ -216,7 +283,9 @@ def cleaned(values: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
     return np.where(np.abs(values) < _DUST, 0.0, values)
 
 
-def _above_tangent(above: Scalar, slope: Array) -> tuple[Array, Scalar]:
-    """The normal (3,) of ground with a slope (1), and the distance (m) of a point `above` (m) it."""
-    cosine = 1.0 / jnp.sqrt(1.0 + slope * slope)
-    return jnp.stack([-slope * cosine, jnp.zeros_like(cosine), cosine]), cosine * above
+def _above_tangent(above: Scalar, slope: Array, slope_y: Array | None = None) -> tuple[Array, Scalar]:
+    """The normal (3,) of ground with slopes (1) along x and y, and the distance (m) of a point `above` it."""
+    square = 1.0 + slope * slope
+    cosine = 1.0 / jnp.sqrt(square if slope_y is None else square + slope_y * slope_y)
+    aside = jnp.zeros_like(cosine) if slope_y is None else -slope_y * cosine
+    return jnp.stack([-slope * cosine, aside, cosine]), cosine * above

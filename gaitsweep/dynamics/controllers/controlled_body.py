@@ -22,9 +22,9 @@ from gaitsweep.dynamics.controllers.leg_targets import (
     unit_of_joints,
 )
 from gaitsweep.dynamics.controllers.oscillators import HIP, LegSenses
-from gaitsweep.dynamics.declarations import observable, parameter, signal, variable
+from gaitsweep.dynamics.declarations import Variable, observable, parameter, signal, variable
 from gaitsweep.dynamics.event_declarations import event
-from gaitsweep.dynamics.footfalls import LEGS, SHORTEST_CONTACT, footfalls
+from gaitsweep.dynamics.gaits_by_footfalls import LEGS, SHORTEST_CONTACT, footfalls
 from gaitsweep.dynamics.ground import is_uneven
 from gaitsweep.dynamics.mjcf import identifier
 from gaitsweep.dynamics.tree import tilt_and_heading
@@ -90,7 +90,13 @@ class ControlledBody:
 
     def members(self) -> dict[str, Any]:
         """The declarations and functions of the model, by name."""
-        return {**self._of_controller(), **self._of_feet(), **self._of_trunk()}
+        members = {**self._of_controller(), **self._of_feet(), **self._of_trunk()}
+        if self.is_located:
+            # `begin` follows from the positions, and nothing follows from `speed` and the clock
+            moving = [name for name, declared in members.items() if isinstance(declared, Variable)]
+            others = ("clock", "begin", "speed")
+            members["section_coordinates"] = ("q", "v", *(name for name in moving if name not in others))
+        return members
 
     def _of_controller(self) -> dict[str, Any]:
         """Parameters, variables, rates and control of the oscillators."""
@@ -214,6 +220,11 @@ class ControlledBody:
             members["speed"] = variable(
                 "m/s", "mean speed of the last cycle", observed=True, scale=1.0, held=True
             )
+
+            def complete(model: Any, params: Any, state: Any) -> Any:
+                return state.replace(begin=trunk.place(model.positions(state))[:2])
+
+            members["complete"] = complete
         members["height"] = observed_height(height)
         if lowest is not None:
 

@@ -43,11 +43,12 @@ from gaitsweep.dynamics.controllers.leg_targets import (
     two_link_leg,
 )
 from gaitsweep.dynamics.controllers.oscillators import HIP, OSCILLATORS, Oscillators
-from gaitsweep.dynamics.footfalls import SHORTEST_CONTACT
+from gaitsweep.dynamics.gaits_by_footfalls import SHORTEST_CONTACT
 from gaitsweep.dynamics.mjcf import Stamps, compiled_mjcf, keyframe_number, stamps_of_mjcf
 from gaitsweep.dynamics.mjx.mjcf_model import MjcfModel
+from gaitsweep.errors import JobError
 from gaitsweep.near_miss import suggestion
-from gaitsweep.schema.diagnostics import Diagnostic, JobError, wrong_kind
+from gaitsweep.schema.diagnostics import Diagnostic, wrong_kind
 from gaitsweep.schema.numbers import NotNegative, Real, Text, Word, checked, read_real
 from gaitsweep.schema.strict_model import OneOf, SchemaSection, StrictModel, from_pydantic
 from gaitsweep.schema.yaml_document import Document, read_document
@@ -88,7 +89,7 @@ class ModelFile(StrictModel):
     """A body of an MJCF and its controller."""
 
     body: Text = Field(description="the MJCF, from the folder of this file")
-    dynamics: Annotated[Literal["located", "stepped"], Word({"mjx": "stepped"})] = Field(
+    dynamics: Annotated[Literal["located", "stepped"], Word()] = Field(
         default="located",
         description="located: contacts as events, in the kernels (BodyModel); stepped: MuJoCo's steps and "
         "contacts (MjcfModel)",

@@ -298,9 +298,10 @@ class MatsuokaOscillators(Oscillators):
 
     def declarations(self, legs: Sequence[str]) -> dict[str, Any]:
         n = len(legs)
-        # the first leg's extensor rests, and so do those of the legs that it does not inhibit
-        rested = [0.1 if i % 2 else 1.0 for i in range(n)]
-        starts = (*rested, *(1.1 - start for start in rested))
+        # the first leg, and others that it does not inhibit, begin in swing: before the section, at which its
+        # extensor takes over
+        extensors = [1.0 if i % 2 else 0.1 for i in range(n)]
+        starts = (*extensors, *(1.1 - start for start in extensors))
         declared: dict[str, Any] = {
             "Tr": parameter("s", "time constant of the rise", self.rise, low=0.0, open_ends=True),
             "Ta": parameter("s", "time constant of the adaptation", self.adaptation, low=0.0, open_ends=True),

@@ -26,7 +26,7 @@ import numpy as np
 
 from gaitsweep.cache_folder import cache_folder, load_cached, store_cached
 from gaitsweep.contract import Quantity
-from gaitsweep.dynamics.mjx.body import BodyState
+from gaitsweep.dynamics.mjx.mjx_body import BodyState
 from gaitsweep.dynamics.mjx.refusals import cautions, contact_words, named
 from gaitsweep.expression import resolve
 

@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Array, Float
 from mujoco import rollout
 
-from gaitsweep.dynamics.mjx.body import BodyState, Numbers
+from gaitsweep.dynamics.mjx.mjx_body import BodyState, Numbers
 
 _LARGEST = 1e10  # mjMAXVAL, beyond which MuJoCo warns in a file and on the terminal
 _MODELS = 4096  # copies of a model with other steps

@@ -33,8 +33,8 @@ from gaitsweep.dynamics.mjcf import (
 from gaitsweep.near_miss import suggestion
 
 if TYPE_CHECKING:
-    from gaitsweep.dynamics.mjx.body import MjxBody, Numbers
     from gaitsweep.dynamics.mjx.c_body import CBody
+    from gaitsweep.dynamics.mjx.mjx_body import MjxBody, Numbers
 
 # Fields of a state besides those that are declared.
 BODY = "body"
@@ -256,7 +256,7 @@ def _mjx_body(source: str, stamps: Stamps, keyframe: str) -> MjxBody:
     Raises:
         ValueError: MJX would ignore a part of it; the message says which.
     """
-    from gaitsweep.dynamics.mjx.body import MjxBody
+    from gaitsweep.dynamics.mjx.mjx_body import MjxBody
 
     model = compiled_content(source, stamps)
     return MjxBody(model, contact=True, keyframe=keyframe_number(model, keyframe))

@@ -20,7 +20,7 @@ import mujoco
 import numpy as np
 from jaxtyping import Array, Float, Num
 
-from gaitsweep.dynamics.mjx.body import mjx
+from gaitsweep.dynamics.mjx.mjx_body import mjx
 from gaitsweep.errors import ArgumentError
 
 # Number of compiled sets of values that are cached, for later blocks of rows.

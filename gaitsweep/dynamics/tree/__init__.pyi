@@ -7,6 +7,7 @@ from gaitsweep.dynamics.tree.dynamics import YieldingForce as YieldingForce
 from gaitsweep.dynamics.tree.dynamics import forward_dynamics as forward_dynamics
 from gaitsweep.dynamics.tree.from_mjcf import tree_of as tree_of
 from gaitsweep.dynamics.tree.kinematics import integrate as integrate
+from gaitsweep.dynamics.tree.kinematics import is_upright as is_upright
 from gaitsweep.dynamics.tree.kinematics import movements as movements
 from gaitsweep.dynamics.tree.kinematics import places as places
 from gaitsweep.dynamics.tree.kinematics import rates as rates

@@ -1,4 +1,7 @@
-"""Kinematics of an articulated tree: places and velocities of links, and integration of positions."""
+"""Kinematics of an articulated tree: places and velocities of links, and integration of positions.
+
+Equations and tables are those of Featherstone 2008, "Rigid Body Dynamics Algorithms".
+"""
 
 from __future__ import annotations
 
@@ -7,7 +10,7 @@ from collections.abc import Sequence
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from gaitsweep.dynamics.tree.articulated_tree import WORLD, Geometry, Link, LinkAxes, Tree
 from gaitsweep.dynamics.tree.spatial import (
@@ -52,7 +55,17 @@ class Place:
         return self.base + self.frame @ (self.reach + self.turn @ (point - self.anchor))
 
 
-_GROUND = Place(None, ZERO, ZERO, ZERO, EYE, ZERO, EYE, ZERO, ZERO)
+_GROUND = Place(
+    across=None,
+    offset=ZERO,
+    axis=ZERO,
+    axis_across=ZERO,
+    turn=EYE,
+    anchor=ZERO,
+    frame=EYE,
+    base=ZERO,
+    reach=ZERO,
+)
 
 
 def places(tree: Tree, geometry: Geometry, q: Float[Array, " nq"]) -> list[Place]:
@@ -82,8 +95,9 @@ def places(tree: Tree, geometry: Geometry, q: Float[Array, " nq"]) -> list[Place
 
 
 def _free(anchor: Array, q: Array) -> Place:
+    """The place of a free body."""
     frame = rotation_of(q[3:])
-    return Place(frame, q[:3], ZERO, ZERO, EYE, anchor, frame, q[:3], ZERO)
+    return dataclasses.replace(_GROUND, across=frame, offset=q[:3], anchor=anchor, frame=frame, base=q[:3])
 
 
 def _jointed(
@@ -111,7 +125,17 @@ def _jointed(
     reach = parent.reach + offset
     if across is not None:
         frame, base, reach = frame @ across, base + frame @ reach, ZERO
-    return Place(across, offset, axis, axis_across, turn, anchor, frame, base, reach)
+    return Place(
+        across=across,
+        offset=offset,
+        axis=axis,
+        axis_across=axis_across,
+        turn=turn,
+        anchor=anchor,
+        frame=frame,
+        base=base,
+        reach=reach,
+    )
 
 
 @dataclasses.dataclass(frozen=True)
@@ -224,7 +248,8 @@ def tilt_and_heading(
     """The tilt of a free body and its heading.
 
     Returns:
-        Vertical components (2,) of the body's x and y axes, and the rotation (2, 2) by its yaw when upright.
+        Vertical components (2,) of the body's x and y axes, and the rotation (2, 2) by its yaw when upright,
+        which is NaN exactly upside down, where a body has no heading.
     """
     w, x, y, z = quaternion / jnp.sqrt(quaternion @ quaternion)
     up = jnp.stack([2.0 * (x * z - w * y), 2.0 * (y * z + w * x)])
@@ -236,8 +261,17 @@ def tilt_and_heading(
     return up, jnp.array([[cosine, -sine], [sine, cosine]])
 
 
+def is_upright(quaternion: Float[Array, " 4"]) -> Bool[Array, ""]:
+    """Whether the z axis of a free body points upwards; `tilted` gives its tilt back only then."""
+    w, x, y, z = quaternion
+    return w * w + z * z >= x * x + y * y
+
+
 def tilted(up: Float[Array, " 2"]) -> Float[Array, " 4"]:
-    """The quaternion (4,) of a body with heading 0 and this tilt (2,), as `tilt_and_heading` gives it."""
+    """The quaternion (4,) of a body with heading 0 and this tilt (2,), as `tilt_and_heading` gives it.
+
+    Of the two bodies with a tilt, this one is at most a right angle from upright (`is_upright`).
+    """
     upright = jnp.sqrt(1.0 - up @ up)
     quaternion = jnp.stack([1.0 + upright, up[1], -up[0], 0.0 * upright])
     return quaternion / jnp.sqrt(2.0 * (1.0 + upright))

@@ -36,15 +36,19 @@ class Operation:
 
 
 def _select(condition: Any, yes: Any, no: Any) -> Any:
+    """The second argument if the first is true, else the third."""
     return yes if condition else no
 
 
 def _fused(a: Any, b: Any, c: Any) -> Any:
     """The sum a * b + c, rounded once."""
     try:
-        return type(c)(float(Fraction(float(a)) * Fraction(float(b)) + Fraction(float(c))))
+        exact = Fraction(float(a)) * Fraction(float(b)) + Fraction(float(c))
+        if exact:
+            return type(c)(float(exact))
     except (OverflowError, ValueError):  # infinite or NaN
-        return a * b + c
+        pass
+    return a * b + c  # of a sum that is 0, too, since a fraction has no sign of zero
 
 
 def _infix(

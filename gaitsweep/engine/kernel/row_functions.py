@@ -7,8 +7,7 @@ machine. Results may differ from those of XLA in the last place.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable
-from functools import partial
+from collections.abc import Callable
 from typing import Any
 
 import jax
@@ -55,28 +54,31 @@ def over_rows(
     else:
         trace = _traced_operations
         computed_by = _by_numpy
-    programs: dict[Hashable, Callable[..., Any]] = {}
+    programs: dict[str, Callable[..., Any]] = {}
 
-    def compiled(shapes: Any, key: Hashable) -> Callable[..., Any]:
-        """The function of rows with these shapes of a row's arguments."""
-        trace_row = partial(trace, function, shapes)
+    def compiled(row: Any, key: str) -> Callable[..., Any]:
+        """The function of rows, each with arguments like those of `row`."""
+
+        def trace_row() -> tuple[Any, ...]:
+            return trace(function, _mapped(lambda leaf: jax.ShapeDtypeStruct(leaf.shape, leaf.dtype), row))
+
         try:
             if model is None:
                 return computed_by(*trace_row())
-            return computed_by(*stored(name, model, (*others, repr(key)), trace_row))
+            return computed_by(*stored(name, model, (*others, key), trace_row))
         except UnsupportedError:
             return _by_xla(function, all_rows=all_rows)
 
     def of_rows(*trees: Any) -> Any:
-        columns, structure = jax.tree.flatten(jax.tree.map(np.asarray, trees))
-        shapes = [jax.ShapeDtypeStruct(column.shape[1:], column.dtype) for column in columns]
-        key = structure, tuple((shape.shape, shape.dtype) for shape in shapes)
+        columns = _mapped(np.asarray, trees)
+        row = _mapped(lambda column: np.empty(column.shape[1:], column.dtype), columns)
+        key = f"{_structure(row)} {[(leaf.shape, leaf.dtype.str) for leaf in _leaves(row)]}"
         if key not in programs:
-            programs[key] = compiled(jax.tree.unflatten(structure, shapes), key)
+            programs[key] = compiled(row, key)
         outputs = []
-        for first in range(0, max(len(columns[0]), 1), _ROWS_AT_A_TIME):
-            part = [column[first : first + _ROWS_AT_A_TIME] for column in columns]
-            outputs.append(programs[key](*jax.tree.unflatten(structure, part)))
+        for first in range(0, max(len(_leaves(columns)[0]), 1), _ROWS_AT_A_TIME):
+            rows = slice(first, first + _ROWS_AT_A_TIME)
+            outputs.append(programs[key](*_mapped(lambda column, rows=rows: column[rows], columns)))
         if len(outputs) == 1:
             return outputs[0]
         return jax.tree.map(lambda *leaves: np.concatenate(leaves), *outputs)
@@ -151,7 +153,7 @@ def _by_kernel(kernel: Any, arrays: Any, results: Any) -> Callable[..., Any]:
 
 def _columns(trees: Any) -> list[np.ndarray]:
     """A column (rows,) for each number of a row."""
-    return [column for leaf in jax.tree.leaves(trees) for column in np.reshape(leaf, (len(leaf), -1)).T]
+    return [column for leaf in _leaves(trees) for column in np.reshape(leaf, (len(leaf), -1)).T]
 
 
 def _arrays(numbers: Float[np.ndarray, "rows numbers"], arrays: Any, results: Any) -> Any:
@@ -164,4 +166,31 @@ def _arrays(numbers: Float[np.ndarray, "rows numbers"], arrays: Any, results: An
         with np.errstate(invalid="ignore"):  # a whole number of a row that failed
             return of_array.astype(dtype).reshape(len(numbers), *shape)
 
-    return jax.tree.map(array, results)
+    return _mapped(array, results)
+
+
+def _mapped(function: Callable[..., Any], tree: Any) -> Any:
+    """`jax.tree.map`, which does not import JAX for a tree of dictionaries, lists, tuples and numbers."""
+    if type(tree) is dict:
+        return {name: _mapped(function, tree[name]) for name in sorted(tree)}
+    if type(tree) in (list, tuple):
+        return type(tree)(_mapped(function, branch) for branch in tree)
+    if isinstance(tree, np.ndarray | np.generic | int | float):
+        return function(tree)
+    return jax.tree.map(function, tree)
+
+
+def _leaves(tree: Any) -> list[Any]:
+    """The leaves of a tree, in JAX's order."""
+    leaves: list[Any] = []
+    _mapped(leaves.append, tree)
+    return leaves
+
+
+def _structure(tree: Any) -> str:
+    """The structure of a tree, with the names of its parts."""
+    if type(tree) is dict:
+        return "{" + ", ".join(f"{name!r}: {_structure(tree[name])}" for name in sorted(tree)) + "}"
+    if type(tree) in (list, tuple):
+        return f"{type(tree).__name__}({', '.join(map(_structure, tree))})"
+    return "*" if isinstance(tree, np.ndarray) else str(jax.tree.structure(tree))

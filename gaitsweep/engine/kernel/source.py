@@ -164,6 +164,7 @@ def name_all(language: Language, program: Program, order: Sequence[int], names: 
 
 
 def _literal(language: Language, program: Program, at: int) -> str:
+    """The literal of a constant node."""
     node = program.nodes[at]
     assert node.value is not None
     return language.literal(node.value, node.kind)

@@ -39,6 +39,9 @@ MIN_SIZE = 0.1
 MEASURED = ("t_push", "cycles_back", "time_back", "excursion", "phase_shift")
 # Periods of the gait for which the event of a push is awaited.
 AWAITED = 4.0
+# A push at the section may move the state back behind it. The crossing that follows within this share of a
+# cycle since the last one is that crossing again: no cycle has passed.
+AGAIN = 0.05
 
 
 class Stage(enum.IntEnum):
@@ -63,6 +66,8 @@ class PushMemory(ResultMemory):
             its period.
         times: the times (p,) of these crossings (s).
         period: the period of the gait (crossings).
+        cycle: the mean time between two crossings of that gait (s).
+        crossed: the time of the latest crossing (s).
         pushed: the time of the push (s).
         since: the section crossings after the push.
         outside: the last of these that was far from the gait, 0 if none.
@@ -75,6 +80,8 @@ class PushMemory(ResultMemory):
     gait: Float[Array, "period observables"]
     times: Float[Array, " period"]
     period: Integer
+    cycle: Number
+    crossed: Number
     pushed: Number
     since: Integer
     outside: Integer
@@ -230,6 +237,8 @@ class PerturbRecorder(Recorder):
             gait=jnp.full((longest, record.last.size), jnp.nan, record.last.dtype),
             times=jnp.full((longest,), jnp.nan, record.last.dtype),
             period=zero,
+            cycle=unknown,
+            crossed=unknown,
             pushed=unknown,
             since=zero,
             outside=zero,
@@ -242,6 +251,8 @@ class PerturbRecorder(Recorder):
         # an event at which the push comes halts the row as a crossing of the section does
         due = carry.state.push_due
         crossed = (carry.halt == Halt.CROSSING) & (~due | carry.state.push_crossed)
+        is_first = memory.is_in(Stage.ACTS, Stage.RETURNS) & (memory.since == 0)
+        crossed = crossed & ~(is_first & (carry.t - memory.crossed < AGAIN * memory.cycle))
         timed = carry.halt == Halt.TIME
         settling = self._settling(params, carry, record, crossed)
         gait = self._gait_left(memory, settling)
@@ -258,7 +269,15 @@ class PerturbRecorder(Recorder):
             status=_status(memory, settling, push, timed).astype(jnp.int32),
             cycles=jnp.where(crossed, record.cycles + 1, record.cycles),
             last=jnp.where(crossed, latest, settling.polled.last),
-            memory=_memory_after(settling, gait, push, departure, fresh),
+            memory=_memory_after(
+                settling,
+                gait,
+                push,
+                departure,
+                fresh,
+                cycle=jnp.where(settling.arrives, duration / gait.period, memory.cycle),
+                crossed=jnp.where(crossed, carry.t, memory.crossed),
+            ),
             numbers={
                 **record.numbers,
                 **_numbers_of_return(carry, memory, settling, gait, departure, duration),
@@ -471,7 +490,14 @@ def _numbers_of_return(
 
 
 def _memory_after(
-    settling: _Settling, gait: _Gait, push: _Push, departure: _Departure, fresh: Memory
+    settling: _Settling,
+    gait: _Gait,
+    push: _Push,
+    departure: _Departure,
+    fresh: Memory,
+    *,
+    cycle: Number,
+    crossed: Number,
 ) -> PushMemory:
     """The memory of a row after a poll; `fresh` is that of a row that begins to settle again."""
     return PushMemory(
@@ -481,6 +507,8 @@ def _memory_after(
         gait=gait.observed,
         times=gait.times,
         period=gait.period.astype(jnp.int32),
+        cycle=cycle,
+        crossed=crossed,
         pushed=push.time,
         since=push.since.astype(jnp.int32),
         outside=departure.outside.astype(jnp.int32),

@@ -282,13 +282,13 @@ def _one_plus_square_of(operation: Operation, k: int, args: list[Series]) -> Ser
     return [None if numerator is None else numerator / d[0]]
 
 
-def _circular(other: Callable[[Value], Value], own_sign: float, other_sign: float) -> Rule:
+def _circular(other: str, own_sign: float, other_sign: float) -> Rule:
     """A function f with f' = own_sign g, g' = other_sign f, and g as an auxiliary series.
 
     They are sine and cosine, and their hyperbolic forms.
 
     Args:
-        other: the function g.
+        other: the name of the function g.
         own_sign, other_sign: 1 or -1.
     """
 
@@ -297,7 +297,7 @@ def _circular(other: Callable[[Value], Value], own_sign: float, other_sign: floa
         own = operation.results[0]
         of_other = operation.auxiliary.setdefault("other", [])
         if not of_other:
-            of_other.append(other(a[0]))
+            of_other.append(getattr(jnp, other)(a[0]))
         while len(of_other) < k:
             term = _moment(len(of_other), a, own)
             of_other.append(_minus(None, term) if other_sign < 0.0 else term)
@@ -410,10 +410,10 @@ RULES: dict[str, Rule] = {
     "atan": _one_plus_square_of,
     "log": _log,
     "log1p": _log1p,
-    "sin": _circular(jnp.cos, 1.0, -1.0),
-    "cos": _circular(jnp.sin, -1.0, 1.0),
-    "sinh": _circular(jnp.cosh, 1.0, 1.0),
-    "cosh": _circular(jnp.sinh, 1.0, 1.0),
+    "sin": _circular("cos", 1.0, -1.0),
+    "cos": _circular("sin", -1.0, 1.0),
+    "sinh": _circular("cosh", 1.0, 1.0),
+    "cosh": _circular("sinh", 1.0, 1.0),
     "select_n": _chosen,
     "max": _extreme,
     "min": _extreme,

@@ -12,7 +12,7 @@ from jaxtyping import Int, Real
 
 from gaitsweep.engine.recorders.recorder import BUFFER, POLL_INTERVAL
 from gaitsweep.engine.sweep.blocks_of_rows import Block
-from gaitsweep.engine.sweep.engines import polls_per_chunk
+from gaitsweep.engine.sweep.engine_choice import polls_per_chunk
 from gaitsweep.engine.sweep.lane import ChunkOutput, Lanes
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 
@@ -107,7 +107,7 @@ FIRST_POLLS = 4
 IDLE = -1
 
 
-class Chunk(NamedTuple):
+class TimedChunk(NamedTuple):
     """The output of a chunk, and the time at which it began (s)."""
 
     output: ChunkOutput
@@ -136,8 +136,9 @@ class LaneGroup:
         self.sizer = ChunkSizer(polls_per_chunk(spec))
         if spec.engine == "xla":
             self.sizer.polls = FIRST_POLLS
-        # the values of all lanes: parameters, then initial conditions
-        self._values: list[dict[str, Real[np.ndarray, "lanes ..."]]] = []
+        # the values of all lanes; empty before the first row
+        self._params: dict[str, Real[np.ndarray, "lanes ..."]] = {}
+        self._starts: dict[str, Real[np.ndarray, "lanes ..."]] = {}
         self._fresh = np.zeros(self.size, bool)
 
     @property
@@ -158,12 +159,11 @@ class LaneGroup:
         self.block_of[lanes] = block.number
         self.row_of[lanes] = rows
         self._fresh[lanes] = True
-        columns: tuple[Mapping[str, Real[np.ndarray, "rows ..."]], ...] = (block.params, block.starts)
-        if not self._values:
-            self._values = [self._repeated(by_name) for by_name in columns]
-        for lane_values, column_by_name in zip(self._values, columns, strict=True):
-            for name, column in lane_values.items():
-                column[lanes] = column_by_name[name][rows]
+        for of_lanes, of_rows in ((self._params, block.params), (self._starts, block.starts)):
+            if not of_lanes:
+                of_lanes.update(self._repeated(of_rows))
+            for name, values in of_lanes.items():
+                values[lanes] = of_rows[name][rows]
 
     def _repeated(
         self, columns: Mapping[str, Real[np.ndarray, "rows ..."]]
@@ -173,22 +173,20 @@ class LaneGroup:
 
     def reopen_all(self) -> None:
         """Open the rows of all lanes again, as if none of them had begun."""
-        params, starts = self._values
-        self.lanes.fill(params, starts, np.ones(self.size, bool))
+        self.lanes.fill(self._params, self._starts, np.ones(self.size, bool))
 
-    def chunk(self, polls: int | None = None) -> Chunk:
+    def chunk(self, polls: int | None = None) -> TimedChunk:
         """Open fresh rows and advance all.
 
         Args:
             polls: the number of polls, by default that which the sizer chooses.
         """
         if self._fresh.any():
-            params, starts = self._values
-            self.lanes.fill(params, starts, self._fresh)
+            self.lanes.fill(self._params, self._starts, self._fresh)
             self._fresh = np.zeros(self.size, bool)
         polls = self.sizer.polls if polls is None else polls
         began = self.sizer.record_start()
         output = self.lanes.run_chunk(polls)
         if polls:
             self.sizer.record_end(began, polls)
-        return Chunk(output, began)
+        return TimedChunk(output, began)

@@ -16,9 +16,9 @@ from jaxtyping import Bool, Int
 from gaitsweep.compilation import compiling
 from gaitsweep.engine.recorders.recorder import RunningRows
 from gaitsweep.engine.sweep.blocks_of_rows import Block
-from gaitsweep.engine.sweep.engines import groups_on
+from gaitsweep.engine.sweep.engine_choice import groups_on
 from gaitsweep.engine.sweep.lane import ChunkOutput
-from gaitsweep.engine.sweep.lane_group import IDLE, Chunk, LaneGroup
+from gaitsweep.engine.sweep.lane_group import IDLE, LaneGroup, TimedChunk
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress, SweepSpec
 from gaitsweep.row_outcome import ENGINE_NUMBERS, RowOutcome
 from gaitsweep.status import Status
@@ -94,7 +94,7 @@ class LaneScheduler:
         self._newest: Block | None = None
         # JAX and the kernels release the GIL while they compile or run a program
         self._threads = ThreadPoolExecutor(len(self.groups)) if len(self.groups) > 1 else None
-        self._running: dict[Future[Chunk], LaneGroup] = {}
+        self._running: dict[Future[TimedChunk], LaneGroup] = {}
 
     @property
     def busy(self) -> bool:

@@ -16,7 +16,7 @@ from jaxtyping import Array, Bool, Float
 from gaitsweep.claims import MeasureError, defaults, measure, numbers, one_row
 from gaitsweep.expression import evaluate
 from gaitsweep.papers.ambe2021.multilegged.chain_of_table import chain_of, constants_of, of_legs, springs_of
-from gaitsweep.papers.ambe2021.multilegged.mechanics import obstacle_problem
+from gaitsweep.papers.ambe2021.multilegged.forces import obstacle_problem
 from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
 from gaitsweep.papers.ambe2021.multilegged.parameters import PARAMETERS, SPRINGS
 from gaitsweep.papers.ambe2021.multilegged.state import State

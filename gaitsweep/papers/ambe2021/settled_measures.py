@@ -28,6 +28,9 @@ def three_gaits(table: pd.DataFrame, *, where: Condition | None = None) -> float
     Args:
         table: a settle table, several starts for each set of parameters.
         where: a condition over the columns of `gait_shares`, such as `conditions`.
+
+    Raises:
+        AnalysisError: the table lacks a column, or no set of parameters fulfils the condition.
     """
     chosen = records(gait_shares(table), where)
     return float(np.mean((np.asarray(chosen[list(WAVES)]) > 0.0).all(axis=1)))
@@ -40,6 +43,9 @@ def no_gaits(table: pd.DataFrame, *, where: Condition, less: Condition) -> float
     Args:
         table: a settle table, several starts for each set of parameters.
         where, less: the two conditions, over the columns of `gait_shares`.
+
+    Raises:
+        AnalysisError: as for `three_gaits`.
     """
     shares = gait_shares(table)
 
@@ -56,6 +62,9 @@ def gaits_left(table: pd.DataFrame, *, where: Condition) -> list[str]:
     Args:
         table: a settle table with the gait of each row.
         where: a condition over its columns.
+
+    Raises:
+        AnalysisError: the table lacks a column, or no settled row fulfils the condition.
     """
     require(table, "gait", "status")
     ends = set(records(records(table, where), "status == 'settled'")["gait"].astype(str))
@@ -64,8 +73,15 @@ def gaits_left(table: pd.DataFrame, *, where: Condition) -> list[str]:
 
 @measure
 def distance_share(table: pd.DataFrame) -> float:
-    """Largest distance from the analytic solutions as a share of 2 pi (%)."""
-    return float(100.0 * numbers(table, "distance").max() / (2 * np.pi))
+    """Largest distance from the analytic solutions as a share of 2 pi (%).
+
+    Args:
+        table: a settle table.
+
+    Raises:
+        MeasureError: the table is empty or lacks the column distance.
+    """
+    return float(100.0 * numbers(records(table, None), "distance").max() / TURN)
 
 
 @measure
@@ -75,6 +91,9 @@ def distance_over_lag(table: pd.DataFrame, *, low: float, high: float) -> float:
     Args:
         table: a settle table in which tau varies.
         low, high: the two values of tau, s.
+
+    Raises:
+        AnalysisError: the table lacks a column, or no row settles at one of the values.
     """
     require(table, "tau")
 
@@ -92,6 +111,9 @@ def slice_shares(table: pd.DataFrame, *, number: int) -> list[float]:
     Args:
         table: the gaits from a grid of psi_1, psi_2, psi_3.
         number: that of the value of psi_3, from 0 in ascending order.
+
+    Raises:
+        AnalysisError: the table lacks a column or the slice.
     """
     gaits = np.asarray(_slice(table, number)["gait"], str)
     return [float(np.mean(gaits == gait)) for gait in WAVES]
@@ -106,6 +128,9 @@ def largest_part(table: pd.DataFrame, *, number: int) -> list[float]:
     Args:
         table: the gaits from a grid of psi_1, psi_2, psi_3.
         number: that of the value of psi_3, from 0 in ascending order.
+
+    Raises:
+        AnalysisError: the table lacks a column or the slice, or a gait does not occur on it.
     """
     cells = _slice(table, number).pivot(index="psi_2", columns="psi_1", values="gait").to_numpy()
     return [float(max(_parts(cells == gait)) / np.count_nonzero(cells == gait)) for gait in WAVES]
@@ -140,7 +165,14 @@ def _parts(mask: Bool[np.ndarray, "rows columns"]) -> Int[np.ndarray, " parts"]:
 
 @measure
 def last_change(table: pd.DataFrame) -> float:
-    """Largest change of a relative phase over the last cycle of any row (rad)."""
+    """Largest change of a relative phase over the last cycle of any row (rad).
+
+    Args:
+        table: a return map's table.
+
+    Raises:
+        MeasureError: there is no row, or one has fewer than two crossings.
+    """
     return float(np.abs(wrapped_difference(last_steps(table, psi_columns(table, "_n")))).max())
 
 
@@ -148,9 +180,11 @@ def last_steps(table: pd.DataFrame, names: list[str]) -> Float[np.ndarray, "rows
     """The change of columns from the last but one to the last crossing of each row.
 
     Raises:
-        MeasureError: a row has fewer than two crossings.
+        MeasureError: there is no row, or one has fewer than two crossings.
     """
     rows = [part.sort_values(by="crossing")[names].to_numpy(float) for _, part in table.groupby("row")]
+    if not rows:
+        raise MeasureError("The table is empty.")
     if min(map(len, rows)) < 2:
         raise MeasureError("A row has fewer than two crossings.")
     return np.stack([values[-1] - values[-2] for values in rows])
@@ -158,8 +192,15 @@ def last_steps(table: pd.DataFrame, names: list[str]) -> Float[np.ndarray, "rows
 
 @measure
 def distinct_ends(table: pd.DataFrame) -> list[float]:
-    """Number of values of each relative phase over all rows, taken as one if within 0.02 rad (1)."""
-    ends = table.sort_values(by="crossing").groupby("row").tail(1)
+    """Number of values of each relative phase over all rows, taken as one if within 0.02 rad (1).
+
+    Args:
+        table: a return map's table.
+
+    Raises:
+        MeasureError: the table is empty.
+    """
+    ends = records(table, None).sort_values(by="crossing").groupby("row").tail(1)
     sorted_ends = np.sort(ends[psi_columns(table, "_n")].to_numpy(float) % TURN, axis=0)
     gaps = np.diff(sorted_ends, axis=0, append=sorted_ends[:1] + TURN)  # around the circle
     return [float(max(1, count)) for count in np.count_nonzero(gaps > _SAME_WITHIN, axis=0)]
@@ -173,6 +214,10 @@ def gait_ends(table: pd.DataFrame, *, gait: str, phases: Sequence[str]) -> list[
         table: a settle table with the gait of each row.
         gait: direct, source or retrograde.
         phases: relative phases, such as psi_1, psi_2.
+
+    Raises:
+        MeasureError: no settled row has one of the gaits.
+        AnalysisError: the table lacks a column.
     """
     rows = _settled(table, gait)
     return [float(np.median(numbers(rows, f"{phase}_end"))) for phase in phases]
@@ -186,6 +231,10 @@ def free_range(table: pd.DataFrame, *, gait: str, phase: str) -> list[float]:
         table: a settle table with the gait of each row.
         gait: direct, source or retrograde.
         phase: a relative phase, such as psi_1.
+
+    Raises:
+        MeasureError: no settled row has one of the gaits.
+        AnalysisError: the table lacks a column.
     """
     values = numbers(_settled(table, gait), f"{phase}_end")
     return [float(values.min()), float(values.max())]
@@ -202,7 +251,15 @@ def _settled(table: pd.DataFrame, gait: str) -> pd.DataFrame:
 
 @measure
 def angles_of_lines(table: pd.DataFrame) -> list[float]:
-    """Angles between the lines of direct and source, and of source and retrograde waves (deg)."""
+    """Angles between the lines of direct and source, and of source and retrograde waves (deg).
+
+    Args:
+        table: a settle table with the gait of each row.
+
+    Raises:
+        MeasureError: no settled row has one of the gaits.
+        AnalysisError: the table lacks a column.
+    """
     directions = []
     for gait in WAVES:
         states = np.asarray(_settled(table, gait), float)
@@ -217,6 +274,13 @@ def distance_from_planes(table: pd.DataFrame) -> float:
 
     The planes are at the medians of psi_1 over direct and source waves, and of psi_3 over source and
     retrograde waves.
+
+    Args:
+        table: a settle table with the gait of each row.
+
+    Raises:
+        MeasureError: no settled row has one of the gaits.
+        AnalysisError: the table lacks a column.
     """
     first = np.median(np.concatenate([numbers(_settled(table, gait), "psi_1_end") for gait in WAVES[:2]]))
     third = np.median(np.concatenate([numbers(_settled(table, gait), "psi_3_end") for gait in WAVES[1:]]))
@@ -239,17 +303,34 @@ def slopes_of_segments(
         gait: direct, source or retrograde.
         free, other: such as psi_2, psi_3.
         within: how far (rad) the free phase is from its smallest value at most, where it is near.
+
+    Raises:
+        MeasureError: no settled row has the gait, or fewer than two are near, or far.
+        AnalysisError: the table lacks a column.
     """
     rows = _settled(table, gait)
     x, y = numbers(rows, f"{free}_end"), numbers(rows, f"{other}_end")
     above = x - x.min()
     segments = (above <= within, above >= _FAR)
+    if any(np.count_nonzero(segment) < 2 for segment in segments):
+        raise MeasureError(
+            f"A slope needs two settled rows of the gait {gait}, both within {within:g} rad of the smallest "
+            f"{free}, and both {_FAR:g} rad or more from it."
+        )
     return [float(np.polyfit(x[segment], y[segment], 1)[0]) for segment in segments]
 
 
 @measure
 def gap_between_lines(table: pd.DataFrame) -> list[float]:
-    """Smallest distances of settled direct and source, and source and retrograde waves (rad)."""
+    """Smallest distances of settled direct and source, and source and retrograde waves (rad).
+
+    Args:
+        table: a settle table with the gait of each row.
+
+    Raises:
+        MeasureError: no settled row has one of the gaits.
+        AnalysisError: the table lacks a column.
+    """
     gaps = []
     for one, other in itertools.pairwise(WAVES):
         states, others = (np.asarray(_settled(table, gait), float) for gait in (one, other))

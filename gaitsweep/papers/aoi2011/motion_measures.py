@@ -42,6 +42,9 @@ def means_of_feet(table: pd.DataFrame, *, column: str, where: Condition | None =
         table: a return map's table.
         column: the column, with {} in place of the foot's number.
         where: a condition that selects records.
+
+    Raises:
+        MeasureError: no record fulfils the condition, or the table lacks a column.
     """
     return [value(table, column=column.replace("{}", f"{i + 1}"), where=where, take="mean") for i in LIMBS]
 
@@ -54,10 +57,16 @@ def spread_over(table: pd.DataFrame, *, column: str, over: str, where: Condition
         table: any table.
         column, over: the column of the medians, and that of the groups.
         where: a condition that selects records.
+
+    Raises:
+        AnalysisError: no record fulfils the condition or has a value, or the table lacks a column.
     """
     part = records(table, where)
     require(part, column, over)
-    return float(np.ptp(part.groupby(over)[column].median()))
+    medians = part.groupby(over)[column].median().dropna()
+    if medians.empty:
+        raise AnalysisError(f"No record has a value of {column}.")
+    return float(np.ptp(medians))
 
 
 @measure
@@ -143,10 +152,16 @@ def drift_from_start(table: pd.DataFrame, *, start: str, end: str, where: Condit
         table: a settle table.
         start, end: the columns of the angle at both times.
         where: a condition that selects rows.
+
+    Raises:
+        AnalysisError: no row fulfils the condition, the table lacks a column, or a row lacks an angle.
     """
     part = records(table, where)
     require(part, start, end)
-    return float(np.abs(wrapped_difference(numbers(part, end) - numbers(part, start))).max())
+    drifts = np.abs(wrapped_difference(numbers(part, end) - numbers(part, start)))
+    if np.isnan(drifts).any():
+        raise AnalysisError(f"A row has no value of {start} or {end}: select rows that settled by where.")
+    return float(drifts.max())
 
 
 @measure
@@ -186,6 +201,9 @@ def foot_slip(table: pd.DataFrame, *, take: Literal["median", "max"] = "median")
     Args:
         table: a trace with the positions q_0, q_1, ...
         take: whether the median or the largest distance counts.
+
+    Raises:
+        AnalysisError: the table lacks a column, or no foot has a stance.
     """
     coordinates = [f"q_{i}" for i in range(16)]
     require(table, "row", "t", *coordinates)
@@ -205,6 +223,8 @@ def foot_slip(table: pd.DataFrame, *, take: Literal["median", "max"] = "median")
             for first, last in stances(numbers(part, "t"), down):
                 on_ground = places[first:last, i, :2][down[first:last]]
                 slips.append(float(np.linalg.norm(on_ground - on_ground[0], axis=1).max()))
+    if not slips:
+        raise AnalysisError("No foot is on the ground at any sample of the table.")
     return float(np.max(slips) if take == "max" else np.median(slips))
 
 
@@ -227,7 +247,7 @@ def touchdown_lags(
         near: for each pair, the middle of the turn in which its phase is given, rad; pi without it.
 
     Raises:
-        AnalysisError: a foot touches down less or more than once a cycle.
+        AnalysisError: a foot touches down less or more than once a cycle, or the table lacks a column or row.
     """
     if window is not None:
         require(table, "t")
@@ -248,7 +268,15 @@ def touchdown_lags(
 
 @measure
 def order_of_footfalls(table: pd.DataFrame, *, row: int) -> str:
-    """Limbs in their order of touchdown from limb 1 on, those that land together joined by +."""
+    """Limbs in their order of touchdown from limb 1 on, those that land together joined by +.
+
+    Args:
+        table: a trace.
+        row: its row.
+
+    Raises:
+        AnalysisError: as for `touchdown_lags`.
+    """
     lags = touchdown_lags(table, row=row, pairs=[[1, 2], [1, 3], [1, 4]], near=[math.pi - _TOGETHER] * 3)
     order = sorted(zip([0.0, *lags], "1234", strict=True))
     groups = [[order[0][1]]]

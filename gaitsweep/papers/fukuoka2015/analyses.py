@@ -30,12 +30,18 @@ def gaits(
         ),
     ] = None,
 ) -> None:
-    """Count the rows of a four-legged model with each gait."""
-    from gaitsweep.papers.fukuoka2015.analysis.gait_tables import gaits_counted, gaits_in
+    """Count the rows with each gait.
+
+    From swing onsets of four legs, as Fukuoka et al. 2015; in a table of another model by its own gaits.
+    """
+    from gaitsweep.papers.fukuoka2015.analysis.gait_tables import gaits_counted, gaits_in, own_gaits_in
     from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import THRESHOLD
 
     thresholds = (THRESHOLD,) if threshold is None else (THRESHOLD, threshold)
-    table = gaits_in(gs.load(directory), window=window, thresholds=thresholds)
+    rows = gs.load(directory)
+    without_options = threshold is None and not any(map(math.isfinite, window))
+    own = own_gaits_in(rows) if without_options else None
+    table = gaits_in(rows, window=window, thresholds=thresholds) if own is None else own
     if threshold is not None:
         # the first threshold is that of the model where a table has the model's own gaits
         table["gait"] = table[f"gait_at_{threshold:g}"]
@@ -60,7 +66,7 @@ def gait_bouts(
 ) -> None:
     """List the successive gaits of each row.
 
-    With the speeds at which they begin and end.
+    Each has the speeds at which it begins and ends.
     """
     from gaitsweep.papers.fukuoka2015.analysis import gait_bouts as bouts
 
@@ -84,14 +90,16 @@ def loading_rule(
     predict: Annotated[
         bool,
         typer.Option(
-            "--predict", help="Compare loads of trots without feedback with shifts of walks with feedback."
+            "--predict",
+            help="Compare loads of trots without feedback with shifts of walks with feedback, for each k2 "
+            "(or column of --split).",
         ),
     ] = False,
     pairs: Annotated[bool, typer.Option("--pairs", help="List the pairs of legs instead.")] = False,
 ) -> None:
     """Measure how well rows follow the rule of leg loading.
 
-    From leg loads and pitch of the planar quadruped.
+    It compares the leg loads and the pitch of the planar quadruped with its phase shifts.
     """
     from gaitsweep.papers.fukuoka2015.analysis import loading_rule as rule
     from gaitsweep.papers.fukuoka2015.analysis.loading_rule import pairs_in
@@ -112,7 +120,7 @@ def loading_rule(
 def gait_thresholds(directory: Directory, window: Window = (-math.inf, math.inf)) -> None:
     """Count the rows of each gait for several thresholds.
 
-    Count the shifts by size too, and the gaits by touchdowns.
+    It also counts the shifts by size, and the gaits by touchdowns.
     """
     from gaitsweep.papers.fukuoka2015.analysis.gait_tables import gaits_by_threshold, gaits_in, shift_sizes
 
@@ -137,7 +145,7 @@ def gait_measures(
 ) -> None:
     """Print speed, period, flight and cost of each gait.
 
-    Pitch, power of the joints and cost of transport too.
+    It also prints pitch and the power of the joints.
     """
     from gaitsweep.papers.fukuoka2015.analysis import gait_tables
 
@@ -148,7 +156,7 @@ def gait_measures(
 def speed_transitions(directory: Directory, by: GroupColumns = None) -> None:
     """Print the speeds at which gaits change.
 
-    As the speed rises and as it falls, with the hysteresis between.
+    They are given for rising and for falling speed, with the hysteresis between.
     """
     from gaitsweep.papers.fukuoka2015.analysis import gait_bouts as bouts
 
@@ -164,7 +172,7 @@ def body_oscillation(
 ) -> None:
     """Print the amplitude of pitch by family of gaits.
 
-    At once and at twice the gait frequency.
+    It is given at once and at twice the gait frequency.
     """
     from gaitsweep.papers.fukuoka2015.analysis.gait_bouts import family_oscillation, oscillation_along
 
@@ -186,7 +194,7 @@ def repertoire(
 ) -> None:
     """Print the gaits of each parameter set.
 
-    For the planar quadruped, with the median speed of each gait.
+    The sets are of the planar quadruped; each gait has its median speed.
     """
     from gaitsweep.papers.fukuoka2015.analysis import gait_tables
 

@@ -167,7 +167,7 @@ _LETTER = 0.035  # inches; width of a letter of a name at the right side
 
 
 def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
-    """Refuse a parameter that the run does not move."""
+    """Refuse a parameter that the run does not move, and more panels than a figure has."""
     if figure.parameter not in (None, table.run.moved):
         yield (
             ("parameter",),
@@ -206,7 +206,8 @@ def hysteresis(
     least: Annotated[
         Positive | None,
         "change of y that counts as a jump, in its unit; by default a step of a staircase that is four times "
-        "as large as those beside it and changes the gait or a twentieth of the range, of a ramp 0.15",
+        "as large as those beside it and changes the gait, or is a twentieth of the range or 0.15 rad of an "
+        "angle, of a ramp 0.15",
     ] = None,
     title: Title = None,
 ) -> Figure:

@@ -20,7 +20,7 @@ import gaitsweep
 from gaitsweep.engine.sweep.blocks_of_rows import gait_codes
 from gaitsweep.errors import ArgumentError
 from gaitsweep.job import Job
-from gaitsweep.job.load import stored_job
+from gaitsweep.job.load import job_fields, stored_job
 from gaitsweep.kinds.columns import gaits
 from gaitsweep.plot.bifurcations.passes import DOWN, UP
 from gaitsweep.plot.columns import rows_where
@@ -102,7 +102,7 @@ def write_explorer(
         The file.
 
     Raises:
-        ArgumentError: the run kind of the table is not supported, or the size is too small.
+        ArgumentError: the table has no job, its run kind is not supported, or the size is too small.
         MissingPackageError: plotly is not installed.
         PlotError: a column is missing.
         JobError, RunError: the job cannot be read, or cannot run here.
@@ -128,7 +128,7 @@ def write_explorer(
 
 def _job_of(table: pd.DataFrame, *, trust: bool) -> Job:
     """The job that made a table, even if `job.yaml` was edited since."""
-    fields = table.attrs["job"]
+    fields = job_fields(table.attrs)
     where = table.attrs.get("path", "This result")
     for other in ("search", "sensitivity"):
         if other in fields:

@@ -264,9 +264,7 @@ class ReplayBranches(ReplayGroup):
     ) -> None:
         run = context.job.run
         assert isinstance(run, FollowsFixedPoints)
-        branches = run.followed_again(context.design, context.spec, rows, table, on_progress)
-        assert branches is not None
-        mapped, followed = branches
+        mapped, followed = run.followed_again(context.design, context.spec, rows, table, on_progress)
         assert run.moved is not None
         point_of_record = _points_of_records(table, rows, followed, run.point_names, run.moved)
         records = _spread(np.array(list(point_of_record), np.int64), most)

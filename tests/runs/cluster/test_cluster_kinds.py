@@ -58,18 +58,6 @@ JOBS: dict[str, dict[str, Any]] = {
         "run": {"kind": "continuation", "parameter": "stiffness", "path": [2, 8], "settle": 20},
         "engine": {"block": 1},
     },
-    "folds": {
-        "model": "cusp_flow:CuspFlow",
-        "vary": {"x_0": [1.0, -1.0]},
-        "run": {
-            "kind": "folds",
-            "parameters": ["r", "a"],
-            "within": {"r": [-1.0, 1.0], "a": [-0.5, 1.5]},
-            "settle": 20,
-        },
-        "numerics": {"method": "rk4", "dt": 2e-2},
-        "engine": {"block": 1},
-    },
     "atlas": {
         "model": "gaitsweep.examples.bouncing_ball:BouncingBall",
         "vary": {"restitution": [0.45, 0.5, 0.55]},

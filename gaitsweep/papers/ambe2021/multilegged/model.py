@@ -23,7 +23,7 @@ from gaitsweep.analyses import AnalysisError
 from gaitsweep.contract import Chart, HybridModel, Quantity, Rates, Recommended, Simultaneous
 from gaitsweep.dynamics import TWO_PI, wrapped
 from gaitsweep.papers.ambe2021.multilegged.chain_of_table import chain_of, largest_distance, relative_phases
-from gaitsweep.papers.ambe2021.multilegged.mechanics import (
+from gaitsweep.papers.ambe2021.multilegged.forces import (
     fastest_motions,
     ground_force,
     neighbour_force,

@@ -1,7 +1,8 @@
 """The parameters of the chain, and those of a chain whose inner legs are not all alike.
 
-With x = -1 at the head and 1 at the tail, each inner mass, spring and amplitude has the default
-value * (1 + slope * x + bend * (1 - x^2)): a gradient along the chain, and a bump in its middle.
+`configs/ambe2021.yaml` has the paper's set of values. With x = -1 at the head and 1 at the tail, each inner
+mass, spring and amplitude has the default value * (1 + slope * x + bend * (1 - x^2)): a gradient along the
+chain, and a bump in its middle.
 """
 
 from __future__ import annotations

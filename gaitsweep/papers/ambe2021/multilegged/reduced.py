@@ -23,7 +23,7 @@ from jaxtyping import Array, Bool, Float, Real
 
 from gaitsweep.contract import Chart, FixedStepDynamics, Quantity, Rates, Recommended, Simultaneous
 from gaitsweep.dynamics import TWO_PI, wrapped
-from gaitsweep.papers.ambe2021.multilegged.mechanics import balance, balance_and_rate, obstacle_problem
+from gaitsweep.papers.ambe2021.multilegged.forces import balance, balance_and_rate, obstacle_problem
 from gaitsweep.papers.ambe2021.multilegged.model import ChainModel
 from gaitsweep.papers.ambe2021.multilegged.parameters import chain_parameters
 from gaitsweep.papers.ambe2021.multilegged.state import (

@@ -69,11 +69,23 @@ def touchdown_order(
         s: the free phase, rad.
         section: the leg whose touchdown begins the cycle; by default the set's k.
 
+    Raises:
+        ArgumentError: the chain has no leg `section`.
+
     Source: Fig. 9.
     """
+    leg = _leg_of_section(N, branch, section)
     theta = np.asarray(_places(rule_of(N, branch, chain), s))
     circle = float(touchdown_phase(chain))
-    return order_of_places(theta, circle, section or branch.k)
+    return order_of_places(theta, circle, leg)
+
+
+def _leg_of_section(N: int, branch: Branch, section: int | None) -> int:
+    """The leg whose section is used; refuses one that the chain does not have."""
+    leg = branch.k if section is None else section
+    if not 1 <= leg <= N + 1:
+        raise ArgumentError(f"section is {leg}, but must be a leg from 1 to {N + 1}.")
+    return leg
 
 
 def order_of_places(theta: Float[np.ndarray, " legs"], circle: float, leg: int) -> tuple[int, ...]:
@@ -142,9 +154,12 @@ def jumps(N: int, branch: Branch, chain: Chain = TABLE_1, section: int | None = 
         N, branch, chain: as in `rule_of`.
         section: the leg whose section is used; by default the set's k.
 
+    Raises:
+        ArgumentError: the chain has no leg `section`.
+
     Source: Fig. 11 and the text above it; each jump has the size m_B b.
     """
-    leg = branch.k if section is None else section
+    leg = _leg_of_section(N, branch, section)
     rule = rule_of(N, branch, chain)
     circle = touchdown_phase(chain)
     exchanges = []
@@ -227,9 +242,9 @@ def touchdown_residuals(
     for i, reset_set in enumerate(reset_sets(N, branch, s, chain), start=1):
         delay = circle - phi[i - 1]  # from the touchdown of leg k to that of leg i, rad
         neighbour_phases = [
-            (phi[j - 1] + delay - (circle if reset else 0.0))
-            for j, reset in ((i - 1, reset_set.front), (i + 1, reset_set.rear))
-            if reset is not None
+            (phi[j - 1] + delay - (circle if is_reset else 0.0))
+            for j, is_reset in ((i - 1, reset_set.front), (i + 1, reset_set.rear))
+            if is_reset is not None
         ]
         mass = {1: chain.m_1, N + 1: chain.m_end}.get(i, chain.m)
         mean = sum(leg_length(np.array(neighbour_phases), chain)) / len(neighbour_phases)
@@ -243,6 +258,13 @@ ROUNDING_ERROR = 1e-12  # an element of a linear map below this is a rounding er
 
 def multipliers(N: int, branch: Branch) -> Float[np.ndarray, " springs"]:
     """Eigenvalues of the Poincare map on one set of solutions, for uniform springs and amplitudes.
+
+    Args:
+        N: springs; the chain has N + 1 legs.
+        branch: one of the sets, `branches(N)`.
+
+    Raises:
+        ArgumentError: the chain does not have this set.
 
     Source: eq. (22) for the sets A and B, eq. (26) for the direct wave.
     """
@@ -300,11 +322,15 @@ def linear_map(
         chain: its parameters; Table 1's if not given.
         section: the leg whose section is used; by default the set's k.
 
+    Raises:
+        ArgumentError: the chain has no leg `section`.
+
     Source: eqs. (12), (14), (21).
     """
+    section_leg = _leg_of_section(N, branch, section)
     theta, circle, k, a = map(np.asarray, _of_cycle(N, rule_of(N, branch, chain), s, chain))
     ahead = np.eye(N + 1)
-    for leg in order_of_places(theta, float(circle), section or branch.k):
+    for leg in order_of_places(theta, float(circle), section_leg):
         phi = circle - np.mod(theta[leg - 1] - theta, circle)
         pull = np.zeros(N + 1)
         neighbour_springs = {i: k[min(i, leg - 1)] for i in (leg - 2, leg) if 0 <= i <= N}

@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from gaitsweep.dynamics import worked_in
+from gaitsweep.dynamics import evaluated_in
 from gaitsweep.dynamics.tree import PointForce, integrate
 from gaitsweep.papers.aoi2011.waist_quadruped.mechanics import WaistMechanics
 from gaitsweep.papers.aoi2011.waist_quadruped.parameters import (
@@ -81,12 +81,12 @@ class WaistTreeBody(WaistBody):
         return None
 
     def feet(self, m: WaistMechanics, s: State, dt: jax.Array) -> tuple[jax.Array, jax.Array]:
-        return worked_in(dt.dtype, WaistMechanics.feet)(m, s.q, s.v)
+        return evaluated_in(dt.dtype, WaistMechanics.feet)(m, s.q, s.v)
 
     def stepped(
         self, m: WaistMechanics, s: State, tau: jax.Array, forces: list[PointForce], dt: jax.Array
     ) -> tuple[jax.Array, jax.Array]:
-        v = s.v + dt * worked_in(dt.dtype, WaistMechanics.accelerations)(m, s.q, s.v, tau, forces)
+        v = s.v + dt * evaluated_in(dt.dtype, WaistMechanics.accelerations)(m, s.q, s.v, tau, forces)
         return jnp.asarray(integrate(body()[0], s.q, v, dt)), v
 
 

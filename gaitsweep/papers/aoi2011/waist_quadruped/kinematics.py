@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import NamedTuple
+from typing import Literal, NamedTuple, get_args
 
 import jax
 import jax.numpy as jnp
@@ -85,7 +85,7 @@ def joint_rates(
 ) -> tuple[jax.Array, jax.Array]:
     """Time derivatives (rad/s) of the hip and knee angles of `joint_angles`; x, z, length, bend as there.
 
-    The knee of a target out of reach does not turn.
+    The knee of a target out of reach does not turn. A foot exactly at its hip has no rates; they are NaN.
 
     Args:
         x_rate, z_rate: velocity of the foot relative to the hip, m/s.
@@ -101,7 +101,8 @@ def joint_rates(
 # Segments of the path: stance, first and second part of the swing, and after it without a landing.
 STANCE, EARLY, LATE, BEYOND = 0, 1, 2, 3
 # Curves of the swing; `FootPath.target` has their equations.
-SWINGS = ("cycloid", "sine", "ellipse", "two_cycloids")
+Swing = Literal["cycloid", "sine", "ellipse", "two_cycloids"]
+SWINGS: tuple[Swing, ...] = get_args(Swing)
 
 
 @jax.tree_util.register_dataclass
@@ -121,7 +122,7 @@ class FootPath:
     h: jax.Array
     dip: jax.Array
     swing_ease: jax.Array
-    swing: str = dataclasses.field(default="cycloid", metadata={"static": True})
+    swing: Swing = dataclasses.field(default="cycloid", metadata={"static": True})
 
     @property
     def PEP(self) -> jax.Array:

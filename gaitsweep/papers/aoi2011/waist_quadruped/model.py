@@ -16,8 +16,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping
-from types import MappingProxyType
-from typing import Any, ClassVar
+from typing import Any, ClassVar, cast
 
 import jax.numpy as jnp
 import numpy as np
@@ -30,7 +29,7 @@ from gaitsweep.near_miss import suggestion
 from gaitsweep.papers.aoi2011.waist_quadruped.bodies import WaistBody, WaistMjxBody, WaistTreeBody
 from gaitsweep.papers.aoi2011.waist_quadruped.chart import LandingChart
 from gaitsweep.papers.aoi2011.waist_quadruped.drawing import WaistDrawing
-from gaitsweep.papers.aoi2011.waist_quadruped.kinematics import SWINGS, has_fallen
+from gaitsweep.papers.aoi2011.waist_quadruped.kinematics import SWINGS, Swing, has_fallen
 from gaitsweep.papers.aoi2011.waist_quadruped.mechanics import RELEASE_HEIGHT, WaistMechanics
 from gaitsweep.papers.aoi2011.waist_quadruped.parameters import FRICTION, HEIGHTS, PARAMETERS, body
 from gaitsweep.papers.aoi2011.waist_quadruped.rhythm import (
@@ -45,8 +44,10 @@ from gaitsweep.papers.aoi2011.waist_quadruped.rhythm import (
 )
 from gaitsweep.papers.aoi2011.waist_quadruped.semi_implicit import SemiImplicit
 from gaitsweep.papers.aoi2011.waist_quadruped.state import (
+    DAMPINGS,
     OBSERVABLES,
     SIGNALS,
+    Damping,
     Params,
     State,
     initial_state,
@@ -55,7 +56,6 @@ from gaitsweep.papers.aoi2011.waist_quadruped.state import (
 )
 
 BODIES = ("tree", "mjx")
-DAMPINGS = ("joint_rate", "rate_error")
 SLIPS = ("none", "coulomb")
 HEIGHT_CHOICES = ("level", "given")
 
@@ -100,16 +100,6 @@ class WaistQuadruped(WaistDrawing, HybridModel):
   doi = {10.1103/PhysRevE.83.061909}
 }"""
     gaits: ClassVar[tuple[str, ...]] = ("walk", "trot", "pace", "none")
-    # K_13 was the pull of the start when there was no K_31
-    given_with: ClassVar[Mapping[str, tuple[str, str]]] = MappingProxyType(
-        {
-            "K_13": (
-                "K_31",
-                "eq. (6) has both, so set K_31 too (0 for a one-way coupling); the coupling at the "
-                "start, which older jobs call K_13, is now K_hold.",
-            )
-        }
-    )
 
     def __post_init__(self) -> None:
         check_ground(self.ground)
@@ -177,8 +167,9 @@ class WaistQuadruped(WaistDrawing, HybridModel):
             omega=TWO_PI / cycle,
             phi_AEP=TWO_PI * (1.0 - v["beta"]),
             mechanics=mechanics,
-            swing=self.swing,
-            damping=self.damping,
+            # words of a structure are `str`, of which those `allowed` alone are accepted
+            swing=cast(Swing, self.swing),
+            damping=cast(Damping, self.damping),
         )
 
     def init(self, params: Params, start: Mapping[str, Float[Array, ""]]) -> State:

@@ -1,6 +1,6 @@
 """Parameters of the quadruped, and the body of Table I scaled to the masses and lengths of a row.
 
-Values that the paper does not give are by search.
+`configs/aoi2011.yaml` has the paper's set of values. Values that the paper does not give are by search.
 """
 
 from __future__ import annotations

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from gaitsweep.contract import FixedStepDynamics
-from gaitsweep.dynamics import worked_in
+from gaitsweep.dynamics import evaluated_in
 from gaitsweep.papers.aoi2011.waist_quadruped.bodies import WaistBody
 from gaitsweep.papers.aoi2011.waist_quadruped.kinematics import LATE
 from gaitsweep.papers.aoi2011.waist_quadruped.mechanics import RELEASE_HEIGHT, WaistMechanics
@@ -47,7 +47,7 @@ class SemiImplicit(FixedStepDynamics):
         dt = jnp.asarray(dt)
         at, speed = self.body.feet(m, s, dt)
         crossings = _crossings(p, s, at, speed, dt)
-        actual = worked_in(dt.dtype, WaistMechanics.from_hips)(m, s.q, p.landing_actual)
+        actual = evaluated_in(dt.dtype, WaistMechanics.from_hips)(m, s.q, p.landing_actual)
         s, x, z = _with_events(p, s, crossings, actual)
         if m.T_slip is not None:
             # exact for a force that stays: no step is too long for it
@@ -59,7 +59,7 @@ class SemiImplicit(FixedStepDynamics):
         coupling = p.K_hold * share
         desired = desired_velocities(p, s, coupling) if p.damping == "rate_error" else None
         forces = m.ground_forces(at, speed, s.anchor, s.contact)
-        tau = worked_in(dt.dtype, WaistMechanics.torques)(m, s.q, s.v, x, z, desired)
+        tau = evaluated_in(dt.dtype, WaistMechanics.torques)(m, s.q, s.v, x, z, desired)
         q, v = self.body.stepped(m, s, tau, forces, dt)
         gain, clock = dt * phase_rates(p, s, coupling), s.clock + dt
         return dataclasses.replace(

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from typing import Literal, get_args
 
 import jax
 import jax.numpy as jnp
@@ -22,11 +23,19 @@ from gaitsweep.papers.aoi2011.waist_quadruped.kinematics import (
     STANCE,
     WAIST,
     FootPath,
+    Swing,
     joint_angles,
     tilt,
 )
 from gaitsweep.papers.aoi2011.waist_quadruped.mechanics import WaistMechanics
 from gaitsweep.papers.aoi2011.waist_quadruped.parameters import LIMBS
+
+Damping = Literal["joint_rate", "rate_error"]  # the rate that joints are damped by
+DAMPINGS: tuple[Damping, ...] = get_args(Damping)
+
+_OF_TRUNK = 7  # positions of the free front body, before those of the joints: place and quaternion
+_JOINTS = 9
+_LINKS = 8  # of the limbs
 
 
 @jax.tree_util.register_dataclass
@@ -79,8 +88,8 @@ class Params:
     omega: jax.Array  # rad/s
     phi_AEP: jax.Array  # rad
     mechanics: WaistMechanics
-    swing: str = dataclasses.field(default="cycloid", metadata={"static": True})
-    damping: str = dataclasses.field(default="joint_rate", metadata={"static": True})
+    swing: Swing = dataclasses.field(default="cycloid", metadata={"static": True})
+    damping: Damping = dataclasses.field(default="joint_rate", metadata={"static": True})
 
     @property
     def x_c(self) -> jax.Array:
@@ -193,7 +202,7 @@ def initial_state(p: Params, lead: jax.Array) -> State:
         gain=jnp.zeros(4, q.dtype),
         closed=jnp.zeros((), bool),
         held_lead=lead,
-        stride_x=zero if p.mechanics.ground is None else q[0],
+        stride_x=q[0],
         stride_t=zero,
         speed=zero,
         period=zero,
@@ -208,10 +217,10 @@ def _standing(p: Params, x: jax.Array, z: jax.Array) -> jax.Array:
     """Positions (16,) of the standing body, its feet at x and z (4,) m from their hips."""
     m = p.mechanics
     zero = jnp.zeros_like(p.omega)
-    angles = [zero] * 9
+    angles = [zero] * _JOINTS
     for i in LIMBS:
         hip, knee = joint_angles(x[i], z[i], m.link_length, m.bends[i])
-        angles[HIP[i] - 7], angles[KNEE[i] - 7] = hip, knee
+        angles[HIP[i] - _OF_TRUNK], angles[KNEE[i] - _OF_TRUNK] = hip, knee
     # pitched so that fore and hind feet are at one height
     fore = m.front_hip_x + p.x_c_fore
     (fore_depth, hind_depth) = p.depths()
@@ -220,7 +229,7 @@ def _standing(p: Params, x: jax.Array, z: jax.Array) -> jax.Array:
     turn = jnp.cos(0.5 * pitch), zero, jnp.sin(0.5 * pitch), zero
     q = jnp.concatenate([jnp.stack([zero, zero, height, *turn]), jnp.stack(angles)])
     # compression of the ground by the body's weight
-    weight = (m.front_mass + m.rear_mass + 8.0 * m.link_mass) * m.g
+    weight = (m.front_mass + m.rear_mass + _LINKS * m.link_mass) * m.g
     if m.ground is not None:  # all feet begin where the ground is even, and the fore AEP is at x = 0
         q = q.at[0].set(-(fore + 0.5 * p.D))
     return q.at[2].add(-weight / (4.0 * m.K_N))
@@ -284,14 +293,13 @@ def observed(state: State) -> dict[str, Float[Array, ""]]:
 
 def signalled(state: State) -> dict[str, Float[Array, ""]]:
     """The signals of a state."""
-    s = state
     contact = state.contact.astype(state.phi.dtype)
-    roll, pitch = tilt(s.q)
+    roll, pitch = tilt(state.q)
     return {
-        **{f"phase_{i + 1}": wrapped(s.phi)[i] for i in LIMBS},
+        **{f"phase_{i + 1}": wrapped(state.phi)[i] for i in LIMBS},
         **{f"contact_{i + 1}": contact[i] for i in LIMBS},
-        "waist": s.q[WAIST],
+        "waist": state.q[WAIST],
         "roll": roll,
         "pitch": pitch,
-        **{f"q_{i}": s.q[i] for i in range(16)},
+        **{f"q_{i}": state.q[i] for i in range(16)},
     }

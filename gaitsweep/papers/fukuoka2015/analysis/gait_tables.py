@@ -12,13 +12,22 @@ import pandas as pd
 
 from gaitsweep.analyses import AnalysisError, axes_of, require
 from gaitsweep.papers.fukuoka2015.analysis.swing_onsets import (
+    FLEXORS,
     GAITS,
     IN_CYCLES,
+    SINCE,
     Steadiness,
     gait_of,
     onsets_of,
 )
-from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import CHART, STRICT, THRESHOLD, margin, place
+from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import (
+    CHART,
+    LEGS,
+    STRICT,
+    THRESHOLD,
+    margin,
+    place,
+)
 from gaitsweep.status import Status
 
 REPEATS = ("seed", "pair", "scatter")  # axes along which rows are repetitions of one case
@@ -90,11 +99,28 @@ def gaits_in(
     return gaits
 
 
+def own_gaits_in(table: pd.DataFrame) -> pd.DataFrame | None:
+    """The gait of each row of a table of another model by that model's own names, for `gaits_counted`.
+
+    Args:
+        table: a table.
+
+    Returns:
+        One record a row: row, swept axes, cycles and gait, which is the status of a row that failed; None if
+        the table has swing onsets, no gaits, or several records of a row.
+    """
+    has_onsets = {"leg", _MEAN.format(1), SINCE.format(LEGS[0]), FLEXORS[LEGS[0]]} & set(table.columns)
+    if has_onsets or not {"row", "gait", "cycles"} <= set(table.columns) or table["row"].duplicated().any():
+        return None
+    gaits = table["outcome" if "outcome" in table.columns else "gait"].astype(object).fillna("none")
+    return pd.DataFrame(table[["row", *axes_of(table), "cycles"]].assign(gait=gaits))
+
+
 def gaits_counted(table: pd.DataFrame) -> pd.DataFrame:
     """The number of rows with each gait, for each set of the swept axes, repetitions pooled.
 
     Args:
-        table: the result of `gaits_in`.
+        table: the result of `gaits_in` or `own_gaits_in`.
 
     Raises:
         AnalysisError: the table does not have a column.
@@ -102,8 +128,10 @@ def gaits_counted(table: pd.DataFrame) -> pd.DataFrame:
     require(table, "row", "gait", "cycles")
     cases = cases_of(table, "cycles")
     gaits = table["gait"].astype(str)
-    shown = set(gaits)
-    counts = {name: (gaits == name).astype(int) for name in GAITS if name in shown}
+    shown = sorted(set(gaits))
+    names = [name for name in GAITS if name in shown]
+    names += [name for name in shown if name not in GAITS]
+    counts = {name: (gaits == name).astype(int) for name in names}
     if not cases:
         return pd.DataFrame({name: [count.sum()] for name, count in counts.items()})
     return pd.DataFrame(table[cases].assign(**counts).groupby(cases, as_index=False, dropna=False).sum())

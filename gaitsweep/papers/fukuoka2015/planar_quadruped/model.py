@@ -39,17 +39,16 @@ from gaitsweep.papers.fukuoka2015.planar_quadruped.mechanics import (
     joint_powers,
 )
 from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import CHART, LEGS, PAIRS, margin, place
-from gaitsweep.papers.fukuoka2015.planar_quadruped.parameters import PARAMETERS, STARTS
-from gaitsweep.papers.fukuoka2015.planar_quadruped.rhythm import Motors, Network, swinging
-from gaitsweep.papers.fukuoka2015.planar_quadruped.state import (
+from gaitsweep.papers.fukuoka2015.planar_quadruped.observables import (
     LABEL_FIELDS,
     OBSERVABLES,
     SIGNALS,
-    Params,
-    State,
     observed,
     signalled,
 )
+from gaitsweep.papers.fukuoka2015.planar_quadruped.parameters import PARAMETERS, STARTS
+from gaitsweep.papers.fukuoka2015.planar_quadruped.rhythm import Motors, Network, swinging
+from gaitsweep.papers.fukuoka2015.planar_quadruped.state import Params, State
 
 BODIES = ("tree", "mjx")
 # Limits of a fall: height as a share of the standing height, and pitch (rad).

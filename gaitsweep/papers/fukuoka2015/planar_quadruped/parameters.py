@@ -1,6 +1,7 @@
 """Parameters and initial conditions of the planar quadruped.
 
 The paper's values are in a supplement. Here are those that later papers quote; the others come from a search.
+`configs/fukuoka2015.yaml` has the set.
 """
 
 from __future__ import annotations

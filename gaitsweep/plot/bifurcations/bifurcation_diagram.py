@@ -11,6 +11,7 @@ from jaxtyping import Bool, Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.markers import MarkerStyle
 
 from gaitsweep.analysis.records import in_order
 from gaitsweep.angles import unwrap_from
@@ -90,8 +91,9 @@ def orbit(
         for of_look in looks:
             values = crossings[of_look.rows]
             at = np.broadcast_to(table[x].to_numpy(float)[of_look.rows, None], values.shape)
-            style: dict[str, Any] = {"ls": "", "marker": of_look.marker, "ms": size, "mew": 0.0}
-            above.plot(at.ravel(), values.ravel(), color=of_look.colour, rasterized=True, **style)
+            above.plot(
+                at.ravel(), values.ravel(), color=of_look.colour, rasterized=True, **_marker(of_look, size)
+            )
         if not present:
             theme.message(above, "No row has settled." if len(table) else "no rows yet")
         theme.value_axis(above, angle=is_angle(table, name))
@@ -101,10 +103,7 @@ def orbit(
             above.plot(values, 0.0 * values, "|", transform=above.get_xaxis_transform(), **look)
         if exponents:
             _draw_exponent(panels[1], table, x)
-        handles = [
-            Line2D([], [], ls="", marker=of.marker, ms=4.5, mew=0.0, color=of.colour, label=of.words)
-            for of in looks
-        ]
+        handles = [Line2D([], [], color=of.colour, label=of.words, **_marker(of, 4.5)) for of in looks]
         handles += [
             Line2D([], [], ls="", marker="|", color=_WITHOUT[words], ms=6, label=words) for words in without
         ]
@@ -119,6 +118,12 @@ class _Look(NamedTuple):
     colour: str
     marker: str
     words: str
+
+
+def _marker(look: _Look, size: float) -> dict[str, Any]:
+    """The marker of a look; one without an area, such as an x, is nothing but its edges."""
+    width = 0.0 if MarkerStyle(look.marker).is_filled() else 0.3 * size
+    return {"ls": "", "marker": look.marker, "ms": size, "mew": width}
 
 
 def _looks(table: pd.DataFrame, present: list[str], hue: str | None) -> list[_Look]:

@@ -35,10 +35,11 @@ GAITS = {
 # Hildebrand's classes; legs land together, and have equal strides, within that. Legs of a pair alternate
 # within a tenth. Lags of six legs, whose gaits are a sixth apart, are within a twelfth.
 TOGETHER = 1.0 / 16.0
-_ALTERNATE = 0.1
+ALTERNATE = 0.1
 _SIXTH = 1.0 / 12.0
 
-# Strides after a touchdown within which a foot that steps lands again.
+# Strides, or periods of the model if these are longer, after a touchdown within which a foot that steps lands
+# again.
 LATE = 1.5
 
 # Share of a model's period for which a foot of a body in an MJCF has to stay down, or up, to count as landed,
@@ -144,7 +145,7 @@ def _near(lag: Any, target: float, within: float) -> Any:
 
 def _of_two(at: Legs, duty: Any) -> dict[str, Any]:
     """Whether two legs have each gait; the first that holds counts."""
-    alternate = _near(at["R"] - at["L"], 0.5, _ALTERNATE)
+    alternate = _near(at["R"] - at["L"], 0.5, ALTERNATE)
     return {
         "walk": alternate & (duty >= 0.5),
         "run": alternate,
@@ -160,10 +161,10 @@ def _of_four(at: Legs, duty: Any) -> dict[str, Any]:
     # the share of a stride by which a fore foot follows the hind foot of its side, the mean of both sides
     diagonality = left + 0.5 * _between(at["RF"] - at["RH"], left)
     diagonality = diagonality - jnp.floor(diagonality)
-    symmetrical = _near(fore, 0.5, _ALTERNATE) & _near(hind, 0.5, _ALTERNATE)
+    symmetrical = _near(fore, 0.5, ALTERNATE) & _near(hind, 0.5, ALTERNATE)
     fores = _near(fore, 0.0, TOGETHER)
     hinds = _near(hind, 0.0, TOGETHER)
-    gallop = ~(fores | hinds | _near(fore, 0.5, _ALTERNATE) | _near(hind, 0.5, _ALTERNATE))
+    gallop = ~(fores | hinds | _near(fore, 0.5, ALTERNATE) | _near(hind, 0.5, ALTERNATE))
     lateral = symmetrical & (diagonality < 0.5)
     return {
         "trot": symmetrical & _near(diagonality, 0.5, TOGETHER),
@@ -174,7 +175,7 @@ def _of_four(at: Legs, duty: Any) -> dict[str, Any]:
         "diagonal sequence run": symmetrical,
         "pronk": fores & hinds & _near(diagonality, 0.0, TOGETHER),
         "bound": fores & hinds,
-        "half-bound": hinds & ~fores & ~_near(fore, 0.5, _ALTERNATE),
+        "half-bound": hinds & ~fores & ~_near(fore, 0.5, ALTERNATE),
         # both pairs land left before right, or both right before left
         "transverse gallop": gallop & (fore * hind > 0.0),
         "rotary gallop": gallop,
@@ -223,11 +224,12 @@ class DebouncedSteps(Steps):
     """The last steps of feet whose short contacts and lifts do not count.
 
     `is_down` (n,): whether each foot counts as down; `since` (n,): the times (s) since which its contact, or
-    its lack, lasts.
+    its lack, lasts; `touched` (n,): the times (s) of its last touches that did not follow on a short lift.
     """
 
     is_down: jax.Array
     since: jax.Array
+    touched: jax.Array
 
 
 _Steps = TypeVar("_Steps", bound=Steps)
@@ -238,7 +240,8 @@ def _counted(
 ) -> _Steps:
     """The steps after those feet have landed or lifted that `was` and `down` tell apart, at the times `at`.
 
-    Times are not before `steps.changed`, and may differ from foot to foot.
+    Times may differ from foot to foot. A bounce lands before others have moved that were counted sooner: its
+    support counts from the last of these on.
     """
     lands = down & ~was
     lifts = was & ~down
@@ -252,13 +255,13 @@ def _counted(
     change = down.astype(int) - was.astype(int)
     feet_down = jnp.sum(was) + jnp.sum(jnp.where(earlier, change[None, :], 0), axis=1)
     is_number = jnp.arange(was.size + 1)[None, :] == feet_down[:, None]
-    spans = jnp.where(is_number & moved[:, None], (at - begin)[:, None], 0.0)
+    spans = jnp.where(is_number & moved[:, None], jnp.maximum(at - begin, 0.0)[:, None], 0.0)
     # the first foot's touchdown ends its stride, and begins the next one
     in_next = (lands[0] & earlier[:, 0])[:, None]
     spent = steps.spent + jnp.sum(jnp.where(in_next, 0.0, spans), axis=0)
     spent_in_next = jnp.sum(jnp.where(in_next, spans, 0.0), axis=0)
     landed_before = steps.landings >= 1
-    stride = jnp.where(landed_before[0], at[0] - steps.landed[0], 0.0)
+    stride = jnp.where(landed_before[0], jnp.sum(spent), 0.0)
     share = jnp.where(stride > 0.0, spent / jnp.where(stride > 0.0, stride, 1.0), 0.0)
     return dataclasses.replace(
         steps,
@@ -266,7 +269,7 @@ def _counted(
         landed=jnp.where(lands, at, steps.landed),
         strides=jnp.where(lands & landed_before, at - steps.landed, steps.strides),
         stances=jnp.where(lifts & landed_before, at - steps.landed, steps.stances),
-        changed=jnp.max(jnp.where(moved, at, steps.changed)),
+        changed=jnp.maximum(steps.changed, jnp.max(jnp.where(moved, at, steps.changed))),
         spent=jnp.where(lands[0], spent_in_next, spent),
         support=jnp.where(lands[0], share, steps.support),
     )
@@ -335,7 +338,7 @@ class Footfalls:
         none = jnp.zeros(n)
         shares = jnp.zeros(n + 1)
         steps = (jnp.zeros(n, jnp.int32), begin, none, none, now, shares, shares)
-        return DebouncedSteps(*steps, jnp.zeros(n, bool), begin) if debounced else Steps(*steps)
+        return DebouncedSteps(*steps, jnp.zeros(n, bool), begin, begin) if debounced else Steps(*steps)
 
     def down(self, model: Model, params: Any, state: Any) -> Bool[Array, " feet"]:
         """Whether each foot is down.
@@ -366,21 +369,30 @@ class Footfalls:
         steps = dataclasses.replace(steps, landed=steps.landed + reset, changed=steps.changed + reset)
         if not isinstance(steps, DebouncedSteps):
             return _counted(steps, was, down, jnp.broadcast_to(now, was.shape))
-        # a contact or lift counts once it has lasted, from its beginning on
+        # a contact or lift counts once it has lasted: a lift from its beginning on, a contact from the first
+        # touch of the bounces, between short lifts, that it ends
         since = steps.since + reset
+        touched = steps.touched + reset
         lasts = now - since >= self.shortest_contact * model.period(params)
         is_down = jnp.where(lasts, was, steps.is_down)
         # a foot that has been down since the start has not landed
-        from_start = (steps.landings == 0) & (since == steps.landed)
-        was_down = jnp.where(from_start, is_down, steps.is_down)
-        counted = _counted(steps, was_down, is_down, since)
-        return dataclasses.replace(counted, is_down=is_down, since=jnp.where(down == was, since, now))
+        none_landed = steps.landings == 0
+        was_down = steps.is_down | (is_down & none_landed & (touched == steps.landed))
+        counted = _counted(steps, was_down, is_down, jnp.where(is_down, touched, since))
+        after_lift = lasts | (none_landed & (since == steps.landed))
+        return dataclasses.replace(
+            counted,
+            is_down=is_down,
+            since=jnp.where(down == was, since, now),
+            touched=jnp.where(down & ~was & after_lift, now, touched),
+        )
 
     def observed(self, model: Model, params: Any, state: Any, steps: Steps) -> dict[str, Float[Array, ""]]:
         """The observables by name; NaN for a foot that has not landed twice, or has stopped stepping."""
-        # a foot that has not landed for longer stands still, or is held up
+        # a foot that has not landed for longer stands still, or is held up; strides of bounces are short
         since = getattr(state, self.clock) - steps.landed
-        steps_on = (steps.strides > 0.0) & (since <= LATE * steps.strides)
+        longest = LATE * jnp.maximum(steps.strides, model.period(params))
+        steps_on = (steps.strides > 0.0) & (since <= longest)
         stride = jnp.where(steps_on, steps.strides, jnp.nan)
         lag = (steps.landed - steps.landed[0]) / stride[0]
         lag = jnp.where(steps_on, 2.0 * jnp.pi * (lag - jnp.floor(lag)), jnp.nan)
@@ -410,11 +422,12 @@ def footfalls(
     the touchdown after the first leg's), `duty_1`, ... and `support_0`, ... (shares of the first leg's stride
     with so many feet down), of the last steps, and the names of their gaits: `gaits` and `label` may be left
     out. They are NaN for a foot that has not made two touchdowns, or that has stood or been held up for 1.5
-    of its strides; such a row has no gait.
+    of its strides, or of the model's periods if these are longer; such a row has no gait.
 
     A foot of a body in an MJCF (`BodyModel`, `MjcfModel`) has landed, or lifted, only if it then stays down,
-    or up, for the share `shortest_contact` of the model's `period`; it landed when that began. A larger share
-    lets a foot scuff in swing. The signals show every contact.
+    or up, for the share `shortest_contact` of the model's `period`. It landed at the first touch of the
+    bounces, with shorter lifts between them, that this contact ends, and lifted at the last lift. A larger
+    share lets a foot scuff in swing. The signals show every contact.
 
     Args:
         clock: the variable of the model, in s, whose rate is 1; a jump may set it back.

@@ -17,9 +17,9 @@ from pydantic import Field, PrivateAttr, TypeAdapter, ValidationError
 from gaitsweep import near_miss
 from gaitsweep.analysis.records import names_in
 from gaitsweep.claims.measures import MEASURES, Value
-from gaitsweep.errors import ArgumentError
+from gaitsweep.errors import ArgumentError, JobError
 from gaitsweep.extension import ExtensionError, folders, import_all
-from gaitsweep.schema.diagnostics import Diagnostic, JobError, quoted, unknown_name
+from gaitsweep.schema.diagnostics import Diagnostic, quoted, unknown_name
 from gaitsweep.schema.numbers import Stem
 from gaitsweep.schema.strict_model import SchemaSection, StrictModel, from_pydantic
 from gaitsweep.schema.yaml_document import read_document

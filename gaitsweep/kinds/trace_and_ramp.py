@@ -200,9 +200,10 @@ class Trace(RunKind):
             text = "has no effect without run.parameter: name the parameter that moves."
             written = [name for name in _MOVING if name in self.model_fields_set and getattr(self, name)]
             return [Diagnostic(("run", name), text) for name in written]
-        for name in ("path", "rate"):
-            if getattr(self, name) is None:
-                return [Diagnostic(("run", name), f"is missing, but run.parameter is {self.parameter}.")]
+        missing = [name for name in ("path", "rate") if getattr(self, name) is None]
+        if missing:
+            text = f"is missing, but run.parameter is {self.parameter}."
+            return [Diagnostic(("run", name), text) for name in missing]
         if self.after_cycles:
             text = f"is {self.after_cycles}, but {self.parameter} moves from the start of a row: "
             return [Diagnostic(("run", "after_cycles"), f"{text}use run.initial_dwell instead.")]

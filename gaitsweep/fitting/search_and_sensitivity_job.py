@@ -14,6 +14,7 @@ from gaitsweep import near_miss
 from gaitsweep.contract import Quantity
 from gaitsweep.design.design import inside, requirement
 from gaitsweep.engine.solver.methods import derivative_refusal
+from gaitsweep.errors import JobError
 from gaitsweep.fitting.free_parameters import FreeParameter
 from gaitsweep.fitting.measure import Measure
 from gaitsweep.fitting.population import Population, job_with_run
@@ -22,7 +23,7 @@ from gaitsweep.job.model_spec import ModelSpec, read_model_spec
 from gaitsweep.job.reading import Config
 from gaitsweep.kinds import RUN_KINDS
 from gaitsweep.kinds.run_kind import RunKind, table_columns
-from gaitsweep.schema.diagnostics import Diagnostic, JobError, quoted, refuse
+from gaitsweep.schema.diagnostics import Diagnostic, quoted, refuse
 from gaitsweep.schema.diagnostics import Path as FieldPath
 
 # Fields of a job that have no place beside sets of constants.

@@ -172,6 +172,9 @@ class MjxBody:
 
         Returns:
             The state, and MJX's data of the step: derived quantities at its beginning, q and v at its end.
+
+        Raises:
+            ValueError: MJX cannot trace a feature of the model.
         """
         with _settings_of_mjx(state.q):
             model, data = self._begun(numbers, state)
