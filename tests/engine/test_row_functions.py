@@ -72,7 +72,7 @@ def test_recorders_share_the_program_of_starts_and_rows_keep_their_bits() -> Non
     numerics = Numerics(dt=1e-2).resolve(model)
     values, starts = sampled_points(model, 5)
     starts = {**starts, STEP_FACTOR: np.ones(5)}
-    before = lanes._started_by_xla(model, numerics.dtype, None)
+    before: Any = lanes._started_by_xla(model, numerics.dtype, None)
     for recorder in (SettleRecorder(model), CrossingRecorder(model, crossings=3)):
         lane = OneLane(model, recorder, numerics)
         opened = lanes.opened_by_xla(lane)(values, starts)
