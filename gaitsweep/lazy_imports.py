@@ -115,6 +115,8 @@ class Lazy:
     def __getattr__(self, name: str) -> Any:
         if name in _OF_TYPING:
             raise AttributeError(name)
+        if self._module in ("jax", "jax.tree_util") and "jax" not in sys.modules and name in _BEFORE_JAX:
+            return _BEFORE_JAX[name]
         return getattr(self._loaded(), name)
 
     def __call__(self, *args: Any, **options: Any) -> Any:
@@ -172,11 +174,6 @@ def _import_lazily(
     earlier = names.get(package)
     if isinstance(earlier, Lazy) and vars(earlier)["_module"] == package:
         lazy = inner = earlier  # it has the modules that were imported before
-    if name == "jax":  # the names that a module uses as it is imported
-        vars(lazy)["Array"] = Lazy(names, "jax", "Array")
-        vars(lazy)["jit"] = functools.partial(Lazy, names, "jax", "jit")
-        vars(lazy)["tree_util"] = Lazy(names, "jax.tree_util")
-        vars(vars(lazy)["tree_util"])["register_dataclass"] = register_dataclass
     for part in filter(None, rest.split(".")):  # import a.b.c
         inner = vars(inner).setdefault(part, Lazy(names, f"{vars(inner)['_module']}.{part}"))
     return lazy
@@ -199,6 +196,15 @@ def register_dataclass(class_: Any, *fields: Any, **named: Any) -> Any:
     """Register a dataclass as a pytree, as `jax.tree_util.register_dataclass` does, once JAX is imported."""
     after_jax(lambda: sys.modules["jax"].tree_util.register_dataclass(class_, *fields, **named))
     return class_
+
+
+# the members of JAX that modules use as they are imported, before JAX is
+_BEFORE_JAX = {
+    "Array": Lazy({}, "jax", "Array"),
+    "jit": functools.partial(Lazy, {}, "jax", "jit"),
+    "register_dataclass": register_dataclass,
+    "tree_util": Lazy({}, "jax.tree_util"),
+}
 
 
 def jax_settings() -> list[tuple[str, Any]]:

@@ -1,6 +1,5 @@
 from gaitsweep.analysis.basins.attractors import agreement as agreement
 from gaitsweep.analysis.basins.attractors import attractors as attractors
-from gaitsweep.analysis.basins.basin_boundaries import Wada as Wada
 from gaitsweep.analysis.basins.basin_boundaries import wada as wada
 from gaitsweep.analysis.basins.fractions import LEVEL as LEVEL
 from gaitsweep.analysis.basins.fractions import fractions as fractions

@@ -220,14 +220,13 @@ def quantifiers(directory: Directory, parameter: Parameter = None) -> None:
 
 @app.command()
 def wada(directory: Directory, by: GroupColumns = None) -> None:
-    """Print two tests of the Wada property of basins.
+    """Print a test of the Wada property of basins.
 
-    They compare boundaries after merging, and count the basins in boxes of a grid.
+    It compares the boundaries of basins after merging the others.
     """
     from gaitsweep.analysis.basins.basin_boundaries import wada as wada_of
 
-    results = wada_of(result_table(directory), by=by or ())
-    _print_tables(results.merging, results.boxes)
+    print_table(wada_of(result_table(directory), by=by or ()))
 
 
 @app.command()

@@ -140,10 +140,12 @@ class BodyCoordinates(Chart):
         return self.model.begun_on_section(params, state)
 
     def covers(self, params: Any, state: Any, /) -> Bool[Array, ""]:
-        if not self.model.body.is_free:
+        body = self.model.body
+        if not body.is_free:
             return jnp.ones((), bool)
         # on a slope the heading matters, and the tilt of an overturned body is that of an upright one, too
-        return (params.body["slope"] == 0.0) & is_upright(state.q[3:7])
+        level = (params.body["slope"] == 0.0) & body.is_on_level_planes
+        return level & is_upright(state.q[3:7])
 
     def _variables(self) -> NamedVariables:
         """The declared variables of the section besides positions and velocities."""

@@ -24,9 +24,8 @@ from gaitsweep.schema.diagnostics import Path as FieldPath
 from gaitsweep.schema.numbers import control_character
 from gaitsweep.shipped import job_folders, shipped_as
 
-# Size that PyYAML's reader in Python parses in a second; longer files need libyaml, if PyYAML has it.
-_SHORT = 64 * 1024  # bytes
-_LARGEST = 2 * 1024 * 1024 if hasattr(yaml, "CSafeLoader") else 4 * _SHORT
+_ByLibyaml: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+_LARGEST = 2**21 if _ByLibyaml is not yaml.SafeLoader else 2**18  # bytes, which are parsed in seconds
 _MAX_NODES = 100_000  # values of a file, with all that its aliases stand for
 _DEEPEST = 60  # lists and mappings inside each other
 _TOO_DEEP = f"is nested too deep: at most {_DEEPEST} levels of lists and mappings are allowed."
@@ -44,9 +43,10 @@ class _LimitError(Exception):
         super().__init__(message)
 
 
-class _Counted:
-    """Mixin of both loaders that limits nodes and depth while they compose."""
+class _Loader(_ByLibyaml):  # pyright: ignore[reportGeneralTypeIssues] (libyaml is optional)
+    """Safe loader of PyYAML, without its rules for plain words, that limits nodes and depth."""
 
+    yaml_implicit_resolvers: ClassVar[dict] = {}
     _nodes = 0
     _depth = 0
 
@@ -63,21 +63,6 @@ class _Counted:
     def ascend_resolver(self) -> None:
         """Leave a node."""
         self._depth -= 1
-
-
-class _Loader(_Counted, yaml.SafeLoader):
-    """Safe loader of PyYAML, without its rules for plain words."""
-
-    yaml_implicit_resolvers: ClassVar[dict] = {}  # pyright: ignore[reportIncompatibleVariableOverride]
-
-
-_ByLibyaml: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-
-
-class _FastLoader(_Counted, _ByLibyaml):
-    """Loader like `_Loader` by libyaml, if PyYAML was built with it."""
-
-    yaml_implicit_resolvers: ClassVar[dict] = _Loader.yaml_implicit_resolvers
 
 
 _INT = re.compile(r"^[-+]?(0|[1-9][0-9]*)\Z")
@@ -279,9 +264,8 @@ def _yaml_files(folder: Path) -> list[str]:
 
 def _compose(text: str, name: str) -> yaml.Node | None:
     """Parse the tree of nodes of a YAML text; None if it is empty."""
-    loader = _Loader if len(text) <= _SHORT else _FastLoader
     try:
-        return yaml.compose(text, Loader=loader)
+        return yaml.compose(text, Loader=_Loader)
     except _LimitError as error:
         raise _refused(name, error.line, str(error)) from None
     except yaml.MarkedYAMLError as error:

@@ -9,7 +9,6 @@ import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 import pytest
-from gaitsweep.analysis.continuation.fold_curves import fold_curves
 
 from gaitsweep.analysis.continuation.branch_follower import ArclengthSteps
 from gaitsweep.analysis.continuation.continuation import continuation
@@ -286,21 +285,6 @@ def test_two_bifurcations_within_one_step() -> None:
         result = table[table["special"] != ""]
         assert result["special"].tolist() == [kind, kind]
         np.testing.assert_allclose(result["r"], [0.0, 0.003], atol=1e-8)
-
-
-def test_a_pitchfork_does_not_start_a_fold_curve() -> None:
-    """On the branch of x + r x - x^3 from x = 0.9 the parameter turns at r = 0 without a fold."""
-    mapping, _ = MAPS[1]
-    table = fold_curves(
-        mapping,
-        mapping.points([[1.2]]),
-        {"b": -1.0},
-        parameters=("r", "k"),
-        within={"r": (-1.0, 0.95), "k": (0.5, 1.5)},
-        begin={"r": 0.81, "k": 1.0},
-        to_fold=-1,
-    )
-    assert table["end"].tolist() == ["no_fold"]
 
 
 @pytest.mark.parametrize("high", [10.0, 60.0])

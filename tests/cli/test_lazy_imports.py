@@ -70,7 +70,7 @@ before = stored_traces._settings()
 import jax
 assert jax.config.jax_num_cpu_devices == devices.usable_cores()
 assert jax.tree.leaves(State(*range(7))) == list(range(7))
-assert gaits.segments.lower
+assert gaits.segments.lower and gaits.jax.Array is jax.Array
 assert stored_traces._settings() == before
 jax.config.update("jax_default_matmul_precision", "highest")
 assert stored_traces._settings() != before

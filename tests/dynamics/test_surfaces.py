@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import types
 from collections.abc import Callable
 from typing import Any
 
@@ -317,6 +318,17 @@ def test_no_fixed_point_is_sought_over_steps() -> None:
     assert [place for _, _, place, _ in on_a_plane] == [None, 1, 2]
     with pytest.raises(gs.ArgumentError, match="no step repeats another"):
         gs.return_map(of(planar(FLOOR + STEP))).fixed_points([0.1, 0.2, 0.0, 0.0, 0.0, 0.0])
+
+
+@pytest.mark.parametrize(("tilt", "covered"), [(0, True), (10, False)])
+def test_places_of_a_free_body_are_left_out_on_level_planes_alone(tilt: float, covered: bool) -> None:
+    """Along an inclined plane, its height would change with its place."""
+    plane = f'<geom type="plane" size="9 9 .1" euler="0 {tilt} 0"/>'
+    model = of(world(plane, f'<body name="b"><freejoint name="root"/>{BALL}</body>'))
+    level: Any = types.SimpleNamespace(body={"slope": jnp.zeros(())})
+    upright = types.SimpleNamespace(q=jnp.array([0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0]))
+    assert bool(model.chart().covers(level, upright)) == covered
+    assert model.body.velocities_along_ground == ((0, 1) if covered else ())
 
 
 ROD = '<geom name="rod" type="capsule" size=".05" fromto="-.5 0 0 .5 0 0" mass="1" conaffinity="0"/>'

@@ -32,6 +32,7 @@ from gaitsweep.papers.aoi2011.waist_quadruped.kinematics import (
     STANCE,
     SWINGS,
     FootPath,
+    Swing,
     joint_angles,
     joint_rates,
 )
@@ -134,13 +135,13 @@ def test_small_steps_tend_to_located_events() -> None:
 # ---- swing ------------------------------------------------------------------------------------------------
 
 
-def path_of(swing: str, ease: float = 1.0) -> FootPath:
+def path_of(swing: Swing, ease: float = 1.0) -> FootPath:
     numbers = (jnp.asarray(v) for v in (AEP, -0.0008, D, H, RISE, DIP, ease))
     return FootPath(*numbers, swing=swing)
 
 
 @pytest.mark.parametrize("swing", SWINGS)
-def test_every_swing_joins_the_extreme_positions(swing: str) -> None:
+def test_every_swing_joins_the_extreme_positions(swing: Swing) -> None:
     """At the PEP, the top and the AEP; after the AEP without a landing the path returns to the PEP."""
     path = path_of(swing, 0.6)
     middle, back, ahead = -0.0008, -0.0008 - 0.5 * D, -0.0008 + 0.5 * D
@@ -170,7 +171,7 @@ def test_every_swing_joins_the_extreme_positions(swing: str) -> None:
         ("cycloid", 4.0 / 3.0, -D / 3.0, 0.0),
     ],
 )
-def test_speeds_at_the_end_of_the_swing(swing: str, ease: float, x_speed: float, z_speed: float) -> None:
+def test_speeds_at_the_end_of_the_swing(swing: Swing, ease: float, x_speed: float, z_speed: float) -> None:
     """Speeds (m a swing) at the AEP, worked out by hand, against differences."""
     path, landing, e = path_of(swing, ease), (jnp.asarray(0.0), jnp.asarray(-H)), 1e-6
     late, soon = (

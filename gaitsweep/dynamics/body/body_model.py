@@ -3,7 +3,9 @@
 A start can be a rest on the ground, under constant targets of the actuators. It is followed down the
 potential, along the overdamped motion q' = a(q) with the acceleration a at no velocity, by implicit Euler
 steps that grow to Newton's steps for a(q) = 0 (pseudo-transient continuation: Kelley and Keyes 1998, SIAM J.
-Numer. Anal. 35:508). Friction has no force at no slip, so a rest needs none.
+Numer. Anal. 35:508). Friction has no force at no slip, so on level ground a rest needs none. On a slope the
+body as a whole creeps along the ground at the constant velocity at which friction carries it: velocities
+along the ground are unknowns in place of the positions, which change nothing.
 """
 
 # MuJoCo's compiled modules come without types.
@@ -14,8 +16,8 @@ from __future__ import annotations
 import dataclasses
 import enum
 import functools
-from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, TypeAlias
 
 import jax
 import jax.numpy as jnp
@@ -30,6 +32,7 @@ from gaitsweep.dynamics.ground import ROUNDING, ground_field
 from gaitsweep.dynamics.mjcf import OfMjcf, Stamps, compiled_content, content_key
 from gaitsweep.dynamics.section_coordinates import BodyCoordinates
 from gaitsweep.dynamics.tree import integrate
+from gaitsweep.dynamics.tree.spatial import rotation_of
 from gaitsweep.near_miss import suggestion
 
 if TYPE_CHECKING:
@@ -67,25 +70,29 @@ WHY_NOT = (
 
 
 class Rest(NamedTuple):
-    """Positions (nq,) at rest, their largest acceleration (m/s2, rad/s2), and whether the body stands."""
+    """Positions (nq,) at rest, velocities (nv,) along a slope, their largest acceleration, m/s2 or rad/s2."""
 
     q: Float[Array, " nq"]
+    v: Float[Array, " nv"]
     residual: Float[Array, ""]
     standing: Int[Array, ""]
+
+
+_Moving: TypeAlias = tuple[Float[Array, " nq"], Float[Array, " nv"]]  # positions and velocities
 
 
 class _Progress(NamedTuple):
     """A point of the overdamped motion, and the next one.
 
-    `q`, `a` and `stiffness` are the positions, their accelerations, and minus the derivative (nv, nv) of the
-    accelerations by the positions, 1/s2; `ahead` are the next positions, `step` (s2) the step to them, `cut`
-    whether it was cut to `_FARTHEST`; `steps` is their number.
+    `at`, `a` and `stiffness` are positions and velocities, their accelerations, and minus the derivative
+    (nv, nv) of the accelerations by the unknowns, 1/s2 or 1/s; `ahead` are the next positions and velocities,
+    `step` (s2) the step to them, `cut` whether it was cut to `_FARTHEST`; `steps` is their number.
     """
 
-    q: Float[Array, " nq"]
+    at: _Moving
     a: Float[Array, " nv"]
     stiffness: Float[Array, "nv nv"]
-    ahead: Float[Array, " nq"]
+    ahead: _Moving
     step: Float[Array, ""]
     cut: Bool[Array, ""]
     steps: Int[Array, ""]
@@ -93,52 +100,67 @@ class _Progress(NamedTuple):
 
 def rest(
     body: LocatedBody,
-    acceleration: Callable[[Float[Array, " nq"]], Float[Array, " nv"]],
+    acceleration: Callable[[Float[Array, " nq"], Float[Array, " nv"]], Float[Array, " nv"]],
     inverse_inertia: Callable[[Float[Array, " nq"]], Float[Array, "nv nv"]],
     q: Float[Array, " nq"],
+    creeping: Sequence[int],
 ) -> Rest:
     """The rest to which an overdamped body moves.
 
     Args:
         body: the body.
-        acceleration: the accelerations (nv,) at positions (nq,) without velocities.
+        acceleration: the accelerations (nv,) at positions (nq,) and velocities (nv,).
         inverse_inertia: the inverse of the joint-space inertia (nv, nv) at positions (nq,).
         q: the positions (nq,) of the start.
+        creeping: the places in v of velocities of the whole body along the ground.
     """
     n = body.nv
+    creeps = np.isin(np.arange(n), creeping)
     # the accelerations are written out once in the compiled program, for all of these points
     displacements = _DIFFERENCE * np.concatenate([np.zeros((1, n)), np.eye(n), -np.eye(n)])
 
-    def moved(q: Float[Array, " nq"], change: Float[Array, " nv"]) -> Float[Array, " nq"]:
-        return jnp.asarray(integrate(body.tree, q, change, 1.0))
+    def moved(at: _Moving, change: Float[Array, " nv"]) -> _Moving:
+        q, v = at
+        return jnp.asarray(integrate(body.tree, q, jnp.where(creeps, 0.0, change), 1.0)), v + creeps * change
 
     def goes_on(at: _Progress) -> Bool[Array, ""]:
         return (at.steps < _STEPS) & (_largest(at.a) > _EXACT)
 
-    def next_of(at: _Progress) -> _Progress:
-        q = at.ahead
-        a, *others = jax.vmap(lambda change: acceleration(moved(q, change)))(displacements)
+    def next_of(last: _Progress) -> _Progress:
+        at = last.ahead
+        a, *others = jax.vmap(lambda change: acceleration(*moved(at, change)))(displacements)
         stiffness = (jnp.stack(others[n:]) - jnp.stack(others[:n])).T / (2.0 * _DIFFERENCE)
-        ratio = jnp.clip(_largest(at.a) / _largest(a), _SHRINK, _GROW)
-        step = jnp.where(at.cut, at.step, jnp.minimum(at.step * ratio, _LONGEST))
+        ratio = jnp.clip(_largest(last.a) / _largest(a), _SHRINK, _GROW)
+        step = jnp.where(last.cut, last.step, jnp.minimum(last.step * ratio, _LONGEST))
         change = jnp.linalg.solve(jnp.eye(n) / step + stiffness, a)
         far = _largest(change) / _FARTHEST
-        return _Progress(
-            q, a, stiffness, moved(q, change / jnp.maximum(far, 1.0)), step, far > 1.0, at.steps + 1
-        )
+        ahead = moved(at, change / jnp.maximum(far, 1.0))
+        return _Progress(at, a, stiffness, ahead, step, far > 1.0, last.steps + 1)
 
     unknown = jnp.full(n, jnp.inf)
     first = jnp.asarray(_FIRST, float)
-    start = _Progress(q, unknown, jnp.eye(n), q, first, jnp.asarray(True), jnp.asarray(0))
+    begin = q, jnp.zeros(n)
+    start = _Progress(begin, unknown, jnp.eye(n), begin, first, jnp.asarray(True), jnp.asarray(0))
     end = jax.lax.while_loop(goes_on, next_of, start)
+    at, v = end.at
     # in these coordinates the stiffness is symmetric, as that of a potential
-    root = jnp.linalg.cholesky(inverse_inertia(end.q))
-    lowest = jnp.min(jnp.linalg.eigvalsh(jnp.linalg.solve(root, end.stiffness @ root)))
+    root = jnp.linalg.cholesky(inverse_inertia(at))
+    symmetric = jnp.linalg.solve(root, jnp.where(creeps, 0.0, end.stiffness) @ root)
+    if creeping:
+        # places and heading on the ground change nothing, or by friction slowly
+        along = jnp.eye(n)[:, np.array(creeping)]
+        if body.is_free:
+            heading = jnp.zeros((n, 1)).at[3:6, 0].set(rotation_of(at[3:7])[2])
+            along = jnp.concatenate([along, heading], axis=1)
+        basis, _ = jnp.linalg.qr(jnp.linalg.solve(root, along))
+        across = jnp.eye(n) - basis @ basis.T
+        symmetric = across @ symmetric @ across
+    lowest = jnp.min(jnp.linalg.eigvalsh(symmetric))
     residual = _largest(end.a)
-    standing = jnp.where(_turn(body, q, end.q) > _TOPPLED, Standing.toppled, Standing.stands)
+    standing = jnp.where(_turn(body, q, at) > _TOPPLED, Standing.toppled, Standing.stands)
     standing = jnp.where(lowest < -_UNSTABLE, Standing.unstable, standing)
     standing = jnp.where(residual < AT_REST, standing, Standing.no_rest)
-    return Rest(end.q, residual, standing)
+    return Rest(at, v, residual, standing)
 
 
 def _largest(values: Float[Array, " n"]) -> Float[Array, ""]:
@@ -269,24 +291,27 @@ class BodyModel(OfMjcf, DeclaredModel):
     def standing_still(self, params: Any, state: Any) -> Rest:
         """The rest on the ground that is near a state, under the controls of its declared variables.
 
-        Directions that change nothing, such as the place along even ground, keep their positions.
+        Places along even ground keep their positions. On a slope the body creeps along it.
 
         Args:
             params: the parameters.
             state: the state; its velocities are taken as 0.
 
         Returns:
-            The positions `q` (nq,), the largest acceleration `residual` (m/s2, rad/s2) there, and `standing`,
-            a number of `Standing`.
+            The positions `q` (nq,), the velocities `v` (nv,), of which those of the whole body along a slope
+            are not 0, the largest acceleration `residual` (m/s2, rad/s2) there, and `standing`, a number of
+            `Standing`.
         """
 
-        def acceleration(q: Float[Array, " nq"]) -> Float[Array, " nv"]:
-            v = jnp.zeros(self.nv)
+        def acceleration(q: Float[Array, " nq"], v: Float[Array, " nv"]) -> Float[Array, " nv"]:
             pushing = self.body.heights(params.body, q, v, params.ground) > 0.0
             control = self.checked_control(params, state.replace(q=q, v=v, pushing=pushing))
             return self.body.accelerations(params.body, q, v, control, None, params.ground)
 
-        return rest(self.body, acceleration, lambda q: self.body.inverse_inertia(params.body, q), state.q)
+        creeping = self.body.velocities_along_ground if self.ground == "even" else ()
+        return rest(
+            self.body, acceleration, lambda q: self.body.inverse_inertia(params.body, q), state.q, creeping
+        )
 
     # what the contract asks for
 
@@ -331,7 +356,8 @@ class BodyModel(OfMjcf, DeclaredModel):
         if self.begins_standing:
             at_rest = self.standing_still(params, state)
             # a row whose body does not stand has no start
-            state = state.replace(q=jnp.where(at_rest.standing == Standing.stands, at_rest.q, jnp.nan))
+            q = jnp.where(at_rest.standing == Standing.stands, at_rest.q, jnp.nan)
+            state = state.replace(q=q, v=state.v + at_rest.v)
         # a part that begins in the ground is pushed from the start
         heights = self.body.heights(params.body, state.q, state.v, params.ground)
         state = state.replace(pushing=heights > 0.0)

@@ -241,6 +241,20 @@ class LocatedBody:
             joints.append(JointPlace(self.elements.name_of_joint(j), unit, in_q, int(m.jnt_dofadr[j])))
         return joints
 
+    @property
+    def is_on_level_planes(self) -> bool:
+        """Whether all that the body may touch are level planes, along which it may be anywhere."""
+        surfaces = [touch.surface for touch in self._touches]
+        return all(isinstance(surface, Plane) and surface.is_level for surface in surfaces)
+
+    @property
+    def velocities_along_ground(self) -> tuple[int, ...]:
+        """The places in v of the velocities of the whole body along the ground, where it has friction."""
+        if any(touch.friction is None for touch in self._touches):
+            return ()
+        free = (0, 1) if self.is_free and self.is_on_level_planes else ()
+        return (*free, *(joint.in_v for joint in self.joints if joint.in_q is None))
+
     def _before(self, joint: int) -> list[int]:
         """The joints between the world and a joint."""
         m = self._m
