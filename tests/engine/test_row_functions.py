@@ -14,11 +14,14 @@ from gaitsweep.engine.kernel import lanes, row_functions
 from gaitsweep.engine.kernel.lanes import kernel_of
 from gaitsweep.engine.kernel.row_functions import over_rows
 from gaitsweep.engine.numerics import STEP_FACTOR, Numerics
+from gaitsweep.engine.recorders.recordings import CrossingRecorder
 from gaitsweep.engine.recorders.settle import SettleRecorder
+from gaitsweep.engine.sweep.lane import OneLane
 from gaitsweep.models.sampled_points import sampled_points
 from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
 from gaitsweep.papers.aoi2011.waist_quadruped.model import WaistQuadruped
 from gaitsweep.papers.fukuoka2015.planar_quadruped.model import PlanarQuadruped
+from toy_model import Toy
 
 RANDOM = np.random.default_rng(20261126)
 
@@ -61,3 +64,20 @@ def test_kernels_open_rows_as_xla_does(model: Model) -> None:
     by_xla = lanes.opened_by_xla(lane)(values, starts)
     for mine, right in zip(by_kernel, by_xla, strict=True):
         np.testing.assert_allclose(mine, right, rtol=1e-12, atol=1e-12)
+
+
+def test_recorders_share_the_program_of_starts_and_rows_keep_their_bits() -> None:
+    """It is the slow one to compile; slots are those of one program of start and recorder."""
+    model = Toy()
+    numerics = Numerics(dt=1e-2).resolve(model)
+    values, starts = sampled_points(model, 5)
+    starts = {**starts, STEP_FACTOR: np.ones(5)}
+    before: Any = lanes._started_by_xla(model, numerics.dtype, None)
+    for recorder in (SettleRecorder(model), CrossingRecorder(model, crossings=3)):
+        lane = OneLane(model, recorder, numerics)
+        opened = lanes.opened_by_xla(lane)(values, starts)
+        whole = jax.jit(jax.vmap(lanes._opening_of_one(lane.open)))(values, starts)
+        for mine, right in zip(opened, whole, strict=True):
+            np.testing.assert_array_equal(mine, right)
+    assert lanes._started_by_xla(model, numerics.dtype, None) is before
+    assert before._cache_size() == 1

@@ -5,7 +5,7 @@ from __future__ import annotations
 import abc
 import math
 from collections.abc import Callable, Mapping
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, partial
 from typing import Any, NamedTuple, final
 
 import jax
@@ -23,7 +23,7 @@ from gaitsweep.engine.kernel.trace import UnsupportedError, traced_function
 from gaitsweep.engine.numerics import STEP_FACTOR, ResolvedNumerics
 from gaitsweep.engine.recorders.recorder import BUFFER, Recorder
 from gaitsweep.engine.stored_traces import stored
-from gaitsweep.engine.sweep.lane import ChunkOutput, Lanes, OneLane, RowDrive, Values
+from gaitsweep.engine.sweep.lane import ChunkOutput, Lanes, OneLane, Opened, RowDrive, Values, started_row
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.status import Status
 
@@ -48,11 +48,11 @@ class Opening(NamedTuple):
     slots: int
 
 
-def _opening_of_one(lane: OneLane) -> Callable[..., tuple[Array, Array, Array]]:
+def _opening_of_one(open_row: Callable[..., Opened]) -> Callable[..., tuple[Array, Array, Array]]:
     """The function of one row that gives the numbers of `OpenedRows`, with the slots in one vector."""
 
-    def of_one(values: Mapping[str, Array], starts: Mapping[str, Array]) -> tuple[Array, Array, Array]:
-        constants, carry, record, sample, keep = lane.open(values, starts)
+    def of_one(*row: Any) -> tuple[Array, Array, Array]:
+        constants, carry, record, sample, keep = open_row(*row)
         flat = [jnp.ravel(leaf).astype(jnp.float64) for leaf in jax.tree.leaves((constants, carry, record))]
         return jnp.concatenate(flat), sample.astype(jnp.float64), keep
 
@@ -69,7 +69,7 @@ def opening_of(lane: OneLane, values: Any, starts: Any) -> Opening:
     Raises:
         UnsupportedError: the model uses an operation that the scalar kernel does not have.
     """
-    traced = traced_function(_opening_of_one(lane), (values, starts))
+    traced = traced_function(_opening_of_one(lane.open), (values, starts))
     slots, *_ = traced.arrays
     return Opening(row_kernel(traced), slots.size)
 
@@ -88,7 +88,8 @@ def opened_by_kernel(opening: Opening) -> Callable[[Columns, Columns], OpenedRow
 
 def opened_by_xla(lane: OneLane) -> Callable[[Columns, Columns], OpenedRows]:
     """As `opened_by_kernel`, of a model with operations that the scalar kernel does not have."""
-    compiled = jax.jit(jax.vmap(_opening_of_one(lane)))
+    started = _started_by_xla(lane.model, lane.numerics.dtype, lane.drive)
+    compiled = jax.jit(jax.vmap(_opening_of_one(lane.open_at)))
 
     def open_rows(values: Columns, starts: Columns) -> OpenedRows:
         rows = len(next(iter(values.values())))
@@ -99,11 +100,19 @@ def opened_by_xla(lane: OneLane) -> Callable[[Columns, Columns], OpenedRows]:
             values_of_batch = {name: column[batch] for name, column in values.items()}
             starts_of_batch = {name: column[batch] for name, column in starts.items()}
             with jax.default_device(host_device()):
-                parts.append(jax.device_get(compiled(values_of_batch, starts_of_batch)))
+                row = values_of_batch, starts_of_batch
+                parts.append(jax.device_get(compiled(*row, *started(*row))))
         slots, samples, keeps = (np.concatenate(outputs)[:rows] for outputs in zip(*parts, strict=True))
         return OpenedRows(slots, samples, keeps)
 
     return open_rows
+
+
+# one program for all recorders: the rest of a body on the ground compiles for longer than all the others
+@cached_by_content(maxsize=16)
+def _started_by_xla(model: Model, dtype: str, drive: RowDrive | None) -> Callable[..., Any]:
+    """The function of a batch of rows that gives the results of `started_row`."""
+    return jax.jit(jax.vmap(partial(started_row, model, dtype, drive)))
 
 
 CACHE_LINE = 64  # bytes, also the size of the widest vector

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, Real
 
-from gaitsweep.contract import Model, Params
+from gaitsweep.contract import Model, Params, State
 from gaitsweep.engine.advance import advance
 from gaitsweep.engine.carry import Carry, Flag, Number, start
 from gaitsweep.engine.numerics import STEP_FACTOR, ResolvedNumerics, step_of
@@ -92,6 +92,30 @@ class Lanes(abc.ABC):
         """Advance all running lanes by up to `polls * POLL_INTERVAL` attempts, without waiting lanes."""
 
 
+def started_row(
+    model: Model,
+    dtype: str,
+    drive: RowDrive | None,
+    values: Mapping[str, Float[Array, " ..."]],
+    starts: Mapping[str, Number],
+) -> tuple[Params, State]:
+    """The parameters and the state of a trajectory at its start, which no recorder and no method decides.
+
+    Args:
+        model, drive: as of `OneLane`.
+        dtype: the dtype of the time.
+        values, starts: as of `OneLane.open`.
+    """
+    params = _params_at(model, drive, values, jnp.zeros((), dtype))
+    return params, model.init(params, starts)
+
+
+def _params_at(
+    model: Model, drive: RowDrive | None, values: Mapping[str, Float[Array, " ..."]], t: Number
+) -> Params:
+    return model.params(values) if drive is None else drive(values, t)
+
+
 @final
 class OneLane:
     """Opening, an attempt and a poll of one trajectory: pure functions of scalars and small arrays.
@@ -120,7 +144,7 @@ class OneLane:
 
     def params_at(self, values: Mapping[str, Float[Array, " ..."]], t: Number) -> Params:
         """The model's parameters at a time (s), from the values of a row; constant without a drive."""
-        return self.model.params(values) if self.drive is None else self.drive(values, t)
+        return _params_at(self.model, self.drive, values, t)
 
     def open(self, values: Mapping[str, Float[Array, " ..."]], starts: Mapping[str, Number]) -> Opened:
         """Open a trajectory.
@@ -129,9 +153,18 @@ class OneLane:
             values: the parameters of its row, by name.
             starts: its initial conditions, by name; `STEP_FACTOR` is by default that of the numerics.
         """
+        started = started_row(self.model, self.numerics.dtype, self.drive, values, starts)
+        return self.open_at(values, starts, *started)
+
+    def open_at(
+        self,
+        values: Mapping[str, Float[Array, " ..."]],
+        starts: Mapping[str, Number],
+        params: Params,
+        state: State,
+    ) -> Opened:
+        """Open a trajectory at the results of `started_row`; other arguments as of `open`."""
         zero = jnp.zeros((), self.numerics.dtype)
-        params = self.params_at(values, zero)
-        state = self.model.init(params, starts)
         factor = jnp.asarray(starts.get(STEP_FACTOR, self.numerics.factor), zero.dtype)
         dt = factor * self._longest_step(values, params)
         stop = self.recorder.stop(params)
