@@ -198,8 +198,8 @@ def test_a_slow_hold_of_a_row_on_one_branch_is_no_jump() -> None:
     ]
     table = pd.concat(parts).assign(settled=True, status="complete", gait="pace")
     assert jumps(table, "x", "f", None)["row"].tolist() == [1]
-    of_angle = table.rename(columns={"x_n": "delta_13_n"})
-    assert not len(jumps(of_angle[of_angle["row"] == 0], "delta_13", "f", None))
+    of_angle = parts[0].assign(settled=True, status="complete", gait="pace", delta_13_n=branch)
+    assert not len(jumps(of_angle, "delta_13", "f", None))
 
 
 def test_missing_columns_are_refused() -> None:

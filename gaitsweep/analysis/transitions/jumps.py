@@ -200,7 +200,8 @@ def courses(table: pd.DataFrame, observable: str, parameter: str) -> Iterator[Co
     table = table.sort_values(["row", order], kind="stable")
     circular = is_circular(table, name)
     table = table.loc[sound(table, name, parameter)]
-    large = LEAST_JUMP if circular else LEAST_SHARE * float(table[name].max() - table[name].min())
+    values = table[name].to_numpy(float)
+    large = LEAST_JUMP if circular or not len(values) else LEAST_SHARE * float(np.ptp(values))
     for _, part in table.groupby("row", sort=True):
         begin = 0 if stairs else where_it_moves(part[parameter].to_numpy(float))
         if len(part) - begin < 2:
