@@ -140,7 +140,7 @@ def test_hysteresis_has_points_and_areas(show: Show) -> None:
     assert points[["direction", "low", "high"]].equals(intervals[["direction", "low", "high"]])
     assert len(points) == 2  # jumps of 0.01 count, where the range is small
     still = small.assign(delta_13_n=0.5)
-    assert "No pass jumps: no change of delta_13 is four times" in show(still, "hysteresis")
+    assert "No pass jumps" in show(still, "hysteresis")
 
 
 def test_names_that_the_job_does_not_give_once_are_asked_for(

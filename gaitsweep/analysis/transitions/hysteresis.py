@@ -77,8 +77,8 @@ def hysteresis(
         start: of settled rows, the column of the start value that selects the branch.
         least: of ramps and staircases, the smallest change that counts as a jump, in the observable's unit.
             By default as in the figure `hysteresis`: 0.15 of a ramp, and of a staircase a step that is four
-            times as large as those beside it and changes the gait, or is a twentieth of the range (0.15 rad
-            of an angle).
+            times as large as those beside it and changes the gait, or is a twentieth of the range of all
+            rows.
         by: swept axes; the transition points of each of their combinations are separate. `loops` are always
             of single rows, so `by` does not change them.
 

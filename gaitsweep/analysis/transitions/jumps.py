@@ -27,7 +27,7 @@ SPAN = 40  # crossings of a ramp within which a jump changes the observable by `
 CROSSING_FOOT, HOLD_FOOT = 0.1, 0.02
 STEEPER = 4.0  # least ratio of a jump to the row's slower changes; else it is a steep branch or noise
 # Without a least size, a jump between holds is as much steeper than the median of so many changes on each
-# side, and changes the gait or has this share of the range of all rows, of an angle `LEAST_JUMP`.
+# side, and changes the gait or has this share of the range of all rows.
 BESIDE, LEAST_SHARE = 3, 0.05
 # Changes of a staircase below this share of the observable's largest value, or below `NOISE_FLOOR` in its
 # unit, are what settling to a tolerance and rounding leave.
@@ -71,7 +71,7 @@ def jumps(
         least: the least change of a jump, in the observable's unit: between two holds, or within 40 crossings
             of a ramp. A jump is also larger than four times the lower quartile of such changes in the row.
             None: of a staircase, the changes that are four times as large as those beside them, and change
-            the gait or are a twentieth of the range of all rows, of an angle 0.15 rad.
+            the gait or are a twentieth of the range of all rows.
 
     Returns:
         One record a jump: row, swept axes, pass, direction (rising or falling, the parameter's), `low` and
@@ -200,7 +200,9 @@ def courses(table: pd.DataFrame, observable: str, parameter: str) -> Iterator[Co
     table = table.sort_values(["row", order], kind="stable")
     circular = is_circular(table, name)
     table = table.loc[sound(table, name, parameter)]
-    large = LEAST_JUMP if circular else LEAST_SHARE * float(table[name].max() - table[name].min())
+    values = table[name].to_numpy(float)
+    values = unwrap_from(values, branch_cut(values)) if circular and len(values) else values
+    large = LEAST_SHARE * float(np.ptp(values)) if len(values) else 0.0
     for _, part in table.groupby("row", sort=True):
         begin = 0 if stairs else where_it_moves(part[parameter].to_numpy(float))
         if len(part) - begin < 2:

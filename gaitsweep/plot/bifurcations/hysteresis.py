@@ -206,8 +206,8 @@ def hysteresis(
     least: Annotated[
         Positive | None,
         "change of y that counts as a jump, in its unit; by default a step of a staircase that is four times "
-        "as large as those beside it and changes the gait, or is a twentieth of the range or 0.15 rad of an "
-        "angle, of a ramp 0.15",
+        "as large as those beside it and changes the gait, or is a twentieth of the range of all rows, "
+        "of a ramp 0.15",
     ] = None,
     title: Title = None,
 ) -> Figure:
