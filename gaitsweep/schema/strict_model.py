@@ -336,7 +336,7 @@ def _place_of(field: str, section: SchemaSection, sections: Mapping[str, SchemaS
     named = f"{', '.join(kinds[:4])}{', ...' if len(kinds) > 4 else ''}"
     if any(other.union == "figures" for other in homes.values()):
         return f"in an entry of figures ({named})"
-    return f"under run ({named})" if kinds else ""
+    return f"under {next(iter(homes.values())).union} ({named})" if kinds else ""
 
 
 def _about_kind(path: Path, value: object, sections: dict[str, SchemaSection]) -> Diagnostic:
@@ -347,13 +347,14 @@ def _about_kind(path: Path, value: object, sections: dict[str, SchemaSection]) -
 
 
 def _without_tags(loc: Path, sections: dict[str, SchemaSection]) -> Path:
-    """Return the path as written; pydantic adds tags after run, figures[i] and a wrong key of a mapping."""
+    """Return the path as written; pydantic adds tags of unions, and one after a wrong key of a mapping."""
     if loc[-1:] == ("[key]",):
         return loc[:-1]
-    if len(loc) > 1 and loc[0] == "run" and loc[1] in sections:
-        return (loc[0], *loc[2:])
-    if len(loc) > 2 and loc[0] == "figures" and _key(loc, 2) in sections:
-        return (*loc[:2], *loc[3:])
+    for place in range(1, len(loc)):
+        section = sections.get(_key(loc, place))
+        # after the union's field, or its number in a list
+        if section and section.union and section.union in loc[max(place - 2, 0) : place]:
+            return (*loc[:place], *loc[place + 1 :])
     return loc
 
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 import re
+import shutil
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -209,7 +210,7 @@ def test_a_model_file_is_the_class_that_one_would_write() -> None:
             r"line 9: controller\.legs\.L\.kne is not a role.*did you mean knee",
         ),
         ("kind: phase", "kind: phse", r"line 4: controller\.oscillators.*phse.*phase"),
-        ("omega: 6", "omga: 6", r"line 4: controller\.oscillators\.phase\.omga .*did you mean omega"),
+        ("omega: 6", "omga: 6", r"line 4: controller\.oscillators\.omga .*did you mean omega"),
         ("omega: 6", "omega: -6", r"line 4: .*omega is -6, but must be above 0"),
         (
             "phases: {L: 0,",
@@ -254,6 +255,11 @@ def test_a_model_file_is_the_class_that_one_would_write() -> None:
             f"{PHASES}\n",
             "{kind: matsuoka, rise: 0.05, adaptation: 0.5, inhibited: [[L, L]]}\n",
             r"line 4: controller\.oscillators\.inhibited has L and L as a pair: give two different legs",
+        ),
+        (
+            f"{PHASES}\n",
+            "{kind: matsuoka, rise: 0.05}\n",
+            r"line 4: controller\.oscillators\.adaptation is missing",
         ),
         (f"{PHASES}\n", f"{MATSUOKA}\n", r"line 9: controller\.legs\.L has no hip, .* write hip: JOINT"),
     ],
@@ -612,3 +618,17 @@ def test_a_body_that_begins_in_the_ground_is_remarked(tmp_path: Path, dynamics: 
         at_rest = weight / values["foot_l_contact_stiffness"][0]
         assert remarked(-0.99 * at_rest) == []
         assert remarked(-1.01 * at_rest)
+
+
+@pytest.mark.slow
+def test_the_biped_walks_with_the_matsuoka_oscillators_of_the_guide(tmp_path: Path) -> None:
+    page = (Path(__file__).parents[2] / "docs" / "walker.md").read_text()
+    text = page[page.index("# matsuoka.yaml") :]
+    (tmp_path / "matsuoka.yaml").write_text(text[: text.index("```")])
+    shutil.copy(WALKERS / "biped.xml", tmp_path)
+    run = gs.Settle(max_cycles=100)
+    model = model_of_file(tmp_path / "matsuoka.yaml")()
+    table = gs.sweep(model, run=run, knee_lift=[0.8, 0.9], pitch_stiffness=300.0, verify=0).table
+    assert table["status"].tolist() == ["settled"] * 2
+    assert table["gait"].tolist() == ["walk"] * 2
+    assert np.all(table["speed_end"] > 0.2)

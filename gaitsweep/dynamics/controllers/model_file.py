@@ -117,7 +117,10 @@ _SECTIONS: dict[str, SchemaSection] = {
     "controller": SchemaSection("controller", Controller),
     "joints": SchemaSection("a joint", Waveform),
     "path": SchemaSection("path", FootPath),
-    **{kind: SchemaSection(f"oscillators ({kind})", part) for kind, part in OSCILLATORS.items()},
+    **{
+        kind: SchemaSection(f"oscillators ({kind})", part, "oscillators")
+        for kind, part in OSCILLATORS.items()
+    },
 }
 
 
