@@ -15,7 +15,7 @@ import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from gaitsweep.compilation import compiling
+from gaitsweep.compiling_threads import compiling
 
 _DIGEST = 32  # bytes before the content of a file
 

@@ -16,7 +16,7 @@ from rich.console import Console, RenderableType
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 from rich.text import Text
 
-from gaitsweep.compilation import compiles_for, compiling_for
+from gaitsweep.compiling_threads import compiles_for, compiling_for
 from gaitsweep.errors import EXIT_STOPPED, EXIT_TERMINATED, Terminated
 from gaitsweep.runs.progress import COMPILING, percent, progress_lines
 from gaitsweep.runs.progress import Progress as RunProgress

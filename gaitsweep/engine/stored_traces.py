@@ -23,7 +23,7 @@ from jax.extend.core import Literal
 from jaxlib.version import __version__ as jaxlib_version
 
 from gaitsweep.cache_folder import cache_folder, load_cached, store_cached
-from gaitsweep.compilation import compiling
+from gaitsweep.compiling_threads import compiling
 from gaitsweep.contract import HybridModel, Model, Params, State
 from gaitsweep.engine.content import cached_by_content, lasting_content
 from gaitsweep.lazy_imports import jax_settings, jax_version

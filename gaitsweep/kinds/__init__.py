@@ -2,6 +2,7 @@
 
 `run_kind` is their interface, and `columns` declares the columns of their tables. The file of a kind has its
 name, but `trace_and_ramp` has `fixed_time`, `return_map`, `ramp` and `trace`, which wait for no gait.
+Hysteresis is by `staircase` or `ramp`.
 `fixed_points` is shared by the kinds that follow fixed points, `atlas_block` serves the atlas. `RUN_KINDS`
 lists the kinds. `register` adds one from another package before its jobs are read; it is usable as a
 decorator:

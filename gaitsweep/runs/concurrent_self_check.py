@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Int
 
-from gaitsweep.compilation import purpose_of_compiling
+from gaitsweep.compiling_threads import purpose_of_compiling
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.runs.prepare import RunContext
 from gaitsweep.runs.progress import Progress

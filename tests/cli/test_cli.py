@@ -30,7 +30,7 @@ from gaitsweep.cli import main
 from gaitsweep.cli.commands import app
 from gaitsweep.cli.progress import shown_progress
 from gaitsweep.cli.show import axes, duration, size
-from gaitsweep.compilation import compiling, purpose_of_compiling
+from gaitsweep.compiling_threads import compiling, purpose_of_compiling
 from gaitsweep.errors import Terminated, UserError
 from gaitsweep.job import Job
 from gaitsweep.runs.progress import progress_lines
@@ -381,7 +381,7 @@ def test_the_bar_says_that_the_main_thread_compiles(monkeypatch: pytest.MonkeyPa
 STOPPED_IN_COMPILED_CODE = """
 import hashlib, signal, time
 from gaitsweep.cli.progress import stoppable_progress
-from gaitsweep.compilation import compiling
+from gaitsweep.compiling_threads import compiling
 
 signal.signal(signal.SIGINT, signal.default_int_handler)
 with stoppable_progress("rows", lambda: "Stopped: 3 of 8 rows are safe."):

@@ -8,5 +8,5 @@ from tests.support import ROOT
 
 
 def test_the_picture_is_drawn_from_the_code() -> None:
-    rooms = runpy.run_path(str(ROOT / "docs" / "rooms.py"))
-    assert rooms["PICTURE"].read_text() == rooms["picture"](), "run python docs/rooms.py"
+    rooms = runpy.run_path(str(ROOT / "docs" / "extensions" / "rooms_picture.py"))
+    assert rooms["PICTURE"].read_text() == rooms["picture"](), "run python docs/extensions/rooms_picture.py"

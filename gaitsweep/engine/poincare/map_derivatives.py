@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from gaitsweep.compilation import compiling
+from gaitsweep.compiling_threads import compiling
 from gaitsweep.contract import State
 from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.devices import refuse_fork

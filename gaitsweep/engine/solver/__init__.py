@@ -1,5 +1,6 @@
 """The integration methods.
 
-`methods` has them by name, with their limits and requirements on a model; `runge_kutta`, `rosenbrock`,
-`taylor` (by the `recurrences` of operations) and `exponential` their steps.
+`methods` has them by name, with their limits and requirements on a model (`engine/numerics.py` chooses
+one); `runge_kutta`, `rosenbrock`, `taylor` (by the `recurrences` of operations) and `exponential` their
+steps.
 """

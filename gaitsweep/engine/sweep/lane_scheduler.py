@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Int
 
-from gaitsweep.compilation import compiling
+from gaitsweep.compiling_threads import compiling
 from gaitsweep.engine.recorders.recorder import RunningRows
 from gaitsweep.engine.sweep.blocks_of_rows import Block
 from gaitsweep.engine.sweep.engine_choice import groups_on

@@ -1,4 +1,4 @@
-"""The rooms of the code and the way of a row: `python docs/rooms.py` draws docs/images/rooms.svg.
+"""The rooms of the code and the way of a row: this script draws docs/images/rooms.svg.
 
 Rooms and their order are those of the import contract in pyproject.toml, their sentences those of docstrings.
 The way of a row names a function at each step, which has to exist.
@@ -11,7 +11,7 @@ import html
 import tomllib
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 PICTURE = ROOT / "docs" / "images" / "rooms.svg"
 
 # The way of a row: what happens, and the function where it happens.
