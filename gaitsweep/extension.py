@@ -36,7 +36,7 @@ class Extension:
 
     Args:
         models: classes of models by the names that jobs use, each as "package.module:Class".
-        figures: modules whose functions are decorated by `gaitsweep.plot.kind`.
+        figures: modules whose functions are decorated by `gaitsweep.plot.figure_kind`.
         run_kinds: modules whose classes are decorated by `gaitsweep.kinds.register`.
         analyses: modules with `app`, a `typer.Typer` whose commands `gaitsweep analyse` has.
         gait_styles: the colour and the Matplotlib marker of each gait, which all figures share; a third
