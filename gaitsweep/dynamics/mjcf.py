@@ -155,6 +155,7 @@ def identifier(name: str) -> str:
 
 
 _ANGLES = ("roll", "pitch", "yaw")
+_AT_START = " at the start"  # the end of the meaning of a start
 _UPRIGHT = 1.0 - 1e-9  # vertical component of a unit axis from which a slide is a height
 
 
@@ -166,7 +167,8 @@ class OfMjcf(Model):
     `JOINT_rate_0`; the place and velocity of a free joint, `JOINT_x_0` and `JOINT_x_rate_0`; and the
     orientation of a free or ball joint, `JOINT_roll_0`, `JOINT_pitch_0` and `JOINT_yaw_0`, with the angular
     velocity about the body's axes, `JOINT_w_x_0`, ... Their defaults are those of a keyframe, or of the
-    joints where the MJCF has none. Signals are `q_0`, `q_1`, ..., MuJoCo's qpos, and those that are declared.
+    joints where the MJCF has none. Signals are those that are declared, and `q_0`, `q_1`, ..., MuJoCo's qpos,
+    whose meanings name their joints.
     """
 
     body_file: ClassVar[str]  # the MJCF: a path from the folder of the model's module, or the XML itself
@@ -197,11 +199,7 @@ class OfMjcf(Model):
 
     @property
     def signals(self) -> tuple[Quantity, ...]:
-        count = compiled_mjcf(type(self)).nq
-        return (
-            *super().signals,
-            *(Quantity(f"q_{i}", "1", f"qpos[{i}] of MuJoCo") for i in range(count)),
-        )
+        return (*super().signals, *_positions_of_joints(type(self)))
 
     def signal(self, params: Any, state: Any, /) -> dict[str, Real[Any, ""]]:
         q = self.positions(state)
@@ -401,11 +399,26 @@ def _joint_starts(kind: type[OfMjcf]) -> list[_StartOfJoint]:
             starts += _starts_of_orientation(name, oriented[name], v, qpos, qvel)
         else:
             unit = "rad" if joint_type == mujoco.mjtJoint.mjJNT_HINGE else "m"
-            position = f"position of joint {name} at the start"
-            velocity = f"velocity of joint {name} at the start"
+            position = f"position of joint {name}{_AT_START}"
+            velocity = f"velocity of joint {name}{_AT_START}"
             starts.append(_start("qpos", q, qpos, f"{name}_0", unit, position))
             starts.append(_start("qvel", v, qvel, f"{name}_rate_0", f"{unit}/s", velocity))
     return starts
+
+
+def _positions_of_joints(kind: type[OfMjcf]) -> tuple[Quantity, ...]:
+    """The numbers of MuJoCo's qpos as signals: positions of joints, and unit quaternions of orientations."""
+    m = compiled_mjcf(kind)
+    positions = {
+        start.place: (start.quantity.unit, start.quantity.meaning.removesuffix(_AT_START))
+        for start in _joint_starts(kind)
+        if start.field == "qpos"
+    }
+    for first, name in _oriented(m):
+        positions |= {
+            first + k: ("1", f"{part} of the quaternion of {name}") for k, part in enumerate("wxyz")
+        }
+    return tuple(Quantity(f"q_{i}", *positions[i]) for i in range(m.nq))
 
 
 def _start(
@@ -420,8 +433,8 @@ def _starts_of_place(
 ) -> Iterator[_StartOfJoint]:
     """The starts of the place of a free joint and of its velocity; they begin at `q` and `v`."""
     for k, axis in enumerate("xyz"):
-        place = f"{axis} of {name} at the start"
-        velocity = f"velocity along {axis} of {name} at the start"
+        place = f"{axis} of {name}{_AT_START}"
+        velocity = f"velocity along {axis} of {name}{_AT_START}"
         yield _start("qpos", q + k, qpos, f"{name}_{axis}_0", "m", place)
         yield _start("qvel", v + k, qvel, f"{name}_{axis}_rate_0", "m/s", velocity)
 
@@ -433,8 +446,8 @@ def _starts_of_orientation(
     angles = angles_of_quaternion(qpos[q : q + 4])
     for angle, default in zip(_ANGLES, angles, strict=True):
         # the sum turns -0.0 into 0.0
-        quantity = Quantity(f"{name}_{angle}_0", "rad", f"{angle} of {name} at the start", default + 0.0)
+        quantity = Quantity(f"{name}_{angle}_0", "rad", f"{angle} of {name}{_AT_START}", default + 0.0)
         yield _StartOfJoint("angle", q, quantity)
     for k, axis in enumerate("xyz"):
-        meaning = f"angular velocity of {name} about the body's {axis} at the start"
+        meaning = f"angular velocity of {name} about the body's {axis}{_AT_START}"
         yield _start("qvel", v + k, qvel, f"{name}_w_{axis}_0", "rad/s", meaning)

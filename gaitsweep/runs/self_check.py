@@ -20,7 +20,7 @@ from jaxtyping import Bool, Float, Int
 
 from gaitsweep.contract import Model, Quantity
 from gaitsweep.engine.content import cached_by_content
-from gaitsweep.engine.kernel.row_functions import over_rows
+from gaitsweep.engine.kernel.lanes import over_started_rows
 from gaitsweep.engine.numerics import STEP_FACTOR, tolerance_scale
 from gaitsweep.engine.poincare.maps import wrap_difference
 from gaitsweep.engine.poincare.return_map import REFINED
@@ -36,6 +36,7 @@ from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.engine.recorders.staircase import StepRecorder
 from gaitsweep.engine.recorders.states import StateRecorder
 from gaitsweep.engine.solver.methods import fixed_step_scheme
+from gaitsweep.engine.sweep.lane import RowDrive
 from gaitsweep.engine.sweep.sweep import sweep
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.kinds.columns import gaits
@@ -188,15 +189,14 @@ def _place_of(context: RunContext, record: Mapping[Any, Any]) -> dict[str, float
 
 
 @cached_by_content(maxsize=16)
-def _observed(model: Model, drive: Callable[..., Any] | None) -> Callable[..., Observed]:
+def _observed(model: Model, dtype: str, drive: RowDrive | None) -> Callable[..., Observed]:
     """The function `(values, starts) -> observables (n, k)` of rows at their starts."""
 
-    def observed(values: Any, start: Any) -> jax.Array:
-        params = model.params(values) if drive is None else drive(values, jax.numpy.zeros(()))
-        observables = model.observe(params, model.init(params, start))
+    def observed(params: Any, state: Any) -> jax.Array:
+        observables = model.observe(params, state)
         return jax.numpy.stack([observables[q.name] for q in model.observables])
 
-    return over_rows(observed, "observed", model, drive)
+    return over_started_rows(observed, "observed", model, dtype, drive)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -462,7 +462,8 @@ class _Comparison:
         """Return the observables (n, k) of rows at their starts."""
         model = self.context.model
         values, starts = self.context.design.values_in(rows)
-        return _observed(model, self.context.spec.drive)(model.on_host(values), starts)
+        spec = self.context.spec
+        return _observed(model, spec.numerics.dtype, spec.drive)(model.on_host(values), starts)
 
     @property
     def comparable_time(self) -> float:

@@ -17,7 +17,9 @@ from gaitsweep.contract import Model
 from gaitsweep.dynamics.gaits_by_footfalls import TOGETHER
 from gaitsweep.dynamics.mjcf import OfMjcf
 from gaitsweep.engine.content import cached_by_content
+from gaitsweep.engine.kernel.lanes import over_started_rows
 from gaitsweep.engine.kernel.row_functions import over_rows
+from gaitsweep.engine.sweep.lane import RowDrive
 from gaitsweep.kinds.columns import AT_REST
 from gaitsweep.kinds.run_kind import table_columns
 from gaitsweep.own_modules import folder_of_class
@@ -114,7 +116,8 @@ def _of_starts(context: RunContext) -> dict[str, Any]:
     most = _MOST_STARTS_OF_HOST if model.host_parameters else _MOST_STARTS
     rows = np.arange(n) if n <= most else np.linspace(0, n - 1, most).astype(np.int64)
     parameters, starts = context.design.values_in(rows)
-    period, beyond, without = _period_and_faults_of_start(model)(model.on_host(parameters), starts)
+    of_rows = _period_and_faults_of_start(model, context.spec.numerics.dtype, context.spec.drive)
+    period, beyond, without = of_rows(model.on_host(parameters), starts)
     times = {"NaN": np.isnan(period), "0": period == 0.0, "a number below 0": period < 0.0}
     masks = {
         STARTS_BEYOND: beyond,
@@ -132,22 +135,22 @@ def _of_starts(context: RunContext) -> dict[str, Any]:
 
 
 @cached_by_content(maxsize=16)
-def _period_and_faults_of_start(model: Model) -> Callable[..., tuple[Any, ...]]:
+def _period_and_faults_of_start(
+    model: Model, dtype: str, drive: RowDrive | None
+) -> Callable[..., tuple[Any, ...]]:
     """The function `(values, starts) -> (period, beyond, without)` of rows, by events and by reasons."""
     kind = type(model.original)
-    has_faults = (
-        kind.beyond_at_start is not Model.beyond_at_start or kind.without_start is not Model.without_start
-    )
 
-    def one(values: Any, start: Any) -> tuple[jax.Array, dict[str, jax.Array], dict[str, jax.Array]]:
-        params = model.params(values)
-        if not has_faults:
-            return model.period(params), {}, {}
-        state = model.init(params, start)
+    def of_start(params: Any, state: Any) -> tuple[jax.Array, dict[str, jax.Array], dict[str, jax.Array]]:
         beyond = model.beyond_at_start(params, state)
         return model.period(params), beyond, model.without_start(params, state)
 
-    return over_rows(one, "faults of start", model)
+    def period(values: Any, start: Any) -> tuple[jax.Array, dict[str, jax.Array], dict[str, jax.Array]]:
+        return model.period(model.params(values)), {}, {}
+
+    if kind.beyond_at_start is Model.beyond_at_start and kind.without_start is Model.without_start:
+        return over_rows(period, "period", model)
+    return over_started_rows(of_start, "faults of start", model, dtype, drive)
 
 
 def summed_up(context: RunContext, table: Table) -> bool:

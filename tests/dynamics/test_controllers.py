@@ -15,6 +15,7 @@ from typing import Any
 import jax.numpy as jnp
 import mujoco
 import numpy as np
+import pandas as pd
 import pytest
 
 import gaitsweep as gs
@@ -28,9 +29,11 @@ from gaitsweep.dynamics.controllers.oscillators import (
     PhaseOscillators,
 )
 from gaitsweep.errors import JobError
+from gaitsweep.kinds.columns import quantities_of
 from gaitsweep.models.conformity import variables_without_rate
 from gaitsweep.models.sampled_points import sampled_points
 from gaitsweep.models.starts import starts_in_ground
+from gaitsweep.plot.column_labels import described
 from gaitsweep.shipped import EXAMPLES
 
 WALKERS = EXAMPLES / "walkers"
@@ -392,6 +395,28 @@ def test_the_order_of_legs_counts_and_that_of_their_joints_does_not(tmp_path: Pa
     assert type(swapped) is not type(model)
     assert swapped.data_digest != model.data_digest
     np.testing.assert_allclose(rates(swapped, 0.2) - rates(swapped, 0.0), felt[[1, 0, 3, 2]], atol=1e-9)
+
+
+def test_signals_of_positions_name_their_joints_with_units() -> None:
+    """The addresses and kinds of joints are those of MuJoCo; a quaternion has no unit."""
+    model = model_of_file(WALKERS / "quadruped.yaml")()
+    m = mujoco.MjModel.from_xml_path(str(WALKERS / "quadruped.xml"))
+    signals = {q.name: q for q in model.signals}
+    assert [name for name in signals if name.startswith("q_")] == [f"q_{i}" for i in range(m.nq)]
+    for j in range(m.njnt):
+        first = m.jnt_qposadr[j]
+        if m.jnt_type[j] == mujoco.mjtJoint.mjJNT_FREE:
+            units = ["m"] * 3 + ["1"] * 4
+        else:
+            units = ["m" if m.jnt_type[j] == mujoco.mjtJoint.mjJNT_SLIDE else "rad"]
+        for i, unit in enumerate(units, first):
+            assert signals[f"q_{i}"].unit == unit
+            assert re.search(rf"\b{m.jnt(j).name}\b", signals[f"q_{i}"].meaning)
+    table = pd.DataFrame({"row": [0], "q_8": [0.1]})
+    table.attrs["quantities"] = quantities_of(model)
+    label = described(table, "q_8")
+    assert "knee_lf" in label
+    assert label.endswith("(rad)")
 
 
 def test_legs_without_names_of_gaits_are_drawn_with_their_names(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import jax
@@ -16,7 +17,7 @@ from gaitsweep.engine.kernel.row_functions import over_rows
 from gaitsweep.engine.numerics import STEP_FACTOR, Numerics
 from gaitsweep.engine.recorders.recordings import CrossingRecorder
 from gaitsweep.engine.recorders.settle import SettleRecorder
-from gaitsweep.engine.sweep.lane import OneLane
+from gaitsweep.engine.sweep.lane import OneLane, started_row
 from gaitsweep.models.sampled_points import sampled_points
 from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
 from gaitsweep.papers.aoi2011.waist_quadruped.model import WaistQuadruped
@@ -66,7 +67,7 @@ def test_kernels_open_rows_as_xla_does(model: Model) -> None:
         np.testing.assert_allclose(mine, right, rtol=1e-12, atol=1e-12)
 
 
-def test_recorders_share_the_program_of_starts_and_rows_keep_their_bits() -> None:
+def test_recorders_and_reports_share_the_program_of_starts_and_rows_keep_their_bits() -> None:
     """It is the slow one to compile; slots are those of one program of start and recorder."""
     model = Toy()
     numerics = Numerics(dt=1e-2).resolve(model)
@@ -79,5 +80,20 @@ def test_recorders_share_the_program_of_starts_and_rows_keep_their_bits() -> Non
         whole = jax.jit(jax.vmap(lanes._opening_of_one(lane.open)))(values, starts)
         for mine, right in zip(opened, whole, strict=True):
             np.testing.assert_array_equal(mine, right)
+
+    def function(params: Any, state: Any) -> Any:
+        """As remarks on starts do, with an operation that no scalar program has."""
+        matrix = jnp.eye(2) + jax.tree.leaves(state)[0].ravel()[0] ** 2
+        return model.period(params), jnp.linalg.cholesky(matrix)
+
+    of_rows = lanes.over_started_rows(function, "", model, numerics.dtype, None)
+    many = np.arange(lanes._BATCH + 3) % 5
+    for rows in (many, many[:5], many[:0]):
+        values_of_some: Any = {name: column[rows] for name, column in values.items()}
+        starts_of_some: Any = {name: starts[name][rows] for name in starts if name != STEP_FACTOR}
+        of_some = values_of_some, starts_of_some
+        right = jax.vmap(function)(*jax.vmap(partial(started_row, model, numerics.dtype, None))(*of_some))
+        for mine, theirs in zip(of_rows(*of_some), right, strict=True):
+            np.testing.assert_allclose(mine, theirs, rtol=1e-14, atol=0.0)
     assert lanes._started_by_xla(model, numerics.dtype, None) is before
     assert before._cache_size() == 1

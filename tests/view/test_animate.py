@@ -1,5 +1,8 @@
 """The command `animate`: movies and strips of poses from tables of traces."""
 
+# MuJoCo's compiled modules come without types.
+# pyright: reportAttributeAccessIssue=false
+
 from __future__ import annotations
 
 import dataclasses
@@ -484,8 +487,22 @@ def test_mujoco_renders_with_opengl(quadruped: Path, tmp_path: Path) -> None:
 
 def test_mujoco_draws_an_mjcf_without_a_sky_on_white() -> None:
     model = mujoco_painter._staged('<mujoco><worldbody><geom size="1"/></worldbody></mujoco>', 0.1)
-    assert list(model.tex_type) == [mujoco.mjtTexture.mjTEXTURE_SKYBOX]  # pyright: ignore[reportAttributeAccessIssue]
+    assert list(model.tex_type) == [mujoco.mjtTexture.mjTEXTURE_SKYBOX]
     assert set(model.tex_data) == {255}
+
+
+def test_mujoco_draws_geoms_of_groups_0_to_2_and_no_sites() -> None:
+    """The scene is that of the renderer, before OpenGL."""
+    geoms = "".join(f'<geom name="{i}" group="{i}" size=".1"/>' for i in range(6))
+    sites = "".join(f'<site name="foot_{i}" group="{i}" size=".2"/>' for i in range(6))
+    model = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{geoms}{sites}</worldbody></mujoco>")
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    scene = mujoco.MjvScene(model, maxgeom=20)
+    everything = mujoco.mjtCatBit.mjCAT_ALL
+    mujoco.mjv_updateScene(model, data, mujoco_painter._shown(), None, mujoco.MjvCamera(), everything, scene)
+    drawn = [(geom.objtype, geom.objid) for geom in scene.geoms[: scene.ngeom]]
+    assert drawn == [(mujoco.mjtObj.mjOBJ_GEOM, i) for i in range(3)]
 
 
 def test_ground_of_one_colour_gets_squares() -> None:

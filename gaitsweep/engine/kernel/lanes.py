@@ -13,11 +13,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, Real
 
-from gaitsweep.contract import Model
+from gaitsweep.contract import Model, Params, State
 from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.devices import host_device
 from gaitsweep.engine.kernel import cpu_program
 from gaitsweep.engine.kernel.chunk import Chunk, Leaf, chunk_of
+from gaitsweep.engine.kernel.row_functions import UNOPTIMISED, over_rows
 from gaitsweep.engine.kernel.row_kernel import RowKernel, row_kernel, running
 from gaitsweep.engine.kernel.trace import UnsupportedError, traced_function
 from gaitsweep.engine.numerics import STEP_FACTOR, ResolvedNumerics
@@ -90,22 +91,59 @@ def opened_by_xla(lane: OneLane) -> Callable[[Columns, Columns], OpenedRows]:
     """As `opened_by_kernel`, of a model with operations that the scalar kernel does not have."""
     started = _started_by_xla(lane.model, lane.numerics.dtype, lane.drive)
     compiled = jax.jit(jax.vmap(_opening_of_one(lane.open_at)))
+    of_rows = _in_batches(lambda *rows: compiled(*rows, *started(*rows)))
+    return lambda values, starts: OpenedRows(*of_rows(values, starts))
 
-    def open_rows(values: Columns, starts: Columns) -> OpenedRows:
+
+def over_started_rows(
+    function: Callable[[Params, State], Any], name: str, model: Model, dtype: str, drive: RowDrive | None
+) -> Callable[[Columns, Columns], Any]:
+    """The function `(values, starts)` of rows that gives `function(params, state)` at their starts.
+
+    Where XLA computes it, it shares the program that starts the rows of a run.
+
+    Args:
+        function: a JAX function of one row.
+        name: as of `over_rows`.
+        model, dtype, drive: as of `started_row`.
+    """
+
+    def of_one(values: Any, starts: Any) -> Any:
+        return function(*started_row(model, dtype, drive, values, starts))
+
+    def by_xla() -> Callable[[Columns, Columns], Any]:
+        started = _started_by_xla(model, dtype, drive)
+        compiled = jax.jit(jax.vmap(function), compiler_options=UNOPTIMISED)
+
+        def of_batch(values: Columns, starts: Columns) -> Any:
+            rows = {name: column.astype(dtype) for name, column in values.items()}
+            own = {name: column.astype(dtype) for name, column in starts.items()}
+            # lanes start their rows with it
+            return compiled(*started(rows, {STEP_FACTOR: np.ones(_BATCH, dtype), **own}))
+
+        return _in_batches(of_batch)
+
+    return over_rows(of_one, name, model, dtype, drive, by_xla=by_xla)
+
+
+def _in_batches(of_batch: Callable[[Columns, Columns], Any]) -> Callable[[Columns, Columns], Any]:
+    """The function of rows, from a JAX function of `_BATCH` rows."""
+
+    def of_rows(values: Columns, starts: Columns) -> Any:
         rows = len(next(iter(values.values())))
         parts = []
-        for first in range(0, rows, _BATCH):
-            # the last batch is filled up with its own rows
-            batch = np.resize(np.arange(first, min(first + _BATCH, rows)), _BATCH)
-            values_of_batch = {name: column[batch] for name, column in values.items()}
-            starts_of_batch = {name: column[batch] for name, column in starts.items()}
-            with jax.default_device(host_device()):
-                row = values_of_batch, starts_of_batch
-                parts.append(jax.device_get(compiled(*row, *started(*row))))
-        slots, samples, keeps = (np.concatenate(outputs)[:rows] for outputs in zip(*parts, strict=True))
-        return OpenedRows(slots, samples, keeps)
+        for first in range(0, max(rows, 1), _BATCH):
 
-    return open_rows
+            def batch(column: np.ndarray, first: int = first) -> np.ndarray:
+                """The next rows of a column; the last ones are repeated, and none is filled up with zeros."""
+                return np.resize(column[first : first + _BATCH], (_BATCH, *column.shape[1:]))
+
+            with jax.default_device(host_device()):
+                columns = jax.tree.map(batch, (dict(values), dict(starts)))
+                parts.append(jax.device_get(of_batch(*columns)))
+        return jax.tree.map(lambda *arrays: np.concatenate(arrays)[:rows], *parts)
+
+    return of_rows
 
 
 # one program for all recorders: the rest of a body on the ground compiles for longer than all the others

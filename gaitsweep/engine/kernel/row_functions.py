@@ -22,6 +22,8 @@ from gaitsweep.engine.stored_traces import stored
 
 # Rows that are computed at a time, since the values of all nodes are in memory.
 _ROWS_AT_A_TIME = 4096
+# Options of XLA for few rows, on which an optimised program saves less time than its optimisation takes.
+UNOPTIMISED = {"xla_backend_optimization_level": 0}
 # NumPy's forms of operations whose own form takes one number at a time.
 _OF_ARRAYS: dict[str, Callable[..., Any]] = {
     "select": np.where,
@@ -35,6 +37,7 @@ def over_rows(
     model: Model | None = None,
     *others: Any,
     all_rows: bool = False,
+    by_xla: Callable[[], Callable[..., Any]] | None = None,
 ) -> Callable[..., Any]:
     """The function of many rows: arguments and results have the rows as their first axis.
 
@@ -44,6 +47,7 @@ def over_rows(
         name, model, others: what a program is stored by (`stored_traces.stored`). Its results are then
             mappings and lists of arrays. Without a model it is traced in each process.
         all_rows: compute by a kernel, for a function that a run calls with all its rows.
+        by_xla: makes the function of rows that XLA computes, in place of `function`.
     """
     if all_rows:
         from gaitsweep.engine.kernel.cpu_program import TILE  # which imports LLVM
@@ -67,7 +71,7 @@ def over_rows(
                 return computed_by(*trace_row())
             return computed_by(*stored(name, model, (*others, key), trace_row))
         except UnsupportedError:
-            return _by_xla(function, all_rows=all_rows)
+            return _by_xla(function, all_rows=all_rows) if by_xla is None else by_xla()
 
     def of_rows(*trees: Any) -> Any:
         columns = _mapped(np.asarray, trees)
@@ -88,9 +92,7 @@ def over_rows(
 
 def _by_xla(function: Callable[..., Any], *, all_rows: bool) -> Callable[..., Any]:
     """The function of rows that XLA computes."""
-    # on few rows an optimised program saves less time than its optimisation takes
-    options = {} if all_rows else {"xla_backend_optimization_level": 0}
-    compiled = jax.jit(jax.vmap(function), compiler_options=options)
+    compiled = jax.jit(jax.vmap(function), compiler_options={} if all_rows else UNOPTIMISED)
 
     def of_rows(*trees: Any) -> Any:
         with jax.default_device(host_device()):

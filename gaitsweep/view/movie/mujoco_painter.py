@@ -40,6 +40,7 @@ def main() -> None:
     _light(model)
     _paint_limbs(model, request["colours"])
     camera = _camera(request, width / height)
+    shown = _shown()
     renderer = mujoco.Renderer(model, height, width)
     of_world = model.light_bodyid == 0
     lamps = model.light_pos[of_world]
@@ -48,7 +49,7 @@ def main() -> None:
         model.light_pos[of_world] = lamps + np.append(middle, 0.0)  # a lamp casts shadows only near itself
         mujoco.mj_forward(model, data)
         camera.lookat[:2] = middle
-        renderer.update_scene(data, camera)
+        renderer.update_scene(data, camera, shown)
         pictures.write(renderer.render().tobytes())
         pictures.flush()
     renderer.close()
@@ -76,6 +77,13 @@ def _staged(mjcf: str, square: float) -> mujoco.MjModel:
         for geom in plain:
             geom.material = _SQUARES
     return spec.compile()
+
+
+def _shown() -> mujoco.MjvOption:
+    """What MuJoCo's viewer shows, without sites: zones of sensors look like feet, and hide the feet."""
+    shown = mujoco.MjvOption()
+    shown.sitegroup[:] = 0
+    return shown
 
 
 def _camera(request: np.lib.npyio.NpzFile, aspect: float) -> mujoco.MjvCamera:
