@@ -57,7 +57,7 @@ def load_output(command: Sequence[str]) -> StoredOutput | None:
 
 
 def digests_of(sources: Iterable[Path]) -> dict[str, str]:
-    """Digests of the files from which a job has just been read, by absolute path; {} if one cannot be read."""
+    """Digests of the files of a job that has just been read, by absolute path; {} if one cannot be read."""
     try:
         return {str(source.absolute()): _digest(source) for source in sources}
     except OSError:

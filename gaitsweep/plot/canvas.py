@@ -184,7 +184,9 @@ def frame(width: float, height: float) -> Iterator[Figure]:
         width, height: size in inches.
     """
     with _themed(_PAPER):
-        yield _Figure((width, height), layout="none")
+        figure = _Figure((width, height))
+        figure.set_layout_engine("none")
+        yield figure
 
 
 @contextlib.contextmanager

@@ -41,8 +41,8 @@ class Clip:
     """The data of an animation.
 
     `skeleton` is the body at the times `t` (n,) s of the frames; `contact` (m, limbs) is 1 on the ground at
-    the times `contact_t` (m,) s of the whole trace; `period` (s) of a cycle; `title`, `pace` and `details` are
-    texts. The first detail names the row, and the others its values.
+    the times `contact_t` (m,) s of the whole trace; `period` (s) of a cycle; `title`, `pace` and `details`
+    are texts. The first detail names the row, and the others its values.
     """
 
     t: Float[np.ndarray, " frames"]
