@@ -249,6 +249,7 @@ def test_only_observables_lose_their_suffix(of: str, unit: str, value: float) ->
     model, columns = Suffixed(), dict(row("aabb....").columns)
     columns["r_n"] = columns.pop("r")
     columns |= {"x_n": 10.0 * columns["r_n"], "a": 0.0 * columns["r_n"] + 3.0}
+    columns["status"] = np.full(columns["t"].size, "complete")
     ramp = {**RAMP, "parameter": "r_n", "initial_dwell": 0.0}
     fields = {"kind": "transition", "run": ramp, "gait": "a", "to": "b", "at": {"x_0": 1.0}, "least": 2}
     measure = Transition.model_validate({**fields, "of": of})
