@@ -24,7 +24,7 @@ import pandas as pd
 from pydantic import Field, create_model
 
 from gaitsweep import near_miss
-from gaitsweep.contract import Model
+from gaitsweep.contract import Model, names_gait
 from gaitsweep.design import Design
 from gaitsweep.kinds.run_kind import RunKind
 from gaitsweep.mathtext import can_be_set
@@ -140,7 +140,7 @@ class FigureKind(FigureStyle):
             hue = fields.get("hue", field.default)
             if hue in (None, "row"):  # lines of rows, not of gaits
                 return False
-            of_texts = hue in TEXT_COLUMNS or hue in cls.added_columns
+            of_texts = hue in TEXT_COLUMNS or hue in cls.added_columns or names_gait(hue)
             if not of_texts and (numbers is None or hue in numbers):  # a colour scale
                 return name in _BESIDE_A_SCALE and "settle" in cls.runs
         return cls.coloured == "gaits" or (cls.coloured == "periods" and name.startswith("period "))

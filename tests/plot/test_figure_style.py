@@ -145,6 +145,7 @@ def test_colours_of_gaits_have_no_effect_on_a_colour_scale(recwarn: pytest.Warni
         gs.Job(**JOB, figures=[figure], style={"colours": {"direct": "red"}})
     with pytest.warns(UserWarning, match="no effect for direct"), plot.style(colours={"direct": "red"}):
         plot.draw("basin", table, **by_number)
+    assert plot.FIGURES["basin"].colours_of("direct", {"hue": "gait_of_hind_legs"})  # a model's label field
     recwarn.clear()
     plot.draw("basin", table, **by_number, colours={"failed": "black"})
     with_texts = table.assign(kind=table["gait"].astype(str))
