@@ -97,6 +97,7 @@ class FigureKind(FigureStyle):
     axis_fields: ClassVar[tuple[str, ...]] = ()  # those that name columns of numbers, drawn along an axis
     added_columns: ClassVar[tuple[str, ...]] = ()  # columns that it adds to the table
     coloured: ClassVar[Coloured] = "gaits"  # the names whose colours have an effect
+    gaits_by_default: ClassVar[bool] = False  # whether it colours gaits where `hue` is left out
 
     @property
     def kind_name(self) -> str:
@@ -138,6 +139,8 @@ class FigureKind(FigureStyle):
         """
         if (field := cls.model_fields.get("hue")) is not None:
             hue = fields.get("hue", field.default)
+            if hue is None and cls.gaits_by_default:
+                hue = "gait"
             if hue in (None, "row"):  # lines of rows, not of gaits
                 return False
             of_texts = hue in TEXT_COLUMNS or hue in cls.added_columns or names_gait(hue)
@@ -430,6 +433,7 @@ def figure_kind(
     check: Callable[[Any, PlannedTable], Iterator[Refusal]] | None = None,
     added_columns: tuple[str, ...] = (),
     coloured: Coloured = "gaits",
+    gaits_by_default: bool = False,
 ) -> Callable[[Callable[Spec, Figure]], Callable[Spec, Figure]]:
     """Register a function from a table to a figure as a kind; its figures carry remarks. A decorator.
 
@@ -440,6 +444,7 @@ def figure_kind(
         check: like `FigureKind.check`, for the figure in a job and the planned table.
         added_columns: columns that it adds to the table.
         coloured: the names whose colours in a style have an effect: of gaits, of periods, or of none.
+        gaits_by_default: whether it colours gaits where its argument `hue` is left out.
     """
 
     def registered(draw: Callable[Spec, Figure]) -> Callable[Spec, Figure]:
@@ -456,6 +461,7 @@ def figure_kind(
             "runs": runs,
             "added_columns": added_columns,
             "coloured": coloured,
+            "gaits_by_default": gaits_by_default,
         }
         for role in Role:
             members[role.value] = tuple(

@@ -60,6 +60,9 @@ def test_points_have_the_colours_of_gaits() -> None:
     assert all(line.get_markersize() >= 3.0 for line in of_trot)
     by_default: Any = plot.orbit(table, x="a", y="x")
     assert "trot" in [text.get_text() for text in by_default.legends[0].get_texts()]
+    # a colour of its own shows a single gait, too
+    of_one: Any = plot.draw("orbit", table.assign(gait="trot"), x="a", y="x", colours={"trot": "crimson"})
+    assert any(to_hex(line.get_color()) == to_hex("crimson") for line in of_one.axes[0].lines)
     by_status: Any = plot.orbit(table, x="a", y="x", hue="status")
     assert "periodic" in [text.get_text() for text in by_status.legends[0].get_texts()]
     # the x of rows without a gait has edges alone, which need a width

@@ -552,7 +552,12 @@ class LocatedBody:
         numbers = [k for k, name in enumerate(self.geom_of_stop) if name == identifier(geom)]
         if not numbers:
             names = dict.fromkeys(name for name in self.geom_of_stop if name)
-            raise ValueError(f"No geom '{geom}' can touch the ground{suggestion(geom, names)}")
+            why = (
+                suggestion(geom, names)
+                if names
+                else ': give it a contype, and the floor a conaffinity, of "1".'
+            )
+            raise ValueError(f"No geom '{geom}' can touch the ground{why}")
         return numbers
 
 

@@ -28,6 +28,7 @@ from gaitsweep.plot.columns import (
     require_one_system,
     rows_where,
 )
+from gaitsweep.plot.figure_style import current
 from gaitsweep.plot.kind import check_one_parameter, figure_kind
 from gaitsweep.status import Outcome, Status
 
@@ -45,7 +46,7 @@ _MANY = 2000  # rows from which on points are smaller
 _SIZE, _SMALL = 3.0, 0.8  # points: sizes of markers
 
 
-@figure_kind("settle", check=check_one_parameter)
+@figure_kind("settle", check=check_one_parameter, gaits_by_default=True)
 def orbit(
     table: pd.DataFrame,
     *,
@@ -53,7 +54,8 @@ def orbit(
     y: Observed,
     hue: Annotated[
         Literal["gait", "status"] | None,
-        "gait or status: what colours the points; by default the gait where settled rows have several",
+        "gait or status: what colours the points; by default the gait where settled rows have several, or one "
+        "with a colour of the style",
     ] = None,
     title: Title = None,
 ) -> Figure:
@@ -137,7 +139,7 @@ def _looks(table: pd.DataFrame, present: list[str], hue: str | None) -> list[_Lo
         return of_status
     gait = outcome(table, "gait").astype(str).to_numpy(str)
     names = theme.ordered(dict.fromkeys(map(str, in_order(table, "gait", pd.Series(gait[settled])))))
-    if hue is None and len(names) < 2:
+    if hue is None and len(names) < 2 and not set(names) & set(current().colours or {}):
         return of_status
     colours, markers = theme.colours(names), theme.markers(names)
     of_gaits = [
