@@ -216,7 +216,7 @@ def _check_structure(fit: FitJob, structure: Mapping[str, Any]) -> None:
     model = job.design.model
     method = job.integration.method
     columns_of_job = table_columns(job.design, job.run)
-    wrong: list[Diagnostic] = []
+    wrong: list[Diagnostic] = _expressions_left_behind(fit, job)
     for name, measure in fit.measures.items():
         path = fit.path_of(name)
         run = measure.own_run
@@ -230,6 +230,27 @@ def _check_structure(fit: FitJob, structure: Mapping[str, Any]) -> None:
             key, text = field_error
             wrong.append(Diagnostic((*path, key), text))
     refuse(wrong)
+
+
+def _expressions_left_behind(fit: FitJob, job: Job) -> list[Diagnostic]:
+    """Return errors about names that differ between rows, in fields with one value for all rows."""
+    own_values = job.design.row(0)
+    paths: dict[str, FieldPath] = {
+        name: (*fit.path_of(key), "at", name)
+        for key, measure in fit.measures.items()
+        for name, values in measure.at.items()
+        if set(values) != {own_values.get(name)}
+    }
+    paths |= {name: (*fit.free_path, name) for name in fit.free}
+    return [
+        Diagnostic(
+            path,
+            f'differs between rows, but the job has the expression "{expression}" under run, numerics or '
+            "figures, which has one value for all rows: write a number there.",
+        )
+        for name, path in paths.items()
+        for expression in job.expressions_of(name)[:1]
+    ]
 
 
 def _columns_of_run(

@@ -132,7 +132,7 @@ def test_files_of_a_job_are_found_from_another_folder(
     measured = gs.simulator("deep/job.yaml", "seed", ["x_end", "t_end"])
     monkeypatch.delitem(sys.modules, "beside_its_job")
     monkeypatch.chdir(ROOT)
-    np.testing.assert_allclose(measured([4.0]), [0.2 + gs.normal(4.0, 0), 0.5], rtol=1e-12)
+    np.testing.assert_allclose(measured([4.0]), [0.2 + float(gs.normal(4.0, 0)), 0.5], rtol=1e-12)
 
 
 @pytest.mark.slow
