@@ -23,9 +23,11 @@ def write_folder(folder: Path, files: Mapping[str, str]) -> None:
     """
     from gaitsweep.table import writing  # loads pandas
 
-    if folder.exists() or folder.is_symlink():
-        raise NewFilesError(f"{folder} exists already: choose another name, or another folder with --to DIR.")
     with writing(f"{folder} could not be written"):
+        if folder.exists() or folder.is_symlink():
+            raise NewFilesError(
+                f"{folder} exists already: choose another name, or another folder with --to DIR."
+            )
         folder.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(prefix=f".{folder.name}.", dir=folder.parent) as hidden:
             new = Path(hidden, folder.name)
@@ -53,11 +55,12 @@ def add_files(folder: Path, files: Mapping[str, str]) -> list[Path]:
 
     paths = {folder / name: text.encode() for name, text in files.items()}
     for path, data in paths.items():
-        identical = path.is_file() and path.read_bytes() == data
-        if not identical and (path.exists() or path.is_symlink()):
-            raise NewFilesError(
-                f"{path} exists already with different contents: choose another folder with --to DIR."
-            )
+        with writing(f"{path} could not be written"):
+            identical = path.is_file() and path.read_bytes() == data
+            if not identical and (path.exists() or path.is_symlink()):
+                raise NewFilesError(
+                    f"{path} exists already with different contents: choose another folder with --to DIR."
+                )
     for path, data in paths.items():
         if not path.exists():
             with writing(f"{path} could not be written"):

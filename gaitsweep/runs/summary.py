@@ -43,8 +43,8 @@ from gaitsweep.table import Table
 # Rows whose starts are examined, at most.
 _MOST_STARTS = 100_000
 _MOST_STARTS_OF_HOST = 64  # of models whose parameters the host computes row by row
-# Parts of the path of a project's folder, at least: /home/user is none.
-_PROJECT_DEPTH = 3
+# Parts of the path of a project's folder, at least, of which / is the first: /home/user is none.
+_PROJECT_DEPTH = 4
 
 
 def describe(context: RunContext, table: Table) -> None:
@@ -202,7 +202,7 @@ def _feet_by_stride(context: RunContext) -> dict[str, str]:
 
 def _duty_of(stride: str) -> str:
     """The column of the duty factor that belongs to a column of strides."""
-    return stride.replace("stride", "duty")
+    return stride.replace("stride", "duty", 1)
 
 
 def _of_records(context: RunContext, table: Table) -> dict[str, Any]:

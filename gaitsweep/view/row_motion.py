@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -84,13 +85,33 @@ class RowMotion:
         ahead, aside = last_place - first_place
         return float(np.copysign(np.hypot(ahead, aside), ahead) / np.diff(times)[0])
 
+    @cached_property
+    def cycle(self) -> float:
+        """The median stride (s) of the first foot that lands twice; of none, the nominal cycle."""
+        strides = (np.diff(landed) for landed in self._landings())
+        return next((float(np.median(times)) for times in strides if len(times)), self.period)
+
+    def of_whole_cycles(self) -> RowMotion:
+        """The last part of as many whole cycles as there are; unchanged if it is shorter than one."""
+        t = self.t
+        cycles = int((t[-1] - t[0]) / self.cycle * (1.0 + 1e-9))
+        if not cycles:
+            return self
+        first = max(float(t[-1]) - cycles * self.cycle, float(t[0]))
+        times = np.concatenate([[first], t[t > first]])
+        return dataclasses.replace(self, t=times, signals=self.at(times))
+
+    def _landings(self) -> Iterator[Float[np.ndarray, " touchdowns"]]:
+        """The touchdowns (s) of each foot in turn."""
+        for name in (name for name in self.signals if name.startswith("contact_")):
+            yield _touchdowns(self.t, self.signals[name], SHORTEST_CONTACT * self.period)
+
     def _whole_strides(self, first: float, last: float) -> Float[np.ndarray, 2]:
         """The first and last touchdown (s) of a foot in a part, or two touchdowns of a stride near it.
 
         Without two touchdowns in the whole motion, the part itself.
         """
-        for name in (name for name in self.signals if name.startswith("contact_")):
-            landed = _touchdowns(self.t, self.signals[name], SHORTEST_CONTACT * self.period)
+        for landed in self._landings():
             if len(landed) < 2:
                 continue
             shown = landed[(first <= landed) & (landed <= last)]
@@ -177,7 +198,7 @@ def read_motion(
         status = str(part["status"].iloc[-1])
         raise PlotError(f"Row {row} of {directory} has no recorded motion: it ended with status {status}.")
     axes = [written(table, name, part[name].iloc[0]) for name in design.names if name in part.columns]
-    return RowMotion(
+    motion = RowMotion(
         model=design.model,
         values=parameter_values,
         t=t[finite],
@@ -187,6 +208,8 @@ def read_motion(
         details=(f"row {row}", *axes),
         recorded=recorded,
     )
+    last_cycles = kind != "trace" and start is None and seconds is None
+    return motion.of_whole_cycles() if last_cycles else motion
 
 
 def _touchdowns(
@@ -194,6 +217,8 @@ def _touchdowns(
 ) -> Float[np.ndarray, " touchdowns"]:
     """The touchdowns of a foot, s, without swings and stances shorter than `shortest` s."""
     starts, stops = contact_intervals(t, contact)
+    if not len(starts):
+        return starts
     swings = starts[1:] - stops[:-1] >= shortest
     starts, stops = starts[np.r_[True, swings]], stops[np.r_[swings, True]]
     return starts[(stops - starts >= shortest) & (starts > t[0])]

@@ -144,8 +144,8 @@ def write_still(
     if target.suffix.lower() != ".png":
         raise PlotError(f"{target} is not a valid name for a picture: it must end with .png.")
     motion = read_motion(directory, row, at, renderer=renderer, trust=trust)
-    at = max(float(motion.t[0]), float(motion.t[-1]) - motion.period) if at is None else at
-    end = _end(motion, at, motion.period, on_message)
+    at = max(float(motion.t[0]), float(motion.t[-1]) - motion.cycle) if at is None else at
+    end = _end(motion, at, motion.cycle, on_message)
     times = np.linspace(at, end, _POSES, endpoint=False)
     with _prepared(motion, times, "", renderer, lift, on_message) as (clip, scene):
         figure = animation.still(clip, size, scene)
@@ -235,7 +235,7 @@ def _prepared(
         renderer = "matplotlib"
     heading = side_view.heading(skeleton)
     contact = motion.contact(len(skeleton.limbs))
-    clip = Clip(times, side_view.turned(skeleton, heading), motion.t, contact, motion.period, "", pace)
+    clip = Clip(times, side_view.turned(skeleton, heading), motion.t, contact, motion.cycle, "", pace)
     clip = dataclasses.replace(clip, title=motion.title(clip, lift, heading), details=motion.details)
     places = _places(clip)
     heights = heights_of_model(motion.model, motion.values, np.cos(heading) * places)

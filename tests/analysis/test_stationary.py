@@ -297,6 +297,9 @@ def test_variables_that_never_rest() -> None:
         gs.stationary(Neuron(), without=["phase"]).fixed_points([0.1, 0.0])
     with pytest.raises(gs.ArgumentError, match=r"phase"):
         repr(gs.stationary(Neuron(), without=["phaze"]))
+    everything = gs.stationary(Neuron()).coordinates
+    with pytest.raises(gs.ArgumentError, match="leaves out all variables"):
+        gs.stationary(Neuron(), without=everything).fixed_points([])
     run = gs.Continuation(parameter="current", path=[0.4, 0.8], stationary=True)
     with pytest.raises(gs.JobError, match=r"run.stationary: phase"):
         gs.sweep(Neuron(), run=run)

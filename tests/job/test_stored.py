@@ -5,11 +5,14 @@ from __future__ import annotations
 import shutil
 import sys
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
 import gaitsweep as gs
 from gaitsweep.job.load import stored_job
+from gaitsweep.runs import summary
 
 MODEL = """\
 from gaitsweep import DeclaredModel, event, parameter, variable
@@ -88,3 +91,14 @@ def test_the_papers_models_have_no_folder() -> None:
         "multilegged", psi_1=[1.0], psi_2=1.0, psi_3=1.0, run=gs.FixedTime(duration=0.5), verify=0
     )
     assert "model_folder" not in table.table.attrs["manifest"]
+
+
+@pytest.mark.parametrize(("project", "stored"), [("", {}), ("walkers/", {"model_folder": "../../models"})])
+def test_a_folder_below_a_home_alone_is_not_stored(
+    monkeypatch: pytest.MonkeyPatch, project: str, stored: dict[str, str]
+) -> None:
+    monkeypatch.setattr(summary, "folder_of_class", lambda _: Path(f"/home/user/{project}models"))
+    context: Any = SimpleNamespace(
+        job=SimpleNamespace(model="own:Model"), model=SimpleNamespace(original=object())
+    )
+    assert summary._model_folder(context, Path(f"/home/user/{project}results/run")) == stored

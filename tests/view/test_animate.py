@@ -331,6 +331,22 @@ def test_the_speed_of_a_title_is_that_of_whole_strides(quadruped: Path) -> None:
     assert float(re.findall(r"at (\S+) m/s", title)[0]) == pytest.approx(SPEED, rel=0.004)
 
 
+def test_cycles_of_a_clip_are_measured_strides(quadruped: Path) -> None:
+    """A nominal period that is wrong by 15 % changes neither the cycle nor the part of whole cycles."""
+    motion = read_motion(quadruped, 0)
+    motion = dataclasses.replace(motion, period=0.85 * motion.period)
+    assert motion.cycle == pytest.approx(CYCLE, rel=0.01)  # between samples
+    part = motion.of_whole_cycles()
+    cycles = (part.t[-1] - part.t[0]) / motion.cycle
+    assert cycles == pytest.approx(round(cycles), abs=1e-9)
+    assert part.t[-1] == motion.t[-1]
+    assert part.t[0] - motion.t[0] < motion.cycle
+    airborne = {
+        name: 0.0 * values if "contact" in name else values for name, values in motion.signals.items()
+    }
+    assert dataclasses.replace(motion, signals=airborne).cycle == motion.period
+
+
 def test_the_speed_of_a_title_is_that_of_the_table(quadruped: Path) -> None:
     """Where the clip contains the end of the recorded cycle; a clip before it has its own speed."""
     motion = dataclasses.replace(read_motion(quadruped, 0), recorded=(0.1234, 0.8))
@@ -429,7 +445,7 @@ def test_a_strip_without_a_time_is_of_the_last_cycle(
     directory = str(quadruped)
     for arguments in ([directory, "--still"], ["--still", directory], [directory, "--still", "0.4"]):
         assert main(["animate", *LINES, "--out", out, *arguments]) == 0
-    period = read_motion(quadruped, 0).period
+    period = read_motion(quadruped, 0).cycle
     last, at = 0.8 - period + period / 6.0 * np.arange(6), np.linspace(0.4, 0.8, 6, endpoint=False)
     for found, wanted in zip(times, [last, last, at], strict=True):
         np.testing.assert_allclose(found, wanted, atol=1e-9)

@@ -106,7 +106,7 @@ class StationaryMap(ModelMap):
         """The variables that the flow moves, and their rates.
 
         Raises:
-            ArgumentError: the model has no flow, or a name of `without` is no variable of it.
+            ArgumentError: the model has no flow, or `without` has a name that is no variable of it, or all.
         """
         model = self.model
         if not isinstance(model, HybridModel):
@@ -121,6 +121,10 @@ class StationaryMap(ModelMap):
                 near = near_miss.suggestion(name, names)
                 raise ArgumentError(f"{name} is no variable of the flow of {model.name}{near}")
         places = tuple(place for place, name in enumerate(names) if name not in self.without)
+        if not places:
+            raise ArgumentError(
+                f"without leaves out all variables of the flow of {model.name}: {', '.join(names)}."
+            )
         quantities = []
         for place in places:
             name = names[place]

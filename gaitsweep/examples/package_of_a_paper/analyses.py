@@ -10,7 +10,12 @@ app = typer.Typer()
 
 
 def launches(table: pd.DataFrame) -> pd.DataFrame:
-    """Compute the number of rows and the median launch speed (m/s) of each gait."""
+    """Compute the number of rows and the median launch speed (m/s) of each gait.
+
+    Raises:
+        gaitsweep.analyses.AnalysisError: the table does not have a column.
+    """
+    gs.analyses.require(table, "status", "gait", "launch_end")
     settled = table.loc[table["status"] == "settled"]
     groups = settled.groupby("gait", observed=True)["launch_end"]
     return groups.agg(rows="size", launch="median").reset_index()
