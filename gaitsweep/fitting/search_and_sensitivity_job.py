@@ -216,7 +216,7 @@ def _check_structure(fit: FitJob, structure: Mapping[str, Any]) -> None:
     model = job.design.model
     method = job.integration.method
     columns_of_job = table_columns(job.design, job.run)
-    wrong: list[Diagnostic] = _expressions_left_behind(fit, job)
+    wrong = expressions_left_behind(job, _paths_of_differing(fit, job))
     for name, measure in fit.measures.items():
         path = fit.path_of(name)
         run = measure.own_run
@@ -232,8 +232,8 @@ def _check_structure(fit: FitJob, structure: Mapping[str, Any]) -> None:
     refuse(wrong)
 
 
-def _expressions_left_behind(fit: FitJob, job: Job) -> list[Diagnostic]:
-    """Return errors about names that differ between rows, in fields with one value for all rows."""
+def _paths_of_differing(fit: FitJob, job: Job) -> dict[str, FieldPath]:
+    """Return the paths of names that differ between rows, or from the job's own values."""
     own_values = job.design.row(0)
     paths: dict[str, FieldPath] = {
         name: (*fit.path_of(key), "at", name)
@@ -241,7 +241,16 @@ def _expressions_left_behind(fit: FitJob, job: Job) -> list[Diagnostic]:
         for name, values in measure.at.items()
         if set(values) != {own_values.get(name)}
     }
-    paths |= {name: (*fit.free_path, name) for name in fit.free}
+    return paths | {name: (*fit.free_path, name) for name in fit.free}
+
+
+def expressions_left_behind(job: Job, paths: Mapping[str, FieldPath]) -> list[Diagnostic]:
+    """Return errors about expressions with one value for all rows that follow names which differ.
+
+    Args:
+        job: the job.
+        paths: the paths of the names that differ between rows.
+    """
     return [
         Diagnostic(
             path,

@@ -458,9 +458,14 @@ def test_expressions_that_sets_would_leave_behind_are_refused(change: dict[str, 
     fields = job(targets={"speed": speed}) | change
     with pytest.raises(JobError, match=f"{path} differs between rows, but .* one value for all rows"):
         read_search(fields, Path.cwd())
+    around = job(
+        targets={"speed": speed | {"at": {"preload": 0.5}}}, robust={**ROBUST, "constants": ["mass"]}
+    )
+    own_mass = {**FOLLOWING, "params": {**FOLLOWING["params"], "mass": 2.0}}
+    with pytest.raises(JobError, match=r"search.robust.constants\[0\] differs between rows"):
+        read_search(around | own_mass, Path.cwd())
     # a measure that sets the job's own value is right
-    same_mass = {**fields, **FOLLOWING, "params": {**FOLLOWING["params"], "mass": 2.0}, "run": TOY["run"]}
-    read_search(same_mass, Path.cwd())
+    read_search({**fields, **own_mass, "run": TOY["run"]}, Path.cwd())
 
 
 def test_a_model_beside_the_job_is_found_again_from_another_folder(
