@@ -54,7 +54,7 @@ ENGINE_NUMBERS = (
 
 
 class _Number:
-    """The number of rows that has the name of this attribute."""
+    """Descriptor of a number: `rows.status` is `rows.numbers["status"]`."""
 
     def __set_name__(self, _: type, name: str) -> None:
         self._name = name
@@ -123,11 +123,18 @@ class RowOutcome:
         Args:
             which: the places of the rows (m,).
             numbers: their numbers, (m, ...) each, by name.
+
+        Raises:
+            ValueError: a number has another shape than its recorder declares.
         """
         for name, own in list(self.numbers.items()):
             values = numbers[name]
-            if own.shape[1:] != values.shape[1:]:  # the guards, or crossings, are counted only now
+            if own.shape[1:] == (0,):  # the words of guards are counted only now; other rows have no bit set
                 self.numbers[name] = own = np.zeros((self.row.size, *values.shape[1:]), own.dtype)
+            if own.shape[1:] != values.shape[1:]:
+                raise ValueError(
+                    f"{name} is declared with the shape {own.shape[1:]} in a row, but has {values.shape[1:]}."
+                )
             own[which] = values
 
     def take(self, which: Int[np.ndarray, " taken"]) -> RowOutcome:

@@ -88,7 +88,10 @@ class Status(ResultCode):
         "Events followed each other at one instant without end (stalled_by names them).",
         Verdict.failed,
     )
-    time_limit = 7, "The row reached run.max_time, or four nominal periods for each allowed cycle."
+    time_limit = (
+        7,
+        "The row reached run.max_time, or four nominal periods for each allowed cycle and ten more.",
+    )
     complete = 8, "The row recorded everything that its run requires.", Verdict.sound
     inferred = 9, "The row was not simulated: its neighbours decide its label.", Verdict.sound
     step_limit = (

@@ -112,6 +112,10 @@ def run(
 
         print(show.estimate(estimate(job)))
         return
+    sources = {job_file.absolute(), *files_of_job}
+    if job.config is not None:
+        sources.add(config_file(job.config, job_file.parent).absolute())
+    digests = stored_output.digests_of(sources)  # before the run, during which they may be edited
     from gaitsweep.runs.execute import run_job
     from gaitsweep.runs.job_array import run_rows
 
@@ -135,11 +139,8 @@ def run(
     print_outcome(outcome, open_them=open_it)
     # a share of the rows is not complete, and other processes complete its table
     if snapshot.complete and _is_repeatable(job, messages):
-        sources = {job_file.absolute(), *files_of_job}
-        if job.config is not None:
-            sources.add(config_file(job.config, job_file.parent).absolute())
         errors = "".join(f"{sentence}\n" for sentence in messages)
-        stored_output.store_output(command, sorted(sources), path, outcome, errors)
+        stored_output.store_output(command, digests, path, outcome, errors)
 
 
 def _refuse_options(

@@ -13,7 +13,7 @@ import json
 import os
 import platform
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -56,24 +56,33 @@ def load_output(command: Sequence[str]) -> StoredOutput | None:
         return None
 
 
+def digests_of(sources: Iterable[Path]) -> dict[str, str]:
+    """Digests of the files of a job that has just been read, by absolute path; {} if one cannot be read."""
+    try:
+        return {str(source.absolute()): _digest(source) for source in sources}
+    except OSError:
+        return {}
+
+
 def store_output(
-    command: Sequence[str], sources: Sequence[Path], folder: Path, printed: str, errors: str
+    command: Sequence[str], sources: Mapping[str, str], folder: Path, printed: str, errors: str
 ) -> None:
-    """Store the output of a command whose job is complete.
+    """Store the output of a command whose job is complete, unless a file of the job has changed meanwhile.
 
     Args:
         command: the arguments of the command.
-        sources: the files from which the job was read, such as its config and the profile of its ground.
+        sources: `digests_of` the files from which the job was read, such as its config and the profile of its
+            ground, of the time at which they were read.
         folder: the result directory.
         printed, errors: the text on standard output and on standard error.
     """
     file = _output_file(command)
-    if file is None:
+    # an edited file is of another job than the one whose outcome this is
+    if file is None or not sources or digests_of(map(Path, sources)) != sources:
         return
     with contextlib.suppress(OSError):
         folder = folder.absolute()
-        names = [*(str(source.absolute()) for source in sources), *_files_in(folder)]
-        files = {name: _digest(Path(name)) for name in names}
+        files = {**sources, **{name: _digest(Path(name)) for name in _files_in(folder)}}
         state = {"folder": str(folder), "files": files, "program": _program()}
         store_cached(file, json.dumps({**state, "printed": printed, "errors": errors}).encode())
         oldest_first = sorted(file.parent.glob("*.json"), key=lambda output: output.stat().st_mtime)
@@ -93,7 +102,7 @@ def _output_file(command: Sequence[str]) -> Path | None:
 
 
 def _program() -> str:
-    """An identifier of this program, its Python and its packages."""
+    """An identifier of the files of this program, and of the Python that runs it."""
     root = Path(__file__).parents[1]
     stamps = []
     files = [file for file in root.rglob("*") if file.suffix in _OF_PROGRAM]

@@ -397,7 +397,9 @@ class Footfalls:
         lag = (steps.landed - steps.landed[0]) / stride[0]
         lag = jnp.where(steps_on, 2.0 * jnp.pi * (lag - jnp.floor(lag)), jnp.nan)
         support = jnp.where(steps_on[0], steps.support, jnp.nan)
-        values = [*stride, *lag[1:], *(steps.stances / stride), *support]
+        # a stance that is longer than the time between two touchdowns is not of that stride
+        duty = jnp.where(steps.stances <= stride, steps.stances / stride, jnp.nan)
+        values = [*stride, *lag[1:], *duty, *support]
         return dict(zip([q.name for q in self.observables], values, strict=True))
 
     def gait(self, at: Mapping[str, Any]) -> Int[Array, ""]:
@@ -422,7 +424,8 @@ def footfalls(
     the touchdown after the first leg's), `duty_1`, ... and `support_0`, ... (shares of the first leg's stride
     with so many feet down), of the last steps, and the names of their gaits: `gaits` and `label` may be left
     out. They are NaN for a foot that has not made two touchdowns, or that has stood or been held up for 1.5
-    of its strides, or of the model's periods if these are longer; such a row has no gait.
+    of its strides, or of the model's periods if these are longer; such a row has no gait. A duty factor is
+    NaN where the last stance is longer than the last stride: the foot lands more than once a cycle.
 
     A foot of a body in an MJCF (`BodyModel`, `MjcfModel`) has landed, or lifted, only if it then stays down,
     or up, for the share `shortest_contact` of the model's `period`. It landed at the first touch of the

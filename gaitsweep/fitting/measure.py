@@ -308,7 +308,8 @@ def unit_of_parameter(name: str, model: Model) -> str:
 
 def unit_of(formula: str, model: Model) -> str:
     """Return the unit of a column, "" for a formula."""
-    units = {quantity.name: quantity.unit for quantity in model.label_fields} | {"t_end": "s"}
+    known = (*model.parameters, *model.initial_conditions, *model.label_fields)
+    units = {quantity.name: quantity.unit for quantity in known} | {"t_end": "s"}
     for quantity in model.observables:
         units[quantity.name] = units[f"{quantity.name}_end"] = quantity.unit
     return units.get(formula, "1" if formula.isidentifier() else "")

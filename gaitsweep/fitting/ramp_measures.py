@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import abc
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Annotated, ClassVar, Literal, NamedTuple
 
 import numpy as np
@@ -32,7 +32,6 @@ Column = Shaped[np.ndarray, " crossings"]
 _FROM = "from"
 _TO = "to"
 _NEITHER = "neither"
-_SUFFIX = "_n"  # of the columns of observables at a crossing
 
 
 class Crossings(NamedTuple):
@@ -116,7 +115,7 @@ class Transition(RampMeasure):
         values = np.full(len(rows), np.nan)
         why = np.full(len(rows), "", object)
         for number, rows_of_set in enumerate(rows):
-            transitions = [self._transition(row) for row in rows_of_set]
+            transitions = [self._transition(row, model) for row in rows_of_set]
             reasons = [reason for _, reason in transitions if reason]
             if reasons:
                 why[number] = reasons[0]
@@ -124,7 +123,7 @@ class Transition(RampMeasure):
                 values[number] = np.mean([value for value, _ in transitions])
         return Measured(values, why)
 
-    def _transition(self, row: Crossings) -> tuple[float, str]:
+    def _transition(self, row: Crossings, model: Model) -> tuple[float, str]:
         """Return the value of the row's transition; NaN and the reason, in a few words, if it has none."""
         if row.status in Status.FAILED:
             return np.nan, row.status
@@ -136,9 +135,8 @@ class Transition(RampMeasure):
         bouts = [bout for bout in _bouts(sides, self.least) if bout.code != _NEITHER]
         for before, after in itertools.pairwise(bouts):
             if before.code == _FROM and after.code == _TO:
-                # observables are read by their own names too
-                by_own_name = {name.removesuffix(_SUFFIX): values for name, values in columns.items()}
-                values = column(self.of_ or self.run.parameter, columns | by_own_name)
+                by_own_name = dict(zip(_own_names(columns, model), columns.values(), strict=True))
+                values = column(self.of_ or self.run.parameter, by_own_name)
                 return float(0.5 * (values[before.last] + values[after.first])), ""
         return np.nan, f"no {' or '.join(self.to)} after {' or '.join(self.gait)}"
 
@@ -159,10 +157,9 @@ class Transition(RampMeasure):
             return "to", f"has {in_both[0]}, which is in gait too."
         if self.of_ is None:
             return None
-        circular = [quantity.name for quantity in model.observables if quantity.circular]
-        if self.of_.removesuffix(_SUFFIX) in circular:
+        if self.of_ in [quantity.name for quantity in model.observables if quantity.circular]:
             return "of", f"is {self.of_}, an angle, which has no middle between two crossings."
-        return error_of_column(self.of_, [name.removesuffix(_SUFFIX) for name in columns])
+        return error_of_column(self.of_, _own_names(columns, model))
 
 
 class GaitSequence(RampMeasure):
@@ -219,6 +216,12 @@ def crossings_of(table: Mapping[str, Column], n_rows: int) -> list[Crossings]:
         Crossings({name: values[first:stop] for name, values in table.items()}, str(table["status"][first]))
         for first, stop in itertools.pairwise(bounds)
     ]
+
+
+def _own_names(columns: Iterable[str], model: Model) -> list[str]:
+    """Names of columns of crossings, in which observables have their names without the suffix `_n`."""
+    own_names = {f"{quantity.name}_n": quantity.name for quantity in model.observables}
+    return [own_names.get(column, column) for column in columns]
 
 
 class _Bout(NamedTuple):

@@ -140,10 +140,7 @@ def canvas(width: float, height: float, title: str | None = None) -> Iterator[Fi
         title: text above the figure.
     """
     own_axes, requested = given_axes(), current()
-    scale = 1.0 if _unchanged({"font.size": POINTS}) else mpl.rcParams["font.size"] / POINTS
-    sizes = _unchanged({key: size * scale for key, size in _SIZES.items()})
-    paper = _PAPER if own_axes is None else {}
-    with mpl.rc_context({**_unchanged(_RC), **sizes, **paper, "font.size": POINTS * scale}):
+    with _themed(_PAPER if own_axes is None else {}):
         if own_axes is not None:
             if title:
                 own_axes.set_title(title)
@@ -177,6 +174,28 @@ def canvas(width: float, height: float, title: str | None = None) -> Iterator[Fi
                 "width of page, panel_columns or a height, or draw fewer panels, from a selection of rows.",
                 stacklevel=2,
             )
+
+
+@contextlib.contextmanager
+def frame(width: float, height: float) -> Iterator[Figure]:
+    """A context like `canvas`, for a picture of exactly this size: it has no style and no layout engine.
+
+    Args:
+        width, height: size in inches.
+    """
+    with _themed(_PAPER):
+        figure = _Figure((width, height))
+        figure.set_layout_engine("none")
+        yield figure
+
+
+@contextlib.contextmanager
+def _themed(paper: dict[Any, Any]) -> Iterator[None]:
+    """A context in which Matplotlib has the theme, and the colours of `paper`."""
+    scale = 1.0 if _unchanged({"font.size": POINTS}) else mpl.rcParams["font.size"] / POINTS
+    sizes = _unchanged({key: size * scale for key, size in _SIZES.items()})
+    with mpl.rc_context({**_unchanged(_RC), **sizes, **paper, "font.size": POINTS * scale}):
+        yield
 
 
 def width_of(natural: float) -> float:

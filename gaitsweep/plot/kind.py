@@ -24,7 +24,7 @@ import pandas as pd
 from pydantic import Field, create_model
 
 from gaitsweep import near_miss
-from gaitsweep.contract import Model
+from gaitsweep.contract import Model, names_gait
 from gaitsweep.design import Design
 from gaitsweep.kinds.run_kind import RunKind
 from gaitsweep.mathtext import can_be_set
@@ -35,6 +35,7 @@ from gaitsweep.plot.provenance_marks import letter_panels, mark, remarks
 from gaitsweep.plot.style_names import StyleNames
 from gaitsweep.schema.diagnostics import Diagnostic, Path, dotted, quoted
 from gaitsweep.schema.strict_model import Registry, kind_of
+from gaitsweep.status import Outcome
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -43,6 +44,8 @@ if TYPE_CHECKING:
 Coloured = Literal["gaits", "periods", "none"]
 Refusal = tuple[Path, str]  # where in the figure, and the end of the sentence
 _OUTCOME_COLUMNS = frozenset({"gait", "outcome", "status"})  # whose texts are names of gaits and outcomes
+# Outcomes whose cells have colours of their own where the hue is numeric.
+_BESIDE_A_SCALE = (Outcome.NOT_SETTLED, Outcome.FAILED)
 _LOST = (
     "This table has no units and no job in .attrs, which pandas.concat and merge drop: join results by "
     "gs.concat."
@@ -101,29 +104,45 @@ class FigureKind(FigureStyle):
         return kind_of(type(self))
 
     @classmethod
-    def idle_colours(cls, colours: Mapping[str, str] | None, fields: Mapping[str, Any]) -> str | None:
+    def idle_colours(
+        cls,
+        colours: Mapping[str, str] | None,
+        fields: Mapping[str, Any],
+        numbers: Collection[str] | None = None,
+    ) -> str | None:
         """The end of a sentence about colours of which none or some have no effect; None: all have one.
 
         Args:
             colours: the colours of a style, by name.
             fields: the figure's own fields, without those that have their default.
+            numbers: as those of `colours_of`.
         """
-        idle = [name for name in colours or {} if not cls.colours_of(name, fields)]
+        idle = [name for name in colours or {} if not cls.colours_of(name, fields, numbers)]
         if not idle:
             return None
+        kind = kind_of(cls)
         if cls.coloured == "periods":
-            kind = kind_of(cls)
             return f"has no effect for {', '.join(idle)}: a figure {kind} colours periods (period 1: red)."
         if cls.coloured == "gaits":
-            return f"has no effect: a figure {kind_of(cls)} colours gaits only with hue: gait."
-        return f"has no effect: a figure {kind_of(cls)} does not colour gaits. {kinds_with_gait_colours()}"
+            return f"has no effect for {', '.join(idle)}: a figure {kind} colours gaits only with hue: gait."
+        return f"has no effect: a figure {kind} does not colour gaits. {kinds_with_gait_colours()}"
 
     @classmethod
-    def colours_of(cls, name: str, fields: Mapping[str, Any]) -> bool:
-        """Whether the colour of a gait, or of a period, has an effect in a figure with these own fields."""
-        hue = cls.model_fields.get("hue")
-        if hue is not None and fields.get("hue", hue.default) in (None, "row"):  # lines of rows, not of gaits
-            return False
+    def colours_of(cls, name: str, fields: Mapping[str, Any], numbers: Collection[str] | None = None) -> bool:
+        """Whether the colour of a gait, or of a period, has an effect in a figure with these own fields.
+
+        Args:
+            name: the gait, the outcome or the period.
+            fields: the figure's own fields, without those that have their default.
+            numbers: the numeric columns of its table; by default all columns but those of texts.
+        """
+        if (field := cls.model_fields.get("hue")) is not None:
+            hue = fields.get("hue", field.default)
+            if hue in (None, "row"):  # lines of rows, not of gaits
+                return False
+            of_texts = hue in TEXT_COLUMNS or hue in cls.added_columns or names_gait(hue)
+            if not of_texts and (numbers is None or hue in numbers):  # a colour scale
+                return name in _BESIDE_A_SCALE and "settle" in cls.runs
         return cls.coloured == "gaits" or (cls.coloured == "periods" and name.startswith("period "))
 
     @property
@@ -314,14 +333,17 @@ def drawing_function(kind: type[FigureKind]) -> Callable[..., Figure]:
         if spec.get("title") == "none":  # as in a job
             spec["title"] = ""
         own, shared = read_style(**style_fields), current()
+        numbers = None
         if isinstance(table, pd.DataFrame):
+            numbers = [name for name in map(str, table) if pd.api.types.is_numeric_dtype(table[name])]
             with _blaming_lost_units(table):
                 _check_names(table, own, shared)
                 _check_axes(kind, table, spec)
-        if idle := kind.idle_colours(own.colours, spec):
+        if idle := kind.idle_colours(own.colours, spec, numbers):
             raise PlotError(f"colours {idle}")
-        if shared.colours and not any(kind.colours_of(name, spec) for name in shared.colours):
-            warnings.warn(f"colours of plot.style {kind.idle_colours(shared.colours, spec)}", stacklevel=2)
+        if shared.colours and not any(kind.colours_of(name, spec, numbers) for name in shared.colours):
+            idle = kind.idle_colours(shared.colours, spec, numbers)
+            warnings.warn(f"colours of plot.style {idle}", stacklevel=2)
         with styled(own, ax), _blaming_lost_units(table):
             figure = kind.draw(*args, **spec)
             panel = given_axes()

@@ -60,7 +60,7 @@ class Paper(TypedDict):
 
 def paper_of(model: Model | type[Model]) -> Paper | None:
     """Return the reference to a model's paper; None if the model names none."""
-    source = getattr(model, "source", "")  # a user's class may lack it
+    source = getattr(model, "source", "").strip()  # a user's class may lack it
     entry = model.bibtex.strip()
     return {"source": source, "bibtex": entry} if source or entry else None
 
@@ -119,9 +119,12 @@ def continue_directory(context: RunContext, directory: Table, on_message: Callab
     if missing and last_maker:
         present = set(directory.layout.blocks) - set(missing)
         makers = _earlier_makers(manifest, present)
-        if difference := "; ".join(differing(last_maker)):
+        difference = "; ".join(differing(last_maker))
+        # parts of an unknown commit are not those of a known one, though nobody need be warned of that
+        if difference or manifest.get("git_commit") != git_commit():
             known = {number for maker in makers for number in _numbers(maker["parts"])}
             makers.append({**last_maker, "parts": _ranges(present - known)})
+        if difference:
             _warn_of_other_maker(directory, difference, on_message)
         fields[EARLIER] = [maker for maker in makers if maker["parts"]] or None
     if missing:
@@ -170,9 +173,7 @@ def check_program(context: RunContext, path: Path | None, manifest: Mapping[str,
     if changed is None:
         return []
     what = f"the function {changed} of {context.job.model}"
-    versions_before = manifest.get("versions", {})
-    other_versions = any(versions_before.get(name) != versions()[name] for name in _TRACING)
-    if other_versions or _commits(manifest):
+    if _other_versions(manifest, _TRACING) or _commits(manifest):
         return [
             f"Warning: {path} was begun with {'; '.join(differing(manifest))}, and {what} differs. Other "
             "versions may trace the same function differently; whether a data file or a constant has changed "
@@ -187,17 +188,21 @@ def check_program(context: RunContext, path: Path | None, manifest: Mapping[str,
 
 def differing(before: Mapping[str, Any]) -> list[str]:
     """Describe how an earlier maker differs from this process."""
-    versions_before = before.get("versions", {})
-    differences = [
-        f"{name} {versions_before[name]} (here {version})"
-        for name, version in versions().items()
-        if versions_before.get(name, version) != version
-    ]
-    differences += _commits(before)
+    differences = [*_other_versions(before, versions()), *_commits(before)]
     earlier = before.get("machine")
     if isinstance(earlier, str) and _processor(earlier) != _processor(machine()):
         differences.append(f"the processor {_processor(earlier)} (here {_processor(machine())})")
     return differences
+
+
+def _other_versions(before: Mapping[str, Any], packages: Iterable[str]) -> list[str]:
+    """Describe the versions of packages that are known of an earlier maker and differ."""
+    versions_before = before.get("versions", {})
+    return [
+        f"{name} {versions_before[name]} (here {versions()[name]})"
+        for name in packages
+        if versions_before.get(name, versions()[name]) != versions()[name]
+    ]
 
 
 def _commits(before: Mapping[str, Any]) -> list[str]:

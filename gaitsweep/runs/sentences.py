@@ -274,7 +274,10 @@ def _uneven_strides(about: Mapping[str, Any]) -> str:
     for foot, of_foot in about["feet"].items():
         contact = " to ".join(dict.fromkeys(f"{seconds:.2g}" for seconds in of_foot["contact"]))
         where = f" in {_rows(of_foot)}" if len(about["feet"]) > 1 else ""
-        feet.append(f"foot {foot}{where}: its last contact has {contact} s")
+        last = (
+            f"its last contact has {contact} s" if contact else "its last contact is longer than that stride"
+        )
+        feet.append(f"foot {foot}{where}: {last}")
     advice = (
         " A short one in mid-swing is a scuff: `shortest_contact` in the model file leaves it out; see "
         "docs/walker.md, `If it does not walk`."

@@ -11,6 +11,7 @@ from typing import Any
 import jax
 import numpy as np
 import pandas as pd
+from jaxtyping import Bool
 
 from gaitsweep import models
 from gaitsweep.contract import Model
@@ -304,15 +305,17 @@ def add_uneven_strides(
 ) -> None:
     """Add the rows of a part on orbits of one crossing on which a foot lands more than once a stride.
 
-    Their gait is none, and the last stride of that foot is shorter than that of another one. `contact` are
-    the shortest and the longest of its last contacts, s.
+    Their gait is none, and the last stride of that foot is shorter than that of another one, or than its last
+    stance, of which its duty factor is NaN. `contact` are the shortest and the longest of its last contacts,
+    s.
     """
     rows, columns = _settled_without_gait(part, feet)
     rows = rows[(rows["attractor_period"] == 1) & rows[columns].notna().all(axis=1)]
     strides = rows[columns].to_numpy(float)
     shortest = np.argmin(strides, axis=1)
     for k, column in enumerate(columns):
-        is_short = (shortest == k) & (strides[:, k] < (1.0 - TOGETHER) * strides.max(axis=1))
+        is_shorter = (strides[:, k] < (1.0 - TOGETHER) * strides.max(axis=1)) | _lands_within(rows, columns)
+        is_short = (shortest == k) & is_shorter
         if not is_short.any():
             continue
         contacts = strides[is_short, k] * rows[_duty_of(column)].to_numpy(float)[is_short]
@@ -336,12 +339,18 @@ def add_without_gait(
     masks = {
         NO_STRIDE: no_stride,
         SEVERAL: uneven & (rows["attractor_period"] != 1).to_numpy(bool),
-        OTHER_LAGS: ~no_stride & ~uneven,
+        OTHER_LAGS: ~no_stride & ~uneven & ~_lands_within(rows, columns),
     }
     for reason, mask in masks.items():
         if mask.any():
             known = without_gait.setdefault(reason, {"rows": 0, "row": int(rows["row"].to_numpy()[mask][0])})
             known["rows"] += int(np.count_nonzero(mask))
+
+
+def _lands_within(rows: pd.DataFrame, columns: Sequence[str]) -> Bool[np.ndarray, " rows"]:
+    """Mask of rows in which the last stance of a foot is longer than its last stride."""
+    duties = rows[[_duty_of(column) for column in columns]].to_numpy(float)
+    return (np.isnan(duties) & rows[list(columns)].notna().to_numpy()).any(axis=1)
 
 
 def _settled_without_gait(part: pd.DataFrame, feet: Mapping[str, str]) -> tuple[Any, list[str]]:

@@ -45,7 +45,8 @@ def reason(error: OSError) -> str:
     """Return the reason of an error of the operating system, in words."""
     if error.errno == errno.ENOSPC:
         return "the disk is full"
-    return (error.strerror or str(error) or type(error).__name__).lower()
+    # other libraries give no strerror, but a message, which may have a path
+    return error.strerror.lower() if error.strerror else str(error) or type(error).__name__
 
 
 @contextlib.contextmanager
@@ -77,13 +78,17 @@ def read_file(path: Path, most: int | None = None) -> bytes:
     """
     # without O_NONBLOCK, opening a pipe waits for its writer
     descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)
-    with os.fdopen(descriptor, "rb") as file:
-        status = os.fstat(file.fileno())
-        if not stat.S_ISREG(status.st_mode):
-            raise OSError(errno.EINVAL, "it is not a regular file", str(path))
-        if most is not None and status.st_size > most:
-            raise OSError(errno.EFBIG, f"it is larger than {most} bytes", str(path))
-        return file.read()
+    try:
+        # of a folder it does not close the descriptor
+        with os.fdopen(descriptor, "rb", closefd=False) as file:
+            status = os.fstat(descriptor)
+            if not stat.S_ISREG(status.st_mode):
+                raise OSError(errno.EINVAL, "it is not a regular file", str(path))
+            if most is not None and status.st_size > most:
+                raise OSError(errno.EFBIG, f"it is larger than {most} bytes", str(path))
+            return file.read()
+    finally:
+        os.close(descriptor)
 
 
 def replace_file(path: Path, write: Callable[[BinaryIO], object]) -> None:

@@ -524,7 +524,7 @@ def test_statuses_name_the_limits_of_the_job_and_the_periods() -> None:
     assert said("fell", {}, quantities=fallen) == tested
     assert "the column `settled`" in said("complete", {"kind": "staircase"})
     by_period = said("time_limit", {"max_time": None})
-    assert by_period == "The row reached four nominal periods for each allowed cycle."
+    assert by_period == "The row reached four nominal periods for each allowed cycle and ten more."
     fixed = said("settled", {}, periods={"1": 47})
     assert "47 at a fixed point" in fixed
     assert "orbit" not in fixed

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
-from typing import cast
+from typing import Any, cast
 
 import pytest
 
@@ -13,6 +13,7 @@ import gaitsweep as gs
 from gaitsweep.cli import main, stored_output
 from gaitsweep.cli import run as cli_run
 from gaitsweep.job import Job
+from gaitsweep.runs import execute
 
 JOB = """
 name: few
@@ -109,6 +110,27 @@ def test_after_any_change_the_command_runs_as_a_whole(
     main(["run", "few.yaml"])
     main(["run", "few.yaml"])
     assert (few / "figures/basin.png").is_file()
+
+
+def test_a_job_that_is_edited_while_it_runs_is_another_job(
+    few: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its outcome is that of the old text, so that the new one is refused as without stored output."""
+    run_job = execute.run_job
+
+    def edited_meanwhile(*arguments: Any, **options: Any) -> Path:
+        Path("few.yaml").write_text(JOB.replace("psi_3: 3.0", "psi_3: 2.9"))
+        return run_job(*arguments, **options)
+
+    _edited_job(few)  # the output of the first text is stored
+    with monkeypatch.context() as patched:
+        patched.setattr(execute, "run_job", edited_meanwhile)
+        assert main(["run", "few.yaml"]) == 0
+    capsys.readouterr()
+    loaded = _loaded(monkeypatch)
+    assert main(["run", "few.yaml"]) == 2
+    assert loaded == [False]
+    assert "of another job" in capsys.readouterr().err
 
 
 def test_another_device_is_another_command(few: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -356,15 +356,26 @@ def test_a_settled_row_whose_foot_lands_more_than_once_a_stride_is_remarked() ->
         "duty_1_end": [0.55] * 4, "duty_2_end": [0.15] * 4,
     })  # fmt: skip
     uneven: dict[str, Any] = {}
+    reasons: dict[str, dict[str, int]] = {}
     add_uneven_strides(uneven, part, {"stride_1_end": "L", "stride_2_end": "R"})
     assert uneven == {"R": {"rows": 1, "row": 0, "contact": pytest.approx([0.063, 0.063])}}
     (sentence,) = remarks({"uneven_strides": {"feet": uneven, "body": True}})
     assert "1 settled row has no gait, since a foot lands more than once a stride" in sentence
     assert "foot R: its last contact has 0.063 s" in sentence
     assert "`shortest_contact` in the model file" in sentence
+    # the stance of a bounce's end is longer than the time between its touchdowns: no duty factor
+    bouncing = part.loc[[3]].assign(
+        stride_1_end=0.18, stride_2_end=0.18, duty_1_end=np.nan, duty_2_end=np.nan
+    )
+    uneven, reasons = {}, {}
+    add_uneven_strides(uneven, bouncing, {"stride_1_end": "L", "stride_2_end": "R"})
+    add_without_gait(reasons, bouncing, {"stride_1_end": "L", "stride_2_end": "R"})
+    assert uneven == {"L": {"rows": 1, "row": 3, "contact": []}}
+    assert not reasons
+    (sentence,) = remarks({"uneven_strides": {"feet": uneven, "body": True}})
+    assert "foot L: its last contact is longer than that stride" in sentence
     # row 2's strides differ over two crossings, those of row 3 are equal, and row 4 has a foot that stands
     part.loc[4] = [4, "settled", 1, "none", 0.96, np.nan, 0.55, np.nan]
-    reasons: dict[str, dict[str, int]] = {}
     add_without_gait(reasons, part, {"stride_1_end": "L", "stride_2_end": "R"})
     assert {reason: about["row"] for reason, about in reasons.items()} == {
         "no_stride": 4, "several": 2, "other_lags": 3,

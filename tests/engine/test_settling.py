@@ -439,6 +439,24 @@ def test_longer_orbits_settle_with_max_period() -> None:
         gs.Job.model_validate(job(run={"kind": "settle", "max_period": 40}))
 
 
+@pytest.mark.parametrize("longest", [8, 16])
+def test_an_orbit_has_as_many_crossings_as_the_recorder_declares(longest: int) -> None:
+    """Rows without an orbit, as at r = 2.5, and rows that have not ended have NaN in its place."""
+    recorder = SettleRecorder(Logistic(), 400, max_period=longest)
+    rows = run_rows(Logistic(), recorder, {"x_0": [0.3, 0.3]}, params={"r": [2.5, 3.5]}, numerics=ONE)
+    others, k = max(10, longest) - 1, len(Logistic().observables)
+    assert rows.numbers["orbit"].shape == (2, others * k)
+    assert np.isfinite(rows.numbers["orbit"]).sum(axis=1).tolist() == [0, 3 * k]  # of period 4
+    held = RowOutcome.empty(np.arange(3), recorder.numbers, observables=k)
+    ended = rows.take(np.array([1])).numbers
+    held.put(np.array([1]), ended)
+    held.put(np.array([2]), ended)
+    assert np.isfinite(held.numbers["orbit"]).sum(axis=1).tolist() == [0, 3 * k, 3 * k]
+    assert (held.fired[0].tolist(), held.status[0]) == ([0] * held.fired.shape[1], Status.running)
+    with pytest.raises(ValueError, match="orbit is declared with the shape"):
+        held.put(np.array([0]), ended | {"orbit": np.zeros((1, 2))})
+
+
 def test_a_tolerance_of_an_unknown_observable_is_refused() -> None:
     with pytest.raises(JobError, match=r"run\.tolerance\.xx is not an observable of map; did you mean x\?"):
         gs.Job.model_validate(job(run={"kind": "settle", "tolerance": {"xx": 1e-3}}))

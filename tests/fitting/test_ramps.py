@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -12,6 +13,7 @@ from pandas.testing import assert_frame_equal
 
 import gaitsweep as gs
 from cusp_flow import CuspFlow, State
+from gaitsweep.contract import Quantity
 from gaitsweep.errors import JobError
 from gaitsweep.fitting.ramp_measures import Crossings, GaitSequence, Transition
 from gaitsweep.fitting.search_cost import estimate_search
@@ -30,6 +32,17 @@ class Falling(CuspFlow):
 
     def failed(self, params: dict[str, jax.Array], state: State) -> jax.Array:
         return state.x < -1.2
+
+
+class Suffixed(CuspFlow):
+    """Model with a parameter whose name ends as a column of an observable at a crossing does."""
+
+    name: ClassVar[str] = "suffixed_flow"
+
+    @property
+    def parameters(self) -> tuple[Quantity, ...]:
+        push, growth = super().parameters
+        return dataclasses.replace(push, name="r_n"), growth
 
 
 def searched(model: Any = CuspFlow, **more: Any) -> Any:
@@ -226,6 +239,28 @@ def measured(of: type, seen: str, status: str = "complete", **fields: Any) -> tu
 )
 def test_the_place_of_a_transition(gaits: str, place: float) -> None:
     assert measured(Transition, gaits, kind="transition", gait="a", to="b") == (place, "")
+
+
+@pytest.mark.parametrize(
+    ("of", "unit", "value"), [("r_n", "m/s", 2.5), ("2*r_n", "", 5.0), ("x", "m", 25.0), ("a", "1/s", 3.0)]
+)
+def test_only_observables_lose_their_suffix(of: str, unit: str, value: float) -> None:
+    """A parameter r_n is read by its whole name, and an observable x, whose column is x_n, by its own."""
+    model, columns = Suffixed(), dict(row("aabb....").columns)
+    columns["r_n"] = columns.pop("r")
+    columns |= {"x_n": 10.0 * columns["r_n"], "a": 0.0 * columns["r_n"] + 3.0}
+    columns["status"] = np.full(columns["t"].size, "complete")
+    ramp = {**RAMP, "parameter": "r_n", "initial_dwell": 0.0}
+    fields = {"kind": "transition", "run": ramp, "gait": "a", "to": "b", "at": {"x_0": 1.0}, "least": 2}
+    measure = Transition.model_validate({**fields, "of": of})
+    named = measure.model_copy(update={"gait": ("right",), "to": ("left",)})
+    assert named.field_error([*columns], model) is None
+    assert measure.unit(model) == unit
+    assert measure.of_rows([[Crossings(columns, "complete")]], model).values[0] == value
+    field, error = named.model_copy(update={"of_": "r"}).field_error([*columns], model) or ("", "")
+    assert field == "of"
+    assert error.startswith("is r, which is unknown. Allowed: ")
+    assert "r_n, x, a" in error
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -10,11 +12,12 @@ import pandas as pd
 import pytest
 from matplotlib.colors import to_rgb
 
+import gaitsweep as gs
 from gaitsweep import models
 from gaitsweep.job import Job
 from gaitsweep.plot.limbs import limb_colours, limbs_of
 from gaitsweep.skeleton import Skeleton
-from gaitsweep.view.movie.animation import Clip, frames
+from gaitsweep.view.movie.animation import Clip, frames, still
 from gaitsweep.view.movie.side_view import bounds, heading, turned
 from gaitsweep.view.row_motion import read_motion
 from tests.support.sweeping import scalars
@@ -98,3 +101,19 @@ def test_a_body_without_limbs_is_drawn(tmp_path: Path) -> None:
     clip = Clip(t, ball, np.linspace(0.0, 1.0, len(no_feet)), no_feet, 1.0, "ball")
     shown = {tuple(pixel) for pixel in next(frames(clip, (320, 180))).reshape(-1, 3).tolist()}
     assert tuple(round(255 * part) for part in to_rgb("#DDE0E4")) in shown
+
+
+@pytest.mark.parametrize("title", ["", "a long title " * 20])
+def test_a_frame_has_the_size_that_is_asked_for_in_any_style(title: str) -> None:
+    """No warning either: not of the height of a page, and not of a title without details or words."""
+    t = np.linspace(0.0, 1.0, 3)
+    corners = np.array([[-0.1, 0.0, 0.0], [0.1, 0.0, 0.0], [0.0, 0.0, 0.1]])
+    clip = Clip(t, Skeleton((), bodies=(np.stack([corners] * 3),)), t, np.zeros((3, 0)), 1.0, title)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        styles: tuple[dict[str, Any], ...] = ({}, {"width": "column"}, {"height": 60})
+        for style in styles:
+            with gs.plot.style(**style):
+                assert next(frames(clip, (180, 320))).shape == (320, 180, 3)
+                strip = still(clip, (180, 320))
+            assert (strip.bbox.width, strip.bbox.height) == pytest.approx((180, 320))

@@ -132,6 +132,29 @@ def test_colours_of_gaits_are_refused_where_they_have_no_effect() -> None:
         gs.Job(**job, figures=[wrong | {"colours": None}], style={"colours": {"direct": "red"}})
 
 
+def test_colours_of_gaits_have_no_effect_on_a_colour_scale(recwarn: pytest.WarningsRecorder) -> None:
+    """Rows that failed have a colour beside the scale, and a column of texts has no scale."""
+    table = settle_table()
+    by_number: dict[str, Any] = {**BASIN, "hue": "psi_1_end"}
+    with pytest.raises(PlotError, match=r"no effect for direct: a figure basin .* with hue: gait"):
+        plot.draw("basin", table, **by_number, colours={"direct": "red", "failed": "black"})
+    figure: dict[str, Any] = {"kind": "basin", "x": "psi_1", "y": "psi_2", "hue": "psi_1_end"}
+    with pytest.raises(gs.JobError, match=r"figures\[0\].colours has no effect for direct"):
+        gs.Job(**JOB, figures=[figure | {"colours": {"direct": "red"}}])
+    with pytest.raises(gs.JobError, match=r"style.colours has no effect"):
+        gs.Job(**JOB, figures=[figure], style={"colours": {"direct": "red"}})
+    with pytest.warns(UserWarning, match="no effect for direct"), plot.style(colours={"direct": "red"}):
+        plot.draw("basin", table, **by_number)
+    assert plot.FIGURES["basin"].colours_of("direct", {"hue": "gait_of_hind_legs"})  # a model's label field
+    recwarn.clear()
+    plot.draw("basin", table, **by_number, colours={"failed": "black"})
+    with_texts = table.assign(kind=table["gait"].astype(str))
+    plot.draw("basin", with_texts, **BASIN, hue="kind", colours={"direct": "red"})
+    with plot.style(colours={"direct": "red", "failed": "black"}):
+        plot.draw("basin", table, **by_number)
+    assert not recwarn.list
+
+
 def test_an_argument_of_single_figures_is_no_field_of_a_style() -> None:
     with pytest.raises(StyleError, match=r"shares .* argument of .*plot\.basin\("), plot.style(shares=False):
         pass

@@ -70,6 +70,22 @@ def test_other_versions_and_processors_are_warned_of_and_listed(
     assert _continued(path) == []  # complete: nobody makes a part
 
 
+@pytest.mark.parametrize(("first", "then"), [("0123+changes", None), (None, "0123")])
+def test_a_known_commit_and_an_unknown_one_are_two_makers(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, first: str | None, then: str | None
+) -> None:
+    """A directory that a checkout began and an installed package continues, or the reverse."""
+    monkeypatch.setattr(provenance, "git_commit", lambda: first)
+    _continued(tmp_path / "a", parts=2)
+    monkeypatch.setattr(provenance, "git_commit", lambda: then)
+    assert _continued(tmp_path / "a", parts=1) == []
+    assert _continued(tmp_path / "a") == []
+    manifest = _manifest(tmp_path / "a")
+    (earlier,) = manifest[EARLIER]
+    assert (earlier.get("git_commit"), earlier["parts"]) == (first, [[0, 1]])
+    assert manifest.get("git_commit") == then
+
+
 def test_parts_that_are_made_again_are_their_new_makers(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -112,6 +128,20 @@ def test_other_versions_may_trace_the_same_function_differently(
     assert len(message) == 2
     assert "flow of own:Model" in message[0]
     assert _manifest(tmp_path / "a")[PROGRAM]["flow"] == "c3"
+
+
+def test_versions_that_are_not_known_are_no_other_versions(tmp_path: Path) -> None:
+    """The warning of other versions named none of them."""
+    _continued(tmp_path / "a", parts=2)
+    with open_toy(tmp_path / "a", rows=20) as directory:
+        directory.update_manifest(versions={})
+    with pytest.raises(RunError, match="flow of own:Model"):
+        _continued(tmp_path / "a", {**FUNCTIONS, "flow": "c3"})
+
+
+def test_a_source_of_blanks_is_no_paper() -> None:
+    model: Any = SimpleNamespace(source=" ", bibtex="\n")
+    assert provenance.paper_of(model) is None
 
 
 def test_directories_of_older_versions_are_continued(tmp_path: Path) -> None:

@@ -32,7 +32,7 @@ from gaitsweep.table import (
     load_parts,
     parquet_parts,
 )
-from gaitsweep.table.atomic_files import replace_file
+from gaitsweep.table.atomic_files import read_file, reason, replace_file
 from gaitsweep.table.manifest import Layout
 from gaitsweep.table.parquet_parts import arrow_part, readable
 from tests.support.toy_directories import GAITS, JOB, block_frame, files_of, fill, open_toy
@@ -329,6 +329,23 @@ def test_a_file_that_two_write_at_once_is_whole(tmp_path: Path) -> None:
     replace_file(file, slowly)
     assert (inner, file.read_bytes()) == ([b"second"], b"first, slowly")
     assert [each.name for each in tmp_path.iterdir()] == ["figure.png"]
+
+
+def test_what_is_no_regular_file_is_refused_and_closed(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "file").write_bytes(b"12345")
+    before = len(os.listdir("/dev/fd"))
+    for name, most, why in (
+        (".", None, "directory"),
+        ("pipe", None, "regular"),
+        ("file", 4, "than 4 bytes"),
+        ("none", None, "such"),
+    ):
+        with pytest.raises(OSError, match=why):
+            read_file(tmp_path / name, most)
+    assert read_file(tmp_path / "file", 5) == b"12345"
+    assert len(os.listdir("/dev/fd")) == before
+    assert reason(OSError("Cannot open /Data/Run_A")) == "Cannot open /Data/Run_A"
 
 
 def test_stray_temporaries_are_removed_by_the_next_run_alone(tmp_path: Path) -> None:

@@ -198,7 +198,7 @@ class PerturbRecorder(Recorder):
     def numbers(self) -> tuple[RowNumber, ...]:  # pyright: ignore[reportIncompatibleVariableOverride]
         return (
             *self.settle.numbers,
-            RowNumber("before", np.float64, np.nan, crossings=1),
+            RowNumber("before", np.float64, np.nan, crossings=self.settle.max_period),
             RowNumber("period_before", np.int8),
             RowNumber("stage", np.int8),
             RowNumber("recovered", np.int8, compared=True),

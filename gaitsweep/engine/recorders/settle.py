@@ -217,7 +217,8 @@ class SettleRecorder(Recorder):
         model: the model.
         max_cycles: the crossings at which a row ends that has not settled.
         tolerance: one for all observables, or one for each, as a share of its scale.
-        max_time: the time at which a row ends (s); by default four nominal periods for each of `max_cycles`.
+        max_time: the time at which a row ends (s); by default four nominal periods for each of `max_cycles`
+            and of `SPARE_CYCLES` more.
         max_period: the longest period that is detected (crossings).
         exponents: the number of Lyapunov exponents; with them, rows may end as chaotic or quasi-periodic
             (`Exponents.status`).
@@ -232,8 +233,13 @@ class SettleRecorder(Recorder):
 
     @property
     def numbers(self) -> tuple[RowNumber, ...]:  # pyright: ignore[reportIncompatibleVariableOverride]
-        orbit = RowNumber("orbit", np.float64, np.nan, crossings=SETTLE_WINDOW - 1)
+        orbit = RowNumber("orbit", np.float64, np.nan, crossings=self._window - 1)
         return (*Recorder.numbers, orbit, *exponent_numbers(self.model, self.exponents))
+
+    @property
+    def _window(self) -> int:
+        """The crossings that the memory of a row holds."""
+        return max(SETTLE_WINDOW, self.max_period)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -252,7 +258,7 @@ class SettleRecorder(Recorder):
         record, sample, keep = self.unsampled(params, carry)
         last = record.last
         dtype = last.dtype
-        length = max(SETTLE_WINDOW, self.max_period)
+        length = self._window
         observed = jnp.broadcast_to(last, (length, *last.shape))
         zero = jnp.zeros((), jnp.int32)
         memory = Memory(

@@ -41,8 +41,8 @@ class Clip:
     """The data of an animation.
 
     `skeleton` is the body at the times `t` (n,) s of the frames; `contact` (m, limbs) is 1 on the ground at
-    the times `contact_t` (m,) s of the whole trace; `period` (s) of a cycle; `title`, `pace` and `details`,
-    such as the values of a row, are texts.
+    the times `contact_t` (m,) s of the whole trace; `period` (s) of a cycle; `title`, `pace` and `details`
+    are texts. The first detail names the row, and the others its values.
     """
 
     t: Float[np.ndarray, " frames"]
@@ -220,8 +220,7 @@ def _time_bar(axes: Axes, clip: Clip) -> Rectangle:
 def _blank_figure(size: tuple[int, int]) -> Iterator[tuple[Figure, FigureCanvasAgg]]:
     """An empty figure of a given size in pixels, always `_FRAME_WIDTH` inches wide."""
     width, height = size
-    with theme.canvas(_FRAME_WIDTH, _FRAME_WIDTH * height / width) as figure:
-        figure.set_layout_engine("none")
+    with theme.frame(_FRAME_WIDTH, _FRAME_WIDTH * height / width) as figure:
         figure.set_dpi(width / _FRAME_WIDTH)
         yield figure, FigureCanvasAgg(figure)
 
@@ -270,17 +269,19 @@ def _add_title(figure: Figure, clip: Clip, line: float, widest: float) -> float:
     Returns:
         The height of both lines, a share of the figure's.
     """
-    head, *values = clip.details or ("",)
+    row, values = clip.details[:1], clip.details[1:]
     text = figure.text(_MARGIN, 1.0 - 0.5 * line, "", va="center", weight="bold")
-    details = _joined([head, ", ".join(values)], ": ")
-    if _fitted(text, _joined([clip.title, details], "; "), _TITLE, widest) >= _DETAILS:
+    details = _joined([*row, ", ".join(values)], ": ")
+    size = _fitted(text, _joined([clip.title, details], "; "), _TITLE, widest)
+    if size >= _DETAILS or not details:
         return line
     _fitted(text, clip.title, _TITLE, widest)
     second = _SECOND_LINE / figure.get_figheight()
     text = figure.text(_MARGIN, 1.0 - line - 0.35 * second, "", va="center", color=_INK)
     for count in range(len(values), -1, -1):
-        named = ", ".join([*values[:count], "..."][: len(values)])
-        if _fitted(text, _joined([head, named], ": "), _DETAILS, 1.0 - 2.0 * _MARGIN) == _DETAILS:
+        named = values if count == len(values) else (*values[:count], "...")
+        details = _joined([*row, ", ".join(named)], ": ")
+        if _fitted(text, details, _DETAILS, 1.0 - 2.0 * _MARGIN) == _DETAILS:
             break
     return line + second
 
@@ -305,7 +306,8 @@ def _fitted(text: Text, words: str, size: float, widest: float) -> float:
     text.set_fontsize(size)
     figure = text.get_figure()
     assert figure is not None
-    fitted = size * min(1.0, widest * figure.bbox.width / text.get_window_extent().width)
+    width = max(text.get_window_extent().width, 1.0)  # an empty text has none
+    fitted = size * min(1.0, widest * figure.bbox.width / width)
     text.set_fontsize(fitted)
     return fitted
 
