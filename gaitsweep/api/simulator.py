@@ -37,7 +37,8 @@ class Simulator:
     """A function from values of some parameters to columns of a job's table; see `simulator`."""
 
     def __init__(self, job: Job, parameters: Sequence[str], columns: Sequence[str]) -> None:
-        self._fields = job.resolved()
+        self._fields = {**job.resolved(), "figures": []}  # which may need the job's own axes
+        self._folder = job.folder
         self.parameters, self.columns = list(parameters), list(columns)
 
     def __call__(self, values: Any) -> Any:
@@ -72,8 +73,9 @@ class Simulator:
         for section in ("params", "start"):
             fields[section] = {k: v for k, v in fields[section].items() if k not in self.parameters}
         axes = {name: sets[:, place].tolist() for place, name in enumerate(self.parameters)}
-        table = run_in_memory(Job.model_validate({**fields, "vary": {"zip": axes}, "verify": 0})).table
-        table = table.sort_values("row")
+        fields |= {"vary": {"zip": axes}, "verify": 0}
+        job = Job.model_validate(fields, context={"folder": self._folder})
+        table = run_in_memory(job).table.sort_values("row")
         columns = table.reindex(columns=self.columns)
         require_numbers(columns, *self.columns)
         statuses = table["status"].astype(str).to_numpy()
@@ -100,8 +102,9 @@ def simulator(
         columns: the m columns of its table that are compared with measurements, such as `rate_end`.
 
     Raises:
-        ArgumentError: the job varies something, its run has several records for a row, a parameter is unknown
-            or named twice, or a column is unknown or holds texts.
+        ArgumentError: the job varies something, its run has several records for a row, an expression under
+            `run` or `numerics` follows a parameter, a parameter is unknown, a column is unknown or holds
+            texts, or one of them is named twice or none is named.
         JobError: an error in the job.
 
     Example:
@@ -131,9 +134,18 @@ def simulator(
         if name not in known:
             near = near_miss.suggestion(name, known)
             raise ArgumentError(f"{name} is not a parameter or start value of {job.design.model.name}{near}")
-        if parameters.count(name) > 1:
-            raise ArgumentError(f"{name} is named twice among the parameters.")
+        # a call would keep the number of the job's own value, in silence
+        if expressions := job.expressions_of(name):
+            raise ArgumentError(
+                f'{name} is a parameter of the simulator, but the job has the expression "{expressions[0]}" '
+                "under run, numerics or figures, which has one value for all rows: write a number there."
+            )
     columns = names_in(columns)
+    for noun, names in (("parameter", parameters), ("column", columns)):
+        if not names:
+            raise ArgumentError(f"no {noun} is named: a simulator needs one or more.")
+        if repeated := next((name for name in names if names.count(name) > 1), None):
+            raise ArgumentError(f"{repeated} is named twice among the {noun}s.")
     of_table = [*parameters, *table_columns(job.design, job.run)]
     for name in columns:
         if _OF_ORBIT.sub("", name) not in of_table:

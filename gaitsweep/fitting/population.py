@@ -406,7 +406,8 @@ class Population:
         varied = {name for group in groups for name in group}
         for field in ("params", "start"):
             written[field] = {name: value for name, value in written[field].items() if name not in varied}
-        return Job.model_validate({**written, "vary": {"zip": groups}, "verify": 0})
+        fields = {**written, "vary": {"zip": groups}, "verify": 0}
+        return Job.model_validate(fields, context={"folder": context.job.folder})
 
     def _of_rows(self, measure: Measure, numbers: Sequence[int], rows: Values, model: Model) -> Measured:
         """Measure each set from the rows of the conditions with these numbers."""
@@ -464,11 +465,12 @@ def job_with_run(
     Raises:
         JobError: the job is not valid.
     """
-    written = job_of(structure).resolved()
+    job = job_of(structure)
+    written = job.resolved()
     written["run"] = run.model_dump(by_alias=True, exclude_none=True)
     for field in ("params", "start"):
         written[field] = {name: value for name, value in written[field].items() if name != run.moved}
-    return Job.model_validate(written)
+    return Job.model_validate(written, context={"folder": job.folder})
 
 
 def _progress_of_part(rows_before: int, total: int, on_progress: OnProgress) -> OnProgress:

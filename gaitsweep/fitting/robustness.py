@@ -13,7 +13,7 @@ from gaitsweep import near_miss
 from gaitsweep.contract import Model, Quantity
 from gaitsweep.fitting.free_parameters import FreeParameter, Sets
 from gaitsweep.fitting.measure import Conditions, FieldError, Measure
-from gaitsweep.fitting.search_and_sensitivity_job import FitJob
+from gaitsweep.fitting.search_and_sensitivity_job import FitJob, expressions_left_behind
 from gaitsweep.fitting.targets import Target, TargetValue
 from gaitsweep.kinds import RunKind
 from gaitsweep.schema.diagnostics import Diagnostic, refuse
@@ -114,6 +114,7 @@ def own_constants(robust: Robust, fit: FitJob) -> dict[str, float]:
             numbers = "only a number other than 0 can change by a share of itself."
             text = f"is {name}, whose value is {setting}: {numbers}"
             wrong.append(Diagnostic(path, text))
+        wrong += expressions_left_behind(job, {name: path})
     refuse(wrong)
     return values
 

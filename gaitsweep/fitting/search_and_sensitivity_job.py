@@ -216,7 +216,7 @@ def _check_structure(fit: FitJob, structure: Mapping[str, Any]) -> None:
     model = job.design.model
     method = job.integration.method
     columns_of_job = table_columns(job.design, job.run)
-    wrong: list[Diagnostic] = []
+    wrong = expressions_left_behind(job, _paths_of_differing(fit, job))
     for name, measure in fit.measures.items():
         path = fit.path_of(name)
         run = measure.own_run
@@ -230,6 +230,36 @@ def _check_structure(fit: FitJob, structure: Mapping[str, Any]) -> None:
             key, text = field_error
             wrong.append(Diagnostic((*path, key), text))
     refuse(wrong)
+
+
+def _paths_of_differing(fit: FitJob, job: Job) -> dict[str, FieldPath]:
+    """Return the paths of names that differ between rows, or from the job's own values."""
+    own_values = job.design.row(0)
+    paths: dict[str, FieldPath] = {
+        name: (*fit.path_of(key), "at", name)
+        for key, measure in fit.measures.items()
+        for name, values in measure.at.items()
+        if set(values) != {own_values.get(name)}
+    }
+    return paths | {name: (*fit.free_path, name) for name in fit.free}
+
+
+def expressions_left_behind(job: Job, paths: Mapping[str, FieldPath]) -> list[Diagnostic]:
+    """Return errors about expressions with one value for all rows that follow names which differ.
+
+    Args:
+        job: the job.
+        paths: the paths of the names that differ between rows.
+    """
+    return [
+        Diagnostic(
+            path,
+            f'differs between rows, but the job has the expression "{expression}" under run, numerics or '
+            "figures, which has one value for all rows: write a number there.",
+        )
+        for name, path in paths.items()
+        for expression in job.expressions_of(name)[:1]
+    ]
 
 
 def _columns_of_run(

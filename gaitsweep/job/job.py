@@ -6,7 +6,7 @@ import dataclasses
 import hashlib
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -29,6 +29,7 @@ from gaitsweep.dynamics.ground import KINDS
 from gaitsweep.engine.numerics import ResolvedNumerics
 from gaitsweep.engine.sweep.blocks_of_rows import rows_of_a_block
 from gaitsweep.errors import JobError
+from gaitsweep.expression import names_used
 from gaitsweep.job.numerics import EngineChoice, NumericsSpec
 from gaitsweep.job.reading import read_job
 from gaitsweep.kinds import RUN_KINDS, RunKind
@@ -147,6 +148,8 @@ class Job(StrictModel):
 
     _design: Design = PrivateAttr()
     _integration: ResolvedNumerics = PrivateAttr()
+    _evaluated: Set[str] = PrivateAttr()
+    _folder: Path = PrivateAttr()
 
     @model_validator(mode="wrap")
     @classmethod
@@ -156,7 +159,10 @@ class Job(StrictModel):
             return data
         with near_miss.limited_effort():
             folder = (info.context or {}).get("folder", Path.cwd())
-            job, job._design, job._integration = read_job(data, folder, handler, _sections(data))
+            job, job._design, job._integration, job._evaluated = read_job(
+                data, folder, handler, _sections(data)
+            )
+            job._folder = Path(folder).absolute()
         return job
 
     @property
@@ -168,6 +174,23 @@ class Job(StrictModel):
     def integration(self) -> ResolvedNumerics:
         """Numerics of its rows, with the model's recommendations filled in."""
         return self._integration
+
+    @property
+    def folder(self) -> Path:
+        """Folder to which paths in the job are relative."""
+        return self._folder
+
+    def expressions_of(self, *names: str) -> list[str]:
+        """Return the expressions outside `params`, `start` and `vary` whose value follows some parameters.
+
+        Their fields have one number for all rows, which the job's own values of these parameters gave.
+        """
+        sizes = set(self._design.sizes)
+        return [
+            expression
+            for expression in sorted(self._evaluated)
+            if not self._design.closure(names_used(expression) - sizes).isdisjoint(names)
+        ]
 
     @property
     def block(self) -> int:

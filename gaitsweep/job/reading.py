@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence, Set
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -144,11 +144,12 @@ _READ_HERE = ("params", "start", "vary", "structure", "ground")
 
 
 class ReadJob(NamedTuple):
-    """A job with its rows and its numerics."""
+    """A job with its rows, its numerics, and the expressions outside `vary` that were evaluated."""
 
     job: Job
     design: Design
     numerics: ResolvedNumerics
+    evaluated: Set[str]
 
 
 def read_job(
@@ -170,7 +171,8 @@ def read_job(
     config = Config(_written_fields(data), folder)
     rows = _read_rows(config, folder)
     diagnostics = list(rows.diagnostics)
-    token = SCOPE.set(_scope(rows.design, rows.spec, rows.moved))
+    scope = _scope(rows.design, rows.spec, rows.moved)
+    token = SCOPE.set(scope)
     try:
         job = handler(rows.fields)
         figure_numbers = list(range(len(job.figures)))
@@ -198,7 +200,7 @@ def read_job(
     if job.numerics.method == "auto":
         numerics = suited_to_stiffness(design, job.run, numerics)
     config.refuse(check_steps(design, job.run, numerics))
-    return ReadJob(job, design, numerics)
+    return ReadJob(job, design, numerics, scope.evaluated)
 
 
 def _named_by_section(
@@ -393,7 +395,7 @@ def _design(
         elif name == moved:
             settings[name] = 1.0
         elif default is not None:
-            settings[name] = default if isinstance(default, str) else float(default)
+            settings[name] = _default_setting(default)
         elif path not in reported:
             text = f"is missing: {quantity.meaning} ({quantity.unit}) has no default."
             diagnostics.append(Diagnostic(path, f"{text} Set it here or under vary."))
@@ -402,6 +404,16 @@ def _design(
     wrong = check_names(design, spec)
     diagnostics.extend(wrong)
     return None if wrong else design
+
+
+def _default_setting(default: float | str) -> float | str:
+    """Return a default as `read_settings` gives it: text if it uses names, else a number."""
+    if isinstance(default, str):
+        try:
+            return default if names_used(default) else evaluate(default, {}) + 0.0
+        except ExpressionError:  # which `check_ranges` reports
+            return default
+    return float(default) + 0.0  # -0.0 is 0.0, as in a job
 
 
 def _scope(design: Design | None, spec: ModelSpec | None, moved: str | None) -> Scope:

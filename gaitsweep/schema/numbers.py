@@ -27,11 +27,15 @@ from gaitsweep.schema.diagnostics import Diagnostic, quoted
 
 @dataclass(frozen=True)
 class Scope:
-    """Names that expressions outside `vary` may use, and reasons why other names are not allowed."""
+    """Names that expressions outside `vary` may use, and reasons why other names are not allowed.
+
+    `evaluated` collects the expressions that were read, whose fields keep their numbers alone.
+    """
 
     fixed: Mapping[str, float] = field(default_factory=dict)
     moving: Mapping[str, str] = field(default_factory=dict)  # name -> "varies in this job"
     known: bool = True  # False while the model is unknown, which is reported: then all names are accepted
+    evaluated: set[str] = field(default_factory=set)
 
 
 SCOPE: ContextVar[Scope | None] = ContextVar("SCOPE", default=None)
@@ -115,6 +119,7 @@ def read_fixed(value: Any) -> float | None:
         if name not in scope.fixed:
             near = near_miss.suggestion(name, [*scope.fixed, *CONSTANTS])
             raise InvalidValue(f'is "{number}", but {name} is unknown here{near}')
+    scope.evaluated.add(number)
     try:
         return evaluate(number, scope.fixed) + _POSITIVE_ZERO
     except ExpressionError as error:

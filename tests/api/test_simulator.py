@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import re
+import sys
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,6 +16,8 @@ import gaitsweep as gs
 from tests.support import ROOT
 
 HOPS = {"name": "hops", "model": "gaitsweep.examples.hopper:Hopper", "run": {"kind": "settle"}}
+# the step follows `push` by way of another parameter
+FOLLOWING = {"params": {"restitution": "push/10"}, "numerics": {"dt": "2e-3*restitution"}}
 
 
 class Measured(gs.DeclaredModel):
@@ -94,6 +99,17 @@ def test_one_set_and_tensors_have_their_own_shapes() -> None:
         ({}, ["omega"], ["launch_nd"], "did you mean launch_end"),
         ({}, ["omega"], ["launch_n_2"], "launch_n_2 is not a column"),
         ({}, ["omega"], ["launch_end", "status"], "status are not numbers"),
+        ({}, ["omega"], ["t_end", "launch_end", "t_end"], "t_end is named twice among the columns"),
+        ({}, [], ["launch_end"], "no parameter"),
+        ({}, ["omega"], [], "no column"),
+        # numbers that the job's own values give would stay in all rows
+        (
+            {"run": {"kind": "settle", "max_time": "9+omega"}},
+            ["push", "omega"],
+            ["t_end"],
+            r"omega .*9\+omega",
+        ),
+        (FOLLOWING, ["push"], ["t_end"], "restitution"),
     ],
 )
 def test_a_job_that_is_no_simulator_is_refused(
@@ -101,6 +117,22 @@ def test_a_job_that_is_no_simulator_is_refused(
 ) -> None:
     with pytest.raises(gs.ArgumentError, match=reason):
         gs.simulator({**HOPS, **fields}, parameters, columns)
+
+
+def test_files_of_a_job_are_found_from_another_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each call reads the job again, with a model beside its file, as a model in YAML is read."""
+    (tmp_path / "deep").mkdir()
+    (tmp_path / "deep" / "beside_its_job.py").write_text(f"from {__name__} import Measured\n")
+    run = {"kind": "fixed_time", "duration": "2*place + 0.1"}
+    fields = {"name": "m", "model": "beside_its_job:Measured", "params": {"place": 0.2}, "run": run}
+    (tmp_path / "deep" / "job.yaml").write_text(json.dumps(fields))
+    monkeypatch.chdir(tmp_path)
+    measured = gs.simulator("deep/job.yaml", "seed", ["x_end", "t_end"])
+    monkeypatch.delitem(sys.modules, "beside_its_job")
+    monkeypatch.chdir(ROOT)
+    np.testing.assert_allclose(measured([4.0]), [0.2 + float(gs.normal(4.0, 0)), 0.5], rtol=1e-12)
 
 
 @pytest.mark.slow

@@ -287,6 +287,38 @@ def test_contraction_can_be_turned_off() -> None:
         ("y = x > 1.0", "expression `x > 1.0"),
         ("y = x % 2.0", "expression `x % 2.0"),
         ("y = z", "expression `z"),
+        # operators by the kind of their operands
+        ("y = s[4 / 2]", "expression `4 / 2"),
+        ("y = s[1 ** 2]", r"expression `1 \*\* 2"),
+        ("y = s[-1]", "expression `-1"),
+        ("y = -(x < 1.0)", r"expression `-\(x < 1.0\)"),
+        ("y = not x", "expression `not x"),
+        ("y = x & x", "expression `x & x"),
+        ("y = 2 * x", r"expression `2 \* x"),
+        ("y = x + float32(x)", r"expression `x \+ float32\(x\)"),
+        ("y = 1 < 2", "expression `1 < 2"),
+        ("y = 1.0 if x else 2.0", "expression `1.0 if x else 2.0"),
+        ("y = 1.0 if x < 2.0 else True", "expression `1.0 if x < 2.0 else True"),
+        ("s[1] = 1", r"line `s\[1\] = 1"),
+        ("s[1] = x < 1.0", r"line `s\[1\] = x < 1.0"),
+        # elements of other than the array, and places that are no whole numbers
+        ("z[1] = 1.0", "expression `z"),
+        ("x[1] = 1.0", r"expression `x\[1\]"),
+        ("y = s[0][1]", r"expression `s\[0\]\[1\]"),
+        ("y = s[x]", r"expression `s\[x\]"),
+        ("y = s[0:1]", "expression `0:1"),
+        # functions and their arguments
+        ("y = elsewhere(x)", r"expression `elsewhere\(x\)"),
+        ("y = math.log()", r"expression `math.log\(\)"),
+        ("y = math.log(x=1.0)", r"expression `math.log\(x=1.0\)"),
+        ("y = fma(x, x)", r"expression `fma\(x, x\)"),
+        ("y = fma(x, x, float32(x))", r"expression `fma\(x, x, float32\(x\)\)"),
+        ("y = abs(1)", r"expression `abs\(1\)"),
+        # branches, after which names that they assign have no value
+        ("if any(x): pass", r"expression `any\(x\)"),
+        ("if any(x < 1.0): x = 2.0\n    s[0] = x", "expression `x"),
+        ("if any(x < 1.0): pass\n    else: y = 2.0\n    s[0] = y", "expression `y"),
+        ("if any(x < 1.0):\n        if any(x < 0.0): x = 2.0\n    s[0] = x", "expression `x"),
     ],
 )
 def test_unsupported_source_is_named(line: str, named: str) -> None:

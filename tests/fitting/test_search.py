@@ -8,6 +8,7 @@ import inspect
 import os
 import re
 import shutil
+import sys
 from pathlib import Path
 from typing import Any, get_args
 
@@ -61,6 +62,8 @@ TOY: dict[str, Any] = {
 
 
 ROBUST = {"within": 0.02, "targets": ["speed"], "sets": 400, "wanted": [0.9, 1], "error": 0.1}
+# the step follows `mass` by way of another parameter
+FOLLOWING = {"params": {"restitution": "mass/10"}, "numerics": {"dt": "0.01*restitution"}}
 EDGE = {"kind": "edge", "along": "mass", "gait": "hop", "at": {"mass": [1, 2]}}
 
 
@@ -440,6 +443,43 @@ def test_wrong_targets_are_refused(change: dict[str, Any], sentence: str, tmp_pa
     with pytest.raises(JobError) as refused:
         searched(job(targets={"speed": speed}), tmp_path / "out")
     assert sentence in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("change", "path"),
+    [
+        ({"run": {"kind": "fixed_time", "duration": "2*kick"}}, "search.free.kick"),
+        (FOLLOWING, "search.targets.speed.at.mass"),
+    ],
+)
+def test_expressions_that_sets_would_leave_behind_are_refused(change: dict[str, Any], path: str) -> None:
+    """Their fields have one value for all rows: all sets would have the number of one of them."""
+    speed = {**TOY["search"]["targets"]["speed"], "at": {"mass": 2.0}}
+    fields = job(targets={"speed": speed}) | change
+    with pytest.raises(JobError, match=f"{path} differs between rows, but .* one value for all rows"):
+        read_search(fields, Path.cwd())
+    around = job(
+        targets={"speed": speed | {"at": {"preload": 0.5}}}, robust={**ROBUST, "constants": ["mass"]}
+    )
+    own_mass = {**FOLLOWING, "params": {**FOLLOWING["params"], "mass": 2.0}}
+    with pytest.raises(JobError, match=r"search.robust.constants\[0\] differs between rows"):
+        read_search(around | own_mass, Path.cwd())
+    # a measure that sets the job's own value is right
+    read_search({**fields, **own_mass, "run": TOY["run"]}, Path.cwd())
+
+
+def test_a_model_beside_the_job_is_found_again_from_another_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The job of a batch of sets is read anew, and a model in YAML with it."""
+    (tmp_path / "toy_beside_its_job.py").write_text("from toy_model import Toy\n")
+    population = read_search(job() | {"model": "toy_beside_its_job:Toy"}, tmp_path).fit.population()
+    constants = {"kick": 1.0, "stiffness": 5.0}
+    population.prepared({})
+    monkeypatch.delitem(sys.modules, "toy_beside_its_job")
+    batch = population.middle_job({}, constants, 3)
+    assert batch is not None
+    assert (batch.design.n_rows, batch.folder) == (3, tmp_path)
 
 
 @pytest.mark.parametrize("name", ["kick", "why", "miss_speed", "speed_half", "1st"])

@@ -280,6 +280,10 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
         {"top": {"run": {"kind": "return_map", "crossings": 3}}},
         "run.kind is return_map",
     ),
+    "a duration that follows a parameter": (
+        {"top": {"run": {"kind": "fixed_time", "duration": "4 + x_1"}}},
+        'sensitivity.parameters.x_1 differs between rows, but the job has the expression "4+x_1"',
+    ),
 }
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import pickle
 from pathlib import Path
@@ -90,12 +91,29 @@ def test_resolved_is_the_same_job_again(tmp_path: Path) -> None:
     assert job.resolved(engine="kernel")["engine"]["name"] == "kernel"
 
 
-@pytest.mark.parametrize("name", ["waist_quadruped_basins", "multilegged_source_place"])
-def test_a_resolved_job_has_the_same_hash(name: str) -> None:
+@pytest.mark.parametrize(
+    ("name", "formulas"),
+    [
+        ("waist_quadruped_basins", True),
+        ("multilegged_source_place", True),
+        ("planar_quadruped_ramp", True),
+        ("lorenz", False),  # b is "8/3" by default, which names nothing
+        ("ring_hopper", False),
+        ("compass_walker_pushes", False),
+        ("henon_atlas", False),
+    ],
+)
+def test_a_resolved_job_has_the_same_hash(name: str, formulas: bool) -> None:
     """Formulas among a model's defaults too, which are written with spaces."""
-    job = load_job(Path(__file__).parents[2] / "sweeps" / f"{name}.yaml")
-    assert any(isinstance(value, str) and " " in value for value in job.resolved()["params"].values())
-    assert Job(**job.resolved()).hash() == job.hash()
+    job = load_job(f"builtin:{name}")
+    params = job.resolved()["params"]
+    assert any(isinstance(value, str) and " " in value for value in params.values()) == formulas
+    assert Job(**json.loads(json.dumps(job.resolved()))).hash() == job.hash()
+
+
+def test_a_default_and_the_same_value_in_the_job_give_the_same_hash() -> None:
+    fields = {"name": "lorenz", "model": "gaitsweep.examples.lorenz:Lorenz", "run": {"kind": "settle"}}
+    assert Job(**fields, params={"b": 8.0 / 3.0}).hash() == Job(**fields).hash()
 
 
 def test_a_ramp_starts_at_its_path_and_takes_formulas_along() -> None:

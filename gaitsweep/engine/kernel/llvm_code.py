@@ -3,7 +3,7 @@
 A stage of a kernel is straight-line Python with up to a thousand statements, of which each expression becomes
 an instruction directly. The language is that of `source.PYTHON`: assignments to names and to elements of one
 flat array, arithmetic, single comparisons, `a if c else b`, calls of functions of numbers, and `if any(c)`
-with `else`, in which names are not defined for later.
+with `else`; a name that a branch assigns has no value after it.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import ctypes
 import functools
 import math
 from collections.abc import Callable, Iterator
-from typing import Any
+from typing import Any, Literal
 
 import llvmlite.binding as llvm
 from llvmlite import ir
@@ -27,13 +27,22 @@ VOID = ir.VoidType()
 ARRAY = DOUBLE.as_pointer()
 _SINGLE = ir.FloatType()
 _FLAG = ir.IntType(1)
-# methods of LLVM's builder by Python's operator, for numbers, flags and whole numbers
-_OF_NUMBERS = {ast.Add: "fadd", ast.Sub: "fsub", ast.Mult: "fmul", ast.Div: "fdiv"}
-_OF_FLAGS = {ast.BitAnd: "and_", ast.BitOr: "or_"}
-_OF_WHOLE_NUMBERS = {ast.Add: "add", ast.Sub: "sub", ast.Mult: "mul"}
-_OPERATORS = {*_OF_NUMBERS, *_OF_FLAGS, ast.Pow}
-_ALLOWED_LINES = "assignments to a name or an element, and `if any(...)` with `else`"
-_ALLOWED_EXPRESSIONS = "names, numbers, arithmetic, a comparison of two, `a if c else b`, elements and calls"
+_Kind = Literal["number", "whole number", "flag", "array"]
+# methods of LLVM's builder by the kind of both operands and Python's operator
+_OPERATORS: dict[_Kind, dict[type, str]] = {
+    "number": {ast.Add: "fadd", ast.Sub: "fsub", ast.Mult: "fmul", ast.Div: "fdiv", ast.Pow: "pow"},
+    "whole number": {ast.Add: "add", ast.Sub: "sub", ast.Mult: "mul"},
+    "flag": {ast.BitAnd: "and_", ast.BitOr: "or_"},
+    "array": {},
+}
+# what LLVM may assume of them: the sign of zero does not count; sums of whole numbers do not overflow
+_ASSUMED: dict[_Kind, tuple[str, ...]] = {"number": ("nsz",), "whole number": ("nsw",), "flag": ()}
+_ALLOWED_LINES = "numbers assigned to elements, values to names, and `if any(...)` of a flag with `else`"
+_ALLOWED_EXPRESSIONS = (
+    "names with a value, literals, + - * / ** of two numbers of one precision and - of one, + - * of whole "
+    "numbers, & | `not` of flags, one comparison of two numbers or flags, `a if flag else b` of these, "
+    "elements of the array at a whole number, and calls of functions of numbers"
+)
 _COMPARISONS = {ast.Lt: "<", ast.LtE: "<=", ast.Eq: "==", ast.NotEq: "!="}
 # LLVM's own functions by ours, which take vectors too; all others take one number at a time
 _INTRINSICS = {
@@ -45,6 +54,13 @@ _INTRINSICS = {
     "fma": "fma",
 }
 _OF_VECTORS = {*_INTRINSICS.values()}
+# numbers of arguments of all functions; a name that is none of them would crash the process when it is called
+_ARGUMENTS = {
+    **dict.fromkeys(("abs", "floor32", "floor64", "sqrt32", "sqrt64", "float32", "float64"), 1),
+    **{f"math.{name}": 1 for name in ("log", "log1p", "expm1", "asinh", "acosh", "atanh", "erf", "erfc")},
+    **dict.fromkeys(("fma", "philox0", "philox1"), 3),
+}
+_ALLOWED_CALLS = ", ".join(f"{name} of {count}" for name, count in _ARGUMENTS.items())
 
 
 def add_function(module: ir.Module, source: str, lanes: int = 1) -> ir.Function:
@@ -181,7 +197,15 @@ def _align_stack(builder: Any, lanes: int) -> None:
 
 
 class _Writer:
-    """Writer of the instructions of one function at its call."""
+    """Translator of a function's lines to instructions, which are written where `builder` stands.
+
+    `names` has the values of arguments and of names that the lines so far assigned.
+
+    Args:
+        builder: the builder of the function's instructions.
+        lanes: numbers in a vector.
+        arguments: the values of the function's arguments by name.
+    """
 
     def __init__(self, builder: Any, lanes: int, arguments: dict[str, Any]) -> None:
         self.builder = builder
@@ -205,11 +229,19 @@ class _Writer:
                 case ast.Assign(targets=[ast.Name(id=name)], value=value):
                     self.names[name] = self.value(value)
                 case ast.Assign(targets=[ast.Subscript() as place], value=value):
+                    stored = self.value(value)
+                    if self._kind(stored) != "number":
+                        raise _not_lowered("line", line, _ALLOWED_LINES)
                     # a vector need not begin at a multiple of its size
-                    self.builder.store(self._double(self.value(value)), self._element(place), align=8)
-                case ast.If(test=ast.Call(func=ast.Name(id="any"), args=[flag]), body=yes, orelse=no):
-                    self._branch(self.value(flag), yes, no)
-                case ast.Expr(value=ast.Call(func=ast.Name(id="barrier"))):
+                    self.builder.store(self._double(stored), self._element(place), align=8)
+                case ast.If(
+                    test=ast.Call(func=ast.Name(id="any"), args=[test], keywords=[]), body=yes, orelse=no
+                ):
+                    flag = self.value(test)
+                    if self._kind(flag) != "flag":
+                        raise _not_lowered("expression", line.test, _ALLOWED_LINES)
+                    self._branch(flag, yes, no)
+                case ast.Expr(value=ast.Call(func=ast.Name(id="barrier"), args=[], keywords=[])):
                     self._barrier()
                 case ast.Pass():
                     pass
@@ -228,33 +260,47 @@ class _Writer:
                 return INDEX(known)
             case ast.Constant(value=float() as known):
                 return self._constant(self.double, known)
-            case ast.UnaryOp(op=ast.USub(), operand=operand):
+            case ast.UnaryOp(op=ast.USub() | ast.Not() as op, operand=operand):
                 inner = self.value(operand)
-                return builder.fneg(inner)
-            case ast.UnaryOp(op=ast.Not(), operand=operand):
-                return builder.not_(self.value(operand))
-            case ast.BinOp(left=left, op=op, right=right) if type(op) in _OPERATORS:
-                return self._combined(type(op), self.value(left), self.value(right))
+                negation = {"number": ast.USub, "flag": ast.Not}.get(self._kind(inner))
+                if negation is type(op):
+                    return builder.fneg(inner) if negation is ast.USub else builder.not_(inner)
+            case ast.BinOp(left=left, op=op, right=right):
+                operands = self.value(left), self.value(right)
+                kind = self._common_kind(*operands)
+                if kind is not None and type(op) in _OPERATORS[kind]:
+                    return self._combined(kind, _OPERATORS[kind][type(op)], *operands)
             case ast.Compare(left=left, ops=[op], comparators=[right]) if type(op) in _COMPARISONS:
-                return self._compared(_COMPARISONS[type(op)], self.value(left), self.value(right))
+                operands = self.value(left), self.value(right)
+                if self._common_kind(*operands) in ("number", "flag"):
+                    return self._compared(_COMPARISONS[type(op)], *operands)
             case ast.IfExp(test=test, body=yes, orelse=no):
-                return builder.select(self.value(test), self.value(yes), self.value(no))
+                flag, *choices = self.value(test), self.value(yes), self.value(no)
+                if self._kind(flag) == "flag" and self._common_kind(*choices) in ("number", "flag"):
+                    return builder.select(flag, *choices)
             case ast.Subscript():
                 return builder.load(self._element(node), align=8)
-            case ast.Call(func=function, args=args):
-                return self._called(ast.unparse(function), [self.value(a) for a in args])
+            case ast.Call():
+                return self._called(node)
         raise _not_lowered("expression", node, _ALLOWED_EXPRESSIONS)
 
-    def _combined(self, op: type, left: Any, right: Any) -> Any:
-        """The instruction of an operator between two values, by their type."""
-        if op in _OF_FLAGS:
-            return getattr(self.builder, _OF_FLAGS[op])(left, right)
-        if left.type == INDEX:
-            return getattr(self.builder, _OF_WHOLE_NUMBERS[op])(left, right, flags=("nsw",))
-        if op is ast.Pow:
-            return self._call("pow", [left, right])
-        # the sign of zero may be ignored
-        return getattr(self.builder, _OF_NUMBERS[op])(left, right, flags=("nsz",))
+    def _kind(self, value: Any) -> _Kind:
+        """The kind of a value, by its type."""
+        if value.type in (self.double, self.single):
+            return "number"
+        if value.type == self.flag:
+            return "flag"
+        return "whole number" if value.type == INDEX else "array"
+
+    def _common_kind(self, first: Any, second: Any) -> _Kind | None:
+        """The kind of two values of one type, which for numbers includes their precision; else None."""
+        return self._kind(first) if first.type == second.type else None
+
+    def _combined(self, kind: _Kind, operator: str, left: Any, right: Any) -> Any:
+        """The instruction of an operator between two values of a kind."""
+        if operator == "pow":
+            return self._call(operator, [left, right])
+        return getattr(self.builder, operator)(left, right, flags=_ASSUMED[kind])
 
     def _compared(self, sign: str, left: Any, right: Any) -> Any:
         """The instruction of a comparison of two values."""
@@ -264,8 +310,15 @@ class _Writer:
         ordered = self.builder.fcmp_unordered if sign == "!=" else self.builder.fcmp_ordered
         return ordered(sign, left, right)
 
-    def _called(self, name: str, args: list[Any]) -> Any:
+    def _called(self, node: ast.Call) -> Any:
         """The instructions of a call of a function of numbers."""
+        name = ast.unparse(node.func)
+        if node.keywords or _ARGUMENTS.get(name) != len(node.args):
+            raise _not_lowered("expression", node, _ALLOWED_CALLS)
+        args = [self.value(arg) for arg in node.args]
+        one_type = name.startswith("philox") or all(arg.type == args[0].type for arg in args)
+        if not one_type or any(self._kind(arg) != "number" for arg in args):
+            raise _not_lowered("expression", node, _ALLOWED_CALLS)
         if name == "float32":
             return self.builder.fptrunc(args[0], self.single) if args[0].type == self.double else args[0]
         if name == "float64":
@@ -290,12 +343,15 @@ class _Writer:
     def _branch(self, flag: Any, yes: list[ast.stmt], no: list[ast.stmt]) -> None:
         """Write the lines `yes` where the flag of some lane is true, and the lines `no` where none is."""
         before = self.names
+        assigned: set[str] = set()
         with self.builder.if_else(some_lane(self.builder, flag)) as (then, otherwise):
             for branch, lines in ((then, yes), (otherwise, no)):
                 self.names = dict(before)
                 with branch:
                     self.body(lines)
-        self.names = before
+                assigned |= {name for name, value in self.names.items() if value is not before.get(name)}
+                assigned |= before.keys() - self.names.keys()  # which a branch inside this one assigned
+        self.names = {name: value for name, value in before.items() if name not in assigned}
 
     def _barrier(self) -> None:
         """Elements that are loaded after this line are loaded again, and none is stored later."""
@@ -306,8 +362,10 @@ class _Writer:
         return self.builder.fpext(value, self.double) if value.type == self.single else value
 
     def _element(self, node: ast.Subscript) -> Any:
-        assert isinstance(node.value, ast.Name)
-        place = self.builder.gep(self.names[node.value.id], [self.value(node.slice)])
+        array, index = self.value(node.value), self.value(node.slice)
+        if array.type != ARRAY or index.type != INDEX:
+            raise _not_lowered("expression", node, _ALLOWED_EXPRESSIONS)
+        place = self.builder.gep(array, [index])
         return place if self.lanes == 1 else self.builder.bitcast(place, self.double.as_pointer())
 
 
