@@ -350,7 +350,8 @@ def add_without_gait(
 def _lands_within(rows: pd.DataFrame, columns: Sequence[str]) -> Bool[np.ndarray, " rows"]:
     """Mask of rows in which the last stance of a foot is longer than its last stride."""
     duties = rows[[_duty_of(column) for column in columns]].to_numpy(float)
-    return (np.isnan(duties) & rows[list(columns)].notna().to_numpy()).any(axis=1)
+    strides = rows[list(columns)].to_numpy(float)
+    return np.any(np.isnan(duties) & ~np.isnan(strides), axis=1)
 
 
 def _settled_without_gait(part: pd.DataFrame, feet: Mapping[str, str]) -> tuple[Any, list[str]]:

@@ -54,8 +54,8 @@ def orbit(
     y: Observed,
     hue: Annotated[
         Literal["gait", "status"] | None,
-        "gait or status: what colours the points; by default the gait where settled rows have several, or one "
-        "with a colour of the style",
+        "gait or status: what colours the points; by default the gait where settled rows have several, or "
+        "one with a colour of the style",
     ] = None,
     title: Title = None,
 ) -> Figure:
