@@ -266,7 +266,7 @@ def test_a_row_without_a_trace_is_simulated_again(tmp_path: Path, run: dict[str,
     motion = read_motion(tmp_path / "rows", 0)
     last = float(np.max(table[end].to_numpy(float)))
     assert motion.t[-1] == pytest.approx(last, abs=motion.period / 64)
-    assert motion.t[-1] - motion.t[0] == pytest.approx(4 * motion.period, rel=0.02)
+    assert motion.t[-1] - motion.t[0] == pytest.approx(4 * motion.cycle, rel=0.02)
     assert motion.gait == "direct"
     if run["kind"] == "settle":
         alone = gs.simulate("multilegged", **start, duration=last, every=motion.period / 640)
