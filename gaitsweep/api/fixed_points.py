@@ -106,8 +106,7 @@ class FixedPointsOfModel(abc.ABC):
         Args:
             x: start points of the searches.
             fix: conserved quantities that are held; all of `conserved` by default.
-            tolerance: residual of a fixed point, relative to the size of each coordinate, above 0; with step
-                control a search also ends where its residual, below 100 `rtol`, no longer falls.
+            tolerance: residual of a fixed point, relative to the size of each coordinate, above 0.
             most: Newton steps, 1 or more.
 
         Returns:

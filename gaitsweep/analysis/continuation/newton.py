@@ -17,9 +17,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from gaitsweep import near_miss
-from gaitsweep.engine.numerics import tolerance_scale
 from gaitsweep.engine.poincare.maps import (
-    DerivedMap,
     Map,
     MapEvaluation,
     Points,
@@ -28,7 +26,6 @@ from gaitsweep.engine.poincare.maps import (
     sizes,
     wrap_difference,
 )
-from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.errors import ArgumentError
 from gaitsweep.status import ResultCode
 
@@ -41,12 +38,6 @@ HALVINGS = 6
 SINGULAR = 1e11
 # Factor by which an accepted step may raise the residual.
 PATIENCE = 4.0
-
-
-# Under a method with step control an image changes by some multiples of the relative tolerance where the
-# number of steps does. A search has converged where its residual is below this multiple and a step no longer
-# halves it.
-NOISE = 100.0
 
 
 class NewtonOutcome(ResultCode):
@@ -220,7 +211,6 @@ class _Search:
     ) -> None:
         self.mapping, self.values, self.tolerance = mapping, values, tolerance
         self.halvings = halvings
-        self.noise = _noise(mapping)
         self.points, self.images = starts, mapping.linearised(starts, values)
         self.constraints = ConservedConstraints.of(mapping, fix, self.images.conserved_values)
         n = len(starts)
@@ -233,7 +223,6 @@ class _Search:
     def step(self, rows: Searches) -> None:
         """One Newton step of the searches `rows`, each shortened until the map is defined at its end."""
         self.iterations[rows] += 1
-        before = self.residual.copy()
         step, _ = self._next_steps(rows)
         for halvings in range(self.halvings + 1):
             if not rows.size:
@@ -241,20 +230,18 @@ class _Search:
             accepted = self._accept(rows, 0.5**halvings * step, last=halvings == self.halvings)
             rows, step = rows[~accepted], step[~accepted]
         self.outcome[rows] = NewtonOutcome.left
-        self._mark_converged((self.residual <= self.noise) & (self.residual > 0.5 * before))
+        self._mark_converged()
 
     def mark_singular(self) -> None:
         """Mark unconverged searches with singular equations, as near points fixed but for a drift."""
         rows = np.flatnonzero(self.outcome == NewtonOutcome.not_converged)
         self.outcome[rows[~self._regular(rows)]] = NewtonOutcome.singular
 
-    def _mark_converged(self, within_noise: Bool[np.ndarray, " points"] | bool = False) -> None:
-        """Mark searches at a fixed point as converged, or as singular where it is not isolated.
-
-        `within_noise` are those whose residual is the error of integration.
-        """
-        is_fixed = (self.residual <= self.tolerance) | within_noise
-        rows = np.flatnonzero((self.outcome == NewtonOutcome.not_converged) & is_fixed)
+    def _mark_converged(self) -> None:
+        """Mark searches at a fixed point as converged, or as singular where it is not isolated."""
+        rows = np.flatnonzero(
+            (self.outcome == NewtonOutcome.not_converged) & (self.residual <= self.tolerance)
+        )
         self.outcome[rows] = np.where(self._regular(rows), NewtonOutcome.converged, NewtonOutcome.singular)
 
     def _regular(self, rows: Searches) -> Bool[np.ndarray, " searches"]:
@@ -287,15 +274,6 @@ class _Search:
             self.images = self.images.merged(advanced, images)
             self.drift[advanced], self.residual[advanced] = drift[accepted], norm[accepted]
         return accepted
-
-
-def _noise(mapping: Map) -> float:
-    """The residual that the integration of a map leaves at a fixed point; 0 for steps of fixed length."""
-    while isinstance(mapping, DerivedMap):
-        mapping = mapping.base
-    if not isinstance(mapping, BatchedReturnMap) or not mapping.integration.adaptive:
-        return 0.0
-    return NOISE * mapping.integration.rtol * tolerance_scale(mapping.integration.factor)
 
 
 def _steps(
