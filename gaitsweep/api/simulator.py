@@ -103,8 +103,8 @@ def simulator(
 
     Raises:
         ArgumentError: the job varies something, its run has several records for a row, an expression under
-            `run` or `numerics` follows a parameter, a parameter is unknown, a column is unknown or holds
-            texts, or one of them is named twice or none is named.
+            `run`, `numerics` or `figures` follows a parameter, a parameter is unknown, a column is unknown or
+            holds texts, or one of them is named twice or none is named.
         JobError: an error in the job.
 
     Example:

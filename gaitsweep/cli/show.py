@@ -14,13 +14,7 @@ from rich.table import Table
 from gaitsweep.contract import Model, Quantity
 from gaitsweep.runs.sentences import (
     DESCRIBED,
-    MISLABELLED,
-    STARTS_BEYOND,
-    UNEVEN_STRIDES,
-    WITHOUT_GAIT,
-    WITHOUT_PERIOD,
-    WITHOUT_START,
-    WITHOUT_STRIDES,
+    REMARKS,
     axes,
     plain,
     remarks,
@@ -36,17 +30,7 @@ from gaitsweep.table.parquet_parts import PARTS
 if TYPE_CHECKING:
     from gaitsweep.runs.estimate import Estimate
 
-# Entries of a manifest that are remarks.
 _MODEL_FILES = (".yaml", ".yml")  # of a body in an MJCF and its controller
-_REMARKS = (
-    MISLABELLED,
-    STARTS_BEYOND,
-    UNEVEN_STRIDES,
-    WITHOUT_GAIT,
-    WITHOUT_PERIOD,
-    WITHOUT_START,
-    WITHOUT_STRIDES,
-)
 # Entries of a manifest that other lines have, or that no reader needs.
 _NOT_LISTED = {
     "rows", "counts", "complete", "periods", "quantities", "job", "figures_drawn", "program", "sha256",
@@ -218,7 +202,7 @@ def _of_manifest(manifest: Mapping[str, Any]) -> dict[str, str]:
                 lines[key] = gaits_of_sound_rows(value, manifest["rows"])
         elif key == "findings" and isinstance(value, list):
             lines |= {key if number == 0 else " " * number: text for number, text in enumerate(value)}
-        elif key in _REMARKS:
+        elif key in REMARKS:
             lines[key.replace("_", " ")] = " ".join(remarks({key: value}))
         elif key == "self_check" and isinstance(value, dict):
             lines["self-check"] = self_check_sentence(value).removeprefix("Self-check: ")

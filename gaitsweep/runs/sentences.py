@@ -21,6 +21,9 @@ UNEVEN_STRIDES = "uneven_strides"  # settled rows of no gait of which a foot lan
 WITHOUT_GAIT = "without_gait"  # other settled rows of no gait, by the reason
 NO_STRIDE, SEVERAL, OTHER_LAGS = "no_stride", "several", "other_lags"
 WITHOUT_PERIOD = "without_period"  # rows whose nominal period is not a positive time
+REMARKS = (
+    MISLABELLED, STARTS_BEYOND, UNEVEN_STRIDES, WITHOUT_GAIT, WITHOUT_PERIOD, WITHOUT_START, WITHOUT_STRIDES,
+)  # fmt: skip
 # Words about several rows, and those about one.
 _OF_ONE = {"their": "its", "rest": "rests", "lie": "lies", "are": "is"}
 _MOST_VALUES = 4  # of a row that a sentence names

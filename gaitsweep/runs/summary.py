@@ -11,7 +11,7 @@ from typing import Any
 import jax
 import numpy as np
 import pandas as pd
-from jaxtyping import Bool
+from jaxtyping import Bool, Float
 
 from gaitsweep import models
 from gaitsweep.contract import Model
@@ -312,10 +312,10 @@ def add_uneven_strides(
     rows, columns = _settled_without_gait(part, feet)
     rows = rows[(rows["attractor_period"] == 1) & rows[columns].notna().all(axis=1)]
     strides = rows[columns].to_numpy(float)
+    repeated = _are_uneven(strides) | _lands_within(rows, columns)
     shortest = np.argmin(strides, axis=1)
     for k, column in enumerate(columns):
-        is_shorter = (strides[:, k] < (1.0 - TOGETHER) * strides.max(axis=1)) | _lands_within(rows, columns)
-        is_short = (shortest == k) & is_shorter
+        is_short = (shortest == k) & repeated
         if not is_short.any():
             continue
         contacts = strides[is_short, k] * rows[_duty_of(column)].to_numpy(float)[is_short]
@@ -333,9 +333,7 @@ def add_without_gait(
     rows, columns = _settled_without_gait(part, feet)
     strides = rows[columns].to_numpy(float)
     no_stride = np.isnan(strides).any(axis=1)
-    uneven = ~no_stride & (
-        (1.0 - TOGETHER) * strides.max(axis=1, initial=0.0) > strides.min(axis=1, initial=np.inf)
-    )
+    uneven = ~no_stride & _are_uneven(strides)
     masks = {
         NO_STRIDE: no_stride,
         SEVERAL: uneven & (rows["attractor_period"] != 1).to_numpy(bool),
@@ -345,6 +343,11 @@ def add_without_gait(
         if mask.any():
             known = without_gait.setdefault(reason, {"rows": 0, "row": int(rows["row"].to_numpy()[mask][0])})
             known["rows"] += int(np.count_nonzero(mask))
+
+
+def _are_uneven(strides: Float[np.ndarray, "rows feet"]) -> Bool[np.ndarray, " rows"]:
+    """Mask of rows whose strides differ by more than those of legs that step together."""
+    return strides.min(axis=1, initial=np.inf) < (1.0 - TOGETHER) * strides.max(axis=1, initial=0.0)
 
 
 def _lands_within(rows: pd.DataFrame, columns: Sequence[str]) -> Bool[np.ndarray, " rows"]:

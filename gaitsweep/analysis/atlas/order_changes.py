@@ -270,7 +270,7 @@ def _numbered(names: list[str]) -> list[tuple[str, int]]:
 def with_order_changes(branches: Sequence[Branch]) -> list[Branch]:
     """Branches whose records have their `events`, with a record for each change of the order of events.
 
-    Records of an earlier run and those that have `events` stay as they are.
+    Records that have `events` already stay as they are.
     """
     marked = list(branches)
     for number, events in _events_of_new_records(branches).items():

@@ -178,7 +178,7 @@ def why_no_jump(table: pd.DataFrame, observable: str, parameter: str, least: flo
     if irregular == passes:
         return f"No pass follows a branch of {observable}: all {passes} jump to and fro."
     if least is None and "stair" in table.columns:
-        rule = "is large beside its neighbours and changes the gait, or is large in the range of all rows"
+        rule = "is four times as large as those beside it and changes the gait or a twentieth of the range"
     else:
         rule = f"is {LEAST_JUMP if least is None else least:g} or more, and four times as large as usual"
     left_out = f" {irregular} of {passes} passes jump to and fro, and are left out." if irregular else ""

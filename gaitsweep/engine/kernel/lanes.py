@@ -133,17 +133,17 @@ def _in_batches(of_batch: Callable[[Columns, Columns], Any]) -> Callable[[Column
         rows = len(next(iter(values.values())))
         parts = []
         for first in range(0, max(rows, 1), _BATCH):
-
-            def batch(column: np.ndarray, first: int = first) -> np.ndarray:
-                """The next rows of a column; the last ones are repeated, and none is filled up with zeros."""
-                return np.resize(column[first : first + _BATCH], (_BATCH, *column.shape[1:]))
-
             with jax.default_device(host_device()):
-                columns = jax.tree.map(batch, (dict(values), dict(starts)))
+                columns = jax.tree.map(partial(_batch, first=first), (dict(values), dict(starts)))
                 parts.append(jax.device_get(of_batch(*columns)))
         return jax.tree.map(lambda *arrays: np.concatenate(arrays)[:rows], *parts)
 
     return of_rows
+
+
+def _batch(column: Real[np.ndarray, "rows ..."], *, first: int) -> Real[np.ndarray, "batch ..."]:
+    """The rows of a column from `first` on; the last ones are repeated, and none is filled up with zeros."""
+    return np.resize(column[first : first + _BATCH], (_BATCH, *column.shape[1:]))
 
 
 # one program for all recorders: the rest of a body on the ground compiles for longer than all the others

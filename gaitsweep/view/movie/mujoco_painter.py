@@ -80,7 +80,7 @@ def _staged(mjcf: str, square: float) -> mujoco.MjModel:
 
 
 def _shown() -> mujoco.MjvOption:
-    """What MuJoCo's viewer shows, without sites: zones of sensors look like feet, and hide the feet."""
+    """The options of MuJoCo's viewer, without sites: zones of sensors look like feet, and hide the feet."""
     shown = mujoco.MjvOption()
     shown.sitegroup[:] = 0
     return shown
