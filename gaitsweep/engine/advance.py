@@ -54,8 +54,8 @@ from gaitsweep.engine.trial_step import (
     Checks,
     Drive,
     EventSearch,
-    Precomputed,
     Scheme,
+    StepFunctions,
     StepLengths,
     Trial,
     check_step,
@@ -74,7 +74,7 @@ def advance(
     *,
     drive: Drive | None = None,
     sensitivities: bool = False,
-    precomputed: Precomputed | None = None,
+    functions: StepFunctions | None = None,
 ) -> Advance:
     """The function of one attempt, `(params, carry) -> carry`.
 
@@ -85,7 +85,7 @@ def advance(
             jumps those at its end.
         sensitivities: include the derivative of event times in forward-mode derivatives: each event time is
             corrected to first order, t_e - g/g', by a term of value zero.
-        precomputed: the step and its rates, if they are computed beforehand.
+        functions: those of a step, by default of the model and the method.
 
     Raises:
         ArgumentError: sensitivities are requested, and the method takes steps of fixed length.
@@ -93,8 +93,8 @@ def advance(
     steps = fixed_step_scheme(numerics.method, model)
     if steps is None:
         hybrid = cast(HybridModel, model)  # another model has only its own steps
-        scheme = Scheme.of(
-            hybrid, numerics, drive=drive, sensitivities=sensitivities, precomputed=precomputed
+        scheme = Scheme(
+            hybrid, numerics, functions or StepFunctions.of(hybrid, numerics), drive, sensitivities
         )
         return lambda params, carry: _attempt(scheme, params, carry)
     if sensitivities and not steps.is_return_map:

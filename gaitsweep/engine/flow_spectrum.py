@@ -11,7 +11,7 @@ import jax
 import jax.flatten_util
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Inexact
+from jaxtyping import Array, Bool, Complex, Float, Inexact
 
 from gaitsweep.contract import HybridModel, Params, State
 from gaitsweep.engine.content import cached_by_content
@@ -34,11 +34,11 @@ def flow_eigenvalues(model: HybridModel, params: Params, state: State) -> Inexac
 
     Args:
         model: a model, whose flow is linearised at the state.
-        params, state: its parameters and a state.
+        params: its parameters.
+        state: a state.
     """
     matrix = jax.jit(lambda flags: _matrix(model, params, _with_flags(state, flags)))
-    combinations = itertools.product((False, True), repeat=len(_flags_of(state)))
-    return np.array([np.linalg.eigvals(np.asarray(matrix(jnp.array(flags, bool)))) for flags in combinations])
+    return np.array([np.linalg.eigvals(np.asarray(matrix(flags))) for flags in _combinations(model)])
 
 
 def decay_per_period(
@@ -46,16 +46,15 @@ def decay_per_period(
 ) -> float:
     """The fastest rate at which a motion of the flow decays at the starts of some rows, in nominal periods.
 
+    It is 0 if no motion decays; matrices and periods that are not finite are left out.
+
     Args:
         model: the model.
         values, starts: the parameters and the initial conditions of the rows, (n,) each.
     """
-    matrices, periods = _in_all_modes(model, values, starts)
-    finite = np.all(np.isfinite(matrices), axis=(1, 2)) & np.isfinite(periods)
-    if not finite.any() or matrices.shape[-1] == 0:
-        return 0.0
-    rates = -np.linalg.eigvals(matrices[finite]).real
-    return float(np.max(rates.max(axis=1) * periods[finite]))
+    eigenvalues, periods = _eigenvalues_of_rows(model, values, starts)
+    rates = -eigenvalues.real * periods[:, None, None]
+    return float(np.max(rates, initial=0.0, where=np.isfinite(rates)))
 
 
 def fastest_rates(
@@ -69,38 +68,38 @@ def fastest_rates(
         model: the model.
         values, starts: the parameters and the initial conditions of the rows, (n,) each.
     """
-    rows = len(next(iter(values.values())))
-    rates = np.full(rows, np.nan)
-    periods = np.empty(rows)
-    # the matrices of all combinations of flags are in memory, with all that they are computed from
-    at_a_time = max(1, _MODES_AT_A_TIME >> min(counts_of_state(model)[1], MAX_FLAGS))
-    for first in range(0, rows, at_a_time):
-        part = range(first, min(first + at_a_time, rows))
-        columns = [{name: column[part] for name, column in group.items()} for group in (values, starts)]
-        matrices, of_modes = _in_all_modes(model, *columns)
-        modes = len(of_modes) // len(part)
-        for place, row in enumerate(part):
-            of_row = matrices[place * modes : (place + 1) * modes]
-            periods[row] = of_modes[place * modes]
-            if np.all(np.isfinite(of_row)):
-                rates[row] = np.max(np.abs(np.linalg.eigvals(of_row)), initial=0.0)
-    return rates, periods
+    eigenvalues, periods = _eigenvalues_of_rows(model, values, starts)
+    return np.max(np.abs(eigenvalues), axis=(1, 2), initial=0.0), periods
 
 
-def _in_all_modes(
+def _combinations(model: HybridModel) -> Bool[np.ndarray, "modes flags"]:
+    """All combinations of the first `MAX_FLAGS` flags of a model's state."""
+    count = min(counts_of_state(model)[1], MAX_FLAGS)
+    return np.array(list(itertools.product((False, True), repeat=count)), bool).reshape(2**count, count)
+
+
+def _eigenvalues_of_rows(
     model: HybridModel, values: Mapping[str, Float[np.ndarray, " rows"]], starts: Mapping[str, Any]
-) -> tuple[Float[np.ndarray, "modes fields fields"], Float[np.ndarray, " modes"]]:
-    """The flow's matrices and the periods (s) of rows, each with all combinations of the flags, in turn."""
-    _, flags = counts_of_state(model)
-    count = min(flags, MAX_FLAGS)
+) -> tuple[Complex[np.ndarray, "rows modes fields"], Float[np.ndarray, " rows"]]:
+    """The eigenvalues (1/s) of rows for all combinations of flags, NaN where unknown, and the periods (s)."""
+    modes = _combinations(model)
     rows = len(next(iter(values.values())))  # every model has a parameter
-    modes = np.array(list(itertools.product((False, True), repeat=count)), bool).reshape(2**count, count)
-    matrices, periods = _matrices_of_rows(model)(
-        {name: np.repeat(column, len(modes)) for name, column in values.items()},
-        {name: np.repeat(column, len(modes)) for name, column in starts.items()},
-        np.tile(modes, (rows, 1)),
-    )
-    return matrices, periods
+    # the matrices of all combinations of flags are in memory, with all that they are computed from
+    at_a_time = max(1, _MODES_AT_A_TIME // len(modes))
+    parts = []
+    for first in range(0, rows, at_a_time):
+        count = min(at_a_time, rows - first)
+        columns = [
+            {name: np.repeat(column[first : first + count], len(modes)) for name, column in group.items()}
+            for group in (values, starts)
+        ]
+        matrices, periods = _matrices_of_rows(model)(*columns, np.tile(modes, (count, 1)))
+        finite = np.all(np.isfinite(matrices), axis=(1, 2))
+        eigenvalues = np.full(matrices.shape[:2], np.nan, complex)
+        eigenvalues[finite] = np.linalg.eigvals(matrices[finite])
+        parts.append((eigenvalues.reshape(count, len(modes), -1), periods[:: len(modes)]))
+    eigenvalues, periods = zip(*parts, strict=True)
+    return np.concatenate(eigenvalues), np.concatenate(periods)
 
 
 @cached_by_content(maxsize=64)
@@ -128,23 +127,16 @@ def _matrix(model: HybridModel, params: Params, state: State) -> Float[Array, "f
     return jax.jacfwd(rates)(flat)
 
 
-def _flags_of(state: State) -> list[tuple[int, int]]:
-    """The first `MAX_FLAGS` flags of a state: the leaf of each, and its place in the flat leaf."""
-    flags = []
-    for i, leaf in enumerate(jax.tree.leaves(state)):
-        if jnp.issubdtype(jnp.result_type(leaf), jnp.bool_):
-            flags += [(i, k) for k in range(int(np.prod(jnp.shape(leaf))))]
-    return flags[:MAX_FLAGS]
-
-
 def _with_flags(state: State, values: Bool[Array, " flags"]) -> State:
-    """A state with other values of its first `MAX_FLAGS` flags."""
+    """A state with other values of its first flags."""
     leaves, tree = jax.tree.flatten(state)
-    for number, (i, k) in enumerate(_flags_of(state)):
-        flat = jnp.ravel(leaves[i])
-        leaves[i] = jnp.concatenate([flat[:k], values[number][None], flat[k + 1 :]]).reshape(
-            jnp.shape(leaves[i])
-        )
+    first = 0
+    for i, leaf in enumerate(leaves):
+        if jnp.issubdtype(jnp.result_type(leaf), jnp.bool_):
+            flat = jnp.ravel(leaf)
+            new = values[first : first + flat.size]
+            leaves[i] = jnp.concatenate([new, flat[new.size :]]).reshape(jnp.shape(leaf))
+            first += flat.size
     return jax.tree.unflatten(tree, leaves)
 
 

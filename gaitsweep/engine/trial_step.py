@@ -22,7 +22,7 @@ from gaitsweep.engine.numerics import (
     ResolvedNumerics,
     tolerance_scale,
 )
-from gaitsweep.engine.solver.methods import METHODS, Method, Step
+from gaitsweep.engine.solver.methods import METHODS, Method
 from gaitsweep.engine.solver.taylor import Expansion, bends_back, first_zero, order_of
 from gaitsweep.engine.switches import may_switch, switches_within
 
@@ -92,17 +92,6 @@ def fitting_change(
     return jnp.where(worst >= 0.0, change, 0.0)
 
 
-def is_accurate(h: Number, change: Number, dt: Number) -> Flag:
-    """Whether a step meets the tolerance on its error; one that does not is rejected and tried shorter.
-
-    Args:
-        h: the length of the step (s).
-        change: its `fitting_change`.
-        dt: the longest step (s); those as short as `MIN_STEP` of it are accepted with any error.
-    """
-    return (change >= SAFETY_FACTOR) | (h <= MIN_STEP * dt)
-
-
 def growing_step(method: Method, carry: Carry, search: EventSearch, *, still: Flag) -> StepLengths:
     """The lengths of the next steps of a method without step control, which grow after an event.
 
@@ -163,12 +152,27 @@ Drive = Callable[[Params, Number], Params]
 
 
 @dataclasses.dataclass(frozen=True)
-class Precomputed:
-    """A step and the rates at its beginning and end, of an attempt that only has to decide on them."""
+class StepFunctions:
+    """The functions of one step.
 
-    step: Step
+    Attributes:
+        step: the step of `Method.step`: an `Estimate` if the method is adaptive, the function that returns an
+            `Expansion` if it is a series, else a `Step`.
+        flow: the rates at the beginning of the step.
+        flow_after: the rates at its end.
+    """
+
+    step: Callable[..., Any]
     flow: Flow
     flow_after: Flow
+
+    @classmethod
+    def of(cls, model: HybridModel, numerics: ResolvedNumerics) -> StepFunctions:
+        """The functions of a model and a method."""
+        method = METHODS[numerics.method]
+        assert method.step is not None
+        step = method.step(model, order_of(numerics.rtol)) if method.series else method.step(model)
+        return cls(step, model.flow, model.flow)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -177,68 +181,34 @@ class Scheme:
 
     Attributes:
         model: the model.
-        numerics: the tolerances.
-        method: the method of `numerics`.
-        order: the power of the step's length with which its error grows.
-        step: the model's step: an `Estimate` if the method is adaptive, the function that returns an
-            `Expansion` if it is a series, else a `Step`.
-        flow: the rates at the beginning of a step.
-        flow_after: the rates at its end.
+        numerics: the method and its tolerances.
+        functions: the functions of a step.
         drive: the parameters at a time (s); None if they are constant.
         sensitivities: whether forward-mode derivatives include those of event times.
-        in_turn: whether guards that fire in the same trial jump one at a time.
     """
 
     model: HybridModel
     numerics: ResolvedNumerics
-    method: Method
-    order: int
-    step: Callable[..., Any]
-    flow: Flow
-    flow_after: Flow
+    functions: StepFunctions
     drive: Drive | None
     sensitivities: bool
-    in_turn: bool
 
-    @classmethod
-    def of(
-        cls,
-        model: HybridModel,
-        numerics: ResolvedNumerics,
-        *,
-        drive: Drive | None,
-        sensitivities: bool,
-        precomputed: Precomputed | None,
-    ) -> Scheme:
-        """The scheme of an attempt.
+    @property
+    def method(self) -> Method:
+        """The method of `numerics`."""
+        return METHODS[self.numerics.method]
 
-        Args:
-            model: the model.
-            numerics: the method and its tolerances.
-            drive: as of `Scheme`.
-            sensitivities: as of `Scheme`.
-            precomputed: the step and its rates, if they are computed beforehand.
-        """
-        method = METHODS[numerics.method]
-        assert method.step is not None
-        order = order_of(numerics.rtol) if method.series else ORDER - 1
-        if precomputed is None:
-            step = method.step(model, order) if method.series else method.step(model)
-            precomputed = Precomputed(step, model.flow, model.flow)
+    @property
+    def order(self) -> int:
+        """The power of the step's length with which its error grows."""
+        return order_of(self.numerics.rtol) if self.method.series else ORDER - 1
+
+    @property
+    def in_turn(self) -> bool:
+        """Whether guards that fire in the same trial jump one at a time."""
         # independent jumps need their turns only for the derivative of each one's event time
-        in_turn = model.simultaneous == "in_turn" or (model.simultaneous == "independent" and sensitivities)
-        return cls(
-            model=model,
-            numerics=numerics,
-            method=method,
-            order=order,
-            step=precomputed.step,
-            flow=precomputed.flow,
-            flow_after=precomputed.flow_after,
-            drive=drive,
-            sensitivities=sensitivities,
-            in_turn=in_turn,
-        )
+        simultaneous = self.model.simultaneous
+        return simultaneous == "in_turn" or (simultaneous == "independent" and self.sensitivities)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -342,9 +312,9 @@ def try_step(scheme: Scheme, params: Params, carry: Carry, h: Number, finest: Nu
     if scheme.method.series:
         return _try_series(scheme, carry, h, finest, within, at_end)
     if not scheme.method.adaptive:
-        end = scheme.step(within, carry.state, h)
+        end = scheme.functions.step(within, carry.state, h)
         return Trial(h, within, at_end, end, change=None, planned=h)
-    end, error = scheme.step(within, carry.state, h)
+    end, error = scheme.functions.step(within, carry.state, h)
     change = fitting_change(error, carry, end, scheme.numerics, scheme.order)
     return Trial(h, within, at_end, end, change, planned=h)
 
@@ -354,7 +324,7 @@ def _try_series(
 ) -> Trial:
     """The trial of a step of Taylor's method, which ends at its first event."""
     model = scheme.model
-    expansion: Expansion = scheme.step(within, carry.state, longest)
+    expansion: Expansion = scheme.functions.step(within, carry.state, longest)
     smooth = not may_switch(model, within, carry.state)
     # events are searched between few points of a step whose polynomials do not hold throughout
     few_points = carry.dt * (MIN_STEPS_PER_PERIOD / DEFAULT_STEPS_PER_PERIOD)
@@ -367,7 +337,7 @@ def _try_series(
     h = jnp.minimum(planned, root)
     bends = bends_back(guards, h)
     end = expansion.at(carry.state, h)
-    error = expansion.error(h, None if smooth else scheme.flow_after(at_end, end))
+    error = expansion.error(h, None if smooth else scheme.functions.flow_after(at_end, end))
     change = fitting_change(error, carry, end, scheme.numerics, scheme.order)
     series = SeriesStep(expansion, guards, bends, near_time, smooth)
     return Trial(h, within, at_end, end, change, planned, series)
@@ -384,7 +354,9 @@ def check_step(scheme: Scheme, carry: Carry, trial: Trial, going: Flag) -> Check
     """
     h = trial.h
     change = trial.change
-    accurate = jnp.asarray(True) if change is None else is_accurate(h, change, carry.dt)
+    accurate = jnp.asarray(True)
+    if change is not None:
+        accurate = (change >= SAFETY_FACTOR) | (h <= MIN_STEP * carry.dt)
     guards, slopes, leaving = _guards_at_end(scheme, carry, trial)
     inaccurate = unlikely(going & ~accurate)
     short = unlikely(h <= CHAIN_STEP * carry.unit)
@@ -410,8 +382,8 @@ def _guards_at_end(scheme: Scheme, carry: Carry, trial: Trial) -> tuple[GuardsAt
     """The guards at the end of a trial, their time derivatives at its beginning, and the rates there."""
     model = scheme.model
     values = model.guards(trial.at_end, trial.end)
-    leaving = scheme.flow(trial.within, carry.state)
-    arriving = scheme.flow_after(trial.at_end, trial.end)
+    leaving = scheme.functions.flow(trial.within, carry.state)
+    arriving = scheme.functions.flow_after(trial.at_end, trial.end)
     slopes = guard_slopes(model, trial.within, carry.state, leaving)
     speed = guard_slopes(model, trial.at_end, trial.end, arriving)
     return GuardsAtEnd(values, values >= 0.0, speed, arriving), slopes, leaving
@@ -442,5 +414,5 @@ def _may_hide(
             hides = hides | series.bends
     ends = (carry.state, trial.end)
     end_rates = (leaving, guards.rates)
-    shows, unseen = switches_within(scheme.flow, trial.within, ends, end_rates, h, inside)
+    shows, unseen = switches_within(scheme.functions.flow, trial.within, ends, end_rates, h, inside)
     return hides | ((h > SWITCH_STEP * carry.unit) & (shows | unseen))

@@ -18,7 +18,7 @@ from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.kernel.program import Program
 from gaitsweep.engine.kernel.trace import Nodes, Tracer
 from gaitsweep.engine.numerics import ResolvedNumerics
-from gaitsweep.engine.sweep.lane import RowDrive
+from gaitsweep.engine.sweep.lane import RowDrive, row_attempt
 
 _EXACT = ("constant", "input", "select")  # operations that do not round
 
@@ -37,15 +37,35 @@ class Leaf:
 
 
 @dataclasses.dataclass(frozen=True)
-class Chunk:
-    """A program and its slots.
+class TracedAttempt:
+    """The program of an attempt and its slots, which do not depend on the recorder.
 
     Attributes:
         program: the program.
-        constants, carry, record: the engine's pytrees with a `Leaf` for each array.
+        constants, carry: the engine's pytrees with a `Leaf` for each array.
+        inputs: the input nodes of each of these arrays.
         attempt: the nodes that an attempt writes, by slot.
         plain: simpler nodes, by slot, for a plain attempt, in which no condition holds that is seldom true.
         unusual: the node of the flag that one of these conditions holds.
+        n_slots: the number of slots.
+    """
+
+    program: Program
+    constants: Any
+    carry: Any
+    inputs: list[Nodes]
+    attempt: dict[int, int]
+    plain: dict[int, int]
+    unusual: int
+    n_slots: int
+
+
+@dataclasses.dataclass(frozen=True)
+class Chunk(TracedAttempt):
+    """The program of a chunk and its slots.
+
+    Attributes:
+        record: the record, with a `Leaf` for each array.
         poll: the nodes that a poll writes, by slot.
         keep: the node that decides whether the sample is kept.
         sample: the nodes of the sample.
@@ -53,16 +73,9 @@ class Chunk:
         eventful: the node of that flag.
         steady: the nodes that are computed once for a trajectory, by slot.
         shared: nodes that are constant along plain attempts.
-        n_slots: the number of slots of a trajectory.
     """
 
-    program: Program
-    constants: Any
-    carry: Any
     record: Any
-    attempt: dict[int, int]
-    plain: dict[int, int]
-    unusual: int
     poll: dict[int, int]
     keep: int
     sample: list[int]
@@ -70,7 +83,6 @@ class Chunk:
     eventful: int
     steady: dict[int, int]
     shared: list[int]
-    n_slots: int
 
     @property
     def width(self) -> int:
@@ -122,7 +134,7 @@ class TracedLane(Protocol):
 
     @property
     def deciding(self) -> tuple[Model, ResolvedNumerics, RowDrive | None, int] | None:
-        """The model, numerics, drive and number of tangents, if these alone decide `attempt`; else None."""
+        """The arguments of `row_attempt` if `attempt` is the attempt of rows, else None."""
         ...
 
     @property
@@ -160,97 +172,66 @@ def chunk_of(lane: TracedLane, *row: Any) -> Chunk:
     keep = int(keep_node)
     polled = [*poll.values(), *sample, keep]
     quiet, eventful = _plain(program, polled)
-    attempt, plain, unusual = traced.attempt, traced.plain, traced.unusual
-    wanted = [*attempt.values(), *plain, unusual, *polled, *quiet, eventful]
+    wanted = [*traced.attempt.values(), *traced.plain.values(), traced.unusual, *polled, *quiet, eventful]
     steady = _steady_results(program, wanted)
+    of_attempt = {**vars(traced), "program": program, "n_slots": slots.count + len(steady)}
     return Chunk(
-        program=program,
-        constants=traced.constants,
-        carry=traced.carry,
+        **of_attempt,
         record=record_leaves,
-        attempt=attempt,
-        plain=dict(zip(attempt, plain, strict=True)),
-        unusual=unusual,
         poll=poll,
         keep=keep,
         sample=sample,
         quiet=quiet,
         eventful=eventful,
         steady={slots.count + i: at for i, at in enumerate(steady)},
-        shared=_shared(program, attempt, plain, unusual, steady),
-        n_slots=slots.count + len(steady),
+        shared=_shared(program, traced, steady),
     )
 
 
-@dataclasses.dataclass(frozen=True)
-class _TracedAttempt:
-    """The part of a `Chunk` that does not depend on the recorder; `inputs` are constants and carry."""
-
-    program: Program
-    constants: Any
-    carry: Any
-    inputs: list[Nodes]
-    attempt: dict[int, int]
-    plain: list[int]
-    unusual: int
-    n_slots: int
-
-
-def _traced(lane: TracedLane, constants: Any, carry: Any) -> _TracedAttempt:
+def _traced(lane: TracedLane, constants: Any, carry: Any) -> TracedAttempt:
     """Trace an attempt from the shapes of its arguments."""
+    leaves, structure = jax.tree.flatten((constants, carry))
     if lane.deciding is None:
-        return _trace_attempt(lane, constants, carry)
-    shapes = jax.tree.leaves((constants, carry))
-    like = tuple((leaf.shape, leaf.dtype, leaf.weak_type) for leaf in shapes)
-    structure = jax.tree.structure((constants, carry))
-    return _kept_attempt(*lane.deciding, (like, structure), _Tracing(lane, constants, carry))
-
-
-class _Tracing:
-    """The arguments of `_trace_attempt`, left out of the key of a cache.
-
-    All objects are equal: the lane's `deciding` and the shapes of the arguments, which are in the key,
-    determine the traced attempt.
-    """
-
-    def __init__(self, *arguments: Any) -> None:
-        self.arguments = arguments
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Tracing)
-
-    def __hash__(self) -> int:
-        return 0
+        return _trace_attempt(lane.attempt, structure, leaves)
+    return _shared_attempt(*lane.deciding, structure, tuple(leaves))
 
 
 # A run and its self-check have several recorders, and the attempt takes most of the time of tracing.
 @cached_by_content(maxsize=2)
-def _kept_attempt(
+def _shared_attempt(
     model: Model,
     numerics: ResolvedNumerics,
     drive: RowDrive | None,
     tangents: int,
-    shapes: Any,
-    tracing: _Tracing,
-) -> _TracedAttempt:
-    """The traced attempt that the arguments before the last one decide."""
-    return _trace_attempt(*tracing.arguments)
+    structure: Any,
+    leaves: tuple[jax.ShapeDtypeStruct, ...],
+) -> TracedAttempt:
+    """The traced attempt of rows; the other arguments as of `row_attempt` and `_trace_attempt`."""
+    return _trace_attempt(row_attempt(model, numerics, drive, tangents), structure, leaves)
 
 
-def _trace_attempt(lane: TracedLane, constants: Any, carry: Any) -> _TracedAttempt:
-    """Trace an attempt; its program is copied before it is extended."""
+def _trace_attempt(
+    attempt: Callable[..., Any], structure: Any, leaves: Sequence[jax.ShapeDtypeStruct]
+) -> TracedAttempt:
+    """Trace an attempt; its program is copied before it is extended.
+
+    Args:
+        attempt: the function `(constants, carry) -> carry`.
+        structure: the structure of its arguments.
+        leaves: shapes and dtypes of their arrays.
+    """
+    constants, carry = jax.tree.unflatten(structure, leaves)
     program = Program()
     tracer = Tracer(program)
     slots = _Slots(tracer)
     constant_leaves, constant_nodes = slots.place(constants, steady=True)
     carry_leaves, carry_nodes = slots.place(carry, steady=False)
     inputs = [*constant_nodes, *carry_nodes]
-    nodes_after = tracer.read(jax.make_jaxpr(lane.attempt)(constants, carry), inputs)
+    nodes_after = tracer.read(jax.make_jaxpr(attempt)(constants, carry), inputs)
     changes = slots.changes(carry_leaves, nodes_after)
-    plain, unusual = _plain(program, [*changes.values()])
-    return _TracedAttempt(
-        program, constant_leaves, carry_leaves, inputs, changes, plain, unusual, slots.count
-    )
+    nodes, unusual = _plain(program, [*changes.values()])
+    plain = dict(zip(changes, nodes, strict=True))
+    return TracedAttempt(program, constant_leaves, carry_leaves, inputs, changes, plain, unusual, slots.count)
 
 
 class _Slots:
@@ -324,17 +305,15 @@ def _steady_results(program: Program, wanted: Sequence[int]) -> list[int]:
     )
 
 
-def _shared(
-    program: Program, attempt: dict[int, int], plain: Sequence[int], unusual: int, steady: Sequence[int]
-) -> list[int]:
+def _shared(program: Program, traced: TracedAttempt, steady: Sequence[int]) -> list[int]:
     """The numbers that no plain attempt changes, and that attempts read to compute others.
 
     Flags are left out, since to load one takes a comparison, as most of them do.
     """
     nodes = program.nodes
-    changed = {slot for slot, at in zip(attempt, plain, strict=True) if not program.is_input(at, slot)}
-    known = set(steady)
-    needed = program.needed([*attempt.values(), *plain, unusual], known)
+    changed = {slot for slot, at in traced.plain.items() if not program.is_input(at, slot)}
+    wanted = [*traced.attempt.values(), *traced.plain.values(), traced.unusual]
+    needed = program.needed(wanted, set(steady))
     unchanged: set[int] = set()
     read: set[int] = set()
     for at in needed:

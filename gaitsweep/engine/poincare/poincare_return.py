@@ -28,7 +28,7 @@ from gaitsweep.engine.leaves import float_leaves
 from gaitsweep.engine.numerics import ResolvedNumerics, step_of
 from gaitsweep.engine.recorders.recorder import ATTEMPTS_PER_STEP
 from gaitsweep.engine.solver.methods import derivative_refusal, euler_update
-from gaitsweep.engine.trial_step import Precomputed
+from gaitsweep.engine.trial_step import StepFunctions
 from gaitsweep.errors import ArgumentError
 from gaitsweep.status import ResultCode
 
@@ -94,8 +94,8 @@ def stagewise(model: HybridModel, numerics: ResolvedNumerics) -> Callable[[Param
         stage_state = dataclasses.replace(carry.state, **stages.at)
         rates = model.flow(params, stage_state)
         tried = stages.stage == TRIAL
-        precomputed = Precomputed(lambda *_: stage_state, lambda *_: stages.first, lambda *_: rates)
-        conclude = advance(model, numerics, sensitivities=True, precomputed=precomputed)
+        functions = StepFunctions(lambda *_: stage_state, lambda *_: stages.first, lambda *_: rates)
+        conclude = advance(model, numerics, sensitivities=True, functions=functions)
         fired = jnp.any(model.guards(params, stage_state) >= 0.0)
         after = conclude(params, carry)
         # a step may be rejected without an event: it is tried again from the same state

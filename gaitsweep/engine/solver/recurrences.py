@@ -100,8 +100,7 @@ def _linear(operation: Operation, k: int, args: list[Series]) -> Series:
 def _first_moves(operation: Operation, k: int, args: list[Series]) -> Series:
     """An operation that is linear in its first argument; the others are indices or shapes."""
     first, *others = args
-    if any(term is not None for other in others for term in other[1 : k + 1]):
-        raise NoRecurrenceError(f"JAX's operation {operation.name} with a moving second argument")
+    _refuse_moving(operation, k, others)
     if first[k] is None:
         return [None] * len(operation.results)
     moved = operation.bind(first[k], *(a[0] for a in others))
@@ -111,29 +110,19 @@ def _first_moves(operation: Operation, k: int, args: list[Series]) -> Series:
 def _remainder(operation: Operation, k: int, args: list[Series]) -> Series:
     """A remainder a - n b: between switches n is constant, and here b too."""
     dividend, divisor = args
-    if any(term is not None for term in divisor[1 : k + 1]):
-        raise NoRecurrenceError(f"JAX's operation {operation.name} with a moving second argument")
+    _refuse_moving(operation, k, [divisor])
     return [dividend[k]]
 
 
-def _add(operation: Operation, k: int, args: list[Series]) -> Series:
-    return [_plus(args[0][k], args[1][k])]
+def _refuse_moving(operation: Operation, k: int, args: list[Series]) -> None:
+    """Refuse arguments of an operation that move."""
+    if any(term is not None for arg in args for term in arg[1 : k + 1]):
+        raise NoRecurrenceError(f"JAX's operation {operation.name} with a moving argument after the first")
 
 
-def _sub(operation: Operation, k: int, args: list[Series]) -> Series:
-    return [_minus(args[0][k], args[1][k])]
-
-
-def _neg(operation: Operation, k: int, args: list[Series]) -> Series:
-    return [_minus(None, args[0][k])]
-
-
-def _mul(operation: Operation, k: int, args: list[Series]) -> Series:
-    return [_product(k, *args)]
-
-
-def _square(operation: Operation, k: int, args: list[Series]) -> Series:
-    return [_product(k, args[0], args[0])]
+def _of_arguments(coefficient: Callable[..., Coefficient]) -> Rule:
+    """An operation of one result, whose `coefficient(k, *args)` follows from its arguments alone."""
+    return lambda operation, k, args: [coefficient(k, *args)]
 
 
 def _div(operation: Operation, k: int, args: list[Series]) -> Series:
@@ -160,16 +149,12 @@ _WHOLE = range(-16, 17)
 
 
 def _power(exponent: float) -> Rule:
-    """A power with a constant exponent: a c' = r c a'."""
-
-    def rule(operation: Operation, k: int, args: list[Series]) -> Series:
-        return [_of_power(exponent, k, args[0], operation.results[0])]
-
-    return rule
+    """A power with a constant exponent."""
+    return lambda operation, k, args: [_of_power(exponent, k, args[0], operation.results[0])]
 
 
 def _of_power(exponent: Any, k: int, a: Series, c: Series) -> Coefficient:
-    """The coefficient of order k of c = a^r, for a != 0."""
+    """The coefficient of order k of c = a^r, for a != 0: a c' = r c a'."""
     total = None
     for j in range(1, k + 1):
         if a[j] is not None and c[k - j] is not None:
@@ -200,11 +185,6 @@ def _pow(operation: Operation, k: int, args: list[Series]) -> Series:
     return [_moment(k, argument, operation.results[0])]
 
 
-def _integer_pow(operation: Operation, k: int, args: list[Series]) -> Series:
-    """A whole power, as products, which hold at zero too."""
-    return [_whole_power(operation, operation.equation.params["y"], k, args[0])]
-
-
 def _whole_power(operation: Operation, exponent: int, k: int, series: Series) -> Coefficient:
     """The coefficient of order k of a whole power, by products, which hold at zero too."""
     if exponent == 0:
@@ -222,13 +202,9 @@ def _whole_power(operation: Operation, exponent: int, k: int, series: Series) ->
     return None if lower_terms is None else -lower_terms / power[0]
 
 
-def _derivative(slope: Callable[[Operation, int, Series], Series]) -> Rule:
-    """A function with c' = v a', where `slope` returns the series of v up to order k - 1."""
-
-    def rule(operation: Operation, k: int, args: list[Series]) -> Series:
-        return [_moment(k, args[0], slope(operation, k, args[0]))]
-
-    return rule
+def _derivative(slope: Callable[[Operation, int], Series]) -> Rule:
+    """A function with c' = v a', where `slope(operation, k)` is the series of v up to order k - 1."""
+    return lambda operation, k, args: [_moment(k, args[0], slope(operation, k))]
 
 
 def _grown(operation: Operation, name: str, k: int, coefficient: Callable[[int], Coefficient]) -> Series:
@@ -239,17 +215,7 @@ def _grown(operation: Operation, name: str, k: int, coefficient: Callable[[int],
     return series
 
 
-def _own(operation: Operation, k: int, a: Series) -> Series:
-    """The slope c of the exponential function."""
-    return operation.results[0]
-
-
-def _own_plus_one(operation: Operation, k: int, a: Series) -> Series:
-    """The slope c + 1 of exp(a) - 1."""
-    return _plus_one(operation.results[0])
-
-
-def _one_minus_square(operation: Operation, k: int, a: Series) -> Series:
+def _one_minus_square(operation: Operation, k: int) -> Series:
     """The slope 1 - c^2 of the hyperbolic tangent."""
     c = operation.results[0]
 
@@ -259,7 +225,7 @@ def _one_minus_square(operation: Operation, k: int, a: Series) -> Series:
     return _grown(operation, "slope", k - 1, coefficient)
 
 
-def _own_times_complement(operation: Operation, k: int, a: Series) -> Series:
+def _own_times_complement(operation: Operation, k: int) -> Series:
     """The slope c (1 - c) of the logistic function."""
     c = operation.results[0]
 
@@ -269,7 +235,7 @@ def _own_times_complement(operation: Operation, k: int, a: Series) -> Series:
     return _grown(operation, "slope", k - 1, coefficient)
 
 
-def _one_plus_square_of(operation: Operation, k: int, args: list[Series]) -> Series:
+def _arctangent(operation: Operation, k: int, args: list[Series]) -> Series:
     """The arctangent: (1 + a^2) c' = a'."""
     a = args[0]
     c = operation.results[0]
@@ -305,14 +271,6 @@ def _circular(other: str, own_sign: float, other_sign: float) -> Rule:
         return [_minus(None, term) if own_sign < 0.0 else term]
 
     return rule
-
-
-def _log(operation: Operation, k: int, args: list[Series]) -> Series:
-    return [_of_log(k, args[0], operation.results[0])]
-
-
-def _log1p(operation: Operation, k: int, args: list[Series]) -> Series:
-    return _log(operation, k, [_plus_one(args[0])])
 
 
 def _plus_one(a: Series) -> Series:
@@ -360,9 +318,9 @@ def _extreme_of(operation: Operation, k: int, args: list[Series]) -> Series:
     return [of_best]
 
 
-def _abs(operation: Operation, k: int, args: list[Series]) -> Series:
-    a = args[0]
-    return [None if a[k] is None else jnp.where(a[0] < 0.0, -a[k], a[k])]
+def _absolute(k: int, a: Series) -> Coefficient:
+    """The coefficient of order k of an absolute value, of a number that keeps its sign between switches."""
+    return None if a[k] is None else jnp.where(a[0] < 0.0, -a[k], a[k])
 
 
 def _constant(operation: Operation, k: int, args: list[Series]) -> Series:
@@ -390,26 +348,27 @@ def _updated(operation: Operation, k: int, args: list[Series]) -> Series:
 
 
 RULES: dict[str, Rule] = {
-    "add": _add,
-    "add_any": _add,
-    "sub": _sub,
-    "neg": _neg,
-    "mul": _mul,
-    "square": _square,
+    **dict.fromkeys(("add", "add_any"), _of_arguments(lambda k, a, b: _plus(a[k], b[k]))),
+    "sub": _of_arguments(lambda k, a, b: _minus(a[k], b[k])),
+    "neg": _of_arguments(lambda k, a: _minus(None, a[k])),
+    "mul": _of_arguments(_product),
+    "square": _of_arguments(lambda k, a: _product(k, a, a)),
     "div": _div,
     "dot_general": _dot,
     "sqrt": _sqrt,
     "rsqrt": _power(-0.5),
     "cbrt": _power(1.0 / 3.0),
     "pow": _pow,
-    "integer_pow": _integer_pow,
-    "exp": _derivative(_own),
-    "expm1": _derivative(_own_plus_one),
+    "integer_pow": lambda operation, k, args: [
+        _whole_power(operation, operation.equation.params["y"], k, args[0])
+    ],
+    "exp": _derivative(lambda operation, k: operation.results[0]),
+    "expm1": _derivative(lambda operation, k: _plus_one(operation.results[0])),
     "tanh": _derivative(_one_minus_square),
     "logistic": _derivative(_own_times_complement),
-    "atan": _one_plus_square_of,
-    "log": _log,
-    "log1p": _log1p,
+    "atan": _arctangent,
+    "log": lambda operation, k, args: [_of_log(k, args[0], operation.results[0])],
+    "log1p": lambda operation, k, args: [_of_log(k, _plus_one(args[0]), operation.results[0])],
     "sin": _circular("cos", 1.0, -1.0),
     "cos": _circular("sin", -1.0, 1.0),
     "sinh": _circular("cosh", 1.0, 1.0),
@@ -419,7 +378,7 @@ RULES: dict[str, Rule] = {
     "min": _extreme,
     "reduce_max": _extreme_of,
     "reduce_min": _extreme_of,
-    "abs": _abs,
+    "abs": _of_arguments(_absolute),
     "convert_element_type": _converted,
     "rem": _remainder,
     "scatter": _scattered,

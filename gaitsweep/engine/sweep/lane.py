@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int, Real
 
 from gaitsweep.contract import Model, Params, State
-from gaitsweep.engine.advance import advance
+from gaitsweep.engine.advance import Advance, advance
 from gaitsweep.engine.carry import Carry, Flag, Number, start
 from gaitsweep.engine.numerics import STEP_FACTOR, ResolvedNumerics, step_of
 from gaitsweep.engine.recorders.recorder import LaneRecord, PollResult, Recorder
@@ -116,9 +116,24 @@ def _params_at(
     return model.params(values) if drive is None else drive(values, t)
 
 
+def row_attempt(model: Model, numerics: ResolvedNumerics, drive: RowDrive | None, tangents: int) -> Advance:
+    """The function `(constants, carry) -> carry` of one more attempt of a row.
+
+    Args:
+        model: the model.
+        numerics: the numerics.
+        drive: the parameters at a time, for a ramp or a staircase.
+        tangents: the number of tangents that are advanced with the trajectory.
+    """
+    attempt = advance(model, numerics, drive=drive, sensitivities=tangents > 0)
+    return with_tangents(attempt) if tangents else attempt
+
+
 @final
 class OneLane:
     """Opening, an attempt and a poll of one trajectory: pure functions of scalars and small arrays.
+
+    `attempt` is its `row_attempt`.
 
     Args:
         model: the model.
@@ -134,12 +149,11 @@ class OneLane:
         self.recorder = recorder
         self.numerics = numerics
         self.drive = drive
-        attempt = advance(model, numerics, drive=drive, sensitivities=recorder.exponents > 0)
-        self._advance = with_tangents(attempt) if recorder.exponents else attempt
+        self.attempt = row_attempt(*self.deciding)
 
     @property
     def deciding(self) -> tuple[Model, ResolvedNumerics, RowDrive | None, int]:
-        """The model, numerics, drive and number of tangents, which decide `attempt`."""
+        """The arguments of `row_attempt` for this trajectory."""
         return self.model, self.numerics, self.drive, self.recorder.exponents
 
     def params_at(self, values: Mapping[str, Float[Array, " ..."]], t: Number) -> Params:
@@ -186,10 +200,6 @@ class OneLane:
             moved = self.params_at(values, jnp.asarray(t, dt.dtype))
             dt = jnp.minimum(dt, step_of(self.model, self.numerics, moved))
         return dt
-
-    def attempt(self, constants: Params, carry: Carry) -> Carry:
-        """The trajectory after one more attempt."""
-        return self._advance(constants, carry)
 
     def poll(self, constants: Params, carry: Carry, record: LaneRecord) -> PollResult:
         """Poll the recorder.
