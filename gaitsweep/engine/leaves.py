@@ -57,9 +57,16 @@ def vector(tree: Any) -> Float[Array, " values"]:
     return jnp.concatenate([jnp.zeros(0), *leaves])
 
 
+def extended(state: Any, names: tuple[str, ...], values: Iterable[Any]) -> Any:
+    """A state with these values in fields of these names, which are added unless it has them."""
+    fields = {field.name: getattr(state, field.name) for field in dataclasses.fields(state)}
+    kind = type(state) if set(names) <= fields.keys() else extended_type(type(state), names)
+    return kind(**{**fields, **dict(zip(names, values, strict=True))})
+
+
 @functools.lru_cache(maxsize=64)
 def extended_type(kind: type, names: tuple[str, ...]) -> type:
-    """A type of states with more fields, given by keyword, since fields of the other may have defaults."""
+    """A type of states with more fields, which are keywords, since fields of the other may have defaults."""
     added: list[Any] = [(name, Any) for name in names]
     extended = dataclasses.make_dataclass(kind.__name__, added, bases=(kind,), frozen=True, kw_only=True)
     fields = [field.name for field in dataclasses.fields(extended)]
@@ -69,3 +76,11 @@ def extended_type(kind: type, names: tuple[str, ...]) -> type:
 def element_names(field: str, shape: tuple[int, ...]) -> list[str]:
     """The names of the elements of a state's field: `angle` of a number, `phi_1`, `phi_2` of an array."""
     return ["_".join([field, *(str(i + 1) for i in place)]) for place in np.ndindex(*shape)]
+
+
+def names_of_numbers(tree: Any) -> list[str]:
+    """The names of all numbers of a tree, of arrays or of their shapes, in the order of its leaves."""
+    names: list[str] = []
+    for path, leaf in jax.tree_util.tree_leaves_with_path(tree):
+        names += element_names(jax.tree_util.keystr(path, simple=True, separator="_"), np.shape(leaf))
+    return names

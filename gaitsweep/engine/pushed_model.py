@@ -22,8 +22,7 @@ from jaxtyping import Array, Bool, Float, Real
 from gaitsweep.contract import HybridModel, Params, Quantity, Rates, Recommended, State
 from gaitsweep.engine.carry import Flag, Number, select
 from gaitsweep.engine.content import cached_by_content
-from gaitsweep.engine.leaves import element_names, extended_type, split_like
-from gaitsweep.engine.recorders.states import state_names
+from gaitsweep.engine.leaves import element_names, extended, names_of_numbers, split_like
 from gaitsweep.engine.solver.methods import METHODS
 from gaitsweep.engine.stored_traces import shapes_of
 
@@ -189,13 +188,13 @@ class PushedModel(HybridModel):
         )
 
     def init(self, params: PushedParams, start: Mapping[str, Float[Array, ""]], /) -> State:
-        off = jnp.zeros((), bool)
-        if not self.resumes:
-            return _with_modes(self.model.init(params.plain, start), (off,) * len(MODES))
-        leaves, structure = jax.tree.flatten(_shapes(self.model)[0])
-        numbers = jnp.stack([start[quantity.name] for quantity in self.initial_conditions])
-        plain = jax.tree.unflatten(structure, split_like(numbers, leaves))
-        return _with_modes(plain, (off,) * len(MODES))
+        if self.resumes:
+            leaves, structure = jax.tree.flatten(_shapes(self.model)[0])
+            numbers = jnp.stack([start[quantity.name] for quantity in self.initial_conditions])
+            plain = jax.tree.unflatten(structure, split_like(numbers, leaves))
+        else:
+            plain = self.model.init(params.plain, start)
+        return extended(plain, MODES, [jnp.zeros((), bool)] * len(MODES))
 
     def observe(self, params: PushedParams, state: State, /) -> dict[str, Real[Array, ""]]:
         return self.model.observe(params.plain, _plain(state))
@@ -255,7 +254,7 @@ class PushedModel(HybridModel):
             comes = awaited & self._is_event(acting, plain, fired)
             due = due | comes
             awaited = awaited & ~comes
-        return _with_modes(after, (acts, awaited, due, crossed))
+        return extended(after, MODES, (acts, awaited, due, crossed))
 
     def section(self, params: PushedParams, before: State, fired: Bool[Array, " events"], /) -> Flag:
         acting = self._acting(params, before)
@@ -335,9 +334,9 @@ def flow_places(model: HybridModel) -> dict[str, Place]:
 def state_quantities(model: HybridModel) -> tuple[Quantity, ...]:
     """The numbers of a state of a model, modes included, as start values or columns: `state_angle`."""
     known = {q.name: q.unit for q in (*model.signals, *model.observables)}
-    names = state_names(_shapes(model)[0])
     return tuple(
-        Quantity(f"{STATE}{name}", known.get(name, ""), f"{name} in the state of the model") for name in names
+        Quantity(f"{STATE}{name}", known.get(name, ""), f"{name} in the state of the model")
+        for name in names_of_numbers(_shapes(model)[0])
     )
 
 
@@ -357,21 +356,14 @@ def places_of(state: State, rates: Rates) -> dict[str, Place]:
     """
     places: dict[str, Place] = {}
     for field in dataclasses.fields(state):
-        if field.name not in rates:
-            continue
-        shape = np.shape(getattr(state, field.name))
-        for name, place in zip(element_names(field.name, shape), np.ndindex(*shape), strict=True):
-            places[name] = (field.name, place)
+        if field.name in rates:
+            shape = np.shape(getattr(state, field.name))
+            places_of_field = [(field.name, place) for place in np.ndindex(*shape)]
+            places |= zip(element_names(field.name, shape), places_of_field, strict=True)
     return places
 
 
-def _with_modes(state: State, modes: tuple[Flag, ...]) -> State:
-    """A state of the model with the modes of a push, in the order of `MODES`."""
-    fields = {field.name: getattr(state, field.name) for field in dataclasses.fields(state)}
-    return extended_type(type(state), MODES)(**fields, **dict(zip(MODES, modes, strict=True)))
-
-
 def _plain(state: State) -> State:
-    """The state of the model itself, from one of `_with_modes`."""
+    """The state of the model itself, without the modes of the push."""
     (kind,) = type(state).__bases__
     return kind(**{field.name: getattr(state, field.name) for field in dataclasses.fields(kind)})

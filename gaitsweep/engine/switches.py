@@ -32,7 +32,7 @@ _LEVELS = {"lt", "le", "gt", "ge", "sign", "floor", "ceil", "round", _CAST}
 _SURFACES = {**dict.fromkeys(("lt", "le", "gt", "ge", "max", "min", "abs"), 0.0), "exp": NEGLIGIBLE}
 _SATURATED = {"tanh", "logistic", "erf"}
 _EXTREMES = {"reduce_max", "reduce_min"}
-_SWITCHES = {*_LEVELS, *_SURFACES, *_SATURATED, *_EXTREMES, "rem"}
+_SWITCHES = {*_LEVELS, *_SURFACES, *_SATURATED, *_EXTREMES, "rem", "clamp"}
 # Operations that are smooth in all their arguments, or in the arguments with these numbers.
 _SMOOTH = {
     *("broadcast_in_dim", "reshape", "squeeze", "slice", "concatenate", "unstack", "stack", "transpose"),
@@ -109,6 +109,9 @@ def _surfaces(equation: JaxprEqn, args: list[Array]) -> list[Array]:
     operation = equation.primitive.name
     if operation in _EXTREMES:
         return [_ahead(operation, args[0], equation.params["axes"])]
+    if operation == "clamp":
+        lowest, value, highest = args
+        return [value - lowest, value - highest]
     if operation in _SURFACES:
         return [args[0] - (args[1] if len(args) > 1 else _SURFACES[operation])]
     return []

@@ -19,8 +19,17 @@ from jaxtyping import Array, Float
 from gaitsweep.contract import Chart, Model, Params, Quantity, State
 from gaitsweep.engine.advance import Advance
 from gaitsweep.engine.carry import Carry, Number
-from gaitsweep.engine.leaves import element_names, float_leaves, is_float, split_like, with_float_leaves
+from gaitsweep.engine.leaves import (
+    float_leaves,
+    is_float,
+    names_of_numbers,
+    split_like,
+    vector,
+    with_float_leaves,
+)
 from gaitsweep.engine.stored_traces import shapes_of
+
+Directions = list[Float[Array, " coordinates"]]  # in the coordinates of the section
 
 
 @dataclasses.dataclass(frozen=True)
@@ -32,24 +41,18 @@ class AllVariables(Chart):
     @classmethod
     def of(cls, state: State) -> AllVariables:
         """The chart of states like this one."""
-        names: list[str] = []
-        for path, leaf in jax.tree_util.tree_leaves_with_path(state):
-            if is_float(leaf):
-                names += element_names(jax.tree_util.keystr(path, simple=True, separator="_"), np.shape(leaf))
-        return cls(tuple(names))
+        floats = jax.tree.map(lambda leaf: leaf if is_float(leaf) else None, state)
+        return cls(tuple(names_of_numbers(floats)))
 
     @property
     def coordinates(self) -> tuple[Quantity, ...]:
         return tuple(Quantity(name, "", f"{name} of the state") for name in self.names)
 
     def to_coordinates(self, params: Params, state: State) -> Float[Array, " coordinates"]:
-        return jnp.concatenate([jnp.ravel(leaf).astype(jnp.float64) for leaf in float_leaves(state)])
+        return vector(float_leaves(state))
 
     def from_coordinates(self, params: Params, at: Float[Array, " coordinates"], modes: State) -> State:
         return with_float_leaves(modes, split_like(at, float_leaves(modes)))
-
-
-Directions = list[Float[Array, " coordinates"]]  # orthonormal directions on the section
 
 
 @jax.tree_util.register_dataclass
@@ -159,8 +162,8 @@ def orthonormalised(vectors: Directions) -> tuple[list[Number], Directions]:
     lengths: list[Number] = []
     units: Directions = []
     spare = first_directions(vectors[0].size, len(vectors))
-    for vector, other in zip(vectors, spare, strict=True):
-        normal = vector
+    for direction, other in zip(vectors, spare, strict=True):
+        normal = direction
         for unit in units:
             normal = normal - jnp.sum(unit * normal) * unit
         length = jnp.sqrt(jnp.sum(normal * normal))

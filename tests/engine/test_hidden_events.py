@@ -167,6 +167,7 @@ PULSES: dict[str, Callable[[jax.Array, float], Any]] = {
     "branch": lambda c, w: jax.lax.cond((c > 1.0) & (c < 1.0 + w), lambda: 1.0, lambda: 0.0),
     "hat": lambda c, w: jnp.maximum(0.0, 1.0 - jnp.abs((c - 1.0) / w)),
     "clipped": lambda c, w: jnp.minimum(jnp.maximum((c - 1.0) / w, 0.0), 1.0) - (c > 1.0 + w),
+    "clamped": lambda c, w: jax.lax.clamp(0.0, 1.0 - ((c - 1.0) / w) ** 2, 1.0),
     "bell": lambda c, w: jnp.exp(-(((c - 1.0) / w) ** 2)),
     "smooth steps": lambda c, w: jnp.tanh((c - 1.0) / w) - jnp.tanh((c - 1.0 - 5.0 * w) / w),
 }

@@ -60,9 +60,8 @@ def test_kernels_open_rows_as_xla_does(model: Model) -> None:
     values, starts = sampled_points(model, 5)
     starts = {**starts, STEP_FACTOR: np.ones(5)}
     kernel = kernel_of(model, SettleRecorder(model), Numerics().resolve(model), None)
-    lane, shapes = kernel.lane, kernel.shapes
-    by_kernel = lanes.opened_by_kernel(lanes.opening_of(lane, *shapes))(values, starts)
-    by_xla = lanes.opened_by_xla(lane)(values, starts)
+    by_kernel = kernel.open(values, starts)
+    by_xla = lanes.opened_by_xla(kernel.lane)(values, starts)
     for mine, right in zip(by_kernel, by_xla, strict=True):
         np.testing.assert_allclose(mine, right, rtol=1e-12, atol=1e-12)
 

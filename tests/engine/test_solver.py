@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from reference import exponential_polynomial
 
+import gaitsweep as gs
 from firing_neuron import Neuron
 from gaitsweep import models
 from gaitsweep.contract import HybridModel
@@ -178,6 +179,26 @@ def test_methods_for_linear_flows_are_refused_elsewhere() -> None:
         assert "linear" in (refusal(name, Neuron(), "float64") or "")
         assert "float64" in (refusal(name, Multilegged(), "float32") or "")
     assert refusal("rk4", Neuron(), "float32") is None
+
+
+class Drift(gs.DeclaredModel):
+    """A variable with noise, whose steps have a fixed length."""
+
+    x = gs.variable("m", "place", 0.0)
+
+    def flow(self, p, s):
+        return {"x": -s.x}
+
+    @gs.diffusion
+    def noise(self, p, s):
+        return {"x": 1.0}
+
+    def period(self, p):
+        return jnp.asarray(1.0)
+
+
+def test_a_model_of_steps_without_structure_refuses_methods_of_flows() -> None:
+    assert "drift has only steps. Allowed: semi_implicit" in (refusal("rk4", Drift(), "float64") or "")
 
 
 def _growth(name: str, z: complex) -> complex:

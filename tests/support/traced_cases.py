@@ -73,7 +73,7 @@ _cases(
         "clamp between arrays": (lambda x, y: lax.clamp(y, x, y + 1.0), (X, Y)),
         "clip": (lambda x: (jnp.clip(x, -1.0, 1.0), jnp.clip(x, min=0.0)), (X,)),
         "remainders": (
-            lambda x, y: (lax.rem(x, y), jnp.mod(x, y), x // y, jnp.fmod(x, y)),
+            lambda x, y: (lax.rem(x, y), jnp.mod(x, y), x // y, jnp.fmod(x, y), lax.rem(x[:0], y[:0])),
             _grid(np.array([0.3, -1.7, 2.4, 5.2])),
         ),
         "wrap": (lambda x: (jnp.mod(x, 2 * jnp.pi), jnp.mod(x + jnp.pi, 2 * jnp.pi) - jnp.pi), (10 * X,)),

@@ -29,6 +29,11 @@ _FILLING: dict[str, Callable[[np.dtype], float]] = {
 }
 
 
+def _rearranged(rearrange: Callable[[list[Nodes], dict[str, Any]], Sequence[Nodes]]) -> Rule:
+    """A rule that moves elements: from the arguments and the parameters of an equation to its results."""
+    return lambda tracer, equation, args: list(rearrange(args, equation.params))
+
+
 def _broadcast_in_dim(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
     shape = equation.params["shape"]
     dims = equation.params["broadcast_dimensions"]
@@ -49,35 +54,6 @@ def _slice(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
         slice(*limits) for limits in zip(p["start_indices"], p["limit_indices"], strides, strict=True)
     )
     return [args[0][cut]]
-
-
-def _transpose(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
-    return [np.transpose(args[0], equation.params["permutation"])]
-
-
-def _concatenate(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
-    return [np.concatenate(args, axis=equation.params["dimension"])]
-
-
-def _stack(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
-    return [np.stack(args, axis=equation.params.get("axis", 0))]
-
-
-def _unstack(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
-    return list(np.moveaxis(args[0], equation.params["axis"], 0))
-
-
-def _tile(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
-    return [np.tile(args[0], equation.params["reps"])]
-
-
-def _rev(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
-    return [np.flip(args[0], equation.params["dimensions"])]
-
-
-def _split(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
-    places = np.cumsum(equation.params["sizes"])[:-1]
-    return list(np.split(args[0], places, axis=equation.params["axis"]))
 
 
 def _iota(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
@@ -168,12 +144,9 @@ def _gather(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
     window = [size for axis, size in enumerate(sizes) if axis not in single]
     batch = indices.shape[:-1]
     windows = []
+    batched = numbers.operand_batching_dims, numbers.start_indices_batching_dims
     for where in np.ndindex(batch):
-        starts = _starts(tracer, operand, numbers.start_index_map, indices[where])
-        for axis, along in zip(
-            numbers.operand_batching_dims, numbers.start_indices_batching_dims, strict=True
-        ):
-            starts[axis] = tracer.program.constant(where[along], "int")
+        starts = _starts(tracer, operand, indices, where, numbers.start_index_map, batched)
         cut = _selected(tracer, operand, sizes, starts, lambda index: operand[index])
         if p["mode"] == GatherScatterMode.FILL_OR_DROP:
             cut = _filled(tracer, equation, operand, starts, cut)
@@ -214,11 +187,29 @@ def _dynamic_update_slice(tracer: Tracer, equation: Any, args: list[Nodes]) -> l
     return [_selected(tracer, operand, update.shape, [int(start) for start in starts], put)]
 
 
-def _starts(tracer: Tracer, operand: Nodes, axes: Sequence[int], nodes: Nodes) -> list[int]:
-    """The node of the start index along each axis: `nodes` along `axes`, zero along the others."""
+def _starts(
+    tracer: Tracer,
+    operand: Nodes,
+    indices: Nodes,
+    where: tuple[int, ...],
+    axes: Sequence[int],
+    batched: tuple[Sequence[int], Sequence[int]],
+) -> list[int]:
+    """The node of the start index of a window along each axis of an operand.
+
+    Args:
+        tracer: of the program.
+        operand: the array that has the window.
+        indices: the start indices of all windows, those of one window along the last axis.
+        where: the place of the window among them.
+        axes: the axes along which its start indices are those of `indices`; along others they are 0.
+        batched: axes of the operand, and the axes of `indices` by whose place they are indexed.
+    """
     starts = [tracer.program.constant(0, "int")] * operand.ndim
-    for axis, at in zip(axes, nodes.tolist(), strict=True):
+    for axis, at in zip(axes, indices[where].tolist(), strict=True):
         starts[axis] = at
+    for axis, along in zip(*batched, strict=True):
+        starts[axis] = tracer.program.constant(where[along], "int")
     return starts
 
 
@@ -267,7 +258,6 @@ def _scatter(combine: Build) -> Rule:
 
     def rule(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
         operand, indices, updates = args
-        program = tracer.program
         numbers = equation.params["dimension_numbers"]
         single = {*numbers.inserted_window_dims, *numbers.operand_batching_dims}
         wide = [axis for axis in range(operand.ndim) if axis not in single]
@@ -279,11 +269,10 @@ def _scatter(combine: Build) -> Rule:
             sizes[axis] = size
         last = [many - size for many, size in zip(operand.shape, sizes, strict=True)]
         total = operand.copy()
+        batched = numbers.operand_batching_dims, numbers.scatter_indices_batching_dims
         for where in np.ndindex(indices.shape[:-1]):
-            starts = _starts(tracer, operand, numbers.scatter_dims_to_operand_dims, indices[where])
-            pairs = zip(numbers.operand_batching_dims, numbers.scatter_indices_batching_dims, strict=True)
-            for axis, along in pairs:
-                starts[axis] = program.constant(where[along], "int")
+            axes = numbers.scatter_dims_to_operand_dims
+            starts = _starts(tracer, operand, indices, where, axes, batched)
             if equation.params["mode"] == GatherScatterMode.CLIP:
                 starts = [_clipped(tracer, at, most) for at, most in zip(starts, last, strict=True)]
             _refuse_many(tracer, starts, last)
@@ -334,14 +323,14 @@ def _possible_indices(tracer: Tracer, at: int, last: int) -> Sequence[int]:
 RULES: dict[str, Rule] = {
     "broadcast_in_dim": _broadcast_in_dim,
     **dict.fromkeys(("reshape", "squeeze", "expand_dims"), _reshape),
-    "transpose": _transpose,
+    "transpose": _rearranged(lambda args, p: [np.transpose(args[0], p["permutation"])]),
     "slice": _slice,
-    "concatenate": _concatenate,
-    "stack": _stack,
-    "unstack": _unstack,
-    "split": _split,
-    "tile": _tile,
-    "rev": _rev,
+    "concatenate": _rearranged(lambda args, p: [np.concatenate(args, p["dimension"])]),
+    "stack": _rearranged(lambda args, p: [np.stack(args, p.get("axis", 0))]),
+    "unstack": _rearranged(lambda args, p: list(np.moveaxis(args[0], p["axis"], 0))),
+    "split": _rearranged(lambda args, p: np.split(args[0], np.cumsum(p["sizes"])[:-1], p["axis"])),
+    "tile": _rearranged(lambda args, p: [np.tile(args[0], p["reps"])]),
+    "rev": _rearranged(lambda args, p: [np.flip(args[0], p["dimensions"])]),
     "pad": _pad,
     "iota": _iota,
     "dot_general": _dot_general,

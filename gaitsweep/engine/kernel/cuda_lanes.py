@@ -8,13 +8,13 @@ from typing import final
 
 import jax
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float
 
 from gaitsweep.contract import Params
 from gaitsweep.engine.devices import Device
 from gaitsweep.engine.kernel import gpu_program
 from gaitsweep.engine.kernel.cuda_device import CudaDevice, DeviceArray
-from gaitsweep.engine.kernel.lanes import Kernel, KernelLanes, OpenedRows
+from gaitsweep.engine.kernel.lanes import Kernel, KernelLanes
 from gaitsweep.engine.recorders.recorder import BUFFER
 from gaitsweep.engine.stored_traces import dependences
 from gaitsweep.engine.sweep.lane import ChunkOutput, Values
@@ -85,18 +85,20 @@ class CudaLanes(KernelLanes):
     def fill(self, params: Values, starts: Values, fresh: Bool[np.ndarray, " lanes"]) -> None:
         """Start new trajectories; all of them are copied to the card together."""
         self.card.use()
-        count = int(np.count_nonzero(fresh))
+        lanes = np.flatnonzero(fresh)
+        count = lanes.size
         width = self._entries.shape[1]
-        self._new_entries = self._entries.host(count * width).reshape(count, width)
-        self.open_rows(params, starts, fresh)
-        self._entries.to_card(self._new_entries.size)
+        opened = self.opened(params, starts, lanes)
+        entries = self._entries.host(count * width).reshape(count, width)
+        head = np.stack([lanes, opened.keeps], axis=1)
+        entries[:] = np.concatenate([head, opened.slots, opened.samples], axis=1)
+        self._entries.to_card(entries.size)
         self.card.launch(self._put, count, self._slots, self._samples, self.size, self._entries, count)
         self._under_way |= fresh
         first = gpu_program.ENTRY_HEAD
-        if self._uniform.differs(self._new_entries[:, first : first + self.chunk.first_of_carry]):
-            lane = int(self._new_entries[0, 0])
+        if self._uniform.differs(entries[:, first : first + self.chunk.first_of_carry]):
             n_slots = self.chunk.n_slots
-            self.card.launch(self._trajectory, n_slots, self._slots, self.size, lane, self._output)
+            self.card.launch(self._trajectory, n_slots, self._slots, self.size, int(lanes[0]), self._output)
             slots = self._output.from_card(n_slots)
             source = _run_source(self.kernel, self._uniform.varying)
             module = self.card.module(source, contraction=self._contraction)
@@ -106,10 +108,6 @@ class CudaLanes(KernelLanes):
             self.run = module.get_kernel("run")
             self.at_a_time = min(self.size, self.card.threads(self.run))
         self.card.wait()
-
-    def put(self, lanes: Int[np.ndarray, " opened"], opened: OpenedRows) -> None:
-        head = np.stack([lanes, opened.keeps], axis=1)
-        self._new_entries[:] = np.concatenate([head, opened.slots, opened.samples], axis=1)
 
     def advance(self, polls: int) -> None:
         """Start to advance running lanes; `card.wait` waits for the end.

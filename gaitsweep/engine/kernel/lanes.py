@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import abc
 import math
 from collections.abc import Callable, Mapping
 from functools import cached_property, lru_cache, partial
@@ -19,8 +18,6 @@ from gaitsweep.engine.devices import host_device
 from gaitsweep.engine.kernel import cpu_program
 from gaitsweep.engine.kernel.chunk import Chunk, Leaf, chunk_of
 from gaitsweep.engine.kernel.row_functions import UNOPTIMISED, over_rows
-from gaitsweep.engine.kernel.row_kernel import RowKernel, row_kernel, running
-from gaitsweep.engine.kernel.trace import UnsupportedError, traced_function
 from gaitsweep.engine.numerics import STEP_FACTOR, ResolvedNumerics
 from gaitsweep.engine.recorders.recorder import BUFFER, Recorder
 from gaitsweep.engine.stored_traces import stored
@@ -42,13 +39,6 @@ class OpenedRows(NamedTuple):
     keeps: Bool[np.ndarray, " rows"]
 
 
-class Opening(NamedTuple):
-    """The opening of rows by a kernel, and the number of a row's slots."""
-
-    kernel: RowKernel
-    slots: int
-
-
 def _opening_of_one(open_row: Callable[..., Opened]) -> Callable[..., tuple[Array, Array, Array]]:
     """The function of one row that gives the numbers of `OpenedRows`, with the slots in one vector."""
 
@@ -60,31 +50,23 @@ def _opening_of_one(open_row: Callable[..., Opened]) -> Callable[..., tuple[Arra
     return of_one
 
 
-def opening_of(lane: OneLane, values: Any, starts: Any) -> Opening:
-    """The opening of a trajectory.
+def opened_by_kernel(lane: OneLane) -> Callable[[Columns, Columns], OpenedRows]:
+    """The function `(values, starts) -> OpenedRows` of rows; XLA computes what no kernel has.
 
     Args:
         lane: the engine's functions of one trajectory.
-        values, starts: shapes and dtypes of a row's parameters and initial conditions.
-
-    Raises:
-        UnsupportedError: the model uses an operation that the scalar kernel does not have.
     """
-    traced = traced_function(_opening_of_one(lane.open), (values, starts))
-    slots, *_ = traced.arrays
-    return Opening(row_kernel(traced), slots.size)
-
-
-def opened_by_kernel(opening: Opening) -> Callable[[Columns, Columns], OpenedRows]:
-    """The function `(values, starts) -> (slots, samples, keep)` of rows."""
-    of_rows = running(opening.kernel)
-    slots = opening.slots
-
-    def open_rows(values: Columns, starts: Columns) -> OpenedRows:
-        opened = of_rows(jax.tree.leaves((dict(values), dict(starts))))
-        return OpenedRows(opened[:, :slots], opened[:, slots:-1], opened[:, -1] != 0.0)
-
-    return open_rows
+    deciding = lane.recorder, lane.numerics, lane.drive
+    of_rows = over_rows(
+        _opening_of_one(lane.open),
+        "opening",
+        lane.model,
+        *deciding,
+        all_rows=True,
+        simplify=True,
+        by_xla=lambda: opened_by_xla(lane),
+    )
+    return lambda values, starts: OpenedRows(*of_rows(dict(values), dict(starts)))
 
 
 def opened_by_xla(lane: OneLane) -> Callable[[Columns, Columns], OpenedRows]:
@@ -177,7 +159,7 @@ class Kernel:
         self.title = f"{model.name}, {type(recorder).__name__}, {numerics.method}"
         leaves, self.width = self.stored("leaves", self._read_leaves)
         self.leaves = {name: Leaf(first, tuple(shape)) for name, (first, shape) in leaves.items()}
-        self.open = self._opening()
+        self.open = opened_by_kernel(self.lane)
 
     @cached_property
     def chunk(self) -> Chunk:
@@ -199,15 +181,6 @@ class Kernel:
         carry = self.chunk.carry
         leaves = {**record.results(carry), "filled": record.filled, "samples": record.samples}
         return {name: (leaf.first, leaf.shape) for name, leaf in leaves.items()}, self.chunk.width
-
-    def _opening(self) -> Callable[[Columns, Columns], OpenedRows]:
-        """The function that opens rows: by a kernel, or by XLA if no kernel has the model's operations."""
-        try:
-            opening = self.stored("opening", lambda: opening_of(self.lane, *self.shapes), cpu_program.TILE)
-        except UnsupportedError:
-            return opened_by_xla(self.lane)
-        kernel, slots = opening
-        return opened_by_kernel(Opening(RowKernel(*kernel), slots))
 
 
 @cached_by_content(maxsize=16)
@@ -237,16 +210,11 @@ class KernelLanes(Lanes):
         self.kernel = kernel_of(spec.model, spec.recorder, spec.numerics, spec.drive)
         self._dtype = np.dtype(spec.numerics.dtype)
 
-    @abc.abstractmethod
-    def put(self, lanes: Int[np.ndarray, " opened"], opened: OpenedRows) -> None:
-        """Write opened rows to lanes, and the samples that are kept to their buffers."""
-
-    def open_rows(self, params: Values, starts: Values, fresh: Bool[np.ndarray, " lanes"]) -> None:
-        """Open the rows in the lanes marked `fresh`, and `put` them there; arguments as of `Lanes.fill`."""
-        lanes = np.flatnonzero(fresh)
+    def opened(self, params: Values, starts: Values, lanes: Int[np.ndarray, " opened"]) -> OpenedRows:
+        """The opened rows of some lanes, from the parameters and the initial conditions of all lanes."""
         values = {name: np.asarray(column[lanes], self._dtype) for name, column in params.items()}
         initial = {name: np.asarray(column[lanes], self._dtype) for name, column in starts.items()}
-        self.put(lanes, self.kernel.open(values, initial))
+        return self.kernel.open(values, initial)
 
     def output(self, read_slots: Callable[[slice], Real[np.ndarray, "slots lanes"]]) -> ChunkOutput:
         """The output of a chunk without its buffers; `read_slots` returns the values of successive slots."""
@@ -294,9 +262,8 @@ class CpuLanes(KernelLanes):
         self._buffers = np.zeros((tiles * cpu_program.TILE, BUFFER if width else 0, width))
 
     def fill(self, params: Values, starts: Values, fresh: Bool[np.ndarray, " lanes"]) -> None:
-        self.open_rows(params, starts, fresh)
-
-    def put(self, lanes: Int[np.ndarray, " opened"], opened: OpenedRows) -> None:
+        lanes = np.flatnonzero(fresh)
+        opened = self.opened(params, starts, lanes)
         tile, lane = np.divmod(lanes, cpu_program.TILE)
         self._slots[tile, : opened.slots.shape[1], lane] = opened.slots
         if self.kernel.width:

@@ -7,6 +7,7 @@ machine. Results may differ from those of XLA in the last place.
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable
 from typing import Any
 
@@ -17,7 +18,7 @@ from jaxtyping import Float
 from gaitsweep.contract import Model
 from gaitsweep.engine.devices import host_device
 from gaitsweep.engine.kernel.operations import OPERATIONS
-from gaitsweep.engine.kernel.trace import UnsupportedError, traced_function
+from gaitsweep.engine.kernel.trace import TracedFunction, UnsupportedError, traced_function
 from gaitsweep.engine.stored_traces import stored
 
 # Rows that are computed at a time, since the values of all nodes are in memory.
@@ -37,6 +38,7 @@ def over_rows(
     model: Model | None = None,
     *others: Any,
     all_rows: bool = False,
+    simplify: bool = False,
     by_xla: Callable[[], Callable[..., Any]] | None = None,
 ) -> Callable[..., Any]:
     """The function of many rows: arguments and results have the rows as their first axis.
@@ -47,6 +49,7 @@ def over_rows(
         name, model, others: what a program is stored by (`stored_traces.stored`). Its results are then
             mappings and lists of arrays. Without a model it is traced in each process.
         all_rows: compute by a kernel, for a function that a run calls with all its rows.
+        simplify: as of `Program`; by default a product with 0 is NaN where the other factor is.
         by_xla: makes the function of rows that XLA computes, in place of `function`.
     """
     if all_rows:
@@ -59,12 +62,14 @@ def over_rows(
         trace = _traced_operations
         computed_by = _by_numpy
     programs: dict[str, Callable[..., Any]] = {}
+    lock = threading.Lock()
 
     def compiled(row: Any, key: str) -> Callable[..., Any]:
         """The function of rows, each with arguments like those of `row`."""
 
         def trace_row() -> tuple[Any, ...]:
-            return trace(function, _mapped(lambda leaf: jax.ShapeDtypeStruct(leaf.shape, leaf.dtype), row))
+            shapes = _mapped(lambda leaf: jax.ShapeDtypeStruct(leaf.shape, leaf.dtype), row)
+            return trace(traced_function(function, shapes, simplify=simplify))
 
         try:
             if model is None:
@@ -77,8 +82,9 @@ def over_rows(
         columns = _mapped(np.asarray, trees)
         row = _mapped(lambda column: np.empty(column.shape[1:], column.dtype), columns)
         key = f"{_structure(row)} {[(leaf.shape, leaf.dtype.str) for leaf in _leaves(row)]}"
-        if key not in programs:
-            programs[key] = compiled(row, key)
+        with lock:  # groups of lanes open their first rows at the same time
+            if key not in programs:
+                programs[key] = compiled(row, key)
         outputs = []
         for first in range(0, max(len(_leaves(columns)[0]), 1), _ROWS_AT_A_TIME):
             rows = slice(first, first + _ROWS_AT_A_TIME)
@@ -101,10 +107,8 @@ def _by_xla(function: Callable[..., Any], *, all_rows: bool) -> Callable[..., An
     return of_rows
 
 
-def _traced_operations(function: Callable[..., Any], shapes: Any) -> tuple[list[Any], list[int], Any, Any]:
+def _traced_operations(traced: TracedFunction) -> tuple[list[Any], list[int], Any, Any]:
     """The operations of a function of one row, each with its arguments or its value, and its results."""
-    # a product with 0 is NaN where the other factor is
-    traced = traced_function(function, shapes, simplify=False)
     order = traced.program.needed(traced.outputs)
     place = {at: i for i, at in enumerate(order)}
     operations = []
@@ -114,11 +118,10 @@ def _traced_operations(function: Callable[..., Any], shapes: Any) -> tuple[list[
     return operations, [place[at] for at in traced.outputs], traced.arrays, traced.results
 
 
-def _traced_kernel(function: Callable[..., Any], shapes: Any) -> tuple[Any, Any, Any]:
+def _traced_kernel(traced: TracedFunction) -> tuple[Any, Any, Any]:
     """The kernel of a function of one row, and its results."""
     from gaitsweep.engine.kernel.row_kernel import row_kernel
 
-    traced = traced_function(function, shapes, simplify=False)
     return row_kernel(traced), traced.arrays, traced.results
 
 

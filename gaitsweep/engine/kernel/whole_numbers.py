@@ -66,7 +66,8 @@ class WholeNumbers:
         """
         dtype = _wrapping_dtype(equation)
         if equation.primitive.name == "rem":  # which is nearer to zero than the divisor
-            size = max(abs(bound) for at in args[1].flat for bound in self.range_of(int(at)))
+            bounds = [abs(bound) for at in args[1].flat for bound in self.range_of(int(at))]
+            size = max(bounds, default=0.0)
             self._set(outputs[0], Range(-size, size))
         if dtype is None:
             return None

@@ -19,7 +19,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from gaitsweep.contract import Chart, HybridModel, Params, Rates, State
 from gaitsweep.engine.content import cached_by_content
-from gaitsweep.engine.leaves import extended_type
+from gaitsweep.engine.leaves import extended
 from gaitsweep.engine.numerics import Numerics, ResolvedNumerics
 from gaitsweep.engine.poincare.map_derivatives import BATCH_SIZES, in_batches
 from gaitsweep.engine.poincare.maps import Coordinates, Events, Points, Values
@@ -148,11 +148,6 @@ def _recorded_return(
 
     def recorded(params: Params, state: State) -> EventRecord:
         guards = jax.eval_shape(model.guards, params, state).shape
-        kind = extended_type(type(state), RECORD_FIELDS)
-
-        def with_record(plain: State, *record: Array) -> State:
-            fields = {field.name: getattr(plain, field.name) for field in dataclasses.fields(state)}
-            return kind(**fields, **dict(zip(RECORD_FIELDS, record, strict=True)))
 
         def flow(params: Params, state: State) -> Rates:
             return {**model.flow(params, state), RECORD_FIELDS[0]: jnp.ones(())}
@@ -163,7 +158,8 @@ def _recorded_return(
             place = jnp.arange(MAX_TIMED_EVENTS)[:, None] == counts[None]
             times = jnp.where(happened[None] & place, clock, times)
             after = model.jump(params, before, fired)
-            return with_record(after, clock, times, counts + happened.astype(counts.dtype))
+            record = clock, times, counts + happened.astype(counts.dtype)
+            return extended(after, RECORD_FIELDS, record)
 
         # The model itself, whose state has a clock and a record of events beside its variables. Its class
         # stays that of the model, whose members look at it; `vars` reaches the fields of a frozen instance.
@@ -172,7 +168,7 @@ def _recorded_return(
         vars(recording).update(flow=flow, jump=jump)
         next_crossing = crossing(recording, numerics, engine)
         empty = jnp.zeros(()), jnp.zeros((MAX_TIMED_EVENTS, *guards)), jnp.zeros(guards, jnp.int32)
-        _, end, _ = next_crossing(params, with_record(state, *empty))
+        _, end, _ = next_crossing(params, extended(state, RECORD_FIELDS, empty))
         _, times, counts = (getattr(end, name) for name in RECORD_FIELDS)
         happened = jnp.arange(MAX_TIMED_EVENTS)[:, None] < counts[None]
         return EventRecord(jnp.where(happened, times, jnp.nan), counts)

@@ -24,7 +24,7 @@ from jaxtyping import Array, Bool, Complex, Float
 from gaitsweep import near_miss
 from gaitsweep.contract import Chart, HybridModel, Params, Quantity, State
 from gaitsweep.engine.content import cached_by_content
-from gaitsweep.engine.leaves import element_names, split_like
+from gaitsweep.engine.leaves import element_names, split_like, vector
 from gaitsweep.engine.poincare.maps import MIN_SCALE, Coordinates, Events, Points, Values
 from gaitsweep.engine.poincare.model_map import ModelMap
 from gaitsweep.engine.poincare.poincare_return import Returned, ReturnStatus
@@ -58,23 +58,19 @@ class FlowVariables(Chart):
         return self.quantities
 
     def to_coordinates(self, params: Params, state: State) -> Coordinates:
-        return self._joined(*(getattr(state, name) for name in self.fields))[jnp.array(self.places)]
+        return vector([getattr(state, name) for name in self.fields])[jnp.array(self.places)]
 
     def from_coordinates(self, params: Params, at: Coordinates, modes: State) -> State:
         old = [jnp.asarray(getattr(modes, name)) for name in self.fields]
-        numbers = self._joined(*old).at[jnp.array(self.places)].set(at)
+        numbers = vector(old).at[jnp.array(self.places)].set(at)
         return dataclasses.replace(modes, **dict(zip(self.fields, split_like(numbers, old), strict=True)))
 
     def rates(self, params: Params, state: State) -> Coordinates:
         """The rates (n,) of the coordinates."""
         rates = self.model.flow(params, state)
-        shapes = {name: getattr(state, name) for name in self.fields}
-        full = (jnp.broadcast_to(jnp.asarray(rates[name]), jnp.shape(x)) for name, x in shapes.items())
-        return self._joined(*full)[jnp.array(self.places)]
-
-    def _joined(self, *values: Any) -> Float[Array, " numbers"]:
-        """The numbers of some fields as one vector."""
-        return jnp.concatenate([jnp.ravel(jnp.asarray(value)).astype(jnp.float64) for value in values])
+        shapes = {name: jnp.shape(getattr(state, name)) for name in self.fields}
+        full = [jnp.broadcast_to(rates[name], shape) for name, shape in shapes.items()]
+        return vector(full)[jnp.array(self.places)]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -125,10 +121,8 @@ class StationaryMap(ModelMap):
             raise ArgumentError(
                 f"without leaves out all variables of the flow of {model.name}: {', '.join(names)}."
             )
-        quantities = []
-        for place in places:
-            name = names[place]
-            quantities.append(known.get(name, Quantity(name, "", f"{name} of the state")))
+        coordinates = [names[place] for place in places]
+        quantities = [known.get(name, Quantity(name, "", f"{name} of the state")) for name in coordinates]
         return FlowVariables(model, fields, places, tuple(quantities))
 
     def rates(self, values: Values, at: Coordinates, modes: State) -> Coordinates:

@@ -12,7 +12,6 @@ from jaxtyping import Array, Float
 
 from gaitsweep.contract import Model, Params, State
 from gaitsweep.engine.carry import Carry, Number
-from gaitsweep.engine.leaves import element_names
 from gaitsweep.engine.recorders.recorder import (
     Beginning,
     LaneRecord,
@@ -91,19 +90,6 @@ class StateRecorder(Recorder):
 def state_size(shape: State) -> int:
     """The number of numbers in a state, from the shapes of its leaves."""
     return sum(int(np.prod(leaf.shape)) for leaf in jax.tree.leaves(shape))
-
-
-def state_names(shape: State) -> list[str]:
-    """The names of the numbers in a state, in the order of samples: `angle`, or `phi_1`, `phi_2` of an array.
-
-    Args:
-        shape: a state, of shapes or of numbers.
-    """
-    leaves, _ = jax.tree_util.tree_flatten_with_path(shape)
-    names: list[str] = []
-    for path, leaf in leaves:
-        names += element_names(jax.tree_util.keystr(path, simple=True, separator="_"), np.shape(leaf))
-    return names
 
 
 def states_of(samples: Float[np.ndarray, "samples width"], shape: State) -> State:

@@ -114,8 +114,6 @@ def refusal(name: str, model: Model, precision: Precision) -> str | None:
         model: the model.
         precision: that of the states and times.
     """
-    if not isinstance(model, HybridModel) and METHODS[name].step is not None:
-        return f"is {name}, which needs a flow, but {model.name} has only steps. Allowed: {_OWN}."
     if METHODS[name].step is None and fixed_step_scheme(name, model) is None:
         linear = isinstance(model, HybridModel) and model.linear
         return (
@@ -199,12 +197,13 @@ def derivative_refusal(name: str, model: Model) -> str | None:
 
 def _steps_alone(name: str, model: Model) -> str | None:
     """The reason why a method is refused for a model that has only its own steps, or None."""
-    if METHODS[name].step is None or not isinstance(model, HybridModel) or model.locates_events:
+    if METHODS[name].step is None or (isinstance(model, HybridModel) and model.locates_events):
         return None
     structure = []
-    for field in dataclasses.fields(model):  # pyright: ignore[reportArgumentType] (each is a dataclass)
-        value = getattr(model, field.name)
-        if value != field.default:
-            structure.append(f"{field.name} {value}")
-    steps = f"has only steps with {', '.join(structure)}"
-    return f"is {name}, which needs a flow, but {model.name} {steps}. Allowed: {_OWN}."
+    if isinstance(model, HybridModel):  # of another model no structure has a flow
+        for field in dataclasses.fields(model):  # pyright: ignore[reportArgumentType] (each is a dataclass)
+            value = getattr(model, field.name)
+            if value != field.default:
+                structure.append(f"{field.name} {value}")
+    with_structure = f" with {', '.join(structure)}" if structure else ""
+    return f"is {name}, which needs a flow, but {model.name} has only steps{with_structure}. Allowed: {_OWN}."
