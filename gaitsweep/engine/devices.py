@@ -57,9 +57,16 @@ def refuse_fork() -> None:
         )
 
 
+def _requested_platforms() -> str | None:
+    """The platforms that JAX may use, separated by commas, as JAX or else JAX_PLATFORMS has them."""
+    if "jax" in sys.modules:
+        return jax.config.jax_platforms  # pyright: ignore[reportAttributeAccessIssue]
+    return os.environ.get("JAX_PLATFORMS")
+
+
 def host_device() -> Device:
     """The device of computations other than rows: the CPU, unless JAX may not use it (JAX_PLATFORMS=cuda)."""
-    platforms: str | None = jax.config.jax_platforms  # pyright: ignore[reportAttributeAccessIssue]
+    platforms = _requested_platforms()
     if platforms and "cpu" not in platforms.split(","):
         return jax.local_devices()[0]
     return jax.local_devices(backend="cpu")[0]
@@ -121,10 +128,7 @@ def refuse_missing_platform() -> None:
             f"This process may use {limit / 1e9:.1f} GB of virtual memory (ulimit -v), but compiling and "
             f"running a model takes at least {MIN_VIRTUAL_MEMORY / 1e9:.1f} GB: raise the limit."
         )
-    if "jax" in sys.modules:
-        platforms: str | None = jax.config.jax_platforms  # pyright: ignore[reportAttributeAccessIssue]
-    else:
-        platforms = os.environ.get("JAX_PLATFORMS")
+    platforms = _requested_platforms()
     if not platforms or platforms == "cpu":
         return
     see_all_cores()

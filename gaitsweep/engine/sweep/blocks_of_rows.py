@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from typing import Any, Literal
 
 import numpy as np
-from jaxtyping import Array, Float, Int, Real
+from jaxtyping import Array, Bool, Float, Int, Real
 
 from gaitsweep.contract import Model, names_gait
 from gaitsweep.engine.carry import Number, Observed
@@ -87,34 +87,28 @@ class Block:
         """Rows that have not ended."""
         return int(np.count_nonzero(~self.ended))
 
-    def keep(
-        self, rows: Int[np.ndarray, " lanes"], output: ChunkOutput, lanes: Int[np.ndarray, " changed"]
+    def collect(
+        self,
+        output: ChunkOutput,
+        lanes: Int[np.ndarray, " changed"],
+        rows: Int[np.ndarray, " changed"],
+        ended: Bool[np.ndarray, " changed"],
     ) -> None:
-        """Append new samples.
+        """Append the new samples of rows, and store the final values of those that have ended.
 
         Args:
-            rows: the rows of all lanes.
             output: the output of a chunk.
-            lanes: the lanes (n,) that have new samples.
+            lanes: lanes of this block (n,).
+            rows: their rows (n,).
+            ended: mask (n,) of the rows that have ended.
         """
-        if lanes.size:
-            filled = output.filled[lanes]
+        filled = output.filled[lanes]
+        if filled.any():
             new = np.arange(output.buffers.shape[1]) < filled[:, None]
-            self._samples[1].append((np.repeat(rows[lanes], filled), output.buffers[lanes][new]))
-
-    def end(
-        self, rows: Int[np.ndarray, " lanes"], output: ChunkOutput, lanes: Int[np.ndarray, " changed"]
-    ) -> None:
-        """Store the final values of rows that have ended.
-
-        Args:
-            rows: the rows of all lanes.
-            output: the output of a chunk.
-            lanes: the lanes (n,) whose rows have ended.
-        """
-        numbers = {name: values[lanes] for name, values in output.numbers.items()}
-        self.ends.put(rows[lanes], with_orbits(numbers))
-        self.ended[rows[lanes]] = True
+            self._samples[1].append((np.repeat(rows, filled), output.buffers[lanes][new]))
+        numbers = {name: values[lanes[ended]] for name, values in output.numbers.items()}
+        self.ends.put(rows[ended], with_orbits(numbers))
+        self.ended[rows[ended]] = True
 
     def unstored(self) -> RowOutcome:
         """The rows that have ended but are not on disk."""

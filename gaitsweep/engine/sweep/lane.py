@@ -106,14 +106,8 @@ def started_row(
         dtype: the dtype of the time.
         values, starts: as of `OneLane.open`.
     """
-    params = _params_at(model, drive, values, jnp.zeros((), dtype))
+    params = model.params(values) if drive is None else drive(values, jnp.zeros((), dtype))
     return params, model.init(params, starts)
-
-
-def _params_at(
-    model: Model, drive: RowDrive | None, values: Mapping[str, Float[Array, " ..."]], t: Number
-) -> Params:
-    return model.params(values) if drive is None else drive(values, t)
 
 
 def row_attempt(model: Model, numerics: ResolvedNumerics, drive: RowDrive | None, tangents: int) -> Advance:
@@ -156,10 +150,6 @@ class OneLane:
         """The arguments of `row_attempt` for this trajectory."""
         return self.model, self.numerics, self.drive, self.recorder.exponents
 
-    def params_at(self, values: Mapping[str, Float[Array, " ..."]], t: Number) -> Params:
-        """The model's parameters at a time (s), from the values of a row; constant without a drive."""
-        return _params_at(self.model, self.drive, values, t)
-
     def open(self, values: Mapping[str, Float[Array, " ..."]], starts: Mapping[str, Number]) -> Opened:
         """Open a trajectory.
 
@@ -197,7 +187,7 @@ class OneLane:
         if self.drive is None:
             return dt
         for t in self.drive.times:
-            moved = self.params_at(values, jnp.asarray(t, dt.dtype))
+            moved = self.drive(values, jnp.asarray(t, dt.dtype))
             dt = jnp.minimum(dt, step_of(self.model, self.numerics, moved))
         return dt
 

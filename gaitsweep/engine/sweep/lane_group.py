@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -160,16 +159,10 @@ class LaneGroup:
         self.row_of[lanes] = rows
         self._fresh[lanes] = True
         for of_lanes, of_rows in ((self._params, block.params), (self._starts, block.starts)):
-            if not of_lanes:
-                of_lanes.update(self._repeated(of_rows))
+            if not of_lanes:  # idle lanes are computed as well, with the values of the first row
+                of_lanes |= {n: np.repeat(column[:1], self.size, axis=0) for n, column in of_rows.items()}
             for name, values in of_lanes.items():
                 values[lanes] = of_rows[name][rows]
-
-    def _repeated(
-        self, columns: Mapping[str, Real[np.ndarray, "rows ..."]]
-    ) -> dict[str, Real[np.ndarray, "lanes ..."]]:
-        """The values of the first row in all lanes: idle lanes are computed as well."""
-        return {name: np.repeat(column[:1], self.size, axis=0) for name, column in columns.items()}
 
     def reopen_all(self) -> None:
         """Open the rows of all lanes again, as if none of them had begun."""

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Container, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
-from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Int
@@ -23,30 +22,7 @@ from gaitsweep.engine.sweep.sweep_spec import SweepProgress, SweepSpec
 from gaitsweep.row_outcome import ENGINE_NUMBERS, RowOutcome
 from gaitsweep.status import Status
 
-
-class _Collected(NamedTuple):
-    """The output of a chunk of a group, and masks of the lanes by the state of their rows.
-
-    Attributes:
-        group: the group.
-        output: the output.
-        running: the lanes whose rows have not ended.
-        ended: the lanes whose rows have ended.
-    """
-
-    group: LaneGroup
-    output: ChunkOutput
-    running: Bool[np.ndarray, " lanes"]
-    ended: Bool[np.ndarray, " lanes"]
-
-    @classmethod
-    def of(cls, group: LaneGroup, output: ChunkOutput, most_samples: int | None) -> _Collected:
-        """The output with the masks of the group's lanes, of which idle ones are in neither."""
-        busy = group.block_of != IDLE
-        is_running = output.numbers["status"] == Status.running
-        if most_samples is not None:
-            is_running = is_running & (output.samples < most_samples)
-        return cls(group, output, busy & is_running, busy & ~is_running)
+_LaneMask = Bool[np.ndarray, " lanes"]  # of the lanes of a group
 
 
 def _restored_rows(
@@ -57,7 +33,7 @@ def _restored_rows(
     rows_by_block: dict[int, RowOutcome] = {}
     for number in blocks:
         rows = restored(number)
-        if rows and declared <= rows.numbers.keys():
+        if rows is not None and declared <= rows.numbers.keys():
             rows_by_block[number] = rows
     return rows_by_block
 
@@ -183,29 +159,34 @@ class LaneScheduler:
 
     def _collect(self, group: LaneGroup, output: ChunkOutput) -> None:
         """Collect the output of a group's chunk."""
-        collected = _Collected.of(group, output, self.spec.most_samples)
-        self._pass_to_blocks(collected)
-        self._count_rows(collected)
-        self._size_chunk(collected)
+        busy = group.block_of != IDLE
+        is_running = busy & (output.numbers["status"] == Status.running)
+        if self.spec.most_samples is not None:
+            is_running &= output.samples < self.spec.most_samples
+        has_ended = busy & ~is_running
+        self._pass_to_blocks(group, output, is_running, has_ended)
+        self._count_rows(group, output, is_running, has_ended)
+        self._size_chunk(group, output, is_running)
 
-    def _pass_to_blocks(self, collected: _Collected) -> None:
+    def _pass_to_blocks(
+        self, group: LaneGroup, output: ChunkOutput, is_running: _LaneMask, has_ended: _LaneMask
+    ) -> None:
         """Pass samples and ended rows to their blocks, and free the lanes of ended rows."""
-        group, output, is_running, has_ended = collected
         changed = np.flatnonzero(has_ended | (is_running & (output.filled > 0)))
         changed = changed[np.argsort(group.block_of[changed], kind="stable")]
         numbers, first = np.unique(group.block_of[changed], return_index=True)
         # without any row `split` gives an empty part all the same
         for number, lanes in zip(numbers, np.split(changed, first[1:]), strict=False):
             block = self.open[number]
-            block.keep(group.row_of, output, lanes[output.filled[lanes] > 0])
-            block.end(group.row_of, output, lanes[has_ended[lanes]])
+            block.collect(output, lanes, group.row_of[lanes], has_ended[lanes])
             if block.missing == 0:
                 self.complete.append(int(number))
         group.block_of[has_ended] = IDLE
 
-    def _count_rows(self, collected: _Collected) -> None:
+    def _count_rows(
+        self, group: LaneGroup, output: ChunkOutput, is_running: _LaneMask, has_ended: _LaneMask
+    ) -> None:
         """Count the ended rows, and estimate the progress of running ones."""
-        group, output, is_running, has_ended = collected
         cycles = output.numbers["cycles"]
         attempts = output.numbers["attempts"]
         self.done += int(np.count_nonzero(has_ended))
@@ -220,9 +201,8 @@ class LaneScheduler:
         group.progress = float(np.sum(progress[is_running]))
         group.attempts = int(np.sum(attempts[is_running]))
 
-    def _size_chunk(self, collected: _Collected) -> None:
+    def _size_chunk(self, group: LaneGroup, output: ChunkOutput, is_running: _LaneMask) -> None:
         """Choose the size of the group's next chunk."""
-        group, output, is_running, _ = collected
         if self.spec.engine != "kernel":
             group.sizer.choose_for_xla()
             return
