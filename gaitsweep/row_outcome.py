@@ -70,7 +70,7 @@ class RowOutcome:
     Args:
         row: the number (n,) of each row in its table.
         numbers: those of each row, (n,) or (n, k), by name (`RowNumber`).
-        kept: the number (n,) of records of each row.
+        record_counts: the number (n,) of records of each row.
         samples: the records (m, width), in the order of the rows.
         labels: the gait (an index, -1: none) and the label fields of each row, (n,) by name.
         sample_labels: those of each record, (m,) by name, for recorders that read the gait there.
@@ -78,7 +78,7 @@ class RowOutcome:
 
     row: Int[np.ndarray, " rows"]
     numbers: dict[str, Num[np.ndarray, "rows ..."]]
-    kept: Int[np.ndarray, " rows"]
+    record_counts: Int[np.ndarray, " rows"]
     samples: Float[np.ndarray, "records width"]
     labels: dict[str, Real[np.ndarray, " rows"]] = dataclasses.field(default_factory=dict)
     sample_labels: dict[str, Real[np.ndarray, " records"]] = dataclasses.field(default_factory=dict)
@@ -139,13 +139,13 @@ class RowOutcome:
 
     def take(self, which: Int[np.ndarray, " taken"]) -> RowOutcome:
         """The rows at the places `which` (m,), in that order."""
-        counts = self.kept[which]
-        first = np.cumsum(self.kept)[which] - counts
+        counts = self.record_counts[which]
+        first = np.cumsum(self.record_counts)[which] - counts
         records = np.repeat(first - (np.cumsum(counts) - counts), counts) + np.arange(counts.sum())
         return RowOutcome(
             row=self.row[which],
             numbers={name: values[which] for name, values in self.numbers.items()},
-            kept=counts,
+            record_counts=counts,
             samples=self.samples[records],
             labels={name: values[which] for name, values in self.labels.items()},
             sample_labels={name: values[records] for name, values in self.sample_labels.items()},
@@ -154,12 +154,12 @@ class RowOutcome:
     @property
     def owner(self) -> Int[np.ndarray, " records"]:
         """The number of the row of each record, (m,)."""
-        return np.repeat(self.row, self.kept)
+        return np.repeat(self.row, self.record_counts)
 
     @property
     def place(self) -> Int[np.ndarray, " records"]:
         """Place of each record's row among these rows, (m,)."""
-        return np.repeat(np.arange(self.row.size), self.kept)
+        return np.repeat(np.arange(self.row.size), self.record_counts)
 
 
 def _concatenated(parts: list[Any]) -> Any:

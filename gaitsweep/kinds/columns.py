@@ -75,9 +75,9 @@ class Records:
     @classmethod
     def one_a_sample(cls, model: Model, block: RowOutcome, names: tuple[str, ...]) -> Records:
         """One record for each sample of a block; a row without samples keeps one record without numbers."""
-        records = np.maximum(block.kept, 1)
+        records = np.maximum(block.record_counts, 1)
         place = np.full(records.sum(), -1)
-        place[np.repeat(block.kept > 0, records)] = np.arange(len(block.samples))
+        place[np.repeat(block.record_counts > 0, records)] = np.arange(len(block.samples))
         samples = _placed(block.samples.reshape(-1, len(names)), place, np.nan)
         return cls(model, block, np.repeat(block.row, records), place, names, samples)
 
@@ -94,7 +94,7 @@ class Records:
 
     def of_row(self, values: Shaped[np.ndarray, "rows ..."]) -> Shaped[np.ndarray, "records ..."]:
         """The value of each record's row (n, ...), from the values of the block's rows."""
-        return values if self.place is None else np.repeat(values, np.maximum(self.block.kept, 1), axis=0)
+        return values if self.place is None else np.repeat(values, np.maximum(self.block.record_counts, 1), axis=0)
 
     def label(self, name: str, absent: float | None = None) -> Real[np.ndarray, " records"]:
         """A gait's number or a trait (n,); `absent` (by default 0 or NaN) where it was not read."""
@@ -165,7 +165,7 @@ def states_at_end(model: HybridModel) -> list[Column]:
     def read(records: Records, place: int) -> ColumnValues:
         block = records.block
         values = np.full(block.row.size, np.nan)
-        kept = block.kept > 0
+        kept = block.record_counts > 0
         if kept.any():  # rows that a refined run infers have no samples
             values[kept] = block.samples[:, place]
         return np.where(block.status == Status.settled, values, np.nan)

@@ -526,13 +526,13 @@ def _other_records(model: Model, rerun: RerunRows, stored: pd.DataFrame) -> RowM
 
 def _with_first(outcome: RowOutcome, most: int) -> RowOutcome:
     """The rows of an outcome with their first `most` samples; rows with so many are complete."""
-    begins = np.cumsum(outcome.kept) - outcome.kept
-    nth = np.arange(len(outcome.samples)) - np.repeat(begins, outcome.kept)
-    status = np.where(outcome.kept >= most, outcome.status.dtype.type(Status.complete), outcome.status)
+    begins = np.cumsum(outcome.record_counts) - outcome.record_counts
+    nth = np.arange(len(outcome.samples)) - np.repeat(begins, outcome.record_counts)
+    status = np.where(outcome.record_counts >= most, outcome.status.dtype.type(Status.complete), outcome.status)
     return dataclasses.replace(
         outcome,
         numbers={**outcome.numbers, "status": status},
-        kept=np.minimum(outcome.kept, most),
+        record_counts=np.minimum(outcome.record_counts, most),
         samples=outcome.samples[nth < most],
         sample_labels={name: values[nth < most] for name, values in outcome.sample_labels.items()},
     )

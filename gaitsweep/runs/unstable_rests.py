@@ -248,8 +248,8 @@ def _samples(
     """
     names = [quantity.name for quantity in recorder.model.observables]
     number = suspects["sample"].to_numpy()  # of the record in its row
-    exists = number < outcome.kept[place]
-    first = np.cumsum(outcome.kept) - outcome.kept
+    exists = number < outcome.record_counts[place]
+    first = np.cumsum(outcome.record_counts) - outcome.record_counts
     samples = outcome.samples[np.where(exists, first[place] + number, 0)]
     observed = outcome.last[place]
     if recorder.base.names:

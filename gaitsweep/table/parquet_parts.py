@@ -295,13 +295,13 @@ _OPEN_KEY = b"gaitsweep open rows"  # of the metadata
 
 def open_bytes(rows: RowOutcome, job_hash: str) -> bytes:
     """Encode ended rows of open blocks as parquet with a checksum for each page."""
-    arrays = {"row": rows.row, **rows.numbers, "kept": rows.kept, "samples": rows.samples}
+    arrays = {"row": rows.row, **rows.numbers, "kept": rows.record_counts, "samples": rows.samples}
     columns: dict[str, pa.Array] = {}
     widths: dict[str, int] = {}
     for name, values in arrays.items():
         if name == "samples":
             widths[name] = values.shape[1]
-            ends = np.cumsum(rows.kept) * values.shape[1]
+            ends = np.cumsum(rows.record_counts) * values.shape[1]
             columns[name] = _lists(values, np.concatenate([[0], ends]))
         elif values.ndim == 2:
             widths[name] = values.shape[1]

@@ -78,7 +78,7 @@ class Block:
             places = restored.row - self.first
             self.ends.put(places, restored.numbers)
             if len(restored.samples):
-                self._samples[0].append((np.repeat(places, restored.kept), restored.samples))
+                self._samples[0].append((np.repeat(places, restored.record_counts), restored.samples))
             self.ended[places] = self.stored[places] = True
         self.waiting = np.flatnonzero(~self.ended)
 
@@ -133,7 +133,7 @@ class Block:
         """The rows with some of their samples."""
         owner, samples = _in_order(parts, self.ends.samples.shape[1])
         counts = np.bincount(owner, minlength=self.rows)
-        return dataclasses.replace(self.ends, kept=counts, samples=samples)
+        return dataclasses.replace(self.ends, record_counts=counts, samples=samples)
 
 
 # The rows (n,) of samples (n, width) in their block, and the samples.

@@ -213,7 +213,7 @@ class Replayer:
     def _of_block(self, result: RowOutcome, recorder: WindowsRecorder) -> Iterator[ReplayedRow]:
         """The rows of a simulated block."""
         observed = len(self._spec.model.observables)
-        cuts = np.cumsum(result.kept)[:-1]
+        cuts = np.cumsum(result.record_counts)[:-1]
         end = 2 + observed  # of the columns of a crossing: its number, its time, the observables
         for i, records in enumerate(np.split(result.samples, cuts)):
             is_crossing = records[:, 0] >= 0.0
