@@ -1,4 +1,4 @@
-"""What tracing a model tells without values: the shapes of its state, and what its results depend on.
+"""Results of tracing a model without values: the shapes of its state, and what its results depend on.
 
 `stored` keeps such results in the cache folder, so that a known model is not traced again. The name of an
 entry is a digest of all that decides it: the content of the model with the sources of its modules,

@@ -133,11 +133,6 @@ def machine_code(module: ir.Module, *, quick: bool = False) -> bytes:
     return _target_machine().emit_object(_optimised(module))
 
 
-def assembly(module: ir.Module) -> str:
-    """The machine code of a module for this processor, as text."""
-    return _target_machine().emit_assembly(_optimised(module))
-
-
 def _optimised(module: ir.Module) -> llvm.ModuleRef:
     """The module after LLVM's passes."""
     parsed = llvm.parse_assembly(str(module))

@@ -96,7 +96,7 @@ class StepSchedule:
 
     @property
     def first(self) -> float:
-        """Seconds on stair 0."""
+        """The time on stair 0 (s)."""
         return self.dwell if self.first_dwell is None else self.first_dwell
 
     @property

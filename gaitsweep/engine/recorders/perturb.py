@@ -118,21 +118,6 @@ class _Settling:
 
 
 @dataclasses.dataclass(frozen=True)
-class _Gait:
-    """The gait that the push leaves.
-
-    Attributes:
-        observed: `PushMemory.gait` after the poll.
-        times: `PushMemory.times` after the poll.
-        period: `PushMemory.period` after the poll.
-    """
-
-    observed: Float[Array, "period observables"]
-    times: Float[Array, " period"]
-    period: Integer
-
-
-@dataclasses.dataclass(frozen=True)
 class _Push:
     """The push at a poll.
 
@@ -255,12 +240,12 @@ class PerturbRecorder(Recorder):
         crossed = crossed & ~(is_first & (carry.t - memory.crossed < AGAIN * memory.cycle))
         timed = carry.halt == Halt.TIME
         settling = self._settling(params, carry, record, crossed)
-        gait = self._gait_left(memory, settling)
+        memory = self._with_gait(memory, settling)
         push = self._push(params, carry, memory, settling, crossed=crossed, timed=timed)
         latest = jnp.where(crossed, self.observables(params, carry.state), record.last)
-        departure = self._departure(carry, record, gait, push, crossed, latest)
+        departure = self._departure(carry, record, memory, push, crossed, latest)
         # the period (s) of the gait at a poll at which the row has settled; elsewhere it is not used
-        duration = carry.t - _entry_at(memory.settle.window[:, -2], gait.period - 1)
+        duration = carry.t - _entry_at(memory.settle.window[:, -2], memory.period - 1)
         next_carry = self._carry_after(params, carry, settling, push, duration)
         pushed_carry = dataclasses.replace(carry, state=next_carry.state)
         fresh = self._fresh(params, pushed_carry, settling.polled, latest)
@@ -269,20 +254,12 @@ class PerturbRecorder(Recorder):
             status=_status(memory, settling, push, timed).astype(jnp.int32),
             cycles=jnp.where(crossed, record.cycles + 1, record.cycles),
             last=jnp.where(crossed, latest, settling.polled.last),
-            memory=_memory_after(
-                settling,
-                gait,
-                push,
-                departure,
-                fresh,
-                cycle=jnp.where(settling.arrives, duration / gait.period, memory.cycle),
-                crossed=jnp.where(crossed, carry.t, memory.crossed),
-            ),
+            memory=_memory_after(carry, memory, settling, push, departure, fresh, crossed, duration),
             numbers={
                 **record.numbers,
-                **_numbers_of_return(carry, memory, settling, gait, departure, duration),
+                **_numbers_of_return(carry, memory, settling, departure, duration),
                 "slowest": settling.polled.numbers["slowest"],
-                "period_before": gait.period.astype(jnp.int32),
+                "period_before": memory.period.astype(jnp.int32),
                 "stage": push.stage.astype(jnp.int32),
                 "t_push": push.time,
                 "excursion": departure.excursion,
@@ -304,8 +281,8 @@ class PerturbRecorder(Recorder):
         arrives = memory.is_in(Stage.SETTLES) & settled
         return _Settling(polled, ended, settled, arrives, polled.numbers["period"])
 
-    def _gait_left(self, memory: PushMemory, settling: _Settling) -> _Gait:
-        """The gait that the push leaves: that on which the row has settled now, or had settled before."""
+    def _with_gait(self, memory: PushMemory, settling: _Settling) -> PushMemory:
+        """The memory with the gait that the push leaves: that on which the row settles now or had settled."""
         length = self.settle.max_period
         window = settling.polled.memory.window[:length]
         on_gait = jnp.arange(length) < settling.period
@@ -314,7 +291,7 @@ class PerturbRecorder(Recorder):
         times = jnp.where(on_gait, window[:, -2], jnp.nan)
         times = jnp.where(settling.arrives, times, memory.times)
         period = jnp.where(settling.arrives, settling.period, memory.period)
-        return _Gait(observed, times, period)
+        return dataclasses.replace(memory, gait=observed, times=times, period=period.astype(jnp.int32))
 
     def _push(
         self,
@@ -354,7 +331,7 @@ class PerturbRecorder(Recorder):
         self,
         carry: Carry,
         record: LaneRecord,
-        gait: _Gait,
+        memory: PushMemory,
         push: _Push,
         crossed: Flag,
         latest: Observed,
@@ -364,13 +341,12 @@ class PerturbRecorder(Recorder):
         Args:
             carry: the trajectory.
             record: the record before this poll.
-            gait: the gait that the push leaves.
+            memory: the memory with the gait that the push leaves.
             push: the push at this poll.
             crossed: whether the row is at a crossing of the section.
             latest: the observables at the latest crossing.
         """
-        memory: PushMemory = record.memory
-        distances = self._distances(latest, gait.observed)
+        distances = self._distances(latest, memory.gait)
         nearest = jnp.argmin(distances)
         distance = jnp.min(distances)
         counts = crossed & memory.is_in(Stage.ACTS, Stage.RETURNS)
@@ -460,7 +436,6 @@ def _numbers_of_return(
     carry: Carry,
     memory: PushMemory,
     settling: _Settling,
-    gait: _Gait,
     departure: _Departure,
     duration: Number,
 ) -> dict[str, Array]:
@@ -468,17 +443,16 @@ def _numbers_of_return(
 
     Args:
         carry: the trajectory.
-        memory: the memory before this poll.
+        memory: the memory before this poll, with the gait that the push leaves.
         settling: the poll of the recorder that settles the row.
-        gait: the gait that the push leaves.
         departure: the departure of the row from that gait.
         duration: the period (s) of the gait of a row that has settled at this poll.
     """
     settled_again = memory.is_in(Stage.RETURNS) & settling.settled
     recovered = settled_again & ~departure.far
-    ahead = (_entry_at(gait.times, departure.nearest) - carry.t) / duration
+    ahead = (_entry_at(memory.times, departure.nearest) - carry.t) / duration
     # NaN where the gait has more crossings than there were since the push
-    phase_shift = jnp.where(memory.crossings >= gait.period, ahead - jnp.round(ahead), jnp.nan)
+    phase_shift = jnp.where(memory.crossings >= memory.period, ahead - jnp.round(ahead), jnp.nan)
     cycles_back = jnp.where(departure.outside > 0, departure.outside + 1, 0).astype(phase_shift.dtype)
     return {
         "cycles_back": jnp.where(recovered, cycles_back, jnp.nan),
@@ -490,25 +464,25 @@ def _numbers_of_return(
 
 
 def _memory_after(
+    carry: Carry,
+    memory: PushMemory,
     settling: _Settling,
-    gait: _Gait,
     push: _Push,
     departure: _Departure,
     fresh: Memory,
-    *,
-    cycle: Number,
-    crossed: Number,
+    crossed: Flag,
+    duration: Number,
 ) -> PushMemory:
     """The memory of a row after a poll; `fresh` is that of a row that begins to settle again."""
-    return PushMemory(
+    cycle = jnp.where(settling.arrives, duration / memory.period, memory.cycle)
+    crossed_at = jnp.where(crossed, carry.t, memory.crossed)
+    return dataclasses.replace(
+        memory,
         settle=select(push.returns, fresh, settling.polled.memory),
         crossings=jnp.where(push.returns, 0, settling.polled.cycles).astype(jnp.int32),
         stage=push.stage.astype(jnp.int32),
-        gait=gait.observed,
-        times=gait.times,
-        period=gait.period.astype(jnp.int32),
         cycle=cycle,
-        crossed=crossed,
+        crossed=crossed_at,
         pushed=push.time,
         since=push.since.astype(jnp.int32),
         outside=departure.outside.astype(jnp.int32),

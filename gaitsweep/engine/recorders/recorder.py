@@ -206,7 +206,7 @@ class Recorder(abc.ABC):
 
     @property
     def width(self) -> int:
-        """Numbers in a sample."""
+        """The number of numbers in a sample."""
         return len(self.names)
 
     def observables(self, params: Params, state: State) -> Observed:
