@@ -60,7 +60,8 @@ def rodas5p(model: HybridModel) -> Estimate:
     """The step of order 5 of Steinebach, with the difference from its embedded solution as the error."""
 
     def step(params: Params, state: State, h: Number) -> tuple[State, Rates]:
-        layout = _layout(model, params, state)
+        names = jax.eval_shape(model.flow, params, state)
+        layout = _Layout({name: jnp.shape(getattr(state, name)) for name in names})
 
         def rates_at(values: Vector) -> Vector:
             return layout.flat(model.flow(params, layout.state(state, values)))
@@ -111,12 +112,6 @@ class _Layout:
     def state(self, state: State, values: Vector) -> State:
         """A state with these numbers."""
         return dataclasses.replace(state, **self.fields(values))
-
-
-def _layout(model: HybridModel, params: Params, state: State) -> _Layout:
-    """The layout of the fields that the flow moves."""
-    names = jax.eval_shape(model.flow, params, state)
-    return _Layout({name: jnp.shape(getattr(state, name)) for name in names})
 
 
 def _unit_vectors(like: Vector) -> list[Vector]:
