@@ -94,7 +94,11 @@ class Records:
 
     def of_row(self, values: Shaped[np.ndarray, "rows ..."]) -> Shaped[np.ndarray, "records ..."]:
         """The value of each record's row (n, ...), from the values of the block's rows."""
-        return values if self.place is None else np.repeat(values, np.maximum(self.block.record_counts, 1), axis=0)
+        return (
+            values
+            if self.place is None
+            else np.repeat(values, np.maximum(self.block.record_counts, 1), axis=0)
+        )
 
     def label(self, name: str, absent: float | None = None) -> Real[np.ndarray, " records"]:
         """A gait's number or a trait (n,); `absent` (by default 0 or NaN) where it was not read."""

@@ -528,7 +528,9 @@ def _with_first(outcome: RowOutcome, most: int) -> RowOutcome:
     """The rows of an outcome with their first `most` samples; rows with so many are complete."""
     begins = np.cumsum(outcome.record_counts) - outcome.record_counts
     nth = np.arange(len(outcome.samples)) - np.repeat(begins, outcome.record_counts)
-    status = np.where(outcome.record_counts >= most, outcome.status.dtype.type(Status.complete), outcome.status)
+    status = np.where(
+        outcome.record_counts >= most, outcome.status.dtype.type(Status.complete), outcome.status
+    )
     return dataclasses.replace(
         outcome,
         numbers={**outcome.numbers, "status": status},
