@@ -191,7 +191,7 @@ class Drift(gs.DeclaredModel):
 
     @gs.diffusion
     def noise(self, p, s):
-        return {"x": 1.0}
+        return {"x": jnp.asarray(1.0)}
 
     def period(self, p):
         return jnp.asarray(1.0)
