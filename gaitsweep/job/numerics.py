@@ -42,10 +42,7 @@ def _read_block(value: Any) -> int | Literal["auto"]:
 class NumericsSpec(StrictModel):
     """Integration of trajectories; the model recommends values for the fields that are left out."""
 
-    method: Annotated[
-        MethodName,
-        Word(),
-    ] = Field(
+    method: Annotated[MethodName, Word()] = Field(
         default="auto",
         description="auto: the method that the model recommends, or else tsit5 (taylor where it is faster, "
         "rodas5p where the flow is stiff); "

@@ -16,11 +16,7 @@ from jaxtyping import Float, Int
 
 from gaitsweep.analysis.atlas.atlas import BranchAtlas
 from gaitsweep.analysis.atlas.atlas_tables import atlas_table
-from gaitsweep.analysis.atlas.periodic_orbits import (
-    OrbitSearch,
-    OrbitSearchOptions,
-    rows_of,
-)
+from gaitsweep.analysis.atlas.periodic_orbits import OrbitSearch, OrbitSearchOptions, rows_of
 from gaitsweep.design import Design
 from gaitsweep.engine.poincare.maps import Points
 from gaitsweep.engine.poincare.poincare_return import ReturnStatus
@@ -142,8 +138,6 @@ class AtlasBlock:
     def _records(self, search: OrbitSearch, atlas: BranchAtlas, branches: pd.DataFrame) -> pd.DataFrame:
         """The records of a job's table from those of branches, and of curves over the second parameter."""
         table = self._joined_parts(search, atlas, branches)
-        if not len(table):
-            return table
         for name in self.run.second:
             of_branch = self.mapped.values[name][table["row"].to_numpy(int)]
             table[name] = np.where(table["part"] == "branch", of_branch, table.get(name, np.nan))
@@ -152,7 +146,7 @@ class AtlasBlock:
         table = table.reindex(columns=list(dict.fromkeys([*table, *named])))
         has_point = table["special"].notna().to_numpy()
         mapped = self.mapped.without(self.run.parameter)
-        return self.run.records(self.rows, mapped, table, has_point, has_point)
+        return self.run.records(self.rows, mapped, table, has_point)
 
     def _joined_parts(self, search: OrbitSearch, atlas: BranchAtlas, branches: pd.DataFrame) -> pd.DataFrame:
         """The points of branches, those of curves over the second parameter, and rows without a gait."""
@@ -163,10 +157,7 @@ class AtlasBlock:
                 parts.append(curves.rename(columns={"curve": "number", "kind": "part"}))
         without = set(range(len(self.numbers))) - {branch.row for branch in atlas.branches}
         parts.append(pd.DataFrame([self._without_gait(row, search) for row in sorted(without)]))
-        parts = [part for part in parts if len(part)]
-        if not parts:
-            return branches
-        table = pd.concat(parts, ignore_index=True)
+        table = pd.concat([part for part in parts if len(part)], ignore_index=True)
         drawn = np.array([search.drawn(row) for row in range(len(self.numbers))])
         table = table.assign(drawn_starts=drawn[table["row"].to_numpy(int)])
         return table.sort_values("row", kind="stable", ignore_index=True)

@@ -59,9 +59,7 @@ from gaitsweep.status import Status
 MOST_COARSE = 1024  # cells a side
 MOST_PERIOD = 64  # crossings of the longest orbits that may be asked for
 OrbitPeriod = Annotated[
-    int,
-    PlainValidator(checked(read_whole, low=1, high=MOST_PERIOD)),
-    WithJsonSchema({"type": "integer"}),
+    int, PlainValidator(checked(read_whole, low=1, high=MOST_PERIOD)), WithJsonSchema({"type": "integer"})
 ]
 # Crossings after which an orbit settles at the earliest, in longest periods.
 SETTLING_PERIODS = FIRST_TEST + CONFIRMED_FOR

@@ -202,11 +202,7 @@ def _rows_leave_the_host_idle(context: RunContext) -> bool:
 
 
 def _run_missing(
-    context: RunContext,
-    table: Table,
-    missing: list[int],
-    on_progress: Progress,
-    executor: Executor,
+    context: RunContext, table: Table, missing: list[int], on_progress: Progress, executor: Executor
 ) -> None:
     """Have an executor compute the missing blocks of a table, and sum the table up."""
     before = table.rows_done + table.rows_open

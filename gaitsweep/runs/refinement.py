@@ -98,11 +98,7 @@ class Refinement:
         on_progress(known.size, known.size, 0.0, 1.0, f"{known.size - simulated} rows are inferred")
 
     def _round(
-        self,
-        number: int,
-        rows: Rows,
-        on_sweep_progress: Callable[[SweepProgress], None],
-        timings: Timings,
+        self, number: int, rows: Rows, on_sweep_progress: Callable[[SweepProgress], None], timings: Timings
     ) -> pd.DataFrame:
         """Return the records of `rows` (n,), simulating those that are missing."""
         context = self.context

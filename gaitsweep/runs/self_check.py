@@ -242,10 +242,7 @@ class _Comparison:
             self.on_progress(SweepProgress(0, 0, share, 0, 0.0, "the following of displaced states"))
 
     def repeated(
-        self,
-        recorder: Recorder,
-        lanes: list[tuple[Rows, float, float]],
-        most_samples: int | None = None,
+        self, recorder: Recorder, lanes: list[tuple[Rows, float, float]], most_samples: int | None = None
     ) -> list[RowOutcome]:
         """Return the results of rerun rows for each item of `lanes`.
 

@@ -233,10 +233,7 @@ def _state_shape(
 
 
 def _samples(
-    recorder: StateRecorder,
-    outcome: RowOutcome,
-    place: Int[np.ndarray, " suspects"],
-    suspects: pd.DataFrame,
+    recorder: StateRecorder, outcome: RowOutcome, place: Int[np.ndarray, " suspects"], suspects: pd.DataFrame
 ) -> tuple[Float[np.ndarray, "suspects width"], Bool[np.ndarray, " suspects"]]:
     """The samples of rerun rows at some records, and whether the rerun rests where these do.
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 import re
-import unicodedata
 from collections.abc import Callable, Mapping
 from contextvars import ContextVar
 from dataclasses import dataclass, field
@@ -46,6 +45,8 @@ _POSITIVE_ZERO = 0.0  # added to -0.0 it gives 0.0, which gives the same rows
 _LONGEST_TEXT = 1000  # characters
 _LONGEST_AMBIGUOUS = 99  # characters of a text that is compared with the patterns of ambiguous numbers
 _STEM = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,99}")
+# Control characters but tabs and line ends, and halves of surrogate pairs.
+_NOT_TEXT = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\ud800-\udfff]")
 # Texts that look like numbers to some readers, each with the end of the message that refuses it.
 _AMBIGUOUS: tuple[tuple[re.Pattern[str], str], ...] = (
     (re.compile(r"^\s*\d+:\d"), "which some YAML readers read in base 60; write a plain number"),
@@ -62,12 +63,8 @@ _AMBIGUOUS: tuple[tuple[re.Pattern[str], str], ...] = (
 
 def control_character(value: str) -> str | None:
     """Return the first character of a text that figures cannot show, in words, or None."""
-    if value.isprintable():
-        return None
-    for character in value:
-        if unicodedata.category(character) in ("Cc", "Cs") and character not in "\t\n\r":
-            return f"the control character U+{ord(character):04X}"
-    return None
+    wrong = _NOT_TEXT.search(value)
+    return None if wrong is None else f"the control character U+{ord(wrong[0]):04X}"
 
 
 class InvalidValue(ValueError):
@@ -202,7 +199,7 @@ def read_positive_or_each(value: Any) -> float | dict[str, float]:
 
 
 def read_text(value: Any) -> str:
-    """Text, without the line feed at the end of a YAML block.
+    """Read text, without the line feed at the end of a YAML block.
 
     Raises:
         InvalidValue: it is no text, is empty or too long, or has a control character.

@@ -29,13 +29,7 @@ from pydantic_core import CoreSchema, ErrorDetails, SchemaValidator, core_schema
 
 from gaitsweep import near_miss
 from gaitsweep.expression import VARY_GROUPS
-from gaitsweep.schema.diagnostics import (
-    Diagnostic,
-    Path,
-    quoted,
-    unknown_field,
-    wrong_kind,
-)
+from gaitsweep.schema.diagnostics import Diagnostic, Path, quoted, unknown_field, wrong_kind
 
 
 class _OwnMembers(type(BaseModel)):
@@ -298,17 +292,17 @@ def _from_details(
         return unknown_field(path, section.words, section.fields, place)
     if error == "missing":
         return Diagnostic(path, f"is missing: {section.fields[str(path[-1])].description}.")
-    if error in ("union_tag_invalid", "union_tag_not_found"):
+    is_union = loc == ("run",) or loc[:1] == ("figures",)
+    if error in ("union_tag_invalid", "union_tag_not_found") or (
+        error == "model_attributes_type" and is_union
+    ):
         return _about_kind(path, value, sections)
     if error in ("too_short", "too_long"):
         end, limit = ("at least", "min_length") if error == "too_short" else ("at most", "max_length")
-        return Diagnostic(
-            path, f"has {context['actual_length']} items, but must have {end} {context[limit]}."
-        )
+        text = f"has {context['actual_length']} items, but must have {end} {context[limit]}."
+        return Diagnostic(path, text)
     if error == "list_type":
         return Diagnostic(path, f"is {quoted(value)}, but must be a list in brackets.")
-    if error == "model_attributes_type" and (loc == ("run",) or loc[:1] == ("figures",)):
-        return _about_kind(path, value, sections)
     if error in ("model_type", "dict_type", "model_attributes_type"):
         inner = sections.get(_key(loc, -1) if loc else "")
         fields = f" {near_miss.allowing(inner.fields)}" if inner else ""

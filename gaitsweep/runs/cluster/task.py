@@ -337,9 +337,8 @@ def _context_of(ticket: JobTicket) -> RunContext:
                 "that all workers see, or on their PYTHONPATH"
             ) from error
     try:
-        job = Job.model_validate(json.loads(ticket.job))
-        job = job.model_copy(update={"engine": job.engine.model_copy(update={"devices": None})})
-        context = prepare(job)
+        fields = json.loads(ticket.job)
+        context = prepare(Job.model_validate(fields | {"engine": fields["engine"] | {"devices": None}}))
     except UserError as error:
         raise WorkerUnfit(f"the job is refused there: {error.sentence}") from error
     spec = context.spec
