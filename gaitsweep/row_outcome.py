@@ -121,9 +121,7 @@ class RowOutcome:
             ValueError: there is no result, and so no type of its numbers.
         """
         if not parts:
-            raise ValueError(
-                "There are no results to concatenate: give one or more, or use RowOutcome.empty."
-            )
+            raise ValueError("There are no results to join: give one or more, or use RowOutcome.empty.")
         names = [field.name for field in dataclasses.fields(cls)]
         return cls(**{name: _concatenated([getattr(part, name) for part in parts]) for name in names})
 

@@ -205,7 +205,8 @@ def _measured(context: RunContext, pool: LaneScheduler) -> Measured:
 
     simulated = total("t_end")
     crossings = total("cycles")
-    nominal = 1.0 / nominal_period(context.design)
+    period = nominal_period(context.design)
+    nominal = 1.0 if math.isnan(period) else 1.0 / period  # rows without a period end at once
     if crossings < 2.0 * lanes_in_use:  # too few for a mean
         crossings = nominal * simulated
     if simulated > 0.0:

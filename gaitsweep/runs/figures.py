@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import dataclasses
 import functools
 import hashlib
 import json
 import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Int
@@ -102,10 +101,10 @@ def _draw_missing_figures(directory: ResultDirectory, job: Mapping[str, Any], on
     if not wanted:
         return
 
+    rows = directory.layout.rows
+
     def on_figure(number: int) -> None:
-        on_progress(
-            directory.layout.rows, directory.layout.rows, 0.0, 1.0, f"figure {number} of {len(wanted)}"
-        )
+        on_progress(rows, rows, 0.0, 1.0, f"figure {number} of {len(wanted)}")
 
     draw_figures(directory.path, wanted, on_figure)
     now = {name: _figure_digest(directory.path / FIGURES / name, spec) for name, spec in by_name.items()}
@@ -238,7 +237,7 @@ def _style_and_fields(
     return figure_style.model_copy(update={"colours": colours or None}), fields
 
 
-def _figures_of(snapshot: Snapshot, fields: Sequence[str] = ()) -> tuple[list[dict[str, Any]], FigureStyle]:
+def _figures_of(snapshot: Snapshot, fields: Sequence[str]) -> tuple[list[dict[str, Any]], FigureStyle]:
     """The figures of a directory and their style, from `job.yaml` if it was edited.
 
     `fields` ("field=value") replace those of all figures that have them.
@@ -281,8 +280,7 @@ def _with_fields(asked: Mapping[str, Any], fields: Sequence[str]) -> Mapping[str
     return {**asked, "figures": specs} if specs else asked
 
 
-@dataclasses.dataclass(frozen=True)
-class Thinned:
+class Thinned(NamedTuple):
     """The rows (n,) that a figure shows, in rising order, and a remark on them."""
 
     rows: Int[np.ndarray, " shown"]

@@ -246,8 +246,8 @@ class ResultDirectory:
         subject = "1 file" if count == 1 else f"{count} files"
         write_digests(self.path, read_digests(self.path) | examined.undigested)
         self.notes.append(
-            f"{subject} of {self.path / TABLE} had no digest in {DIGESTS}. Job, block, rows and page checksums "
-            "are correct there: the files are used, and their digests are written again."
+            f"{subject} of {self.path / TABLE} had no digests in {DIGESTS}. Job, block, rows and page "
+            "checksums are correct there: the files are used, and their digests are written again."
         )
 
     def _clear(self, fault: Fault) -> None:

@@ -61,7 +61,7 @@ class Snapshot:
         Raises:
             TableError: it is not a result directory, or its manifest or `job.yaml` cannot be read.
         """
-        return _snapshot(Path(path))
+        return _snapshot(Path(path), None, None, None)
 
     @property
     def job_edited(self) -> bool:
@@ -98,7 +98,7 @@ class Snapshot:
         """Clause on files without digests, in which damage may go undetected."""
         count = len(self.files.undigested)
         files = "1 file of the table has" if count == 1 else f"{count} files of the table have"
-        return f"{files} no digest, so some damage cannot be detected. Run its job again to write the digests"
+        return f"{files} no digests, so some damage cannot be detected. Run its job again to write them"
 
     def require_sound(self) -> None:
         """Refuse a table with damaged files or files of another table.
@@ -188,12 +188,9 @@ class Selection:
 
 
 def _snapshot(
-    path: Path,
-    parts: PartRecords | None = None,
-    columns: Sequence[str] | None = None,
-    rows: Rows | None = None,
+    path: Path, parts: PartRecords | None, columns: Sequence[str] | None, rows: Rows | None
 ) -> Snapshot:
-    """Read a directory, and records of its valid parts into `parts`: some or all columns and rows."""
+    """Read a directory, and if `parts` are given the records of its valid parts into them, as for `load`."""
     manifest = read_manifest(path)
     selection = Selection.of(columns, rows, manifest["rows"])
     examined = Examination(path, Layout.of(manifest))

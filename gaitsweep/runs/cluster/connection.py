@@ -361,13 +361,10 @@ def _environment() -> dict[str, str]:
     """The environment variables with which a worker computes as this process does."""
     import jax
 
-    environment = {"PYTHONPATH": os.environ.get("PYTHONPATH", "")}
-    platform = jax.default_backend()
-    if platform == "cpu":
-        environment["JAX_PLATFORMS"] = "cpu"
-    else:
-        environment["XLA_PYTHON_CLIENT_PREALLOCATE"] = "false"  # this process uses the cards too
-    return environment
+    of_cpu = {"JAX_PLATFORMS": "cpu"}
+    of_cards = {"XLA_PYTHON_CLIENT_PREALLOCATE": "false"}  # this process uses the cards too
+    of_platform = of_cpu if jax.default_backend() == "cpu" else of_cards
+    return {"PYTHONPATH": os.environ.get("PYTHONPATH", ""), **of_platform}
 
 
 def _cards() -> list[str]:
@@ -394,17 +391,14 @@ def connection_to(where: str) -> Connection:
         logging.getLogger(name).setLevel(logging.CRITICAL)
     scheme, colon, place = where.partition(":")
     if scheme == "local" and colon:
-        if not re.fullmatch(r"\d{1,9}", place) or not 1 <= int(place) <= MOST_LOCAL:
-            raise RunError(
-                f"--cluster {where} asks for {place or 'no number of'} workers: from 1 to {MOST_LOCAL} are "
-                "allowed."
-            )
+        if not re.fullmatch(r"[0-9]{1,9}", place) or not 1 <= int(place) <= MOST_LOCAL:
+            asked = f"--cluster {where} asks for {place or 'no number of'} workers"
+            raise RunError(f"{asked}: from 1 to {MOST_LOCAL} are allowed.")
         return LocalWorkers(int(place))
     if "://" in where or where.endswith(".json"):
         return RemoteScheduler(where)
     schemes = ("local", *SCHEMES)
-    if re.fullmatch(r"\d{1,5}", place) and near_miss.nearest(scheme, schemes) is None:
+    near = near_miss.suggestion(scheme, schemes) if colon and place else "."
+    if re.fullmatch(r"[0-9]{1,5}", place) and near_miss.nearest(scheme, schemes) is None:
         near = f"; did you mean tcp://{where}?"
-    else:
-        near = near_miss.suggestion(scheme, schemes) if colon and place else "."
     raise RunError(f"--cluster {where or 'WHERE'} is not valid: {_FORMS}{near}")
