@@ -59,9 +59,8 @@ class ModelSpec:
     @property
     def sizes(self) -> dict[str, float]:
         """Numbers of the structure, which expressions may use: {"N": 3.0}."""
-        return {
-            name: float(value) for name, value in self.structure.items() if isinstance(value, (int, float))
-        }
+        items = self.structure.items()
+        return {name: float(value) for name, value in items if isinstance(value, (int, float))}
 
     @property
     def resolved_structure(self) -> dict[str, Any]:
@@ -117,9 +116,8 @@ def read_model_spec(
         return None, [Diagnostic(("model",), str(error))]
     fields = {field.name: field for field in dataclasses.fields(model_class) if field.init}  # type: ignore[arg-type]
     # the values of structural fields with their paths, in the order in which they take effect
-    written: list[tuple[Path, str, Any]] = [
-        (("structure", key), key, value) for key, value in _items(structure)
-    ]
+    written: list[tuple[Path, str, Any]] = []
+    written += [(("structure", key), key, value) for key, value in _items(structure)]
     written += [(("params", key), key, value) for key, value in _items(params) if key in fields]
     diagnostics: list[Diagnostic] = []
     if ground is not None:

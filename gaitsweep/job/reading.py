@@ -64,9 +64,8 @@ class Config:
             self.diagnostics.append(Diagnostic(("config",), text))
             return
         try:
-            self._document = read_document(
-                config_file(path, folder), noun="a config", fields=("model", "params")
-            )
+            file = config_file(path, folder)
+            self._document = read_document(file, noun="a config", fields=("model", "params"))
         except JobError as error:
             self.diagnostics.extend(map(_at_the_job, error.diagnostics))
             return
@@ -93,9 +92,8 @@ class Config:
 
     def _merge(self, document: Document) -> None:
         """Add the fields of the config that the job leaves out."""
-        unknown = [
-            unknown_field((str(key),), "a config", _FIELDS) for key in document.data if key not in _FIELDS
-        ]
+        others = [str(key) for key in document.data if key not in _FIELDS]
+        unknown = [unknown_field((key,), "a config", _FIELDS) for key in others]
         self.diagnostics.extend(map(document.locate, unknown))
         merged = dict(self.raw)
         if "model" in document.data and self.raw.get("model") is None:
@@ -263,9 +261,8 @@ def _read_rows(config: Config, folder: Path) -> _Rows:
     diagnostics = list(config.diagnostics)
     spec = None
     if "model" in raw:
-        spec, wrong = read_model_spec(
-            raw["model"], raw.get("structure"), raw.get("params"), [folder], raw.get("run"), raw.get("ground")
-        )
+        structure, params, run, ground = map(raw.get, ("structure", "params", "run", "ground"))
+        spec, wrong = read_model_spec(raw["model"], structure, params, [folder], run, ground)
         diagnostics += wrong
     kind = kind_written(raw.get("run"))
     if spec is not None and kind is not None:

@@ -114,10 +114,8 @@ class Atlas(FollowsFixedPoints):
             were_not = "1 branch was" if left_out == 1 else f"{left_out} branches were"
             sentences.append(f"{were_not} not followed: run.branches is {self.branches}.")
         if stopped := np.count_nonzero(on_branches["end"].astype(str) == "most"):
-            sentences.append(
-                f"Branches ended at {stopped} places after run.most, {self.most} points: raise it, or "
-                "run.longest."
-            )
+            text = f"Branches ended at {stopped} places after run.most, {self.most} points"
+            sentences.append(f"{text}: raise it, or run.longest.")
         curves = table.iloc[np.flatnonzero(~branch & (table["part"] != "").to_numpy(bool))]
         return [*sentences, *(self._curves_found(curves, second) for second in self.second)]
 

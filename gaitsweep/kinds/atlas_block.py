@@ -62,9 +62,8 @@ class DrawnStarts:
         starts |= drawn_starts
         if cycles and len(drawn_starts) == len(columns):
             points, status = mapping.settled(starts, values, cycles)
-            return Points(
-                np.where((status == ReturnStatus.crossed)[:, None], points.at, np.nan), points.modes
-            )
+            crossed = (status == ReturnStatus.crossed)[:, None]
+            return Points(np.where(crossed, points.at, np.nan), points.modes)
         points, _ = mapping.settled(starts, values, 0)
         outside = np.flatnonzero(~mapping.covers(points, values))
         if outside.size:
@@ -225,6 +224,5 @@ def _typed(table: pd.DataFrame) -> pd.DataFrame:
     integers = {name: table[name].astype(float).fillna(-1).astype(np.int64) for name in _WHOLE}
     stable = table["stable"].astype("boolean").fillna(False).astype(bool)
     texts = {name: pd.Categorical(table[name].astype(object).fillna("")) for name in _TEXTS}
-    return table.assign(
-        stable=stable, stored_point=table["stored_point"].astype(object).fillna(""), **texts, **integers
-    )
+    stored = table["stored_point"].astype(object).fillna("")
+    return table.assign(stable=stable, stored_point=stored, **texts, **integers)

@@ -157,9 +157,8 @@ class Continuation(FollowsFixedPoints):
         begin, end = self.path
 
         def on_step(points: Int[np.ndarray, " branches"], shares: Float[np.ndarray, " branches"]) -> None:
-            text = (
-                f"{points.sum()} points of {points.size} branches, {np.sum(shares < 1.0)} not at their ends"
-            )
+            unended = np.sum(shares < 1.0)
+            text = f"{points.sum()} points of {points.size} branches, {unended} not at their ends"
             on_progress(text, max(1.0 - float(np.sum(1.0 - shares)) / len(numbers), 0.0))
 
         on_progress(f"settling for {self.settle} cycles")

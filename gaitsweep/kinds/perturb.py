@@ -121,9 +121,8 @@ class Perturb(SettlesRows):
             known(("run", "push", k), name, "a variable of the flow", variables)
             for k, name in enumerate(push if isinstance(push, list | tuple) else ())
         ]
-        stepped = known(
-            ("run", "step"), written.get("step"), "a parameter", [q.name for q in model.parameters]
-        )
+        parameters = [q.name for q in model.parameters]
+        stepped = known(("run", "step"), written.get("step"), "a parameter", parameters)
         event = known(("run", "at"), written.get("at"), "an event", list(dict.fromkeys(model.guard_names)))
         chosen = dict.fromkeys(name for name in pushed if name is not None)
         resumes = isinstance(written.get("after"), str | pd.DataFrame)

@@ -105,10 +105,8 @@ class SettlesRows(RunKind):
 
     def settling(self, model: Model) -> SettleRecorder:
         """The recorder that settles a row."""
-        longest = self.max_period or MAX_PERIOD
-        return SettleRecorder(
-            model, self.max_cycles, tolerances(model, self.tolerance), self.max_time, longest
-        )
+        longest, bounds = self.max_period or MAX_PERIOD, tolerances(model, self.tolerance)
+        return SettleRecorder(model, self.max_cycles, bounds, self.max_time, longest)
 
     def columns_of_block(self, model: Model, block: RowOutcome) -> list[Column]:
         return observed_on_orbits(model, block)
@@ -288,11 +286,9 @@ def check_tolerance(tolerance: float | Mapping[str, float], model: Model) -> lis
     if not isinstance(tolerance, Mapping):
         return []
     names = [quantity.name for quantity in model.observables]
+    text = f"is not an observable of {model.name}"
     return [
-        Diagnostic(
-            ("run", "tolerance", name),
-            f"is not an observable of {model.name}{near_miss.suggestion(name, names)}",
-        )
+        Diagnostic(("run", "tolerance", name), f"{text}{near_miss.suggestion(name, names)}")
         for name in tolerance
         if name not in names
     ]

@@ -237,9 +237,8 @@ def _run_missing(
                 Refinement(context, grid, table, executor).run(on_progress, timings)
             else:
                 stored = _OpenRowsOnDisk(table, all_timings)
-                executor.run_blocks(
-                    MissingBlocks(context, table, missing, on_sweep_progress, timings, stored)
-                )
+                blocks = MissingBlocks(context, table, missing, on_sweep_progress, timings, stored)
+                executor.run_blocks(blocks)
         table.update_manifest(**executor.manifest)
     except BaseException:
         # the exception that stopped the run is raised, not a failure to write the manifest

@@ -176,9 +176,8 @@ def trial(model_class: type[Model], on_message: Callable[[str], None] = lambda _
     except UserError as error:
         return Trial([f"of which no row can be run: {error}"], [])
     tried = _TriedRows(model, values, table)
-    return Trial(
-        tried.faults(), [*tried.outcomes(), *energies, *(f"Warning: {text}" for text in tried.warnings())]
-    )
+    warned = [f"Warning: {text}" for text in tried.warnings()]
+    return Trial(tried.faults(), [*tried.outcomes(), *energies, *warned])
 
 
 @dataclasses.dataclass(frozen=True)
@@ -207,9 +206,8 @@ class _TriedRows:
             for name, about in self._manifest.get(MISLABELLED, {}).items()
         ]
         if set(self._manifest["counts"]) == {Status.not_a_number.name}:
-            faults.append(
-                f"of which all {self._manifest['rows']} rows that were tried ended as not_a_number."
-            )
+            rows = self._manifest["rows"]
+            faults.append(f"of which all {rows} rows that were tried ended as not_a_number.")
         return faults
 
     def outcomes(self) -> list[str]:
@@ -300,10 +298,8 @@ class _TriedRows:
             advice = "look at the sign of its function, and at the starts"
             declared = model.declarations.items() if isinstance(model, DeclaredModel) else ()
             rates = model.flow(params, start) if isinstance(model, DeclaredModel) else {}
-            at_rest = [
-                name for name, quantity in declared if isinstance(quantity, Variable) and name not in rates
-            ]
-            if at_rest:
+            variables = [name for name, quantity in declared if isinstance(quantity, Variable)]
+            if at_rest := [name for name in variables if name not in rates]:
                 advice += f"; flow returns no rate of {', '.join(at_rest)}"
             return [f"No row crossed the section: {advice}."]
         never = []

@@ -110,9 +110,8 @@ class Refinement:
             if missing := part.missing_blocks():
                 spent = Timings()
                 try:
-                    self.executor.run_blocks(
-                        MissingBlocks(round_context, part, missing, on_sweep_progress, spent, part)
-                    )
+                    blocks = MissingBlocks(round_context, part, missing, on_sweep_progress, spent, part)
+                    self.executor.run_blocks(blocks)
                     part.tidy_digests()
                 finally:
                     for name, value in dataclasses.asdict(spent).items():

@@ -108,14 +108,11 @@ def read_fixed(value: Any) -> float | None:
     scope = SCOPE.get() or Scope()
     if not scope.known:
         return None
-    for name in sorted(names_used(number)):
+    for name in sorted(names_used(number) - scope.fixed.keys()):
+        reason = f"is unknown here{near_miss.suggestion(name, [*scope.fixed, *CONSTANTS])}"
         if name in scope.moving:
-            raise InvalidValue(
-                f'is "{number}", but {name} {scope.moving[name]}, and this field has one value for all rows.'
-            )
-        if name not in scope.fixed:
-            near = near_miss.suggestion(name, [*scope.fixed, *CONSTANTS])
-            raise InvalidValue(f'is "{number}", but {name} is unknown here{near}')
+            reason = f"{scope.moving[name]}, and this field has one value for all rows."
+        raise InvalidValue(f'is "{number}", but {name} {reason}')
     scope.evaluated.add(number)
     try:
         return evaluate(number, scope.fixed) + _POSITIVE_ZERO
@@ -186,9 +183,8 @@ def read_positive_or_each(value: Any) -> float | dict[str, float]:
     if not isinstance(value, Mapping):
         return read_real(value, low=0.0, open_ends=True)
     if not value:
-        raise InvalidValue(
-            "is an empty mapping, but must be a number above 0, or such numbers by the names of observables."
-        )
+        text = "must be a number above 0, or such numbers by the names of observables."
+        raise InvalidValue(f"is an empty mapping, but {text}")
     positive_numbers = {}
     for name, number in value.items():
         try:
@@ -224,10 +220,8 @@ def read_stem(value: Any) -> str:
     """
     text = read_text(value).strip()
     if not _STEM.fullmatch(text):
-        raise InvalidValue(
-            f"is {quoted(text)}, but must be a file name of letters, digits, _ - . that begins with a "
-            "letter or digit."
-        )
+        rule = "letters, digits, _ - . that begins with a letter or digit"
+        raise InvalidValue(f"is {quoted(text)}, but must be a file name of {rule}.")
     return text
 
 

@@ -44,11 +44,9 @@ class _OwnMembers(type(BaseModel)):
         fields = cast(type[BaseModel], cls).model_fields.items()
         init_fields = {field.alias or name: field for name, field in fields if field.init is not False}
         in_order = sorted(init_fields.items(), key=lambda item: not item[1].is_required())
+        keyword = inspect.Parameter.KEYWORD_ONLY
         return inspect.Signature(
-            [
-                inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=_default(field))
-                for name, field in in_order
-            ]
+            [inspect.Parameter(name, keyword, default=_default(field)) for name, field in in_order]
         )
 
     @__signature__.setter
@@ -292,10 +290,8 @@ def _from_details(
         return unknown_field(path, section.words, section.fields, place)
     if error == "missing":
         return Diagnostic(path, f"is missing: {section.fields[str(path[-1])].description}.")
-    is_union = loc == ("run",) or loc[:1] == ("figures",)
-    if error in ("union_tag_invalid", "union_tag_not_found") or (
-        error == "model_attributes_type" and is_union
-    ):
+    of_union = error == "model_attributes_type" and (loc == ("run",) or loc[:1] == ("figures",))
+    if of_union or error in ("union_tag_invalid", "union_tag_not_found"):
         return _about_kind(path, value, sections)
     if error in ("too_short", "too_long"):
         end, limit = ("at least", "min_length") if error == "too_short" else ("at most", "max_length")

@@ -309,10 +309,8 @@ class _Reading:
             raise self._refused(line, "contains itself through an alias.", path)
         tag = node.tag.removeprefix(_CORE)
         if tag not in _TAGS:
-            text = (
-                f"has the tag {node.tag.replace(_CORE, '!!')}, which is not supported: write plain numbers, "
-            )
-            raise self._refused(line, f"{text}text, lists and mappings.", path)
+            text = f"has the tag {node.tag.replace(_CORE, '!!')}, which is not supported: write plain "
+            raise self._refused(line, f"{text}numbers, text, lists and mappings.", path)
         self._open.add(id(node))
         try:
             if isinstance(node, yaml.MappingNode):

@@ -306,9 +306,8 @@ class ResultDirectory:
             # the table's readers report a file that has been damaged meanwhile
             with contextlib.suppress(*unreadable()):
                 file = self.path / TABLE / PARTS.name(number)
-                of_parts[number] = count_names(
-                    pq.ParquetFile(readable(read_file(file))).read([column]), column
-                )
+                table = pq.ParquetFile(readable(read_file(file))).read([column])
+                of_parts[number] = count_names(table, column)
         tally: collections.Counter[str] = collections.Counter()
         for counts in of_parts.values():
             tally.update(counts)
@@ -359,11 +358,9 @@ class ResultDirectory:
             WriteError: as for `write_part`.
         """
         data, footer = part
-        with writing(
-            f"Part {self.layout.words(number)} could not be written to {self.path}",
-            f"; {self.rows_done} of {self.layout.rows} rows are safe there, "
-            "and the same command continues from them",
-        ):
+        failure = f"Part {self.layout.words(number)} could not be written to {self.path}"
+        safe = f"; {self.rows_done} of {self.layout.rows} rows are safe there, and the same command continues"
+        with writing(failure, f"{safe} from them"):
             write_file(self.path, f"{TABLE}/{PARTS.name(number)}", data)
         self._has_part(number, footer)
 

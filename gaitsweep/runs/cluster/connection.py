@@ -111,18 +111,16 @@ class RemoteScheduler(Connection):
         try:
             address = self._address()
             sync(loop, _greet, address, _certificates())
-            self._client = Client(
-                address, timeout=_CONNECT, loop=loop, set_as_default=False, name="gaitsweep"
-            )
+            options: Any = {"timeout": _CONNECT, "loop": loop, "set_as_default": False}
+            self._client = Client(address, name="gaitsweep", **options)
         except (OSError, TimeoutError) as error:
             self.why = _innermost(error)
             if "certificate" in self.why:  # it does not become another one
                 raise RunError(f"The scheduler {self.where} cannot be reached: {self.why}.") from error
             return False
         except (RuntimeError, TypeError, ValueError) as error:  # such as missing settings of TLS
-            raise RunError(
-                f"The scheduler {self.where} cannot be reached: {str(error).rstrip('.')}."
-            ) from error
+            text = str(error).rstrip(".")
+            raise RunError(f"The scheduler {self.where} cannot be reached: {text}.") from error
         except ImportError as error:  # the versions of Dask do not fit together
             raise RunError(f"The scheduler {self.where} refuses this client: {error}.") from error
         return True
