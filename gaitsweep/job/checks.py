@@ -209,10 +209,8 @@ def _check_figure(
     lacking = {field: column for field, column in figure.columns().items() if column not in columns}
     unknown = []
     for field, column in lacking.items():
-        near = near_miss.column_suggestion(column, columns)
-        unknown.append(
-            Diagnostic((*path, field), f"is {column}, which is not a column of this job's table{near}")
-        )
+        text = f"is {column}, which is not a column of this job's table"
+        unknown.append(Diagnostic((*path, field), text + near_miss.column_suggestion(column, columns)))
     unknown += [
         unknown_name((*path, *place), name, f"an observable of {table.model.name}", observables)
         for place, name in figure.observed().items()

@@ -128,7 +128,7 @@ class Continuation(FollowsFixedPoints):
         return self.parameter, "special", "end"
 
     def findings(self, table: pd.DataFrame) -> list[str]:
-        return [bifurcations_found(table, self.parameter), *_branch_ends(table, self.parameter, self.most)]
+        return [bifurcations_found(table, self.parameter), *branch_ends(table, self.parameter, self.most)]
 
     def followed_again(
         self,
@@ -181,7 +181,7 @@ class Continuation(FollowsFixedPoints):
         return mapped, table
 
 
-def _branch_ends(table: pd.DataFrame, parameter: str, most: int) -> list[str]:
+def branch_ends(table: pd.DataFrame, parameter: str, most: int) -> list[str]:
     """Sentences about branches that end before the parameter leaves its range, with the reason.
 
     Args:

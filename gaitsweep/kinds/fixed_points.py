@@ -278,7 +278,7 @@ class FollowsFixedPoints(TableRunKind):
             at |= {name: table.loc[has_point, name].to_numpy(float) for name in moving}
             points = table[has_point]
             observed = {name: points[column].to_numpy(float) for name, column in present.items()}
-            codes[has_point] = _gait_codes(mapped.mapping, at, observed, len(points))
+            codes[has_point] = gait_numbers(mapped.mapping, at, observed, len(points))
         status = np.where(has_point, Status.complete.name, Status.no_fixed_point.name)
         plain = {name: names[name] for name, column in present.items() if column == name}
         table = table.rename(columns=plain)
@@ -311,7 +311,7 @@ def listed(values: Float[np.ndarray, " values"]) -> str:
     return ", ".join(texts)
 
 
-def _gait_codes(
+def gait_numbers(
     mapping: ModelMap, values: Values, observed: Mapping[str, Any], n: int
 ) -> Int[np.ndarray, " points"]:
     """The code of the gait of each of n fixed points, (n,), from parameters and observables (n,)."""

@@ -213,7 +213,7 @@ def _measured(context: RunContext, pool: LaneScheduler) -> Measured:
         attempts = total("attempts") / simulated
         crossings = crossings / simulated
     else:
-        attempts = ATTEMPTS_A_STEP / float(np.min(context.steps.dt))
+        attempts = ATTEMPTS_A_STEP / float(np.nanmin(context.steps.dt, initial=1.0 / nominal))
         crossings = nominal
     return Measured(at_a_time, host_s, rate, compile_s, attempts, crossings)
 

@@ -430,16 +430,17 @@ def test_the_energy_of_the_runner_is_kept_in_stance() -> None:
 
 
 class Constant(gs.DeclaredModel):
-    """An oscillator without parameters, whose start is one point."""
+    """An oscillator whose bounds allow one set of parameters and starts."""
 
+    w = gs.parameter("rad/s", "frequency", 1.0, low=1.0, high=1.0)
     x = gs.variable("m", "position", 1.0, low=1.0, high=1.0)
     v = gs.variable("m/s", "velocity", 0.0, low=0.0, high=0.0)
 
     def flow(self, p, s):
-        return {"x": s.v, "v": -s.x}
+        return {"x": s.v, "v": -(p.w**2) * s.x}
 
     def period(self, p):
-        return 2.0 * jnp.pi
+        return 2.0 * jnp.pi / p.w
 
     @gs.event("v rises", section=True)
     def turns(self, p, s):
