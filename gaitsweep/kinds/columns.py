@@ -18,7 +18,7 @@ from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.status import RECURRENT, Status
 from gaitsweep.table.frames import categorical, outcomes
 
-AT_REST = "rest"  # what stands for the gait of a stationary point
+AT_REST = "rest"  # in place of the gait of a stationary point
 UNKNOWN_GAIT = "unknown"  # gait of a row whose label is not the index of a gait; the label follows
 STATUSES = [status.name for status in Status if status is not Status.running]
 

@@ -26,13 +26,18 @@ from gaitsweep.engine.poincare.model_map import ModelMap
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.engine.poincare.stationary_map import StationaryMap
 from gaitsweep.engine.recorders.recordings import CrossingRecorder
-from gaitsweep.engine.solver.methods import derivative_refusal
 from gaitsweep.engine.sweep.blocks_of_rows import gait_codes
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.errors import ArgumentError, JobError
 from gaitsweep.expression import ExpressionError
 from gaitsweep.kinds.columns import AT_REST, STATUSES, Column, gaits
-from gaitsweep.kinds.run_kind import BlockProgress, StartingPoints, TableRunKind, table_columns
+from gaitsweep.kinds.run_kind import (
+    BlockProgress,
+    StartingPoints,
+    TableRunKind,
+    check_derivative,
+    table_columns,
+)
 from gaitsweep.schema.diagnostics import Diagnostic
 from gaitsweep.schema.numbers import Count, CountOrZero, Positive, Text
 from gaitsweep.status import Status
@@ -166,14 +171,7 @@ class FollowsFixedPoints(TableRunKind):
                 near = near_miss.suggestion(name, names) if names else "."
                 text = f"is {name}, which {model.name} does not conserve{near}"
                 wrong.append(Diagnostic(("run", "fix", index), text))
-        try:
-            refusal = derivative_refusal(method, model)
-        except ValueError:  # which the check of the method reports
-            return wrong
-        if refusal is not None:
-            text = f"is {method}, with which a return map has no derivative: {refusal}"
-            wrong.append(Diagnostic(("numerics", "method"), text))
-        return wrong
+        return [*wrong, *check_derivative(model, method)]
 
     def _check_flow(self, rows: Design) -> Iterator[Diagnostic]:
         """Diagnostics about a flow without isolated stationary points."""
@@ -276,7 +274,7 @@ class FollowsFixedPoints(TableRunKind):
             moving = {column.parameter for column in self.movements}
             at = {name: column[row[has_point]] for name, column in values.items() if name not in moving}
             at |= {name: table.loc[has_point, name].to_numpy(float) for name in moving}
-            points = table[has_point]
+            points: pd.DataFrame = table.loc[has_point]
             observed = {name: points[column].to_numpy(float) for name, column in present.items()}
             codes[has_point] = gait_numbers(mapped.mapping, at, observed, len(points))
         status = np.where(has_point, Status.complete.name, Status.no_fixed_point.name)

@@ -52,7 +52,7 @@ from gaitsweep.table import TableError, load
 from gaitsweep.table.frames import categorical
 from gaitsweep.table.manifest import read_manifest
 
-# What the column `recovery` says, in the order in which figures list it.
+# Values of the column `recovery`, in the order of figures.
 RECOVERIES = ("recovered", "elsewhere", "fell", "failed", "not settled", "not pushed")
 
 IN_MEMORY = "a table in memory"

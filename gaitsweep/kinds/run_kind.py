@@ -16,6 +16,7 @@ from pydantic import ValidationError
 from gaitsweep.contract import Model
 from gaitsweep.design import Design
 from gaitsweep.engine.recorders.recorder import Recorder
+from gaitsweep.engine.solver.methods import derivative_refusal
 from gaitsweep.engine.sweep.boundary_cells import Grid
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.errors import ArgumentError
@@ -285,6 +286,16 @@ class TableRunKind(RunKind):
         self, rows: Design, spec: SweepSpec, sample: Int[np.ndarray, " sampled"], *shares: float
     ) -> list[StartingPoints]:
         """The fixed points at which the records of some rows begin, for each of these shares of the step."""
+
+
+def check_derivative(model: Model, method: str) -> list[Diagnostic]:
+    """Diagnostics about a method with which the return map of a model has no derivative."""
+    try:
+        refusal = derivative_refusal(method, model)
+    except ArgumentError:  # which the check of the method reports
+        return []
+    text = f"is {method}, with which a return map has no derivative: {refusal}"
+    return [] if refusal is None else [Diagnostic(("numerics", "method"), text)]
 
 
 def path_values(path: Sequence[float]) -> Iterator[float]:

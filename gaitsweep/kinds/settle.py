@@ -24,7 +24,6 @@ from gaitsweep.engine.recorders.settle import (
     SettleRecorder,
 )
 from gaitsweep.engine.recorders.states import StateRecorder
-from gaitsweep.engine.solver.methods import derivative_refusal
 from gaitsweep.engine.sweep.boundary_cells import Grid
 from gaitsweep.engine.tangents import coordinate_count
 from gaitsweep.kinds.columns import (
@@ -39,7 +38,7 @@ from gaitsweep.kinds.columns import (
     observed_on_orbits,
     states_at_end,
 )
-from gaitsweep.kinds.run_kind import Cost, RunKind
+from gaitsweep.kinds.run_kind import Cost, RunKind, check_derivative
 from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.schema.diagnostics import Diagnostic
 from gaitsweep.schema.numbers import (
@@ -224,19 +223,11 @@ class Settle(SettlesRows):
 
     def _check_exponents(self, model: Model, method: str) -> list[Diagnostic]:
         """Diagnostics about exponents of a map without a derivative, or more of them than it has."""
-        if not self.exponents:
-            return []
-        try:
-            refusal = derivative_refusal(method, model)
-        except ValueError:  # which the check of the method reports
-            return []
-        if refusal is not None:
-            text = f"is {method}, with which a return map has no derivative: {refusal}"
-            return [Diagnostic(("numerics", "method"), text)]
-        if self.exponents > (count := coordinate_count(model)):
+        wrong = check_derivative(model, method) if self.exponents else []
+        if self.exponents and not wrong and self.exponents > (count := coordinate_count(model)):
             text = f"is {self.exponents}, but the section of {model.name} has {count} coordinates."
-            return [Diagnostic(("run", "exponents"), text)]
-        return []
+            wrong.append(Diagnostic(("run", "exponents"), text))
+        return wrong
 
     def refined(self, rows: Design) -> Grid | None:
         if self.refine is None:

@@ -28,7 +28,7 @@ from gaitsweep.schema.diagnostics import Diagnostic, quoted
 class Scope:
     """Names that expressions outside `vary` may use, and reasons why other names are not allowed.
 
-    `evaluated` collects the expressions that were read, whose fields keep their numbers alone.
+    `evaluated` collects the expressions that became numbers.
     """
 
     fixed: Mapping[str, float] = field(default_factory=dict)
