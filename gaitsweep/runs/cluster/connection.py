@@ -108,6 +108,7 @@ class RemoteScheduler(Connection):
             self._closing.callback(self._loop.stop)
             self._closing.callback(self._disconnect)
         loop: Any = self._loop.loop
+        unreachable = f"The scheduler {self.target} cannot be reached"
         try:
             address = self._address()
             sync(loop, _greet, address, _certificates())
@@ -121,8 +122,7 @@ class RemoteScheduler(Connection):
                 ) from error
             return False
         except (RuntimeError, TypeError, ValueError) as error:  # such as missing settings of TLS
-            text = str(error).rstrip(".")
-            raise RunError(f"The scheduler {self.target} cannot be reached: {text}.") from error
+            raise RunError(f"{unreachable}: {str(error).rstrip('.')}.") from error
         except ImportError as error:  # the versions of Dask do not fit together
             raise RunError(f"The scheduler {self.target} refuses this client: {error}.") from error
         return True
@@ -401,4 +401,4 @@ def connection_to(target: str) -> Connection:
     near = near_miss.suggestion(scheme, schemes) if colon and place else "."
     if re.fullmatch(r"[0-9]{1,5}", place) and near_miss.nearest(scheme, schemes) is None:
         near = f"; did you mean tcp://{target}?"
-    raise RunError(f"--cluster {target or 'TARGET'} is not valid: {_FORMS}{near}")
+    raise RunError(f"--cluster {target or 'WHERE'} is not valid: {_FORMS}{near}")

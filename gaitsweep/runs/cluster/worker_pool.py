@@ -78,10 +78,8 @@ class WorkerPool:
             if self._unreachable:
                 self.names = {}
                 self.slots = 0
-                self._message_once(
-                    f"The scheduler {self.connection.target} does not answer ({self.connection.last_error}): waiting "
-                    "for it."
-                )
+                text = f"The scheduler {self.connection.target} does not answer"
+                self._message_once(f"{text} ({self.connection.last_error}): waiting for it.")
                 on_wait()
                 time.sleep(_BETWEEN_TRIES)
         self._unreachable = False
