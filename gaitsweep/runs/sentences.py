@@ -101,8 +101,7 @@ def advice(check: dict[str, Any], dt: float | None) -> str:
     """
     wrong = [name for name in DIFFERENCES if check.get(name)]
     if wrong == [STORED_DIFFERS]:
-        text = "Another model, data file, cache or version made this table"
-        return f"{text}: run the job into a new directory."
+        return "Another model, data file, cache or version made this table: run the job into a new directory."
     if wrong == [UNSTABLE]:
         return (
             "Such rows begin on that gait, or their legs are alike to the last digit, from the start or once "

@@ -117,9 +117,7 @@ class RemoteScheduler(Connection):
         except (OSError, TimeoutError) as error:
             self.last_error = _innermost(error)
             if "certificate" in self.last_error:  # it does not become another one
-                raise RunError(
-                    f"The scheduler {self.target} cannot be reached: {self.last_error}."
-                ) from error
+                raise RunError(f"{unreachable}: {self.last_error}.") from error
             return False
         except (RuntimeError, TypeError, ValueError) as error:  # such as missing settings of TLS
             raise RunError(f"{unreachable}: {str(error).rstrip('.')}.") from error
