@@ -74,7 +74,7 @@ def unstable_rests(
     records: pd.DataFrame,
     begun: Float[np.ndarray, "rows observables"],
     rerun: Callable[[Int[np.ndarray, " rows"], StateRecorder], RowOutcome],
-    on_progress: Callable[[float], None] = lambda _: None,
+    on_progress: Callable[[float], None],
 ) -> pd.DataFrame:
     """Find the rows that rest on an unstable gait.
 
