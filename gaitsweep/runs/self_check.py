@@ -160,21 +160,10 @@ def compare_stored(
         differs = _other_records(context.model, rerun, records)
         records = records.loc[np.isin(records["row"].to_numpy(), few)]
     check.stored_differs = int(differs.sum())
-    rests = run.rests(context.model, records)
-    if rests is not None:
-        rests["row"] = records["row"]
-        if run.moved is not None:
-            rests[run.moved] = records[run.moved]
-        unstable = unstable_rests(
-            context,
-            rests,
-            comparison.observed_at_starts(np.unique(records["row"].to_numpy(np.int64))),
-            lambda rows, recorder: comparison.repeated(recorder, [(rows, 1.0, 0.0)])[0],
-            comparison.on_following,
-        )
-        check.unstable = len(unstable)
-        if check.unstable:
-            check.unstable_first = _place_of(context, unstable.iloc[:1].to_dict("records")[0])
+    unstable = comparison.unstable(records)
+    check.unstable = len(unstable)
+    if check.unstable:
+        check.unstable_first = _place_of(context, unstable.iloc[:1].to_dict("records")[0])
 
 
 def _place_of(context: RunContext, record: Mapping[Any, Any]) -> dict[str, float]:
@@ -236,9 +225,26 @@ class _Comparison:
     context: RunContext
     on_progress: Callable[[SweepProgress], None]
 
-    def on_following(self, share: float) -> None:
-        """Report the share of displaced states that has been followed."""
-        self.on_progress(SweepProgress(0, 0, share, 0, 0.0, "the following of displaced states"))
+    def unstable(self, records: pd.DataFrame) -> pd.DataFrame:
+        """Return the first record of each row on an unstable gait, from all records of some rows."""
+        run = self.context.job.run
+        rests = run.rests(self.context.model, records)
+        if rests is None:
+            return records.iloc[:0]
+        rests["row"] = records["row"]
+        if run.moved is not None:
+            rests[run.moved] = records[run.moved]
+
+        def on_following(share: float) -> None:
+            self.on_progress(SweepProgress(0, 0, share, 0, 0.0, "the following of displaced states"))
+
+        return unstable_rests(
+            self.context,
+            rests,
+            self.observed_at_starts(np.unique(records["row"].to_numpy(np.int64))),
+            lambda rows, recorder: self.repeated(recorder, [(rows, 1.0, 0.0)])[0],
+            on_following,
+        )
 
     def repeated(
         self, recorder: Recorder, lanes: list[tuple[Rows, float, float]], most_samples: int | None = None
