@@ -146,7 +146,7 @@ class RunKind(StrictModel, abc.ABC):
     @final
     def moved(self) -> str | None:
         """The parameter that moves along `path`, or None."""
-        return getattr(self, "parameter", None)
+        return getattr(self, "parameter", None) if hasattr(self, "path") else None
 
     @property
     @final
