@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
@@ -59,8 +59,12 @@ class _Number:
     def __set_name__(self, _: type, name: str) -> None:
         self._name = name
 
-    def __get__(self, rows: RowOutcome, _: type) -> Num[np.ndarray, "rows ..."]:
-        return rows.numbers[self._name]
+    @overload
+    def __get__(self, rows: None, _: type) -> _Number: ...
+    @overload
+    def __get__(self, rows: RowOutcome, _: type) -> Num[np.ndarray, "rows ..."]: ...
+    def __get__(self, rows: RowOutcome | None, _: type) -> _Number | Num[np.ndarray, "rows ..."]:
+        return self if rows is None else rows.numbers[self._name]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -111,7 +115,13 @@ class RowOutcome:
 
     @classmethod
     def concat(cls, parts: Sequence[RowOutcome]) -> RowOutcome:
-        """The rows of several results, one after the other."""
+        """The rows of several results, one after the other.
+
+        Raises:
+            ValueError: there is no result, and so no type of its numbers.
+        """
+        if not parts:
+            raise ValueError("There are no results to join: give one or more, or use RowOutcome.empty.")
         names = [field.name for field in dataclasses.fields(cls)]
         return cls(**{name: _concatenated([getattr(part, name) for part in parts]) for name in names})
 

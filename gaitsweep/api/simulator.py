@@ -38,6 +38,8 @@ class Simulator:
 
     def __init__(self, job: Job, parameters: Sequence[str], columns: Sequence[str]) -> None:
         self._fields = {**job.resolved(), "figures": []}  # which may need the job's own axes
+        # `auto` remains open: the sets of a call may be stiff where the job's own values are not
+        self._fields["numerics"]["method"] = job.numerics.method
         self._folder = job.folder
         self.parameters, self.columns = list(parameters), list(columns)
 

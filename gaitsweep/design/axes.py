@@ -167,8 +167,6 @@ class ListAxis:
         """Numbers (length,), with NaN for formulas."""
         if isinstance(self.numbers, np.ndarray):
             return self.numbers.astype(np.float64)
-        if not self._formula_at:
-            return np.array(self.numbers)
         return np.array([np.nan if isinstance(number, str) else number for number in self.numbers])
 
 

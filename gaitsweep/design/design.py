@@ -80,13 +80,11 @@ class Design:
         """
         parameters = [quantity.name for quantity in self.model.parameters]
         settings = {name: self.settings[name] for name in parameters if name in self.settings}
-        operands = {size: _operand(number) for size, number in self.sizes.items()}
-
-        def with_number(word: re.Match[str]) -> str:
-            return operands.get(word[0], word[0])
+        # a negative number in parentheses, since powers bind more than the minus
+        operands = {size: f"({n!r})" if n < 0.0 else repr(n) for size, n in self.sizes.items()}
 
         return {
-            name: re.sub(r"\b[A-Za-z_]\w*", with_number, setting)
+            name: re.sub(r"\b[A-Za-z_]\w*", lambda word: operands.get(word[0], word[0]), setting)
             for name, setting in settings.items()
             if isinstance(setting, str)
         }
@@ -145,9 +143,13 @@ class Design:
         return {name: np.array(np.broadcast_to(known[name], rows.shape), dtype=np.float64) for name in wanted}
 
     def row(self, number: int) -> dict[str, float]:
-        """Return all parameters and starts of a row; NaN for a start that the model itself decides."""
-        values = self.at(np.array([number]), self.order)
-        return {name: float(value[0]) for name, value in values.items()}
+        """Return all parameters and starts of a row; NaN for a start that the model itself decides.
+
+        Raises:
+            IndexError, ExpressionError, JobError: as `values`.
+        """
+        parameters, starts = self.values(number, number + 1)
+        return {name: float(value[0]) for name, value in {**parameters, **starts}.items()}
 
     def closure(self, names: Iterable[str]) -> set[str]:
         """Return the names and all names in their formulas, directly or indirectly."""
@@ -206,10 +208,9 @@ class Design:
 
     def _closed(self, name: str, axis: RangeAxis) -> bool:
         """Return whether an axis is an angle whose cells cover one turn."""
-        quantities = {
-            quantity.name: quantity for quantity in (*self.model.parameters, *self.model.initial_conditions)
-        }
-        if not quantities[name].circular or axis.logarithmic or axis.formulas:
+        quantities = (*self.model.parameters, *self.model.initial_conditions)
+        is_angle = any(quantity.circular for quantity in quantities if quantity.name == name)
+        if not is_angle or axis.logarithmic or axis.formulas:
             return False
         is_one_turn = math.isclose(float(axis.high) - float(axis.low), 2.0 * math.pi)
         return is_one_turn and axis.fraction == LinearSpacing(axis.length, "centre")
@@ -280,12 +281,6 @@ class Design:
     def _places(self) -> dict[str, int]:
         """Position of the group of each name that varies."""
         return {name: place for place, group in enumerate(self.groups) for name in group.axes}
-
-
-def _operand(number: float) -> str:
-    """Format a number for a formula; a negative one in parentheses, since powers bind more than the minus."""
-    text = repr(number)
-    return f"({text})" if text.startswith("-") else text
 
 
 def row_params(design: Design, row: int) -> Params:

@@ -114,10 +114,8 @@ def read_vary(raw: Any, quantities: Mapping[str, Quantity], refuse: Callable[[st
 def _check_size(vary: Vary) -> None:
     """Refuse too many rows or drawn points, without drawing them."""
     rows = 1
-    for group in vary.groups:
-        rows *= group.length
-        if rows > _MAX_COUNTED:  # thousands of axes would make a number of thousands of digits
-            break
+    for group in vary.groups:  # thousands of axes would make a number of thousands of digits
+        rows = min(rows * group.length, _MAX_COUNTED + 1)
     if rows > MAX_ROWS:
         number = f"{rows}" if rows <= _MAX_COUNTED else "more than 1e30"
         vary.refuse(("vary",), f"gives {number} rows; at most {MAX_ROWS} are allowed.")
@@ -205,9 +203,8 @@ def _read_switch(item: Any, quantity: Quantity | None) -> Any:
 def _read_zip(value: Any, path: Path, vary: Vary) -> dict[str, Any]:
     """Return the normal form of a `zip`, and add its group and diagnostics to `vary`."""
     if not isinstance(value, Mapping) or not value:
-        vary.refuse(
-            path, f"is {quoted(value)}, but must be a mapping of names to axes of equal length (name: axis)."
-        )
+        text = "must be a mapping of names to axes of equal length (name: axis)."
+        vary.refuse(path, f"is {quoted(value)}, but {text}")
         return {}
     axes: dict[str, Axis] = {}
     plain: dict[str, Any] = {}

@@ -1,9 +1,9 @@
 """Jobs, in YAML or Python: their fields, checks and rows.
 
-`load` reads a file and applies `--set`. The classes in `job` have the fields, and refuse unknown ones by
-`gaitsweep/schema/strict_model.py`. `reading` has the config and the order in which sections are read,
-`model_spec` and `numerics` some of these sections, of which the second finds stiff rows; `checks` and
-`step_lengths` compare them with each other, and `row_remarks` tries a user's model.
+`load` reads a file and applies `--set`. `job` has the fields of a job, which refuse unknown ones by
+`gaitsweep/schema/strict_model.py`. `reading` merges a job with its config and reads the sections in order:
+`model_spec` those of the model, `numerics` those of the integration, where it also finds stiff rows.
+`checks` and `step_lengths` compare the sections with each other, and `row_remarks` tries a user's model.
 """
 
 from gaitsweep.errors import JobError

@@ -193,10 +193,8 @@ def _check_style(
     names = StyleNames.of_model(table.model, columns)
     wrong = [Diagnostic(("style", *place), text) for place, text in names.unknown(style)]
     colours = style.colours or {}
-    uses_colours = any(
-        figure.colours_of(name, dict(figure)) for figure in figures.values() for name in colours
-    )
-    if figures and colours and not uses_colours:
+    used = (figure.colours_of(name, dict(figure)) for figure in figures.values() for name in colours)
+    if figures and colours and not any(used):
         kinds = ", ".join(figure.kind_name for figure in figures.values())
         text = f"has no effect: no figure of this job colours gaits ({kinds}). {kinds_with_gait_colours()}"
         wrong.append(Diagnostic(("style", "colours"), f"{text} Remove it."))
@@ -208,15 +206,11 @@ def _check_figure(
 ) -> list[Diagnostic]:
     """Return errors about the columns and observables of a figure, or else about what it refuses."""
     observables = [quantity.name for quantity in table.model.observables]
-    unknown = [
-        Diagnostic(
-            (*path, field),
-            f"is {column}, which is not a column of this job's table"
-            + near_miss.column_suggestion(column, columns),
-        )
-        for field, column in figure.columns().items()
-        if column not in columns
-    ]
+    lacking = {field: column for field, column in figure.columns().items() if column not in columns}
+    unknown = []
+    for field, column in lacking.items():
+        text = f"is {column}, which is not a column of this job's table"
+        unknown.append(Diagnostic((*path, field), text + near_miss.column_suggestion(column, columns)))
     unknown += [
         unknown_name((*path, *place), name, f"an observable of {table.model.name}", observables)
         for place, name in figure.observed().items()
@@ -230,9 +224,8 @@ def _unsuited(figure: FigureKind, path: Path, table: PlannedTable) -> Diagnostic
     run = table.run
     others = [kind_of(run_kind) for run_kind in RUN_KINDS.values() if figure.kind_name in run_kind.figures]
     suited_runs = " or ".join(dict.fromkeys([*figure.runs, *others]))
-    suited_figures = [
-        name for name, kind in FIGURES.items() if kind.suits(type(run)) and kind.needs_are_met(table)
-    ]
+    suited = {name: kind for name, kind in FIGURES.items() if kind.suits(type(run))}
+    suited_figures = [name for name, kind in suited.items() if kind.needs_are_met(table)]
     text = (
         f"is {figure.kind_name}, which needs a run of kind {suited_runs}, not {run.kind_name}. "
         f"Figures of {run.kind_name} for {table.model.name}: {', '.join(suited_figures)}."

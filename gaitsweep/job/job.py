@@ -43,13 +43,10 @@ _KINDS = list(RUN_KINDS)
 # no check, since `Config` has read or refused the path before pydantic sees it
 _PATH = PlainValidator(lambda path: path)
 _SETTINGS = WithJsonSchema(
-    {"type": "object", "additionalProperties": {"type": ["number", "string", "boolean", "integer"]}}
+    {"type": "object", "additionalProperties": {"type": ["integer", "number", "string", "boolean"]}}
 )
 # `numerics: auto` is short for all of its fields left out
 _NUMERICS = BeforeValidator(lambda value: {} if value == "auto" else value)
-_STRUCTURE = WithJsonSchema(
-    {"type": "object", "additionalProperties": {"type": ["integer", "number", "string", "boolean"]}}
-)
 # short for a field of the structure, where the reading puts it
 _GROUND = {
     "anyOf": [
@@ -75,7 +72,7 @@ class Job(StrictModel):
 
     name: Stem = Field(description="name of the job and of its result directory")
     model: Text = Field(description="name of a registered model, or package.module:attribute of your own")
-    structure: Annotated[dict[str, Any], _STRUCTURE] = Field(
+    structure: Annotated[dict[str, Any], _SETTINGS] = Field(
         default_factory=dict,
         description="fields that decide the size of the model, such as N; each value needs its own job",
     )
@@ -148,7 +145,7 @@ class Job(StrictModel):
 
     _design: Design = PrivateAttr()
     _integration: ResolvedNumerics = PrivateAttr()
-    _evaluated: Set[str] = PrivateAttr()
+    _evaluated: Mapping[str, Set[str]] = PrivateAttr()
     _folder: Path = PrivateAttr()
 
     @model_validator(mode="wrap")
@@ -163,6 +160,24 @@ class Job(StrictModel):
                 data, folder, handler, _sections(data)
             )
             job._folder = Path(folder).absolute()
+        return job
+
+    def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Job:
+        """Return the job with other values of some fields, read anew, so that rows and numerics follow them.
+
+        Args:
+            update: the values by field.
+            deep: without effect, since all parts of a job are frozen.
+
+        Raises:
+            JobError: all errors in the new values.
+        """
+        update = update or {}
+        fields = {name: getattr(self, name) for name in self.model_fields_set}
+        job = Job.model_validate({**fields, **update}, context={"folder": self._folder})
+        # the numbers of all other fields still come from these expressions
+        others = {name: texts for name, texts in self._evaluated.items() if name not in update}
+        job._evaluated = {**job._evaluated, **others}
         return job
 
     @property
@@ -181,14 +196,14 @@ class Job(StrictModel):
         return self._folder
 
     def expressions_of(self, *names: str) -> list[str]:
-        """Return the expressions outside `params`, `start` and `vary` whose value follows some parameters.
+        """Return the expressions outside `params`, `start` and `vary` whose value depends on some parameters.
 
         Their fields have one number for all rows, which the job's own values of these parameters gave.
         """
         sizes = set(self._design.sizes)
         return [
             expression
-            for expression in sorted(self._evaluated)
+            for expression in sorted(set().union(*self._evaluated.values()))
             if not self._design.closure(names_used(expression) - sizes).isdisjoint(names)
         ]
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path as FilePath
@@ -30,19 +31,25 @@ from gaitsweep.schema.numbers import (
 )
 
 Section = Literal["params", "start", "vary"]
-# Limits of whole numbers of the structure whose field has none.
-_SMALLEST_SIZE = 1
-_LARGEST_SIZE = 10**6
+_LARGEST_SIZE = 10**6  # a whole number of the structure whose field has no limits is from 1 to this
 
 
 @dataclasses.dataclass(frozen=True)
 class ModelSpec:
-    """An instance of a model with the quantities that a job may set, by name."""
+    """An instance of a model with its structure, and the quantities that a job may set, by name."""
 
     model: Model
     structure: dict[str, Any]
-    parameters: dict[str, Quantity]
-    starts: dict[str, Quantity]
+
+    @functools.cached_property
+    def parameters(self) -> dict[str, Quantity]:
+        """Parameters by name."""
+        return {quantity.name: quantity for quantity in self.model.parameters}
+
+    @functools.cached_property
+    def starts(self) -> dict[str, Quantity]:
+        """Start values by name."""
+        return {quantity.name: quantity for quantity in self.model.initial_conditions}
 
     @property
     def quantities(self) -> dict[str, Quantity]:
@@ -52,9 +59,8 @@ class ModelSpec:
     @property
     def sizes(self) -> dict[str, float]:
         """Numbers of the structure, which expressions may use: {"N": 3.0}."""
-        return {
-            name: float(value) for name, value in self.structure.items() if isinstance(value, (int, float))
-        }
+        items = self.structure.items()
+        return {name: float(value) for name, value in items if isinstance(value, (int, float))}
 
     @property
     def resolved_structure(self) -> dict[str, Any]:
@@ -62,14 +68,12 @@ class ModelSpec:
 
         Fields that were added to a model later thus change neither the hash nor the manifest of older jobs.
         """
-        later = {
-            field.name: _default(field)
+        left_out = {
+            field.name
             for field in dataclasses.fields(self.model.original)  # type: ignore[arg-type]
-            if field.metadata.get("later")
+            if field.metadata.get("later") and self.structure.get(field.name) == _default(field)
         }
-        return {
-            name: value for name, value in self.structure.items() if name not in later or value != later[name]
-        }
+        return {name: value for name, value in self.structure.items() if name not in left_out}
 
     def unknown(self, name: str, field: Section) -> str | None:
         """Return the reason why a name is not allowed in a section, or None.
@@ -93,12 +97,7 @@ class ModelSpec:
 
 
 def read_model_spec(
-    name: Any,
-    structure: Any,
-    params: Any,
-    folders: Sequence[FilePath],
-    run: Any = None,
-    ground: Any = None,
+    name: Any, structure: Any, params: Any, folders: Sequence[FilePath], run: Any = None, ground: Any = None
 ) -> tuple[ModelSpec | None, list[Diagnostic]]:
     """Read the model that a job names, with the structure that `structure` and `params` set.
 
@@ -117,9 +116,8 @@ def read_model_spec(
         return None, [Diagnostic(("model",), str(error))]
     fields = {field.name: field for field in dataclasses.fields(model_class) if field.init}  # type: ignore[arg-type]
     # the values of structural fields with their paths, in the order in which they take effect
-    written: list[tuple[Path, str, Any]] = [
-        (("structure", key), key, value) for key, value in _items(structure)
-    ]
+    written: list[tuple[Path, str, Any]] = []
+    written += [(("structure", key), key, value) for key, value in _items(structure)]
     written += [(("params", key), key, value) for key, value in _items(params) if key in fields]
     diagnostics: list[Diagnostic] = []
     if ground is not None:
@@ -195,11 +193,7 @@ def _with_run(spec: ModelSpec, run: Any) -> tuple[ModelSpec, list[Diagnostic]]:
     if kind is None:
         return spec, []
     model, diagnostics = kind.model_of(spec.model, written)
-    if model is spec.model:
-        return spec, diagnostics
-    parameters = {quantity.name: quantity for quantity in model.parameters}
-    starts = {quantity.name: quantity for quantity in model.initial_conditions}
-    return dataclasses.replace(spec, model=model, parameters=parameters, starts=starts), diagnostics
+    return dataclasses.replace(spec, model=model), diagnostics
 
 
 def _items(mapping: Any) -> list[tuple[str, Any]]:
@@ -232,8 +226,7 @@ def _read_size(value: Any, field: dataclasses.Field) -> bool | str | float:
         case "float":
             return read_real(value, -math.inf if low is None else low, math.inf if high is None else high)
         case "int":
-            smallest = _SMALLEST_SIZE if low is None else low
-            return read_whole(value, smallest, _LARGEST_SIZE if high is None else high)
+            return read_whole(value, 1 if low is None else low, _LARGEST_SIZE if high is None else high)
     raise InvalidValue(f"has the type {hint}, but a job can set only fields of type bool, int, float or str.")
 
 
@@ -261,21 +254,19 @@ def _instance(
     """Return the spec of a model with this structure, or None, and the diagnostics."""
     refuse_missing_platform()  # a model's constants are arrays of JAX
     try:
-        model = model_class(**shape)
-        parameters = {quantity.name: quantity for quantity in model.parameters}
-        starts = {quantity.name: quantity for quantity in model.initial_conditions}
+        spec = ModelSpec(model_class(**shape), shape)
+        names = [*spec.parameters, *spec.starts, *shape]
     except Exception as error:  # a user's model may refuse its structure in any way
         return None, [Diagnostic(("structure",), f"is not accepted by {name}: {str(error).rstrip('.')}.")]
-    names = [*parameters, *starts, *shape]
     for quantity in names:
         if quantity in RESERVED:
             text = f"is {name}, which has a quantity named {quantity}, which is reserved: rename it."
             return None, [Diagnostic(("model",), text)]
         if names.count(quantity) > 1:
             return None, [Diagnostic(("model",), f"is {name}, which has {quantity} twice: rename it.")]
-    if name not in models.names() and (wrong := fault(model)) is not None:
+    if name not in models.names() and (wrong := fault(spec.model)) is not None:
         return None, [Diagnostic(("model",), f"is {name}, {wrong}")]
-    return ModelSpec(model, shape, parameters, starts), []
+    return spec, []
 
 
 def read_settings(

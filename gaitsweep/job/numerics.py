@@ -42,10 +42,7 @@ def _read_block(value: Any) -> int | Literal["auto"]:
 class NumericsSpec(StrictModel):
     """Integration of trajectories; the model recommends values for the fields that are left out."""
 
-    method: Annotated[
-        MethodName,
-        Word(),
-    ] = Field(
+    method: Annotated[MethodName, Word()] = Field(
         default="auto",
         description="auto: the method that the model recommends, or else tsit5 (taylor where it is faster, "
         "rodas5p where the flow is stiff); "
@@ -153,7 +150,7 @@ def check_numerics(model: Model, numerics: NumericsSpec, resolved: ResolvedNumer
 
 
 def suited_to_stiffness(design: Design, run: RunKind, numerics: ResolvedNumerics) -> ResolvedNumerics:
-    """The numerics of a job that leaves the method open: those given, or rodas5p where some row is stiff.
+    """Return the numerics of a job that leaves the method open, with rodas5p if some row is stiff.
 
     A flow is stiff if some motion decays more than `STIFF` times in a nominal period, at the start of one of
     `MAX_STIFFNESS_ROWS` evenly spaced rows. A method that the model recommends is kept.

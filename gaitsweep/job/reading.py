@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Callable, Mapping, Sequence, Set
+from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -64,9 +64,8 @@ class Config:
             self.diagnostics.append(Diagnostic(("config",), text))
             return
         try:
-            self._document = read_document(
-                config_file(path, folder), noun="a config", fields=("model", "params")
-            )
+            file = config_file(path, folder)
+            self._document = read_document(file, noun="a config", fields=("model", "params"))
         except JobError as error:
             self.diagnostics.extend(map(_at_the_job, error.diagnostics))
             return
@@ -93,9 +92,8 @@ class Config:
 
     def _merge(self, document: Document) -> None:
         """Add the fields of the config that the job leaves out."""
-        unknown = [
-            unknown_field((str(key),), "a config", _FIELDS) for key in document.data if key not in _FIELDS
-        ]
+        others = [str(key) for key in document.data if key not in _FIELDS]
+        unknown = [unknown_field((key,), "a config", _FIELDS) for key in others]
         self.diagnostics.extend(map(document.locate, unknown))
         merged = dict(self.raw)
         if "model" in document.data and self.raw.get("model") is None:
@@ -115,7 +113,8 @@ class Config:
 
     def _without_overridden(self, of_config: Mapping[str, Any], section: str) -> dict[str, Any]:
         """Return values of the config, without those that the job varies, moves, or sets elsewhere."""
-        overridden = _varied_or_moved(self.raw)
+        overridden = {name for names in written_names(self.raw.get("vary")) for name in names}
+        overridden.add(str(parameter_written(self.raw.get("run"))))
         other = self.raw.get("structure" if section == "params" else "params")
         if isinstance(other, Mapping):
             overridden |= {str(key) for key in other}
@@ -129,12 +128,6 @@ def _at_the_job(diagnostic: Diagnostic) -> Diagnostic:
     return Diagnostic(("config",), f"names {diagnostic.file}, which {diagnostic.text}")
 
 
-def _varied_or_moved(raw: Mapping[str, Any]) -> set[str]:
-    """Return the names that an unchecked job varies, or moves while a row runs."""
-    varied = {name for names in written_names(raw.get("vary")) for name in names}
-    return {*varied, str(parameter_written(raw.get("run")))}
-
-
 # Fields of jobs that a command of the same name reads.
 FITTING_FIELDS = ("search", "sensitivity")
 # Fields that decide a row's values.
@@ -144,12 +137,12 @@ _READ_HERE = ("params", "start", "vary", "structure", "ground")
 
 
 class ReadJob(NamedTuple):
-    """A job with its rows, its numerics, and the expressions outside `vary` that were evaluated."""
+    """A job with its rows, its numerics, and by field the expressions that became numbers."""
 
     job: Job
     design: Design
     numerics: ResolvedNumerics
-    evaluated: Set[str]
+    evaluated: Mapping[str, Set[str]]
 
 
 def read_job(
@@ -177,9 +170,8 @@ def read_job(
         job = handler(rows.fields)
         figure_numbers = list(range(len(job.figures)))
     except ValidationError as error:
-        wrong = [
-            _named_by_section(found, rows.spec, sections) for found in from_pydantic(error, sections, "")
-        ]
+        errors = from_pydantic(error, sections, "")
+        wrong = [_named_by_section(diagnostic, rows.spec, sections) for diagnostic in errors]
         diagnostics.extend(wrong)
         job, figure_numbers = _without_refused(rows.fields, wrong, handler)
     finally:
@@ -200,7 +192,21 @@ def read_job(
     if job.numerics.method == "auto":
         numerics = suited_to_stiffness(design, job.run, numerics)
     config.refuse(check_steps(design, job.run, numerics))
-    return ReadJob(job, design, numerics, scope.evaluated)
+    evaluated = {
+        name: scope.evaluated & set(_texts(value))
+        for name, value in rows.fields.items()
+        if name not in _READ_HERE
+    }
+    return ReadJob(job, design, numerics, evaluated)
+
+
+def _texts(value: Any) -> Iterator[str]:
+    """Yield all texts in a field as written, without spaces, as expressions are evaluated."""
+    if isinstance(value, str):
+        yield "".join(value.split())
+    elif isinstance(value, Mapping | list | tuple):
+        for item in value.values() if isinstance(value, Mapping) else value:
+            yield from _texts(item)
 
 
 def _named_by_section(
@@ -227,7 +233,11 @@ def _written_fields(data: Any) -> dict[str, Any]:
         if data.get(key) is not None:
             text = f"belongs to another command: run this job with `gaitsweep {key}`."
             raise JobError([Diagnostic((key,), text)])
-    return {str(key): _plain(value) for key, value in data.items() if value is not None}
+    return {
+        str(key): value.model_dump() if isinstance(value, BaseModel) else value
+        for key, value in data.items()
+        if value is not None
+    }
 
 
 @dataclasses.dataclass
@@ -251,9 +261,8 @@ def _read_rows(config: Config, folder: Path) -> _Rows:
     diagnostics = list(config.diagnostics)
     spec = None
     if "model" in raw:
-        spec, wrong = read_model_spec(
-            raw["model"], raw.get("structure"), raw.get("params"), [folder], raw.get("run"), raw.get("ground")
-        )
+        structure, params, run, ground = map(raw.get, ("structure", "params", "run", "ground"))
+        spec, wrong = read_model_spec(raw["model"], structure, params, [folder], run, ground)
         diagnostics += wrong
     kind = kind_written(raw.get("run"))
     if spec is not None and kind is not None:
@@ -267,7 +276,8 @@ def _read_rows(config: Config, folder: Path) -> _Rows:
         fields["start"], wrong_starts = read_settings(raw.get("start"), "start", spec)
         diagnostics += [*wrong_params, *wrong_starts]
         settings = {**fields["params"], **fields["start"]}
-    moved = _moved(raw, spec)
+    moving = parameter_written(raw.get("run"))
+    moved = moving if isinstance(moving, str) and spec is not None and moving in spec.parameters else None
     refusal = functools.partial(_refusal_to_vary, spec, settings, moved)
     vary = read_vary(raw.get("vary"), spec.quantities if spec else {}, refusal)
     fields["vary"] = vary.plain
@@ -294,12 +304,10 @@ def _refusal_to_vary(
 
 def _unknown_movements(run: RunKind, spec: ModelSpec) -> list[Diagnostic]:
     """Return errors about parameters that a run moves and the model does not have."""
-    names = {movement.name_path: movement.parameter for movement in run.movements}
-    reasons = {path: spec.unknown(name, "params") for path, name in names.items()}
     return [
-        Diagnostic(path, f"is {names[path]}, which {reason}")
-        for path, reason in reasons.items()
-        if reason is not None
+        Diagnostic(movement.name_path, f"is {movement.parameter}, which {reason}")
+        for movement in run.movements
+        if (reason := spec.unknown(movement.parameter, "params")) is not None
     ]
 
 
@@ -347,17 +355,6 @@ def _without_refused(
         return handler(sound_fields), numbers
     except ValidationError:
         return None, []
-
-
-def _plain(value: Any) -> Any:
-    """Return the fields of a model of pydantic, such as a run kind, and other values unchanged."""
-    return value.model_dump() if isinstance(value, BaseModel) else value
-
-
-def _moved(raw: Mapping[str, Any], spec: ModelSpec | None) -> str | None:
-    """Return the parameter that the run moves, if it is one of the model's."""
-    name = parameter_written(raw.get("run"))
-    return name if spec is not None and isinstance(name, str) and name in spec.parameters else None
 
 
 def _design(
@@ -447,11 +444,8 @@ def _check_whole(design: Design, spec: ModelSpec, job: Job, numerics: ResolvedNu
         for name in (parameter, *design.following(parameter)):
             if name in spec.model.host_parameters:
                 follows = "" if name == parameter else f", with which {name} moves"
-                text = (
-                    f"is {parameter}{follows}: {name} is compiled into the body of a row "
-                    "and cannot move while the row runs."
-                )
-                diagnostics.append(Diagnostic(movement.name_path, text))
+                text = f"is {parameter}{follows}: {name} is compiled into the body of a row and cannot move "
+                diagnostics.append(Diagnostic(movement.name_path, f"{text}while the row runs."))
     diagnostics += run.check(design, numerics.method)
     diagnostics += check_numerics(spec.model, job.numerics, numerics)
     diagnostics += _check_columns(design, run)

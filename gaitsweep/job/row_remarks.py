@@ -22,54 +22,45 @@ _AXES_WITH_CORNERS = 5
 
 
 def remarks_on_rows(design: Design, name: str) -> list[str]:
-    """Return sentences about starts without effect on a user's model, and about its faults at some rows.
+    """Return sentences about starts without effect on a user's model, and about faults at some rows.
 
-    Rows are the corners of the axes and others, or all rows of a small job. Models of gaitsweep and models
-    with `host_parameters` are not checked. If a formula has no value in one of the rows, no fault is
-    reported: the run reports the formula for the row's block.
+    Rows are the corners of the axes and others, or all rows of a small job. Of models of gaitsweep only
+    starts of a body in the ground are reported; models with `host_parameters` are not checked. If a formula
+    has no value in one of the rows, no fault is reported: the run reports the formula for the row's block.
 
     Args:
         design: the job's rows.
         name: the name of the model in the job.
     """
     model = design.model
-    if isinstance(model.original, OfMjcf) and not model.host_parameters:
-        return [*_remarks_on_starts_in_ground(design), *_remarks_on_own_model(design, name)]
-    return _remarks_on_own_model(design, name)
-
-
-def _remarks_on_starts_in_ground(design: Design) -> list[str]:
-    """Return a sentence if the body of an MJCF begins in the ground in some of the rows."""
-    rows = np.unique(_some_rows(design))
+    if model.host_parameters:
+        return []
+    rows = _some_rows(design)
+    of_user = not type(model.original).__module__.startswith("gaitsweep.")
+    remarks = _remarks_on_functions(design, name) if of_user else []
     try:
-        values, starts = design.values_in(rows)
-        in_words = _words_of_rows(design, rows)
+        if isinstance(model.original, OfMjcf):
+            once = np.unique(rows)
+            in_ground = starts_in_ground(model, *design.values_in(once), _words_of_rows(design, once))
+            remarks = [*(f"{text[0].upper()}{text[1:]}" for text in in_ground), *remarks]
+        if of_user:
+            faults = faults_of_rows(model, *design.values_in(rows), _words_of_rows(design, rows))
+            remarks += [f"The model is {name}, {words}" for words in faults]
     except (ExpressionError, JobError):
-        return []
-    return [
-        f"{text[0].upper()}{text[1:]}" for text in starts_in_ground(design.model, values, starts, in_words)
-    ]
+        pass  # the run reports these, where it comes to their rows
+    return remarks
 
 
-def _remarks_on_own_model(design: Design, name: str) -> list[str]:
-    """As `remarks_on_rows`, of the faults of a user's model."""
+def _remarks_on_functions(design: Design, name: str) -> list[str]:
+    """Return sentences about starts without effect, and about variables without a rate."""
     model = design.model
-    if model.host_parameters or type(model.original).__module__.startswith("gaitsweep."):
-        return []
     remarks = [
         f"{start} has no effect: {sets_starts(model.original)} of {name} sets it."
         for start in _idle_starts(design)
     ]
     if without_rate := variables_without_rate(model):
         remarks.append(f"The model is {name}, but its function {remark_on_rates(without_rate)}")
-    rows = _some_rows(design)
-    try:
-        values, starts = design.values_in(rows)
-        in_words = _words_of_rows(design, rows)
-    except (ExpressionError, JobError):
-        return remarks
-    faults = faults_of_rows(model, values, starts, in_words)
-    return remarks + [f"The model is {name}, {words}" for words in faults]
+    return remarks
 
 
 def _words_of_rows(design: Design, rows: Int[np.ndarray, " rows"]) -> Callable[[int], str]:
@@ -93,13 +84,12 @@ def _idle_starts(design: Design) -> list[str]:
     idle = idle_starts(design.model.original)
     quantities = design.model.initial_conditions
     used = design.closure(quantity.name for quantity in quantities if quantity.name not in idle)
-    names = []
-    for quantity in quantities:
-        name = quantity.name
-        is_set = name in design.names or design.settings[name] not in (quantity.default, None)
-        if name in idle and name not in used and is_set:
-            names.append(name)
-    return names
+    return [
+        quantity.name
+        for quantity in quantities
+        if quantity.name in {*idle} - used
+        and (quantity.name in design.names or design.settings[quantity.name] not in (quantity.default, None))
+    ]
 
 
 def _some_rows(design: Design) -> Int[np.ndarray, " rows"]:

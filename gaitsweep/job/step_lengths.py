@@ -89,7 +89,8 @@ def row_steps(design: Design, run: RunKind, numerics: ResolvedNumerics) -> RowSt
         numerics: the resolved numerics of this model.
     """
     model = design.model
-    names = _parameters_of_steps(model, numerics)
+    all_names = [quantity.name for quantity in model.parameters]
+    names = all_names if model.host_parameters else _deciding_names(model, numerics)
     positions = sorted({position for name in names for position in design.spans(name)})
     count = math.prod(design.groups[position].length for position in positions)
     most = MAX_RECOMMENDED if numerics.dt is None else MAX_SETS
@@ -172,7 +173,9 @@ def _varies(design: Design, name: str, steps: RowSteps) -> bool:
 
 
 def _rounded_down(value: float) -> float:
-    """Round a number above 0 down to four digits."""
+    """Round a number above 0 down to four digits; return others, as of a wrong model, unchanged."""
+    if value <= 0.0:
+        return value
     digits = 10.0 ** (math.floor(math.log10(value)) - 3)
     return math.floor(value / digits) * digits
 
@@ -218,13 +221,6 @@ def _compiled_steps(model: Model, numerics: ResolvedNumerics) -> Callable[[Any],
         return nan if dt is None else dt, nan if longest is None else longest
 
     return over_rows(step_and_limit, "steps", model, numerics)
-
-
-def _parameters_of_steps(model: Model, numerics: ResolvedNumerics) -> list[str]:
-    """Return the parameters on which the length of steps depends."""
-    if model.host_parameters:
-        return [quantity.name for quantity in model.parameters]
-    return _deciding_names(model, numerics)
 
 
 @cached_by_content(maxsize=16)

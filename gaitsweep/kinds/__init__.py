@@ -1,11 +1,10 @@
 """Run kinds: the tasks that a job can give to each of its rows. A kind is one class.
 
 `run_kind` is their interface, and `columns` declares the columns of their tables. The file of a kind has its
-name, but `trace_and_ramp` has `fixed_time`, `return_map`, `ramp` and `trace`, which wait for no gait.
-Hysteresis is by `staircase` or `ramp`.
-`fixed_points` is shared by the kinds that follow fixed points, `atlas_block` serves the atlas. `RUN_KINDS`
-lists the kinds. `register` adds one from another package before its jobs are read; it is usable as a
-decorator:
+name, but `trace_and_ramp` has `fixed_time`, `return_map`, `ramp` and `trace`, which wait for no gait. The
+kinds that follow fixed points share `fixed_points`, and `atlas_block` computes the table of an atlas.
+`RUN_KINDS` lists the kinds. `register` adds one from another package before its jobs are read; it is usable
+as a decorator:
 
     @gaitsweep.kinds.register
     class Count(RunKind): ...
@@ -39,11 +38,8 @@ import_all("run_kinds")
 def parameter_written(run: Any) -> object:
     """The parameter that a run moves, as written in a job that is not checked yet, or None."""
     kind = kind_written(run)
-    return (
-        run.get("parameter")
-        if kind is not None and {"parameter", "path"} <= kind.model_fields.keys()
-        else None
-    )
+    moves = kind is not None and {"parameter", "path"} <= kind.model_fields.keys()
+    return run.get("parameter") if moves else None
 
 
 def kind_written(run: Any) -> type[RunKind] | None:

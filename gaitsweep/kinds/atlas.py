@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Annotated, ClassVar, Literal
 
 import numpy as np
@@ -19,19 +19,19 @@ from gaitsweep.contract import HybridModel, Model, Quantity
 from gaitsweep.design import Design
 from gaitsweep.engine.poincare.maps import Points, Values
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
+from gaitsweep.errors import JobError
+from gaitsweep.expression import ExpressionError
 from gaitsweep.kinds.atlas_block import AtlasBlock, DrawnStarts
-from gaitsweep.kinds.columns import Column, observed_at_crossings
+from gaitsweep.kinds.columns import Column, changing, observed_at_crossings
 from gaitsweep.kinds.fixed_points import (
     LISTED,
     FollowsFixedPoints,
     MappedRows,
-    beginning_within,
     bifurcations_found,
-    rising,
     unknowns,
 )
 from gaitsweep.kinds.run_kind import BlockProgress, Cost, Movement
-from gaitsweep.schema.diagnostics import Diagnostic
+from gaitsweep.schema.diagnostics import Diagnostic, Path
 from gaitsweep.schema.numbers import Count, CountOrZero, Real, Text
 
 # For the estimate of a run's time: Newton steps of a search, branches, and points of a branch.
@@ -84,23 +84,19 @@ class Atlas(FollowsFixedPoints):
 
     def columns(self, model: Model) -> list[Column]:
         times = {} if self.stationary else _event_times(model)
+        of_search = ("found", "symmetry", "reached", "error", "missing", "corrections", "end", "status")
         columns = [
-            Column("part"),
-            *map(Column, ("number", "period", "depth", "begins", "point")),
-            *(Column(name, repeats=False) for name in (self.parameter, *self.second)),
+            *map(Column, ("part", "number", "period", "depth", "begins", "point")),
+            *changing(self.parameter, *self.second),
             *observed_at_crossings(model),
             Column("gait"),
-            Column("time", repeats=False),
-            *(Column(f"drift_{name}", repeats=False) for name in self.fix),
-            *(Column(name, repeats=False) for name in ("multiplier", "multiplier_re", "multiplier_im")),
+            *changing("time", *(f"drift_{name}" for name in self.fix)),
+            *changing("multiplier", "multiplier_re", "multiplier_im"),
             *map(Column, ("unstable", "stable", "special")),
-            Column("coefficient", repeats=False),
-            *map(
-                Column, ("found", "symmetry", "reached", "error", "missing", "corrections", "end", "status")
-            ),
-            *map(Column, ("events", "change", "left_out", "drawn_starts")),
+            *changing("coefficient"),
+            *map(Column, (*of_search, "events", "change", "left_out", "drawn_starts")),
             *(Column(name, None, quantity, False) for name, quantity in times.items()),
-            Column("stored_point", repeats=False),
+            *changing("stored_point"),
         ]
         return self.own_columns(columns)
 
@@ -113,23 +109,18 @@ class Atlas(FollowsFixedPoints):
         branch = (table["part"] == "branch").to_numpy(bool)
         on_branches = table.iloc[np.flatnonzero(branch)]
         of_rows = table.drop_duplicates("row")
-        sentences = [
-            self._gaits_found(on_branches, of_rows),
-            bifurcations_found(on_branches, self.parameter),
-        ]
+        sentences = [self._gaits_found(on_branches, of_rows), bifurcations_found(on_branches, self.parameter)]
         if left_out := np.sum(of_rows["left_out"].to_numpy(int)):
             were_not = "1 branch was" if left_out == 1 else f"{left_out} branches were"
             sentences.append(f"{were_not} not followed: run.branches is {self.branches}.")
         if stopped := np.count_nonzero(on_branches["end"].astype(str) == "most"):
-            sentences.append(
-                f"Branches ended at {stopped} places after run.most, {self.most} points: raise it, or "
-                "run.longest."
-            )
+            text = f"Branches ended at {stopped} places after run.most, {self.most} points"
+            sentences.append(f"{text}: raise it, or run.longest.")
         curves = table.iloc[np.flatnonzero(~branch & (table["part"] != "").to_numpy(bool))]
         return [*sentences, *(self._curves_found(curves, second) for second in self.second)]
 
     def _gaits_found(self, on_branches: pd.DataFrame, of_rows: pd.DataFrame) -> str:
-        """The sentence with the numbers of gaits by period, and an estimate of those that were not found."""
+        """A sentence with the numbers of gaits by period, and an estimate of those that were not found."""
         gaits = on_branches.iloc[np.flatnonzero((on_branches["found"] >= 0).to_numpy(bool))]
         kind = "at rest" if self.stationary else "of period {}"
         counts = [
@@ -142,7 +133,7 @@ class Atlas(FollowsFixedPoints):
         return f"{text}; an estimate of {missing:.0f} more were not found." if missing >= 0.5 else f"{text}."
 
     def _curves_found(self, curves: pd.DataFrame, second: str) -> str:
-        """The sentence with the numbers of curves over a second parameter, and the points marked on them."""
+        """A sentence with the numbers of curves over a second parameter, and the points marked on them."""
         orders = curves.iloc[np.flatnonzero(curves["part"].isin(["order_change", "corner"]).to_numpy(bool))]
         total, of_order = (part.groupby(["row", "number"]).ngroups for part in (curves, orders))
         text = f"{total - of_order} curves of bifurcations"
@@ -175,11 +166,7 @@ class Atlas(FollowsFixedPoints):
         return self.path[0] if self.at is None else self.at
 
     def check_ranges(self, rows: Design) -> list[Diagnostic]:
-        return [
-            *self._check_path(),
-            *self._check_starts(rows),
-            *self._check_second(rows),
-        ]
+        return [*self._check_path(), *self._check_starts(rows), *self._check_second(rows)]
 
     def _check_path(self) -> Iterator[Diagnostic]:
         """Diagnostics of the range of the parameter, and of the value at which gaits are searched."""
@@ -197,7 +184,7 @@ class Atlas(FollowsFixedPoints):
         names = [quantity.name for quantity in (*rows.model.initial_conditions, *coordinates)]
         for name, bounds in self.ranges.items():
             if name in names:
-                yield from rising(("run", "ranges", name), bounds)
+                yield from _falling(("run", "ranges", name), bounds)
             else:
                 near = near_miss.suggestion(name, names)
                 text = f"is no start value and no coordinate of {rows.model.name}{near}"
@@ -206,14 +193,14 @@ class Atlas(FollowsFixedPoints):
     def _check_second(self, rows: Design) -> Iterator[Diagnostic]:
         """Diagnostics of the second parameter and its range."""
         for name, bounds in self.second.items():
+            field = ("run", "second", name)
             if name == self.parameter:
-                yield Diagnostic(("run", "second", name), "is run.parameter; name another parameter.")
+                yield Diagnostic(field, "is run.parameter; name another parameter.")
             elif name in rows.derived:
                 text = f"is a formula of other parameters here: {rows.derived[name]}; give a number."
-                yield Diagnostic(("run", "second", name), text)
+                yield Diagnostic(field, text)
             else:
-                wrong = [*rising(("run", "second", name), bounds)]
-                yield from wrong or beginning_within(rows, {name: bounds}, ("run", "second"))
+                yield from [*_falling(field, bounds)] or _beginning_outside(rows, name, bounds)
 
     def cost(self, rows: Design, cycle: float, period: float) -> Cost:
         """Searches with all periods, and some branches; at most all starts and branches that are allowed."""
@@ -269,6 +256,29 @@ class Atlas(FollowsFixedPoints):
         at = [point_of(text, like) for text in table.loc[points.index, "stored_point"]]
         stored = points.assign(row=rows_of_points, at=pd.Series(at, points.index, dtype=object))
         return mapped.without(self.parameter), stored.reset_index(drop=True)
+
+
+def _falling(field: Path, bounds: Sequence[float]) -> Iterator[Diagnostic]:
+    """A diagnostic of a range whose first number is not lower than its second."""
+    low, high = bounds
+    if not low < high:
+        text = f"is from {low:g} to {high:g}, but the first number must be lower than the second."
+        yield Diagnostic(field, text)
+
+
+def _beginning_outside(rows: Design, name: str, bounds: Sequence[float]) -> Iterator[Diagnostic]:
+    """A diagnostic of rows that begin outside the range of the second parameter."""
+    try:
+        parameters, _ = rows.values_in(np.arange(rows.n_rows))
+    except (ExpressionError, JobError):  # which the checks of formulas report
+        return
+    low, high = bounds
+    begins = parameters.get(name, np.zeros(0))  # an unknown name is reported by the checks of movements
+    outside = np.flatnonzero(~((begins >= low) & (begins <= high)))
+    if outside.size:
+        at = f"{begins[outside[0]]:g} in row {outside[0]}"
+        text = f"is from {low:g} to {high:g}, but {name} begins at {at}: rows must begin within the range."
+        yield Diagnostic(("run", "second", name), text)
 
 
 def _event_times(model: Model) -> dict[str, Quantity]:

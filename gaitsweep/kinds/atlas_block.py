@@ -16,11 +16,7 @@ from jaxtyping import Float, Int
 
 from gaitsweep.analysis.atlas.atlas import BranchAtlas
 from gaitsweep.analysis.atlas.atlas_tables import atlas_table
-from gaitsweep.analysis.atlas.periodic_orbits import (
-    OrbitSearch,
-    OrbitSearchOptions,
-    rows_of,
-)
+from gaitsweep.analysis.atlas.periodic_orbits import OrbitSearch, OrbitSearchOptions, rows_of
 from gaitsweep.design import Design
 from gaitsweep.engine.poincare.maps import Points
 from gaitsweep.engine.poincare.poincare_return import ReturnStatus
@@ -66,9 +62,8 @@ class DrawnStarts:
         starts |= drawn_starts
         if cycles and len(drawn_starts) == len(columns):
             points, status = mapping.settled(starts, values, cycles)
-            return Points(
-                np.where((status == ReturnStatus.crossed)[:, None], points.at, np.nan), points.modes
-            )
+            crossed = (status == ReturnStatus.crossed)[:, None]
+            return Points(np.where(crossed, points.at, np.nan), points.modes)
         points, _ = mapping.settled(starts, values, 0)
         outside = np.flatnonzero(~mapping.covers(points, values))
         if outside.size:
@@ -142,8 +137,6 @@ class AtlasBlock:
     def _records(self, search: OrbitSearch, atlas: BranchAtlas, branches: pd.DataFrame) -> pd.DataFrame:
         """The records of a job's table from those of branches, and of curves over the second parameter."""
         table = self._joined_parts(search, atlas, branches)
-        if not len(table):
-            return table
         for name in self.run.second:
             of_branch = self.mapped.values[name][table["row"].to_numpy(int)]
             table[name] = np.where(table["part"] == "branch", of_branch, table.get(name, np.nan))
@@ -152,7 +145,7 @@ class AtlasBlock:
         table = table.reindex(columns=list(dict.fromkeys([*table, *named])))
         has_point = table["special"].notna().to_numpy()
         mapped = self.mapped.without(self.run.parameter)
-        return self.run.records(self.rows, mapped, table, has_point, has_point)
+        return self.run.records(self.rows, mapped, table, has_point)
 
     def _joined_parts(self, search: OrbitSearch, atlas: BranchAtlas, branches: pd.DataFrame) -> pd.DataFrame:
         """The points of branches, those of curves over the second parameter, and rows without a gait."""
@@ -163,10 +156,7 @@ class AtlasBlock:
                 parts.append(curves.rename(columns={"curve": "number", "kind": "part"}))
         without = set(range(len(self.numbers))) - {branch.row for branch in atlas.branches}
         parts.append(pd.DataFrame([self._without_gait(row, search) for row in sorted(without)]))
-        parts = [part for part in parts if len(part)]
-        if not parts:
-            return branches
-        table = pd.concat(parts, ignore_index=True)
+        table = pd.concat([part for part in parts if len(part)], ignore_index=True)
         drawn = np.array([search.drawn(row) for row in range(len(self.numbers))])
         table = table.assign(drawn_starts=drawn[table["row"].to_numpy(int)])
         return table.sort_values("row", kind="stable", ignore_index=True)
@@ -234,6 +224,5 @@ def _typed(table: pd.DataFrame) -> pd.DataFrame:
     integers = {name: table[name].astype(float).fillna(-1).astype(np.int64) for name in _WHOLE}
     stable = table["stable"].astype("boolean").fillna(False).astype(bool)
     texts = {name: pd.Categorical(table[name].astype(object).fillna("")) for name in _TEXTS}
-    return table.assign(
-        stable=stable, stored_point=table["stored_point"].astype(object).fillna(""), **texts, **integers
-    )
+    stored = table["stored_point"].astype(object).fillna("")
+    return table.assign(stable=stable, stored_point=stored, **texts, **integers)

@@ -18,7 +18,7 @@ from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.status import RECURRENT, Status
 from gaitsweep.table.frames import categorical, outcomes
 
-AT_REST = "rest"  # what stands for the gait of a stationary point
+AT_REST = "rest"  # in place of the gait of a stationary point
 UNKNOWN_GAIT = "unknown"  # gait of a row whose label is not the index of a gait; the label follows
 STATUSES = [status.name for status in Status if status is not Status.running]
 
@@ -68,13 +68,13 @@ class Records:
     samples: Float[np.ndarray, "samples names"]
 
     @classmethod
-    def one_a_row(cls, model: Model, block: RowOutcome) -> Records:
-        """One record for each row of a block."""
-        return cls(model, block, block.row, None, (), np.zeros((block.row.size, 0)))
+    def of(cls, model: Model, block: RowOutcome, names: tuple[str, ...] | None) -> Records:
+        """One record for each sample of a block, or for each row if `names` of the samples' numbers are None.
 
-    @classmethod
-    def one_a_sample(cls, model: Model, block: RowOutcome, names: tuple[str, ...]) -> Records:
-        """One record for each sample of a block; a row without samples keeps one record without numbers."""
+        A row without samples has one record without numbers.
+        """
+        if names is None:
+            return cls(model, block, block.row, None, (), np.zeros((block.row.size, 0)))
         records = np.maximum(block.record_counts, 1)
         place = np.full(records.sum(), -1)
         place[np.repeat(block.record_counts > 0, records)] = np.arange(len(block.samples))
@@ -116,6 +116,11 @@ def _placed(
     """The value at each place, or `absent` if the place is -1."""
     last = np.full((1, *values.shape[1:]), absent, values.dtype)
     return np.concatenate([values, last])[place]
+
+
+def changing(*names: str) -> list[Column]:
+    """The numbers of these names, of which each record has its own."""
+    return [Column(name, repeats=False) for name in names]
 
 
 def observed_at_crossings(model: Model) -> list[Column]:
@@ -225,17 +230,14 @@ def _stalled_by(records: Records) -> pd.Categorical:
     names = model.guard_names if isinstance(model, HybridModel) else ()
     words = records.of_row(records.block.fired)
     stalled = np.flatnonzero(words.any(axis=1))  # few, if any
-    guards = [
-        " and ".join(
-            # an event may have several guards, which have its name
-            dict.fromkeys(names[i] if i < len(names) else f"guard {i + 1}" for i in np.flatnonzero(row))
-        )
-        for row in unpacked(words[stalled])
-    ]
-    categories = sorted(set(guards))
+    guards = []
+    for row in unpacked(words[stalled]):
+        fired = (names[i] if i < len(names) else f"guard {i + 1}" for i in np.flatnonzero(row))
+        guards.append(" and ".join(dict.fromkeys(fired)))  # guards of one event have its name
+    categories, numbers = np.unique(np.array(guards, dtype=object), return_inverse=True)
     codes = np.full(len(words), -1)
-    codes[stalled] = [categories.index(guard) for guard in guards]
-    return categorical(codes, categories)
+    codes[stalled] = numbers
+    return categorical(codes, categories.tolist())
 
 
 def _slowest(records: Records) -> pd.Categorical:

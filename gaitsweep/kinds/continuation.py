@@ -12,16 +12,17 @@ from pydantic import Field
 
 from gaitsweep.analysis.continuation.branch_follower import LONGER, STRAIGHT
 from gaitsweep.analysis.continuation.continuation import continuation
+from gaitsweep.analysis.continuation.newton import NewtonOutcome
 from gaitsweep.contract import Model
 from gaitsweep.design import Design
 from gaitsweep.engine.poincare.maps import Points, Values
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
-from gaitsweep.kinds.columns import Column, observed_at_crossings
+from gaitsweep.kinds.columns import Column, changing, observed_at_crossings
 from gaitsweep.kinds.fixed_points import (
     FollowsFixedPoints,
     MappedRows,
     bifurcations_found,
-    branch_ends,
+    listed,
     unknowns,
 )
 from gaitsweep.kinds.run_kind import BlockProgress, Cost
@@ -37,6 +38,14 @@ DERIVATIVE = 3.0
 POINTS_OF_FOLD = math.pi / math.acos(STRAIGHT)
 # A branch with a kink, or that is lost, is followed again with half the time step.
 FOLLOWED_AGAIN = 3.0
+# Reasons for which a branch ends before its parameter leaves the range.
+ENDS = {
+    "lost": "no step, short or long, finds a fixed point beyond: the map has a jump or a corner there, for "
+    "example where an event begins or ceases to happen, or the gait itself ends",
+    "closed": "it came back to its first point",
+    "most": "it has run.most points, {most}: raise run.most or run.longest to follow it further",
+    "not_found": "this half of a crossing branch was not found",
+}
 
 
 class Continuation(FollowsFixedPoints):
@@ -65,14 +74,10 @@ class Continuation(FollowsFixedPoints):
     def columns(self, model: Model) -> list[Column]:
         columns = [
             Column("point"),
-            *([Column("branch", repeats=False)] if self.crossing else []),
-            Column(self.parameter, repeats=False),
+            *changing(*(["branch"] if self.crossing else []), self.parameter),
             *observed_at_crossings(model),
             Column("gait"),
-            Column("time", repeats=False),
-            *(Column(f"drift_{name}", repeats=False) for name in self.fix),
-            Column("multiplier", repeats=False),
-            Column("multiplier_re", repeats=False),
+            *changing("time", *(f"drift_{name}" for name in self.fix), "multiplier", "multiplier_re"),
             *map(Column, ("multiplier_im", "unstable", "stable", "special", "corrections", "end", "status")),
         ]
         return self.own_columns(columns)
@@ -111,7 +116,7 @@ class Continuation(FollowsFixedPoints):
         """The branches of rows first..last-1; `on_progress` is called before each of their steps."""
         mapped, table = self.followed(rows, spec, np.arange(first, last), on_progress)
         has_point = table["stable"].notna().to_numpy()
-        table = self.records(rows, mapped, table, has_point, has_point)
+        table = self.records(rows, mapped, table, has_point)
         # missing numbers would be read as such, and those of other blocks are flags
         return table if has_point.any() else table.assign(stable=pd.Series([None] * len(table), dtype=object))
 
@@ -152,9 +157,8 @@ class Continuation(FollowsFixedPoints):
         begin, end = self.path
 
         def on_step(points: Int[np.ndarray, " branches"], shares: Float[np.ndarray, " branches"]) -> None:
-            text = (
-                f"{points.sum()} points of {points.size} branches, {np.sum(shares < 1.0)} not at their ends"
-            )
+            unended = np.sum(shares < 1.0)
+            text = f"{points.sum()} points of {points.size} branches, {unended} not at their ends"
             on_progress(text, max(1.0 - float(np.sum(1.0 - shares)) / len(numbers), 0.0))
 
         on_progress(f"settling for {self.settle} cycles")
@@ -175,3 +179,26 @@ class Continuation(FollowsFixedPoints):
             crossing=self.crossing,
         )
         return mapped, table
+
+
+def branch_ends(table: pd.DataFrame, parameter: str, most: int) -> list[str]:
+    """Sentences about branches that end before the parameter leaves its range, with the reason.
+
+    Args:
+        table: the branches.
+        parameter: the parameter along which they are followed.
+        most: the largest number of points of a branch.
+    """
+    ends = table["end"].astype(str).to_numpy()
+    sentences = []
+    for end in dict.fromkeys(ends):
+        values = table[parameter].to_numpy(float)[ends == end]
+        subject = "the branch" if len(values) == 1 else f"{len(values)} branches"
+        at = f"at {parameter} = {listed(values)}"
+        if end in ENDS:
+            reason = ENDS[end].format(most=most)
+            sentences.append(f"{subject[0].upper()}{subject[1:]} ended as {end} {at}, because {reason}.")
+        elif end in NewtonOutcome.__members__:
+            reason = NewtonOutcome[end].sentence
+            sentences.append(f"No fixed point for {subject} to begin from {at}: {reason}")
+    return sentences

@@ -5,7 +5,7 @@ from __future__ import annotations
 import abc
 import dataclasses
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any, ClassVar
 
 import jax
@@ -17,7 +17,7 @@ from pydantic import Field
 from gaitsweep import near_miss
 from gaitsweep.analysis.continuation.branch_follower import ArclengthSteps
 from gaitsweep.analysis.continuation.branch_table import OF_FLOW, OF_MAP
-from gaitsweep.analysis.continuation.newton import NewtonOutcome, newton
+from gaitsweep.analysis.continuation.newton import newton
 from gaitsweep.analysis.continuation.stable_ranges import MARKS
 from gaitsweep.contract import Model
 from gaitsweep.design import Design
@@ -26,27 +26,24 @@ from gaitsweep.engine.poincare.model_map import ModelMap
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.engine.poincare.stationary_map import StationaryMap
 from gaitsweep.engine.recorders.recordings import CrossingRecorder
-from gaitsweep.engine.solver.methods import derivative_refusal
 from gaitsweep.engine.sweep.blocks_of_rows import gait_codes
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.errors import ArgumentError, JobError
 from gaitsweep.expression import ExpressionError
 from gaitsweep.kinds.columns import AT_REST, STATUSES, Column, gaits
-from gaitsweep.kinds.run_kind import BlockProgress, StartingPoints, TableRunKind, table_columns
-from gaitsweep.schema.diagnostics import Diagnostic, Path
+from gaitsweep.kinds.run_kind import (
+    BlockProgress,
+    StartingPoints,
+    TableRunKind,
+    check_derivative,
+    table_columns,
+)
+from gaitsweep.schema.diagnostics import Diagnostic
 from gaitsweep.schema.numbers import Count, CountOrZero, Positive, Text
 from gaitsweep.status import Status
 
 # Values of a kind of bifurcation that a sentence lists.
 LISTED = 6
-# Reasons for which a branch ends before its parameter leaves the range.
-ENDS = {
-    "lost": "no step, short or long, finds a fixed point beyond: the map has a jump or a corner there, for "
-    "example where an event begins or ceases to happen, or the gait itself ends",
-    "closed": "it came back to its first point",
-    "most": "it has run.most points, {most}: raise run.most or run.longest to follow it further",
-    "not_found": "this half of a crossing branch was not found",
-}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -160,10 +157,8 @@ class FollowsFixedPoints(TableRunKind):
     def _check_steps(self) -> list[Diagnostic]:
         """Diagnostics about the lengths of the steps."""
         if not self.shortest <= self.step <= self.longest:
-            text = (
-                f"is {self.step:g}, but must lie between run.shortest, {self.shortest:g}, and run.longest, "
-            )
-            return [Diagnostic(("run", "step"), f"{text}{self.longest:g}.")]
+            limits = f"run.shortest, {self.shortest:g}, and run.longest, {self.longest:g}"
+            return [Diagnostic(("run", "step"), f"is {self.step:g}, but must lie between {limits}.")]
         return []
 
     def _check_map(self, model: Model, method: str) -> list[Diagnostic]:
@@ -176,14 +171,7 @@ class FollowsFixedPoints(TableRunKind):
                 near = near_miss.suggestion(name, names) if names else "."
                 text = f"is {name}, which {model.name} does not conserve{near}"
                 wrong.append(Diagnostic(("run", "fix", index), text))
-        try:
-            refusal = derivative_refusal(method, model)
-        except ValueError:  # which the check of the method reports
-            return wrong
-        if refusal is not None:
-            text = f"is {method}, with which a return map has no derivative: {refusal}"
-            wrong.append(Diagnostic(("numerics", "method"), text))
-        return wrong
+        return [*wrong, *check_derivative(model, method)]
 
     def _check_flow(self, rows: Design) -> Iterator[Diagnostic]:
         """Diagnostics about a flow without isolated stationary points."""
@@ -268,7 +256,6 @@ class FollowsFixedPoints(TableRunKind):
         mapped: MappedRows,
         table: pd.DataFrame,
         has_point: Bool[np.ndarray, " records"],
-        sound: Bool[np.ndarray, " records"],
     ) -> pd.DataFrame:
         """The records of a block, from the branches of its rows.
 
@@ -276,8 +263,7 @@ class FollowsFixedPoints(TableRunKind):
             rows: the job's rows.
             mapped: the rows of the block.
             table: the branches; its `row` counts from 0.
-            has_point: mask of the records that have a point.
-            sound: mask of the records of rows with the status `complete`.
+            has_point: mask of the records that have a point, whose status is `complete`.
         """
         model, row, values = rows.model, table["row"].to_numpy(np.int64), mapped.values
         # observables have their names, or those of their columns where another column has the same name
@@ -288,11 +274,10 @@ class FollowsFixedPoints(TableRunKind):
             moving = {column.parameter for column in self.movements}
             at = {name: column[row[has_point]] for name, column in values.items() if name not in moving}
             at |= {name: table.loc[has_point, name].to_numpy(float) for name in moving}
-            observed = {
-                name: table.loc[has_point, column].to_numpy(float) for name, column in present.items()
-            }
-            codes[has_point] = gait_numbers(mapped.mapping, at, observed, int(has_point.sum()))
-        status = np.where(sound, Status.complete.name, Status.no_fixed_point.name)
+            points: pd.DataFrame = table.loc[has_point]
+            observed = {name: points[column].to_numpy(float) for name, column in present.items()}
+            codes[has_point] = gait_numbers(mapped.mapping, at, observed, len(points))
+        status = np.where(has_point, Status.complete.name, Status.no_fixed_point.name)
         plain = {name: names[name] for name, column in present.items() if column == name}
         table = table.rename(columns=plain)
         table = table.assign(
@@ -306,71 +291,17 @@ class FollowsFixedPoints(TableRunKind):
         return table.assign(**{name: pd.Categorical(text) for name, text in texts.items()})
 
 
-def rising(field: Path, bounds: Sequence[float]) -> Iterator[Diagnostic]:
-    """A diagnostic of a range whose first number is not lower than its second."""
-    low, high = bounds
-    if not low < high:
-        text = f"is from {low:g} to {high:g}, but the first number must be lower than the second."
-        yield Diagnostic(field, text)
-
-
-def beginning_within(
-    rows: Design, ranges: Mapping[str, Sequence[float]], field: Path
-) -> Iterator[Diagnostic]:
-    """Diagnostics for rows whose parameters begin outside their ranges, which a `field` has by name."""
-    try:
-        parameters, _ = rows.values_in(np.arange(rows.n_rows))
-    except (ExpressionError, JobError):  # which the checks of formulas report
-        return
-    for name, (low, high) in ranges.items():
-        if name not in parameters:  # which the checks of movements report
-            continue
-        outside = np.flatnonzero(~((parameters[name] >= low) & (parameters[name] <= high)))
-        if outside.size:
-            at = f"{parameters[name][outside[0]]:g} in row {outside[0]}"
-            text = (
-                f"is from {low:g} to {high:g}, but {name} begins at {at}: rows must begin within the range."
-            )
-            yield Diagnostic((*field, name), text)
-
-
 def bifurcations_found(table: pd.DataFrame, parameter: str) -> str:
     """A sentence that lists the bifurcations on the branches of a table, by kind."""
     values = table[parameter].to_numpy(float)
     # a doubled gait that meets its parent again ends at the parent's flip
     special = table["special"].astype(str).where(table["end"].astype(str) != "flip", "")
     kinds = [kind for kind in (*MARKS, "order_change") if np.any(special == kind)]
-    texts = [f"{kind.replace('_', ' ')} at {_listed(values[special == kind])}" for kind in kinds]
+    texts = [f"{kind.replace('_', ' ')} at {listed(values[special == kind])}" for kind in kinds]
     return f"Along {parameter}: {'; '.join(texts) or 'no bifurcation'}."
 
 
-def branch_ends(table: pd.DataFrame, parameter: str, most: int) -> list[str]:
-    """Sentences about branches that end before the parameter leaves its range, with the reason.
-
-    Args:
-        table: the branches.
-        parameter: the parameter along which they are followed.
-        most: the largest number of points of a branch.
-    """
-    ends = table["end"].astype(str).to_numpy()
-    sentences = []
-    for end in dict.fromkeys(ends):
-        values = table[parameter].to_numpy(float)[ends == end]
-        of = "the branch" if len(values) == 1 else f"{len(values)} branches"
-        if end in ENDS:
-            verb = f"{of[0].upper()}{of[1:]} ended as {end}"
-            sentences.append(
-                f"{verb} at {parameter} = {_listed(values)}, because {ENDS[end].format(most=most)}."
-            )
-        elif end in NewtonOutcome.__members__:
-            reason = NewtonOutcome[end].sentence
-            sentences.append(
-                f"No fixed point for {of} to begin from at {parameter} = {_listed(values)}: {reason}"
-            )
-    return sentences
-
-
-def _listed(values: Float[np.ndarray, " values"]) -> str:
+def listed(values: Float[np.ndarray, " values"]) -> str:
     """Some values, to 7 digits, each once, or their range if they are many."""
     texts = list(dict.fromkeys(f"{value:.7g}" for value in np.sort(values)))
     if len(texts) > LISTED:

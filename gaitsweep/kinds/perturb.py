@@ -38,6 +38,7 @@ from gaitsweep.kinds.columns import (
     Column,
     ColumnValues,
     Records,
+    changing,
     gaits,
     label_fields,
     observed_at_end,
@@ -51,7 +52,7 @@ from gaitsweep.table import TableError, load
 from gaitsweep.table.frames import categorical
 from gaitsweep.table.manifest import read_manifest
 
-# What the column `recovery` says, in the order in which figures list it.
+# Values of the column `recovery`, in the order of figures.
 RECOVERIES = ("recovered", "elsewhere", "fell", "failed", "not settled", "not pushed")
 
 IN_MEMORY = "a table in memory"
@@ -62,8 +63,7 @@ class Perturb(SettlesRows):
     """Settle each row, push it once, and settle it again, to see whether, when and how it recovers."""
 
     kind: Literal["perturb"] = Field(
-        init=False,
-        description="perturb: settle, push once, and simulate until the row has settled again",
+        init=False, description="perturb: settle, push once, and simulate until the row has settled again"
     )
     push: list[Text] = Field(
         default=[],
@@ -121,9 +121,8 @@ class Perturb(SettlesRows):
             known(("run", "push", k), name, "a variable of the flow", variables)
             for k, name in enumerate(push if isinstance(push, list | tuple) else ())
         ]
-        stepped = known(
-            ("run", "step"), written.get("step"), "a parameter", [q.name for q in model.parameters]
-        )
+        parameters = [q.name for q in model.parameters]
+        stepped = known(("run", "step"), written.get("step"), "a parameter", parameters)
         event = known(("run", "at"), written.get("at"), "an event", list(dict.fromkeys(model.guard_names)))
         chosen = dict.fromkeys(name for name in pushed if name is not None)
         resumes = isinstance(written.get("after"), str | pd.DataFrame)
@@ -159,15 +158,16 @@ class Perturb(SettlesRows):
         except (ArgumentError, TableError) as error:
             return dict(fields), [Diagnostic(("run", "after"), f"is {path}: {error}")]
         params = fields["params"] if isinstance(fields.get("params"), Mapping) else {}
+        advice = f"but {path} has its values: remove it here."
         wrong = [
-            Diagnostic(("params", str(name)), f"is {value}, but {path} has its values: remove it here.")
+            Diagnostic(("params", str(name)), f"is {value}, {advice}")
             for name, value in params.items()
             if name in rows or constants.get(name, value) != value
         ]
         wrong += [
-            Diagnostic(("vary",), f"varies {name}, but {path} has its values: remove it here.")
+            Diagnostic(("vary",), f"varies {name}, {advice}")
             for name in written
-            if name in rows or name in constants
+            if name in {**rows, **constants}
         ]
         if wrong:
             return dict(fields), wrong
@@ -188,9 +188,9 @@ class Perturb(SettlesRows):
         return [
             Column("recovery", _recovery),
             STATUS,
-            *(Column(name, repeats=False) for name in MEASURED),
+            *changing(*MEASURED),
             Column("cycles"),
-            Column("t_end", repeats=False),
+            *changing("t_end"),
             SLOWEST,
             STALLED_BY,
             *observed_at_end(model),
@@ -242,9 +242,8 @@ class Perturb(SettlesRows):
         outside = np.flatnonzero(~inside(reached, quantity))
         if outside.size:
             text = f"makes {stepped} {reached[outside[0]]:g} in row {checked_rows[outside[0]]}, but it "
-            path = next((group.paths[amount] for group in rows.groups if amount in group.paths), None)
-            if path is None:
-                path = ("params", amount)
+            paths = (group.paths[amount] for group in rows.groups if amount in group.paths)
+            path = next(paths, ("params", amount))
             return [Diagnostic(path, f"{text}{requirement(quantity)}.")]
         return []
 
@@ -306,13 +305,7 @@ def _recovery(records: Records) -> ColumnValues:
     """Whether each row recovered from its push, or why not."""
     status, stage = records.block.status, records["stage"]
     fell, failed = status == Status.fell, Status.FAILED.among(status)
-    cases = [
-        stage < Stage.ACTS,
-        fell,
-        failed,
-        records["recovered"] == 1,
-        Status.SOUND.among(status),
-    ]
+    cases = [stage < Stage.ACTS, fell, failed, records["recovered"] == 1, Status.SOUND.among(status)]
     names = ["not pushed", "fell", "failed", "recovered", "elsewhere"]
     codes = np.select(cases, [RECOVERIES.index(name) for name in names], RECOVERIES.index("not settled"))
     return categorical(codes, list(RECOVERIES))

@@ -6,7 +6,7 @@ import abc
 import dataclasses
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, ClassVar, Literal, Protocol, final, runtime_checkable
+from typing import Any, ClassVar, Literal, Protocol, final
 
 import numpy as np
 import pandas as pd
@@ -16,6 +16,7 @@ from pydantic import ValidationError
 from gaitsweep.contract import Model
 from gaitsweep.design import Design
 from gaitsweep.engine.recorders.recorder import Recorder
+from gaitsweep.engine.solver.methods import derivative_refusal
 from gaitsweep.engine.sweep.boundary_cells import Grid
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.errors import ArgumentError
@@ -33,17 +34,6 @@ class Movement:
     values: tuple[float, ...]
     name_path: Path
     values_path: Path
-
-
-@runtime_checkable
-class MovesParameter(Protocol):
-    """The fields of a run kind that moves a parameter; None where this run moves none."""
-
-    @property
-    def parameter(self) -> str | None: ...
-
-    @property
-    def path(self) -> Sequence[float] | None: ...
 
 
 class BlockProgress(Protocol):
@@ -119,9 +109,8 @@ class RunKind(StrictModel, abc.ABC):
         try:
             super().__init__(**{"kind": kind, **plain(fields)})
         except ValidationError as error:
-            wrong = from_pydantic(
-                error, {kind: SchemaSection(f"run ({kind})", type(self), "run")}, kind, ("run",)
-            )
+            section = SchemaSection(f"run ({kind})", type(self), "run")
+            wrong = from_pydantic(error, {kind: section}, kind, ("run",))
             raise ArgumentError("\n".join(map(str, wrong))) from None
 
     # pydantic then does not call it while it reads a job, whose errors are reported together
@@ -157,13 +146,13 @@ class RunKind(StrictModel, abc.ABC):
     @final
     def moved(self) -> str | None:
         """The parameter that moves along `path`, or None."""
-        return self.parameter if isinstance(self, MovesParameter) else None
+        return getattr(self, "parameter", None) if hasattr(self, "path") else None
 
     @property
     @final
     def turns(self) -> tuple[float, ...]:
         """The values between which the parameter moves, in order; empty if none moves."""
-        return tuple(self.path or ()) if isinstance(self, MovesParameter) else ()
+        return tuple(getattr(self, "path", None) or ())
 
     @property
     def movements(self) -> tuple[Movement, ...]:
@@ -268,10 +257,8 @@ class RunKind(StrictModel, abc.ABC):
             axes: the values of the axes, (n,) each.
             block: the results of the n rows.
         """
-        if self.one_a_row:
-            records = Records.one_a_row(model, block)
-        else:
-            records = Records.one_a_sample(model, block, self.recorder(model).names)
+        names = None if self.one_a_row else self.recorder(model).names
+        records = Records.of(model, block, names)
         columns: dict[str, Any] = {"row": records.rows}
         columns |= {name: records.of_row(values) for name, values in axes.items()}
         declared = [*self.all_columns(model), *self.columns_of_block(model, block)]
@@ -299,6 +286,16 @@ class TableRunKind(RunKind):
         self, rows: Design, spec: SweepSpec, sample: Int[np.ndarray, " sampled"], *shares: float
     ) -> list[StartingPoints]:
         """The fixed points at which the records of some rows begin, for each of these shares of the step."""
+
+
+def check_derivative(model: Model, method: str) -> list[Diagnostic]:
+    """Diagnostics about a method with which the return map of a model has no derivative."""
+    try:
+        refusal = derivative_refusal(method, model)
+    except ArgumentError:  # which the check of the method reports
+        return []
+    text = f"is {method}, with which a return map has no derivative: {refusal}"
+    return [] if refusal is None else [Diagnostic(("numerics", "method"), text)]
 
 
 def path_values(path: Sequence[float]) -> Iterator[float]:

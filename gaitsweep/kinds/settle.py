@@ -24,7 +24,6 @@ from gaitsweep.engine.recorders.settle import (
     SettleRecorder,
 )
 from gaitsweep.engine.recorders.states import StateRecorder
-from gaitsweep.engine.solver.methods import derivative_refusal
 from gaitsweep.engine.sweep.boundary_cells import Grid
 from gaitsweep.engine.tangents import coordinate_count
 from gaitsweep.kinds.columns import (
@@ -39,7 +38,7 @@ from gaitsweep.kinds.columns import (
     observed_on_orbits,
     states_at_end,
 )
-from gaitsweep.kinds.run_kind import Cost, RunKind
+from gaitsweep.kinds.run_kind import Cost, RunKind, check_derivative
 from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.schema.diagnostics import Diagnostic
 from gaitsweep.schema.numbers import (
@@ -59,9 +58,7 @@ from gaitsweep.status import Status
 MOST_COARSE = 1024  # cells a side
 MOST_PERIOD = 64  # crossings of the longest orbits that may be asked for
 OrbitPeriod = Annotated[
-    int,
-    PlainValidator(checked(read_whole, low=1, high=MOST_PERIOD)),
-    WithJsonSchema({"type": "integer"}),
+    int, PlainValidator(checked(read_whole, low=1, high=MOST_PERIOD)), WithJsonSchema({"type": "integer"})
 ]
 # Crossings after which an orbit settles at the earliest, in longest periods.
 SETTLING_PERIODS = FIRST_TEST + CONFIRMED_FOR
@@ -107,10 +104,8 @@ class SettlesRows(RunKind):
 
     def settling(self, model: Model) -> SettleRecorder:
         """The recorder that settles a row."""
-        longest = self.max_period or MAX_PERIOD
-        return SettleRecorder(
-            model, self.max_cycles, tolerances(model, self.tolerance), self.max_time, longest
-        )
+        longest, bounds = self.max_period or MAX_PERIOD, tolerances(model, self.tolerance)
+        return SettleRecorder(model, self.max_cycles, bounds, self.max_time, longest)
 
     def columns_of_block(self, model: Model, block: RowOutcome) -> list[Column]:
         return observed_on_orbits(model, block)
@@ -228,19 +223,11 @@ class Settle(SettlesRows):
 
     def _check_exponents(self, model: Model, method: str) -> list[Diagnostic]:
         """Diagnostics about exponents of a map without a derivative, or more of them than it has."""
-        if not self.exponents:
-            return []
-        try:
-            refusal = derivative_refusal(method, model)
-        except ValueError:  # which the check of the method reports
-            return []
-        if refusal is not None:
-            text = f"is {method}, with which a return map has no derivative: {refusal}"
-            return [Diagnostic(("numerics", "method"), text)]
-        if self.exponents > (count := coordinate_count(model)):
+        wrong = check_derivative(model, method) if self.exponents else []
+        if self.exponents and not wrong and self.exponents > (count := coordinate_count(model)):
             text = f"is {self.exponents}, but the section of {model.name} has {count} coordinates."
-            return [Diagnostic(("run", "exponents"), text)]
-        return []
+            wrong.append(Diagnostic(("run", "exponents"), text))
+        return wrong
 
     def refined(self, rows: Design) -> Grid | None:
         if self.refine is None:
@@ -290,11 +277,9 @@ def check_tolerance(tolerance: float | Mapping[str, float], model: Model) -> lis
     if not isinstance(tolerance, Mapping):
         return []
     names = [quantity.name for quantity in model.observables]
+    text = f"is not an observable of {model.name}"
     return [
-        Diagnostic(
-            ("run", "tolerance", name),
-            f"is not an observable of {model.name}{near_miss.suggestion(name, names)}",
-        )
+        Diagnostic(("run", "tolerance", name), f"{text}{near_miss.suggestion(name, names)}")
         for name in tolerance
         if name not in names
     ]

@@ -43,8 +43,7 @@ class Staircase(RunKind):
     """Move one parameter in stairs along a path, constant on each stair, and record the end of each."""
 
     kind: Literal["staircase"] = Field(
-        init=False,
-        description="staircase: move a parameter in stairs and record the end of each stair",
+        init=False, description="staircase: move a parameter in stairs and record the end of each stair"
     )
     parameter: Text = Field(description="the model's parameter that moves")
     path: list[Real] = Field(

@@ -54,20 +54,18 @@ def tool_entry(made_by: str | None = None, commit: str | None = None) -> str:
         facts = yaml.safe_load(file.read_text(encoding="utf-8"))
     except FileNotFoundError:
         raise CitationError(f"{file} is missing: install gaitsweep again.") from None
+    doi, url = facts.get("doi"), facts.get("url") or facts.get("repository-code")
     fields = {
         "author": " and ".join(map(_author, facts["authors"])),
         "title": f"{{{facts['title']}}}",
         "version": cited,
+        "year": str(facts["date-released"])[:4] if cited == facts["version"] else "",
+        "doi": doi,
+        "url": url,
+        # styles that know no `version` print this field
+        "howpublished": "" if doi or url else f"Python package, version {cited}",
+        "note": f"{facts['license']}, commit {commit}" if commit else facts["license"],
     }
-    if cited == facts["version"]:
-        fields["year"] = str(facts["date-released"])[:4]
-    if doi := facts.get("doi"):
-        fields["doi"] = doi
-    if url := facts.get("url") or facts.get("repository-code"):
-        fields["url"] = url
-    if not (doi or url):  # styles that know no `version` print this field
-        fields["howpublished"] = f"Python package, version {cited}"
-    fields["note"] = f"{facts['license']}, commit {commit}" if commit else facts["license"]
     return _entry("software", "gaitsweep", fields)
 
 
@@ -120,8 +118,7 @@ def _author(person: Mapping[str, str]) -> str:
     """Format a person or an entity of CITATION.cff for BibTeX."""
     if "name" in person:
         return f"{{{person['name']}}}"
-    names = [person[part] for part in ("family-names", "given-names") if person.get(part)]
-    return ", ".join(names)
+    return ", ".join(person[part] for part in ("family-names", "given-names") if person.get(part))
 
 
 def _changed(snapshot: Snapshot) -> str:
@@ -144,8 +141,8 @@ def _changed(snapshot: Snapshot) -> str:
 
 
 def _entry(kind: str, key: str, fields: Mapping[str, str]) -> str:
-    """Format a BibTeX entry."""
-    lines = ",\n".join(f"  {name} = {{{value}}}" for name, value in fields.items())
+    """Format a BibTeX entry; fields without a value are left out."""
+    lines = ",\n".join(f"  {name} = {{{value}}}" for name, value in fields.items() if value)
     return f"@{kind}{{{key},\n{lines}\n}}"
 
 

@@ -13,7 +13,7 @@ import pandas as pd
 from jaxtyping import Int, Shaped
 
 from gaitsweep.errors import JobError, UserError
-from gaitsweep.job.load import stored_job
+from gaitsweep.job.load import job_fields, stored_job
 from gaitsweep.kinds import RUN_KINDS
 from gaitsweep.table import TableError
 
@@ -42,7 +42,8 @@ def dataset_of(table: pd.DataFrame) -> xarray.Dataset:
         model is not found.
 
     Raises:
-        TableError: the table does not have the column of an axis.
+        ArgumentError: the table has no job in its `.attrs`.
+        TableError: the table does not have the column of an axis, or is not that of one grid.
         MissingPackageError: xarray is not installed.
 
     Source: flags follow the CF conventions 1.11, sec. 3.5.
@@ -53,7 +54,9 @@ def dataset_of(table: pd.DataFrame) -> xarray.Dataset:
         raise MissingPackageError(
             "to_xarray needs the package xarray: install it with pip install 'gaitsweep[xarray]'."
         ) from None
-    job, manifest = table.attrs["job"], table.attrs["manifest"]
+    job, manifest = job_fields(table.attrs), table.attrs.get("manifest", {})
+    if "axes" not in manifest or "joined" in table.attrs:
+        raise TableError("A dataset needs the grid of one job, which this table lacks.")
     axes = _axes(manifest)
     for name in ("row", *itertools.chain.from_iterable(axis.names for axis in axes)):
         if name not in table:
@@ -92,11 +95,8 @@ class _Grid(NamedTuple):
 def _axes(manifest: Mapping[str, Any]) -> list[_Axis]:
     """The axes of a table, in the order of its rows."""
     points = itertools.chain([POINT], (f"{POINT}_{number}" for number in itertools.count(2)))
-    axes = []
-    for axis in manifest["axes"]:
-        names = axis["names"]
-        axes.append(_Axis(names[0] if len(names) == 1 else next(points), names, axis["length"]))
-    return axes
+    groups = [(axis["names"], axis["length"]) for axis in manifest["axes"]]
+    return [_Axis(names[0] if len(names) == 1 else next(points), names, n) for names, n in groups]
 
 
 def _grid(table: pd.DataFrame, axes: Sequence[_Axis]) -> _Grid:

@@ -17,7 +17,7 @@ from gaitsweep.engine.sweep.engine_choice import polls_per_chunk
 from gaitsweep.engine.sweep.lane_scheduler import LaneScheduler
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.job import Job
-from gaitsweep.kinds.run_kind import TableRunKind, table_columns
+from gaitsweep.kinds.run_kind import Cost, TableRunKind, table_columns
 from gaitsweep.runs.prepare import RunContext, nominal_period, prepare
 from gaitsweep.runs.self_check_result import finer_share, is_checked, rows_to_repeat
 from gaitsweep.status import Status
@@ -102,20 +102,15 @@ def estimate(job: Job) -> Estimate:
     timed_rows = max(simulated, pace.at_a_time)
     timed_rows_most = max(spec.n_rows, pace.at_a_time)
     self_check_rows = rows_to_repeat(context) if is_checked(context) else 0
-    self_check_s = 0.0
-    if self_check_rows:
-        # its programs for the states and the crossings of rows take about as long to compile as the run's own
-        attempts = cost.likely * (1.0 + 1.0 / finer_share(context))
-        timed_rows_again = max(self_check_rows, pace.at_a_time)
-        self_check_s = pace.compile_s + pace.seconds(timed_rows_again, attempts, spec)
+    self_check_s = _self_check_seconds(context, pace, cost, self_check_rows)
     fixed_s = pace.compile_s + self_check_s
-    columns = table_columns(context.design, job.run)
+    columns = len(table_columns(context.design, job.run))
     records_longer = cost.records if cost.longer_records is None else cost.longer_records
-    block_bytes = min(spec.block, spec.n_rows) * records_longer * len(columns) * BYTES_A_NUMBER
+    block_bytes = min(spec.block, spec.n_rows) * records_longer * columns * BYTES_A_NUMBER
     blocks = math.ceil(spec.n_rows / spec.block)
     simulated_bytes = simulated * records_longer * _bytes_of_record(context.design, job)
-    inferred_bytes = (spec.n_rows - simulated) * BYTES_A_REPEAT * len(columns)
-    part_headers = blocks * (BYTES_A_PART + BYTES_A_COLUMN * len(columns))
+    inferred_bytes = (spec.n_rows - simulated) * BYTES_A_REPEAT * columns
+    part_headers = blocks * (BYTES_A_PART + BYTES_A_COLUMN * columns)
     return Estimate(
         rows=spec.n_rows,
         simulated=simulated,
@@ -135,6 +130,15 @@ def estimate(job: Job) -> Estimate:
         self_check_s=self_check_s,
         self_check_rows=self_check_rows,
     )
+
+
+def _self_check_seconds(context: RunContext, pace: Measured, cost: Cost, rows: int) -> float:
+    """Return the time (s) of a self-check that reruns some rows."""
+    if not rows:
+        return 0.0
+    # its programs for the states and the crossings of rows take about as long to compile as the run's own
+    attempts = cost.likely * (1.0 + 1.0 / finer_share(context))
+    return pace.compile_s + pace.seconds(max(rows, pace.at_a_time), attempts, context.spec)
 
 
 def _peak_memory() -> int:
@@ -205,14 +209,15 @@ def _measured(context: RunContext, pool: LaneScheduler) -> Measured:
 
     simulated = total("t_end")
     crossings = total("cycles")
-    nominal = 1.0 / nominal_period(context.design)
+    period = nominal_period(context.design)
+    nominal = 1.0 if math.isnan(period) else 1.0 / period  # rows without a period end at once
     if crossings < 2.0 * lanes_in_use:  # too few for a mean
         crossings = nominal * simulated
     if simulated > 0.0:
         attempts = total("attempts") / simulated
         crossings = crossings / simulated
     else:
-        attempts = ATTEMPTS_A_STEP / float(np.min(context.steps.dt))
+        attempts = ATTEMPTS_A_STEP / float(np.nanmin(context.steps.dt, initial=1.0 / nominal))
         crossings = nominal
     return Measured(at_a_time, host_s, rate, compile_s, attempts, crossings)
 

@@ -202,11 +202,7 @@ def _rows_leave_the_host_idle(context: RunContext) -> bool:
 
 
 def _run_missing(
-    context: RunContext,
-    table: Table,
-    missing: list[int],
-    on_progress: Progress,
-    executor: Executor,
+    context: RunContext, table: Table, missing: list[int], on_progress: Progress, executor: Executor
 ) -> None:
     """Have an executor compute the missing blocks of a table, and sum the table up."""
     before = table.rows_done + table.rows_open
@@ -241,9 +237,8 @@ def _run_missing(
                 Refinement(context, grid, table, executor).run(on_progress, timings)
             else:
                 stored = _OpenRowsOnDisk(table, all_timings)
-                executor.run_blocks(
-                    MissingBlocks(context, table, missing, on_sweep_progress, timings, stored)
-                )
+                blocks = MissingBlocks(context, table, missing, on_sweep_progress, timings, stored)
+                executor.run_blocks(blocks)
         table.update_manifest(**executor.manifest)
     except BaseException:
         # the exception that stopped the run is raised, not a failure to write the manifest

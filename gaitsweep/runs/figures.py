@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import dataclasses
 import functools
 import hashlib
 import json
 import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Int
@@ -102,10 +101,10 @@ def _draw_missing_figures(directory: ResultDirectory, job: Mapping[str, Any], on
     if not wanted:
         return
 
+    rows = directory.layout.rows
+
     def on_figure(number: int) -> None:
-        on_progress(
-            directory.layout.rows, directory.layout.rows, 0.0, 1.0, f"figure {number} of {len(wanted)}"
-        )
+        on_progress(rows, rows, 0.0, 1.0, f"figure {number} of {len(wanted)}")
 
     draw_figures(directory.path, wanted, on_figure)
     now = {name: _figure_digest(directory.path / FIGURES / name, spec) for name, spec in by_name.items()}
@@ -199,9 +198,8 @@ def _require_coloured_gaits(specs: Sequence[Mapping[str, Any]], style: FigureSty
     """Raise StyleError if a style has colours of gaits and no figure shows gaits by colour."""
     kinds = [spec["kind"] for spec in specs]
     colours = style.colours or {}
-    if colours and not any(
-        plot.FIGURES[spec["kind"]].colours_of(gait, spec) for spec in specs for gait in colours
-    ):
+    used = (plot.FIGURES[spec["kind"]].colours_of(gait, spec) for spec in specs for gait in colours)
+    if colours and not any(used):
         text = f"colours has no effect: no figure of {path} colours gaits ({', '.join(kinds)})."
         raise StyleError(f"{text} {kinds_with_gait_colours()}")
 
@@ -230,15 +228,14 @@ def _style_and_fields(
     own_style = read_style(**{key: value for key, value in spec.items() if key in STYLE_FIELDS})
     figure_style = style.over(own_style).over(job_style)
     kind = plot.FIGURES[spec["kind"]]  # other colours are for other figures of the job
-    colours = {
-        gait: colour for gait, colour in (figure_style.colours or {}).items() if kind.colours_of(gait, spec)
-    }
+    all_colours = (figure_style.colours or {}).items()
+    colours = {gait: colour for gait, colour in all_colours if kind.colours_of(gait, spec)}
     colours |= own_style.colours or {}
     fields = {key: value for key, value in spec.items() if key not in (*STYLE_FIELDS, "kind", "name")}
     return figure_style.model_copy(update={"colours": colours or None}), fields
 
 
-def _figures_of(snapshot: Snapshot, fields: Sequence[str] = ()) -> tuple[list[dict[str, Any]], FigureStyle]:
+def _figures_of(snapshot: Snapshot, fields: Sequence[str]) -> tuple[list[dict[str, Any]], FigureStyle]:
     """The figures of a directory and their style, from `job.yaml` if it was edited.
 
     `fields` ("field=value") replace those of all figures that have them.
@@ -275,14 +272,12 @@ def _with_fields(asked: Mapping[str, Any], fields: Sequence[str]) -> Mapping[str
             if field in of_kind:
                 spec[field] = {**(spec.get(field) or {}), key: value} if key else value
         if specs and field not in allowed:
-            raise ArgumentError(
-                f"--set {field}: no figure has this field{near_miss.suggestion(field, allowed)}"
-            )
+            near = near_miss.suggestion(field, allowed)
+            raise ArgumentError(f"--set {field}: no figure has this field{near}")
     return {**asked, "figures": specs} if specs else asked
 
 
-@dataclasses.dataclass(frozen=True)
-class Thinned:
+class Thinned(NamedTuple):
     """The rows (n,) that a figure shows, in rising order, and a remark on them."""
 
     rows: Int[np.ndarray, " shown"]

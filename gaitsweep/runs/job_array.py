@@ -6,13 +6,12 @@ present completes the table.
 
 from __future__ import annotations
 
+import functools
 import re
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TypeVar
-
-import pandas as pd
 
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.job import Job
@@ -93,20 +92,20 @@ def blocks_of(rows: str, layout: Layout) -> Sequence[int]:
         RunError: the rows are not whole blocks of the job.
     """
     n_rows, block = layout.rows, layout.block
-    what = f"--rows {rows}"
+    option = f"--rows {rows}"
     match = re.fullmatch(r"\s*(\d{1,18})\s*:\s*(\d{1,18})\s*", rows)
     if match is None:
         raise RunError(
-            f"{what} is not valid: write the first row and the row after the last, --rows 0:{block}."
+            f"{option} is not valid: write the first row and the row after the last, --rows 0:{block}."
         )
     first, stop = int(match[1]), int(match[2])
     if not first < min(stop, n_rows):
-        raise RunError(f"{what} names no row: this job has the rows 0 to {n_rows - 1}.")
+        raise RunError(f"{option} names no row: this job has the rows 0 to {n_rows - 1}.")
     if first % block or (stop % block and stop < n_rows):
         near = f"{first // block * block}:{-(-stop // block) * block}"
         raise RunError(
-            f"{what} are not whole blocks: both numbers must be multiples of engine.block, which is {block}; "
-            f"did you mean --rows {near}?"
+            f"{option} are not whole blocks: both numbers must be multiples of engine.block, which is "
+            f"{block}; did you mean --rows {near}?"
         )
     return range(first // block, -(-min(stop, n_rows) // block))
 
@@ -159,10 +158,7 @@ def _run_missing(
                     f"{locks.unfinished_starts(number).process}: wait until it ends, or stop it."
                 )
 
-        quantities = context.quantities
-
-        def encode(number: int, frame: pd.DataFrame) -> bytes:
-            return writer.encoded(number, frame, quantities)
+        encode = functools.partial(writer.encoded, quantities=context.quantities)
 
         def write(number: int, part: bytes) -> None:
             writer.write(number, part)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import jax
@@ -57,27 +57,22 @@ def with_rates(model_class: type[Model]) -> type[Model]:
         return (*base.signals, *more)
 
     def signal(self: HybridModel, params: Params, state: State) -> dict[str, jax.Array]:
-        with_rates = model_class.signal(self, params, state)
+        values = model_class.signal(self, params, state)
         rates = self.flow(params, state)
         at = {name: getattr(state, name) for name in rates}
         gradients = jax.jacrev(lambda x: self.energies(params, dataclasses.replace(state, **x)))(at)
         for name, gradient in gradients.items():
             terms = jnp.concatenate([jnp.ravel(gradient[key] * rate) for key, rate in rates.items()])
-            with_rates |= {name + _RATE: jnp.sum(terms), name + _POWER: jnp.sum(jnp.abs(terms))}
-        return with_rates
+            values |= {name + _RATE: jnp.sum(terms), name + _POWER: jnp.sum(jnp.abs(terms))}
+        return values
 
     members = {"signals": property(signals), "signal": signal, "name": model_class.name}
     watched: type[Any] = type(model_class.__name__, (model_class,), members)
     return watched
 
 
-def energies_of(watched: Model) -> list[str]:
-    """The names of the energies of a model of such a class."""
-    return [q.name.removesuffix(_RATE) for q in watched.signals if q.name.endswith(_RATE)]
-
-
-def change_of_energy(table: pd.DataFrame, name: str) -> str:
-    """A sentence about the rate of an energy, from traces of such a class."""
+def _change_of_energy(table: pd.DataFrame, name: str) -> str:
+    """A sentence about the rate of an energy, from traces of a class `with_rates`."""
     rates = table[name + _RATE].to_numpy(float)
     most = table.groupby("row")[name + _POWER].transform("max").to_numpy(float)
     shares = np.divide(rates, most, out=np.zeros_like(rates), where=most > 0.0)[np.isfinite(rates)]
@@ -104,7 +99,7 @@ def _direction_of_change(low: float, high: float) -> str:
 STIFFER = 10.0
 
 
-def stiff_ranges(model: HybridModel, values: Mapping[str, Float[np.ndarray, " rows"]]) -> list[str]:
+def _stiff_ranges(model: HybridModel, values: Mapping[str, Float[np.ndarray, " rows"]]) -> list[str]:
     """Return sentences about defaults, and ends of a parameter's range, with which the flow is stiff.
 
     The range is that of the bounds, or of the values tried. Modes that are no flags have their values at the
@@ -117,46 +112,28 @@ def stiff_ranges(model: HybridModel, values: Mapping[str, Float[np.ndarray, " ro
         for bound, end_of_tried in ((quantity.low, np.min(tried)), (quantity.high, np.max(tried))):
             is_bounded = math.isfinite(bound) and not quantity.open_ends
             ends.append((quantity.name, bound if is_bounded else float(end_of_tried)))
-    rate_at_defaults, *rates = _fastest_rates(model, [defaults, *({**defaults, name: x} for name, x in ends)])
-    if math.isnan(rate_at_defaults.per_second):
+    rows = [defaults, *({**defaults, name: end} for name, end in ends)]
+    of_rows = {name: np.array([row[name] for row in rows]) for name in defaults}
+    rates, periods = fastest_rates(
+        model,
+        {q.name: of_rows[q.name] for q in model.parameters},
+        {q.name: of_rows[q.name] for q in model.initial_conditions},
+    )
+    if np.isnan(rates[0]):
         return ["At the defaults a derivative of the flow is infinite or NaN, so its stiffness is unknown."]
-    sentences = []
-    if rate_at_defaults.per_period > STIFF:
-        sentences.append(f"At the defaults the flow is stiff: its {rate_at_defaults}.")
-    for (name, end), rate in zip(ends, rates, strict=True):
-        if rate.per_period > max(STIFF, STIFFER * rate_at_defaults.per_period):
-            sentences.append(
-                f"{name} = {end:.4g}, far from its default {defaults[name]:.4g}, makes the flow stiff: "
-                f"its {rate}. Bounds (low=, high=) keep rows from there."
-            )
-    return sentences
-
-
-@dataclasses.dataclass(frozen=True)
-class _FastestRate:
-    """The fastest rate (1/s) of a flow, and that per nominal period."""
-
-    per_second: float
-    per_period: float
-
-    def __str__(self) -> str:
-        return (
-            f"fastest rate is {self.per_second:.2g} 1/s, and a cycle takes about {self.per_period:.2g} steps"
-        )
-
-
-def _fastest_rates(model: HybridModel, rows: Sequence[Mapping[str, float]]) -> list[_FastestRate]:
-    """The fastest rate of the flow at the start of each row with these parameters and starts.
-
-    It is NaN where a derivative of the flow is infinite or NaN.
-    """
-    of_rows = {name: np.array([row[name] for row in rows], float) for name in rows[0]}
-    values = {q.name: of_rows[q.name] for q in model.parameters}
-    starts = {q.name: of_rows[q.name] for q in model.initial_conditions}
-    rates, periods = fastest_rates(model, values, starts)
-    return [
-        _FastestRate(float(rate), float(rate * period)) for rate, period in zip(rates, periods, strict=True)
+    steps = rates * periods
+    words = [
+        f"its fastest rate is {rate:.2g} 1/s, and a cycle takes about {count:.2g} steps"
+        for rate, count in zip(rates, steps, strict=True)
     ]
+    sentences = [f"At the defaults the flow is stiff: {words[0]}."] if steps[0] > STIFF else []
+    sentences += [
+        f"{name} = {end:.4g}, far from its default {defaults[name]:.4g}, makes the flow stiff: {words[k]}. "
+        "Bounds (low=, high=) keep rows from there."
+        for k, (name, end) in enumerate(ends, start=1)
+        if steps[k] > max(STIFF, STIFFER * steps[0])
+    ]
+    return sentences
 
 
 ROWS = 32
@@ -199,9 +176,8 @@ def trial(model_class: type[Model], on_message: Callable[[str], None] = lambda _
     except UserError as error:
         return Trial([f"of which no row can be run: {error}"], [])
     tried = _TriedRows(model, values, table)
-    return Trial(
-        tried.faults(), [*tried.outcomes(), *energies, *(f"Warning: {text}" for text in tried.warnings())]
-    )
+    warned = [f"Warning: {text}" for text in tried.warnings()]
+    return Trial(tried.faults(), [*tried.outcomes(), *energies, *warned])
 
 
 @dataclasses.dataclass(frozen=True)
@@ -230,17 +206,18 @@ class _TriedRows:
             for name, about in self._manifest.get(MISLABELLED, {}).items()
         ]
         if set(self._manifest["counts"]) == {Status.not_a_number.name}:
-            faults.append(
-                f"of which all {self._manifest['rows']} rows that were tried ended as not_a_number."
-            )
+            rows = self._manifest["rows"]
+            faults.append(f"of which all {rows} rows that were tried ended as not_a_number.")
         return faults
 
     def outcomes(self) -> list[str]:
         """Sentences about the ends of the rows, and about their starts."""
-        counts = ", ".join(f"{number} {status}" for status, number in self._manifest["counts"].items())
+        counts = self._manifest["counts"]
+        listed = ", ".join(f"{number} {status}" for status, number in counts.items())
+        hint = f" cycle_limit is no failure: {CYCLES} cycles are too few for most models to settle."
         sentences = [
             f"Tried {self._manifest['rows']} rows of {CYCLES} cycles over the ranges of parameters and "
-            f"starts: {counts}.{self._about_unsettled()}",
+            f"starts: {listed}.{hint if Status.cycle_limit.name in counts else ''}",
             # wrong gaits are faults, and starts beyond a surface have a longer sentence
             *remarks({**self._manifest, MISLABELLED: {}, STARTS_BEYOND: {}}),
         ]
@@ -250,12 +227,6 @@ class _TriedRows:
             setter = sets_starts(self.model)
             sentences.append(f"These starts have no effect: {', '.join(idle)}; {setter} sets them.")
         return sentences
-
-    def _about_unsettled(self) -> str:
-        """Say that rows which have not settled after so few cycles are no failures; '' without such rows."""
-        if Status.cycle_limit.name not in self._manifest["counts"]:
-            return ""
-        return f" cycle_limit is no failure: {CYCLES} cycles are too few for most models to settle."
 
     def warnings(self) -> list[str]:
         """Sentences about what the author of a model hardly wants."""
@@ -269,7 +240,7 @@ class _TriedRows:
         sentences += self._events_that_never_happened()
         model = self.model
         if isinstance(model, HybridModel) and model.locates_events and not model.host_parameters:
-            sentences += stiff_ranges(model, self.values)
+            sentences += _stiff_ranges(model, self.values)
         return sentences
 
     def _start_beyond(self, event: str, rows: int, first: int) -> str:
@@ -314,11 +285,8 @@ class _TriedRows:
             size = max(abs(ends[0]), quantity.scale or _LEAST_SIZE)
             if math.isfinite(size) and np.max(np.abs(differences)) <= _SAME * size:
                 constant.append(f"{quantity.name} ({ends[0].round(9) + 0.0:.6g})")
-        if not constant:
-            return []
-        advice = "observed=False leaves out a variable that the section fixes"
-        names = ", ".join(constant)
-        return [f"These observables are the same at the end of all rows tried: {names}; {advice}."]
+        text = f"These observables are the same at the end of all rows tried: {', '.join(constant)}; "
+        return [f"{text}observed=False leaves out a variable that the section fixes."] if constant else []
 
     def _events_that_never_happened(self) -> list[str]:
         """Return a sentence about the events that happened in no row, or about an uncrossed section."""
@@ -330,10 +298,8 @@ class _TriedRows:
             advice = "look at the sign of its function, and at the starts"
             declared = model.declarations.items() if isinstance(model, DeclaredModel) else ()
             rates = model.flow(params, start) if isinstance(model, DeclaredModel) else {}
-            at_rest = [
-                name for name, quantity in declared if isinstance(quantity, Variable) and name not in rates
-            ]
-            if at_rest:
+            variables = [name for name, quantity in declared if isinstance(quantity, Variable)]
+            if at_rest := [name for name in variables if name not in rates]:
                 advice += f"; flow returns no rate of {', '.join(at_rest)}"
             return [f"No row crossed the section: {advice}."]
         never = []
@@ -345,11 +311,9 @@ class _TriedRows:
             is_fall = event.jumps and model.failed(params, event.jumped(model, params, start))
             if not is_fall:
                 never.append(repr(event.name))
-        if not never:
-            return []
-        advice = "look at the signs of their functions, at during= and when=, and at ranges"
-        names = ", ".join(dict.fromkeys(never))
-        return [f"These events happened in no row that was tried: {names}; {advice}."]
+        text = f"These events happened in no row that was tried: {', '.join(dict.fromkeys(never))}; look at "
+        advice = "the signs of their functions, at during= and when=, and at ranges."
+        return [f"{text}{advice}"] if never else []
 
 
 def _counted_events(model: Model) -> list[SingleEvent]:
@@ -386,7 +350,7 @@ def _run(model_class: type[Model], values: Values, run: Settle | Trace) -> pd.Da
     job = Job(
         name="trial",
         model=models.name_of(model_class),
-        vary={"zip": varied},
+        vary={"zip": varied} if varied else {},
         run=run,
         verify=0,
         numerics=_numerics(model_class(), values),
@@ -411,9 +375,10 @@ def _numerics(model: Model, values: Values) -> dict[str, float]:
 def _energies(model: HybridModel, model_class: type[Model], values: Values) -> list[str]:
     """Return a sentence for each energy of a model, from a row at the defaults."""
     watched = with_rates(model_class)
-    if not (names := energies_of(watched())):
+    names = [q.name.removesuffix(_RATE) for q in watched().signals if q.name.endswith(_RATE)]
+    if not names:
         return []
     defaults = {q.name: jnp.asarray(float(values[q.name][0])) for q in model.parameters}
     cycle = float(model.period(model.params(defaults)))
     table = _run(watched, values, Trace(duration=3 * cycle, every=cycle / SAMPLES))
-    return [change_of_energy(table, name) for name in names]
+    return [_change_of_energy(table, name) for name in names]

@@ -179,9 +179,8 @@ def row_values(
 
 def nominal_period(design: Design) -> float:
     """Return the nominal period (s) of the first sampled row that has one; NaN if none has."""
-    values, _ = design.values_in(
-        np.unique(np.linspace(0, design.n_rows - 1, _ROWS_OF_PERIOD).astype(np.int64))
-    )
+    rows = np.unique(np.linspace(0, design.n_rows - 1, _ROWS_OF_PERIOD).astype(np.int64))
+    values, _ = design.values_in(rows)
     model = design.model
     seconds = _period(model)(model.on_host(values))
     sound = seconds[(seconds > 0.0) & (seconds < np.inf)]

@@ -5,6 +5,7 @@ A directory is continued by the program with which it was begun.
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import importlib.metadata
 import os
@@ -69,12 +70,10 @@ def paper_of(model: Model | type[Model]) -> Paper | None:
 def machine() -> str:
     """System, processor and number of cores of the machine that runs the rows or dispatches them."""
     processor = platform.processor() or platform.machine()
-    try:  # Linux, whose own name of the processor says only x86_64
+    with contextlib.suppress(OSError):  # Linux, whose own name of the processor says only x86_64
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines()
         named = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
         processor = next(named, processor)
-    except OSError:
-        pass
     return f"{platform.system()} {platform.release()}, {processor}, {os.cpu_count()} cores"
 
 
@@ -172,16 +171,16 @@ def check_program(context: RunContext, path: Path | None, manifest: Mapping[str,
     changed = first_difference(program_before, context.program)
     if changed is None:
         return []
-    what = f"the function {changed} of {context.job.model}"
+    function = f"the function {changed} of {context.job.model}"
     if _other_versions(manifest, _TRACING) or _commits(manifest):
         return [
-            f"Warning: {path} was begun with {'; '.join(differing(manifest))}, and {what} differs. Other "
+            f"Warning: {path} was begun with {'; '.join(differing(manifest))}, and {function} differs. Other "
             "versions may trace the same function differently; whether a data file or a constant has changed "
             "as well is not known."
         ]
     raise RunError(
-        f"{path} holds another job's table: {what} computes something else than when it was begun. A data "
-        "file, a constant or a module that the model reads has changed: restore it, or choose another "
+        f"{path} holds another job's table: {function} computes something else than when it was begun. A "
+        "data file, a constant or a module that the model reads has changed: restore it, or choose another "
         "directory with --out."
     )
 

@@ -98,11 +98,7 @@ class Refinement:
         on_progress(known.size, known.size, 0.0, 1.0, f"{known.size - simulated} rows are inferred")
 
     def _round(
-        self,
-        number: int,
-        rows: Rows,
-        on_sweep_progress: Callable[[SweepProgress], None],
-        timings: Timings,
+        self, number: int, rows: Rows, on_sweep_progress: Callable[[SweepProgress], None], timings: Timings
     ) -> pd.DataFrame:
         """Return the records of `rows` (n,), simulating those that are missing."""
         context = self.context
@@ -114,9 +110,8 @@ class Refinement:
             if missing := part.missing_blocks():
                 spent = Timings()
                 try:
-                    self.executor.run_blocks(
-                        MissingBlocks(round_context, part, missing, on_sweep_progress, spent, part)
-                    )
+                    blocks = MissingBlocks(round_context, part, missing, on_sweep_progress, spent, part)
+                    self.executor.run_blocks(blocks)
                     part.tidy_digests()
                 finally:
                     for name, value in dataclasses.asdict(spent).items():

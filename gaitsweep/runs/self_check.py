@@ -87,7 +87,7 @@ class RerunRows:
 
 
 def self_check(
-    context: RunContext, count: int, on_progress: Callable[[SweepProgress], None] | None = None
+    context: RunContext, count: int, on_progress: Callable[[SweepProgress], None]
 ) -> tuple[SelfCheck | None, RerunRows | None]:
     """Rerun a sample of a job's rows, and compare its results with those of finer steps.
 
@@ -127,7 +127,7 @@ def compare_stored(
     check: SelfCheck,
     rerun: RerunRows,
     stored: Callable[[Rows], pd.DataFrame],
-    on_progress: Callable[[SweepProgress], None] | None = None,
+    on_progress: Callable[[SweepProgress], None],
 ) -> None:
     """Count in `check` the rows whose stored records differ from those of the rerun.
 
@@ -160,21 +160,10 @@ def compare_stored(
         differs = _other_records(context.model, rerun, records)
         records = records.loc[np.isin(records["row"].to_numpy(), few)]
     check.stored_differs = int(differs.sum())
-    rests = run.rests(context.model, records)
-    if rests is not None:
-        rests["row"] = records["row"]
-        if run.moved is not None:
-            rests[run.moved] = records[run.moved]
-        unstable = unstable_rests(
-            context,
-            rests,
-            comparison.observed_at_starts(np.unique(records["row"].to_numpy(np.int64))),
-            lambda rows, recorder: comparison.repeated(recorder, [(rows, 1.0, 0.0)])[0],
-            comparison.on_following,
-        )
-        check.unstable = len(unstable)
-        if check.unstable:
-            check.unstable_first = _place_of(context, unstable.iloc[:1].to_dict("records")[0])
+    unstable = comparison.unstable(records)
+    check.unstable = len(unstable)
+    if check.unstable:
+        check.unstable_first = _place_of(context, unstable.iloc[:1].to_dict("records")[0])
 
 
 def _place_of(context: RunContext, record: Mapping[Any, Any]) -> dict[str, float]:
@@ -234,18 +223,31 @@ class _Comparison:
     """Comparison of reruns of some rows of a run with each other and with stored records."""
 
     context: RunContext
-    on_progress: Callable[[SweepProgress], None] | None
+    on_progress: Callable[[SweepProgress], None]
 
-    def on_following(self, share: float) -> None:
-        """Report the share of displaced states that has been followed."""
-        if self.on_progress is not None:
+    def unstable(self, records: pd.DataFrame) -> pd.DataFrame:
+        """Return the first record of each row on an unstable gait, from all records of some rows."""
+        run = self.context.job.run
+        rests = run.rests(self.context.model, records)
+        if rests is None:
+            return records.iloc[:0]
+        rests["row"] = records["row"]
+        if run.moved is not None:
+            rests[run.moved] = records[run.moved]
+
+        def on_following(share: float) -> None:
             self.on_progress(SweepProgress(0, 0, share, 0, 0.0, "the following of displaced states"))
 
+        return unstable_rests(
+            self.context,
+            rests,
+            self.observed_at_starts(np.unique(records["row"].to_numpy(np.int64))),
+            lambda rows, recorder: self.repeated(recorder, [(rows, 1.0, 0.0)])[0],
+            on_following,
+        )
+
     def repeated(
-        self,
-        recorder: Recorder,
-        lanes: list[tuple[Rows, float, float]],
-        most_samples: int | None = None,
+        self, recorder: Recorder, lanes: list[tuple[Rows, float, float]], most_samples: int | None = None
     ) -> list[RowOutcome]:
         """Return the results of rerun rows for each item of `lanes`.
 
@@ -315,7 +317,7 @@ class _Comparison:
         comparable = sound & ~other_status & ~other_gait & (once.numbers["period"] <= 1)
         comparable &= ~RECURRENT.among(once.status)
         change = changes(model, ends, finer_ends)
-        size = sizes(model.observables, self.with_starts(rows, ends))
+        size = sizes(model.observables, np.concatenate([self.observed_at_starts(rows), ends]))
         check.record_changes(model.observables, change[comparable], size)
         off = np.zeros_like(change, bool)
         if not fixed_steps or not at_times:
@@ -453,10 +455,6 @@ class _Comparison:
             by_rounding = changes(model, moved, now[places]) / MOVED * ROUNDING_ERROR
             off[places] &= changes(model, now, before)[places] > by_rounding
         return differs | off.any(axis=1)
-
-    def with_starts(self, rows: Rows, ends: Observed) -> Observed:
-        """Return the observables (2 n, k) of rows at their starts and at their ends."""
-        return np.concatenate([self.observed_at_starts(rows), ends])
 
     def observed_at_starts(self, rows: Rows) -> Observed:
         """Return the observables (n, k) of rows at their starts."""

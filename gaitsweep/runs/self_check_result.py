@@ -28,9 +28,7 @@ def circular(model: Model) -> Bool[np.ndarray, " observables"]:
 
 
 def changes(
-    model: Model,
-    once: Float[np.ndarray, "*rows observables"],
-    again: Float[np.ndarray, "*rows observables"],
+    model: Model, once: Float[np.ndarray, "*rows observables"], again: Float[np.ndarray, "*rows observables"]
 ) -> Float[np.ndarray, "*rows observables"]:
     """Return the distance of observables (..., observables), that of angles by the shorter way."""
     return np.abs(wrap_difference(once - again, circular(model)))

@@ -101,8 +101,7 @@ def advice(check: dict[str, Any], dt: float | None) -> str:
     """
     wrong = [name for name in DIFFERENCES if check.get(name)]
     if wrong == [STORED_DIFFERS]:
-        text = "Another model, data file, cache or version made this table"
-        return f"{text}: run the job into a new directory."
+        return "Another model, data file, cache or version made this table: run the job into a new directory."
     if wrong == [UNSTABLE]:
         return (
             "Such rows begin on that gait, or their legs are alike to the last digit, from the start or once "
@@ -180,10 +179,8 @@ def status_sentence(status: str, job: Mapping[str, Any], manifest: Mapping[str, 
     run = job.get("run", {})
     periods = manifest.get("periods")
     if status == Status.settled.name and periods:
-        orbits = [
-            f"{rows} {_AT.get(period, f'on an orbit of {period} crossings')}"
-            for period, rows in periods.items()
-        ]
+        places = {period: f"on an orbit of {period} crossings" for period in periods} | _AT
+        orbits = [f"{rows} {places[period]}" for period, rows in periods.items()]
         return f"The state at the section repeats: {', '.join(orbits)}."
     sentence = Status[status].sentence if status in Status.__members__ else ""
     if status == Status.fell.name:
@@ -240,9 +237,8 @@ def remarks(manifest: Mapping[str, Any]) -> list[str]:
             f"Warning: the model's function label gave gait {label} in {_rows(about)}, which is not an index "
             f"of its gaits; their gait is {name!r} in the table."
         )
-    sentences += [
-        _without_strides(model, about) for model, about in (manifest.get(WITHOUT_STRIDES) or {}).items()
-    ]
+    for model, about in (manifest.get(WITHOUT_STRIDES) or {}).items():
+        sentences.append(_without_strides(model, about))
     if uneven := manifest.get(UNEVEN_STRIDES):
         sentences.append(_uneven_strides(uneven))
     if without_gait := manifest.get(WITHOUT_GAIT):
@@ -264,9 +260,8 @@ def _without_gait(about: Mapping[str, Any]) -> str:
     reasons = [f"in {_rows(rows)} {words[reason]}" for reason, rows in about["reasons"].items()]
     total = sum(rows["rows"] for rows in about["reasons"].values())
     subject = "1 settled row has" if total == 1 else f"{total} settled rows have"
-    return (
-        f"{subject} the gait none: {'; '.join(reasons)} (docs/own_model.md, `Footfalls and names of gaits`)."
-    )
+    text = f"{subject} the gait none: {'; '.join(reasons)}"
+    return f"{text} (docs/own_model.md, `Footfalls and names of gaits`)."
 
 
 def _uneven_strides(about: Mapping[str, Any]) -> str:
@@ -276,11 +271,9 @@ def _uneven_strides(about: Mapping[str, Any]) -> str:
     feet = []
     for foot, of_foot in about["feet"].items():
         contact = " to ".join(dict.fromkeys(f"{seconds:.2g}" for seconds in of_foot["contact"]))
-        where = f" in {_rows(of_foot)}" if len(about["feet"]) > 1 else ""
-        last = (
-            f"its last contact has {contact} s" if contact else "its last contact is longer than that stride"
-        )
-        feet.append(f"foot {foot}{where}: {last}")
+        in_rows = f" in {_rows(of_foot)}" if len(about["feet"]) > 1 else ""
+        last = f"has {contact} s" if contact else "is longer than that stride"
+        feet.append(f"foot {foot}{in_rows}: its last contact {last}")
     advice = (
         " A short one in mid-swing is a scuff: `shortest_contact` in the model file leaves it out; see "
         "docs/walker.md, `If it does not walk`."

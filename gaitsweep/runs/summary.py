@@ -79,13 +79,11 @@ def _model_folder(context: RunContext, path: Path | None) -> dict[str, str]:
     """
     if path is None or context.job.model in models.names():
         return {}
-    folder = folder_of_class(type(context.model.original))
-    if folder is None:
+    if (folder := folder_of_class(type(context.model.original))) is None:
         return {}
     shared = Path(os.path.commonpath([folder, path.resolve()]))
-    if len(shared.parts) < _PROJECT_DEPTH:
-        return {}
-    return {models.MODEL_FOLDER: os.path.relpath(folder, path.resolve())}
+    relative = os.path.relpath(folder, path.resolve())
+    return {} if len(shared.parts) < _PROJECT_DEPTH else {models.MODEL_FOLDER: relative}
 
 
 def sum_up(context: RunContext, table: Table, timings: dict[str, float]) -> None:

@@ -74,7 +74,7 @@ def unstable_rests(
     records: pd.DataFrame,
     begun: Float[np.ndarray, "rows observables"],
     rerun: Callable[[Int[np.ndarray, " rows"], StateRecorder], RowOutcome],
-    on_progress: Callable[[float], None] = lambda _: None,
+    on_progress: Callable[[float], None],
 ) -> pd.DataFrame:
     """Find the rows that rest on an unstable gait.
 
@@ -233,10 +233,7 @@ def _state_shape(
 
 
 def _samples(
-    recorder: StateRecorder,
-    outcome: RowOutcome,
-    place: Int[np.ndarray, " suspects"],
-    suspects: pd.DataFrame,
+    recorder: StateRecorder, outcome: RowOutcome, place: Int[np.ndarray, " suspects"], suspects: pd.DataFrame
 ) -> tuple[Float[np.ndarray, "suspects width"], Bool[np.ndarray, " suspects"]]:
     """The samples of rerun rows at some records, and whether the rerun rests where these do.
 

@@ -45,17 +45,9 @@ class Diagnostic:
 
 
 def printable(text: str) -> str:
-    """Return a text on one line: line ends become spaces, and control characters are escaped."""
-    if text.isprintable():
-        return text
-    return "".join(map(_printable_character, text))
-
-
-def _printable_character(character: str) -> str:
-    """Return a character, or what stands for it in a printable text."""
-    if character in "\n\t":
-        return " "
-    return character if character.isprintable() else character.encode("unicode_escape").decode()
+    """Return a text on one line: line feeds and tabs become spaces, and control characters are escaped."""
+    text = re.sub(r"[\n\t]", " ", text)
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
 def clipped(text: str) -> str:
@@ -126,12 +118,7 @@ def refuse(wrong: Sequence[Diagnostic]) -> None:
         raise JobError(wrong)
 
 
-def unknown_field(
-    path: Path,
-    section: str,
-    allowed: Iterable[str],
-    place: str = "",
-) -> Diagnostic:
+def unknown_field(path: Path, section: str, allowed: Iterable[str], place: str = "") -> Diagnostic:
     """Return the diagnostic of a field that its section does not have.
 
     Args:
@@ -140,13 +127,10 @@ def unknown_field(
         allowed: the fields that the section has.
         place: the part of the job that has such a field, if another one does.
     """
-    field = str(path[-1])
     of_section = f" of {section}" if section else ""
-    if place:
-        return Diagnostic(
-            path, f"is not a field{of_section}: it belongs {place}. {near_miss.allowing(allowed)}"
-        )
-    return Diagnostic(path, f"is not a field{of_section}{near_miss.suggestion(field, allowed)}")
+    near = near_miss.suggestion(str(path[-1]), allowed)
+    end = f": it belongs {place}. {near_miss.allowing(allowed)}" if place else near
+    return Diagnostic(path, f"is not a field{of_section}{end}")
 
 
 def unknown_name(path: Path, name: str, kind: str, allowed: Iterable[str]) -> Diagnostic:
@@ -162,10 +146,7 @@ def unknown_name(path: Path, name: str, kind: str, allowed: Iterable[str]) -> Di
 
 
 def wrong_kind(
-    path: Path,
-    value: object,
-    kinds: Collection[str],
-    noun: str = "an allowed kind",
+    path: Path, value: object, kinds: Collection[str], noun: str = "an allowed kind"
 ) -> Diagnostic | None:
     """Return the diagnostic of a mapping whose field `kind` is missing or unknown, or None.
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 import re
-import unicodedata
 from collections.abc import Callable, Mapping
 from contextvars import ContextVar
 from dataclasses import dataclass, field
@@ -29,7 +28,7 @@ from gaitsweep.schema.diagnostics import Diagnostic, quoted
 class Scope:
     """Names that expressions outside `vary` may use, and reasons why other names are not allowed.
 
-    `evaluated` collects the expressions that were read, whose fields keep their numbers alone.
+    `evaluated` collects the expressions that became numbers.
     """
 
     fixed: Mapping[str, float] = field(default_factory=dict)
@@ -46,6 +45,8 @@ _POSITIVE_ZERO = 0.0  # added to -0.0 it gives 0.0, which gives the same rows
 _LONGEST_TEXT = 1000  # characters
 _LONGEST_AMBIGUOUS = 99  # characters of a text that is compared with the patterns of ambiguous numbers
 _STEM = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,99}")
+# Control characters but tabs and line ends, and halves of surrogate pairs.
+_NOT_TEXT = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\ud800-\udfff]")
 # Texts that look like numbers to some readers, each with the end of the message that refuses it.
 _AMBIGUOUS: tuple[tuple[re.Pattern[str], str], ...] = (
     (re.compile(r"^\s*\d+:\d"), "which some YAML readers read in base 60; write a plain number"),
@@ -62,12 +63,8 @@ _AMBIGUOUS: tuple[tuple[re.Pattern[str], str], ...] = (
 
 def control_character(value: str) -> str | None:
     """Return the first character of a text that figures cannot show, in words, or None."""
-    if value.isprintable():
-        return None
-    for character in value:
-        if unicodedata.category(character) in ("Cc", "Cs") and character not in "\t\n\r":
-            return f"the control character U+{ord(character):04X}"
-    return None
+    wrong = _NOT_TEXT.search(value)
+    return None if wrong is None else f"the control character U+{ord(wrong[0]):04X}"
 
 
 class InvalidValue(ValueError):
@@ -111,14 +108,11 @@ def read_fixed(value: Any) -> float | None:
     scope = SCOPE.get() or Scope()
     if not scope.known:
         return None
-    for name in sorted(names_used(number)):
+    for name in sorted(names_used(number) - scope.fixed.keys()):
+        reason = f"is unknown here{near_miss.suggestion(name, [*scope.fixed, *CONSTANTS])}"
         if name in scope.moving:
-            raise InvalidValue(
-                f'is "{number}", but {name} {scope.moving[name]}, and this field has one value for all rows.'
-            )
-        if name not in scope.fixed:
-            near = near_miss.suggestion(name, [*scope.fixed, *CONSTANTS])
-            raise InvalidValue(f'is "{number}", but {name} is unknown here{near}')
+            reason = f"{scope.moving[name]}, and this field has one value for all rows."
+        raise InvalidValue(f'is "{number}", but {name} {reason}')
     scope.evaluated.add(number)
     try:
         return evaluate(number, scope.fixed) + _POSITIVE_ZERO
@@ -189,9 +183,8 @@ def read_positive_or_each(value: Any) -> float | dict[str, float]:
     if not isinstance(value, Mapping):
         return read_real(value, low=0.0, open_ends=True)
     if not value:
-        raise InvalidValue(
-            "is an empty mapping, but must be a number above 0, or such numbers by the names of observables."
-        )
+        text = "must be a number above 0, or such numbers by the names of observables."
+        raise InvalidValue(f"is an empty mapping, but {text}")
     positive_numbers = {}
     for name, number in value.items():
         try:
@@ -202,7 +195,7 @@ def read_positive_or_each(value: Any) -> float | dict[str, float]:
 
 
 def read_text(value: Any) -> str:
-    """Text, without the line feed at the end of a YAML block.
+    """Read text, without the line feed at the end of a YAML block.
 
     Raises:
         InvalidValue: it is no text, is empty or too long, or has a control character.
@@ -227,10 +220,8 @@ def read_stem(value: Any) -> str:
     """
     text = read_text(value).strip()
     if not _STEM.fullmatch(text):
-        raise InvalidValue(
-            f"is {quoted(text)}, but must be a file name of letters, digits, _ - . that begins with a "
-            "letter or digit."
-        )
+        rule = "letters, digits, _ - . that begins with a letter or digit"
+        raise InvalidValue(f"is {quoted(text)}, but must be a file name of {rule}.")
     return text
 
 

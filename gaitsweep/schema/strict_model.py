@@ -29,13 +29,7 @@ from pydantic_core import CoreSchema, ErrorDetails, SchemaValidator, core_schema
 
 from gaitsweep import near_miss
 from gaitsweep.expression import VARY_GROUPS
-from gaitsweep.schema.diagnostics import (
-    Diagnostic,
-    Path,
-    quoted,
-    unknown_field,
-    wrong_kind,
-)
+from gaitsweep.schema.diagnostics import Diagnostic, Path, quoted, unknown_field, wrong_kind
 
 
 class _OwnMembers(type(BaseModel)):
@@ -50,11 +44,9 @@ class _OwnMembers(type(BaseModel)):
         fields = cast(type[BaseModel], cls).model_fields.items()
         init_fields = {field.alias or name: field for name, field in fields if field.init is not False}
         in_order = sorted(init_fields.items(), key=lambda item: not item[1].is_required())
+        keyword = inspect.Parameter.KEYWORD_ONLY
         return inspect.Signature(
-            [
-                inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=_default(field))
-                for name, field in in_order
-            ]
+            [inspect.Parameter(name, keyword, default=_default(field)) for name, field in in_order]
         )
 
     @__signature__.setter
@@ -298,17 +290,15 @@ def _from_details(
         return unknown_field(path, section.words, section.fields, place)
     if error == "missing":
         return Diagnostic(path, f"is missing: {section.fields[str(path[-1])].description}.")
-    if error in ("union_tag_invalid", "union_tag_not_found"):
+    of_union = error == "model_attributes_type" and (loc == ("run",) or loc[:1] == ("figures",))
+    if of_union or error in ("union_tag_invalid", "union_tag_not_found"):
         return _about_kind(path, value, sections)
     if error in ("too_short", "too_long"):
         end, limit = ("at least", "min_length") if error == "too_short" else ("at most", "max_length")
-        return Diagnostic(
-            path, f"has {context['actual_length']} items, but must have {end} {context[limit]}."
-        )
+        text = f"has {context['actual_length']} items, but must have {end} {context[limit]}."
+        return Diagnostic(path, text)
     if error == "list_type":
         return Diagnostic(path, f"is {quoted(value)}, but must be a list in brackets.")
-    if error == "model_attributes_type" and (loc == ("run",) or loc[:1] == ("figures",)):
-        return _about_kind(path, value, sections)
     if error in ("model_type", "dict_type", "model_attributes_type"):
         inner = sections.get(_key(loc, -1) if loc else "")
         fields = f" {near_miss.allowing(inner.fields)}" if inner else ""

@@ -189,19 +189,21 @@ def _read_text(path: Path, noun: str) -> str:
     """Read the text of a file that describes `noun`; raises JobError where it is not readable text."""
     name = str(path)
     try:
-        kind = _kind(os.stat(path).st_mode)
-        if kind == "a directory":
-            jobs = ", ".join(sorted(_yaml_files(path))[:8])
-            content = f" It holds {jobs}." if jobs else ""
-            raise _refused(name, None, f"is a directory, not a file.{content}")
-        if kind:
-            raise _refused(name, None, f"is {kind}; {noun} must be a regular file.")
-        raw = _read_regular(path, noun)
+        _require_regular(path, os.stat(path).st_mode, noun)
+        # without blocking, since it may have been replaced by a named pipe that has no writer
+        descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC)
+        with os.fdopen(descriptor, "rb") as file:
+            _require_regular(path, os.fstat(descriptor).st_mode, noun)
+            raw = file.read(_LARGEST + 1)  # a file of /proc has no size before it is read
     except FileNotFoundError:
         raise _refused(name, None, f"does not exist{_suggestion(path)}") from None
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else str(error)
         raise _refused(name, None, f"cannot be read: {reason}.") from None
+    if raw is None:
+        raise _refused(name, None, "cannot be read: it is empty so far.")
+    if len(raw) > _LARGEST:
+        raise _refused(name, None, f"is larger than {_LARGEST / 2**20:g} MiB, the largest size of {noun}.")
     try:
         return raw.decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -220,36 +222,17 @@ def _suggestion(path: Path) -> str:
     return "." if path.parent.is_dir() else f", nor does its folder {path.parent}."
 
 
-def _read_regular(path: Path, noun: str) -> bytes:
-    """Read the bytes of a regular file, at most the allowed number; refuse any other kind of file.
-
-    It is opened without blocking, since it may have been replaced by a named pipe that has no writer.
-    """
-    name = str(path)
-    descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC)
-    with os.fdopen(descriptor, "rb") as file:
-        if kind := _kind(os.fstat(descriptor).st_mode):
-            raise _refused(name, None, f"is {kind}; {noun} must be a regular file.")
-        raw = file.read(_LARGEST + 1)  # a file of /proc has no size before it is read
-    if raw is None:
-        raise _refused(name, None, "cannot be read: it is empty so far.")
-    if len(raw) > _LARGEST:
-        raise _refused(name, None, f"is larger than {_LARGEST / 2**20:g} MiB, the largest size of {noun}.")
-    return raw
-
-
-def _kind(mode: int) -> str:
-    """Return the kind of a file that is not a regular one, else an empty text."""
+def _require_regular(path: Path, mode: int, noun: str) -> None:
+    """Raise JobError if a file that describes `noun` is not a regular one, from its `st_mode`."""
     if stat.S_ISREG(mode):
-        return ""
-    kinds = {
-        stat.S_IFDIR: "a directory",
-        stat.S_IFIFO: "a named pipe",
-        stat.S_IFSOCK: "a socket",
-        stat.S_IFCHR: "a device",
-        stat.S_IFBLK: "a device",
-    }
-    return kinds.get(stat.S_IFMT(mode), "not a regular file")
+        return
+    if stat.S_ISDIR(mode):
+        jobs = ", ".join(sorted(_yaml_files(path))[:8])
+        content = f" It holds {jobs}." if jobs else ""
+        raise _refused(str(path), None, f"is a directory, not a file.{content}")
+    kinds = {stat.S_IFIFO: "a named pipe", stat.S_IFSOCK: "a socket"}
+    kind = kinds.get(stat.S_IFMT(mode), "a device")
+    raise _refused(str(path), None, f"is {kind}; {noun} must be a regular file.")
 
 
 def _yaml_files(folder: Path) -> list[str]:
@@ -326,10 +309,8 @@ class _Reading:
             raise self._refused(line, "contains itself through an alias.", path)
         tag = node.tag.removeprefix(_CORE)
         if tag not in _TAGS:
-            short_tag = node.tag.replace(_CORE, "!!")
-            text = f"has the tag {short_tag}, which is not supported"
-            text += ": write plain numbers, text, lists and mappings."
-            raise self._refused(line, text, path)
+            text = f"has the tag {node.tag.replace(_CORE, '!!')}, which is not supported: write plain "
+            raise self._refused(line, f"{text}numbers, text, lists and mappings.", path)
         self._open.add(id(node))
         try:
             if isinstance(node, yaml.MappingNode):
@@ -359,9 +340,8 @@ class _Reading:
     def _key(self, node: yaml.Node, line: int, path: FieldPath) -> str:
         """Return the key of a mapping, which must be text."""
         if not isinstance(node, yaml.ScalarNode) or node.tag != f"{_CORE}str":
-            key = "a list or mapping"
-            if isinstance(node, yaml.ScalarNode):
-                key = clipped(node.value) or "(empty)"
+            is_scalar = isinstance(node, yaml.ScalarNode)
+            key = clipped(node.value) or "(empty)" if is_scalar else "a list or mapping"
             raise self._refused(line, f"has the key {key}, but a key must be text.", path)
         if (wrong := control_character(node.value)) is not None:
             raise self._refused(line, f"has a key that contains {wrong}, which is not allowed.", path)

@@ -50,20 +50,18 @@ def reason(error: OSError) -> str:
 
 
 @contextlib.contextmanager
-def writing(what: str, then: str = "") -> Iterator[None]:
-    """Context in which an OSError becomes an exception whose message is `what`, the reason and `then`.
-
-    It is a TableError if the user can correct it, else a WriteError.
+def writing(failure: str, advice: str = "") -> Iterator[None]:
+    """Context in which an OSError becomes a TableError if the user can correct it, else a WriteError.
 
     Args:
-        what: the beginning of the message.
-        then: its end, after the reason.
+        failure: the beginning of the message, before the reason.
+        advice: its end, after the reason.
     """
     try:
         yield
     except OSError as error:
         kind = TableError if error.errno in _PLACE_AT_FAULT else WriteError
-        raise kind(f"{what}: {reason(error)}{then}.") from error
+        raise kind(f"{failure}: {reason(error)}{advice}.") from error
 
 
 def read_file(path: Path, most: int | None = None) -> bytes:

@@ -57,14 +57,14 @@ def of_writers(folder: Path) -> list[Path]:
     return [file for _, file in sorted(changed)]
 
 
-def add_digest(folder: Path, name: str, digest: str, *, writer: str = "") -> None:
+def add_digest(folder: Path, name: str, digest: str, writer: str) -> None:
     """Append the digest of a file that is about to be written.
 
     Args:
         folder: the result directory.
         name: the file, from the directory.
         digest: its digest.
-        writer: the name of this writer, where others write the same table at the same time.
+        writer: the name of this writer if others write the same table at the same time, else empty.
 
     Raises:
         OSError: it cannot be written.
@@ -93,7 +93,7 @@ def write_file(folder: Path, name: str, data: bytes, *, writer: str = "") -> Non
     Raises:
         OSError: it cannot be written; the old file is unchanged.
     """
-    add_digest(folder, name, digest_of(data), writer=writer)
+    add_digest(folder, name, digest_of(data), writer)
     replace_file(folder / name, lambda file: file.write(data))
 
 

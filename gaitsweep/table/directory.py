@@ -9,6 +9,7 @@ from __future__ import annotations
 import collections
 import contextlib
 import errno
+import itertools
 import os
 import secrets
 import socket
@@ -32,14 +33,7 @@ from gaitsweep.table.atomic_files import (
     replace_file,
     writing,
 )
-from gaitsweep.table.digests import (
-    DIGESTS,
-    digest_of,
-    of_writers,
-    read_digests,
-    write_digests,
-    write_file,
-)
+from gaitsweep.table.digests import DIGESTS, digest_of, of_writers, read_digests, write_digests, write_file
 from gaitsweep.table.examination import FOREIGN, Examination, Fault, examined_parts
 from gaitsweep.table.locks import BLOCK_LOCKS, Lock
 from gaitsweep.table.manifest import (
@@ -63,6 +57,7 @@ from gaitsweep.table.parquet_parts import (
     EncodedPart,
     Footer,
     checked_records,
+    count_names,
     missing_blocks,
     open_bytes,
     read_footer,
@@ -140,8 +135,7 @@ class ResultDirectory:
         self._open_files: dict[Path, set[int]] = {}
         self._restored: dict[int, RowOutcome] = {}
         self._last_open = 0
-        self._tally: collections.Counter[str] = collections.Counter()
-        self._tallied: set[int] = set()  # parts counted in it
+        self._tallies: dict[str, dict[int, dict[str, int]]] = {}  # counts of names by column and part
 
     @classmethod
     def open(cls, path: str | Path, job: Mapping[str, Any], layout: Layout) -> ResultDirectory:
@@ -217,9 +211,8 @@ class ResultDirectory:
         for fault in examined.faults.values():
             if fault.foreign and not fault.digest_known:
                 # no part of this table was ever there: the file was put there by mistake
-                raise TableError(
-                    f"{fault.sentence[:-1]}: move it out of this directory and run the job again."
-                )
+                advice = "move it out of this directory and run the job again."
+                raise TableError(f"{fault.sentence[:-1]}: {advice}")
             self._clear(fault)
         self._footers = examined.footers
         self._last_open = examined.last_open
@@ -250,13 +243,11 @@ class ResultDirectory:
     def _record_digests(self, examined: Examination) -> None:
         """Record the digests of valid files that have none."""
         count = len(examined.undigested)
-        folder = self.path / TABLE
-        files = f"1 file of {folder} has" if count == 1 else f"{count} files of {folder} have"
-        text = f"{files} no digests"
+        subject = "1 file" if count == 1 else f"{count} files"
         write_digests(self.path, read_digests(self.path) | examined.undigested)
         self.notes.append(
-            f"{text} in {DIGESTS}. Their job, block, rows and page checksums are correct: the files "
-            "are used, and their digests are written again."
+            f"{subject} of {self.path / TABLE} had no digests in {DIGESTS}. Job, block, rows and page "
+            "checksums are correct there: the files are used, and their digests are written again."
         )
 
     def _clear(self, fault: Fault) -> None:
@@ -266,16 +257,13 @@ class ResultDirectory:
             try:
                 file.rmdir()
             except OSError as error:
-                raise TableError(
-                    f"{file} is a folder but must be a file: move it out of this directory."
-                ) from error
+                text = f"{file} is a folder but must be a file: move it out of this directory."
+                raise TableError(text) from error
             self.notes.append(f"{file} was a folder: it was removed, and its rows run again.")
         elif fault.foreign:
-            aside = file.with_name(file.name + FOREIGN)
-            number = 1
-            while aside.exists():
-                number += 1
-                aside = file.with_name(f"{file.name}.{number}{FOREIGN}")
+            endings = itertools.chain([FOREIGN], (f".{number}{FOREIGN}" for number in itertools.count(2)))
+            candidates = (file.with_name(f"{file.name}{ending}") for ending in endings)
+            aside = next(candidate for candidate in candidates if not candidate.exists())
             file.rename(aside)
             self.notes.append(
                 f"{fault.sentence} It was renamed to {aside.name}, and the rows of this table run again."
@@ -302,7 +290,7 @@ class ResultDirectory:
 
     def counts(self) -> dict[str, int]:
         """Return the numbers of rows in complete parts by status."""
-        return add_counts(dict(self._footers))  # a copy: another thread may write a part
+        return add_counts(list(self._footers.values()))  # a copy: another thread may write a part
 
     def tally(self, column: str | None) -> dict[str, int]:
         """Count the values of a column of text in complete parts, each of which is read once.
@@ -312,15 +300,18 @@ class ResultDirectory:
         """
         if column is None:
             return self.counts()
-        for number in set(self._footers) - self._tallied:
-            self._tallied.add(number)
+        of_parts = self._tallies.setdefault(column, {})
+        for number in self._footers.keys() - of_parts.keys():
+            of_parts[number] = {}
             # the table's readers report a file that has been damaged meanwhile
             with contextlib.suppress(*unreadable()):
                 file = self.path / TABLE / PARTS.name(number)
-                values = pq.ParquetFile(readable(read_file(file))).read([column]).column(0)
-                counts = values.value_counts().to_pylist()
-                self._tally.update({str(count["values"]): count["counts"] for count in counts})
-        return dict(self._tally.most_common())
+                table = pq.ParquetFile(readable(read_file(file))).read([column])
+                of_parts[number] = count_names(table, column)
+        tally: collections.Counter[str] = collections.Counter()
+        for counts in of_parts.values():
+            tally.update(counts)
+        return dict(tally.most_common())
 
     def load(self, rows: Rows | None = None) -> pd.DataFrame:
         """Read the table, or the records of some rows; see `table.load`."""
@@ -367,11 +358,9 @@ class ResultDirectory:
             WriteError: as for `write_part`.
         """
         data, footer = part
-        with writing(
-            f"Part {self.layout.words(number)} could not be written to {self.path}",
-            f"; {self.rows_done} of {self.layout.rows} rows are safe there, "
-            "and the same command continues from them",
-        ):
+        failure = f"Part {self.layout.words(number)} could not be written to {self.path}"
+        safe = f"; {self.rows_done} of {self.layout.rows} rows are safe there, and the same command continues"
+        with writing(failure, f"{safe} from them"):
             write_file(self.path, f"{TABLE}/{PARTS.name(number)}", data)
         self._has_part(number, footer)
 
@@ -470,9 +459,8 @@ class ResultDirectory:
             WriteError: it cannot be written; the old file is unchanged.
             ValueError: a field identifies the directory and cannot change.
         """
-        for name in fields:
-            if name in IDENTITY:
-                raise ValueError(f"The manifest's {name} cannot change.")
+        if fixed := fields.keys() & {*IDENTITY}:
+            raise ValueError(f"The manifest's {min(fixed)} cannot change.")
         if not fields:
             return
         old = self.manifest
@@ -491,7 +479,7 @@ class ResultDirectory:
             WriteError: it cannot be written; the old file is unchanged.
         """
         others = of_writers(self.path)
-        names = {JOB, *(f"{TABLE}/{PARTS.name(number)}" for number in self._footers)}
+        names = {f"{TABLE}/{PARTS.name(number)}" for number in self._footers}
         names |= {f"{TABLE}/{file.name}" for file in self._open_files}
         known = read_digests(self.path)
         names |= {name for name in known if "/" not in name and (self.path / name).is_file()}
@@ -524,9 +512,8 @@ def _claimed(path: Path, layout: Layout) -> dict[str, Any] | DamagedManifest | N
     except DamagedManifest as error:
         examined = Examination(path, layout)
         if not any(True for _ in examined.parts()) and not any(True for _ in examined.open_rows()):
-            raise TableError(
-                f"{error} It has no valid part of this job: choose another directory with --out."
-            ) from error
+            text = f"{error} It has no valid part of this job: choose another directory with --out."
+            raise TableError(text) from error
         return error
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import functools
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TypeVar
@@ -101,16 +102,14 @@ class Examination:
             records: whether the records are read.
             columns: the columns that are read, beside `row`; all by default.
         """
+
+        def read(number: int, data: bytes, digest: str | None) -> tuple[Footer, pa.Table | None]:
+            footer = examined_part(data, digest, self.layout, number)
+            rows = self.layout.rows_of(number)
+            return footer, read_records(data, footer, *rows, columns) if records else None
+
         for number in self._numbers:
-
-            def read(data: bytes, digest: str | None, number: int = number) -> tuple[Footer, pa.Table | None]:
-                footer = examined_part(data, digest, self.layout, number)
-                if not records:
-                    return footer, None
-                start, stop = self.layout.rows_of(number)
-                return footer, read_records(data, footer, start, stop, columns)
-
-            part = self._read(self.folder / PARTS.name(number), read)
+            part = self._read(self.folder / PARTS.name(number), functools.partial(read, number))
             if isinstance(part, Fault):
                 self.faults[number] = part
             elif part is not None:

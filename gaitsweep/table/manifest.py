@@ -56,10 +56,8 @@ def json_value(value: Any) -> Any:
 
 
 def _plain(value: Any) -> Any:
-    """Convert a value that JSON does not have."""
-    if hasattr(value, "tolist"):  # NumPy's and JAX's scalars and arrays
-        return value.tolist()
-    return str(value)
+    """Convert a value that JSON does not have: scalars and arrays of NumPy and JAX, and others to text."""
+    return value.tolist() if hasattr(value, "tolist") else str(value)
 
 
 def read_manifest(path: Path) -> dict[str, Any]:
@@ -126,11 +124,8 @@ def _check_fields(file: Path, manifest: Mapping[str, Any]) -> None:
         _Fields.model_validate(manifest)
     except ValidationError as error:
         name = str(error.errors()[0]["loc"][0])
-        raise DamagedManifest(
-            f"{file}: {name} is {clipped(json.dumps(manifest[name]))}, but must be "
-            f"{_Fields.model_fields[name].description}",
-            file.parent,
-        ) from None
+        value, description = clipped(json.dumps(manifest[name])), _Fields.model_fields[name].description
+        raise DamagedManifest(f"{file}: {name} is {value}, but must be {description}", file.parent) from None
 
 
 class _Plain(BaseModel):
@@ -258,12 +253,11 @@ def new_manifest(layout: Layout, job: Mapping[str, Any]) -> dict[str, Any]:
         raise ValueError(
             f"A table must have at least one row and one row per part, not {layout.rows} and {layout.block}."
         )
-    created = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
     return {
         "format": FORMAT,
         **dataclasses.asdict(layout),
         "gaitsweep": gaitsweep.__version__,
-        "created": created,
+        "created": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
         "job": dict(job),
     }
 
@@ -299,16 +293,14 @@ def claim(path: Path, layout: Layout) -> dict[str, Any] | None:
         )
     manifest = read_manifest(path)
     stored = Layout.of(manifest)
+    advice = "choose another directory with --out, or remove this one."
     if stored.job_hash != layout.job_hash:
-        raise TableError(
-            f"{path} contains the table of another job (its hash is {stored.job_hash[:12]}, this job's is "
-            f"{layout.job_hash[:12]}): choose another directory with --out, or remove this one."
-        )
+        hashes = f"its hash is {stored.job_hash[:12]}, this job's is {layout.job_hash[:12]}"
+        raise TableError(f"{path} contains the table of another job ({hashes}): {advice}")
     if stored != layout:
         raise TableError(
-            f"{path} has {stored.rows} rows in blocks of {stored.block}, but this job has "
-            f"{layout.rows} rows in blocks of {layout.block}: choose another directory with --out, or remove "
-            "this one."
+            f"{path} has {stored.rows} rows in blocks of {stored.block}, but this job has {layout.rows} rows "
+            f"in blocks of {layout.block}: {advice}"
         )
     return manifest
 
@@ -340,8 +332,7 @@ DIFFERENCES: Final = {
 # Rows whose observables change much with the step that is part of their model: marked, but no difference.
 BY_STEP: Final = "by_step"
 BY_STEP_WORDS: Final = Difference(
-    "depend on the model's step",
-    "changed by more than a tenth of an observable's size with the model's step",
+    "depend on the model's step", "changed by more than a tenth of an observable's size with the model's step"
 )
 
 

@@ -13,7 +13,7 @@ from gaitsweep import near_miss
 from gaitsweep.table.atomic_files import TableError
 from gaitsweep.table.frames import PartRecords, joined_parts, with_shared_lists
 from gaitsweep.table.manifest import Layout, json_value, new_manifest, sealed
-from gaitsweep.table.parquet_parts import ArrowPart, checked_records, missing_blocks
+from gaitsweep.table.parquet_parts import ArrowPart, checked_records, count_names, missing_blocks
 from gaitsweep.table.reading import Rows, Selection, add_counts
 
 
@@ -47,7 +47,7 @@ class MemoryTable:
 
     def counts(self) -> dict[str, int]:
         """Return the numbers of rows in complete blocks by status."""
-        return add_counts({number: part.footer for number, part in list(self._parts.items())})
+        return add_counts(part.footer for part in list(self._parts.values()))
 
     def tally(self, column: str | None) -> dict[str, int]:
         """Count the values of a column of text in complete blocks; None: the statuses of the rows."""
@@ -55,8 +55,7 @@ class MemoryTable:
             return self.counts()
         tally: collections.Counter[str] = collections.Counter()
         for part in list(self._parts.values()):
-            for count in part.records.column(column).value_counts().to_pylist():
-                tally[str(count["values"])] += count["counts"]
+            tally.update(count_names(part.records, column))
         return dict(tally.most_common())
 
     def encoded(self, number: int, frame: pd.DataFrame) -> ArrowPart:

@@ -123,11 +123,9 @@ def _check_frame(frame: pd.DataFrame, start: int, stop: int) -> None:
     Raises:
         ValueError: it has not, because of a bug.
     """
-    for column in ("row", "status"):
-        if column not in frame:
-            raise ValueError(
-                f"A part needs the column {column}; this one has {', '.join(map(str, frame.columns))}."
-            )
+    if lacking := {"row", "status"} - {*frame.columns}:
+        listed = ", ".join(map(str, frame.columns))
+        raise ValueError(f"A part needs the column {min(lacking)}; this one has {listed}.")
     if not all(isinstance(column, str) for column in frame.columns) or not frame.columns.is_unique:
         raise ValueError("The columns of a part must have different names that are text.")
     rows = frame["row"].to_numpy()
@@ -157,10 +155,8 @@ def checked_records(
     start, stop = layout.rows_of(number)
     _check_frame(frame, start, stop)
     counts = _count_statuses(frame)
-    if sum(counts.values()) != stop - start:
-        raise ValueError(
-            f"The statuses of part {number} count {sum(counts.values())} rows, not {stop - start}."
-        )
+    if (rows := sum(counts.values())) != stop - start:
+        raise ValueError(f"The statuses of part {number} count {rows} rows, not {stop - start}.")
     return arrow_part(frame, number, layout.job_hash, counts, quantities)
 
 
@@ -206,6 +202,14 @@ def _unit_and_meaning(column: str, quantities: Mapping[str, Mapping[str, Any]]) 
     quantity = quantities.get(observed) or added
     described = {name: quantity[name] for name in ("unit", "meaning") if quantity.get(name)}
     return described or None
+
+
+def count_names(table: pa.Table, column: str) -> dict[str, int]:
+    """Count the names in a column of text; none if the table lacks it, as a part of another version may."""
+    if column not in table.column_names:
+        return {}
+    counts = table.column(column).value_counts().to_pylist()
+    return {count["values"]: count["counts"] for count in counts if count["values"] is not None}
 
 
 def _text(codes: np.ndarray, names: list[str]) -> pa.Array:
@@ -299,15 +303,12 @@ def open_bytes(rows: RowOutcome, job_hash: str) -> bytes:
     columns: dict[str, pa.Array] = {}
     widths: dict[str, int] = {}
     for name, values in arrays.items():
-        if name == "samples":
-            widths[name] = values.shape[1]
-            ends = np.cumsum(rows.record_counts) * values.shape[1]
-            columns[name] = _lists(values, np.concatenate([[0], ends]))
-        elif values.ndim == 2:
-            widths[name] = values.shape[1]
-            columns[name] = _lists(values, np.arange(len(values) + 1) * values.shape[1])
-        else:
+        if values.ndim == 1:
             columns[name] = pa.array(values)
+            continue
+        widths[name] = values.shape[1]
+        lengths = rows.record_counts if name == "samples" else np.ones(len(values), np.int64)
+        columns[name] = _lists(values, np.concatenate([[0], np.cumsum(lengths)]) * values.shape[1])
     metadata = {_OPEN_KEY: json.dumps({"job_hash": job_hash, "widths": widths}).encode()}
     file = io.BytesIO()
     table = pa.table(columns).replace_schema_metadata(metadata)

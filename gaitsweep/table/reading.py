@@ -5,7 +5,7 @@ from __future__ import annotations
 import collections
 import dataclasses
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -61,7 +61,7 @@ class Snapshot:
         Raises:
             TableError: it is not a result directory, or its manifest or `job.yaml` cannot be read.
         """
-        return _snapshot(Path(path))
+        return _snapshot(Path(path), None, None, None)
 
     @property
     def job_edited(self) -> bool:
@@ -71,7 +71,7 @@ class Snapshot:
     @property
     def counts(self) -> dict[str, int]:
         """Numbers of ended rows by status."""
-        return add_counts(self.files.footers)
+        return add_counts(self.files.footers.values())
 
     @property
     def rows_done(self) -> int:
@@ -98,9 +98,7 @@ class Snapshot:
         """Clause on files without digests, in which damage may go undetected."""
         count = len(self.files.undigested)
         files = "1 file of the table has" if count == 1 else f"{count} files of the table have"
-        return (
-            f"{files} no digests, so some damage cannot be detected. Run its job again to write the digests"
-        )
+        return f"{files} no digests, so some damage cannot be detected. Run its job again to write them"
 
     def require_sound(self) -> None:
         """Refuse a table with damaged files or files of another table.
@@ -130,10 +128,10 @@ def _refuse_faults(files: Examination) -> None:
     raise TableError(f"{faults[0].sentence}{others}{advice}")
 
 
-def add_counts(footers: dict[int, Footer]) -> dict[str, int]:
-    """Return the numbers of rows by status over all parts, the most frequent status first."""
+def add_counts(footers: Iterable[Footer]) -> dict[str, int]:
+    """Return the numbers of rows by status over some parts, the most frequent status first."""
     total: collections.Counter[str] = collections.Counter()
-    for footer in footers.values():
+    for footer in footers:
         total.update(footer.counts)
     return dict(sorted(total.items(), key=lambda item: (-item[1], item[0])))
 
@@ -189,16 +187,17 @@ class Selection:
         return table if selected.all() else table.filter(pa.array(selected))
 
 
-def _snapshot(path: Path, parts: PartRecords | None = None, selection: Selection | None = None) -> Snapshot:
-    """Read a directory, and the selected records of its valid parts into `parts` if it is given."""
-    selection = selection or Selection()
+def _snapshot(
+    path: Path, parts: PartRecords | None, columns: Sequence[str] | None, rows: Rows | None
+) -> Snapshot:
+    """Read a directory, and if `parts` are given the records of its valid parts into them, as for `load`."""
     manifest = read_manifest(path)
+    selection = Selection.of(columns, rows, manifest["rows"])
     examined = Examination(path, Layout.of(manifest))
     job, written = _jobs_of(path, manifest, examined.digests.get(JOB))
     for number, table in examined.parts(records=parts is not None, columns=selection.columns):
         if parts is not None and table is not None:
-            footer = examined.footers[number]
-            parts.add(selection.records_of(table), footer)
+            parts.add(selection.records_of(table), examined.footers[number])
     opened = np.concatenate([np.zeros(0, np.int64), *(rows.row for _, rows in examined.open_rows())])
     done = np.array(sorted(examined.footers), np.int64)
     waiting = np.unique(opened[~np.isin(opened // examined.layout.block, done)])
@@ -246,9 +245,7 @@ def _parsed(text: str) -> Any:
 
 
 def load(
-    path: str | Path,
-    columns: str | Sequence[str] | None = None,
-    rows: Rows | None = None,
+    path: str | Path, columns: str | Sequence[str] | None = None, rows: Rows | None = None
 ) -> pd.DataFrame:
     """Read the table of a result directory, complete or not, in the order of its rows.
 
@@ -297,10 +294,8 @@ def load_with_snapshot(
     """
     path = Path(path)
     columns = [columns] if isinstance(columns, str) else columns
-    n_rows = read_manifest(path)["rows"]
-    selection = Selection.of(columns, rows, n_rows)
     parts = PartRecords()
-    snapshot = _snapshot(path, parts, selection)
+    snapshot = _snapshot(path, parts, columns, rows)
     snapshot.require_sound()
     if not snapshot.files.footers:
         waiting = f"; {snapshot.rows_open} rows of incomplete blocks have ended" if snapshot.rows_open else ""

@@ -79,3 +79,11 @@ def test_a_point_without_records_keeps_its_coordinate() -> None:
     assert np.isfinite(found["t_end"].sel(launch_1=[1.0, 2.0])).all()
     with pytest.raises(gs.UserError, match="needs the column launch_1"):
         dataset_of(table.drop(columns="launch_1"))
+
+
+def test_a_table_without_its_job_is_refused() -> None:
+    pytest.importorskip("xarray")
+    table = gs.sweep(TOY, launch_1=[1.0, 1.5], run=SETTLE, verify=0).table
+    table.attrs.clear()
+    with pytest.raises(gs.UserError, match="no job"):
+        dataset_of(table)

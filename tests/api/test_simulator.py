@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy import stats
@@ -157,3 +158,25 @@ def test_the_posterior_of_unstated_constants_is_calibrated(capsys: pytest.Captur
     spreads = np.sqrt(posterior @ (values - means) ** 2) / values.std(axis=0)
     assert means[2] == pytest.approx(2.7e-3, abs=0.2e-3)
     assert spreads[2] < 0.4 < 0.6 < spreads[1]
+
+
+class Follows(gs.DeclaredModel):
+    """A place that follows an oscillation, the faster the larger its rate."""
+
+    rate = gs.parameter("1/s", "rate", 1.0, low=0.0)
+    x = gs.variable("m", "place", 1.0)
+    angle = gs.variable("rad", "angle", 0.0)
+
+    def flow(self, p: Any, s: Any) -> dict[str, Any]:
+        return {"x": p.rate * (jnp.cos(s.angle) - s.x), "angle": 1.0}
+
+    def period(self, p: Any) -> Any:
+        return 2.0 * jnp.pi + 0.0 * p.rate
+
+
+def test_the_method_auto_suits_the_sets_of_a_call() -> None:
+    """The job's own rate is slow; a stiff set was integrated by the method that suits that one."""
+    job = {"name": "f", "model": f"{__name__}:Follows", "run": {"kind": "fixed_time", "duration": 1.0}}
+    result = gs.simulator(job, "rate", "x_end").run([[1e7]])
+    assert list(result.statuses) == ["complete"]
+    np.testing.assert_allclose(result.observed, np.cos(1.0), rtol=1e-5)

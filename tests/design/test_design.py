@@ -209,3 +209,11 @@ def test_a_negative_number_of_the_structure_keeps_its_sign_in_a_formula() -> Non
     design = toy(model=f"{__name__}:Shifted", params={"ceiling": "-c**3*stiffness/2 - c"}).design
     ceiling = design.values(0, 1)[0]["ceiling"].item()
     assert evaluate(design.derived["ceiling"], {"stiffness": 4.0}) == ceiling == 18.0
+
+
+def test_a_row_that_a_design_lacks_is_refused() -> None:
+    design = toy(vary={"restitution": [0.1, 0.2]}).design
+    assert design.row(1)["restitution"] == 0.2
+    for number in (-1, 2):
+        with pytest.raises(IndexError, match="has 2 rows"):
+            design.row(number)

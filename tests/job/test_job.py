@@ -269,3 +269,21 @@ def test_a_large_table_has_at_most_500_parts() -> None:
     rows = {1: 1024, 65_536: 1024, 65_537: 2048, 2_097_152: 32_768, 16_384_001: 65_536, 10**8: 262_144}
     assert {n: rows_of_a_block("auto", n) for n in rows} == rows
     assert rows_of_a_block(7, 10**8) == 7
+
+
+def test_a_copy_with_other_fields_is_read_anew() -> None:
+    """Rows, numerics and expressions follow the fields; what is not replaced keeps its expressions."""
+    job = toy(run={"kind": "fixed_time", "duration": "2*mass"}, numerics={"dt": "1e-3*preload"})
+    other_run = job.model_copy(update={"run": Settle(max_cycles=7)})
+    assert other_run.run == Settle(max_cycles=7)
+    assert other_run.expressions_of("mass") == []
+    assert other_run.expressions_of("preload") == job.expressions_of("preload") == ["1e-3*preload"]
+    one_device = job.model_copy(update={"engine": {"devices": 1}})
+    assert one_device.expressions_of("mass") == ["2*mass"]
+    assert one_device.hash() == job.hash()
+    rows = job.model_copy(update={"vary": {"restitution": [0.1, 0.2, 0.3]}})
+    assert rows.design.n_rows == 3
+    assert rows.hash() != job.hash()
+    assert job.model_copy() == job
+    with pytest.raises(JobError, match="did you mean restitution"):
+        job.model_copy(update={"vary": {"restitutio": [0.1]}})

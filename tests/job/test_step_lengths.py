@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from gaitsweep.job import Job, JobError
-from gaitsweep.job.step_lengths import row_steps
+from gaitsweep.job.step_lengths import _rounded_down, row_steps
 from gaitsweep.runs.prepare import row_values
 
 
@@ -75,3 +75,9 @@ def test_steps_of_unexamined_rows_are_checked_when_they_begin() -> None:
     assert values(1, 0).tolist() == [0.9, 0.9]
     with pytest.raises(JobError, match=r"too long for row 2: use at most 0\.02"):
         values(0, 2)
+
+
+@pytest.mark.parametrize(("limit", "rounded"), [(0.0123456, 0.01234), (0.0, 0.0), (-1.0, -1.0)])
+def test_the_limit_in_a_message_is_rounded_down(limit: float, rounded: float) -> None:
+    """A model may be wrong and give no positive step: that is a message too, not a bare error."""
+    assert _rounded_down(limit) == pytest.approx(rounded, rel=1e-12)

@@ -147,3 +147,9 @@ def test_a_declared_number_is_in_the_table_through_an_interrupt(
     np.testing.assert_allclose(table["fastest"], limits, rtol=0, atol=1e-3)
     whole = gs.run(job, tmp_path / "whole").table
     pd.testing.assert_frame_equal(table, whole, check_exact=True)
+
+
+def test_results_of_no_rows() -> None:
+    with pytest.raises(ValueError, match="no results to join"):
+        RowOutcome.concat([])
+    assert not hasattr(RowOutcome.status, "shape")  # the class has no numbers; tools may ask for its members

@@ -12,7 +12,7 @@ import pytest
 
 import gaitsweep as gs
 from gaitsweep.job import Job, JobError
-from gaitsweep.kinds.fixed_points import branch_ends
+from gaitsweep.kinds.continuation import branch_ends
 from gaitsweep.table import ResultDirectory
 
 RUN = {"kind": "continuation", "parameter": "restitution", "path": [0.2, 0.8], "settle": 5}

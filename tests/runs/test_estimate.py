@@ -5,9 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import jax.numpy as jnp
 import pyarrow.parquet as pq
 import pytest
 
+import gaitsweep as gs
 from gaitsweep.cli import show
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.engine.sweep.lane_scheduler import LaneScheduler
@@ -120,3 +122,23 @@ def test_evaluations_of_branches_within_a_factor_of_two(
     else:
         assert 0.5 < cost.likely / (settling + evaluated) < 2.0
         assert 0.5 < cost.records * rows / len(table) < 2.0
+
+
+class Timeless(gs.DeclaredModel):
+    """A model whose period is unknown."""
+
+    p = gs.parameter("1", "anything", 1.0)
+    x = gs.variable("1", "anything else", 0.0, scale=1.0)
+
+    def flow(self, p: Any, s: Any) -> dict[str, Any]:
+        return {"x": p.p}
+
+    def period(self, p: Any) -> Any:
+        return jnp.nan * p.p
+
+
+def test_rows_without_a_period_are_estimated() -> None:
+    run = {"kind": "ramp", "parameter": "p", "path": [1, 2], "rate": 0.5}
+    needs = estimate(Job(name="x", model=f"{__name__}:Timeless", run=run, vary={"x_0": [0, 1]}, verify=0))
+    assert needs.records >= 2
+    assert needs.seconds > 0.0

@@ -7,13 +7,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 
 import gaitsweep as gs
 from gaitsweep.engine.recorders.recorder import RunningRows
 from gaitsweep.runs.prepare import prepare
 from gaitsweep.runs.progress import percent, progress_lines, so_far
-from gaitsweep.table import ResultDirectory
+from gaitsweep.table import MemoryTable, ResultDirectory
 from tests.support.toy_directories import block_frame, open_toy
 
 # 400 starts of the hopper in blocks of eight.
@@ -71,6 +72,19 @@ def test_a_tally_reads_each_new_part_once(tmp_path: Path, monkeypatch: pytest.Mo
         monkeypatch.setattr("gaitsweep.table.directory.read_file", lambda *_: pytest.fail("read twice"))
         assert directory.tally("outcome") == total
         assert directory.tally(None) == directory.counts()
+
+
+def test_each_column_has_a_tally_of_its_own(tmp_path: Path) -> None:
+    frame = block_frame(0, 4).assign(gait=pd.Categorical(["trot", None, "trot", "walk"]))
+    with open_toy(tmp_path / "toy") as directory:
+        directory.write_part(0, frame)
+        assert directory.tally("gait") == {"trot": 2, "walk": 1}  # without the row that has no gait
+        assert directory.tally("outcome") == dict(frame["outcome"].astype(str).value_counts())
+        assert directory.tally("recovery") == {}  # a column that this part lacks
+    memory = MemoryTable({}, directory.layout)
+    memory.write_encoded(0, memory.encoded(0, frame))
+    assert memory.tally("gait") == {"trot": 2, "walk": 1}
+    assert memory.tally("recovery") == {}
 
 
 def test_words() -> None:

@@ -427,3 +427,25 @@ def test_the_energy_of_the_runner_is_kept_in_stance() -> None:
     assert abs(rate) < 1e-13 * power
     assert np.isfinite(power)
     assert power > 1000.0
+
+
+class Constant(gs.DeclaredModel):
+    """An oscillator whose bounds allow one set of parameters and starts."""
+
+    w = gs.parameter("rad/s", "frequency", 1.0, low=1.0, high=1.0)
+    x = gs.variable("m", "position", 1.0, low=1.0, high=1.0)
+    v = gs.variable("m/s", "velocity", 0.0, low=0.0, high=0.0)
+
+    def flow(self, p, s):
+        return {"x": s.v, "v": -(p.w**2) * s.x}
+
+    def period(self, p):
+        return 2.0 * jnp.pi / p.w
+
+    @gs.event("v rises", section=True)
+    def turns(self, p, s):
+        return s.v
+
+
+def test_a_model_in_which_nothing_varies_is_run() -> None:
+    assert trial(Constant).faults == []

@@ -38,12 +38,12 @@ class Connection(abc.ABC):
     """A connection to a scheduler, which may be lost and come back.
 
     Args:
-        where: the user's words for it.
+        target: the user's words for the scheduler.
     """
 
-    def __init__(self, where: str) -> None:
-        self.where = where
-        self.why = ""  # the reason why the last try to connect failed
+    def __init__(self, target: str) -> None:
+        self.target = target
+        self.last_error = ""  # of the last try to connect
         self._client: Client | None = None
         self._closing = contextlib.ExitStack()  # what `close` closes, the last first
 
@@ -83,17 +83,17 @@ class RemoteScheduler(Connection):
     """A scheduler at an address, or one that has written its address into a file.
 
     Args:
-        where: the address, or the path of the file.
+        target: the address, or the path of the file.
 
     Raises:
         RunError: it is not the address of a scheduler.
     """
 
-    def __init__(self, where: str) -> None:
-        super().__init__(where)
+    def __init__(self, target: str) -> None:
+        super().__init__(target)
         self._loop: LoopRunner | None = None
-        if "://" in where:
-            _check_address(where, f"--cluster {where}")
+        if "://" in target:
+            _check_address(target, f"--cluster {target}")
         with contextlib.suppress(OSError):  # the file may come later
             self._address()
 
@@ -108,23 +108,21 @@ class RemoteScheduler(Connection):
             self._closing.callback(self._loop.stop)
             self._closing.callback(self._disconnect)
         loop: Any = self._loop.loop
+        unreachable = f"The scheduler {self.target} cannot be reached"
         try:
             address = self._address()
             sync(loop, _greet, address, _certificates())
-            self._client = Client(
-                address, timeout=_CONNECT, loop=loop, set_as_default=False, name="gaitsweep"
-            )
+            options: Any = {"timeout": _CONNECT, "loop": loop, "set_as_default": False}
+            self._client = Client(address, name="gaitsweep", **options)
         except (OSError, TimeoutError) as error:
-            self.why = _innermost(error)
-            if "certificate" in self.why:  # it does not become another one
-                raise RunError(f"The scheduler {self.where} cannot be reached: {self.why}.") from error
+            self.last_error = _innermost(error)
+            if "certificate" in self.last_error:  # it does not become another one
+                raise RunError(f"{unreachable}: {self.last_error}.") from error
             return False
         except (RuntimeError, TypeError, ValueError) as error:  # such as missing settings of TLS
-            raise RunError(
-                f"The scheduler {self.where} cannot be reached: {str(error).rstrip('.')}."
-            ) from error
+            raise RunError(f"{unreachable}: {str(error).rstrip('.')}.") from error
         except ImportError as error:  # the versions of Dask do not fit together
-            raise RunError(f"The scheduler {self.where} refuses this client: {error}.") from error
+            raise RunError(f"The scheduler {self.target} refuses this client: {error}.") from error
         return True
 
     def _address(self) -> str:
@@ -134,9 +132,9 @@ class RemoteScheduler(Connection):
             OSError: the file is not there, or is being written.
             RunError: the file is not a scheduler's, or its address is not valid.
         """
-        if "://" in self.where:
-            return self.where
-        file = Path(self.where)
+        if "://" in self.target:
+            return self.target
+        file = Path(self.target)
         text = file.read_text(errors="replace")
         age = time.time() - file.stat().st_mtime  # s
         try:
@@ -181,18 +179,18 @@ async def _greet(address: str, certificates: dict[str, Any]) -> None:
     comm.abort()
 
 
-def _check_address(address: str, what: str) -> None:
-    """Raise RunError if a text is not the address of a scheduler; `what` begins the message."""
+def _check_address(address: str, subject: str) -> None:
+    """Raise RunError if a text is not the address of a scheduler; `subject` begins the message."""
     scheme, _, place = address.partition("://")
     if scheme not in SCHEMES:
         near = f"; did you mean tcp://{place}?" if place else "."
         raise RunError(
-            f"{what} begins with {scheme}, but a scheduler's address begins with tcp:// or tls://{near}"
+            f"{subject} begins with {scheme}, but a scheduler's address begins with tcp:// or tls://{near}"
         )
     port = re.fullmatch(r"(?:\[[^\]\s]+\]|[^:/\s]+):(\d{1,5})", place)
     if port is None or not 1 <= int(port[1]) <= _LAST_PORT:
         raise RunError(
-            f"{what} is not valid: write {scheme}://HOST:PORT with a port from 1 to {_LAST_PORT}, such as "
+            f"{subject} is not valid: write {scheme}://HOST:PORT with a port from 1 to {_LAST_PORT}, such as "
             f"{scheme}://{place.partition(':')[0] or 'node01'}:8786."
         )
 
@@ -233,7 +231,7 @@ class UserClient(Connection):
 
     def try_to_connect(self) -> bool:
         if self.client.status in ("closed", "closing"):
-            raise RunError(f"The client of {self.where} is closed: make a new one, and run the job again.")
+            raise RunError(f"The client of {self.target} is closed: make a new one, and run the job again.")
         return self.alive  # it connects again by itself
 
 
@@ -293,7 +291,7 @@ class LocalWorkers(Connection):
             security = Security.temporary()
         except ImportError as error:
             raise RunError(
-                f"--cluster {self.where} needs the package cryptography, which is not installed: "
+                f"--cluster {self.target} needs the package cryptography, which is not installed: "
                 "pip install 'gaitsweep[cluster]'."
             ) from error
         scratch = tempfile.TemporaryDirectory(prefix="gaitsweep-workers-", ignore_cleanup_errors=True)
@@ -315,7 +313,7 @@ class LocalWorkers(Connection):
                 name="gaitsweep",
             )
         except RuntimeError as error:
-            raise RunError(f"The workers of {self.where} do not start: {error}.") from error
+            raise RunError(f"The workers of {self.target} do not start: {error}.") from error
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, signals_before)
         self._closing.callback(_close_quietly, cluster)
@@ -361,13 +359,10 @@ def _environment() -> dict[str, str]:
     """The environment variables with which a worker computes as this process does."""
     import jax
 
-    environment = {"PYTHONPATH": os.environ.get("PYTHONPATH", "")}
-    platform = jax.default_backend()
-    if platform == "cpu":
-        environment["JAX_PLATFORMS"] = "cpu"
-    else:
-        environment["XLA_PYTHON_CLIENT_PREALLOCATE"] = "false"  # this process uses the cards too
-    return environment
+    of_cpu = {"JAX_PLATFORMS": "cpu"}
+    of_cards = {"XLA_PYTHON_CLIENT_PREALLOCATE": "false"}  # this process uses the cards too
+    of_platform = of_cpu if jax.default_backend() == "cpu" else of_cards
+    return {"PYTHONPATH": os.environ.get("PYTHONPATH", ""), **of_platform}
 
 
 def _cards() -> list[str]:
@@ -383,7 +378,7 @@ def _cards() -> list[str]:
 _FORMS = "write local:N, tcp://HOST:PORT (or tls://HOST:PORT), or the file of a scheduler, FILE.json"
 
 
-def connection_to(where: str) -> Connection:
+def connection_to(target: str) -> Connection:
     """Return the connection that `--cluster` names; losses are reported in messages, not by Dask's log.
 
     Raises:
@@ -392,19 +387,16 @@ def connection_to(where: str) -> Connection:
     require_distributed()
     for name in ("distributed", "distributed.client"):  # whose levels Dask sets itself
         logging.getLogger(name).setLevel(logging.CRITICAL)
-    scheme, colon, place = where.partition(":")
+    scheme, colon, place = target.partition(":")
     if scheme == "local" and colon:
-        if not re.fullmatch(r"\d{1,9}", place) or not 1 <= int(place) <= MOST_LOCAL:
-            raise RunError(
-                f"--cluster {where} asks for {place or 'no number of'} workers: from 1 to {MOST_LOCAL} are "
-                "allowed."
-            )
+        if not re.fullmatch(r"[0-9]{1,9}", place) or not 1 <= int(place) <= MOST_LOCAL:
+            asked = f"--cluster {target} asks for {place or 'no number of'} workers"
+            raise RunError(f"{asked}: from 1 to {MOST_LOCAL} are allowed.")
         return LocalWorkers(int(place))
-    if "://" in where or where.endswith(".json"):
-        return RemoteScheduler(where)
+    if "://" in target or target.endswith(".json"):
+        return RemoteScheduler(target)
     schemes = ("local", *SCHEMES)
-    if re.fullmatch(r"\d{1,5}", place) and near_miss.nearest(scheme, schemes) is None:
-        near = f"; did you mean tcp://{where}?"
-    else:
-        near = near_miss.suggestion(scheme, schemes) if colon and place else "."
-    raise RunError(f"--cluster {where or 'WHERE'} is not valid: {_FORMS}{near}")
+    near = near_miss.suggestion(scheme, schemes) if colon and place else "."
+    if re.fullmatch(r"[0-9]{1,5}", place) and near_miss.nearest(scheme, schemes) is None:
+        near = f"; did you mean tcp://{target}?"
+    raise RunError(f"--cluster {target or 'WHERE'} is not valid: {_FORMS}{near}")

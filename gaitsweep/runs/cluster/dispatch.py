@@ -370,9 +370,8 @@ class Dispatch:
             return
         # the block's own record counts deaths; a scheduler also counts those of blocks that waited on a
         # worker
-        if isinstance(error, NoValidWorkerError | Unwanted) or (
-            isinstance(error, KilledWorker) and not self.cluster.collect
-        ):
+        counted_there = isinstance(error, KilledWorker) and not self.cluster.collect
+        if counted_there or isinstance(error, NoValidWorkerError | Unwanted):
             self.waiting.append(number)
             return
         self.failures[number] += 1
@@ -387,9 +386,8 @@ class Dispatch:
     def _free_stranded(self) -> None:
         """Submit tasks again that only lost workers may run."""
         present = set(self.workers.names)
-        stranded = [
-            n for n, task in self.flight.items() if task.only is not None and not present & set(task.only)
-        ]
+        only = {n: task.only for n, task in self.flight.items() if task.only is not None}
+        stranded = [n for n, addresses in only.items() if present.isdisjoint(addresses)]
         if stranded:
             self.workers.client.cancel([self.flight[number].future for number in stranded], force=True)
             self._give_back(stranded)

@@ -19,7 +19,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 from jaxtyping import Int
 
 from gaitsweep.errors import EXIT_FAILURE, UserError
@@ -36,6 +35,7 @@ from gaitsweep.table.locks import BLOCK_LOCKS, BlockLocks, this_process
 from gaitsweep.table.manifest import Layout
 
 Identity = Mapping[str, str]
+_HASH = "the job's hash"
 MODEL_FILE = ""  # in place of a module's name, where a model is a file and not a module
 
 
@@ -63,22 +63,21 @@ def identity_of(context: RunContext) -> Identity:
         "the engine": context.engine,
         "the lanes": str(context.spec.lanes),
         "the model's program": hashlib.sha256(json.dumps(dict(context.program)).encode()).hexdigest()[:12],
-        "the job's hash": context.job_hash[:12],
+        _HASH: context.job_hash[:12],
     }
 
 
 def difference(worker: Identity, client: Identity) -> str | None:
     """Describe how a worker differs from the client; return None if it does not."""
-    differences = [
-        f"{name} is {worker.get(name, 'unknown')} there and {value} here"
+    differences = {
+        name: f"{name} is {worker.get(name, 'unknown')} there and {value} here"
         for name, value in client.items()
         if worker.get(name) != value
-    ]
-    if len(differences) > 1:  # the hash follows from the others
-        differences = [text for text in differences if not text.startswith("the job's hash")]
-    elif differences and differences[0].startswith("the job's hash"):
-        differences = [f"{differences[0]} (the files of its model differ)"]
-    return "; ".join(differences) or None
+    }
+    of_hash = differences.pop(_HASH, None)  # it follows from the others
+    if of_hash and not differences:
+        return f"{of_hash} (the files of its model differ)"
+    return "; ".join(differences.values()) or None
 
 
 def own_modules(context: RunContext) -> tuple[tuple[str, str], ...]:
@@ -280,15 +279,13 @@ def _compute(
     parts: list[bytes] = []
     last = time.monotonic()
 
-    def encode(_: int, frame: pd.DataFrame) -> bytes:
-        return writer.encoded(number, frame, quantities)
-
     def on_progress(_: object) -> None:
         nonlocal last
         if time.monotonic() - last > _POLL:
             _stop_if_unwanted()
             last = time.monotonic()
 
+    encode = functools.partial(writer.encoded, quantities=quantities)
     compute_blocks(context, [number], encode, lambda _, part: parts.append(part), on_progress)
     return parts[0]
 
@@ -337,9 +334,8 @@ def _context_of(ticket: JobTicket) -> RunContext:
                 "that all workers see, or on their PYTHONPATH"
             ) from error
     try:
-        job = Job.model_validate(json.loads(ticket.job))
-        job = job.model_copy(update={"engine": job.engine.model_copy(update={"devices": None})})
-        context = prepare(job)
+        fields = json.loads(ticket.job)
+        context = prepare(Job.model_validate(fields | {"engine": fields["engine"] | {"devices": None}}))
     except UserError as error:
         raise WorkerUnfit(f"the job is refused there: {error.sentence}") from error
     spec = context.spec

@@ -78,10 +78,8 @@ class WorkerPool:
             if self._unreachable:
                 self.names = {}
                 self.slots = 0
-                self._message_once(
-                    f"The scheduler {self.connection.where} does not answer ({self.connection.why}): waiting "
-                    "for it."
-                )
+                text = f"The scheduler {self.connection.target} does not answer"
+                self._message_once(f"{text} ({self.connection.last_error}): waiting for it.")
                 on_wait()
                 time.sleep(_BETWEEN_TRIES)
         self._unreachable = False
@@ -110,10 +108,10 @@ class WorkerPool:
         elif self._empty is None:
             self._empty = now
         elif now - self._empty > _EMPTY:
-            self._message_once(f"The scheduler {self.connection.where} has no workers: waiting for them.")
+            self._message_once(f"The scheduler {self.connection.target} has no workers: waiting for them.")
         if self.names and not self.usable:
             raise RunError(
-                f"No worker of {self.connection.where} can compute this job. "
+                f"No worker of {self.connection.target} can compute this job. "
                 + " ".join(sorted({f"{self.names[a]}: {why}." for a, why in self._refused.items()}))
             )
 
@@ -170,7 +168,7 @@ class WorkerPool:
             named = {f"{self.names.get(a, a)}: {why}." for a, why in reasons.items()}
             raise RunError(
                 f"{len(reasons)} of the {max(len(self.names), len(reasons))} workers of "
-                f"{self.connection.where} cannot compute this job, which is not started. "
+                f"{self.connection.target} cannot compute this job, which is not started. "
                 + " ".join(sorted(named))
             )
 

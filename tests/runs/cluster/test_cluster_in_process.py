@@ -282,7 +282,7 @@ def test_a_silent_scheduler_is_reported_and_leaves_no_threads(
         where = f"tcp://127.0.0.1:{nothing.getsockname()[1]}"
         mute = connection_to(where)
         assert not mute.try_to_connect()
-        assert mute.why == "something answers there, but not as a scheduler of Dask"
+        assert mute.last_error == "something answers there, but not as a scheduler of Dask"
         before = threading.active_count()
         for _ in range(3):
             assert not mute.try_to_connect()
