@@ -63,13 +63,18 @@ def fastest_rates(
 ) -> tuple[Float[np.ndarray, " rows"], Float[np.ndarray, " rows"]]:
     """The fastest rate (1/s) of the flow at the starts of rows, and their nominal periods (s), (rows,) each.
 
-    A rate is NaN where a derivative of the flow is infinite or NaN.
+    A rate is NaN where a derivative of the flow is infinite or NaN. Equal rows are computed once.
 
     Args:
         model: the model.
         values, starts: the parameters and the initial conditions of the rows, (n,) each.
     """
-    rows = len(next(iter(values.values())))
+    table = np.stack([*values.values(), *starts.values()], axis=1)
+    _, firsts, place_of = np.unique(table, axis=0, return_index=True, return_inverse=True)
+    values, starts = (
+        {name: np.asarray(column)[firsts] for name, column in group.items()} for group in (values, starts)
+    )
+    rows = len(firsts)
     rates = np.full(rows, np.nan)
     periods = np.empty(rows)
     # the matrices of all combinations of flags are in memory, with all that they are computed from
@@ -84,7 +89,7 @@ def fastest_rates(
             periods[row] = of_modes[place * modes]
             if np.all(np.isfinite(of_row)):
                 rates[row] = np.max(np.abs(np.linalg.eigvals(of_row)), initial=0.0)
-    return rates, periods
+    return rates[place_of.ravel()], periods[place_of.ravel()]
 
 
 def _in_all_modes(
