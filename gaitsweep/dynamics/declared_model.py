@@ -19,7 +19,7 @@ from gaitsweep.contract import Chart, FixedStepDynamics, HybridModel, Recommende
 from gaitsweep.dynamics.declarations import Reading, Symmetry, Variable
 from gaitsweep.dynamics.declared import Declared, Values
 from gaitsweep.dynamics.event_declarations import CORRECTED, Arming, SingleEvent, Surfaces
-from gaitsweep.dynamics.noise import StochasticSteps
+from gaitsweep.dynamics.noise import StochasticSteps, along_rates
 from gaitsweep.dynamics.section_coordinates import SectionCoordinates
 from gaitsweep.dynamics.sliding import Sliding
 from gaitsweep.near_miss import suggestion
@@ -240,8 +240,7 @@ class DeclaredModel(Declared, HybridModel):
 
     def _moved(self, params: Any, state: Any, time: Float[Array, ""]) -> Any:
         """The state a short time (s) later, along its rates."""
-        rates = self.flow(params, state)
-        return state.replace(**{name: getattr(state, name) + time * rate for name, rate in rates.items()})
+        return along_rates(state, self.flow(params, state), time)
 
     def _rearmed(
         self,
@@ -346,11 +345,9 @@ class DeclaredModel(Declared, HybridModel):
         return passed & (surface.height > surface.rounding)
 
     def energies(self, params: Any, state: Any, /) -> dict[str, Float[Array, ""]]:
-        readings = self.declarations.of_kind(Reading)
+        readings = self.declarations.of_kind(Reading).items()
         return {
-            name: reading.function(self, params, state)
-            for name, reading in readings.items()
-            if reading.is_energy
+            name: reading.function(self, params, state) for name, reading in readings if reading.is_energy
         }
 
     def symmetries(self) -> Mapping[str, Callable[[Any, Any], Any]]:

@@ -154,6 +154,61 @@ def identifier(name: str) -> str:
     return f"_{word}" if word[:1].isdigit() else word
 
 
+def element_name(m: Any, kind: str, number: int) -> str:
+    """The name of an element in messages, or its kind and number where it has none."""
+    return getattr(m, kind)(number).name or f"{kind} {number}"
+
+
+def named(m: Any, kind: str, number: int) -> str:
+    """The kind of an element and its name, at the beginning of a sentence."""
+    return f"{kind.capitalize()} '{element_name(m, kind, number)}'"
+
+
+def joint_name(m: Any, joint: int) -> str:
+    """The name of a joint in quantities, from its number."""
+    return identifier(m.jnt(joint).name or f"joint_{joint + 1}")
+
+
+def hinges_and_slides(m: Any) -> list[int]:
+    """The numbers of the hinges and slides."""
+    import mujoco
+
+    kinds = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
+    return np.flatnonzero(np.isin(m.jnt_type, kinds)).tolist()
+
+
+def joint_number(m: Any, joint: str) -> int:
+    """The number of a hinge or slide, by its name in the MJCF or in quantities.
+
+    Raises:
+        ValueError: there is none; the message has the near miss.
+    """
+    names = {joint_name(m, j): j for j in hinges_and_slides(m)}
+    if (plain := identifier(joint)) not in names:
+        raise ValueError(f"The MJCF has no hinge or slide '{joint}'{suggestion(joint, names)}")
+    return names[plain]
+
+
+def is_position_servo(m: Any, k: int) -> bool:
+    """Whether actuator `k` is a position servo, whose control is a target."""
+    return _is_servo(m, k, 1)
+
+
+def is_velocity_servo(m: Any, k: int) -> bool:
+    """Whether actuator `k` is a velocity servo."""
+    return _is_servo(m, k, 2)
+
+
+def _is_servo(m: Any, k: int, term: int) -> bool:
+    """Whether the gain of an actuator is minus its bias of the position (term 1) or velocity (term 2)."""
+    import mujoco
+
+    gain = m.actuator_gainprm[k, 0]
+    bias = m.actuator_biasprm[k]
+    is_affine = m.actuator_biastype[k] == mujoco.mjtBias.mjBIAS_AFFINE
+    return bool(is_affine and gain and not bias[:term].any() and bias[term] == -gain)
+
+
 _ANGLES = ("roll", "pitch", "yaw")
 _AT_START = " at the start"  # the end of the meaning of a start
 _UPRIGHT = 1.0 - 1e-9  # vertical component of a unit axis from which a slide is a height
@@ -178,9 +233,19 @@ class OfMjcf(Model):
     def control(self, params: Any, state: Any, /) -> Float[Any, " nu"]:
         """The controls (nu,) of the MJCF's actuators, in their order."""
 
-    @abc.abstractmethod
     def positions(self, state: Any) -> Float[Any, " nq"]:
         """MuJoCo's qpos (nq,) of a state."""
+        return state.body.q
+
+    def position(self, state: Any, joint: str) -> Float[Any, ""]:
+        """The position of a hinge (rad) or slide (m), by the joint's name."""
+        m = compiled_mjcf(type(self))
+        return state.body.q[int(m.jnt_qposadr[joint_number(m, joint)])]
+
+    def rate(self, state: Any, joint: str) -> Float[Any, ""]:
+        """The velocity of a hinge (rad/s) or slide (m/s), by the joint's name."""
+        m = compiled_mjcf(type(self))
+        return state.body.v[int(m.jnt_dofadr[joint_number(m, joint)])]
 
     @property
     def keyframe_ctrl(self) -> Float[Any, " nu"]:
@@ -328,11 +393,11 @@ def height_start(kind: type[OfMjcf]) -> str | None:
     first = int(m.jnt_bodyid[0])  # whose joints move the others too
     for j in range(int(m.body_jntnum[first])):
         if m.jnt_type[j] == mujoco.mjtJoint.mjJNT_FREE:
-            return f"{_joint_name(m, j)}_z_0"
+            return f"{joint_name(m, j)}_z_0"
         if m.jnt_type[j] != mujoco.mjtJoint.mjJNT_SLIDE:
             return None
         if data.xaxis[j][2] > _UPRIGHT:
-            return f"{_joint_name(m, j)}_0"
+            return f"{joint_name(m, j)}_0"
     return None
 
 
@@ -370,13 +435,8 @@ def _oriented(m: Any) -> list[tuple[int, str]]:
     for j in range(m.njnt):
         kind = int(m.jnt_type[j])
         if kind in place_of_quaternion:
-            oriented.append((int(m.jnt_qposadr[j]) + place_of_quaternion[kind], _joint_name(m, j)))
+            oriented.append((int(m.jnt_qposadr[j]) + place_of_quaternion[kind], joint_name(m, j)))
     return oriented
-
-
-def _joint_name(m: Any, joint: int) -> str:
-    """The name of a joint in quantities, from its number."""
-    return identifier(m.jnt(joint).name or f"joint_{joint + 1}")
 
 
 def _joint_starts(kind: type[OfMjcf]) -> list[_StartOfJoint]:
@@ -388,7 +448,7 @@ def _joint_starts(kind: type[OfMjcf]) -> list[_StartOfJoint]:
     oriented = {name: place for place, name in _oriented(m)}
     starts: list[_StartOfJoint] = []
     for j in range(m.njnt):
-        name = _joint_name(m, j)
+        name = joint_name(m, j)
         joint_type = int(m.jnt_type[j])
         q = int(m.jnt_qposadr[j])
         v = int(m.jnt_dofadr[j])

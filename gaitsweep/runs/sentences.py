@@ -256,8 +256,9 @@ def remarks(manifest: Mapping[str, Any]) -> list[str]:
         verb = "walks" if backwards["rows"] == 1 else "walk"
         sentences.append(
             f"{_rows(backwards)} settled, but {verb} backwards: the mean speed of a cycle is "
-            f"{'' if backwards['rows'] == 1 else 'down to '}{backwards['fastest']:.3g} m/s. To walk ahead, "
-            "reverse the sign of the hips' swing or of the path's stride, or the order of the phases."
+            f"{'' if backwards['rows'] == 1 else 'down to '}{backwards['fastest']:.3g} m/s. A hinge at "
+            'the hip with axis="0 -1 0" swings ahead at positive angles; else reverse the sign of its swing '
+            "(docs/walker.md)."
         )
     return sentences
 
@@ -280,9 +281,9 @@ def _without_gait(about: Mapping[str, Any]) -> list[str]:
     sentences = []
     if unsettled_rows := reasons.pop(UNSETTLED, None):
         sentences.append(
-            f"{_rows(unsettled_rows)} reached the limit of cycles with the gait none, since its strides differ: "
-            "it repeats after several crossings, if at all, or a foot lands more than once a stride, such as "
-            f"one that bounces {page}."
+            f"{_rows(unsettled_rows)} reached the limit of cycles with the gait none, since strides differ: "
+            "they repeat after several crossings, if at all, or a foot lands more than once a stride, such "
+            f"as one that bounces {page}."
         )
     if reasons:
         total = sum(rows["rows"] for rows in reasons.values())
@@ -295,10 +296,11 @@ def _without_gait(about: Mapping[str, Any]) -> list[str]:
 def _short_contacts(about: Mapping[str, Any]) -> str:
     """Format that names of gaits depend on `shortest_contact`."""
     shares = " to ".join(dict.fromkeys(f"{share:.2g}" for share in about["share"]))
+    known = f"`shortest_contact`, {about['shortest_contact']:g}"
     return (
-        f"The gait of {_rows(about)} depends on `shortest_contact`, {about['shortest_contact']:g}: with twice "
-        f"that, a stance or swing of foot {' or '.join(about['feet'])} would not count, which lasts for "
-        f"{shares} of the model's period (docs/own_model.md, `Footfalls and names of gaits`)."
+        f"The gait of {_rows(about)} depends on {known}: with twice that, a stance or swing of foot "
+        f"{' or '.join(about['feet'])} would not count, which lasts for {shares} of the model's period "
+        "(docs/own_model.md, `Footfalls and names of gaits`)."
     )
 
 

@@ -394,8 +394,8 @@ def add_short_contacts(
         periods: function from the numbers of rows to their nominal periods, s.
     """
     columns = [name for name in feet if name in part.columns]
-    rows = part[_are_settled(part) & (part["gait"] != "none").to_numpy(bool)]
-    if rows.empty:
+    rows: Any = part[_are_settled(part) & (part["gait"] != "none").to_numpy(bool)]
+    if not len(rows):
         return
     strides = rows[columns].to_numpy(float)
     stances = strides * rows[[_duty_of(column) for column in columns]].to_numpy(float)
@@ -419,18 +419,21 @@ def add_short_contacts(
 
 def add_backwards(backwards: dict[str, Any], part: pd.DataFrame) -> None:
     """Add the settled rows of a part whose body walks backwards; `fastest` is the lowest mean speed, m/s."""
-    rows = part[_are_settled(part) & (part["speed_end"] < _BACKWARDS).to_numpy(bool)]
-    if len(rows):
-        known = backwards or {"rows": 0, "row": int(rows["row"].iloc[0]), "fastest": 0.0}
-        fastest = min(known["fastest"], float(rows["speed_end"].min()))
-        backwards |= {**known, "rows": known["rows"] + len(rows), "fastest": fastest}
+    speeds = part["speed_end"].to_numpy(float)
+    walk_back = _are_settled(part) & (speeds < _BACKWARDS)
+    if walk_back.any():
+        known = backwards or {"rows": 0, "row": int(part["row"].to_numpy()[walk_back][0]), "fastest": 0.0}
+        fastest = min(known["fastest"], float(speeds[walk_back].min()))
+        rows = known["rows"] + int(np.count_nonzero(walk_back))
+        backwards |= {**known, "rows": rows, "fastest": fastest}
 
 
 def _shortest_contact(context: RunContext) -> float:
     """The `shortest_contact` of a model whose feet bounce; 0 without such feet."""
     original = context.model.original
-    feet = original.declarations.feet if isinstance(original, Declared) else None
-    return feet.shortest_contact if feet is not None and type(original).contacts_bounce else 0.0
+    if not isinstance(original, Declared) or not original.contacts_bounce:
+        return 0.0
+    return 0.0 if original.declarations.feet is None else original.declarations.feet.shortest_contact
 
 
 def _periods(context: RunContext) -> Callable[[Any], Float[np.ndarray, " rows"]]:
@@ -458,7 +461,7 @@ def _are_settled(rows: pd.DataFrame) -> Bool[np.ndarray, " rows"]:
 
 
 def _ended_without_gait(part: pd.DataFrame, feet: Mapping[str, str]) -> tuple[Any, list[str]]:
-    """The rows of a part that settled, or reached the limit of cycles, as none, and its columns of strides."""
+    """The rows of a part that settled, or reached the limit of cycles, as none; its columns of strides."""
     columns = [name for name in feet if name in part.columns]
     ended = part["status"].isin([Status.settled.name, Status.cycle_limit.name])
     return part[ended & (part["gait"] == "none")], columns

@@ -21,7 +21,7 @@ from jaxtyping import Array, Float
 from pydantic import Field
 
 from gaitsweep.dynamics.declarations import parameter
-from gaitsweep.dynamics.mjcf import keyframe_number
+from gaitsweep.dynamics.mjcf import hinges_and_slides, is_position_servo, keyframe_number
 from gaitsweep.near_miss import suggestion
 from gaitsweep.schema.numbers import NotNegative, Positive, Real
 from gaitsweep.schema.strict_model import StrictModel
@@ -59,11 +59,7 @@ class Targets(abc.ABC):
 
     @abc.abstractmethod
     def of_joints(
-        self,
-        model: Any,
-        params: Any,
-        place: Float[Array, " legs"],
-        lift: Float[Array, " legs"],
+        self, model: Any, params: Any, place: Float[Array, " legs"], lift: Float[Array, " legs"]
     ) -> dict[str, Float[Array, ""]]:
         """The target (rad, m) of each joint, by its name.
 
@@ -245,8 +241,7 @@ def actuator_of(m: Any, joint: str) -> int:
     """
     import mujoco
 
-    turning = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
-    names = [m.jnt(int(j)).name for j in np.flatnonzero(np.isin(m.jnt_type, turning))]
+    names = [m.jnt(j).name for j in hinges_and_slides(m)]
     if joint not in names:
         raise ValueError(f"The MJCF has no hinge or slide '{joint}'{suggestion(joint, names)}")
     numbers = [k for k in range(m.nu) if m.actuator_trnid[k, 0] == m.joint(joint).id]
@@ -260,7 +255,7 @@ def actuator_of(m: Any, joint: str) -> int:
     is_motor = m.actuator_biastype[k] == mujoco.mjtBias.mjBIAS_NONE
     has_fixed_gain = m.actuator_gaintype[k] == mujoco.mjtGain.mjGAIN_FIXED
     has_fixed_gain &= np.isin(m.actuator_dyntype[k], dynamics)
-    if not (has_fixed_gain and (is_motor or follows_targets(m, k))):
+    if not (has_fixed_gain and (is_motor or is_position_servo(m, k))):
         raise ValueError(
             f"The actuator of joint '{joint}' is neither a <position> actuator, which follows the target, "
             "nor a <motor>, which needs kp and kd in the model file."
@@ -282,13 +277,6 @@ def unit_of_joints(m: Any, joints: Sequence[str], hinge: str = "rad", slide: str
     if all(slides) and slides:
         return slide
     return f"{hinge} or {slide}" if any(slides) else hinge
-
-
-def follows_targets(m: Any, k: int) -> bool:
-    """Whether actuator `k` of a compiled MJCF is a position servo, whose control is a target."""
-    from gaitsweep.dynamics.body.body_parameters import is_position_servo
-
-    return is_position_servo(m, k)
 
 
 def control_of_legs(
@@ -313,7 +301,7 @@ def control_of_legs(
         for joint, target in targets.of_joints(model, params, place, lift).items():
             k = actuators[joint]
             gear = model.actuator_gear(params, k)
-            if follows_targets(m, k):
+            if is_position_servo(m, k):
                 controls[k] = gear * target  # the servo's length is that of its joint times its gear
                 continue
             error = target - model.position(state, joint)

@@ -15,6 +15,7 @@ from collections.abc import Iterator, Sequence
 import mujoco
 import numpy as np
 
+from gaitsweep.dynamics.mjcf import element_name
 from gaitsweep.dynamics.mjx.corrections import collision_driver, mjx
 
 # Fields of MjModel with an effect where they are not zero: the field, the kind of its owner, the name in
@@ -267,8 +268,7 @@ def _name(m: mujoco.MjModel, kind: str, number: int) -> str:
     """The name of an element, or its kind and number where it has none."""
     if kind == "dof":
         number = int(m.dof_jntid[number])
-    word = _WORDS.get(kind, kind)
-    return getattr(m, word)(number).name or f"{word} {number}"
+    return element_name(m, _WORDS.get(kind, kind), number)
 
 
 def _shape(m: mujoco.MjModel, geom: int) -> mujoco.mjtGeom:
