@@ -208,7 +208,7 @@ class DeclaredModel(Declared, HybridModel):
         for place, (event, flags) in zip(self._places(), self._flags(fired), strict=True):
             if not event.jumps:
                 continue
-            happens = event.happens(flags) & event.holds(params, state)
+            happens = flags[0] & event.holds(params, state)
             if place is None:
                 after = _where(happens, event.jumped(self, params, after), after)
                 displaced = displaced | happens
@@ -317,7 +317,7 @@ class DeclaredModel(Declared, HybridModel):
         ]
         comes_to_rest = jnp.any(jnp.stack(meets_again)) | jnp.any(arming.accumulated)
         for event in resting:
-            rests = event.happens(flags[event]) & event.holds(params, before) & comes_to_rest
+            rests = flags[event][0] & event.holds(params, before) & comes_to_rest
             after = _where(rests, self._begun(params, event.rested(self, params, after)), after)
         return after
 
@@ -332,9 +332,7 @@ class DeclaredModel(Declared, HybridModel):
         self, params: Any, before: Any, fired: Bool[Array, " events"]
     ) -> dict[SingleEvent, Bool[Array, ""]]:
         """Whether each event happens by the flags of its guards, at the state before its jump."""
-        return {
-            event: event.happens(flags) & event.holds(params, before) for event, flags in self._flags(fired)
-        }
+        return {event: flags[0] & event.holds(params, before) for event, flags in self._flags(fired)}
 
     def _is_beyond(self, event: SingleEvent, params: Any, state: Any) -> Bool[Array, ""]:
         passed = ~_at(state.arming, self._armed().index(event)).armed

@@ -91,7 +91,7 @@ class SingleEvent:
 
     @property
     def guard_names(self) -> tuple[str, ...]:
-        """The names of its guards: its crossing, and its return below the surface."""
+        """The names of its guards: its crossing, at which it happens, and its return below the surface."""
         return (self.name, self.name) if self.declared.rising else (self.name,)
 
     @property
@@ -134,10 +134,6 @@ class SingleEvent:
     def _changed(self, change: Callable[..., Any] | None, model: Model, params: Any, state: Any) -> Any:
         assert change is not None
         return change(model, params, state, *(() if self.place is None else (self.place,)))
-
-    def happens(self, fired: Bool[Array, " guards"]) -> Bool[Array, ""]:
-        """Whether it happens, by its guards' flags."""
-        return fired[0]
 
 
 def event(

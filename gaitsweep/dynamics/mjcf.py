@@ -10,7 +10,7 @@ import re
 import sys
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Any, ClassVar, Literal, TypeAlias
+from typing import Any, ClassVar, Literal, NamedTuple, TypeAlias
 
 import jax.numpy as jnp
 import numpy as np
@@ -108,10 +108,9 @@ def stamps_of_mjcf(path: Path) -> Stamps:
         return stamps
     # a file has changed, and may refer to others than before
     references = _references(path)
-    if references is None:
-        return _stamps([path])
-    stamps = _stamps(references)
-    _FILES_OF_MJCF[path] = references, stamps
+    stamps = _stamps(references or [path])
+    if references is not None:
+        _FILES_OF_MJCF[path] = references, stamps
     return stamps
 
 
@@ -276,13 +275,11 @@ class OfMjcf(Model):
         Args:
             start: the initial conditions by name.
         """
-        qpos, qvel = (list(numbers) for numbers in start_places(type(self)))
+        qpos, qvel = (list(numbers) for numbers in _start_places(type(self)))
         for joint_start in _joint_starts(type(self)):
-            number = start[joint_start.quantity.name]
-            if joint_start.field == "qpos":
-                qpos[joint_start.place] = number
-            elif joint_start.field == "qvel":
-                qvel[joint_start.place] = number
+            if joint_start.field != "angle":
+                numbers = qpos if joint_start.field == "qpos" else qvel
+                numbers[joint_start.place] = start[joint_start.quantity.name]
         for place, joint in _oriented(compiled_mjcf(type(self))):
             angles = [start[f"{joint}_{angle}_0"] for angle in _ANGLES]
             qpos[place : place + 4] = quaternion_of_angles(*angles)
@@ -360,7 +357,7 @@ def compiled_mjcf(kind: type[OfMjcf]) -> Any:
     return compiled_content(*content_key(kind))
 
 
-def start_places(kind: type[OfMjcf]) -> tuple[np.ndarray, np.ndarray]:
+def _start_places(kind: type[OfMjcf]) -> tuple[np.ndarray, np.ndarray]:
     """The qpos and qvel of the keyframe of a start, or of the joints where there is no keyframe."""
     m = compiled_mjcf(kind)
     number = keyframe_number(m, kind.keyframe)
@@ -369,8 +366,7 @@ def start_places(kind: type[OfMjcf]) -> tuple[np.ndarray, np.ndarray]:
     return np.array(m.key_qpos[number]), np.array(m.key_qvel[number])
 
 
-@dataclasses.dataclass(frozen=True)
-class _StartOfJoint:
+class _StartOfJoint(NamedTuple):
     """A start of a joint: a number of qpos or of qvel, or an angle of the quaternion that begins there.
 
     `field` is the array that has the number, or "angle"; `place` is the place there, of an angle in qpos.
@@ -431,12 +427,11 @@ def _oriented(m: Any) -> list[tuple[int, str]]:
 
     # a free joint's position comes before its quaternion
     place_of_quaternion = {int(mujoco.mjtJoint.mjJNT_FREE): 3, int(mujoco.mjtJoint.mjJNT_BALL): 0}
-    oriented: list[tuple[int, str]] = []
-    for j in range(m.njnt):
-        kind = int(m.jnt_type[j])
-        if kind in place_of_quaternion:
-            oriented.append((int(m.jnt_qposadr[j]) + place_of_quaternion[kind], joint_name(m, j)))
-    return oriented
+    return [
+        (int(m.jnt_qposadr[j]) + place_of_quaternion[kind], joint_name(m, j))
+        for j, kind in enumerate(m.jnt_type.tolist())
+        if kind in place_of_quaternion
+    ]
 
 
 def _joint_starts(kind: type[OfMjcf]) -> list[_StartOfJoint]:
@@ -444,7 +439,7 @@ def _joint_starts(kind: type[OfMjcf]) -> list[_StartOfJoint]:
     import mujoco
 
     m = compiled_mjcf(kind)
-    qpos, qvel = start_places(kind)
+    qpos, qvel = _start_places(kind)
     oriented = {name: place for place, name in _oriented(m)}
     starts: list[_StartOfJoint] = []
     for j in range(m.njnt):
@@ -459,10 +454,9 @@ def _joint_starts(kind: type[OfMjcf]) -> list[_StartOfJoint]:
             starts += _starts_of_orientation(name, oriented[name], v, qpos, qvel)
         else:
             unit = "rad" if joint_type == mujoco.mjtJoint.mjJNT_HINGE else "m"
-            position = f"position of joint {name}{_AT_START}"
-            velocity = f"velocity of joint {name}{_AT_START}"
-            starts.append(_start("qpos", q, qpos, f"{name}_0", unit, position))
-            starts.append(_start("qvel", v, qvel, f"{name}_rate_0", f"{unit}/s", velocity))
+            joint = f"joint {name}{_AT_START}"
+            starts.append(_start("qpos", q, qpos, f"{name}_0", unit, f"position of {joint}"))
+            starts.append(_start("qvel", v, qvel, f"{name}_rate_0", f"{unit}/s", f"velocity of {joint}"))
     return starts
 
 

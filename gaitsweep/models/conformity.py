@@ -40,12 +40,11 @@ def quantity_faults(model: Model) -> Iterator[str]:
     """Faults of names, units, symbols, bounds, defaults and scales, as ends of sentences."""
     starts = {quantity.name for quantity in model.initial_conditions}
     settable = [*model.parameters, *model.initial_conditions]
-    recorded = {
-        "observables": model.observables,
-        "signals": model.signals,
-        "label_fields": model.label_fields,
+    groups = {
+        "parameters or initial_conditions": settable,
+        **{name: getattr(model, name) for name in ("observables", "signals", "label_fields")},
     }
-    for where, quantities in {"parameters or initial_conditions": settable, **recorded}.items():
+    for where, quantities in groups.items():
         names = [quantity.name for quantity in quantities]
         for name in dict.fromkeys(names):
             if names.count(name) > 1:
@@ -59,19 +58,16 @@ def quantity_faults(model: Model) -> Iterator[str]:
         yield "whose observables all have an infinite scale, so that each row would settle at once."
     hidden = {quantity.name for quantity in settable} & {quantity.name for quantity in model.signals}
     for name in sorted(hidden):
-        hides = "has the name of a parameter or start and would hide it in a trace"
-        yield f"whose signal {name} {hides}: rename it."
+        reason = "has the name of a parameter or start and would hide it in a trace"
+        yield f"whose signal {name} {reason}: rename it."
     if not model.gaits or len(set(model.gaits)) < len(model.gaits):
         yield f'whose gaits are {model.gaits}: there must be at least one name ("none"), without repetitions.'
-    named = {
-        "a gait": model.gaits,
-        "an event": model.guard_names if isinstance(model, HybridModel) else (),
-        "a limb": [limb.name for limb in model.limbs],
-    }
-    for what, names in named.items():
+    events = model.guard_names if isinstance(model, HybridModel) else ()
+    names_by_owner = {"a gait": model.gaits, "an event": events, "a limb": [x.name for x in model.limbs]}
+    for owner, names in names_by_owner.items():
         for name in names:
             if isinstance(name, str) and not can_be_set(name):
-                yield f"which has {what} named {name!r}, {_NOT_TEX}"
+                yield f"which has {owner} named {name!r}, {_NOT_TEX}"
 
 
 def _faults_of_quantity(quantity: Quantity, *, is_start: bool) -> Iterator[str]:
@@ -141,15 +137,17 @@ def _trace_functions(model: Model) -> None:
     """Trace all functions of a model with shapes only; raises `_Fault` at the first violation."""
     params = _traced_result("params", model.params, {quantity.name: _SCALAR for quantity in model.parameters})
     start = {quantity.name: _SCALAR for quantity in model.initial_conditions}
-    has_flow = isinstance(model, Declared) and isinstance(model, HybridModel)
-    if has_flow:  # before `init`, which takes derivatives of these functions, and reads the period
-        _require_event_functions(model, params, _bare_state(model))
+    declared = model if isinstance(model, Declared) and isinstance(model, HybridModel) else None
+    if (
+        declared is not None
+    ):  # before `init`, which takes derivatives of these functions, and reads the period
+        _require_event_functions(declared, params, _bare_state(declared))
         _traced_result("period", model.period, params)
     try:
         state = _traced_result("init", model.init, params, start)
     except _Fault:
-        if has_flow:
-            _refuse_functions_of_init(model, params, _bare_state(model))
+        if declared is not None:
+            _refuse_functions_of_init(declared, params, _bare_state(declared))
         raise
     if not dataclasses.is_dataclass(state):
         raise _returns("init", type(state).__name__, "a frozen dataclass")
@@ -265,8 +263,7 @@ def _event_flags(model: Model, params: Any, state: Any) -> jax.ShapeDtypeStruct:
         names = model.guard_names
         if not isinstance(names, tuple) or not all(isinstance(guard_name, str) for guard_name in names):
             raise _returns("guard_names", repr(names), "a tuple of texts")
-        if names and len(names) != result.shape[0]:
-            count = result.shape[0]
+        if names and len(names) != (count := result.shape[0]):
             raise _Fault(f"guard_names returns {len(names)} names, but guards returns {count} numbers.")
     return jax.ShapeDtypeStruct(result.shape, bool)
 
@@ -280,9 +277,9 @@ def _traced_result(name: str, function: Callable[..., Any], *args: Any) -> Any:
             return jax.make_jaxpr(function, return_shape=True)(*args)[1]
     except Exception as error:  # a user's function may raise anything
         reason = (str(error).splitlines() or [""])[0]
-        advice = ""
-        if isinstance(error, jax.errors.ConcretizationTypeError | jax.errors.TracerArrayConversionError):
-            advice = " Use jnp.where instead of if, and jnp instead of math and numpy."
+        needs_values = (jax.errors.ConcretizationTypeError, jax.errors.TracerArrayConversionError)
+        remedy = " Use jnp.where instead of if, and jnp instead of math and numpy."
+        advice = remedy if isinstance(error, needs_values) else ""
         kind = f"{type(error).__name__}{line_of(error)}"
         raise _Fault(f"{name} raises {kind}: {reason.rstrip('.')}.{advice}") from error
 
@@ -376,10 +373,10 @@ def variables_without_rate(model: Model) -> tuple[str, ...]:
 
 def remark_on_rates(names: Sequence[str]) -> str:
     """A sentence about the variables that `variables_without_rate` returns."""
-    one = len(names) == 1
+    them, rates = ("it", "its rate") if len(names) == 1 else ("them", "their rates")
     return (
-        f"flow returns no rate of {', '.join(names)}, so that only events change {'it' if one else 'them'}: "
-        f"return {'its rate' if one else 'their rates'}, or declare {'it' if one else 'them'} with held=True."
+        f"flow returns no rate of {', '.join(names)}, so that only events change {them}: return {rates}, or "
+        f"declare {them} with held=True."
     )
 
 

@@ -206,6 +206,14 @@ def test_support_patterns_are_the_feet_that_are_down() -> None:
     )  # fmt: skip
 
 
+def test_footfalls_that_are_not_numbers_have_no_gait() -> None:
+    """A foot that stands has no lag; all comparisons with it are false, which left a rotary gallop."""
+    for at, duty in ([[0.0, 0.5, np.nan, 0.0], [0.6] * 4], [[0.0, 0.5, 0.5, 0.0], [0.6, np.nan, 0.6, 0.6]]):
+        assert gait_of_footfalls(at, duty, LEGS[4]) == "none"
+        with pytest.raises(ValueError, match=r"are .*nan.*, but must be finite"):
+            support_patterns(at, duty, LEGS[4])
+
+
 def test_a_model_with_footfalls_has_names_limbs_and_contacts() -> None:
     model = Quadruped()
     assert fault(model) is None

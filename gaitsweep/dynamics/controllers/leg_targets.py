@@ -102,9 +102,7 @@ class JointPatterns(Targets):
         targets = {}
         for i, joints in enumerate(self._joints):
             for role, joint in joints.items():
-                offset = getattr(params, f"{role}_offset")
-                swing = getattr(params, f"{role}_swing")
-                rise = getattr(params, f"{role}_lift")
+                offset, swing, rise = (getattr(params, f"{role}_{part}") for part in Waveform.model_fields)
                 targets[joint] = offset + swing * place[i] + rise * lift[i]
         return targets
 
@@ -175,9 +173,7 @@ class FootPaths(Targets):
             shin_size = model.length_factor(params, leg.knee)
             x = params.foot_ahead + 0.5 * params.stride * place[i]
             z = params.foot_lift * lift[i] - params.hip_height
-            hip, knee = leg.angles(x, z, thigh_size, shin_size)
-            targets[leg.hip] = hip
-            targets[leg.knee] = knee
+            targets[leg.hip], targets[leg.knee] = leg.angles(x, z, thigh_size, shin_size)
         return targets
 
 
@@ -215,15 +211,12 @@ def two_link_leg(m: Any, hip: str, knee: str, foot: str) -> TwoLinkLeg:
 
 def _bend(m: Any, leg: TwoLinkLeg) -> float:
     """The bend whose knee is nearer to the middle of its range, or to its place in the first keyframe."""
-    low, high = m.joint(leg.knee).range
-    limited = bool(m.jnt_limited[m.joint(leg.knee).id])
-    at = int(m.joint(leg.knee).qposadr[0])
-    if limited:
-        middle = 0.5 * (low + high)
+    knee = m.joint(leg.knee)
+    middle = 0.0
+    if m.jnt_limited[knee.id]:
+        middle = 0.5 * sum(knee.range)
     elif m.nkey:
-        middle = m.key_qpos[0][at]
-    else:
-        middle = 0.0
+        middle = m.key_qpos[0][int(knee.qposadr[0])]
     length = _BENT * (math.hypot(*leg.thigh) + math.hypot(*leg.shin))
     knees = {
         bend: float(dataclasses.replace(leg, bend=bend).angles(jnp.zeros(()), jnp.asarray(-length))[1])

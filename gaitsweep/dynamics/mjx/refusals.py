@@ -63,19 +63,18 @@ _GEOM = mujoco.mjtGeom
 _SENSOR = mujoco.mjtSensor
 _UNSEEN_BY_RANGEFINDERS = {_GEOM.mjGEOM_CYLINDER, _GEOM.mjGEOM_HFIELD, _GEOM.mjGEOM_SDF}
 # Pairs of shapes, the lower number first, whose contacts MJX finds with the algorithm of MuJoCo C.
+_SPHERE, _CAPSULE = _GEOM.mjGEOM_SPHERE, _GEOM.mjGEOM_CAPSULE
+_ON_PLANES = (_SPHERE, _CAPSULE, _GEOM.mjGEOM_ELLIPSOID, _GEOM.mjGEOM_CYLINDER, _GEOM.mjGEOM_BOX)
 _SAME_CONTACTS = {
-    *((_GEOM.mjGEOM_PLANE, other) for other in (_GEOM.mjGEOM_SPHERE, _GEOM.mjGEOM_CAPSULE)),
-    *((_GEOM.mjGEOM_PLANE, other) for other in (_GEOM.mjGEOM_ELLIPSOID, _GEOM.mjGEOM_CYLINDER)),
-    (_GEOM.mjGEOM_PLANE, _GEOM.mjGEOM_BOX),
-    (_GEOM.mjGEOM_SPHERE, _GEOM.mjGEOM_SPHERE),
-    (_GEOM.mjGEOM_SPHERE, _GEOM.mjGEOM_CAPSULE),
-    (_GEOM.mjGEOM_CAPSULE, _GEOM.mjGEOM_CAPSULE),
+    *((_GEOM.mjGEOM_PLANE, other) for other in _ON_PLANES),
+    *((_SPHERE, _SPHERE), (_SPHERE, _CAPSULE), (_CAPSULE, _CAPSULE)),
 }
 
 
 def refusals(model: mujoco.MjModel) -> list[str]:
     """A sentence for each feature of a compiled model that MJX lacks or would ignore."""
-    return [*_of_types(model), *_of_parts(model), *_of_contacts(model), *_of_options(model)]
+    groups = (_of_types, _of_sensors, _of_parts, _of_contacts, _of_options)
+    return [sentence for group in groups for sentence in group(model)]
 
 
 def cautions(model: mujoco.MjModel) -> list[str]:
@@ -125,10 +124,8 @@ def untraceable(model: mujoco.MjModel, error: Exception) -> str:
     MJX's errors do not name the sensor. Its function of sensors has their type in a local variable, which the
     traceback still holds; without that variable the sentence names no sensor.
     """
-    if str(error):
-        reason = f"{type(error).__name__}: {str(error).splitlines()[0].rstrip('.')}"
-    else:
-        reason = repr(error)
+    first = str(error).partition("\n")[0].rstrip(".")
+    reason = f"{type(error).__name__}: {first}" if first else repr(error)
     trace = error.__traceback__
     names = ""
     while trace is not None:
@@ -150,12 +147,10 @@ def _of_types(m: mujoco.MjModel) -> Iterator[str]:
             elif number not in set(supported) or ignored:
                 has = f"has {type_name}" if type_name else "is of type "
                 yield f"{named(m, kind, i)} {has}{_words(all_types(number))}, which MJX does not have."
-    yield from _of_contact_sensors(m)
-    yield from _of_rangefinders(m)
 
 
-def _of_contact_sensors(m: mujoco.MjModel) -> Iterator[str]:
-    """Sensors of contacts that MJX computes otherwise."""
+def _of_sensors(m: mujoco.MjModel) -> Iterator[str]:
+    """Sensors of contacts and distances that MJX computes otherwise."""
     for i in np.flatnonzero(m.sensor_type == _SENSOR.mjSENS_CONTACT):
         ends = {mujoco.mjtObj(t) for t in (m.sensor_objtype[i], m.sensor_reftype[i])}
         others = ends - {mujoco.mjtObj.mjOBJ_UNKNOWN, mujoco.mjtObj.mjOBJ_GEOM}
@@ -164,10 +159,6 @@ def _of_contact_sensors(m: mujoco.MjModel) -> Iterator[str]:
             yield f"{named(m, 'sensor', int(i))} is of contacts by {kinds}, but MJX has them by geom only."
         elif m.sensor_intprm[i, 1] == _NETFORCE:
             yield f"{named(m, 'sensor', int(i))} reduces contacts by netforce, which MJX does not have."
-
-
-def _of_rangefinders(m: mujoco.MjModel) -> Iterator[str]:
-    """Rangefinders that give more than one distance, or look at shapes that MJX does not see."""
     unseen = {int(shape) for shape in m.geom_type} & _UNSEEN_BY_RANGEFINDERS
     for i in np.flatnonzero(m.sensor_type == _SENSOR.mjSENS_RANGEFINDER):
         if m.sensor_objtype[i] != mujoco.mjtObj.mjOBJ_SITE or m.sensor_dim[i] != 1:
