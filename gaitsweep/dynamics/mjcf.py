@@ -163,6 +163,17 @@ def named(m: Any, kind: str, number: int) -> str:
     return f"{kind.capitalize()} '{element_name(m, kind, number)}'"
 
 
+def elements_with(m: Any, field: str, absent: float = 0.0) -> list[int]:
+    """The elements whose numbers in a field of the compiled MJCF differ from those of an absent feature.
+
+    Some versions of MuJoCo do not have all fields; then there are none.
+    """
+    values = np.asarray(getattr(m, field, ()), float)
+    if not values.size:
+        return []
+    return np.flatnonzero((values.reshape(len(values), -1) != absent).any(axis=1)).tolist()
+
+
 def joint_name(m: Any, joint: int) -> str:
     """The name of a joint in quantities, from its number."""
     return identifier(m.jnt(joint).name or f"joint_{joint + 1}")

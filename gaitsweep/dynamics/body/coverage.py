@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Float
 
 from gaitsweep.dynamics.body.surfaces import Box, Edge, Plane, Surface, cleaned, surface_of
-from gaitsweep.dynamics.mjcf import element_name, named
+from gaitsweep.dynamics.mjcf import element_name, elements_with, named
 
 _GEOM = mujoco.mjtGeom
 _OFF = mujoco.mjtDisableBit
@@ -148,12 +148,8 @@ def limits(m: Any) -> dict[int, Softness]:
 def refusals(m: Any) -> Iterator[str]:
     """A sentence for each feature that a located body lacks, besides those that a tree lacks."""
     for field, kind, feature in _ACTING:
-        # some versions of MuJoCo do not have all of these fields
-        values = np.asarray(getattr(m, field, ()), float)
-        missing = -1.0 if field == "actuator_plugin" else 0.0
-        rows = values.reshape(len(values), -1) if values.size else np.zeros((0, 1))
-        for i in np.flatnonzero((rows != missing).any(axis=1)):
-            yield f"{named(m, kind, int(i))} has {feature}, which a located body does not have."
+        for i in elements_with(m, field, -1.0 if field == "actuator_plugin" else 0.0):
+            yield f"{named(m, kind, i)} has {feature}, which a located body does not have."
     if m.npair:
         yield "The MJCF has a contact pair, which a located body does not have: set the geoms' numbers."
     if m.opt.disableflags & _OFF.mjDSBL_ACTUATION or m.opt.disableactuator:

@@ -15,11 +15,10 @@ from collections.abc import Iterator, Sequence
 import mujoco
 import numpy as np
 
-from gaitsweep.dynamics.mjcf import element_name
+from gaitsweep.dynamics.mjcf import element_name, elements_with
 from gaitsweep.dynamics.mjx.corrections import collision_driver, mjx
 
-# Fields of MjModel with an effect where they are not zero: the field, the kind of its owner, the name in
-# MJCF. Some versions of MuJoCo do not have all of them.
+# Fields of MjModel with an effect where they are not zero: field, kind of its owner, name in MJCF.
 _ACTING = (
     ("geom_adhesion", "geom", "adhesion"),
     ("pair_adhesion", "pair", "adhesion"),
@@ -194,13 +193,11 @@ def _condim(m: mujoco.MjModel, one: int, other: int, pair: int) -> int:
 def _of_parts(m: mujoco.MjModel) -> Iterator[str]:
     """Elements with features that MJX ignores."""
     for field, kind, feature in _ACTING:
-        values = np.asarray(getattr(m, field, ()))  # some versions of MuJoCo do not have the field
-        acting = values.reshape(len(values), -1).any(axis=1) if values.size else values
-        for i in np.flatnonzero(acting):
-            yield f"{named(m, kind, int(i))} has {feature}, which MJX ignores."
+        for i in elements_with(m, field):
+            yield f"{named(m, kind, i)} has {feature}, which MJX ignores."
     for kind in ("body", "geom", "actuator"):
-        for i in np.flatnonzero(np.asarray(getattr(m, f"{kind}_plugin", ())) >= 0):
-            yield f"{named(m, kind, int(i))} has a plugin, which MJX ignores."
+        for i in elements_with(m, f"{kind}_plugin", -1.0):
+            yield f"{named(m, kind, i)} has a plugin, which MJX ignores."
     for kind, limited in (("jnt", m.jnt_limited), ("tendon", m.tendon_limited)):
         width = np.diff(getattr(m, f"{kind}_range"))[:, 0] if len(limited) else np.zeros(0)
         # of both limits within their margins MJX takes the nearer; the range of a ball begins at 0
