@@ -288,8 +288,8 @@ def _clock_faults(model: Model, at_starts: _AtStarts, where: Where) -> Iterator[
     rate = np.asarray(rates.get(feet.clock, 1.0), float).reshape(-1)
     row = _first_row(np.isfinite(rate) & (rate != 1.0))
     if feet.clock not in rates or row is not None:
-        wrong = "no rate" if row is None else f"the rate {rate[row]:g}{where(row)}"
-        clock = f"{feet.clock}, the clock of its footfalls"
+        wrong = "no rate" if row is None else f"the rate {rate[row]:g}"
+        clock = f"{feet.clock}{'' if row is None else where(row)}, the clock of its footfalls"
         yield f"but its function flow returns {wrong} of {clock}: return 1.0."
 
 
